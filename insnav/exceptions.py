@@ -1,0 +1,70 @@
+"""Every error insnav raises on purpose: what, where, why, and how to mend it.
+
+The command line prints one block per error and ends with `exit_code`; nothing else in the package calls `sys.exit`.
+"""
+
+from __future__ import annotations
+
+
+class InsnavError(Exception):
+    """Base of all errors insnav raises on purpose.
+
+    Parameters
+    ----------
+    what : str
+        One sentence: what went wrong.
+    where : str
+        Place: ``file:row:column``, a configuration key, a time.
+    why : str
+        The evidence, with numbers.
+    fix : str
+        What the user can do about it.
+    """
+
+    exit_code = 70
+
+    def __init__(self, what: str, *, where: str = "", why: str = "", fix: str = "") -> None:
+        super().__init__(what)
+        self.what = what
+        self.where = where
+        self.why = why
+        self.fix = fix
+
+    def __str__(self) -> str:
+        parts = [self.what]
+        parts += [f"{name}: {text}" for name, text in self.details() if text]
+        return "\n".join(parts)
+
+    def details(self) -> tuple[tuple[str, str], ...]:
+        """Label and text of every part after the first sentence."""
+        return (("where", self.where), ("why", self.why), ("fix", self.fix))
+
+
+class ConfigError(InsnavError):
+    """An option or a configuration file that cannot be meant as written."""
+
+    exit_code = 2
+
+
+class InputError(InsnavError):
+    """A data file that cannot be used."""
+
+    exit_code = 3
+
+
+class AlignmentError(InsnavError):
+    """The data do not determine an initial attitude."""
+
+    exit_code = 3
+
+
+class DivergenceError(InsnavError):
+    """The filter lost consistency and cannot go on."""
+
+    exit_code = 1
+
+
+class OutputError(InsnavError):
+    """A result that cannot be written."""
+
+    exit_code = 4

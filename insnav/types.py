@@ -1,0 +1,334 @@
+"""The few shapes that data take on their way through insnav.
+
+All arrays are float64, SI units and radians; see `insnav` for frames and signs. ``NaN`` inside a field that is
+documented so means "not known"; no other value stands for it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+Sampling = Literal["mean", "instant", "increment"]
+Stamp = Literal["start", "mid", "end"]
+
+
+@dataclass(frozen=True, slots=True)
+class ImuData:
+    """Samples of an inertial measurement unit in body axes (Forward, Right, Down).
+
+    Attributes
+    ----------
+    time : (n,) array
+        Time of each sample [s], strictly increasing.
+    gyro : (n, 3) array
+        Angular rate of the body against inertial space [rad/s]; its integral [rad] if `sampling` is ``increment``.
+    accel : (n, 3) array
+        Specific force [m/s^2]; its integral [m/s] if `sampling` is ``increment``. Level and at rest z is -9.8 m/s^2.
+    sampling : {"mean", "instant", "increment"}
+        Mean over the sampling interval, value at an instant, or integral over the interval.
+    stamp : {"start", "mid", "end"}
+        Where in its interval a sample is stamped (no meaning for ``instant``).
+    temperature : (n,) array or None
+        Sensor temperature [deg C].
+    odometer : (n,) array or None
+        Forward speed from a wheel sensor [m/s], ``NaN`` where there is none.
+    """
+
+    time: FloatArray
+    gyro: FloatArray
+    accel: FloatArray
+    sampling: Sampling = "mean"
+    stamp: Stamp = "end"
+    temperature: FloatArray | None = None
+    odometer: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GpsData:
+    """Fixes of a satellite receiver, at the antenna.
+
+    Attributes
+    ----------
+    time : (n,) array
+        Time of each fix [s], strictly increasing.
+    lla : (n, 3) array
+        Latitude [rad], longitude [rad], height [m].
+    v_n : (n, 3) array
+        Velocity North, East, Down [m/s]; ``NaN`` where not known.
+    position_sd : (n, 3) array
+        Standard deviation of the position North, East, Down [m]; ``NaN`` where not known.
+    velocity_sd : (n, 3) array
+        Standard deviation of the velocity [m/s]; ``NaN`` where not known.
+    fix : (n,) array or None
+        Fix type as in the file (1 fixed, 2 float, 4 DGPS, 5 single, 0 none), if given.
+    heading : (n,) array or None
+        Heading from the receiver, e.g. of two antennas [rad]; ``NaN`` where not known.
+    """
+
+    time: FloatArray
+    lla: FloatArray
+    v_n: FloatArray
+    position_sd: FloatArray
+    velocity_sd: FloatArray
+    fix: IntArray | None = None
+    heading: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """Position, velocity and attitude over time, at the IMU unless said otherwise.
+
+    Attributes
+    ----------
+    time : (n,) array
+        Time [s], strictly increasing.
+    lla : (n, 3) array
+        Latitude [rad], longitude [rad], ellipsoidal height [m].
+    v_n : (n, 3) array
+        Velocity North, East, Down [m/s]; ``NaN`` where not known.
+    rph : (n, 3) array
+        Roll, pitch, heading [rad], heading in [0, 2 pi); ``NaN`` where not known.
+    sd : (n, 9) array or None
+        Standard deviation of position N, E, D [m], velocity N, E, D [m/s] and attitude error roll, pitch,
+        heading [rad].
+    """
+
+    time: FloatArray
+    lla: FloatArray
+    v_n: FloatArray
+    rph: FloatArray
+    sd: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Increments:
+    """Integrated angular rate and specific force over successive intervals, with high-order corrections.
+
+    Attributes
+    ----------
+    time : (n,) array
+        End of each interval [s].
+    dt : (n,) array
+        Length of each interval [s].
+    dtheta : (n, 3) array
+        Integral of the body rate over the interval [rad].
+    dvel : (n, 3) array
+        Integral of the specific force, as sensed, over the interval [m/s].
+    coning : (n, 3) array
+        Rotation vector of the interval minus `dtheta` [rad].
+    sculling : (n, 3) array
+        Velocity increment in the body axes of the interval's start, minus `dvel` and minus the rotation of `dvel`
+        that constant rate and constant specific force would make [m/s].
+    """
+
+    time: FloatArray
+    dt: FloatArray
+    dtheta: FloatArray
+    dvel: FloatArray
+    coning: FloatArray
+    sculling: FloatArray
+
+
+class EventKind(StrEnum):
+    """Everything that can happen to the data or the filter and that a user must be able to find again."""
+
+    IMU_DUPLICATE = "imu.duplicate"
+    IMU_UNSORTED = "imu.unsorted"
+    IMU_NAN = "imu.nan"
+    IMU_GAP = "imu.gap"
+    IMU_CUT_ROW = "imu.cut_row"
+    GPS_DUPLICATE = "gps.duplicate"
+    GPS_UNSORTED = "gps.unsorted"
+    GPS_NAN = "gps.nan"
+    GPS_GAP = "gps.gap"
+    GPS_CUT_ROW = "gps.cut_row"
+    GPS_OUTSIDE = "gps.outside"
+    REF_DUPLICATE = "ref.duplicate"
+    REF_UNSORTED = "ref.unsorted"
+    REF_NAN = "ref.nan"
+    REF_CUT_ROW = "ref.cut_row"
+    GATE_QUALITY = "gate.quality"
+    GATE_PHYSICAL_POSITION = "gate.physical.position"
+    GATE_PHYSICAL_VELOCITY = "gate.physical.velocity"
+    GATE_POSITION = "gate.position"
+    GATE_VELOCITY = "gate.velocity"
+    SOFT_POSITION = "soft.position"
+    SOFT_VELOCITY = "soft.velocity"
+    RESET = "filter.reset"
+    REPAIR = "filter.repair"
+    DIVERGED = "filter.diverged"
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One line of ``events.csv``.
+
+    Attributes
+    ----------
+    time : float
+        When [s], in the time of the data.
+    kind : EventKind
+        What happened.
+    value : float
+        The number that decided [`unit`].
+    limit : float
+        The number it was compared with [`unit`]; ``NaN`` if there is none.
+    unit : str
+        Unit of `value` and `limit`.
+    action : str
+        What insnav did about it.
+    hint : str
+        What the user may want to do, or where to look.
+    """
+
+    time: float
+    kind: EventKind
+    value: float
+    limit: float
+    unit: str
+    action: str
+    hint: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """Attitude of the body at one time, with its uncertainty and where it came from.
+
+    Attributes
+    ----------
+    time : float
+        Time for which it holds [s].
+    rph : (3,) array
+        Roll, pitch, heading [rad].
+    sd : (3,) array
+        Standard deviation of the attitude error about North, East, Down [rad].
+    gyro_bias : (3,) array
+        Mean of the gyros at rest minus what the Earth's rotation explains [rad/s]; zero if never at rest.
+    gyro_bias_sd : (3,) array
+        Its standard deviation [rad/s]; infinite if never at rest.
+    static : tuple of float or None
+        Start and end of the static interval used [s].
+    level_method, heading_method : str
+        In words: how roll and pitch, and how heading, were found.
+    """
+
+    time: float
+    rph: FloatArray
+    sd: FloatArray
+    gyro_bias: FloatArray
+    gyro_bias_sd: FloatArray
+    static: tuple[float, float] | None
+    level_method: str
+    heading_method: str
+
+
+@dataclass(frozen=True, slots=True)
+class Innovations:
+    """Every measurement offered to the filter and what it thought of it.
+
+    Columns 0..2 are position North, East, Down [m], 3..5 velocity North, East, Down [m/s]; ``NaN`` where the fix
+    had no such value.
+
+    Attributes
+    ----------
+    time : (m,) array
+        Time of the fix [s], after any delay was taken off.
+    innovation : (m, 6) array
+        Measured minus predicted.
+    sd : (m, 6) array
+        Predicted standard deviation of the innovation.
+    nis_position, nis_velocity : (m,) array
+        Normalised innovation squared, 3 degrees of freedom each [-].
+    used_position, used_velocity : (m,) bool array
+        Whether it was used.
+    """
+
+    time: FloatArray
+    innovation: FloatArray
+    sd: FloatArray
+    nis_position: FloatArray
+    nis_velocity: FloatArray
+    used_position: BoolArray
+    used_velocity: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class SensorErrors:
+    """Estimated sensor errors over time, and their standard deviations.
+
+    Attributes
+    ----------
+    time : (m,) array
+        Time [s].
+    value, sd : (m, 12) array
+        Gyro bias x, y, z [rad/s], accelerometer bias x, y, z [m/s^2], gyro scale factor error x, y, z [-],
+        accelerometer scale factor error x, y, z [-].
+    """
+
+    time: FloatArray
+    value: FloatArray
+    sd: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Epochs:
+    """State and covariance after each filter epoch.
+
+    Attributes
+    ----------
+    time : (m,) array
+        Time [s].
+    lla, v_n : (m, 3) array
+        Latitude, longitude [rad], height [m]; velocity North, East, Down [m/s].
+    q_nb : (m, 4) array
+        Attitude quaternion, scalar first.
+    covariance : (m, 9, 9) array
+        Of position N, E, D [m], velocity N, E, D [m/s] and attitude error ``phi`` [rad], ``C_hat = (I - [phi x]) C``.
+    """
+
+    time: FloatArray
+    lla: FloatArray
+    v_n: FloatArray
+    q_nb: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What the filter made of one recording.
+
+    Attributes
+    ----------
+    solution : Trajectory
+        Position, velocity, attitude at the IMU, with standard deviations.
+    innovations : Innovations
+        Every fix offered to the filter.
+    sensor_errors : SensorErrors
+        Estimated biases and scale factors.
+    events : tuple of Event
+        Everything out of the ordinary, in order of time.
+    alignment : Alignment
+        The attitude the filter started from.
+    epochs : Epochs
+        State and full covariance after each fix.
+    gps_delay, gps_delay_sd : float
+        How much older the fixes are than their stamps [s], as given or estimated, and its standard deviation.
+    """
+
+    solution: Trajectory
+    innovations: Innovations
+    sensor_errors: SensorErrors
+    events: tuple[Event, ...]
+    alignment: Alignment
+    epochs: Epochs
+    gps_delay: float = 0.0
+    gps_delay_sd: float = 0.0

@@ -1,0 +1,123 @@
+"""Units by name: the factors to SI, and the parser of texts such as ``"0.1 deg/h"``.
+
+A unit is always written out where a number enters or leaves insnav; inside there is only SI and radians.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+from insnav.exceptions import ConfigError
+
+DEG = math.pi / 180.0
+HOUR = 3600.0
+G0 = 9.80665  # standard gravity [m/s^2], CGPM 1901
+UG = 1e-6 * G0
+MGAL = 1e-5
+PPM = 1e-6
+
+DEG_PER_H = DEG / HOUR
+DEG_PER_SQRT_H = DEG / math.sqrt(HOUR)
+M_S_PER_SQRT_H = 1.0 / math.sqrt(HOUR)
+
+# unit text -> (dimension, factor to SI)
+UNITS: dict[str, tuple[str, float]] = {
+    "rad": ("angle", 1.0),
+    "mrad": ("angle", 1e-3),
+    "deg": ("angle", DEG),
+    "arcmin": ("angle", DEG / 60.0),
+    "arcsec": ("angle", DEG / 3600.0),
+    "rad/s": ("rate", 1.0),
+    "deg/s": ("rate", DEG),
+    "deg/h": ("rate", DEG_PER_H),
+    "m/s^2": ("acceleration", 1.0),
+    "g": ("acceleration", G0),
+    "mg": ("acceleration", 1e-3 * G0),
+    "ug": ("acceleration", UG),
+    "mGal": ("acceleration", MGAL),
+    "rad/sqrt(s)": ("angle random walk", 1.0),
+    "deg/sqrt(s)": ("angle random walk", DEG),
+    "deg/sqrt(h)": ("angle random walk", DEG_PER_SQRT_H),
+    "deg/s/sqrt(Hz)": ("angle random walk", DEG),
+    "deg/h/sqrt(Hz)": ("angle random walk", DEG_PER_H),
+    "rad/s/sqrt(Hz)": ("angle random walk", 1.0),
+    "m/s/sqrt(s)": ("velocity random walk", 1.0),
+    "m/s/sqrt(h)": ("velocity random walk", M_S_PER_SQRT_H),
+    "m/s^2/sqrt(Hz)": ("velocity random walk", 1.0),
+    "ug/sqrt(Hz)": ("velocity random walk", UG),
+    "mg/sqrt(Hz)": ("velocity random walk", 1e-3 * G0),
+    "ppm": ("ratio", PPM),
+    "%": ("ratio", 1e-2),
+    "1": ("ratio", 1.0),
+    "m": ("length", 1.0),
+    "cm": ("length", 1e-2),
+    "mm": ("length", 1e-3),
+    "km": ("length", 1e3),
+    "m/s": ("velocity", 1.0),
+    "km/h": ("velocity", 1.0 / 3.6),
+    "cm/s": ("velocity", 1e-2),
+    "s": ("time", 1.0),
+    "ms": ("time", 1e-3),
+    "min": ("time", 60.0),
+    "h": ("time", HOUR),
+}
+
+_QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*$")
+
+
+def units_of(dimension: str) -> list[str]:
+    """Names of all units of a dimension.
+
+    Parameters
+    ----------
+    dimension : str
+        Such as ``"rate"``; see `UNITS`.
+    """
+    return [name for name, (dim, _) in UNITS.items() if dim == dimension]
+
+
+def parse_quantity(text: str, dimension: str, *, where: str = "") -> float:
+    """Number in SI of a text with a unit.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``"0.1 deg/h"``; the unit is obligatory.
+    dimension : str
+        What it must be: ``"rate"``, ``"acceleration"``, ``"angle random walk"``, …
+    where : str
+        Place to name in the error.
+
+    Returns
+    -------
+    float
+        The value in SI units and radians.
+
+    Raises
+    ------
+    ConfigError
+        No unit, an unknown unit, a unit of another dimension, or a number that is not finite.
+
+    Examples
+    --------
+    >>> round(parse_quantity("3600 deg/h", "rate") / DEG, 12)
+    1.0
+    """
+    choices = ", ".join(units_of(dimension))
+    match = _QUANTITY.match(text) if isinstance(text, str) else None
+    if match is None:
+        raise ConfigError(
+            f"{text!r} is not a number with a unit",
+            where=where,
+            fix=f'write it like "1.5 {units_of(dimension)[0]}"',
+        )
+    number, unit = float(match[1]), match[2]
+    found = UNITS.get(unit)
+    if found is None or found[0] != dimension:
+        why = f"{unit!r} is not a unit" if found is None else f"{unit!r} is a unit of {found[0]}, not of {dimension}"
+        raise ConfigError(f"{text!r} is not a {dimension}", where=where, why=why, fix=f"use one of {choices}")
+    value = number * found[1]
+    if not math.isfinite(value):
+        raise ConfigError(f"{text!r} is not finite", where=where)
+    return value
