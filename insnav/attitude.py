@@ -1,0 +1,238 @@
+"""Attitude: quaternions, direction cosine matrices, rotation vectors, roll-pitch-heading.
+
+``q_nb`` (scalar first) and ``C_nb`` take body coordinates to navigation coordinates: ``v_n = C_nb @ v_b``. Roll,
+pitch and heading are the rotations about the forward, right and down axis, heading first (z-y-x). At pitch +-90 deg
+roll and heading are not separately defined: heading plus or minus roll is right, and roll is returned as computed.
+
+References
+----------
+Groves, "Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems", 2nd ed., 2013, section 2.2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from insnav.types import FloatArray
+
+__all__ = [
+    "dcm_from_quat",
+    "dcm_from_rph",
+    "quat_conjugate",
+    "quat_from_dcm",
+    "quat_from_rotvec",
+    "quat_from_rph",
+    "quat_multiply",
+    "rotvec_from_quat",
+    "rph_from_quat",
+    "skew",
+    "wrap_pi",
+    "wrap_two_pi",
+]
+
+
+def wrap_pi(angle: ArrayLike) -> FloatArray:
+    """Angle brought to [-pi, pi) [rad]."""
+    return np.asarray((np.asarray(angle, dtype=float) + np.pi) % (2 * np.pi) - np.pi)
+
+
+def wrap_two_pi(angle: ArrayLike) -> FloatArray:
+    """Angle brought to [0, 2 pi) [rad]."""
+    wrapped = np.asarray(np.asarray(angle, dtype=float) % (2 * np.pi))
+    return np.where(wrapped >= 2 * np.pi, 0.0, wrapped)  # a tiny negative angle rounds up to 2 pi
+
+
+def skew(v: ArrayLike) -> FloatArray:
+    """Matrix of the cross product: ``skew(v) @ u = v x u``.
+
+    Parameters
+    ----------
+    v : (..., 3) array_like
+        Vector.
+
+    Returns
+    -------
+    (..., 3, 3) array
+        Skew-symmetric matrix (Groves 2013, eq. 2.50).
+    """
+    x, y, z = np.moveaxis(np.asarray(v, dtype=float), -1, 0)
+    o = np.zeros_like(x)
+    return np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], -2)
+
+
+def quat_multiply(p: ArrayLike, q: ArrayLike) -> FloatArray:
+    """Product of quaternions, the rotation `q` followed by `p` (Groves 2013, eq. E6.4).
+
+    Parameters
+    ----------
+    p, q : (..., 4) array_like
+        Quaternions, scalar first.
+
+    Returns
+    -------
+    (..., 4) array
+        ``p (x) q``.
+    """
+    p0, p1, p2, p3 = np.moveaxis(np.asarray(p, dtype=float), -1, 0)
+    q0, q1, q2, q3 = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
+    return np.stack(
+        [
+            p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3,
+            p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2,
+            p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1,
+            p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0,
+        ],
+        axis=-1,
+    )
+
+
+def quat_conjugate(q: ArrayLike) -> FloatArray:
+    """Inverse rotation of a unit quaternion, (..., 4)."""
+    return np.asarray(np.asarray(q, dtype=float) * np.array([1.0, -1.0, -1.0, -1.0]))
+
+
+def quat_from_rotvec(rotvec: ArrayLike) -> FloatArray:
+    """Quaternion of a rotation vector.
+
+    Parameters
+    ----------
+    rotvec : (..., 3) array_like
+        Axis times angle [rad].
+
+    Returns
+    -------
+    (..., 4) array
+        Unit quaternion.
+    """
+    rotvec = np.asarray(rotvec, dtype=float)
+    half = 0.5 * np.linalg.norm(rotvec, axis=-1, keepdims=True)
+    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * rotvec], axis=-1)
+
+
+def rotvec_from_quat(q: ArrayLike) -> FloatArray:
+    """Rotation vector of a quaternion, of length at most pi.
+
+    Parameters
+    ----------
+    q : (..., 4) array_like
+        Unit quaternion.
+
+    Returns
+    -------
+    (..., 3) array
+        Axis times angle [rad].
+    """
+    q = np.asarray(q, dtype=float)
+    q = np.where(q[..., :1] < 0, -q, q)
+    s = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    half = np.arctan2(s, q[..., :1])
+    return np.asarray(2.0 * q[..., 1:] / np.sinc(half / np.pi))
+
+
+def dcm_from_quat(q: ArrayLike) -> FloatArray:
+    """Direction cosine matrix of a quaternion (Groves 2013, eq. 2.34).
+
+    Parameters
+    ----------
+    q : (..., 4) array_like
+        Unit quaternion ``q_nb``.
+
+    Returns
+    -------
+    (..., 3, 3) array
+        ``C_nb``.
+    """
+    a, b, c, d = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
+    return np.stack(
+        [
+            np.stack([a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)], -1),
+            np.stack([2 * (b * c + a * d), a * a - b * b + c * c - d * d, 2 * (c * d - a * b)], -1),
+            np.stack([2 * (b * d - a * c), 2 * (c * d + a * b), a * a - b * b - c * c + d * d], -1),
+        ],
+        -2,
+    )
+
+
+def quat_from_rph(rph: ArrayLike) -> FloatArray:
+    """Quaternion of roll, pitch, heading (Groves 2013, eq. 2.38).
+
+    Parameters
+    ----------
+    rph : (..., 3) array_like
+        Roll, pitch, heading [rad].
+
+    Returns
+    -------
+    (..., 4) array
+        ``q_nb``.
+    """
+    half = 0.5 * np.asarray(rph, dtype=float)
+    cr, cp, ch = np.moveaxis(np.cos(half), -1, 0)
+    sr, sp, sh = np.moveaxis(np.sin(half), -1, 0)
+    return np.stack(
+        [
+            cr * cp * ch + sr * sp * sh,
+            sr * cp * ch - cr * sp * sh,
+            cr * sp * ch + sr * cp * sh,
+            cr * cp * sh - sr * sp * ch,
+        ],
+        axis=-1,
+    )
+
+
+def rph_from_quat(q: ArrayLike) -> FloatArray:
+    """Roll, pitch, heading of a quaternion (Groves 2013, eq. 2.38, solved for the angles).
+
+    Parameters
+    ----------
+    q : (..., 4) array_like
+        Unit quaternion ``q_nb``.
+
+    Returns
+    -------
+    (..., 3) array
+        Roll in [-pi, pi), pitch in [-pi/2, pi/2], heading in [0, 2 pi) [rad].
+    """
+    a, b, c, d = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
+    # By the half angles of eq. 2.38, a + c and d - b are cosine and sine of (heading - roll) / 2, times the sine of
+    # pitch / 2 + 45 deg; a - c and d + b the same of (heading + roll) / 2, times the cosine. Near the vertical one pair
+    # vanishes and takes its half sum or difference with it, but the attitude that the three angles make stays exact.
+    apart, together = np.arctan2(d - b, a + c), np.arctan2(d + b, a - c)
+    pitch = 2 * np.arctan2(np.hypot(a + c, d - b), np.hypot(a - c, d + b)) - np.pi / 2
+    return np.stack([wrap_pi(together - apart), pitch, wrap_two_pi(together + apart)], axis=-1)
+
+
+def dcm_from_rph(rph: ArrayLike) -> FloatArray:
+    """Direction cosine matrix ``C_nb`` (..., 3, 3) of roll, pitch, heading (..., 3) [rad]."""
+    return dcm_from_quat(quat_from_rph(rph))
+
+
+def quat_from_dcm(dcm: ArrayLike) -> FloatArray:
+    """Quaternion of a direction cosine matrix, by the largest of its four components (Shepperd 1978).
+
+    Parameters
+    ----------
+    dcm : (..., 3, 3) array_like
+        ``C_nb``.
+
+    Returns
+    -------
+    (..., 4) array
+        Unit quaternion with a non-negative scalar part.
+    """
+    m = np.asarray(dcm, dtype=float)
+    trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
+    squares = np.stack([trace, m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]], axis=-1)
+    # Row i of K is 4 q_i q: any row gives q, the one with the largest diagonal without loss of digits.
+    k = np.zeros((*m.shape[:-2], 4, 4))
+    k[..., 0, 0] = 1 + trace
+    for i in range(3):
+        j, n = (i + 1) % 3, (i + 2) % 3
+        k[..., 0, i + 1] = k[..., i + 1, 0] = m[..., n, j] - m[..., j, n]
+        k[..., i + 1, i + 1] = 1 + 2 * m[..., i, i] - trace
+        k[..., i + 1, j + 1] = k[..., j + 1, i + 1] = m[..., i, j] + m[..., j, i]
+    best = np.argmax(squares, axis=-1)[..., None, None]
+    q = np.take_along_axis(k, np.broadcast_to(best, (*m.shape[:-2], 1, 4)), axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.asarray(np.where(q[..., :1] < 0, -q, q))

@@ -1,0 +1,179 @@
+"""The Earth: WGS-84 radii, rotation, transport rate, normal gravity. Geodetic conversions are those of pymap3d.
+
+References
+----------
+NIMA TR8350.2, "Department of Defense World Geodetic System 1984", 3rd ed., amendment 1, 2000.
+Groves, "Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems", 2nd ed., 2013.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from insnav.kernels import earth as _kernel
+from insnav.kernels.earth import E2, A, F
+from insnav.types import FloatArray
+
+__all__ = [
+    "E2",
+    "OMEGA_EARTH",
+    "A",
+    "F",
+    "earth_rate_n",
+    "gravity_n",
+    "lla_offset",
+    "ned_offset",
+    "radii",
+    "transport_rate_n",
+]
+
+OMEGA_EARTH = _kernel.OMEGA
+
+
+def _elementwise(compiled: Any) -> Any:
+    """Source of a compiled elementwise function; the function itself where compilation is switched off."""
+    return getattr(compiled, "py_func", compiled)
+
+
+_radii = _elementwise(_kernel.radii)
+_gravity_down = _elementwise(_kernel.gravity_down)
+_gravity_north = _elementwise(_kernel.gravity_north)
+
+
+def radii(lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Radii of curvature of the ellipsoid.
+
+    Parameters
+    ----------
+    lat : (...) array_like
+        Latitude [rad].
+
+    Returns
+    -------
+    meridian, transverse : (...) array
+        Radius in the meridian and in the prime vertical [m] (Groves 2013, eq. 2.105, 2.106).
+    """
+    meridian, transverse = _radii(np.sin(np.asarray(lat, dtype=float)))
+    return meridian, transverse
+
+
+def gravity_n(lat: ArrayLike, height: ArrayLike) -> FloatArray:
+    """WGS-84 normal gravity, North-East-Down.
+
+    Somigliana's formula with the second-order term in height, and the north component above the ellipsoid.
+
+    Parameters
+    ----------
+    lat : (...) array_like
+        Latitude [rad].
+    height : (...) array_like
+        Height above the ellipsoid [m]; better than 1 ug up to 20 km.
+
+    Returns
+    -------
+    (..., 3) array
+        Gravity [m/s^2] (NIMA TR8350.2, eq. 4-1, 4-3; Groves 2013, eq. 2.140).
+    """
+    lat, height = np.broadcast_arrays(np.asarray(lat, dtype=float), np.asarray(height, dtype=float))
+    s, c = np.sin(lat), np.cos(lat)
+    return np.stack([_gravity_north(s, c, height), np.zeros_like(lat), _gravity_down(s, height)], axis=-1)
+
+
+def earth_rate_n(lat: ArrayLike) -> FloatArray:
+    """Rotation rate of the Earth in North-East-Down (Groves 2013, eq. 2.123).
+
+    Parameters
+    ----------
+    lat : (...) array_like
+        Latitude [rad].
+
+    Returns
+    -------
+    (..., 3) array
+        ``w_ie_n`` [rad/s].
+    """
+    lat = np.asarray(lat, dtype=float)
+    return OMEGA_EARTH * np.stack([np.cos(lat), np.zeros_like(lat), -np.sin(lat)], axis=-1)
+
+
+def transport_rate_n(lat: ArrayLike, height: ArrayLike, v_n: ArrayLike) -> FloatArray:
+    """Rotation rate of the local-level frame against the Earth (Groves 2013, eq. 5.44).
+
+    Parameters
+    ----------
+    lat : (...) array_like
+        Latitude [rad].
+    height : (...) array_like
+        Height [m].
+    v_n : (..., 3) array_like
+        Velocity North, East, Down [m/s].
+
+    Returns
+    -------
+    (..., 3) array
+        ``w_en_n`` [rad/s].
+    """
+    v_n = np.asarray(v_n, dtype=float)
+    meridian, transverse = radii(lat)
+    height = np.asarray(height, dtype=float)
+    north, east = v_n[..., 0] / (meridian + height), v_n[..., 1] / (transverse + height)
+    return np.stack([east, -north, -east * np.tan(np.asarray(lat, dtype=float))], axis=-1)
+
+
+def ned_offset(lla: ArrayLike, origin: ArrayLike) -> FloatArray:
+    """Small difference of two positions in metres.
+
+    Parameters
+    ----------
+    lla, origin : (..., 3) array_like
+        Latitude [rad], longitude [rad], height [m].
+
+    Returns
+    -------
+    (..., 3) array
+        North, East, Down from `origin` to `lla` [m], with the radii at `origin`: right to first order, meant for
+        errors and lever arms and not for distances of kilometres.
+    """
+    lla, origin = np.asarray(lla, dtype=float), np.asarray(origin, dtype=float)
+    meridian, transverse = radii(origin[..., 0])
+    d = lla - origin
+    east = (d[..., 1] + np.pi) % (2 * np.pi) - np.pi  # the short way across the date line
+    return np.stack(
+        [
+            d[..., 0] * (meridian + origin[..., 2]),
+            east * (transverse + origin[..., 2]) * np.cos(origin[..., 0]),
+            -d[..., 2],
+        ],
+        axis=-1,
+    )
+
+
+def lla_offset(origin: ArrayLike, ned: ArrayLike) -> FloatArray:
+    """Position at a small offset; the inverse of `ned_offset`.
+
+    Parameters
+    ----------
+    origin : (..., 3) array_like
+        Latitude [rad], longitude [rad], height [m].
+    ned : (..., 3) array_like
+        Offset North, East, Down [m].
+
+    Returns
+    -------
+    (..., 3) array
+        Latitude [rad], longitude [rad] in [-pi, pi), height [m].
+    """
+    origin, ned = np.asarray(origin, dtype=float), np.asarray(ned, dtype=float)
+    meridian, transverse = radii(origin[..., 0])
+    lon = origin[..., 1] + ned[..., 1] / ((transverse + origin[..., 2]) * np.cos(origin[..., 0]))
+    return np.stack(
+        [
+            origin[..., 0] + ned[..., 0] / (meridian + origin[..., 2]),
+            (lon + np.pi) % (2 * np.pi) - np.pi,
+            origin[..., 2] - ned[..., 2],
+        ],
+        axis=-1,
+    )

@@ -1,0 +1,280 @@
+"""Coning and sculling: from samples to the rotation vector and velocity increment of each interval.
+
+Angular rate and specific force are represented inside an interval by the polynomial through the neighbouring
+samples; the quaternion of the interval is integrated from it by the classical Runge-Kutta method, the velocity
+increment by Simpson's rule on the rotated specific force.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+WINDOW = 5  # increments in the polynomial; instantaneous samples: one more
+LOOKAHEAD = WINDOW - 1  # samples needed after an interval before it can be computed, at the start of a segment
+UNIFORM = 1e-4  # relative spread of the intervals below which the weights for equal intervals serve
+
+
+def uniform_weights(instant: bool) -> np.ndarray:
+    """Polynomial coefficients from neighbouring samples at equal spacing.
+
+    Parameters
+    ----------
+    instant : bool
+        Samples are values at the interval ends instead of integrals over intervals.
+
+    Returns
+    -------
+    (WINDOW + 2, WINDOW + 1, WINDOW + 1, WINDOW + 1) array
+        ``w[size, offset, j, i]``: coefficient of ``s**j`` from sample ``i`` of a window of `size` samples in which the
+        interval is number `offset`; ``s`` is 0 at the start and 1 at the end of the interval, the polynomial is the
+        integrand per unit of ``s`` (rate times interval).
+    """
+    largest = WINDOW + 1
+    weights = np.zeros((largest + 1, largest, largest, largest))
+    for size in range(1, largest + 1):
+        power = np.arange(size)
+        for offset in range(size):
+            # an instantaneous window is numbered by the sample at the end of the interval, s = 1
+            edge = np.arange(size) - offset + (1.0 if instant else 0.0)
+            if instant:
+                rows = edge[:, None] ** power
+            else:
+                rows = ((edge[:, None] + 1.0) ** (power + 1) - edge[:, None] ** (power + 1)) / (power + 1)
+            weights[size, offset, :size, :size] = np.linalg.inv(rows)
+    return weights
+
+
+@njit(cache=True)
+def _irregular(k, a, size, instant, end, dt, gyro, accel, node, table, coefficient):  # type: ignore[no-untyped-def]
+    """Coefficients for unequal spacing: Newton's divided differences at the true times, for all six channels."""
+    start, scale = end[k] - dt[k], dt[k]
+    points = size if instant else size + 1
+    if instant:
+        for i in range(points):
+            node[i] = (end[a + i] - start) / scale
+    else:
+        node[0] = (end[a] - dt[a] - start) / scale
+        for i in range(size):
+            node[i + 1] = node[i] + dt[a + i] / scale
+    for channel in range(6):
+        if instant:
+            for i in range(points):
+                table[i] = (gyro[a + i, channel] if channel < 3 else accel[a + i, channel - 3]) * scale
+        else:
+            table[0] = 0.0
+            for i in range(size):
+                table[i + 1] = table[i] + (gyro[a + i, channel] if channel < 3 else accel[a + i, channel - 3])
+        for order in range(1, points):
+            for i in range(points - 1, order - 1, -1):
+                table[i] = (table[i] - table[i - 1]) / (node[i] - node[i - order])
+        # Newton's form to powers of s, in place (Horner)
+        for i in range(points - 2, -1, -1):
+            for j in range(i, points - 1):
+                table[j] -= node[i] * table[j + 1]
+        for j in range(WINDOW + 1):
+            coefficient[channel, j] = 0.0
+        for j in range(size):
+            # increments: the table holds the integral, its derivative is wanted
+            coefficient[channel, j] = table[j] if instant else (j + 1.0) * table[j + 1]
+
+
+@njit(cache=True, inline="always")
+def _value(coefficient, channel, s):  # type: ignore[no-untyped-def]
+    c = coefficient
+    return c[channel, 0] + s * (
+        c[channel, 1] + s * (c[channel, 2] + s * (c[channel, 3] + s * (c[channel, 4] + s * c[channel, 5])))
+    )
+
+
+@njit(cache=True, inline="always")
+def _integral(coefficient, channel, s):  # type: ignore[no-untyped-def]
+    c = coefficient
+    return s * (
+        c[channel, 0]
+        + s
+        * (
+            c[channel, 1] / 2.0
+            + s
+            * (c[channel, 2] / 3.0 + s * (c[channel, 3] / 4.0 + s * (c[channel, 4] / 5.0 + s * c[channel, 5] / 6.0)))
+        )
+    )
+
+
+@njit(cache=True, inline="always")
+def _rate(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
+    """Quaternion differential equation q' = 1/2 q (x) w (Groves 2013, eq. E6.38)."""
+    return (
+        -0.5 * (q1 * x + q2 * y + q3 * z),
+        0.5 * (q0 * x + q2 * z - q3 * y),
+        0.5 * (q0 * y + q3 * x - q1 * z),
+        0.5 * (q0 * z + q1 * y - q2 * x),
+    )
+
+
+@njit(cache=True, inline="always")
+def _turned(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
+    """Rotate a vector by a quaternion and take the vector off: (C(q) - I) v, without cancellation."""
+    tx, ty, tz = 2.0 * (q2 * z - q3 * y), 2.0 * (q3 * x - q1 * z), 2.0 * (q1 * y - q2 * x)
+    return (
+        q0 * tx + q2 * tz - q3 * ty,
+        q0 * ty + q3 * tx - q1 * tz,
+        q0 * tz + q1 * ty - q2 * tx,
+    )
+
+
+@njit(cache=True, inline="always")
+def turn_factors(angle2):  # type: ignore[no-untyped-def]
+    """(1 - cos a) / a^2 and (a - sin a) / a^3 of the squared angle (Savage 1998, part 2, eq. 38)."""
+    if angle2 < 0.04:
+        # the seventh-order series is exact to rounding below 0.2 rad
+        return (
+            0.5 - angle2 * (1 / 24.0 - angle2 * (1 / 720.0 - angle2 * (1 / 40320.0 - angle2 / 3628800.0))),
+            1 / 6.0 - angle2 * (1 / 120.0 - angle2 * (1 / 5040.0 - angle2 * (1 / 362880.0 - angle2 / 39916800.0))),
+        )
+    angle = np.sqrt(angle2)
+    return (1.0 - np.cos(angle)) / angle2, (angle - np.sin(angle)) / (angle2 * angle)
+
+
+@njit(cache=True)
+def increments(  # type: ignore[no-untyped-def]
+    instant, end, dt, gyro, accel, segment, weights, parent, s0, s1, dtheta, dvel, coning, sculling
+):
+    """Increments, coning and sculling of pieces of intervals.
+
+    Parameters
+    ----------
+    instant : bool
+        `gyro` and `accel` are values at `end` instead of integrals over the interval.
+    end, dt : (n,) array
+        End and length of each interval [s].
+    gyro, accel : (n, 3) array
+        Integrated rate [rad] and specific force [m/s] of the interval, or values [rad/s], [m/s^2] at its end.
+    segment : (n,) array of int
+        Number of the uninterrupted stretch the interval belongs to; polynomials never reach across.
+    weights : array
+        From `uniform_weights`.
+    parent : (m,) array of int
+        Interval a piece belongs to.
+    s0, s1 : (m,) array
+        Start and end of the piece as a fraction of its interval.
+    dtheta, dvel, coning, sculling : (m, 3) array
+        Results; see `insnav.types.Increments`.
+    """
+    n = end.shape[0]
+    coefficient = np.zeros((6, WINDOW + 1))
+    node = np.empty(WINDOW + 2)
+    table = np.empty(WINDOW + 2)
+    wanted = WINDOW + 1 if instant else WINDOW
+    before = 3 if instant else 2
+    last = -1
+    for m in range(parent.shape[0]):
+        k = parent[m]
+        if dt[k] == 0.0:  # the first instantaneous value ends no interval
+            for i in range(3):
+                dtheta[m, i] = dvel[m, i] = coning[m, i] = sculling[m, i] = 0.0
+            continue
+        if k != last:
+            last = k
+            left = 0
+            while left < wanted - 1 and k - left > 0 and segment[k - left - 1] == segment[k]:
+                left += 1
+            right = 0
+            while right < wanted - 1 and k + right < n - 1 and segment[k + right + 1] == segment[k]:
+                right += 1
+            size = min(wanted, left + right + 1)
+            offset = min(left, max(before, size - 1 - right))
+            a = k - offset
+            regular = True
+            # the first sample of an instantaneous segment has no interval of its own
+            for i in range(a + 1 if instant else a, a + size):
+                if abs(dt[i] - dt[k]) > UNIFORM * dt[k]:
+                    regular = False
+            if regular:
+                scale = dt[k] if instant else 1.0
+                for j in range(WINDOW + 1):
+                    for channel in range(6):
+                        coefficient[channel, j] = 0.0
+                for i in range(size):
+                    for j in range(size):
+                        w = weights[size, offset, j, i] * scale
+                        coefficient[0, j] += w * gyro[a + i, 0]
+                        coefficient[1, j] += w * gyro[a + i, 1]
+                        coefficient[2, j] += w * gyro[a + i, 2]
+                        coefficient[3, j] += w * accel[a + i, 0]
+                        coefficient[4, j] += w * accel[a + i, 1]
+                        coefficient[5, j] += w * accel[a + i, 2]
+            else:
+                _irregular(k, a, size, instant, end, dt, gyro, accel, node, table, coefficient)
+        b, e = s0[m], s1[m]
+        h = e - b
+        mid = 0.5 * (b + e)
+        if h == 1.0 and not instant:
+            for i in range(3):
+                dtheta[m, i] = gyro[k, i]
+                dvel[m, i] = accel[k, i]
+        else:
+            for i in range(3):
+                dtheta[m, i] = _integral(coefficient, i, e) - _integral(coefficient, i, b)
+                dvel[m, i] = _integral(coefficient, i + 3, e) - _integral(coefficient, i + 3, b)
+
+        xb, yb, zb = (
+            h * _value(coefficient, 0, b),
+            h * _value(coefficient, 1, b),
+            h * _value(coefficient, 2, b),
+        )
+        xm, ym, zm = (
+            h * _value(coefficient, 0, mid),
+            h * _value(coefficient, 1, mid),
+            h * _value(coefficient, 2, mid),
+        )
+        xe, ye, ze = (
+            h * _value(coefficient, 0, e),
+            h * _value(coefficient, 1, e),
+            h * _value(coefficient, 2, e),
+        )
+        a0, a1, a2, a3 = _rate(1.0, 0.0, 0.0, 0.0, xb, yb, zb)
+        b0, b1, b2, b3 = _rate(1.0 + 0.5 * a0, 0.5 * a1, 0.5 * a2, 0.5 * a3, xm, ym, zm)
+        c0, c1, c2, c3 = _rate(1.0 + 0.5 * b0, 0.5 * b1, 0.5 * b2, 0.5 * b3, xm, ym, zm)
+        d0, d1, d2, d3 = _rate(1.0 + c0, c1, c2, c3, xe, ye, ze)
+        q0 = 1.0 + (a0 + 2.0 * b0 + 2.0 * c0 + d0) / 6.0
+        q1 = (a1 + 2.0 * b1 + 2.0 * c1 + d1) / 6.0
+        q2 = (a2 + 2.0 * b2 + 2.0 * c2 + d2) / 6.0
+        q3 = (a3 + 2.0 * b3 + 2.0 * c3 + d3) / 6.0
+        # quaternion half-way from the same stages (third-order dense output of the classical method)
+        m0 = 1.0 + (5.0 * a0 + 4.0 * b0 + 4.0 * c0 - d0) / 24.0
+        m1 = (5.0 * a1 + 4.0 * b1 + 4.0 * c1 - d1) / 24.0
+        m2 = (5.0 * a2 + 4.0 * b2 + 4.0 * c2 - d2) / 24.0
+        m3 = (5.0 * a3 + 4.0 * b3 + 4.0 * c3 - d3) / 24.0
+
+        sine = np.sqrt(q1 * q1 + q2 * q2 + q3 * q3)
+        stretch = 2.0 * np.arctan2(sine, q0) / sine if sine > 1e-9 else 2.0 / q0
+        coning[m, 0] = stretch * q1 - dtheta[m, 0]
+        coning[m, 1] = stretch * q2 - dtheta[m, 1]
+        coning[m, 2] = stretch * q3 - dtheta[m, 2]
+
+        ux, uy, uz = _turned(
+            m0,
+            m1,
+            m2,
+            m3,
+            h * _value(coefficient, 3, mid),
+            h * _value(coefficient, 4, mid),
+            h * _value(coefficient, 5, mid),
+        )
+        wx, wy, wz = _turned(
+            q0,
+            q1,
+            q2,
+            q3,
+            h * _value(coefficient, 3, e),
+            h * _value(coefficient, 4, e),
+            h * _value(coefficient, 5, e),
+        )
+        tx, ty, tz = dtheta[m, 0], dtheta[m, 1], dtheta[m, 2]
+        vx, vy, vz = dvel[m, 0], dvel[m, 1], dvel[m, 2]
+        f1, f2 = turn_factors(tx * tx + ty * ty + tz * tz)
+        kx, ky, kz = ty * vz - tz * vy, tz * vx - tx * vz, tx * vy - ty * vx
+        sculling[m, 0] = (4.0 * ux + wx) / 6.0 - f1 * kx - f2 * (ty * kz - tz * ky)
+        sculling[m, 1] = (4.0 * uy + wy) / 6.0 - f1 * ky - f2 * (tz * kx - tx * kz)
+        sculling[m, 2] = (4.0 * uz + wz) / 6.0 - f1 * kz - f2 * (tx * ky - ty * kx)

@@ -1,0 +1,167 @@
+"""One step, and a whole record, of the strapdown navigation equations in the local-level frame.
+
+State ``x``: latitude, longitude [rad], height [m], velocity North, East, Down [m/s], quaternion ``q_nb``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from insnav.kernels.earth import OMEGA, gravity_down, gravity_north, radii
+from insnav.kernels.increments import turn_factors
+
+TWO_PI = 2.0 * np.pi
+
+
+@njit(cache=True, inline="always")
+def quaternion_step(x, rx, ry, rz, px, py, pz):  # type: ignore[no-untyped-def]
+    """Q <- q(-r) (x) q (x) q(p): the navigation frame turned by r, the body by p, both rotation vectors [rad]."""
+    # half-angle series: both rotations of one step are small, and exact to rounding below 0.6 rad
+    r2 = 0.25 * (rx * rx + ry * ry + rz * rz)
+    a0 = 1.0 - 0.5 * r2
+    s = -0.5 * (1.0 - r2 / 6.0)
+    a1, a2, a3 = s * rx, s * ry, s * rz
+    p2 = 0.25 * (px * px + py * py + pz * pz)
+    if p2 < 0.09:
+        b0 = 1.0 - p2 * (0.5 - p2 * (1 / 24.0 - p2 * (1 / 720.0 - p2 * (1 / 40320.0 - p2 / 3628800.0))))
+        s = 0.5 - p2 * (1 / 12.0 - p2 * (1 / 240.0 - p2 * (1 / 10080.0 - p2 / 725760.0)))
+    else:
+        p = np.sqrt(p2)
+        b0, s = np.cos(p), 0.5 * np.sin(p) / p
+    b1, b2, b3 = s * px, s * py, s * pz
+    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
+    c0 = q0 * b0 - q1 * b1 - q2 * b2 - q3 * b3
+    c1 = q0 * b1 + q1 * b0 + q2 * b3 - q3 * b2
+    c2 = q0 * b2 - q1 * b3 + q2 * b0 + q3 * b1
+    c3 = q0 * b3 + q1 * b2 - q2 * b1 + q3 * b0
+    d0 = a0 * c0 - a1 * c1 - a2 * c2 - a3 * c3
+    d1 = a0 * c1 + a1 * c0 + a2 * c3 - a3 * c2
+    d2 = a0 * c2 - a1 * c3 + a2 * c0 + a3 * c1
+    d3 = a0 * c3 + a1 * c2 - a2 * c1 + a3 * c0
+    norm = 1.5 - 0.5 * (d0 * d0 + d1 * d1 + d2 * d2 + d3 * d3)
+    x[6], x[7], x[8], x[9] = d0 * norm, d1 * norm, d2 * norm, d3 * norm
+
+
+@njit(cache=True, inline="always")
+def step(x, dt, tx, ty, tz, vx, vy, vz, cx, cy, cz, sx, sy, sz, c, north, hold, height, v_down):  # type: ignore[no-untyped-def]
+    """Advance the state by one interval and return the velocity increment of the specific force, ``(3,)`` in n.
+
+    Parameters
+    ----------
+    x : (10,) array
+        State, changed in place.
+    dt : float
+        Interval [s].
+    tx, ty, tz, vx, vy, vz : float
+        Corrected angle [rad] and velocity [m/s] increment in body axes.
+    cx, cy, cz, sx, sy, sz : float
+        Coning [rad] and sculling [m/s].
+    c : (9,) array
+        Filled with ``C_nb`` at the start of the interval, row by row.
+    north : float
+        Share of normal gravity's north component: 1, or 0 to leave it out as most other packages do.
+    hold : bool
+        Hold the vertical channel to `height` [m] and `v_down` [m/s] at the end of the interval.
+
+    Notes
+    -----
+    Velocity: Groves (2013) eq. 5.54 with the rotation of the navigation frame half-way (Savage 1998, part 2, eq. 15);
+    Coriolis, transport rate and gravity at the middle of the interval, from the velocity extrapolated with the
+    specific force just measured. Position: trapezoid, whose error telescopes. Attitude: quaternions of both frames.
+    """
+    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
+    c[0] = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3
+    c[1] = 2.0 * (q1 * q2 - q0 * q3)
+    c[2] = 2.0 * (q1 * q3 + q0 * q2)
+    c[3] = 2.0 * (q1 * q2 + q0 * q3)
+    c[4] = q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3
+    c[5] = 2.0 * (q2 * q3 - q0 * q1)
+    c[6] = 2.0 * (q1 * q3 - q0 * q2)
+    c[7] = 2.0 * (q2 * q3 + q0 * q1)
+    c[8] = q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3
+
+    px, py, pz = tx + cx, ty + cy, tz + cz
+    f1, f2 = turn_factors(tx * tx + ty * ty + tz * tz)
+    kx, ky, kz = ty * vz - tz * vy, tz * vx - tx * vz, tx * vy - ty * vx
+    bx = vx + f1 * kx + f2 * (ty * kz - tz * ky) + sx
+    by = vy + f1 * ky + f2 * (tz * kx - tx * kz) + sy
+    bz = vz + f1 * kz + f2 * (tx * ky - ty * kx) + sz
+    un = c[0] * bx + c[1] * by + c[2] * bz
+    ue = c[3] * bx + c[4] * by + c[5] * bz
+    ud = c[6] * bx + c[7] * by + c[8] * bz
+
+    lat, lon, h = x[0], x[1], x[2]
+    vn, ve, vd = x[3], x[4], x[5]
+    sin_lat, cos_lat = np.sin(lat), np.cos(lat)
+    g = gravity_down(sin_lat, h)
+    mn, me, md = vn + 0.5 * un, ve + 0.5 * ue, vd + 0.5 * (ud + g * dt)
+    if hold:
+        md = 0.5 * (vd + v_down)
+    rm, rn = radii(sin_lat)
+    # latitude half-way: the change of the sine and cosine over half a step is far below their second-order term
+    half = 0.5 * dt * mn / (rm + h)
+    sin_mid, cos_mid = sin_lat + half * cos_lat, cos_lat - half * sin_lat
+    h_mid = h - 0.5 * dt * md
+    rm, rn = rm + h_mid, rn + h_mid
+    wn, we = me / rn, -mn / rm
+    wd = -wn * sin_mid / cos_mid
+    en, ed = OMEGA * cos_mid, -OMEGA * sin_mid
+    zn, ze, zd = (en + wn) * dt, we * dt, (ed + wd) * dt
+    kn, ke, kd = 2.0 * en + wn, we, 2.0 * ed + wd
+    un, ue, ud = (
+        un - 0.5 * (ze * ud - zd * ue),
+        ue - 0.5 * (zd * un - zn * ud),
+        ud - 0.5 * (zn * ue - ze * un),
+    )
+    v1n = vn + un + (north * gravity_north(sin_mid, cos_mid, h_mid) - (ke * md - kd * me)) * dt
+    v1e = ve + ue - (kd * mn - kn * md) * dt
+    v1d = vd + ud + (gravity_down(sin_mid, h_mid) - (kn * me - ke * mn)) * dt
+    if hold:
+        v1d = v_down
+    x[0] = lat + 0.5 * dt * (vn + v1n) / rm
+    lon += 0.5 * dt * (ve + v1e) / (rn * cos_mid)
+    if lon >= np.pi:
+        lon -= TWO_PI
+    elif lon < -np.pi:
+        lon += TWO_PI
+    x[1] = lon
+    x[2] = height if hold else h - 0.5 * dt * (vd + v1d)
+    x[3], x[4], x[5] = v1n, v1e, v1d
+    quaternion_step(x, zn, ze, zd, px, py, pz)
+    return un, ue, ud
+
+
+@njit(cache=True)
+def free_inertial(x, dt, dtheta, dvel, coning, sculling, north, hold, height, v_down, every, out):  # type: ignore[no-untyped-def]
+    """Mechanize a whole record; the state after each `every`-th interval goes to the rows of `out`."""
+    c = np.empty(9)
+    row = 0
+    for k in range(dt.shape[0]):
+        h = height[k] if hold else 0.0
+        d = v_down[k] if hold else 0.0
+        step(
+            x,
+            dt[k],
+            dtheta[k, 0],
+            dtheta[k, 1],
+            dtheta[k, 2],
+            dvel[k, 0],
+            dvel[k, 1],
+            dvel[k, 2],
+            coning[k, 0],
+            coning[k, 1],
+            coning[k, 2],
+            sculling[k, 0],
+            sculling[k, 1],
+            sculling[k, 2],
+            c,
+            north,
+            hold,
+            h,
+            d,
+        )
+        if (k + 1) % every == 0:
+            for i in range(10):
+                out[row, i] = x[i]
+            row += 1

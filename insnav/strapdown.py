@@ -1,0 +1,286 @@
+"""Strapdown mechanization: samples -> increments with coning and sculling -> velocity, position, attitude.
+
+The samples of a recording are first brought to one form, successive intervals with integrated rate and specific
+force (`intervals`), holes filled and marked. `increments` adds the coning and sculling terms; `navigate` integrates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from insnav.attitude import quat_from_rph, rph_from_quat
+from insnav.exceptions import InputError
+from insnav.kernels import increments as _increments
+from insnav.kernels import mechanization as _mechanization
+from insnav.types import FloatArray, ImuData, Increments, IntArray, Trajectory
+
+TIME_TOLERANCE = 1e-6  # times closer than this are the same [s]
+GAP = 1.5  # an interval this many times the nominal one has lost samples
+
+
+@dataclass(frozen=True, slots=True)
+class Intervals:
+    """Samples as successive intervals without holes.
+
+    Attributes
+    ----------
+    end, dt : (n,) array
+        End and length of each interval [s]; each starts where the one before ends.
+    gyro, accel : (n, 3) array
+        Integral over the interval [rad], [m/s], or, if `instant`, value at its end [rad/s], [m/s^2].
+    segment : (n,) array of int
+        Number of the uninterrupted stretch.
+    hole : (n,) array
+        Zero where something was measured; else the length of the hole [s] that this interval helps to bridge, its
+        value on the straight line between the neighbours.
+    instant : bool
+        See `gyro`. The first interval of an instantaneous record has zero length.
+    """
+
+    end: FloatArray
+    dt: FloatArray
+    gyro: FloatArray
+    accel: FloatArray
+    segment: IntArray
+    hole: FloatArray
+    instant: bool
+
+
+@lru_cache(maxsize=2)
+def _weights(instant: bool) -> FloatArray:
+    return _increments.uniform_weights(instant)
+
+
+def nominal_interval(time: FloatArray) -> float:
+    """Median spacing of the samples [s].
+
+    Raises
+    ------
+    InputError
+        Fewer than two samples.
+    """
+    if time.shape[0] < 2:
+        raise InputError(
+            "too few IMU samples",
+            why=f"{time.shape[0]} samples do not make an interval",
+            fix="give a longer record",
+        )
+    return float(np.median(np.diff(time[: 1 << 16])))
+
+
+def _interval_ends(imu: ImuData, nominal: float) -> tuple[FloatArray, FloatArray]:
+    """Start and end of each sample's interval [s], whatever end of it the file stamps."""
+    t = imu.time
+    step = np.diff(t)
+    whole = np.where(step > GAP * nominal, nominal, step)  # after a hole the interval is the nominal one
+    if imu.sampling == "instant" or imu.stamp == "end":
+        length = np.concatenate([[nominal], whole])
+        return t - length, t
+    if imu.stamp == "start":
+        length = np.concatenate([whole, [nominal]])
+        return t, t + length
+    middle = t[:-1] + 0.5 * step
+    hole = step > GAP * nominal
+    start = np.concatenate([[t[0] - 0.5 * nominal], np.where(hole, t[1:] - 0.5 * nominal, middle)])
+    end = np.concatenate([np.where(hole, t[:-1] + 0.5 * nominal, middle), [t[-1] + 0.5 * nominal]])
+    return start, end
+
+
+def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
+    """Bring samples to successive intervals and fill holes.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Samples in any form.
+    nominal : float, optional
+        Nominal sampling interval [s]; the median spacing by default.
+
+    Returns
+    -------
+    Intervals
+        Where samples are missing, intervals of about nominal length whose rate and specific force join the
+        neighbouring samples in a straight line, marked by `hole`.
+    """
+    nominal = nominal_interval(imu.time) if nominal is None else nominal
+    instant = imu.sampling == "instant"
+    start, end = _interval_ends(imu, nominal)
+    scale = 1.0 / (end - start)[:, None] if imu.sampling == "increment" else 1.0
+    gyro, accel = imu.gyro * scale, imu.accel * scale  # rates, whatever came in
+    segment = np.zeros(end.shape[0], dtype=np.int64)
+    hole = np.zeros(end.shape[0])
+    holes = np.flatnonzero(start[1:] - end[:-1] > (GAP - 1.0) * nominal)
+    if holes.size:
+        at, new_hole, new_end, new_gyro, new_accel = [], [], [], [], []
+        for k in holes:
+            length = start[k + 1] - end[k]
+            missing = max(1, round(length / nominal))
+            share = np.arange(1, missing + 1)
+            way = (share / (missing + 1))[:, None]
+            at.append(np.full(missing, k + 1))
+            new_hole.append(np.full(missing, length))
+            new_end.append(np.append(end[k] + share[:-1] / missing * length, start[k + 1]))
+            new_gyro.append(gyro[k] + way * (gyro[k + 1] - gyro[k]))
+            new_accel.append(accel[k] + way * (accel[k + 1] - accel[k]))
+        where = np.concatenate(at)
+        end = np.insert(end, where, np.concatenate(new_end))
+        gyro = np.insert(gyro, where, np.concatenate(new_gyro), axis=0)
+        accel = np.insert(accel, where, np.concatenate(new_accel), axis=0)
+        hole = np.insert(hole, where, np.concatenate(new_hole))
+        segment = np.concatenate([[0], np.cumsum(hole[1:] != hole[:-1])]).astype(np.int64)
+    dt = np.diff(end, prepend=start[0])
+    if instant:
+        dt[0] = 0.0
+        return Intervals(end, dt, gyro, accel, segment, hole, instant)
+    return Intervals(end, dt, gyro * dt[:, None], accel * dt[:, None], segment, hole, instant)
+
+
+def split(parts: Intervals, times: FloatArray, first: int, last: int) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Cut intervals at given times.
+
+    Parameters
+    ----------
+    parts : Intervals
+        The intervals; only those from `first` up to, not including, `last` are cut.
+    times : (m,) array
+        Increasing times [s]. One within a microsecond of the end of an interval cuts nothing.
+    first, last : int
+        Range of intervals.
+
+    Returns
+    -------
+    parent : array of int
+        Interval of each piece.
+    s0, s1 : array
+        Start and end of each piece as a fraction of its interval.
+    """
+    owner = np.searchsorted(parts.end[first:last], times - TIME_TOLERANCE) + first
+    inside = owner < last
+    owner, times = owner[inside], times[inside]
+    begin = parts.end[owner] - parts.dt[owner]
+    cut = (times - begin > TIME_TOLERANCE) & (parts.end[owner] - times > TIME_TOLERANCE)
+    owner, times, begin = owner[cut], times[cut], begin[cut]
+    at = (times - begin) / np.where(parts.dt[owner] > 0, parts.dt[owner], 1.0)
+    parent = np.arange(first, last, dtype=np.int64)
+    s0, s1 = np.zeros(parent.shape[0]), np.ones(parent.shape[0])
+    if owner.size == 0:
+        return parent, s0, s1
+    parent = np.insert(parent, owner - first + 1, owner)
+    s1 = np.insert(s1, owner - first, at)
+    s0 = np.insert(s0, owner - first + 1, at)
+    return parent, s0, s1
+
+
+def increments(parts: Intervals, pieces: tuple[IntArray, FloatArray, FloatArray] | None = None) -> Increments:
+    """Angle and velocity increments with coning and sculling terms.
+
+    A polynomial through five neighbouring increments (six neighbouring values of an instantaneous record), at their
+    true times and never across a hole, stands for rate and specific force inside the interval; the quaternion is
+    integrated from it by fourth-order Runge-Kutta. Looking at samples on both sides suits post-processing: at 1 deg,
+    10 Hz coning and 100 Hz samples it leaves 0.06 deg/h, where the usual algorithm with only the previous increment
+    leaves 9.8 deg/h.
+
+    Parameters
+    ----------
+    parts : Intervals
+        From `intervals`.
+    pieces : tuple of arrays, optional
+        From `split`; every interval whole by default.
+
+    Returns
+    -------
+    Increments
+        One row a piece.
+
+    References
+    ----------
+    Savage, "Strapdown inertial navigation integration algorithm design", J. Guidance 21 (1998) 19-28, 208-221: the
+    decomposition into increments, coning and sculling. The polynomial through neighbouring increments: Miller, "A new
+    strapdown attitude algorithm", J. Guidance 6 (1983) 287-291.
+    """
+    if pieces is None:
+        n = parts.end.shape[0]
+        pieces = np.arange(n, dtype=np.int64), np.zeros(n), np.ones(n)
+    parent, s0, s1 = pieces
+    dtheta, dvel, coning, sculling = (np.empty((parent.shape[0], 3)) for _ in range(4))
+    _increments.increments(
+        parts.instant,
+        parts.end,
+        parts.dt,
+        parts.gyro,
+        parts.accel,
+        parts.segment,
+        _weights(parts.instant),
+        parent,
+        s0,
+        s1,
+        dtheta,
+        dvel,
+        coning,
+        sculling,
+    )
+    end, dt = parts.end[parent], parts.dt[parent]
+    time = np.where(s1 == 1.0, end, end - (1.0 - s1) * dt)
+    return Increments(time, (s1 - s0) * dt, dtheta, dvel, coning, sculling)
+
+
+def navigate(
+    inc: Increments,
+    lla: FloatArray,
+    v_n: FloatArray,
+    rph: FloatArray,
+    *,
+    vertical: tuple[FloatArray, FloatArray] | None = None,
+    north_gravity: bool = True,
+    every: int = 1,
+) -> Trajectory:
+    """Free-inertial navigation: no aiding but, if wanted, a given vertical channel.
+
+    Parameters
+    ----------
+    inc : Increments
+        From `increments`.
+    lla, v_n, rph : (3,) array
+        Latitude, longitude [rad], height [m]; velocity North, East, Down [m/s]; roll, pitch, heading [rad] at the
+        start of the first interval.
+    vertical : tuple of (n,) arrays, optional
+        Height [m] and down velocity [m/s] at the end of every interval. Without it the vertical channel is free, and
+        its error grows as ``cosh(sqrt(2 g / R) t)``: by e every 570 s.
+    north_gravity : bool
+        Include the north component of normal gravity above the ellipsoid (0.7 ug at 1 km). Switch it off only to
+        compare with data or packages that leave it out.
+    every : int
+        Return every so-manieth state.
+
+    Returns
+    -------
+    Trajectory
+        States at the ends of intervals ``every``, ``2 every``, …
+
+    References
+    ----------
+    Groves (2013), section 5.4; Savage (1998), part 2.
+    """
+    x = np.concatenate([lla, v_n, quat_from_rph(rph)])
+    out = np.empty((inc.time.shape[0] // every, 10))
+    none = np.empty(0)
+    height, v_down = vertical if vertical is not None else (none, none)
+    _mechanization.free_inertial(
+        x,
+        inc.dt,
+        inc.dtheta,
+        inc.dvel,
+        inc.coning,
+        inc.sculling,
+        1.0 if north_gravity else 0.0,
+        vertical is not None,
+        height,
+        v_down,
+        every,
+        out,
+    )
+    time = inc.time[every - 1 :: every][: out.shape[0]]
+    return Trajectory(time, out[:, :3], out[:, 3:6], rph_from_quat(out[:, 6:]))
