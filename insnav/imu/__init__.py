@@ -1,0 +1,65 @@
+"""The inertial measurement unit: its errors, how large they may be, how to add and how to remove them.
+
+`ImuErrors` is a set of known errors (of a calibration, or drawn at random); `corrupt` adds and `correct`
+removes exactly these. `ImuSpec` says how large unknown errors are; `load_imu` reads it from a preset or a
+file.
+
+Reading files needs pydantic, which is imported only when one of the reading functions is first used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from insnav.imu.model import (
+    ImuErrors,
+    ImuSpec,
+    InitialSpec,
+    SensorSpec,
+    correct,
+    corrupt,
+    draw_errors,
+    sample_intervals,
+)
+from insnav.imu.presets import PRESETS
+
+if TYPE_CHECKING:
+    from insnav.imu.calibration import calibration_to_toml, load_calibration
+    from insnav.imu.noise import identify, nearest_preset, white_noise
+    from insnav.imu.spec import load_imu, to_toml
+
+_LAZY = {
+    "calibration_to_toml": "calibration",
+    "identify": "noise",
+    "load_calibration": "calibration",
+    "load_imu": "spec",
+    "nearest_preset": "noise",
+    "to_toml": "spec",
+    "white_noise": "noise",
+}
+
+__all__ = [
+    "PRESETS",
+    "ImuErrors",
+    "ImuSpec",
+    "InitialSpec",
+    "SensorSpec",
+    "calibration_to_toml",
+    "correct",
+    "corrupt",
+    "draw_errors",
+    "identify",
+    "load_calibration",
+    "load_imu",
+    "nearest_preset",
+    "sample_intervals",
+    "to_toml",
+    "white_noise",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_LAZY[name]}"), name)

@@ -1,0 +1,140 @@
+"""The calibration file (``calibration.toml``): known errors of one IMU, measured = matrix @ true + bias.
+
+name = "bench IMU 7"          # optional, as are date and temperature_c
+date = 2025-03-14
+temperature_c = 24.5
+
+[gyro]
+bias = ["12 deg/h", "-3 deg/h", "0.5 deg/h"]
+matrix = [[1.001, 0.0002, 0.0], [0.0, 0.9995, 0.0001], [0.0, 0.0, 1.0003]]
+
+[accel]
+bias = ["1.2 mg", "-0.4 mg", "3 mg"]
+matrix = [[1.0005, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.999]]
+"""
+
+from __future__ import annotations
+
+import datetime
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tomli_w
+from pydantic import PlainValidator
+from pydantic_core import PydanticCustomError
+
+from insnav.exceptions import ConfigError
+from insnav.imu.config import Axes, Table, axes, read_toml, validate
+from insnav.imu.model import ImuErrors
+
+Matrix = tuple[Axes, Axes, Axes]
+_IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def _number(value: object) -> float:
+    try:
+        number = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise PydanticCustomError("wrong_value", "must be finite numbers without quotes")
+    return number
+
+
+def _matrix(value: object) -> Matrix:
+    rows = value if isinstance(value, list) else []
+    if len(rows) != 3 or any(not isinstance(row, list) or len(row) != 3 for row in rows):
+        raise PydanticCustomError("wrong_value", "must be three rows of three numbers, [[…], […], […]]")
+    (a, b, c), (d, e, f), (g, h, i) = ([_number(item) for item in row] for row in rows)
+    return (a, b, c), (d, e, f), (g, h, i)
+
+
+def _date(value: object) -> str:
+    if isinstance(value, str | datetime.date | datetime.datetime):
+        return str(value)
+    raise PydanticCustomError("wrong_value", "must be a date, like 2025-03-14")
+
+
+class _Gyro(Table):
+    bias: Annotated[Axes, axes("rate", signed=True)] = (0.0, 0.0, 0.0)
+    matrix: Annotated[Matrix, PlainValidator(_matrix)] = _IDENTITY
+
+
+class _Accel(Table):
+    bias: Annotated[Axes, axes("acceleration", signed=True)] = (0.0, 0.0, 0.0)
+    matrix: Annotated[Matrix, PlainValidator(_matrix)] = _IDENTITY
+
+
+class _CalibrationFile(Table):
+    name: str = ""
+    date: Annotated[str, PlainValidator(_date)] = ""
+    temperature_c: Annotated[float | None, PlainValidator(_number)] = None
+    gyro: _Gyro | None = None
+    accel: _Accel | None = None
+
+
+def load_calibration(path: str | Path) -> ImuErrors:
+    """Read the known errors of an IMU.
+
+    Parameters
+    ----------
+    path : str or Path
+        Calibration file.
+
+    Returns
+    -------
+    ImuErrors
+        For `insnav.imu.correct`. A table or key that is absent means no error there.
+
+    Raises
+    ------
+    ConfigError
+        No such file, no TOML, wrong keys or values (all at once), or a matrix that cannot be inverted.
+    """
+    path = Path(path)
+    file = validate(_CalibrationFile, read_toml(path), str(path))
+    if file.gyro is None and file.accel is None:
+        raise ConfigError(
+            "the file holds no calibration",
+            where=str(path),
+            fix="it needs a table [gyro] or [accel], or both",
+        )
+    gyro, accel = file.gyro or _Gyro(), file.accel or _Accel()
+    try:
+        return ImuErrors(
+            gyro_bias=np.array(gyro.bias),
+            gyro_matrix=np.array(gyro.matrix),
+            accel_bias=np.array(accel.bias),
+            accel_matrix=np.array(accel.matrix),
+            name=file.name,
+            date=file.date,
+            temperature=file.temperature_c,
+        )
+    except ConfigError as error:
+        raise ConfigError(error.what, where=f"{path}: {error.where}", why=error.why, fix=error.fix) from None
+
+
+def calibration_to_toml(errors: ImuErrors) -> str:
+    """Write a calibration file.
+
+    Parameters
+    ----------
+    errors : ImuErrors
+        What to write.
+
+    Returns
+    -------
+    str
+        Text that `load_calibration` reads back to exactly the same values.
+    """
+    content: dict[str, Any] = {"name": errors.name, "date": errors.date, "temperature_c": errors.temperature}
+    content = {key: value for key, value in content.items() if value not in ("", None)}
+    for name, unit, bias, matrix in (
+        ("gyro", "rad/s", errors.gyro_bias, errors.gyro_matrix),
+        ("accel", "m/s^2", errors.accel_bias, errors.accel_matrix),
+    ):
+        # SI units and the shortest text that is exact: a calibration must not change by being written
+        content[name] = {"bias": [f"{float(item)!r} {unit}" for item in bias], "matrix": matrix.tolist()}
+    return tomli_w.dumps(content)
