@@ -1,0 +1,62 @@
+"""Files that are not text: told by their first bytes and named, so that nobody has to guess."""
+
+from __future__ import annotations
+
+# first bytes -> what it is, and what to do about it
+_MAGIC: tuple[tuple[bytes, str, str], ...] = (
+    (b"\x89PNG", "a PNG picture", ""),
+    (b"\xff\xd8\xff", "a JPEG picture", ""),
+    (b"GIF8", "a GIF picture", ""),
+    (b"%PDF", "a PDF document", ""),
+    (b"\x7fELF", "a program (ELF)", ""),
+    (b"MZ\x90", "a Windows program", ""),
+    (b"PK\x03\x04", "a ZIP archive (also .xlsx, .npz)", "unpack it, or save the sheet as CSV"),
+    (b"Rar!", "a RAR archive", "unpack it"),
+    (b"7z\xbc\xaf\x27\x1c", "a 7z archive", "unpack it"),
+    (b"\x28\xb5\x2f\xfd", "zstd-compressed data", "unpack it with `zstd -d`"),
+    (b"\xfd7zXZ", "xz-compressed data", "unpack it with `xz -d`"),
+    (b"BZh", "bzip2-compressed data", "unpack it with `bzip2 -d`"),
+    (b"\x1f\x8b", "gzip-compressed data within gzip", "unpack it with `gzip -d`"),
+    (b"\x89HDF\r\n\x1a\n", "an HDF5 file (also MATLAB 7.3 .mat)", "export the columns as CSV"),
+    (b"MATLAB 5.0", "a MATLAB .mat file", "export the columns with writetable"),
+    (b"PAR1", "a parquet file", "give it the ending .parquet"),
+    (b"ARROW1", "an Arrow / Feather file", "save it as parquet or CSV"),
+    (b"\x93NUMPY", "a NumPy .npy array", "save it as CSV with a header"),
+    (b"\x80\x04\x95", "a Python pickle", "save it as CSV; pickles are never opened"),
+    (b"SQLite format 3", "an SQLite database", "export the table as CSV"),
+    (b"#ROSBAG", "a ROS bag", "export the topics as CSV"),
+    (b"\x89MCAP", "an MCAP log", "export the topics as CSV"),
+    (b"ULog\x01\x12\x35", "a PX4 ULog", "convert it with ulog2csv"),
+    (b"\xa3\x95", "an ArduPilot dataflash log", "convert it with mavlogdump.py --format csv"),
+    (b"\xb5\x62", "a u-blox UBX log", "convert it to CSV first"),
+    (b"\xd3\x00", "an RTCM 3 stream", "solve it first, e.g. with RTKLIB, and save the positions as CSV"),
+    (b"\xaa\x44\x12", "a NovAtel OEM log", "convert it to CSV first"),
+    (b"\xaa\x44\x13", "a NovAtel OEM log", "convert it to CSV first"),
+    (b"$@", "a Septentrio SBF log", "convert it to CSV first"),
+    (b"$GP", "an NMEA log", "convert it to CSV first"),
+    (b"$GN", "an NMEA log", "convert it to CSV first"),
+    (b"<", "XML or HTML (also GPX, KML)", "convert it to CSV first"),
+    (b"{", "JSON", "convert it to CSV first"),
+)
+_CONTROL = bytes(set(range(32)) - {9, 10, 11, 12, 13, 26, 27}) + b"\x7f"
+
+
+def name_binary(head: bytes) -> tuple[str, str] | None:
+    """Name a file that is not a table of text.
+
+    Parameters
+    ----------
+    head : bytes
+        Its first kilobytes.
+
+    Returns
+    -------
+    tuple of str, or None
+        What it is and what to do about it; None if it may be a table.
+    """
+    for magic, what, fix in _MAGIC:
+        if head.startswith(magic):
+            return what, fix or "give a table: .csv, .csv.gz, .txt or .parquet"
+    if len(head.translate(None, delete=_CONTROL)) < 0.95 * len(head):
+        return "binary data of a kind not known here", "give a table: .csv, .csv.gz, .txt or .parquet"
+    return None

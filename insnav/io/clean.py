@@ -1,0 +1,310 @@
+"""Rows put in order: what cannot be used is taken out, and every such thing becomes a counted event."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.types import BoolArray, Event, EventKind, FloatArray, IntArray
+
+MAX_UNSORTED = 0.01  # fraction of rows that may be out of order
+_RESET_ROWS = 5  # so many rows at the end, all before what came earlier, are a clock that was set back
+_MAX_SHARED = 0.1  # fraction of rows that may differ and yet share their time with another one
+_MIN_INTERVAL = 1e-9  # shorter ones count as none [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Kinds:
+    """How the events of one kind of file are called.
+
+    Attributes
+    ----------
+    rows : str
+        Word for a row, in the plural.
+    nan, unsorted, duplicate, cut_row : EventKind
+        Names of the events.
+    gap : EventKind or None
+        Name of a gap; None if gaps are no event.
+    gap_rows : int
+        More rows missing than this make a gap.
+    min_rows : int
+        Fewer are no data.
+    """
+
+    rows: str
+    nan: EventKind
+    unsorted: EventKind
+    duplicate: EventKind
+    cut_row: EventKind
+    gap: EventKind | None
+    gap_rows: int
+    min_rows: int
+
+
+K = EventKind
+IMU_KINDS = Kinds("samples", K.IMU_NAN, K.IMU_UNSORTED, K.IMU_DUPLICATE, K.IMU_CUT_ROW, K.IMU_GAP, 5, 3)
+GPS_KINDS = Kinds("fixes", K.GPS_NAN, K.GPS_UNSORTED, K.GPS_DUPLICATE, K.GPS_CUT_ROW, K.GPS_GAP, 2, 3)
+REFERENCE_KINDS = Kinds("rows", K.REF_NAN, K.REF_UNSORTED, K.REF_DUPLICATE, K.REF_CUT_ROW, None, 0, 2)
+
+
+@dataclass(frozen=True, slots=True)
+class Cleaned:
+    """Rows in order of time.
+
+    Attributes
+    ----------
+    columns : dict of str to (n,) array
+        The columns, with ``time`` strictly increasing.
+    events : tuple of Event
+        What was done, in order of time.
+    n_gaps : int
+        Number of gaps.
+    longest_gap : float
+        Longest of them [s].
+    interval : float
+        Median interval [s].
+    notes : tuple of str
+        What to tell the user.
+    """
+
+    columns: dict[str, FloatArray]
+    events: tuple[Event, ...]
+    n_gaps: int
+    longest_gap: float
+    interval: float
+    notes: tuple[str, ...]
+
+
+def clean(
+    columns: Mapping[str, FloatArray],
+    bad: BoolArray,
+    kinds: Kinds,
+    *,
+    place: Callable[[int], str],
+    name: str,
+    bad_action: str,
+) -> Cleaned:
+    """Put rows in order and leave out those that cannot be used.
+
+    Parameters
+    ----------
+    columns : mapping of str to (n,) array
+        With ``time`` [s]; as read.
+    bad : (n,) bool array
+        Rows to leave out.
+    kinds : Kinds
+        What sort of file it is.
+    place : callable
+        From the number of a row to ``file:line``.
+    name : str
+        The file.
+    bad_action : str
+        What is said of bad rows.
+
+    Raises
+    ------
+    InputError
+        Too few rows, too many out of order, or a clock that was set back.
+    """
+    n = len(columns["time"])
+    if n < kinds.min_rows:
+        raise _too_few(n, n, kinds, name)
+    events: list[Event] = []
+    notes: list[str] = []
+    kept = dict(columns)
+    if bad.any():
+        events += _run_events(kept["time"], bad, kinds, bad_action)
+        good = ~bad
+        kept = {key: column[good] for key, column in kept.items()}
+        if len(kept["time"]) < kinds.min_rows:
+            raise _too_few(len(kept["time"]), n, kinds, name)
+    dt = np.diff(kept["time"])
+    if dt.min() <= _MIN_INTERVAL:
+        rows = np.flatnonzero(~bad)
+        kept["time"], note = _unwrapped(kept["time"])
+        notes += note
+        kept, more = _ordered(kept, rows, kinds, place)
+        events += more
+        if len(kept["time"]) < kinds.min_rows:
+            raise _too_few(len(kept["time"]), n, kinds, name)
+        dt = np.diff(kept["time"])
+    time = kept["time"]
+    interval = float(np.median(dt))
+    gaps = np.flatnonzero(dt > (kinds.gap_rows + 1.5) * interval)
+    if kinds.gap is not None:
+        events += [
+            Event(
+                float(time[i]),
+                kinds.gap,
+                float(dt[i]),
+                interval,
+                "s",
+                f"about {round(dt[i] / interval) - 1} {kinds.rows} are missing; nothing was filled in",
+            )
+            for i in gaps
+        ]
+        short = int(np.count_nonzero(dt > 1.5 * interval)) - len(gaps)
+        if short:
+            notes.append(f"{short} short gaps of at most {kinds.gap_rows} missing {kinds.rows}")
+    events.sort(key=lambda event: event.time)
+    longest = float(dt[gaps].max()) if len(gaps) else 0.0
+    return Cleaned(kept, tuple(events), len(gaps), longest, interval, tuple(notes))
+
+
+def cut_event(kinds: Kinds, time: float, why: str) -> Event:
+    """Event for a last row that was left out.
+
+    Parameters
+    ----------
+    kinds : Kinds
+        What sort of file it is.
+    time : float
+        Time of the row before it [s].
+    why : str
+        What was seen.
+    """
+    return Event(time, kinds.cut_row, 1.0, float("nan"), "rows", f"the last row was left out: {why}")
+
+
+def runs(mask: BoolArray) -> list[tuple[int, int]]:
+    """First index and length of every run of True.
+
+    Parameters
+    ----------
+    mask : (n,) bool array
+        What to look through.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
+    return [(int(a), int(b - a)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _too_few(used: int, read: int, kinds: Kinds, name: str) -> InputError:
+    why = f"there are {read} rows" if used == read else f"of {read} rows only {used} can be used"
+    return InputError(
+        f"the file has too few {kinds.rows}",
+        where=name,
+        why=f"{why}; at least {kinds.min_rows} are needed",
+        fix="give a longer recording, or check that the right columns were read",
+    )
+
+
+def _run_events(time: FloatArray, bad: BoolArray, kinds: Kinds, action: str) -> list[Event]:
+    """One event for each run of bad rows, at the first of them whose time is known."""
+    known = np.flatnonzero(np.isfinite(time))
+    if not len(known):
+        return []
+    events = []
+    for first, length in runs(bad):
+        at = known[min(int(np.searchsorted(known, first)), len(known) - 1)]
+        text = f"{length} {kinds.rows} left out: {action}"
+        events.append(Event(float(time[at]), kinds.nan, float(length), float("nan"), "rows", text))
+    return events
+
+
+def _unwrapped(time: FloatArray) -> tuple[FloatArray, list[str]]:
+    """Time without the jumps back at the end of a week or of a day."""
+    for period, word in ((604800.0, "week"), (86400.0, "day")):
+        if time.min() < 0.0 or time.max() > period:
+            continue
+        dt = np.diff(time)
+        step = np.flatnonzero(np.abs(dt + period) < 60.0)
+        if len(step) and not (np.delete(dt, step) < -60.0).any():
+            steps = np.zeros(len(time))
+            steps[step + 1] = period
+            note = f"the time starts anew {len(step)} times (end of the {word}): {period:.0f} s were added"
+            return time + np.cumsum(steps), [note]
+    return time, []
+
+
+def _ordered(
+    columns: dict[str, FloatArray], rows: IntArray, kinds: Kinds, place: Callable[[int], str]
+) -> tuple[dict[str, FloatArray], list[Event]]:
+    """Sort by time and drop rows of equal time."""
+    time = columns["time"]
+    events: list[Event] = []
+    latest = np.maximum.accumulate(time)
+    late = time < latest
+    n_late = int(np.count_nonzero(late))
+    if n_late:
+        _refuse_disorder(time, late, n_late, rows, place)
+        at = int(np.flatnonzero(late)[0])
+        worst = float((latest - time).max())
+        events.append(
+            Event(
+                float(time[at]),
+                kinds.unsorted,
+                float(n_late),
+                _tolerated(len(time)),
+                "rows",
+                f"{n_late} {kinds.rows} were out of order by up to {worst:.3g} s: sorted by time",
+            )
+        )
+        order = np.argsort(time, kind="stable")
+        columns = {key: column[order] for key, column in columns.items()}
+        time = columns["time"]
+    again = np.concatenate(([False], np.diff(time) <= _MIN_INTERVAL))
+    if again.any():
+        same = again.copy()
+        for column in (column for key, column in columns.items() if key != "time"):
+            equal = (column[1:] == column[:-1]) | (np.isnan(column[1:]) & np.isnan(column[:-1]))
+            same[1:] &= equal
+        differing = int(np.count_nonzero(again & ~same))
+        if differing > _MAX_SHARED * len(time):
+            raise InputError(
+                "the time column is too coarse",
+                where=place(int(rows[np.flatnonzero(again & ~same)[0]])),
+                why=f"{differing} of {len(time)} {kinds.rows} have the time of the one before them",
+                fix="write the time with more digits, or name the right time column: --columns time=HEADER",
+            )
+        for mask, text in (
+            (same, "identical to the one before"),
+            (again & ~same, "at the time of the one before"),
+        ):
+            count = int(np.count_nonzero(mask))
+            if count:
+                at = int(np.flatnonzero(mask)[0])
+                kept = "" if text.startswith("identical") else "; the first of each was kept"
+                events.append(
+                    Event(
+                        float(time[at]),
+                        kinds.duplicate,
+                        float(count),
+                        float("nan"),
+                        "rows",
+                        f"{count} {kinds.rows} {text}: left out{kept}",
+                    )
+                )
+        columns = {key: column[~again] for key, column in columns.items()}
+    return columns, events
+
+
+def _tolerated(n: int) -> float:
+    """Count the rows that may be out of order."""
+    return max(1.0, MAX_UNSORTED * n)
+
+
+def _refuse_disorder(
+    time: FloatArray, late: BoolArray, n_late: int, rows: IntArray, place: Callable[[int], str]
+) -> None:
+    """Refuse a clock that was set back, and a file in disorder."""
+    back = np.flatnonzero(np.diff(time) < 0.0) + 1
+    worst = int(back[np.argmin(time[back] - time[back - 1])])
+    tail = bool(late[worst:].all())
+    tolerated = _tolerated(len(time))
+    if (tail and len(time) - worst >= _RESET_ROWS) or (n_late > tolerated >= len(back)):
+        raise InputError(
+            "the time jumps back",
+            where=place(int(rows[worst])),
+            why=f"from {time[worst - 1]:.9g} s to {time[worst]:.9g} s, and goes on from there",
+            fix="if the clock was set back, split the file there; mend the line before if its time is wrong",
+        )
+    if n_late > tolerated:
+        raise InputError(
+            "the rows are out of order",
+            where=place(int(rows[back[0]])),
+            why=f"{n_late} of {len(time)} rows are earlier than one before; {MAX_UNSORTED:.0%} is tolerated",
+            fix="sort the file by time, or check that the time column is the right one",
+        )

@@ -1,0 +1,103 @@
+"""Whether two recordings belong together in time, and what is wrong with their clocks if not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.types import GpsData, ImuData
+
+WEEK = 604800.0
+DAY = 86400.0
+GPS_EPOCH = 315964800.0  # 6 January 1980 in Unix time [s]
+LEAP = 18.0  # GPS minus UTC since 2017 [s]
+_MAX_OFFSET = 4e9  # between clocks that count seconds [s]
+_MIN_SHARE = 0.5  # of the shorter recording that a likely offset makes overlap
+
+
+def check_overlap(imu: ImuData, gps: GpsData) -> None:
+    """Refuse recordings that have no time in common.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Samples.
+    gps : GpsData
+        Fixes.
+
+    Raises
+    ------
+    InputError
+        No fix lies within the samples; names the likely offset of the clocks.
+    """
+    first, last = float(imu.time[0]), float(imu.time[-1])
+    if np.any((gps.time >= first) & (gps.time <= last)):
+        return
+    spans = (first, last), (float(gps.time[0]), float(gps.time[-1]))
+    guess = likely_offset(*spans)
+    if guess:
+        fix = f"bring both to one clock: {guess}"
+    elif min(abs(first), abs(spans[1][0])) < DAY and abs(first - spans[1][0]) > 1.0:
+        fix = (
+            f"one clock seems to start anew with the recording; if both started together, "
+            f"add {spans[1][0] - first:+.3f} s to the IMU times"
+        )
+    else:
+        fix = "check that both files are of the same recording and in the same time"
+    raise InputError(
+        "IMU and GPS have no time in common",
+        why=f"IMU from {first:.3f} to {last:.3f} s, GPS from {spans[1][0]:.3f} to {spans[1][1]:.3f} s",
+        fix=fix,
+    )
+
+
+def likely_offset(imu: tuple[float, float], gps: tuple[float, float]) -> str:
+    """Say which well-known offset or scale makes two spans of time overlap; empty if none does.
+
+    Parameters
+    ----------
+    imu, gps : tuple of float
+        First and last time [s].
+    """
+    difference = 0.5 * (sum(gps) - sum(imu))
+    if _share(imu, gps, LEAP) or _share(imu, gps, -LEAP):
+        sign = LEAP if _share(imu, gps, LEAP) else -LEAP
+        return f"add {sign:+.0f} s to the IMU times: GPS time is ahead of UTC by {LEAP:.0f} s"
+    for factor, unit in ((1e-3, "milliseconds"), (1e-6, "microseconds"), (1e-9, "nanoseconds")):
+        if _same_span((imu[0] * factor, imu[1] * factor), gps):
+            return f"the IMU times look like {unit}: put the unit into the header"
+        if _same_span(imu, (gps[0] * factor, gps[1] * factor)):
+            return f"the GPS times look like {unit}: put the unit into the header"
+    if abs(difference) > _MAX_OFFSET:
+        return ""
+    for base, why in (
+        (GPS_EPOCH - LEAP, "the GPS times look like Unix time, the IMU times like GPS time"),
+        (LEAP - GPS_EPOCH, "the IMU times look like Unix time, the GPS times like GPS time"),
+    ):
+        # Within a week of the epoch's offset itself, or whole weeks later for seconds of the week.
+        if abs(difference) > 0.9 * GPS_EPOCH and np.sign(difference) == np.sign(base):
+            weeks = round((difference - base) / WEEK)
+            offset = base + weeks * WEEK
+            if _share(imu, gps, offset):
+                parts = f"epochs, {weeks:+d} weeks, {LEAP:.0f} leap seconds"
+                return f"add {offset:+.0f} s to the IMU times: {why} ({parts})"
+    for period, word in ((WEEK, "weeks"), (DAY, "days")):
+        count = round(difference / period)
+        for leap in (0.0, LEAP, -LEAP):
+            offset = count * period + leap
+            if count and _share(imu, gps, offset):
+                extra = f" and {leap:+.0f} s (UTC against GPS time)" if leap else ""
+                return f"add {offset:+.0f} s to the IMU times: {count:+d} {word}{extra}"
+    return ""
+
+
+def _share(imu: tuple[float, float], gps: tuple[float, float], offset: float) -> bool:
+    """Whether enough of the shorter span overlaps after adding an offset to the IMU's."""
+    common = min(imu[1] + offset, gps[1]) - max(imu[0] + offset, gps[0])
+    return common > 0.0 and common >= _MIN_SHARE * min(imu[1] - imu[0], gps[1] - gps[0])
+
+
+def _same_span(imu: tuple[float, float], gps: tuple[float, float]) -> bool:
+    """Whether two spans overlap and are about as long."""
+    lengths = sorted((imu[1] - imu[0], gps[1] - gps[0]))
+    return _share(imu, gps, 0.0) and lengths[0] > 0.1 * lengths[1]
