@@ -1,0 +1,211 @@
+"""Which alignment the data allow: static or moving start, gyrocompass, course, or a heading that is given."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from insnav.alignment import motion, static
+from insnav.attitude import wrap_two_pi
+from insnav.exceptions import AlignmentError
+from insnav.imu.model import ImuSpec
+from insnav.strapdown import Intervals
+from insnav.types import Alignment, BoolArray, FloatArray, GpsData
+
+GYROCOMPASS_SD = np.deg2rad(5.0)  # gyros that leave the heading less certain do not gyrocompass
+GIVEN_HEADING_SD = np.deg2rad(2.0)  # of a heading that the user gives
+STATIC_SPEED = 0.5  # GPS speed that is still rest [m/s]
+SOON = 10.0  # a rest that begins this soon after the start is the start [s]
+LEVEL_SPAN = 20.0  # length of the level from GPS velocity change [s]
+
+
+def align_static(
+    parts: Intervals,
+    spec: ImuSpec,
+    lat: float,
+    height: float,
+    rest: tuple[float, float],
+    heading: float | None = None,
+) -> Alignment:
+    """Attitude at rest.
+
+    Parameters
+    ----------
+    parts : Intervals
+        Samples.
+    spec : ImuSpec
+        How good the sensors are.
+    lat, height : float
+        Latitude [rad], height [m].
+    rest : tuple of float
+        Start and end of the rest [s].
+    heading : float, optional
+        Given heading [rad]; by default it is found by gyrocompass if the gyros allow it.
+
+    Returns
+    -------
+    Alignment
+        With a heading of zero and an infinite standard deviation where it cannot be found.
+    """
+    at = static.summarize(parts, *rest)
+    roll, pitch = static.level(at.force)
+    compass, compass_sd = static.gyrocompass(at, spec, lat)
+    if heading is not None:
+        heading, heading_sd, method = float(wrap_two_pi(heading)), float(GIVEN_HEADING_SD), "given"
+    elif compass_sd <= GYROCOMPASS_SD:
+        heading, heading_sd, method = compass, compass_sd, "gyrocompass"
+    else:
+        heading, heading_sd, method = 0.0, np.inf, "not found"
+    rph = np.array([roll, pitch, heading])
+    bias, bias_sd = static.gyro_bias(at, spec, rph, heading_sd, lat)
+    if method == "gyrocompass":  # the rates have given the heading and cannot give the bias again
+        bias, bias_sd = np.zeros(3), np.full(3, np.inf)
+    tilt = static.tilt_sd(at, spec, lat, height)
+    return Alignment(rest[0], rph, np.array([*tilt, heading_sd]), bias, bias_sd, rest, "static", method)
+
+
+def align(
+    parts: Intervals,
+    spec: ImuSpec,
+    gps: GpsData,
+    *,
+    static_span: tuple[float, float] | None = None,
+    heading: float | None = None,
+) -> Alignment:
+    """Attitude at the first fix that the samples cover, from whatever the data offer.
+
+    Parameters
+    ----------
+    parts : Intervals
+        Samples.
+    spec : ImuSpec
+        How good the sensors are.
+    gps : GpsData
+        Fixes with standard deviations.
+    static_span : tuple of float, optional
+        A rest the user vouches for [s]; otherwise it is looked for.
+    heading : float, optional
+        Heading the user gives, at the start [rad].
+
+    Returns
+    -------
+    Alignment
+        At the time of a fix.
+
+    Raises
+    ------
+    AlignmentError
+        Nothing in the data determines the heading, or the level.
+    """
+    speed = motion.velocity(gps)
+    begin, stop = parts.end[0] - parts.dt[0], parts.end[-1]
+    covered = (gps.time >= begin) & (gps.time <= stop)
+    if not covered.any():
+        raise AlignmentError("no GPS fix lies inside the IMU record", fix="check the time bases of both files")
+    first_fix = float(gps.time[covered][0])
+    rest = static_span or static.find_rest(parts, _slow(parts, speed))
+    lla = gps.lla[covered][0]
+    if rest is not None and (static_span is not None or rest[0] <= first_fix + SOON):
+        return _from_rest(parts, spec, gps, speed, rest, heading)
+    return _in_motion(parts, spec, speed, first_fix, lla, heading)
+
+
+def _slow(parts: Intervals, speed: motion.Velocity) -> BoolArray | None:
+    """Whether GPS sees no motion, at every interval."""
+    if speed.time.size < 2:
+        return None
+    horizontal = np.hypot(speed.v_n[:, 0], speed.v_n[:, 1])
+    still = (horizontal < np.maximum(STATIC_SPEED, 5.0 * speed.sd)).astype(float)
+    return np.asarray(np.interp(parts.end, speed.time, still) > 0.5)
+
+
+def _from_rest(
+    parts: Intervals,
+    spec: ImuSpec,
+    gps: GpsData,
+    speed: motion.Velocity,
+    rest: tuple[float, float],
+    heading: float | None,
+) -> Alignment:
+    fixes = gps.time[(gps.time >= rest[0]) & (gps.time <= rest[1])]
+    if fixes.size == 0:
+        raise AlignmentError(
+            "no GPS fix falls into the static interval",
+            why=f"static from {rest[0]:.1f} to {rest[1]:.1f} s",
+            fix="give another with --static START:END",
+        )
+    start = float(fixes[0])
+    lat, height = float(gps.lla[0, 0]), float(gps.lla[0, 2])
+    found = replace(align_static(parts, spec, lat, height, rest, heading), time=start)
+    if np.isfinite(found.sd[2]):
+        return found
+    moving = motion.first_motion(speed, start)
+    if moving is None:
+        raise AlignmentError(
+            "the heading cannot be found",
+            why="the gyros are too poor for a gyrocompass and the vehicle never moves faster than "
+            f"{motion.SLOWEST:g} m/s for the course",
+            fix="give it with --heading DEGREES",
+        )
+    end = min(moving + motion.SPAN + 1.0, float(parts.end[-1]))
+    rph = np.array([found.rph[0], found.rph[1], 0.0])
+    track = motion.history(parts, start, end, rph, found.gyro_bias, lat)
+    # the part of the bias sd that is the unknown heading's does not turn the heading
+    drift = float(min(found.gyro_bias_sd[2], np.max(np.hypot(spec.gyro.bias, spec.gyro.bias_instability))))
+    course = motion.course_heading(track, speed, moving, drift, float(found.sd[0]))
+    if course is None:
+        raise AlignmentError("the heading cannot be found", fix="give it with --heading DEGREES")
+    rph[2] = wrap_two_pi(course.heading)
+    at = static.summarize(parts, *rest)
+    bias, bias_sd = static.gyro_bias(at, spec, rph, course.sd, lat)
+    sd = np.array([found.sd[0], found.sd[1], course.sd])
+    return Alignment(start, rph, sd, bias, bias_sd, rest, "static", course.method)
+
+
+def _in_motion(
+    parts: Intervals,
+    spec: ImuSpec,
+    speed: motion.Velocity,
+    start: float,
+    lla: FloatArray,
+    heading: float | None,
+) -> Alignment:
+    moving = motion.first_motion(speed, start)
+    if moving is None:
+        raise AlignmentError(
+            "the IMU cannot be aligned",
+            why=f"no rest was found, and the vehicle never moves faster than {motion.SLOWEST:g} m/s for the course",
+            fix="give a static interval with --static START:END, or an initial state with --initial FILE",
+        )
+    begin = max(start, moving)
+    end = min(begin + LEVEL_SPAN, float(parts.end[-1]) - 0.5, float(speed.time[-1]))
+    found = motion.level_in_motion(parts, begin, end, speed, lla) if end - begin > 5.0 else None
+    if found is None:
+        raise AlignmentError(
+            "the IMU cannot be aligned in motion",
+            why=f"only {end - begin:.1f} s of GPS velocity follow the start",
+            fix="give an initial state with --initial FILE",
+        )
+    rph, acceleration_sd = found
+    bias = float(np.max(np.hypot(spec.accel.bias, spec.accel.bias_instability)))
+    gyro = float(np.max(np.hypot(spec.gyro.bias, spec.gyro.bias_instability)))
+    # gyro bias tilts the frame in which the specific force was averaged
+    tilt = float(np.sqrt((acceleration_sd / 9.8) ** 2 + (bias / 9.8) ** 2 + (0.5 * gyro * (end - begin)) ** 2))
+    near = np.abs(speed.time - begin) <= 2.0
+    v = speed.v_n[near].mean(axis=0)
+    course_sd = float(np.hypot(motion.SLIP_SD, np.median(speed.sd[near]) / max(np.hypot(v[0], v[1]), 1e-9)))
+    method = "GPS course"
+    if heading is not None:
+        rph[2], course_sd, method = wrap_two_pi(heading), GIVEN_HEADING_SD, "given"
+    fix_after = begin
+    return Alignment(
+        fix_after,
+        np.array([rph[0], rph[1], wrap_two_pi(rph[2])]),
+        np.array([tilt, tilt, course_sd]),
+        np.zeros(3),
+        np.full(3, np.inf),
+        None,
+        "change of GPS velocity",
+        method,
+    )

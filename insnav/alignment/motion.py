@@ -1,0 +1,232 @@
+"""Heading from the course over ground, and level from the change of GPS velocity, for a vehicle that moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.attitude import dcm_from_rph, quat_from_dcm, quat_from_rph, rph_from_quat, skew, wrap_pi
+from insnav.earth import earth_rate_n, gravity_n, ned_offset
+from insnav.kernels.alignment import gyro_history
+from insnav.strapdown import Intervals
+from insnav.types import FloatArray, GpsData
+
+SLOWEST = 2.0  # below this the course says nothing [m/s]
+SPAN = 15.0  # how much motion is looked at for a heading [s]
+SLIP_SD = np.deg2rad(3.0)  # of the direction of travel against the body's forward axis
+DIFFERENCE = 2.0  # base of velocities made from positions [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Velocity:
+    """GPS velocity, measured or from successive positions.
+
+    Attributes
+    ----------
+    time : (n,) array
+        [s]
+    v_n : (n, 3) array
+        North, East, Down [m/s].
+    sd : (n,) array
+        Standard deviation of each horizontal component [m/s].
+    """
+
+    time: FloatArray
+    v_n: FloatArray
+    sd: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """Attitude by gyros alone and integrated specific force, at interval ends from a start."""
+
+    time: FloatArray
+    q_nb: FloatArray
+    u_n: FloatArray
+
+    def heading(self, time: FloatArray) -> FloatArray:
+        """Heading at the interval ends nearest to `time` [rad]."""
+        return np.asarray(rph_from_quat(self.q_nb[self._nearest(time)])[..., 2])
+
+    def integral(self, time: FloatArray) -> FloatArray:
+        """Integrated specific force at `time` [m/s], linear between interval ends."""
+        return np.column_stack([np.interp(time, self.time, self.u_n[:, i]) for i in range(3)])
+
+    def _nearest(self, time: FloatArray) -> FloatArray:
+        return np.clip(np.searchsorted(self.time, time), 0, self.time.shape[0] - 1)
+
+
+def velocity(gps: GpsData) -> Velocity:
+    """Velocity from the receiver where it is given at most epochs, else from positions a few seconds apart."""
+    known = np.isfinite(gps.v_n).all(axis=1)
+    if known.mean() > 0.5:
+        return Velocity(gps.time[known], gps.v_n[known], gps.velocity_sd[known, :2].max(axis=1))
+    ahead = np.searchsorted(gps.time, gps.time + DIFFERENCE - 1e-3)
+    i = np.flatnonzero(ahead < gps.time.shape[0])
+    j = ahead[i]
+    base = gps.time[j] - gps.time[i]
+    near = base < 2.0 * DIFFERENCE
+    i, j, base = i[near], j[near], base[near]
+    moved = ned_offset(gps.lla[j], gps.lla[i]) / base[:, None]
+    sd = np.hypot(gps.position_sd[i, :2].max(axis=1), gps.position_sd[j, :2].max(axis=1)) / base
+    return Velocity(0.5 * (gps.time[i] + gps.time[j]), moved, sd)
+
+
+def history(parts: Intervals, start: float, end: float, rph: FloatArray, bias: FloatArray, lat: float) -> History:
+    """Integrate gyros and specific force from `rph` at `start` to `end`."""
+    first, last = np.searchsorted(parts.end, [start + 1e-6, end], side="right")
+    dt = parts.dt[first:last]
+    scale = dt[:, None] if parts.instant else 1.0
+    dtheta = parts.gyro[first:last] * scale - bias * dt[:, None]
+    n = dt.shape[0]
+    q, u = np.empty((n + 1, 4)), np.empty((n + 1, 3))
+    gyro_history(quat_from_rph(rph), earth_rate_n(lat), dt, dtheta, parts.accel[first:last] * scale, q, u)
+    return History(np.concatenate([[parts.end[first] - dt[0]], parts.end[first:last]]), q, u)
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """Heading at the start of a history, found from motion.
+
+    Attributes
+    ----------
+    heading, sd : float
+        [rad]
+    method : str
+        In words.
+    """
+
+    heading: float
+    sd: float
+    method: str
+
+
+def first_motion(speed: Velocity, start: float) -> float | None:
+    """Time at which the vehicle is first surely moving, at two successive epochs [s]."""
+    fast = np.hypot(speed.v_n[:, 0], speed.v_n[:, 1]) > np.maximum(SLOWEST, 5.0 * speed.sd)
+    fast &= speed.time >= start
+    both = np.flatnonzero(fast[:-1] & fast[1:])
+    return float(speed.time[both[0]]) if both.size else None
+
+
+def course_heading(track: History, speed: Velocity, moving: float, drift_sd: float, tilt: float) -> Course | None:
+    """Heading offset of a history from the direction of travel and from the direction of acceleration.
+
+    The course assumes that the vehicle travels where its forward axis points. The velocity change seen by the
+    accelerometers, compared with that seen by GPS, needs no such assumption but is less precise: it decides between
+    forward and reverse, and takes over where the IMU sits turned in the vehicle.
+
+    Parameters
+    ----------
+    track : History
+        From the start of navigation with heading zero, at least to `moving` + 15 s.
+    speed : Velocity
+        GPS velocity.
+    moving : float
+        From `first_motion` [s].
+    drift_sd : float
+        Standard deviation of the gyro bias [rad/s].
+    tilt : float
+        Standard deviation of the level [rad].
+
+    Returns
+    -------
+    Course or None
+        None if there are too few epochs in motion.
+    """
+    fast = np.hypot(speed.v_n[:, 0], speed.v_n[:, 1]) > np.maximum(SLOWEST, 5.0 * speed.sd)
+    use = fast & (speed.time >= moving) & (speed.time <= min(moving + SPAN, track.time[-1]))
+    if use.sum() < 2:
+        return None
+    time, v, sd = speed.time[use], speed.v_n[use], speed.sd[use]
+    turned = track.heading(time)
+    weight = (v[:, 0] ** 2 + v[:, 1] ** 2) / sd**2
+    angle = np.arctan2(v[:, 1], v[:, 0]) - turned
+    mean = np.arctan2(np.sum(weight * np.sin(angle)), np.sum(weight * np.cos(angle)))
+    scatter = np.sqrt(np.sum(weight * wrap_pi(angle - mean) ** 2) / np.sum(weight))
+    drift = drift_sd * (time.mean() - track.time[0])
+    course_sd = float(np.sqrt(SLIP_SD**2 + 1.0 / weight.sum() + scatter**2 / min(use.sum(), 5) + drift**2))
+
+    window = (speed.time >= max(track.time[0], moving - SPAN)) & (speed.time <= time[-1])
+    t, gps_v = speed.time[window], speed.v_n[window, :2]
+    step = max(1, round(1.0 / max(float(np.median(np.diff(t))), 1e-3))) if t.size > 2 else 1
+    seen = np.diff(gps_v[::step], axis=0)
+    felt = np.diff(track.integral(t[::step])[:, :2], axis=0)
+    strength = float(np.sum(felt**2))
+    agree = np.arctan2(
+        np.sum(felt[:, 0] * seen[:, 1] - felt[:, 1] * seen[:, 0]),
+        np.sum(felt[:, 0] * seen[:, 0] + felt[:, 1] * seen[:, 1]),
+    )
+    leak = 9.8 * tilt * (t[-1] - t[0]) / np.sqrt(max(seen.shape[0], 1))
+    felt_sd = float(np.sqrt((2.0 * np.median(sd) ** 2 + leak**2) / max(strength, 1e-12)))
+    apart = abs(float(wrap_pi(agree - mean)))
+    if felt_sd < np.deg2rad(20.0) and apart > max(np.deg2rad(40.0), 4.0 * felt_sd):
+        if apart > np.pi - max(np.deg2rad(30.0), 3.0 * felt_sd):
+            return Course(float(wrap_pi(mean + np.pi)), course_sd, "GPS course, vehicle reversing")
+        sd_turned = float(np.hypot(2.0 * felt_sd, drift))
+        return Course(float(agree), sd_turned, "direction of acceleration (the IMU is turned in the vehicle)")
+    return Course(float(mean), course_sd, "GPS course")
+
+
+def level_in_motion(
+    parts: Intervals, start: float, end: float, speed: Velocity, lla: FloatArray
+) -> tuple[FloatArray, float] | None:
+    """Attitude at `start` of a vehicle in motion: heading from its course, level from GPS velocity change.
+
+    The mean specific force between the two ends, carried to the navigation frame by the gyros, must be the mean
+    acceleration of GPS minus gravity (compare Wu and Pan, "Velocity/position integration formula part I: application
+    to in-flight coarse alignment", IEEE Trans. AES 49 (2013) 1006-1023, eq. 12).
+
+    Parameters
+    ----------
+    parts : Intervals
+        Samples.
+    start, end : float
+        Time span to use [s].
+    speed : Velocity
+        GPS velocity.
+    lla : (3,) array
+        Position.
+
+    Returns
+    -------
+    rph : (3,) array
+        Roll, pitch, heading [rad].
+    acceleration_sd : float
+        Standard deviation of the mean acceleration that was used [m/s^2].
+    """
+    near = max(1.5, 1.5 * float(np.median(np.diff(speed.time[:50]))))
+    first = np.abs(speed.time - start) <= near
+    last = np.abs(speed.time - end) <= near
+    if not first.any() or not last.any():
+        return None
+    t0, v0 = speed.time[first].mean(), speed.v_n[first].mean(axis=0)
+    t1, v1 = speed.time[last].mean(), speed.v_n[last].mean(axis=0)
+    slope = (v1 - v0) / (t1 - t0)
+    heading = float(np.arctan2(v0[1], v0[0]))
+    g = gravity_n(lla[0], lla[2])
+    wanted = slope - g
+    rph = np.array([0.0, 0.0, heading])
+    for _ in range(8):
+        track = history(parts, start, end, rph, np.zeros(3), lla[0])
+        ends = track.integral(np.array([max(t0, track.time[0]), min(t1, track.time[-1])]))
+        mean = (ends[1] - ends[0]) / (t1 - t0)
+        turn = np.cross(mean, wanted)
+        length = float(np.linalg.norm(turn))
+        angle = np.arctan2(length, mean @ wanted)
+        if angle < 1e-7:
+            break
+        axis = turn / length * angle
+        c = _rotation(axis) @ dcm_from_rph(rph)
+        rph = rph_from_quat(quat_from_dcm(c))
+        rph[2] = heading  # the level correction is not to move the heading
+    noise = np.sqrt(np.median(speed.sd[first]) ** 2 / first.sum() + np.median(speed.sd[last]) ** 2 / last.sum())
+    return rph, float(noise / (t1 - t0))
+
+
+def _rotation(axis: FloatArray) -> FloatArray:
+    """Rotation matrix of a rotation vector (Rodrigues)."""
+    angle = float(np.linalg.norm(axis))
+    k = skew(axis / angle)
+    return np.asarray(np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k))

@@ -1,0 +1,169 @@
+"""The vehicle at rest: finding it, levelling, gyrocompassing, gyro bias.
+
+References
+----------
+Groves, "Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems", 2nd ed., 2013, section 5.6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.attitude import dcm_from_rph, wrap_pi, wrap_two_pi
+from insnav.earth import OMEGA_EARTH, earth_rate_n, gravity_n
+from insnav.imu.model import ImuSpec
+from insnav.strapdown import Intervals
+from insnav.types import BoolArray, FloatArray
+
+WINDOW = 0.5  # length of the windows that are judged [s]
+SHORTEST = 3.0  # shortest rest worth using [s]
+QUIET_FACTOR = 4.0  # without GPS, a window is quiet up to this many times the quietest tenth of the record
+LOUD_ACCEL, LOUD_GYRO = 1.0, 0.15  # never quiet above, even with an engine running: sd [m/s^2], [rad/s]
+TURNING = 0.01  # mean rate against the median of the quiet windows that is a turn [rad/s]
+PUSHED = 0.2  # change of mean specific force from window to window that is a motion [m/s^2]
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """Means over a stretch at rest.
+
+    Attributes
+    ----------
+    start, end : float
+        The stretch [s].
+    rate, force : (3,) array
+        Mean angular rate [rad/s] and specific force [m/s^2] in body axes.
+    rate_sd, force_sd : (3,) array
+        Standard deviation of these means, from the scatter of the means of ten parts.
+    """
+
+    start: float
+    end: float
+    rate: FloatArray
+    force: FloatArray
+    rate_sd: FloatArray
+    force_sd: FloatArray
+
+
+def rates(parts: Intervals) -> tuple[FloatArray, FloatArray]:
+    """Angular rate and specific force of each interval, (n, 3) each."""
+    if parts.instant:
+        return parts.gyro, parts.accel
+    return parts.gyro / parts.dt[:, None], parts.accel / parts.dt[:, None]
+
+
+def summarize(parts: Intervals, start: float, end: float) -> Rest:
+    """Means over the intervals that end in (start, end]."""
+    rate, force = rates(parts)
+    first, last = np.searchsorted(parts.end, [start, end], side="right")
+    rate, force = rate[first:last], force[first:last]
+    n = max(2, min(10, rate.shape[0]))
+
+    def scatter(values: FloatArray) -> FloatArray:
+        parts_mean = np.array([chunk.mean(axis=0) for chunk in np.array_split(values, n)])
+        return np.asarray(parts_mean.std(axis=0, ddof=1) / np.sqrt(n))
+
+    return Rest(start, end, rate.mean(axis=0), force.mean(axis=0), scatter(rate), scatter(force))
+
+
+def find_rest(parts: Intervals, slow: BoolArray | None = None) -> tuple[float, float] | None:
+    """First stretch at rest.
+
+    Windows of half a second count as rest where the mean rate is that of the other quiet windows, the mean specific
+    force does not change, and `slow` does not object. Without `slow`, specific force and rate must also scatter no
+    more than a few times the quietest tenth of the record; with it an idling engine does no harm.
+
+    Parameters
+    ----------
+    parts : Intervals
+        Samples.
+    slow : (n,) bool array, optional
+        False where another sensor has seen motion.
+
+    Returns
+    -------
+    tuple of float or None
+        Start and end [s].
+    """
+    rate, force = rates(parts)
+    size = max(4, round(WINDOW / float(np.median(parts.dt[1:]))))
+    n = rate.shape[0] // size
+    if n < 2:
+        return None
+    rate, force = (v[: n * size].reshape(n, size, 3) for v in (rate, force))
+    loud_f = np.linalg.norm(force.std(axis=1), axis=1)
+    loud_w = np.linalg.norm(rate.std(axis=1), axis=1)
+    mean_w = rate.mean(axis=1)
+    quiet = (loud_f < LOUD_ACCEL) & (loud_w < LOUD_GYRO)
+    if slow is not None:
+        quiet &= slow[: n * size].reshape(n, size).all(axis=1)
+    if not quiet.any():
+        return None
+    if slow is None:
+        quiet &= loud_f <= QUIET_FACTOR * np.quantile(loud_f[quiet], 0.1) + 0.01
+        quiet &= loud_w <= QUIET_FACTOR * np.quantile(loud_w[quiet], 0.1) + 1e-4
+    quiet &= (np.abs(mean_w - np.median(mean_w[quiet], axis=0)) < TURNING).all(axis=1)
+    change = np.linalg.norm(np.diff(force.mean(axis=1), axis=0), axis=1) > PUSHED
+    quiet[1:] &= ~change
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(np.int8), [0]])))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        start = float(parts.end[begin * size] - parts.dt[begin * size])
+        stop = float(parts.end[end * size - 1])
+        if stop - start >= SHORTEST:
+            # the last window may already hold the start of the motion
+            return start, stop - (WINDOW if end < n else 0.0)
+    return None
+
+
+def level(force: FloatArray) -> tuple[float, float]:
+    """Roll and pitch [rad] of a body at rest from its specific force, (3,) (Groves 2013, eq. 5.101)."""
+    x, y, z = force
+    return float(np.arctan2(-y, -z)), float(np.arctan2(x, np.hypot(y, z)))
+
+
+def tilt_sd(rest: Rest, spec: ImuSpec, lat: float, height: float) -> FloatArray:
+    """Standard deviation of the level about North and East [rad], for any heading (Groves 2013, eq. 5.106)."""
+    g = gravity_n(lat, height)[2]
+    bias = np.hypot(spec.accel.bias, spec.accel.bias_instability)
+    worst = float(np.sqrt(np.max(bias**2 + rest.force_sd**2)))
+    # nobody knows the misalignment of the accelerometers better than this
+    return np.full(2, np.hypot(worst / g, 0.2 * float(np.max(spec.accel.misalignment)) + 2e-6))
+
+
+def gyrocompass(rest: Rest, spec: ImuSpec, lat: float) -> tuple[float, float]:
+    """Heading and its standard deviation [rad] from the Earth's rotation (Groves 2013, eq. 5.105, 5.107).
+
+    The standard deviation is infinite at the poles and meaningless above about a radian.
+    """
+    roll, pitch = level(rest.force)
+    w = dcm_from_rph(np.array([roll, pitch, 0.0])) @ rest.rate
+    bias = np.hypot(spec.gyro.bias, spec.gyro.bias_instability)
+    walk = spec.gyro.random_walk**2 / (rest.end - rest.start)
+    sd = float(np.sqrt(np.max(bias**2 + walk + rest.rate_sd**2)))
+    return float(wrap_two_pi(np.arctan2(-w[1], w[0]))), sd / (OMEGA_EARTH * max(np.cos(lat), 1e-9))
+
+
+def latitude_from_sensors(rest: Rest) -> float:
+    """Latitude [rad] from the angle between the Earth's rotation and gravity; its sign comes out of it too."""
+    up = rest.force / np.linalg.norm(rest.force)
+    return float(np.arcsin(np.clip(rest.rate @ up / np.linalg.norm(rest.rate), -1.0, 1.0)))
+
+
+def gyro_bias(
+    rest: Rest, spec: ImuSpec, rph: FloatArray, heading_sd: float, lat: float
+) -> tuple[FloatArray, FloatArray]:
+    """Mean gyro output minus the Earth's rotation, and its standard deviation [rad/s], (3,) each."""
+    earth = earth_rate_n(lat)
+    bias = rest.rate - dcm_from_rph(rph).T @ earth
+    walk = spec.gyro.random_walk**2 / (rest.end - rest.start)
+    # an unknown heading leaves the horizontal earth rate unknown about both level axes
+    horizontal = OMEGA_EARTH * np.cos(lat) * min(heading_sd, 1.0)
+    sd = np.sqrt(walk + rest.rate_sd**2 + spec.gyro.bias_instability**2 + np.array([1.0, 1.0, 0.05]) * horizontal**2)
+    return bias, sd
+
+
+def heading_difference(a: float, b: float) -> float:
+    """Angle from heading `b` to heading `a`, [-pi, pi) [rad]."""
+    return float(wrap_pi(a - b))
