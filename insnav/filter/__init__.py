@@ -1,0 +1,15 @@
+"""Loosely coupled INS/GPS: error model, gates, the filterpy engine behind its guards, and the resumable loop."""
+
+from insnav.filter.gates import Gates
+from insnav.filter.model import ErrorModel, InitialState, error_model, initial_state
+from insnav.filter.navigator import FilterSettings, Navigator
+
+__all__ = [
+    "ErrorModel",
+    "FilterSettings",
+    "Gates",
+    "InitialState",
+    "Navigator",
+    "error_model",
+    "initial_state",
+]

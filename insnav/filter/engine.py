@@ -1,0 +1,125 @@
+"""filterpy's Kalman filter behind guards.
+
+filterpy takes what it is given: one NaN, one wrong shape or one negative variance spoils everything after it without
+a word. Nothing enters or leaves here unchecked.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+
+from insnav.exceptions import DivergenceError
+from insnav.kernels.measurement import covariance_fault
+from insnav.types import FloatArray
+
+MAX_REPAIRS = 10
+
+
+class Engine:
+    """Closed-loop error-state filter: the state is zero before every update.
+
+    Parameters
+    ----------
+    covariance : (n, n) array
+        Initial covariance.
+    """
+
+    def __init__(self, covariance: FloatArray) -> None:
+        n = covariance.shape[0]
+        self._filter = KalmanFilter(dim_x=n, dim_z=6)
+        self._filter.P = covariance.copy()
+        self._zero = np.zeros((n, 1))
+        self.repairs = 0
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the error state, (n, n); do not change it."""
+        p: FloatArray = self._filter.P
+        return p
+
+    def predict(self, transition: FloatArray, noise: FloatArray, time: float) -> bool:
+        """Carry the covariance to `time`.
+
+        Parameters
+        ----------
+        transition, noise : (n, n) array
+            Accumulated since the last call.
+        time : float
+            For messages [s].
+
+        Returns
+        -------
+        bool
+            A negative variance had to be repaired.
+
+        Raises
+        ------
+        DivergenceError
+            A number that is not finite, or too many repairs.
+        """
+        self._filter.predict(F=transition, Q=noise)
+        return self._check(time)
+
+    def update(self, z: FloatArray, h: FloatArray, r: FloatArray, time: float) -> tuple[FloatArray, bool]:
+        """Use a measurement.
+
+        Parameters
+        ----------
+        z : (m,) array
+            Predicted minus measured.
+        h : (m, n) array
+            Its derivative by the error state.
+        r : (m, m) array
+            Its covariance.
+        time : float
+            For messages [s].
+
+        Returns
+        -------
+        error : (n,) array
+            Estimated error; the caller takes it off the state.
+        repaired : bool
+            A negative variance had to be repaired.
+
+        Raises
+        ------
+        DivergenceError
+            As `predict`; also where the measurement is not finite or its covariance not positive.
+        """
+        if not np.isfinite(z).all() or not np.isfinite(h).all() or not (np.diagonal(r) > 0.0).all():
+            raise DivergenceError(
+                "the filter was offered a measurement that is not finite",
+                where=f"time {time:.3f} s",
+                why=f"innovation {z}, variance {np.diagonal(r)}",
+                fix="check the GPS file around this time",
+            )
+        self._filter.update(z.reshape(-1, 1), R=r, H=h)
+        error: FloatArray = self._filter.x[:, 0].copy()
+        self._filter.x = self._zero.copy()
+        repaired = self._check(time)
+        if not np.isfinite(error).all():
+            raise DivergenceError("the filter's state is not finite", where=f"time {time:.3f} s")
+        return error, repaired
+
+    def replace_covariance(self, covariance: FloatArray) -> None:
+        """Set the covariance, at an explicit reset."""
+        self._filter.P = covariance.copy()
+
+    def _check(self, time: float) -> bool:
+        fault = covariance_fault(self._filter.P)
+        if fault == 0:
+            return False
+        if fault == 1:
+            raise DivergenceError("the filter's covariance is not finite", where=f"time {time:.3f} s")
+        self.repairs += 1
+        if self.repairs > MAX_REPAIRS:
+            raise DivergenceError(
+                "the filter's covariance keeps losing positive variances",
+                where=f"time {time:.3f} s",
+                why=f"{self.repairs} repairs",
+                fix="check the standard deviations of the GPS file and the figures of the IMU file",
+            )
+        values, vectors = np.linalg.eigh(self._filter.P)
+        self._filter.P = (vectors * np.maximum(values, 1e-15 * values[-1])) @ vectors.T
+        return True

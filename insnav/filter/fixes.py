@@ -1,0 +1,135 @@
+"""Fixes without a standard deviation are given one, by a stated rule, from their own scatter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from insnav.earth import ned_offset
+from insnav.types import BoolArray, FloatArray, GpsData
+
+POSITION_FLOOR, VELOCITY_FLOOR = 0.03, 0.05  # smallest standard deviation assumed [m], [m/s]
+WINDOW = 10.0  # scatter is looked at over this long before and after [s]
+DEFAULT_POSITION, DEFAULT_VELOCITY = (1.5, 1.5, 3.0), (0.2, 0.2, 0.3)  # too few fixes to tell
+FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever the receiver claims [m]
+LAG_WORTH = 0.03  # a smaller lag between velocity and position is not corrected [s]
+
+
+def velocity_lag(gps: GpsData) -> tuple[float, float]:
+    """How much older than the positions the velocities are, from the fixes alone.
+
+    Some receivers give, with the position of now, the mean velocity since the fix before. The difference between the
+    velocity and the slope of a spline through the positions is then the lag times the acceleration; a robust straight
+    line through the horizontal components finds it.
+
+    Parameters
+    ----------
+    gps : GpsData
+        Fixes.
+
+    Returns
+    -------
+    lag, sd : float
+        [s]; the standard deviation is infinite where there are too few fixes or no accelerations.
+    """
+    usable = np.isfinite(gps.v_n).all(axis=1)
+    if gps.fix is not None:
+        usable &= gps.fix != 0
+    t = gps.time[usable]
+    if t.shape[0] < 50:
+        return 0.0, np.inf
+    step = np.diff(t)
+    position = CubicSpline(t, ned_offset(gps.lla[usable], gps.lla[usable][0])[:, :2])
+    even = step < 1.5 * np.median(step)
+    inside = np.concatenate([[False, False], even[:-2] & even[1:-1] & even[2:], [False]])[: t.shape[0]]
+    t, v_n = t[inside], gps.v_n[usable][inside, :2]
+    lag, sd = 0.0, np.inf
+    for _ in range(20):
+        # Gauss-Newton on the spline of velocity shifted by the lag found so far
+        a = position(t - lag, 2).ravel()
+        d = (position(t - lag, 1) - v_n).ravel()
+        scale = 1.4826 * float(np.median(np.abs(d))) + 1e-9
+        weight = 1.0 / (1.0 + (d / (3.0 * scale)) ** 2) ** 2
+        power = float(np.sum(weight * a * a))
+        if power < 1.0:
+            return 0.0, np.inf
+        change = float(np.sum(weight * a * d)) / power
+        lag = float(np.clip(lag + change, -1.0, 1.0))
+        sd = scale / np.sqrt(power)
+        if abs(change) < 1e-5:
+            break
+    return lag, sd
+
+
+def _scatter(time: FloatArray, values: FloatArray, floor: float, default: tuple[float, ...]) -> FloatArray:
+    """White noise of a smooth series from its third differences, overall and locally, whichever is larger.
+
+    ``x[i] - 3 x[i+1] + 3 x[i+2] - x[i+3]`` removes any uniformly accelerated motion and has 20 times the variance of
+    the noise; 1.4826 times the median of its magnitude is its standard deviation, outliers or not. Doubled, because
+    the errors of neighbouring fixes are alike and partly cancel in the difference.
+    """
+    n = time.shape[0]
+    good = np.flatnonzero(np.isfinite(values).all(axis=1))
+    if good.size < 20:
+        return np.tile(np.asarray(default), (n, 1))
+    t, x = time[good], values[good]
+    third = np.abs(np.diff(x, n=3, axis=0)) * (2.0 * 1.4826 / np.sqrt(20.0))
+    step = np.diff(t)
+    even = np.max(np.column_stack([step[:-2], step[1:-1], step[2:]]), axis=1) < 1.5 * np.median(step)
+    third, middle = third[even], t[1:-2][even]
+    if third.shape[0] < 20:
+        return np.tile(np.asarray(default), (n, 1))
+    overall: FloatArray = np.median(third, axis=0)
+    begin = np.searchsorted(middle, time - WINDOW)
+    end = np.searchsorted(middle, time + WINDOW)
+    sd = np.empty((n, 3))
+    for i in range(n):
+        few = end[i] - begin[i] < 5
+        sd[i] = overall if few else np.maximum(overall, np.median(third[begin[i] : end[i]], axis=0))
+    return np.maximum(sd, floor)
+
+
+def with_sd(gps: GpsData) -> tuple[GpsData, tuple[str, ...]]:
+    """Fill in missing standard deviations.
+
+    Parameters
+    ----------
+    gps : GpsData
+        Fixes as read.
+
+    Returns
+    -------
+    gps : GpsData
+        With a standard deviation for every value that is given.
+    notes : tuple of str
+        What was assumed, in words.
+    """
+    notes = []
+    position_sd, velocity_sd = gps.position_sd, gps.velocity_sd
+    missing: BoolArray = np.asarray(np.isnan(position_sd).any(axis=1))
+    if missing.any():
+        found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION)
+        position_sd = np.where(missing[:, None], found, position_sd)
+        middle: FloatArray = np.median(position_sd[missing], axis=0)
+        notes.append(
+            f"{missing.sum()} fixes without position sd: from the scatter of successive fixes, median N/E/D "
+            f"{middle[0]:.2f}/{middle[1]:.2f}/{middle[2]:.2f} m (floor {POSITION_FLOOR:g} m)"
+        )
+    if gps.fix is not None:
+        sure = (gps.fix == FLOAT) & (position_sd.max(axis=1) < FLOAT_SD)
+        if sure.any():
+            position_sd = np.where(sure[:, None], np.maximum(position_sd, FLOAT_SD), position_sd)
+            notes.append(f"{sure.sum()} float solutions (fix = {FLOAT}) claim better than {FLOAT_SD:g} m: set to that")
+    given = np.isfinite(gps.v_n).all(axis=1)
+    missing = np.asarray(given & np.isnan(velocity_sd).any(axis=1))
+    if missing.any():
+        found = _scatter(gps.time, gps.v_n, VELOCITY_FLOOR, DEFAULT_VELOCITY)
+        velocity_sd = np.where(missing[:, None], found, velocity_sd)
+        middle = np.median(velocity_sd[missing], axis=0)
+        notes.append(
+            f"{missing.sum()} fixes without velocity sd: from the scatter of successive fixes, median N/E/D "
+            f"{middle[0]:.2f}/{middle[1]:.2f}/{middle[2]:.2f} m/s (floor {VELOCITY_FLOOR:g} m/s)"
+        )
+    return replace(gps, position_sd=position_sd, velocity_sd=velocity_sd), tuple(notes)

@@ -1,0 +1,119 @@
+"""Which fixes the filter believes: quality, physics, statistics, each with its own name in the events.
+
+Statistics alone could be fooled by a covariance that has grown or shrunk wrongly, so the physical gate does not look
+at it. Rejections never widen the covariance; a long unbroken row of them leads to one explicit reset.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import chdtri
+
+from insnav.types import Event, EventKind, FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Gates:
+    """Limits of the gates.
+
+    Attributes
+    ----------
+    max_sd : float
+        A fix that claims a larger position standard deviation is not used [m].
+    max_speed : float
+        Nothing here moves faster [m/s].
+    physical_sd : float
+        Standard deviations of the fix that the physical gates add [-].
+    probability : float
+        Of passing the statistical gate when filter and fix are what they claim [-].
+    small_position, small_velocity : float
+        A smaller innovation is never rejected, only weighted down to what the statistical gate allows [m], [m/s]: at
+        this scale lever arm, time stamps and vibration are to blame as often as the fix.
+    reset_after : float
+        After rejecting every position for this long the filter is reset to the fixes [s].
+    nis_limit : float
+        Limit of the NIS of three numbers that follows from `probability` [-].
+    """
+
+    max_sd: float = 100.0
+    max_speed: float = 400.0
+    physical_sd: float = 5.0
+    probability: float = 0.9999
+    small_position: float = 0.5
+    small_velocity: float = 0.5
+    reset_after: float = 10.0
+
+    nis_limit: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        # of three numbers; kept, because it is asked for at every fix
+        object.__setattr__(self, "nis_limit", float(chdtri(3, 1.0 - self.probability)))
+
+
+REJECTED = "rejected"
+
+
+def quality(gates: Gates, time: float, fix: int | None, position_sd: FloatArray) -> Event | None:
+    """Reject a fix that says itself it is none: type 0, or a standard deviation beyond `Gates.max_sd`."""
+    if fix == 0:
+        return Event(time, EventKind.GATE_QUALITY, 0.0, 1.0, "fix type", REJECTED, "the receiver had no position")
+    worst = float(np.max(position_sd))
+    if worst > gates.max_sd:
+        return Event(time, EventKind.GATE_QUALITY, worst, gates.max_sd, "m", REJECTED, "the receiver's own sd")
+    return None
+
+
+def physical_position(gates: Gates, time: float, distance: float, position_sd: FloatArray, gap: float) -> Event | None:
+    """Reject a position farther from the predicted one than anything can have moved since the last good fix."""
+    limit = gates.max_speed * gap + gates.physical_sd * float(np.max(position_sd))
+    if distance <= limit:
+        return None
+    return Event(time, EventKind.GATE_PHYSICAL_POSITION, distance, limit, "m", REJECTED, "no vehicle moves this fast")
+
+
+def physical_velocity(gates: Gates, time: float, v_n: FloatArray) -> Event | None:
+    """Reject a velocity beyond `Gates.max_speed`."""
+    speed = float(np.linalg.norm(v_n))
+    if speed <= gates.max_speed:
+        return None
+    return Event(
+        time,
+        EventKind.GATE_PHYSICAL_VELOCITY,
+        speed,
+        gates.max_speed,
+        "m/s",
+        REJECTED,
+        "no vehicle moves this fast",
+    )
+
+
+def statistical(
+    gates: Gates, time: float, kinds: tuple[EventKind, EventKind], nis: float, size: float, small: float
+) -> Event | None:
+    """Reject what filter and fix together call improbable, or weight it down where it is `small` anyway.
+
+    Parameters
+    ----------
+    gates : Gates
+        Limits.
+    time : float
+        [s]
+    kinds : tuple of EventKind
+        Names of a rejection and of a down-weighting.
+    nis : float
+        Normalised innovation squared [-].
+    size, small : float
+        Length of the innovation and the length up to which it is kept, in the same unit.
+
+    Returns
+    -------
+    Event or None
+        None if there is nothing to object to.
+    """
+    if nis <= gates.nis_limit:
+        return None
+    if size <= small:
+        return Event(time, kinds[1], nis, gates.nis_limit, "NIS (3 dof)", "weighted down", "see innovations.csv")
+    return Event(time, kinds[0], nis, gates.nis_limit, "NIS (3 dof)", REJECTED, "see innovations.csv")

@@ -1,0 +1,149 @@
+"""From the IMU's figures and an alignment to the filter's noise, correlation times and initial covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.attitude import dcm_from_rph
+from insnav.earth import OMEGA_EARTH, gravity_n
+from insnav.imu.model import ImuSpec, SensorSpec
+from insnav.kernels.errorstate import STATES
+from insnav.types import Alignment, FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorModel:
+    """Noise of the error-state filter.
+
+    Attributes
+    ----------
+    noise : (18,) array
+        Spectral densities: gyro [rad^2/s] and accelerometer [m^2/s^3] white noise, then the noise driving gyro bias,
+        accelerometer bias, gyro scale factor, accelerometer scale factor.
+    decay : (12,) array
+        Inverse correlation time of the twelve sensor errors [1/s].
+    sd : (12,) array
+        Standard deviation of each sensor error before anything is known.
+    """
+
+    noise: FloatArray
+    decay: FloatArray
+    sd: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class InitialState:
+    """Where the filter starts, and how sure that is.
+
+    Attributes
+    ----------
+    time : float
+        [s]
+    lla, v_n, rph : (3,) array
+        Latitude, longitude [rad], height [m]; velocity N, E, D [m/s]; roll, pitch, heading [rad], at the IMU.
+    gyro_bias : (3,) array
+        First estimate of the gyro bias [rad/s].
+    covariance : (21, 21) array
+        Of the error states; see `insnav.kernels.errorstate`.
+    """
+
+    time: float
+    lla: FloatArray
+    v_n: FloatArray
+    rph: FloatArray
+    gyro_bias: FloatArray
+    covariance: FloatArray
+
+
+def _bias(sensor: SensorSpec) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Noise density, inverse correlation time and standard deviation of turn-on and in-run bias as one state.
+
+    The in-run Gauss-Markov process keeps its driving noise, ``2 sd^2 / T``; the correlation time is stretched so that
+    the stationary variance is that of both together. A turn-on bias then does not fade away within `T`.
+    """
+    sd = np.hypot(sensor.bias, sensor.bias_instability)
+    wander = 2.0 * sensor.bias_instability**2 / sensor.correlation_time
+    decay = np.where(sd > 0, wander / (2.0 * np.where(sd > 0, sd, 1.0) ** 2), 0.0)
+    return wander + sensor.rate_random_walk**2, decay, sd
+
+
+def _scale(sensor: SensorSpec) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Scale factor error as a Gauss-Markov process with the correlation time of the bias: temperature moves both."""
+    decay = np.full(3, 1.0 / sensor.correlation_time)
+    return 2.0 * sensor.scale_factor**2 * decay, decay, sensor.scale_factor
+
+
+def error_model(spec: ImuSpec, states: int) -> ErrorModel:
+    """Filter noise of an IMU.
+
+    Parameters
+    ----------
+    spec : ImuSpec
+        The IMU.
+    states : {15, 21}
+        With 15, scale factor errors are taken to be zero and known.
+
+    Returns
+    -------
+    ErrorModel
+        Gauss-Markov sensor errors (Groves 2013, section 14.2.3).
+    """
+    parts = [_bias(spec.gyro), _bias(spec.accel), _scale(spec.gyro), _scale(spec.accel)]
+    driving, decay, sd = (np.concatenate([p[i] for p in parts]) for i in range(3))
+    if states == 15:
+        driving[6:] = decay[6:] = sd[6:] = 0.0
+    white = np.concatenate([spec.gyro.random_walk**2, spec.accel.random_walk**2])
+    return ErrorModel(np.concatenate([white, driving]), decay, sd)
+
+
+def initial_state(
+    alignment: Alignment,
+    model: ErrorModel,
+    lla: FloatArray,
+    v_n: FloatArray,
+    position_sd: FloatArray,
+    velocity_sd: FloatArray,
+) -> InitialState:
+    """State and covariance from an alignment, a position and a velocity.
+
+    Levelling hides the accelerometer bias in the tilt, and gyrocompassing the gyro bias in the heading. Both are put
+    into the covariance as correlations, so that the filter knows from the first fix that their sum is zero.
+
+    Parameters
+    ----------
+    alignment : Alignment
+        Attitude and gyro bias.
+    model : ErrorModel
+        From `error_model`.
+    lla, v_n : (3,) array
+        Position [rad, rad, m] and velocity [m/s] of the IMU.
+    position_sd, velocity_sd : (3,) array
+        Their standard deviations [m], [m/s].
+
+    Returns
+    -------
+    InitialState
+        Ready for `insnav.filter.Navigator`.
+    """
+    sd = model.sd.copy()
+    sd[:3] = np.minimum(sd[:3], alignment.gyro_bias_sd)
+    p = np.zeros((STATES, STATES))
+    p[:9, :9] = np.diag(np.concatenate([position_sd, velocity_sd, alignment.sd]) ** 2)
+    p[9:, 9:] = np.diag(sd**2)
+    c = dcm_from_rph(alignment.rph)
+    j = np.zeros((3, 12))  # attitude error by sensor errors
+    if alignment.level_method == "static":
+        # f x phi = C d(bias): the levelled specific force has no horizontal part
+        g = float(gravity_n(lla[0], lla[2])[2])
+        j[0, 3:6], j[1, 3:6] = -c[1] / g, c[0] / g
+    if alignment.heading_method == "gyrocompass":
+        # the levelled, turned rate has no east part: w_ie_N phi_D = -(C d bias)_E for rate = measured - bias
+        j[2, 0:3] = -c[1] / (OMEGA_EARTH * np.cos(lla[0]))
+    shared = j @ p[9:, 9:] @ j.T
+    own = np.maximum(alignment.sd**2 - np.diag(shared), 1e-4 * alignment.sd**2)
+    p[6:9, 6:9] = shared + np.diag(own)
+    p[6:9, 9:] = j @ p[9:, 9:]
+    p[9:, 6:9] = p[6:9, 9:].T
+    return InitialState(alignment.time, lla, v_n, alignment.rph, alignment.gyro_bias, p)

@@ -1,0 +1,367 @@
+"""The resumable loop: blocks of IMU samples in, state and covariance out, whatever the size of the blocks.
+
+Between filter epochs the compiled kernel carries the state and accumulates transition and noise; at each fix, and once
+a second where there is none, they are handed to the filter. A fix between two samples splits the interval at its time.
+Post-processing feeds one recording in blocks; a live system could feed samples as they come, five behind the newest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from insnav import strapdown
+from insnav.attitude import quat_from_rph
+from insnav.filter import gates as gate
+from insnav.filter.engine import Engine
+from insnav.filter.gates import Gates
+from insnav.filter.model import ErrorModel, InitialState
+from insnav.filter.record import Record
+from insnav.kernels import errorstate
+from insnav.kernels.errorstate import STATES
+from insnav.kernels.increments import LOOKAHEAD
+from insnav.kernels.measurement import antenna, innovation_statistics
+from insnav.types import (
+    Alignment,
+    Event,
+    EventKind,
+    FloatArray,
+    GpsData,
+    ImuData,
+    Increments,
+    Run,
+)
+
+POSITION = (EventKind.GATE_POSITION, EventKind.SOFT_POSITION)
+VELOCITY = (EventKind.GATE_VELOCITY, EventKind.SOFT_VELOCITY)
+SOFT = (EventKind.SOFT_POSITION, EventKind.SOFT_VELOCITY)
+CONTEXT = 2 * LOOKAHEAD  # samples kept before the first unprocessed one
+SUBSTEP = 0.1  # longest sub-step of transition and noise [s]
+COAST = 1.0  # longest time between filter epochs [s]
+HOLE_NOISE = np.array([0.1, 0.5])  # unseen change of rate [rad/s^2] and specific force [m/s^3] in a hole
+ATTITUDE_RESET_SD = np.deg2rad([1.0, 1.0, 5.0])  # added at a reset [rad]
+VELOCITY_RESET_SD = 5.0  # velocity of a reset by fixes without velocity [m/s]
+
+
+@dataclass(frozen=True, slots=True)
+class FilterSettings:
+    """What a user may want to choose about the filter.
+
+    Attributes
+    ----------
+    lever_b : (3,) array
+        Antenna seen from the IMU, body axes [m].
+    delay : float
+        How much older the fixes are than their stamps [s]; the first guess if `delay_sd` is positive.
+    delay_sd : float
+        How uncertain that is [s]; positive: estimated as a 22nd state, and the solution is put into the time of the
+        fixes, since it cannot be told which of the two clocks is off.
+    velocity_lag : float
+        How much older than its position the velocity of a fix is [s]; see `insnav.filter.fixes.velocity_lag`.
+    jitter : float
+        Standard deviation of the time stamps of samples against fixes [s]; what it makes of speed and acceleration is
+        added to the noise of every fix.
+    output_interval : float
+        Time between rows of the solution [s]; 0 for every sample.
+    gates : Gates
+        Limits of the gates.
+    """
+
+    lever_b: FloatArray = field(default_factory=lambda: np.zeros(3))
+    delay: float = 0.0
+    delay_sd: float = 0.0
+    velocity_lag: float = 0.0
+    jitter: float = 0.0
+    output_interval: float = 0.1
+    gates: Gates = field(default_factory=Gates)
+
+
+class Navigator:
+    """Loosely coupled INS/GPS filter over a stream of IMU samples.
+
+    Parameters
+    ----------
+    start : InitialState
+        Where to begin; samples and fixes before its time are passed over.
+    model : ErrorModel
+        Noise of the sensors.
+    gps : GpsData
+        Fixes, with a standard deviation for every value that is given.
+    alignment : Alignment
+        Kept for the result.
+    nominal : float
+        Sampling interval [s].
+    settings : FilterSettings
+        Lever arm, delay, gates, output.
+
+    Examples
+    --------
+    ``nav = Navigator(start, model, gps, alignment, 0.005)``, then ``nav.feed(block)`` for every block of samples, then
+    ``run = nav.finish()``.
+    """
+
+    def __init__(
+        self,
+        start: InitialState,
+        model: ErrorModel,
+        gps: GpsData,
+        alignment: Alignment,
+        nominal: float,
+        settings: FilterSettings | None = None,
+    ) -> None:
+        settings = settings or FilterSettings()
+        n = STATES + (1 if settings.delay_sd > 0 else 0)
+        covariance = np.zeros((n, n))
+        covariance[:STATES, :STATES] = start.covariance
+        if n > STATES:
+            covariance[STATES, STATES] = settings.delay_sd**2
+        later = gps.time - settings.delay > start.time + strapdown.TIME_TOLERANCE
+        self._gps = gps
+        self._fix = np.flatnonzero(later)
+        self._fix_time = gps.time[later] - settings.delay
+        self._settings, self._model, self._nominal, self._alignment = settings, model, nominal, alignment
+        self._engine = Engine(covariance)
+        self._x = np.concatenate([start.lla, start.v_n, quat_from_rph(start.rph)])
+        self._correction = np.zeros(12)
+        self._correction[:3] = start.gyro_bias
+        self._delay = 0.0
+        self._motion, self._sums, self._span = np.zeros(6), np.zeros(errorstate.SUMS), np.zeros(1)
+        self._phi, self._q = np.eye(n), np.zeros((n, n))
+        self._work = errorstate.scratch()
+        self._h = np.zeros((6, n))
+        every = settings.output_interval
+        self._grid = np.array([start.time if every > 0 else np.inf, every, start.time])
+        self._start, self._done = start.time, -np.inf
+        self._next = 0  # first fix not yet used
+        self._last_good = start.time  # time of the last accepted position
+        self._rejected_since = np.nan
+        self._tail: ImuData | None = None
+        self._record = Record(self._fix.shape[0])
+
+    def feed(self, imu: ImuData) -> None:
+        """Take the next block of samples; what needs later neighbours waits for the next call.
+
+        Parameters
+        ----------
+        imu : ImuData
+            Samples that follow those of the call before.
+        """
+        self._advance(imu, last=False)
+
+    def finish(self) -> Run:
+        """Process the samples still waiting and return the result."""
+        if self._tail is not None:
+            self._advance(None, last=True)
+        return self._record.finish(self._alignment, self._settings, self._delay, self._engine.covariance)
+
+    def _advance(self, imu: ImuData | None, *, last: bool) -> None:
+        buffer = _join(self._tail, imu)
+        n = buffer.time.shape[0]
+        ready = n if last else n - LOOKAHEAD - 2
+        if ready < 2:
+            self._tail = buffer
+            return
+        parts = strapdown.intervals(buffer, self._nominal)
+        # everything up to the last sample that has all its neighbours, holes before it included
+        stop = parts.end.shape[0] - (parts.hole[::-1] == 0.0).cumsum().searchsorted(n - ready, side="left") - 1
+        stop = parts.end.shape[0] if last else stop
+        first = int(np.searchsorted(parts.end, max(self._done, self._start + strapdown.TIME_TOLERANCE), side="right"))
+        if stop > first:
+            cuts = np.concatenate([[self._start], self._fix_time[self._next :]])
+            pieces = strapdown.split(parts, cuts, first, stop)
+            inc = strapdown.increments(parts, pieces)
+            self._process(inc, parts.hole[pieces[0]])
+            self._done = parts.end[stop - 1]
+        self._tail = _slice(buffer, max(0, ready - CONTEXT))
+
+    def _process(self, inc: Increments, hole: FloatArray) -> None:
+        begin = int(np.searchsorted(inc.time, self._start + strapdown.TIME_TOLERANCE))
+        # index of the piece that ends at each fix
+        fixes = self._fix_time[self._next :]
+        at = np.searchsorted(inc.time, fixes - strapdown.TIME_TOLERANCE)
+        at = at[at < inc.time.shape[0]]
+        out = self._record.reserve(inc.time.shape[0] if self._grid[1] == 0.0 else _rows(inc, self._grid[1]))
+        k = begin
+        for i in at:
+            if i + 1 <= k and i < begin:
+                self._next += 1
+                continue
+            k = self._run(inc, hole, k, int(i) + 1, True, out)
+            self._update(inc.time[i], out)
+            self._next += 1
+        self._run(inc, hole, k, inc.time.shape[0], False, out)
+        self._record.keep(out)
+
+    def _run(self, inc: Increments, hole: FloatArray, first: int, last: int, close: bool, out: Record.Rows) -> int:
+        """Carry on to `last`; a filter epoch there if `close`, and in between wherever the next fix is far."""
+        k = first
+        while k < last:
+            k, rows = errorstate.propagate(
+                k,
+                last,
+                close,
+                inc.time,
+                inc.dt,
+                inc.dtheta,
+                inc.dvel,
+                inc.coning,
+                inc.sculling,
+                hole,
+                self._x,
+                self._correction,
+                self._motion,
+                self._sums,
+                self._span,
+                np.array([SUBSTEP, COAST]),
+                self._model.noise,
+                HOLE_NOISE,
+                self._model.decay,
+                self._phi,
+                self._q,
+                self._engine.covariance,
+                self._grid,
+                out.time[out.used :],
+                out.state[out.used :],
+                out.variance[out.used :],
+                self._work,
+            )
+            out.used += rows
+            if self._span[0] >= COAST - 1e-9 and not (close and k == last):
+                self._predict(inc.time[k - 1])
+        return k
+
+    def _predict(self, time: float) -> None:
+        if self._engine.predict(self._phi, self._q, time):
+            self._record.event(Event(time, EventKind.REPAIR, 1.0, 0.0, "count", "negative variance set to zero"))
+        errorstate.reset_transition(self._phi, self._q, self._span)
+
+    def _update(self, time: float, out: Record.Rows) -> None:
+        self._predict(time)
+        gps, settings = self._gps, self._settings
+        row = self._fix[self._next]
+        sd = np.concatenate([gps.position_sd[row], gps.velocity_sd[row]])
+        z = np.empty(6)
+        antenna(
+            self._x,
+            self._motion,
+            settings.lever_b,
+            self._delay,
+            settings.velocity_lag,
+            gps.lla[row],
+            gps.v_n[row],
+            z,
+            self._h,
+        )
+        r = np.diag(np.where(np.isnan(sd), 1.0, sd) ** 2)
+        if settings.jitter > 0.0:
+            for part, change in ((slice(0, 3), self._x[3:6]), (slice(3, 6), self._motion[3:6])):
+                r[part, part] += settings.jitter**2 * np.outer(change, change)
+        s, innovation_sd = np.empty((6, 6)), np.empty(6)
+        nis = innovation_statistics(z, self._h, self._engine.covariance, r, s, innovation_sd)
+        verdict = self._judge(time, row, z, nis)
+        for half, event in enumerate(verdict):
+            if event is not None and event.kind in SOFT:
+                # exactly the noise that brings the NIS down to its limit
+                part = slice(3 * half, 3 * half + 3)
+                r[part, part] += (event.value / event.limit - 1.0) * s[part, part]
+        use = np.repeat([event is None or event.kind in SOFT for event in verdict], 3) & np.isfinite(z)
+        for event in verdict:
+            if event is not None:
+                self._record.event(event)
+        if use.any():
+            if use.all():
+                error, repaired = self._engine.update(z, self._h, r, time)
+            else:
+                error, repaired = self._engine.update(z[use], self._h[use], r[np.ix_(use, use)], time)
+            errorstate.feed_back(self._x, self._correction, error)
+            if error.shape[0] > STATES:
+                self._delay -= error[STATES]
+            if repaired:
+                self._record.event(Event(time, EventKind.REPAIR, 1.0, 0.0, "count", "negative variance set to zero"))
+        if use[0]:
+            self._last_good, self._rejected_since = time, np.nan
+        else:
+            self._consider_reset(time, row, z)
+        p = self._engine.covariance
+        self._record.fix(time, -z, innovation_sd, nis, use, self._x, self._correction, p)
+        if out.used and out.time[out.used - 1] >= time - strapdown.TIME_TOLERANCE:
+            out.state[out.used - 1] = self._x
+            out.variance[out.used - 1, :9] = np.diagonal(p)[:9]
+            out.variance[out.used - 1, 9:] = p[6, 7], p[6, 8], p[7, 8]
+
+    def _judge(
+        self, time: float, row: int, z: FloatArray, nis: tuple[float, float]
+    ) -> tuple[Event | None, Event | None]:
+        """Why position and velocity are rejected, or None."""
+        gates, gps = self._settings.gates, self._gps
+        fix = int(gps.fix[row]) if gps.fix is not None else None
+        bad = gate.quality(gates, time, fix, gps.position_sd[row])
+        if bad is not None:
+            return bad, bad if np.isfinite(z[3:]).all() and fix == 0 else None
+        distance = float(np.linalg.norm(z[:3]))
+        position = gate.physical_position(
+            gates, time, distance, gps.position_sd[row], time - self._last_good
+        ) or gate.statistical(gates, time, POSITION, nis[0], distance, gates.small_position)
+        velocity = None
+        if np.isfinite(z[3:]).all():
+            velocity = gate.physical_velocity(gates, time, gps.v_n[row]) or gate.statistical(
+                gates, time, VELOCITY, nis[1], float(np.linalg.norm(z[3:])), gates.small_velocity
+            )
+        return position, velocity
+
+    def _consider_reset(self, time: float, row: int, z: FloatArray) -> None:
+        """After a long unbroken row of rejected positions, start again from the fix, once, and say so."""
+        if np.isnan(self._rejected_since):
+            self._rejected_since = time
+        gates, gps = self._settings.gates, self._gps
+        if time - self._rejected_since < gates.reset_after or not np.max(gps.position_sd[row]) <= gates.max_sd:
+            return
+        p = self._engine.covariance.copy()
+        error = np.zeros(p.shape[0])
+        error[:3] = z[:3]
+        p[:6, :] = p[:, :6] = 0.0
+        p[:3, :3] = np.diag((3.0 * gps.position_sd[row]) ** 2)
+        if np.isfinite(z[3:]).all():
+            error[3:6] = z[3:]
+            p[3:6, 3:6] = np.diag((3.0 * gps.velocity_sd[row]) ** 2)
+        else:
+            p[3:6, 3:6] += VELOCITY_RESET_SD**2 * np.eye(3)
+        # whatever led here has probably spoilt the attitude as well
+        p[6:9, 6:9] += np.diag(ATTITUDE_RESET_SD**2)
+        errorstate.feed_back(self._x, self._correction, error)
+        self._engine.replace_covariance(p)
+        self._record.event(
+            Event(
+                time,
+                EventKind.RESET,
+                float(np.linalg.norm(z[:3])),
+                gates.reset_after,
+                "m (limit: s of rejections)",
+                "position and velocity set to the fix",
+                "every position had been rejected",
+            )
+        )
+        self._last_good, self._rejected_since = time, np.nan
+
+
+def _rows(inc: Increments, every: float) -> int:
+    return int((inc.time[-1] - inc.time[0]) / every) + 3
+
+
+def _join(tail: ImuData | None, block: ImuData | None) -> ImuData:
+    if tail is None or block is None:
+        both = tail if block is None else block
+        assert both is not None
+        return both
+    return ImuData(
+        np.concatenate([tail.time, block.time]),
+        np.concatenate([tail.gyro, block.gyro]),
+        np.concatenate([tail.accel, block.accel]),
+        block.sampling,
+        block.stamp,
+    )
+
+
+def _slice(imu: ImuData, first: int) -> ImuData:
+    return ImuData(imu.time[first:], imu.gyro[first:], imu.accel[first:], imu.sampling, imu.stamp)

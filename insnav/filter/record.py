@@ -1,0 +1,178 @@
+"""What a run leaves behind, collected while it goes on and put into shape at its end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from insnav.attitude import rph_from_quat
+from insnav.kernels.errorstate import STATES
+from insnav.types import (
+    Alignment,
+    BoolArray,
+    Epochs,
+    Event,
+    EventKind,
+    FloatArray,
+    Innovations,
+    Run,
+    SensorErrors,
+    Trajectory,
+)
+
+if TYPE_CHECKING:
+    from insnav.filter.navigator import FilterSettings
+
+CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long [s]
+CONSISTENCY_BAND = (0.2, 5.0)  # of its expectation, outside of which the filter has diverged
+
+
+class Record:
+    """Growing record of outputs, fixes and events.
+
+    Parameters
+    ----------
+    fixes : int
+        Number of fixes that may come.
+    """
+
+    @dataclass(slots=True)
+    class Rows:
+        """Room for the outputs of one block; the first `used` rows are filled."""
+
+        time: FloatArray
+        state: FloatArray
+        variance: FloatArray
+        used: int = 0
+
+    def __init__(self, fixes: int) -> None:
+        self._rows: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        self._events: list[Event] = []
+        self._count = 0
+        self._time, self._innovation, self._sd = np.empty(fixes), np.empty((fixes, 6)), np.empty((fixes, 6))
+        self._nis, self._use = np.empty((fixes, 2)), np.zeros((fixes, 2), dtype=bool)
+        self._state, self._covariance = np.empty((fixes, 10)), np.empty((fixes, 9, 9))
+        self._sensor, self._sensor_sd = np.empty((fixes, 12)), np.empty((fixes, 12))
+
+    def reserve(self, rows: int) -> Rows:
+        """Room for at most `rows` outputs."""
+        return Record.Rows(np.empty(rows), np.empty((rows, 10)), np.empty((rows, 12)))
+
+    def keep(self, rows: Rows) -> None:
+        """Take over the filled part of a block's outputs."""
+        n = rows.used
+        self._rows.append((rows.time[:n].copy(), rows.state[:n].copy(), rows.variance[:n].copy()))
+
+    def event(self, event: Event) -> None:
+        """Note an event."""
+        self._events.append(event)
+
+    def fix(
+        self,
+        time: float,
+        innovation: FloatArray,
+        sd: FloatArray,
+        nis: tuple[float, float],
+        use: BoolArray,
+        x: FloatArray,
+        correction: FloatArray,
+        p: FloatArray,
+    ) -> None:
+        """Note what the filter made of one fix."""
+        i = self._count
+        self._time[i], self._innovation[i], self._nis[i] = time, innovation, nis
+        self._sd[i] = np.where(np.isnan(innovation), np.nan, sd)
+        self._use[i] = use[0], use[3]
+        self._state[i], self._covariance[i] = x, p[:9, :9]
+        self._sensor[i], self._sensor_sd[i] = correction, np.sqrt(np.diagonal(p)[9:STATES])
+        self._count += 1
+
+    def finish(self, alignment: Alignment, settings: FilterSettings, delay: float, covariance: FloatArray) -> Run:
+        """Put everything into shape."""
+        n = self._count
+        time, state, variance = (np.concatenate([r[i] for r in self._rows]) for i in range(3))
+        innovations = Innovations(
+            self._time[:n],
+            self._innovation[:n],
+            self._sd[:n],
+            self._nis[:n, 0],
+            self._nis[:n, 1],
+            self._use[:n, 0],
+            self._use[:n, 1],
+        )
+        self._events += _divergence(innovations)
+        # an offset that was found, and not told, is laid to the clock of the IMU: GPS time is the better one
+        clock = delay if settings.delay_sd > 0 else 0.0
+        return Run(
+            solution=_trajectory(time + clock, state, variance),
+            innovations=innovations,
+            sensor_errors=SensorErrors(self._time[:n] + clock, self._sensor[:n], self._sensor_sd[:n]),
+            events=tuple(sorted(self._events, key=lambda event: event.time)),
+            alignment=alignment,
+            epochs=Epochs(
+                self._time[:n] + clock,
+                self._state[:n, :3],
+                self._state[:n, 3:6],
+                self._state[:n, 6:],
+                self._covariance[:n],
+            ),
+            gps_delay=settings.delay + delay,
+            gps_delay_sd=float(np.sqrt(covariance[STATES, STATES])) if covariance.shape[0] > STATES else 0.0,
+        )
+
+
+def _trajectory(time: FloatArray, state: FloatArray, variance: FloatArray) -> Trajectory:
+    """States and variances of the attitude vector to a trajectory with roll, pitch, heading and their sd."""
+    known = variance[:, 0] >= 0.0
+    if not known.all() and known.any():
+        # between sub-steps the variance was not computed; it changes smoothly
+        for j in range(12):
+            variance[~known, j] = np.interp(time[~known], time[known], variance[known, j])
+    rph = rph_from_quat(state[:, 6:])
+    sh, ch = np.sin(rph[:, 2]), np.cos(rph[:, 2])
+    sp, cp = np.sin(rph[:, 1]), np.maximum(np.cos(rph[:, 1]), 1e-3)
+    # C_hat = (I - [phi x]) C: the estimate is turned by -phi about n; its parts along the roll, pitch, heading axes
+    o = np.zeros_like(sh)
+    roll = np.stack([ch / cp, sh / cp, o], -1)
+    pitch = np.stack([-sh, ch, o], -1)
+    heading = np.stack([o, o, o + 1.0], -1) + sp[:, None] * roll
+    v = variance
+    p = np.empty((time.shape[0], 3, 3))
+    for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2))):
+        p[:, i, j] = v[:, 6 + k]
+    for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
+        p[:, i, j] = p[:, j, i] = v[:, 9 + k]
+    attitude = [np.einsum("ni,nij,nj->n", a, p, a) for a in (roll, pitch, heading)]
+    sd = np.sqrt(np.maximum(np.column_stack([v[:, :6], *attitude]), 0.0))
+    return Trajectory(time, state[:, :3], state[:, 3:6], rph, sd)
+
+
+def _divergence(innovations: Innovations) -> list[Event]:
+    """Windows of a minute whose mean NIS of used measurements lies far outside of what it should be."""
+    found: list[Event] = []
+    if innovations.time.size == 0:
+        return found
+    window = np.floor((innovations.time - innovations.time[0]) / CONSISTENCY_WINDOW).astype(int)
+    for name, nis, used in (
+        ("position", innovations.nis_position, innovations.used_position),
+        ("velocity", innovations.nis_velocity, innovations.used_velocity),
+    ):
+        count = np.bincount(window, weights=used)
+        mean = np.bincount(window, weights=np.where(used, nis, 0.0)) / np.maximum(count, 1)
+        low, high = CONSISTENCY_BAND
+        for w in np.flatnonzero((count >= 20) & ((mean / 3.0 < low) | (mean / 3.0 > high))):
+            limit = high if mean[w] / 3.0 > high else low
+            found.append(
+                Event(
+                    float(innovations.time[0] + w * CONSISTENCY_WINDOW),
+                    EventKind.DIVERGED,
+                    float(mean[w] / 3.0),
+                    limit,
+                    f"mean NIS of {name} / 3",
+                    "flagged",
+                    "the standard deviations of the GPS file or the figures of the IMU file do not fit the data",
+                )
+            )
+    return found

@@ -1,0 +1,179 @@
+"""From the samples and fixes of one recording to a run: align, set up the filter, feed it in blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from insnav import strapdown
+from insnav.alignment import align, motion
+from insnav.attitude import dcm_from_rph
+from insnav.earth import lla_offset
+from insnav.filter.fixes import LAG_WORTH, velocity_lag, with_sd
+from insnav.filter.model import ErrorModel, InitialState, error_model, initial_state
+from insnav.filter.navigator import FilterSettings, Navigator
+from insnav.imu.model import ImuSpec
+from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData, Run
+
+BLOCK = 1 << 16  # samples a call of the filter takes
+STILL_SD = 0.05  # velocity of a vehicle found at rest [m/s]
+JITTER_WORTH = 1e-4  # smaller scatter of the time stamps is rounding [s]
+DELAY_SD = 0.05  # how well receivers and loggers agree on time if nothing else is known [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Initial state that the user gives.
+
+    Attributes
+    ----------
+    time : float
+        [s]
+    lla, v_n, rph : (3,) array
+        Latitude, longitude [rad], height [m]; velocity N, E, D [m/s]; roll, pitch, heading [rad].
+    position_sd, velocity_sd, attitude_sd : (3,) array
+        Standard deviations [m], [m/s], [rad].
+    """
+
+    time: float
+    lla: FloatArray
+    v_n: FloatArray
+    rph: FloatArray
+    position_sd: FloatArray
+    velocity_sd: FloatArray
+    attitude_sd: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Navigated:
+    """A run and what was assumed on the way to it.
+
+    Attributes
+    ----------
+    run : Run
+        The result.
+    gps : GpsData
+        The fixes as they were used, every value with a standard deviation.
+    notes : tuple of str
+        Assumptions in words.
+    """
+
+    run: Run
+    gps: GpsData
+    notes: tuple[str, ...] = field(default=())
+
+
+def navigate_recording(
+    imu: ImuData,
+    gps: GpsData,
+    spec: ImuSpec,
+    settings: FilterSettings,
+    *,
+    states: int = 21,
+    start: Start | None = None,
+    static_span: tuple[float, float] | None = None,
+    heading: float | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Navigated:
+    """Navigate one recording.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Samples, calibrated.
+    gps : GpsData
+        Fixes.
+    spec : ImuSpec
+        How good the sensors are.
+    settings : FilterSettings
+        Lever arm, delay, gates, output.
+    states : {21, 15}
+        With or without scale factor errors.
+    start : Start, optional
+        Initial state; by default the data are aligned.
+    static_span : tuple of float, optional
+        Static interval for the alignment [s].
+    heading : float, optional
+        Heading at the start [rad].
+    progress : callable, optional
+        Called with the fraction done.
+
+    Returns
+    -------
+    Navigated
+        Run and notes.
+
+    Raises
+    ------
+    AlignmentError
+        The data do not determine the attitude.
+    DivergenceError
+        The filter lost consistency.
+    """
+    gps, notes = with_sd(gps)
+    lag, lag_sd = velocity_lag(gps)
+    if abs(lag) > max(LAG_WORTH, 5.0 * lag_sd):
+        settings = replace(settings, velocity_lag=lag)
+        notes += (f"GPS velocity is {lag:.3f} s older than position, by the fixes themselves: taken into account",)
+    step = np.diff(imu.time)
+    jitter = float(np.std(step[step < strapdown.GAP * np.median(step)]))
+    if jitter > JITTER_WORTH:
+        settings = replace(settings, jitter=jitter)
+        notes += (f"IMU time stamps scatter by {1e3 * jitter:.2f} ms: added to the noise of the fixes",)
+    model = error_model(spec, states)
+    nominal = strapdown.nominal_interval(imu.time)
+    on_time = replace(gps, time=gps.time - settings.delay)
+    if start is None:
+        alignment = align(strapdown.intervals(imu, nominal), spec, on_time, static_span=static_span, heading=heading)
+        initial = _at_fix(alignment, on_time, model, settings)
+    else:
+        alignment = _given(start)
+        initial = initial_state(alignment, model, start.lla, start.v_n, start.position_sd, start.velocity_sd)
+    navigator = Navigator(initial, model, gps, alignment, nominal, settings)
+    n = imu.time.shape[0]
+    for k in range(0, n, BLOCK):
+        part = slice(k, k + BLOCK)
+        navigator.feed(ImuData(imu.time[part], imu.gyro[part], imu.accel[part], imu.sampling, imu.stamp))
+        if progress is not None:
+            progress(min(1.0, (k + BLOCK) / n))
+    run = navigator.finish()
+    events = (*run.events, *_outside(on_time, initial.time, float(imu.time[-1])))
+    return Navigated(replace(run, events=events), gps, notes)
+
+
+def _at_fix(alignment: Alignment, gps: GpsData, model: ErrorModel, settings: FilterSettings) -> InitialState:
+    """Initial state at the fix the alignment was made for."""
+    row = int(np.argmin(np.abs(gps.time - alignment.time)))
+    alignment = replace(alignment, time=float(gps.time[row]))
+    arm = dcm_from_rph(alignment.rph) @ settings.lever_b
+    lla = lla_offset(gps.lla[row], -arm)
+    horizontal = float(np.hypot(settings.lever_b[0], settings.lever_b[1]))
+    position_sd = np.hypot(gps.position_sd[row], horizontal * min(float(alignment.sd[2]), 1.0))
+    if alignment.static is not None:
+        return initial_state(alignment, model, lla, np.zeros(3), position_sd, np.full(3, STILL_SD))
+    if np.isfinite(gps.v_n[row]).all():
+        return initial_state(alignment, model, lla, gps.v_n[row], position_sd, np.hypot(gps.velocity_sd[row], 0.1))
+    speed = motion.velocity(gps)
+    near = np.argsort(np.abs(speed.time - alignment.time))[:3]
+    v_n = speed.v_n[near].mean(axis=0)
+    away = float(np.abs(speed.time[near].mean() - alignment.time))
+    sd = np.hypot(np.median(speed.sd[near]), 2.0 * away)  # vehicles seldom accelerate faster than 2 m/s^2
+    return initial_state(alignment, model, lla, v_n, position_sd, np.full(3, sd))
+
+
+def _given(start: Start) -> Alignment:
+    return Alignment(start.time, start.rph, start.attitude_sd, np.zeros(3), np.full(3, np.inf), None, "given", "given")
+
+
+def _outside(gps: GpsData, start: float, end: float) -> list[Event]:
+    """One event for the fixes before the start of navigation and one for those after the last sample."""
+    found = []
+    for which, count, time in (
+        ("before the start", int((gps.time < start - 1e-6).sum()), start),
+        ("after the last IMU sample", int((gps.time > end + 1e-6).sum()), end),
+    ):
+        if count:
+            found.append(Event(time, EventKind.GPS_OUTSIDE, float(count), float("nan"), "fixes", f"not used: {which}"))
+    return found

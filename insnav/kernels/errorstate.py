@@ -1,0 +1,432 @@
+"""Error-state transition and process noise, accumulated along the trajectory between filter epochs.
+
+Error = estimate - truth. States: position N, E, D [m] (0-2), velocity (3-5), attitude ``C_hat = (I - [phi x]) C``
+(6-8), gyro bias (9-11), accelerometer bias (12-14), gyro scale factor (15-17), accelerometer scale factor (18-20);
+anything beyond is constant. The first nine are driven, the next twelve decay exponentially on their own, so that a
+transition matrix has the form ``[[A, B], [0, diag(d)]]`` and only those blocks are ever multiplied.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from insnav.kernels.earth import OMEGA, A, gravity_down, radii
+from insnav.kernels.mechanization import quaternion_step, step
+
+NAV = 9  # navigation errors
+SENSOR = 12  # sensor errors
+STATES = NAV + SENSOR
+SUMS = 31  # time, specific force, C_nb, C_nb diag(w), C_nb diag(f), integrated over a sub-step
+
+
+@njit(cache=True)
+def system_matrix(x, f_n, out):  # type: ignore[no-untyped-def]
+    """Continuous-time error dynamics of position, velocity and attitude.
+
+    Parameters
+    ----------
+    x : (10,) array
+        Navigation state; see `insnav.kernels.mechanization`.
+    f_n : (3,) array
+        Specific force in n [m/s^2].
+    out : (9, 9) array
+        Filled with ``F``.
+
+    Notes
+    -----
+    Perturbation of the equations integrated by `insnav.kernels.mechanization.step`; compare Groves (2013), section
+    14.2.4, who keeps position error in radians. Position errors here are ``(R_M + h) dL``, ``(R_N + h) cos L dlon``
+    and ``-dh``. The change of the radii with latitude, 0.7 % of terms of 1e-9, is left out of the velocity rows.
+    """
+    sin_lat, cos_lat = np.sin(x[0]), np.cos(x[0])
+    tan_lat = sin_lat / cos_lat
+    h, vn, ve, vd = x[2], x[3], x[4], x[5]
+    rm, rn = radii(sin_lat)
+    rm, rn = rm + h, rn + h
+    wie_n, wie_d = OMEGA * cos_lat, -OMEGA * sin_lat
+    wen_n, wen_e, wen_d = ve / rn, -vn / rm, -ve * tan_lat / rn
+    for i in range(NAV):
+        for j in range(NAV):
+            out[i, j] = 0.0
+    out[0, 0], out[0, 2], out[0, 3] = -vd / rm, vn / rm, 1.0
+    out[1, 0], out[1, 1], out[1, 2], out[1, 4] = (
+        ve * tan_lat / rm,
+        -vd / rn - vn * tan_lat / rm,
+        ve / rn,
+        1.0,
+    )
+    out[2, 5] = 1.0
+    # perturbed Earth and transport rate, by position N, D and velocity N, E
+    ie_n, ie_d = wie_d / rm, -wie_n / rm  # d w_ie / d position N
+    en_d0 = -ve / (cos_lat * cos_lat * rn * rm)
+    en_n2, en_e2, en_d2 = ve / (rn * rn), -vn / (rm * rm), -ve * tan_lat / (rn * rn)
+    # velocity: f x phi - (2 w_ie + w_en) x dv + v x (2 dw_ie + dw_en) + dg
+    kn, ke, kd = 2.0 * wie_n + wen_n, wen_e, 2.0 * wie_d + wen_d
+    out[3, 4], out[3, 5], out[4, 3], out[4, 5], out[5, 3], out[5, 4] = kd, -ke, -kd, kn, ke, -kn
+    dn, dd = 2.0 * ie_n, 2.0 * ie_d + en_d0
+    out[3, 0], out[4, 0], out[5, 0] = ve * dd, vd * dn - vn * dd, -ve * dn
+    out[3, 2], out[4, 2], out[5, 2] = (
+        ve * en_d2 - vd * en_e2,
+        vd * en_n2 - vn * en_d2,
+        vn * en_e2 - ve * en_n2,
+    )
+    # ... and the transport rate by velocity
+    out[3, 3] += vd / rm
+    out[3, 4] -= ve * tan_lat / rn
+    out[4, 4] += vd / rn + vn * tan_lat / rn
+    out[5, 3] -= vn / rm
+    out[5, 4] -= ve / rn
+    out[5, 2] += 2.0 * gravity_down(sin_lat, h) / A
+    out[3, 7], out[3, 8] = -f_n[2], f_n[1]
+    out[4, 6], out[4, 8] = f_n[2], -f_n[0]
+    out[5, 6], out[5, 7] = -f_n[1], f_n[0]
+    # attitude: -w_in x phi + dw_ie + dw_en
+    wn, we, wd = wie_n + wen_n, wen_e, wie_d + wen_d
+    out[6, 7], out[6, 8], out[7, 6], out[7, 8], out[8, 6], out[8, 7] = wd, -we, -wd, wn, we, -wn
+    out[6, 0], out[8, 0] = ie_n, ie_d + en_d0
+    out[6, 2], out[7, 2], out[8, 2] = en_n2, en_e2, en_d2
+    out[6, 4], out[7, 3], out[8, 4] = 1.0 / rn, -1.0 / rm, -tan_lat / rn
+
+
+@njit(cache=True)
+def _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y):  # type: ignore[no-untyped-def]
+    """Close a sub-step: second-order transition from the sums, folded into `phi` and `q`.
+
+    The noise enters by the trapezoid rule, ``Q <- a (Q + q/2) a' + q/2``.
+    """
+    dt = sums[0]
+    inv = 1.0 / dt
+    f_n = sums[1:4] * inv
+    system_matrix(x, f_n, f)
+    # a = I + F dt + (F dt)^2 / 2
+    for i in range(NAV):
+        for j in range(NAV):
+            total = 0.0
+            for k in range(NAV):
+                total += f[i, k] * f[k, j]
+            a[i, j] = dt * f[i, j] + 0.5 * dt * dt * total
+    # g dt: attitude by gyro errors, velocity by accelerometer errors (error = estimate - truth)
+    for i in range(NAV):
+        for j in range(SENSOR):
+            b[i, j] = 0.0
+    for i in range(3):
+        for j in range(3):
+            b[6 + i, j] = sums[4 + 3 * i + j]
+            b[6 + i, 6 + j] = sums[13 + 3 * i + j]
+            b[3 + i, 3 + j] = -sums[4 + 3 * i + j]
+            b[3 + i, 9 + j] = -sums[22 + 3 * i + j]
+    # b = (I + F dt / 2) g dt
+    for i in range(6):
+        for j in range(SENSOR):
+            total = 0.0
+            for k in range(3, NAV):
+                total += f[i, k] * b[k, j]
+            w[i, j] = 0.5 * dt * total
+    for i in range(6):
+        for j in range(SENSOR):
+            b[i, j] += w[i, j]
+    for i in range(NAV):
+        a[i, i] += 1.0
+    for j in range(SENSOR):
+        d[j] = np.exp(-dt * decay[j])
+    # white noise through C_nb, in equal halves before and after
+    for i in range(3):
+        for j in range(3):
+            accel, gyro = 0.0, 0.0
+            for k in range(3):
+                c = sums[4 + 3 * i + k] * sums[4 + 3 * j + k]
+                gyro += c * noise[k]
+                accel += c * noise[3 + k]
+            q[3 + i, 3 + j] += 0.5 * accel * inv
+            q[6 + i, 6 + j] += 0.5 * gyro * inv
+    for j in range(SENSOR):
+        q[NAV + j, NAV + j] += 0.5 * noise[6 + j] * dt
+    # transition
+    for j in range(STATES):
+        for i in range(NAV):
+            total = 0.0
+            if j < NAV:
+                for k in range(NAV):
+                    total += a[i, k] * phi[k, j]
+            else:
+                for k in range(NAV):
+                    total += a[i, k] * phi[k, j]
+                total += b[i, j - NAV] * phi[j, j]
+            w[i, j] = total
+    for i in range(NAV):
+        for j in range(STATES):
+            phi[i, j] = w[i, j]
+    for j in range(SENSOR):
+        phi[NAV + j, NAV + j] *= d[j]
+    # noise: y = [a b] q, then q = y [a b]'
+    for i in range(NAV):
+        for j in range(STATES):
+            total = 0.0
+            for k in range(NAV):
+                total += a[i, k] * q[k, j]
+            y[i, j] = total
+        for k in range(SENSOR):
+            for j in range(NAV):
+                y[i, j] += b[i, k] * q[j, NAV + k]
+            y[i, NAV + k] += b[i, k] * q[NAV + k, NAV + k]
+    for i in range(NAV):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(NAV):
+                total += y[i, k] * a[j, k]
+            for k in range(SENSOR):
+                total += y[i, NAV + k] * b[j, k]
+            q[i, j] = total
+            q[j, i] = total
+        for k in range(SENSOR):
+            q[i, NAV + k] = y[i, NAV + k] * d[k]
+            q[NAV + k, i] = q[i, NAV + k]
+    for k in range(SENSOR):
+        q[NAV + k, NAV + k] *= d[k] * d[k]
+    for i in range(3):
+        for j in range(3):
+            accel, gyro = 0.0, 0.0
+            for k in range(3):
+                c = sums[4 + 3 * i + k] * sums[4 + 3 * j + k]
+                gyro += c * noise[k]
+                accel += c * noise[3 + k]
+            q[3 + i, 3 + j] += 0.5 * accel * inv
+            q[6 + i, 6 + j] += 0.5 * gyro * inv
+    for j in range(SENSOR):
+        q[NAV + j, NAV + j] += 0.5 * noise[6 + j] * dt
+    for i in range(SUMS):
+        sums[i] = 0.0
+
+
+@njit(cache=True)
+def predicted_variance(phi, p, q, out):  # type: ignore[no-untyped-def]
+    """Variances of the navigation errors and covariances of attitude N-E, N-D, E-D of ``phi p phi' + q``, (12,)."""
+    row = np.empty((NAV, STATES))
+    for i in range(NAV):
+        for j in range(STATES):
+            row[i, j] = 0.0
+        for k in range(STATES):
+            for j in range(STATES):
+                row[i, j] += phi[i, k] * p[k, j]
+        total = q[i, i]
+        for j in range(STATES):
+            total += row[i, j] * phi[i, j]
+        out[i] = total
+    for pair in range(3):
+        i, m = (6, 7) if pair == 0 else ((6, 8) if pair == 1 else (7, 8))
+        total = q[i, m]
+        for j in range(STATES):
+            total += row[i, j] * phi[m, j]
+        out[NAV + pair] = total
+
+
+@njit(cache=True)
+def propagate(  # type: ignore[no-untyped-def]
+    first,
+    last,
+    close,
+    time,
+    dt,
+    dtheta,
+    dvel,
+    coning,
+    sculling,
+    hole,
+    x,
+    correction,
+    motion,
+    sums,
+    span,
+    limit,
+    noise,
+    hole_noise,
+    decay,
+    phi,
+    q,
+    p,
+    grid,
+    out_time,
+    out_state,
+    out_variance,
+    work,
+):
+    """Carry state, transition and noise through intervals `first` to `last` - 1.
+
+    Parameters
+    ----------
+    first, last : int
+        Range of intervals.
+    close : bool
+        A filter epoch follows: end the sub-step at `last`. Otherwise it stays open for the next call.
+    time, dt, dtheta, dvel, coning, sculling, hole
+        Increments, and the length [s] of the hole an interval helps to bridge (0: measured).
+    x : (10,) array
+        State, in place.
+    correction : (12,) array
+        Estimated sensor errors: gyro bias [rad/s], accelerometer bias [m/s^2], gyro, accelerometer scale factor [-].
+    motion : (6,) array
+        Corrected body rate of the last interval [rad/s] and acceleration in n [m/s^2], smoothed over a tenth of a
+        second.
+    sums : (31,) array
+        Integrals over the open sub-step.
+    span : (1,) array
+        Time since the last filter epoch [s].
+    limit : (2,) array
+        Longest sub-step, and longest time without a filter epoch [s].
+    noise : (18,) array
+        Spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors.
+    hole_noise : (2,) array
+        How fast rate [rad/s^2] and specific force [m/s^3] may change unseen: a straight line across a hole of length T
+        leaves an angle or velocity error of about that times T^2.
+    decay : (12,) array
+        Inverse correlation times of the sensor errors [1/s].
+    phi, q : (n, n) array
+        Accumulated transition and noise, in place.
+    p : (n, n) array
+        Covariance at the last filter epoch.
+    grid : (3,) array
+        Next output time, output interval (0: every interval), origin of the grid [s].
+    out_time, out_state, out_variance : (m,), (m, 10), (m, 12) array
+        Outputs; the first variance is negative where none was computed. See `predicted_variance`.
+    work : tuple of arrays
+        Scratch.
+
+    Returns
+    -------
+    stop : int
+        First interval not processed: `last`, or earlier if `limit` asks for a filter epoch.
+    rows : int
+        Number of outputs written.
+    """
+    f, a, b, d, w, y, c = work
+    ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
+    ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
+    rows = 0
+    for k in range(first, last):
+        h = dt[k]
+        if h <= 0.0:
+            continue
+        tx = (dtheta[k, 0] - correction[0] * h) * ig0
+        ty = (dtheta[k, 1] - correction[1] * h) * ig1
+        tz = (dtheta[k, 2] - correction[2] * h) * ig2
+        vx = (dvel[k, 0] - correction[3] * h) * ia0
+        vy = (dvel[k, 1] - correction[4] * h) * ia1
+        vz = (dvel[k, 2] - correction[5] * h) * ia2
+        vn, ve, vd = x[3], x[4], x[5]
+        un, ue, ud = step(
+            x,
+            h,
+            tx,
+            ty,
+            tz,
+            vx,
+            vy,
+            vz,
+            coning[k, 0],
+            coning[k, 1],
+            coning[k, 2],
+            sculling[k, 0],
+            sculling[k, 1],
+            sculling[k, 2],
+            c,
+            1.0,
+            False,
+            0.0,
+            0.0,
+        )
+        sums[0] += h
+        sums[1] += un
+        sums[2] += ue
+        sums[3] += ud
+        for i in range(3):
+            c0, c1, c2 = c[3 * i], c[3 * i + 1], c[3 * i + 2]
+            sums[4 + 3 * i] += c0 * h
+            sums[5 + 3 * i] += c1 * h
+            sums[6 + 3 * i] += c2 * h
+            sums[13 + 3 * i] += c0 * tx
+            sums[14 + 3 * i] += c1 * ty
+            sums[15 + 3 * i] += c2 * tz
+            sums[22 + 3 * i] += c0 * vx
+            sums[23 + 3 * i] += c1 * vy
+            sums[24 + 3 * i] += c2 * vz
+        span[0] += h
+        motion[0], motion[1], motion[2] = tx / h, ty / h, tz / h
+        share = min(1.0, 10.0 * h)
+        motion[3] += share * ((x[3] - vn) / h - motion[3])
+        motion[4] += share * ((x[4] - ve) / h - motion[4])
+        motion[5] += share * ((x[5] - vd) / h - motion[5])
+        if hole[k] > 0.0:
+            for i in range(3):
+                q[3 + i, 3 + i] += hole_noise[1] ** 2 * hole[k] ** 3 * h
+                q[6 + i, 6 + i] += hole_noise[0] ** 2 * hole[k] ** 3 * h
+        due = time[k] >= grid[0] - 1e-9
+        full = span[0] >= limit[1] - 1e-9
+        ends = due or full or sums[0] >= limit[0] - 1e-9 or (close and k == last - 1)
+        wanted = due or grid[1] == 0.0
+        if ends:
+            for j in range(SENSOR):  # the expectation of a decaying error decays
+                correction[j] *= np.exp(-sums[0] * decay[j])
+            _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y)
+        if wanted:
+            out_time[rows] = time[k]
+            for i in range(10):
+                out_state[rows, i] = x[i]
+            if ends:
+                predicted_variance(phi, p, q, out_variance[rows])
+            else:
+                out_variance[rows, 0] = -1.0
+            rows += 1
+        if due and grid[1] > 0.0:
+            grid[0] = grid[2] + (np.floor((time[k] - grid[2]) / grid[1] + 1e-6) + 1.0) * grid[1]
+        if full and not (close and k == last - 1):
+            return k + 1, rows
+    return last, rows
+
+
+def scratch() -> tuple[np.ndarray, ...]:
+    """Work space of `propagate`."""
+    return (
+        np.zeros((NAV, NAV)),
+        np.zeros((NAV, NAV)),
+        np.zeros((NAV, SENSOR)),
+        np.zeros(SENSOR),
+        np.zeros((NAV, STATES)),
+        np.zeros((NAV, STATES)),
+        np.zeros(9),
+    )
+
+
+@njit(cache=True)
+def reset_transition(phi, q, span):  # type: ignore[no-untyped-def]
+    """Start accumulating anew after a filter epoch."""
+    phi[:] = 0.0
+    q[:] = 0.0
+    span[0] = 0.0
+    for i in range(phi.shape[0]):
+        phi[i, i] = 1.0
+
+
+@njit(cache=True)
+def feed_back(x, correction, error):  # type: ignore[no-untyped-def]
+    """Take the estimated error off the state and the sensor corrections (closed loop)."""
+    sin_lat = np.sin(x[0])
+    rm, rn = radii(sin_lat)
+    h = x[2]
+    x[1] -= error[1] / ((rn + h) * np.cos(x[0]))
+    x[0] -= error[0] / (rm + h)
+    x[2] += error[2]
+    if x[1] >= np.pi:
+        x[1] -= 2.0 * np.pi
+    elif x[1] < -np.pi:
+        x[1] += 2.0 * np.pi
+    x[3] -= error[3]
+    x[4] -= error[4]
+    x[5] -= error[5]
+    # C = (I + [phi x]) C_hat: the navigation-side factor of quaternion_step is q(-r)
+    angle = np.sqrt(error[6] ** 2 + error[7] ** 2 + error[8] ** 2)
+    parts = int(angle / 0.05) + 1  # its half-angle series is for small angles
+    for _ in range(parts):
+        quaternion_step(x, -error[6] / parts, -error[7] / parts, -error[8] / parts, 0.0, 0.0, 0.0)
+    for i in range(SENSOR):
+        correction[i] -= error[NAV + i]

@@ -1,0 +1,153 @@
+"""Measurement of antenna position and velocity: what the state predicts, and how errors show in it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from insnav.kernels.earth import OMEGA, radii
+from insnav.kernels.errorstate import STATES
+
+
+@njit(cache=True)
+def antenna(x, motion, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-untyped-def]
+    """Predicted minus measured antenna position and velocity, and their derivative by the error states.
+
+    Parameters
+    ----------
+    x : (10,) array
+        State; see `insnav.kernels.mechanization`.
+    motion : (6,) array
+        Body rate [rad/s] and acceleration in n [m/s^2].
+    lever : (3,) array
+        Antenna seen from the IMU, body axes [m].
+    delay : float
+        How much older the fix is than its stamp [s], beyond what its time already accounts for.
+    lag : float
+        How much older than the position the velocity of a fix is [s].
+    lla : (3,) array
+        Measured latitude, longitude [rad], height [m].
+    v_n : (3,) array
+        Measured velocity [m/s]; may be ``NaN``.
+    z : (6,) array
+        Filled with predicted minus measured: position N, E, D [m], velocity N, E, D [m/s].
+    h : (6, n) array
+        Filled with the derivative of `z` by the error states; with a 22nd state, that is the delay [s].
+
+    Notes
+    -----
+    Lever arm: Groves (2013), eq. 14.104 to 14.114, with errors as estimate minus truth.
+    """
+    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
+    c = np.empty((3, 3))
+    c[0, 0] = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3
+    c[0, 1] = 2.0 * (q1 * q2 - q0 * q3)
+    c[0, 2] = 2.0 * (q1 * q3 + q0 * q2)
+    c[1, 0] = 2.0 * (q1 * q2 + q0 * q3)
+    c[1, 1] = q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3
+    c[1, 2] = 2.0 * (q2 * q3 - q0 * q1)
+    c[2, 0] = 2.0 * (q1 * q3 - q0 * q2)
+    c[2, 1] = 2.0 * (q2 * q3 + q0 * q1)
+    c[2, 2] = q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3
+    wx, wy, wz = motion[0], motion[1], motion[2]
+    lx, ly, lz = lever[0], lever[1], lever[2]
+    sx, sy, sz = wy * lz - wz * ly, wz * lx - wx * lz, wx * ly - wy * lx  # w x lever
+    arm = np.empty(3)
+    swing = np.empty(3)
+    for i in range(3):
+        arm[i] = c[i, 0] * lx + c[i, 1] * ly + c[i, 2] * lz
+        swing[i] = c[i, 0] * sx + c[i, 1] * sy + c[i, 2] * sz
+    sin_lat, cos_lat = np.sin(x[0]), np.cos(x[0])
+    # the velocity is against the turning Earth
+    en, ed = OMEGA * cos_lat, -OMEGA * sin_lat
+    swing[0] += ed * arm[1]
+    swing[1] += en * arm[2] - ed * arm[0]
+    swing[2] -= en * arm[1]
+
+    rm, rn = radii(sin_lat)
+    east = x[1] - lla[1]
+    if east > np.pi:
+        east -= 2.0 * np.pi
+    elif east < -np.pi:
+        east += 2.0 * np.pi
+    vn, ve, vd = x[3] + swing[0], x[4] + swing[1], x[5] + swing[2]
+    z[0] = (x[0] - lla[0]) * (rm + x[2]) + arm[0] - delay * vn
+    z[1] = east * (rn + x[2]) * cos_lat + arm[1] - delay * ve
+    z[2] = lla[2] - x[2] + arm[2] - delay * vd
+    z[3] = vn - v_n[0] - (delay + lag) * motion[3]
+    z[4] = ve - v_n[1] - (delay + lag) * motion[4]
+    z[5] = vd - v_n[2] - (delay + lag) * motion[5]
+
+    h[:] = 0.0
+    for i in range(6):
+        h[i, i] = 1.0
+    # d(C l) = (C l) x phi
+    h[0, 7], h[0, 8] = -arm[2], arm[1]
+    h[1, 6], h[1, 8] = arm[2], -arm[0]
+    h[2, 6], h[2, 7] = -arm[1], arm[0]
+    h[3, 7], h[3, 8] = -swing[2], swing[1]
+    h[4, 6], h[4, 8] = swing[2], -swing[0]
+    h[5, 6], h[5, 7] = -swing[1], swing[0]
+    # w_hat = (w_measured - bias) / (1 + scale): d(w x l) = l x (d bias + w d scale)
+    for i in range(3):
+        h[3 + i, 9] = c[i, 1] * lz - c[i, 2] * ly
+        h[3 + i, 10] = c[i, 2] * lx - c[i, 0] * lz
+        h[3 + i, 11] = c[i, 0] * ly - c[i, 1] * lx
+        h[3 + i, 15] = h[3 + i, 9] * wx
+        h[3 + i, 16] = h[3 + i, 10] * wy
+        h[3 + i, 17] = h[3 + i, 11] * wz
+    if h.shape[1] > STATES:
+        h[0, STATES], h[1, STATES], h[2, STATES] = -vn, -ve, -vd
+        h[3, STATES], h[4, STATES], h[5, STATES] = -motion[3], -motion[4], -motion[5]
+
+
+@njit(cache=True)
+def innovation_statistics(z, h, p, r, s, sd):  # type: ignore[no-untyped-def]
+    """Predicted standard deviation of each innovation, and the NIS of position and of velocity.
+
+    Parameters
+    ----------
+    z : (6,) array
+        Innovations.
+    h, p, r : (6, n), (n, n), (6, 6) array
+        Measurement matrix, covariance, measurement noise.
+    s : (6, 6) array
+        Filled with the covariance of the innovations.
+    sd : (6,) array
+        Filled with their standard deviations.
+
+    Returns
+    -------
+    position, velocity : float
+        ``z' S^-1 z`` of each half, 3 degrees of freedom; ``NaN`` where the measurement is.
+    """
+    s[:] = h @ p @ h.T + r
+    for i in range(6):
+        sd[i] = np.sqrt(s[i, i])
+    position, velocity = np.nan, np.nan
+    if np.isfinite(z[:3].sum()):
+        position = float(np.dot(z[:3], np.linalg.solve(s[:3, :3].copy(), z[:3].copy())))
+    if np.isfinite(z[3:].sum()):
+        velocity = float(np.dot(z[3:], np.linalg.solve(s[3:, 3:].copy(), z[3:].copy())))
+    return position, velocity
+
+
+@njit(cache=True)
+def covariance_fault(p):  # type: ignore[no-untyped-def]
+    """Whether a covariance has a number that is not finite (1) or a negative variance (2); symmetrised in place."""
+    n = p.shape[0]
+    fault = 0
+    for i in range(n):
+        if p[i, i] < 0.0:
+            fault = 2
+        for j in range(i):
+            mean = 0.5 * (p[i, j] + p[j, i])
+            p[i, j] = mean
+            p[j, i] = mean
+    total = 0.0
+    for i in range(n):
+        for j in range(i + 1):
+            total += p[i, j]
+    if not np.isfinite(total):
+        fault = 1
+    return fault
