@@ -1,0 +1,329 @@
+"""Errors of a trajectory against a reference, and the figures that sum them up.
+
+Error is estimate minus truth, at the epochs of the reference. The estimate is brought to those epochs by
+cubic Hermite interpolation of position, so that a 10 Hz solution adds less than a millimetre of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from insnav.attitude import (
+    dcm_from_rph,
+    quat_conjugate,
+    quat_from_rotvec,
+    quat_from_rph,
+    quat_multiply,
+    rotvec_from_quat,
+    rph_from_quat,
+    wrap_pi,
+)
+from insnav.earth import lla_offset, ned_offset
+from insnav.exceptions import InputError
+from insnav.types import BoolArray, FloatArray, Trajectory
+
+MOVING_M_S = 0.5  # faster than this counts as moving
+LONGEST_STEP = 2.0  # times the median step of the estimate; longer is a gap, and nothing is made up inside it
+_SAME_TIME = 1e-6  # of a step: times written with different digits are the same time
+
+# name with unit -> group, column, and factor from SI
+_COLUMNS: dict[str, tuple[str, int, float]] = {
+    "north_m": ("position", 0, 1.0),
+    "east_m": ("position", 1, 1.0),
+    "down_m": ("position", 2, 1.0),
+    "velocity_north_m_s": ("velocity", 0, 1.0),
+    "velocity_east_m_s": ("velocity", 1, 1.0),
+    "velocity_down_m_s": ("velocity", 2, 1.0),
+    "roll_deg": ("attitude", 0, 180.0 / np.pi),
+    "pitch_deg": ("attitude", 1, 180.0 / np.pi),
+    "heading_deg": ("attitude", 2, 180.0 / np.pi),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryErrors:
+    """Estimate minus truth at the epochs of the reference that the estimate covers.
+
+    Attributes
+    ----------
+    time : (m,) array
+        Epochs of the reference [s].
+    position : (m, 3) array
+        Error North, East, Down [m].
+    velocity : (m, 3) array
+        Error North, East, Down [m/s]; ``NaN`` where the reference has no velocity.
+    attitude : (m, 3) array
+        Error in roll, pitch, heading [rad], within +-pi; ``NaN`` where the reference has no attitude.
+    sd : (m, 9) array or None
+        Stated standard deviation of the estimate, columns as in `Trajectory`.
+    speed : (m,) array
+        Speed of the reference, or of the estimate where the reference does not know it [m/s].
+    """
+
+    time: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    attitude: FloatArray
+    sd: FloatArray | None
+    speed: FloatArray
+
+    @property
+    def moving(self) -> BoolArray:
+        """(m,) array: faster than `MOVING_M_S`."""
+        return np.asarray(self.speed > MOVING_M_S, dtype=np.bool_)
+
+    @property
+    def horizontal(self) -> FloatArray:
+        """(m,) array: length of the horizontal position error [m]."""
+        return np.hypot(self.position[:, 0], self.position[:, 1])
+
+
+def position_errors(
+    estimate: Trajectory, reference: Trajectory, *, lever_b: FloatArray | None = None
+) -> TrajectoryErrors:
+    """Errors of position, velocity and attitude at the epochs of the reference.
+
+    Reference epochs outside the estimate's span, or inside one of its gaps, are left out.
+
+    Parameters
+    ----------
+    estimate : Trajectory
+        What is judged; its velocity and attitude make the interpolation and the lever arm exact.
+    reference : Trajectory
+        What counts as truth.
+    lever_b : (3,) array, optional
+        The point of the reference seen from the point of the estimate, body axes [m].
+
+    Returns
+    -------
+    TrajectoryErrors
+
+    Raises
+    ------
+    InputError
+        No epoch of the reference lies inside the estimate.
+    """
+    if lever_b is not None:
+        estimate = at_point(estimate, lever_b)
+    index, share, covered = _brackets(estimate.time, reference.time)
+    if not covered.any():
+        raise InputError(
+            "the reference and the solution have no time in common",
+            why=f"reference {_span(reference.time)}, solution {_span(estimate.time)}",
+            fix="check the time base of the reference (GPS week, Unix time, UTC against GPS time)",
+        )
+    index, share = index[covered], share[covered]
+    truth = np.flatnonzero(covered)
+    lla, v_n, rph, sd = _interpolated(estimate, index, share)
+    speed = np.linalg.norm(reference.v_n[truth], axis=1)
+    return TrajectoryErrors(
+        time=reference.time[truth],
+        position=ned_offset(lla, reference.lla[truth]),
+        velocity=v_n - reference.v_n[truth],
+        attitude=wrap_pi(rph - reference.rph[truth]),
+        sd=sd,
+        speed=np.where(np.isfinite(speed), speed, np.linalg.norm(v_n, axis=1)),
+    )
+
+
+def at_point(trajectory: Trajectory, lever_b: FloatArray) -> Trajectory:
+    """Move a trajectory to another point of the same rigid body.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        With attitude everywhere.
+    lever_b : (3,) array
+        The other point seen from the first, body axes [m].
+
+    Returns
+    -------
+    Trajectory
+        Attitude and standard deviations are those of the first point.
+
+    Notes
+    -----
+    Groves (2013), section 14.3.1; the rotation rate is taken from the attitude itself, by differencing
+    the lever arm in local axes.
+    """
+    lever_n = dcm_from_rph(trajectory.rph) @ np.asarray(lever_b, dtype=np.float64)
+    return Trajectory(
+        time=trajectory.time,
+        lla=lla_offset(trajectory.lla, lever_n),
+        v_n=trajectory.v_n + _rates(trajectory.time, lever_n),
+        rph=trajectory.rph,
+        sd=trajectory.sd,
+    )
+
+
+def accuracy(errors: TrajectoryErrors, mask: BoolArray | None = None) -> dict[str, Any] | None:
+    """Mean, RMS, 95 % and largest error of everything the reference knows.
+
+    Parameters
+    ----------
+    errors : TrajectoryErrors
+    mask : (m,) bool array, optional
+        The epochs to count; all by default.
+
+    Returns
+    -------
+    dict or None
+        ``n``; for each quantity (``north_m``, ``horizontal_m``, ``velocity_down_m_s``, ``heading_deg``, …) a
+        dict of ``mean``, ``rms``, ``p95``, ``max`` (the last two of the absolute error) or None if the
+        reference does not know it; ``cep50_m`` and ``r95_m``, the radii that hold 50 % and 95 % of the
+        horizontal errors. None if there is no epoch to count.
+    """
+    rows = np.ones(len(errors.time), dtype=np.bool_) if mask is None else mask
+    if not rows.any():
+        return None
+    horizontal = errors.horizontal[rows]
+    table: dict[str, Any] = {"n": int(np.count_nonzero(rows)), "horizontal_m": _statistics(horizontal)}
+    for name, (group, column, factor) in _COLUMNS.items():
+        table[name] = _statistics(getattr(errors, group)[rows, column] * factor)
+    v_horizontal = np.hypot(errors.velocity[rows, 0], errors.velocity[rows, 1])
+    table["velocity_horizontal_m_s"] = _statistics(v_horizontal)
+    table["cep50_m"], table["r95_m"] = (float(np.percentile(horizontal, p)) for p in (50.0, 95.0))
+    return table
+
+
+def accuracy_by_motion(errors: TrajectoryErrors) -> dict[str, Any]:
+    """`accuracy` of ``all`` epochs, and of the ``static`` and the ``moving`` ones apart.
+
+    Parameters
+    ----------
+    errors : TrajectoryErrors
+    """
+    return {
+        "all": accuracy(errors),
+        "static": accuracy(errors, ~errors.moving),
+        "moving": accuracy(errors, errors.moving),
+    }
+
+
+def nees(errors: TrajectoryErrors, mask: BoolArray | None = None) -> dict[str, Any] | None:
+    """Whether the stated standard deviations are true: normalised squared error, and the share inside 3 sd.
+
+    Parameters
+    ----------
+    errors : TrajectoryErrors
+    mask : (m,) bool array, optional
+        The epochs to count; all by default.
+
+    Returns
+    -------
+    dict or None
+        For ``position``, ``velocity`` and ``attitude``: ``nees``, the mean over epochs and axes of
+        (error / sd)^2, one if the sd is true, and ``inside_3_sd``, the share of errors inside 3 sd (0.997 if
+        normal); None for a group the reference does not know. None if the estimate states no sd.
+
+    Notes
+    -----
+    Correlation between the axes is not in the sd, so each axis is normalised by itself; for the full form see
+    Bar-Shalom, Li and Kirubarajan (2001), section 5.4.2.
+    """
+    if errors.sd is None:
+        return None
+    rows = np.ones(len(errors.time), dtype=np.bool_) if mask is None else mask
+    return {
+        "position": _normalised(errors.position[rows], errors.sd[rows, 0:3]),
+        "velocity": _normalised(errors.velocity[rows], errors.sd[rows, 3:6]),
+        "attitude": _normalised(errors.attitude[rows], errors.sd[rows, 6:9]),
+    }
+
+
+def _normalised(error: FloatArray, sd: FloatArray) -> dict[str, float] | None:
+    known = np.isfinite(error) & np.isfinite(sd) & (sd > 0.0)
+    if not known.any():
+        return None
+    ratio = np.abs(error[known]) / sd[known]
+    return {"nees": float(np.mean(ratio**2)), "inside_3_sd": float(np.mean(ratio <= 3.0))}
+
+
+def _statistics(error: FloatArray) -> dict[str, float] | None:
+    known = error[np.isfinite(error)]
+    if known.size == 0:
+        return None
+    size = np.abs(known)
+    return {
+        "mean": float(np.mean(known)),
+        "rms": float(np.sqrt(np.mean(known**2))),
+        "p95": float(np.percentile(size, 95.0)),
+        "max": float(np.max(size)),
+    }
+
+
+def _brackets(time: FloatArray, wanted: FloatArray) -> tuple[Any, FloatArray, BoolArray]:
+    """Interval of `time` that holds each wanted time, the share of it gone by, and whether it may be used."""
+    if len(time) < 2:
+        return np.zeros(len(wanted), dtype=np.intp), np.zeros(len(wanted)), np.isin(wanted, time)
+    index = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, len(time) - 2)
+    step = np.diff(time)
+    share = (wanted - time[index]) / step[index]
+    on_node = np.minimum(np.abs(share), np.abs(share - 1.0)) < _SAME_TIME
+    inside = (share > -_SAME_TIME) & (share < 1.0 + _SAME_TIME)
+    return index, share, inside & (on_node | ~_gaps(step)[index])
+
+
+def _gaps(step: FloatArray) -> BoolArray:
+    return np.asarray(step > LONGEST_STEP * np.median(step), dtype=np.bool_)
+
+
+def _rates(time: FloatArray, value: FloatArray) -> FloatArray:
+    """Slope of values at their own times, second order, one-sided beside a gap."""
+    if len(time) < 2:
+        return np.zeros_like(value)
+    step = np.diff(time)
+    slope = np.diff(value, axis=0) / step[:, None]
+    weight = np.where(_gaps(step), 0.0, 1.0 / step)
+    before, after = np.append(0.0, weight), np.append(weight, 0.0)
+    total = before + after
+    alone = total == 0.0  # a sample between two gaps: no slope is better than one across a gap
+    total[alone] = 1.0
+    first, last = np.concatenate((slope[:1], slope)), np.concatenate((slope, slope[-1:]))
+    return np.asarray((before[:, None] * first + after[:, None] * last) / total[:, None])
+
+
+def _interpolated(
+    estimate: Trajectory, index: Any, share: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
+    """Position, velocity, attitude and sd of an estimate at given shares of its intervals."""
+    if len(estimate.time) < 2:
+        sd = None if estimate.sd is None else estimate.sd[index]
+        return estimate.lla[index], estimate.v_n[index], estimate.rph[index], sd
+    s = share[:, None]
+    step = np.diff(estimate.time)[index][:, None]
+    v_n = _known_velocity(estimate)
+    path = ned_offset(estimate.lla[index + 1], estimate.lla[index])
+    moved = (
+        s * (1.0 - s) ** 2 * step * v_n[index]
+        + s**2 * (3.0 - 2.0 * s) * path
+        - s**2 * (1.0 - s) * step * v_n[index + 1]
+    )
+    velocity = (1.0 - s) * estimate.v_n[index] + s * estimate.v_n[index + 1]
+    sd = None if estimate.sd is None else (1.0 - s) * estimate.sd[index] + s * estimate.sd[index + 1]
+    return lla_offset(estimate.lla[index], moved), velocity, _attitude(estimate.rph, index, s), sd
+
+
+def _known_velocity(trajectory: Trajectory) -> FloatArray:
+    """Velocity of a trajectory, differenced from its positions where it is not given."""
+    given = np.isfinite(trajectory.v_n)
+    if given.all():
+        return trajectory.v_n
+    path = np.zeros_like(trajectory.lla)
+    path[1:] = np.cumsum(ned_offset(trajectory.lla[1:], trajectory.lla[:-1]), axis=0)
+    return np.where(given, trajectory.v_n, _rates(trajectory.time, path))
+
+
+def _attitude(rph: FloatArray, index: Any, share: FloatArray) -> FloatArray:
+    """Attitude along the shortest rotation between neighbouring samples (Shoemake 1985)."""
+    q = quat_from_rph(rph)
+    first, second = q[index], q[index + 1]
+    turn = rotvec_from_quat(quat_multiply(quat_conjugate(first), second))
+    return rph_from_quat(quat_multiply(first, quat_from_rotvec(share * turn)))
+
+
+def _span(time: FloatArray) -> str:
+    return f"{time[0]:.3f} to {time[-1]:.3f} s" if len(time) else "empty"

@@ -1,0 +1,57 @@
+"""Where a run had no fixes to lean on, and where its fixes lay."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from insnav.types import BoolArray, FloatArray, Innovations, Run
+
+SHORTEST_OUTAGE_S = 2.0
+MISSED_FIXES = 3.0  # median intervals without a used position fix make an outage
+
+
+def outages(run: Run) -> list[tuple[float, float]]:
+    """Start and end of the times without a used position fix, at the ends of the run too [s].
+
+    Parameters
+    ----------
+    run : Run
+
+    Returns
+    -------
+    list of (float, float)
+        Longer than `MISSED_FIXES` median intervals between fixes and than `SHORTEST_OUTAGE_S`; empty if the
+        run had no position fix at all.
+    """
+    fixes = run.innovations
+    offered = fixes.time[_has_position(fixes)]
+    used = fixes.time[fixes.used_position]
+    if len(offered) < 2 or len(run.solution.time) == 0:
+        return []
+    limit = max(MISSED_FIXES * float(np.median(np.diff(offered))), SHORTEST_OUTAGE_S)
+    start, end = run.solution.time[0], run.solution.time[-1]
+    inside = used[(used > start) & (used < end)]
+    edges = np.concatenate(([start], inside, [end]))
+    return [(float(a), float(b)) for a, b in pairwise(edges) if b - a > limit]
+
+
+def in_outage(time: FloatArray, spans: list[tuple[float, float]]) -> BoolArray:
+    """Whether each time lies in one of the spans, as a bool array.
+
+    Parameters
+    ----------
+    time : (n,) array
+        [s].
+    spans : list of (float, float)
+        Start and end [s].
+    """
+    inside = np.zeros(len(time), dtype=np.bool_)
+    for start, end in spans:
+        inside |= (time >= start) & (time <= end)
+    return inside
+
+
+def _has_position(fixes: Innovations) -> BoolArray:
+    return np.asarray(np.isfinite(fixes.innovation[:, 0:3]).any(axis=1))

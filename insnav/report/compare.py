@@ -1,0 +1,111 @@
+"""Accuracy of several runs against one reference, side by side, over the epochs that all of them cover."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from insnav.errors.metrics import accuracy, nees, position_errors
+from insnav.exceptions import InputError
+from insnav.io.text import plain_text
+from insnav.io.write import read_solution
+from insnav.report.labels import number
+from insnav.types import BoolArray, FloatArray, Trajectory
+
+# heading -> quantity and statistic
+_COLUMNS = (
+    ("N m", "north_m", "rms"),
+    ("E m", "east_m", "rms"),
+    ("D m", "down_m", "rms"),
+    ("2D m", "horizontal_m", "rms"),
+    ("95 % m", "horizontal_m", "p95"),
+    ("max m", "horizontal_m", "max"),
+    ("v m/s", "velocity_horizontal_m_s", "rms"),
+    ("roll °", "roll_deg", "rms"),
+    ("pitch °", "pitch_deg", "rms"),
+    ("head °", "heading_deg", "rms"),
+)
+
+
+def compare(runs: Sequence[Path], reference: Trajectory, *, lever_b: FloatArray | None = None) -> list[dict[str, Any]]:
+    """Accuracy of run folders against a reference.
+
+    Only epochs of the reference that every run covers are counted, so that the rows can be compared.
+
+    Parameters
+    ----------
+    runs : sequence of Path
+        Run folders.
+    reference : Trajectory
+        What counts as truth.
+    lever_b : (3,) array, optional
+        The point of the reference seen from the IMU, body axes [m].
+
+    Returns
+    -------
+    list of dict
+        For each run its ``run`` (name of the folder), ``accuracy`` as of `insnav.errors.metrics.accuracy`,
+        and ``consistency`` as of `insnav.errors.metrics.nees`.
+
+    Raises
+    ------
+    InputError
+        A folder without a solution, or no epoch that all runs and the reference share.
+    """
+    errors = [position_errors(read_solution(run), reference, lever_b=lever_b) for run in runs]
+    shared = reduce(np.intersect1d, [each.time for each in errors])
+    if len(shared) == 0:
+        raise InputError(
+            "these runs have no time in common",
+            why="; ".join(
+                f"{run.name}: {each.time[0]:.1f} to {each.time[-1]:.1f} s"
+                for run, each in zip(runs, errors, strict=True)
+            ),
+            fix="compare runs of the same recording",
+        )
+    rows = []
+    for run, each in zip(runs, errors, strict=True):
+        counted: BoolArray = np.isin(each.time, shared)
+        rows.append(
+            {
+                "run": plain_text(run.resolve().name),
+                "accuracy": accuracy(each, counted),
+                "consistency": nees(each, counted),
+            }
+        )
+    return rows
+
+
+def comparison_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Lay out the rows of `compare` as text.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+
+    Returns
+    -------
+    list of str
+        A heading, one line a run, and what the columns are; what the reference does not know is left out.
+    """
+    columns = [column for column in _COLUMNS if rows[0]["accuracy"][column[1]] is not None]
+    name = max(len("run"), *(len(row["run"]) for row in rows))
+    lines = [f"{'run':<{name}}" + "".join(f"{heading:>9}" for heading, _, _ in columns) + f"{'in 3 sd':>10}"]
+    for row in rows:
+        cells = "".join(f"{number(row['accuracy'][quantity][figure]):>9}" for _, quantity, figure in columns)
+        lines.append(f"{row['run']:<{name}}{cells}{_inside(row['consistency']):>10}")
+    return [
+        *lines,
+        f"{rows[0]['accuracy']['n']} epochs of the reference that every run covers; RMS, and of the",
+        "horizontal error also 95 % and largest; in 3 sd: share of position errors inside three stated sd",
+    ]
+
+
+def _inside(consistency: dict[str, Any] | None) -> str:
+    """Share of position errors inside 3 sd."""
+    position = None if consistency is None else consistency["position"]
+    return "–" if position is None else f"{100.0 * position['inside_3_sd']:.1f} %"

@@ -1,0 +1,89 @@
+"""The report page: one self-contained HTML file with the accuracy, the figures and every fact."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from insnav.io.text import plain_text
+from insnav.report.accuracy_table import STATISTICS, accuracy_rows
+from insnav.report.labels import label, number, shown
+
+_MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
+_SECTIONS = {
+    "input": "What was read",
+    "alignment": "Alignment",
+    "imu_model": "IMU model",
+    "solution": "Solution",
+    "fixes": "Fixes",
+    "outages": "Outages",
+    "sensor_errors": "Estimated sensor errors",
+    "events": "Events",
+    "configuration": "Configuration",
+    "versions": "Versions",
+}
+_CAPTIONS = {
+    "track": "Track, with fixes and outages",
+    "error_position": "Position error and its ±3 sd",
+    "error_velocity": "Velocity error and its ±3 sd",
+    "error_attitude": "Attitude error and its ±3 sd",
+    "error_distribution": "Distribution of the horizontal error",
+    "height": "Height",
+    "velocity": "Velocity",
+    "attitude": "Attitude",
+    "innovations": "Innovations against their gates",
+    "biases": "Estimated sensor errors",
+}
+
+
+def write_page(path: Path, facts: Mapping[str, Any], figures: Sequence[Path], *, title: str) -> Path:
+    """Write the report page.
+
+    Parameters
+    ----------
+    path : Path
+        The file, such as ``report.html``.
+    facts : mapping
+        As `insnav.report.facts.run_facts` makes them.
+    figures : sequence of Path
+        PNG or SVG files, in the order to show them; they are copied into the page.
+    title : str
+        Any text.
+
+    Returns
+    -------
+    Path
+        The file written.
+    """
+    path.write_text(page_html(facts, figures, title=title), encoding="utf-8", newline="\n")
+    return path
+
+
+def page_html(facts: Mapping[str, Any], figures: Sequence[Path], *, title: str) -> str:
+    """Make the report page; see `write_page`."""
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"label": label, "number": number, "shown": shown, "plain": plain_text}
+    accuracy = facts["accuracy"]
+    table = accuracy_rows(accuracy) if accuracy and accuracy.get("all") else None
+    return environment.get_template("report.html.j2").render(
+        title=title,
+        facts=facts,
+        table=table,
+        statistics=[name for _, name in STATISTICS],
+        sections=[(heading, facts[key]) for key, heading in _SECTIONS.items() if facts[key]],
+        figures=[(_CAPTIONS.get(file.stem, file.stem), _data_uri(file)) for file in figures],
+    )
+
+
+def _data_uri(file: Path) -> str:
+    return f"data:{_MEDIA[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}"

@@ -1,0 +1,76 @@
+"""Runs are compared over the epochs they share, and the better one looks better."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.earth import lla_offset
+from insnav.exceptions import InputError
+from insnav.io.write import write_solution
+from insnav.report.compare import compare, comparison_lines
+
+
+def folder(tmp_path, name, solution, file_format="csv"):
+    path = tmp_path / name
+    path.mkdir()
+    write_solution(path, solution, file_format)
+    return path
+
+
+def test_each_run_gets_its_own_errors(driven, tmp_path):
+    _, _, true = driven
+    off = replace(true, lla=lla_offset(true.lla, np.array([3.0, 4.0, 0.0])))
+    rows = compare([folder(tmp_path, "good", true), folder(tmp_path, "off", off, "parquet")], true)
+    assert [row["run"] for row in rows] == ["good", "off"]
+    assert rows[0]["accuracy"]["horizontal_m"]["rms"] < 1e-4
+    assert rows[1]["accuracy"]["horizontal_m"]["rms"] == pytest.approx(5.0, abs=1e-4)
+    head, good, bad, *_ = comparison_lines(rows)
+    column = head.split("  ")
+    assert column[0] == "run"
+    assert good.startswith("good")
+    assert "5.00" in bad
+    assert "5.00" not in good
+
+
+def test_only_shared_epochs_are_counted(driven, tmp_path):
+    _, _, true = driven
+    half = len(true.time) // 2
+    wrong = lla_offset(true.lla, np.column_stack((0.01 * true.time, 0.0 * true.time, 0.0 * true.time)))
+    whole = replace(true, lla=wrong)
+    part = replace(true, time=true.time[:half], lla=wrong[:half], v_n=true.v_n[:half], rph=true.rph[:half])
+    rows = compare([folder(tmp_path, "whole", whole), folder(tmp_path, "part", part)], true)
+    assert rows[0]["accuracy"] == rows[1]["accuracy"]
+    assert rows[0]["accuracy"]["n"] == half
+
+
+def test_runs_of_different_recordings_cannot_be_compared(driven, tmp_path):
+    _, _, true = driven
+    first, second = slice(0, 500), slice(600, 1200)
+    paths = [
+        folder(
+            tmp_path,
+            name,
+            replace(true, time=true.time[s], lla=true.lla[s], v_n=true.v_n[s], rph=true.rph[s]),
+        )
+        for name, s in (("a", first), ("b", second))
+    ]
+    with pytest.raises(InputError, match="no time in common"):
+        compare(paths, true)
+
+
+def test_what_the_reference_does_not_know_has_no_column(driven, tmp_path):
+    _, _, true = driven
+    unknown = np.full_like(true.v_n, np.nan)
+    rows = compare([folder(tmp_path, "run", true)], replace(true, v_n=unknown, rph=unknown))
+    head = comparison_lines(rows)[0]
+    assert "head" not in head
+    assert "v m/s" not in head
+    assert "N m" in head
+
+
+def test_a_folder_without_a_solution_is_named(driven, tmp_path):
+    with pytest.raises(InputError, match="no solution"):
+        compare([tmp_path], driven[2])

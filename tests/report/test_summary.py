@@ -1,0 +1,87 @@
+"""The summary fits a screen and says what matters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from insnav.report.facts import run_facts
+from insnav.report.labels import label, number, shown
+from insnav.report.summary import LINES, WIDTH, summary_lines
+
+
+def test_one_screen_with_everything_that_was_asked(facts):
+    lines = summary_lines({**facts, "files": {"solution.csv": {}, "report.html": {}}}, Path("out/drive"))
+    assert len(lines) <= LINES == 40
+    assert max(map(len, lines)) <= WIDTH == 100
+    text = "\n".join(lines)
+    for words in (
+        *(
+            "36000 of 36001 rows",
+            "2 gaps, longest 0.31 s",
+            "FRD",
+            "consumer; nearest to",
+            "delay 0.050 s, sd 0.010 s",
+        ),
+        *("levelling at rest; heading: course of the GPS", "3 by chi-square, position"),
+        *("1, the longest 30.0 s", "against ref.csv", "static", "moving", "RMS", "95 %", "max", "CEP50"),
+        *("R95", "inside 3 sd", "heading is not observable", "out/drive: report.html, solution.csv"),
+    ):
+        assert words in text
+
+
+def test_the_figures_of_the_table_are_those_of_the_facts(facts):
+    row = next(line for line in summary_lines(facts) if line.strip().startswith("horizontal [m]"))
+    expected = [
+        number(facts["accuracy"][part]["horizontal_m"][name])
+        for part in ("all", "static", "moving")
+        for name in ("rms", "p95", "max")
+    ]
+    assert row.split()[2:] == expected
+
+
+def test_a_crowded_and_hostile_run_still_fits(facts):
+    crowd = {
+        **facts,
+        "warnings": [f"\x1b[31mwarning {i} " + "x" * 300 for i in range(50)],
+        "input": {f"file{i}": {"path": "p" * 200, "n_rows": 10**9} for i in range(3)},
+    }
+    lines = summary_lines(crowd, Path("o" * 150))
+    assert len(lines) <= LINES
+    assert max(map(len, lines)) <= WIDTH
+    assert not any("\x1b" in line for line in lines)
+    assert any("46 more warnings" in line for line in lines)
+    assert lines[-1].startswith("files")
+
+
+def test_the_shortest_run_is_summed_up(bare):
+    text = "\n".join(summary_lines(run_facts(bare, reading={}, configuration={})))
+    assert "no reference was given" in text
+    assert "fixes       none" in text
+    assert "nan" not in text.lower().split()
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        (0.0, "0.00"),
+        (1.2345, "1.23"),
+        (12345.6, "12300"),
+        (0.00012, "0.000120"),
+        (-99.96, "-100"),
+    ],
+)
+def test_numbers_have_three_digits_and_no_exponent(value, text):
+    assert number(value) == text
+
+
+def test_units_of_keys_are_put_in_brackets():
+    assert label("gyro_bias_deg_h") == "gyro bias [deg/h]"
+    assert label("max_speed_m_s") == "max speed [m/s]"
+    assert label("start_s") == "start [s]"
+    assert label("axes") == "axes"
+    assert label("random_walk_m_s_sqrt_h") == "random walk [m/s/√h]"
+    assert shown([1.0, None, "a\x1b[0m"]) == "1, –, a"
+    assert shown({"a_m": True}) == "a [m]: yes"
