@@ -1,0 +1,42 @@
+"""Simulated drives: exact truth over the rotating Earth, sensors that measure it, and the errors they make.
+
+    profile -> drive -> Truth -> imu_from_truth -> corrupt_imu -> write_imu
+                              -> gps_from_truth -> corrupt_gps -> write_gps
+                              -> reference                     -> write_reference
+
+`Truth` is made of two curves, position and attitude; everything else is derived from them. `straight` and
+`circle` are truths in closed form; `drive` makes one from a list of segments.
+"""
+
+from __future__ import annotations
+
+from insnav.simulate.closed_forms import circle, straight
+from insnav.simulate.files import write_gps, write_imu, write_reference
+from insnav.simulate.measure import gps_from_truth, imu_from_truth, reference
+from insnav.simulate.profile import Profile, Segment
+from insnav.simulate.receiver import GpsErrors, corrupt_gps, without_fixes
+from insnav.simulate.sensors import ImuSimulation, corrupt_imu
+from insnav.simulate.truth import Kinematics, Truth
+from insnav.simulate.vehicle import Vehicle, drive
+
+__all__ = [
+    "GpsErrors",
+    "ImuSimulation",
+    "Kinematics",
+    "Profile",
+    "Segment",
+    "Truth",
+    "Vehicle",
+    "circle",
+    "corrupt_gps",
+    "corrupt_imu",
+    "drive",
+    "gps_from_truth",
+    "imu_from_truth",
+    "reference",
+    "straight",
+    "without_fixes",
+    "write_gps",
+    "write_imu",
+    "write_reference",
+]

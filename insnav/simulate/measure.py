@@ -1,0 +1,154 @@
+"""Error-free measurements of an exact motion: a perfect IMU, a perfect receiver, a reference."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insnav.attitude import dcm_from_rph
+from insnav.earth import earth_rate_n, lla_offset
+from insnav.exceptions import ConfigError
+from insnav.simulate.truth import Truth, sensed
+from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
+_LONGEST_PIECE = 0.02  # [s]; five nodes a piece leave less than 1e-13 of an increment up to 15 Hz
+_CHUNK = 1024  # pieces at a time: the arrays of one chunk stay in the cache
+_SLIVER = 1e-9  # [s]; a knot this close to a sample time needs no piece of its own
+
+
+def imu_from_truth(truth: Truth, time: FloatArray, sampling: Sampling = "increment") -> ImuData:
+    """Measure with a perfect IMU.
+
+    Parameters
+    ----------
+    truth : Truth
+        The motion.
+    time : (n + 1,) array
+        Edges of the sampling intervals [s], strictly increasing: sample i covers ``time[i]`` to
+        ``time[i + 1]`` and is stamped with its end. For ``instant`` there are no intervals: (n,) times.
+    sampling : {"increment", "mean", "instant"}
+        Integral over the interval, mean over it, or value at the instant.
+
+    Returns
+    -------
+    ImuData
+        n samples, each interval integrated with its own length as the floating-point times have it.
+
+    Raises
+    ------
+    ConfigError
+        Times outside the motion, not increasing, or not enough of them.
+    """
+    time = np.asarray(time, dtype=np.float64)
+    if sampling == "instant":
+        at = truth.evaluate(time)
+        return ImuData(time, at.w_ib_b, at.f_b, sampling="instant")
+    if len(time) < 2 or not np.all(np.diff(time) > 0.0):
+        raise ConfigError(
+            "sampling intervals need two or more increasing times",
+            where="time",
+            why=f"{len(time)} times were given",
+        )
+    tau = truth.elapsed(time)
+    total = integrate(truth, tau)
+    if sampling == "mean":
+        total /= np.diff(tau)[:, None]
+    return ImuData(time[1:], total[:, :3].copy(), total[:, 3:].copy(), sampling=sampling, stamp="end")
+
+
+def integrate(truth: Truth, edges: FloatArray) -> FloatArray:
+    """Integrals of angular rate [rad] and specific force [m/s] between successive edges, ``(n, 6)``.
+
+    Gauss-Legendre quadrature on pieces that end at every edge and every knot, so that no piece hides a jump
+    of a derivative.
+
+    Parameters
+    ----------
+    truth : Truth
+        The motion.
+    edges : (n + 1,) array
+        Times since its start [s], strictly increasing.
+    """
+    breaks = pieces(edges, np.concatenate([truth.position.knots, truth.attitude.knots]))
+    half = 0.5 * np.diff(breaks)
+    middle = breaks[:-1] + half
+    parts = np.empty((len(half), 6))
+    for i in range(0, len(half), _CHUNK):
+        part = slice(i, i + _CHUNK)
+        nodes = middle[part, None] + half[part, None] * _NODES
+        w_ib_b, f_b, _ = sensed(truth, nodes.ravel())
+        for column, values in enumerate(w_ib_b + f_b):
+            parts[part, column] = half[part] * (values.reshape(nodes.shape) @ _WEIGHTS)
+    total: FloatArray = np.add.reduceat(parts, np.searchsorted(breaks, edges[:-1]), axis=0)
+    return total
+
+
+def pieces(edges: FloatArray, knots: FloatArray) -> FloatArray:
+    """Edges, the knots between them, and enough points more that no piece is longer than `_LONGEST_PIECE`."""
+    knots = np.unique(knots[(knots > edges[0]) & (knots < edges[-1])])
+    after = np.searchsorted(edges, knots)
+    clear = np.minimum(edges[after] - knots, knots - edges[after - 1]) > _SLIVER
+    breaks = np.union1d(edges, knots[clear])
+    count = np.ceil(np.diff(breaks) / _LONGEST_PIECE - 1e-6).astype(np.int64)
+    if np.all(count <= 1):
+        return breaks
+    count = np.maximum(count, 1)
+    step = np.repeat(np.diff(breaks) / count, count)
+    number = np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count)
+    return np.append(np.repeat(breaks[:-1], count) + number * step, breaks[-1])
+
+
+def reference(truth: Truth, time: FloatArray) -> Trajectory:
+    """Tell position, velocity and attitude of the IMU.
+
+    Parameters
+    ----------
+    truth : Truth
+        The motion.
+    time : (n,) array
+        Times [s], strictly increasing.
+
+    Raises
+    ------
+    ConfigError
+        Times outside the motion.
+    """
+    at = truth.evaluate(time)
+    return Trajectory(np.asarray(time, dtype=np.float64), at.lla, at.v_n, at.rph)
+
+
+def gps_from_truth(truth: Truth, time: FloatArray, lever_b: FloatArray) -> GpsData:
+    """Measure with a perfect receiver.
+
+    Parameters
+    ----------
+    truth : Truth
+        The motion.
+    time : (n,) array
+        Times of the fixes [s], strictly increasing.
+    lever_b : (3,) array
+        Antenna seen from the IMU, body axes [m].
+
+    Returns
+    -------
+    GpsData
+        Position and velocity of the antenna, v + C_nb (w_eb_b x lever) (Groves 2013, section 14.3.1), the
+        lever arm laid on the tangent plane: 1e-7 m off for one metre. Standard deviations are not known.
+
+    Raises
+    ------
+    ConfigError
+        Times outside the motion.
+    """
+    at = truth.evaluate(time)
+    C_nb = dcm_from_rph(at.rph)
+    w_eb_n = (C_nb @ at.w_ib_b[:, :, None])[:, :, 0] - earth_rate_n(at.lla[:, 0])
+    lever_n = C_nb @ np.asarray(lever_b, dtype=np.float64)
+    unknown = np.full((len(at.lla), 3), np.nan)
+    return GpsData(
+        time=np.asarray(time, dtype=np.float64),
+        lla=lla_offset(at.lla, lever_n),
+        v_n=at.v_n + np.cross(w_eb_n, lever_n),
+        position_sd=unknown,
+        velocity_sd=unknown.copy(),
+    )

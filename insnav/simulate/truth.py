@@ -1,0 +1,191 @@
+"""Exact motion over the rotating Earth: everything is an analytic function of position and attitude curves.
+
+Nothing is integrated to get from motion to sensors: velocity, angular rate and specific force are derivatives
+of the same curves, so they agree with each other to rounding at every instant.
+
+References
+----------
+Groves, "Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems", 2nd ed., 2013.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.attitude import wrap_pi, wrap_two_pi
+from insnav.earth import E2, OMEGA_EARTH, gravity_n, radii
+from insnav.exceptions import ConfigError
+from insnav.simulate.curves import Curve
+from insnav.types import FloatArray
+
+Vector = tuple[FloatArray, FloatArray, FloatArray]  # components apart: numpy is twice as fast on contiguous arrays
+
+
+@dataclass(frozen=True, slots=True)
+class Kinematics:
+    """State of motion at some instants.
+
+    Attributes
+    ----------
+    lla : (n, 3) array
+        Latitude [rad], longitude [rad] in [-pi, pi), ellipsoidal height [m].
+    v_n : (n, 3) array
+        Velocity North, East, Down [m/s].
+    rph : (n, 3) array
+        Roll, pitch, heading [rad], heading in [0, 2 pi).
+    w_ib_b : (n, 3) array
+        Angular rate of the body against inertial space, body axes [rad/s].
+    f_b : (n, 3) array
+        Specific force, body axes [m/s^2].
+    """
+
+    lla: FloatArray
+    v_n: FloatArray
+    rph: FloatArray
+    w_ib_b: FloatArray
+    f_b: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """A motion known exactly at every instant between `start` and `start` + `duration`.
+
+    Attributes
+    ----------
+    origin : (3,) array
+        Latitude [rad], longitude [rad], height [m] that `position` counts from: small numbers keep digits.
+    position : Curve
+        Latitude [rad], longitude [rad] and height [m] minus `origin`, over the time since `start` [s]; smooth
+        in at least two derivatives.
+    attitude : Curve
+        Roll, pitch, heading [rad] over the time since `start` [s], heading without jumps; smooth in at least
+        one derivative.
+    duration : float
+        Length [s].
+    start : float
+        Time of the first instant [s].
+    """
+
+    origin: FloatArray
+    position: Curve
+    attitude: Curve
+    duration: float
+    start: float = 0.0
+
+    def elapsed(self, time: FloatArray) -> FloatArray:
+        """Time since `start` ``(n,)`` [s].
+
+        Raises
+        ------
+        ConfigError
+            A time outside the motion.
+        """
+        tau: FloatArray = np.asarray(time, dtype=np.float64) - self.start
+        slack = 4.0 * np.spacing(abs(self.start) + self.duration)  # stamps such as k * 0.01 round to either side
+        if tau.size and not (tau.min() >= -slack and tau.max() <= self.duration + slack):
+            raise ConfigError(
+                "times outside the motion were asked for",
+                where=f"{np.min(time):.6f} to {np.max(time):.6f} s",
+                why=f"the motion lasts from {self.start:.6f} to {self.start + self.duration:.6f} s",
+            )
+        return tau
+
+    def evaluate(self, time: FloatArray) -> Kinematics:
+        """Motion at the given times.
+
+        Parameters
+        ----------
+        time : (n,) array
+            Times [s], in any order.
+
+        Raises
+        ------
+        ConfigError
+            A time outside the motion.
+        """
+        tau = self.elapsed(time)
+        w_ib_b, f_b, v_n = sensed(self, tau)
+        lla = self.position(tau) + self.origin
+        lla[:, 1] = wrap_pi(lla[:, 1])
+        rph = self.attitude(tau).copy()
+        rph[:, 2] = wrap_two_pi(rph[:, 2])
+        return Kinematics(lla, np.column_stack(v_n), rph, np.column_stack(w_ib_b), np.column_stack(f_b))
+
+
+def sensed(truth: Truth, tau: FloatArray) -> tuple[Vector, Vector, Vector]:
+    """Angular rate [rad/s] and specific force [m/s^2] in body axes, and velocity North, East, Down [m/s].
+
+    Parameters
+    ----------
+    truth : Truth
+        The motion.
+    tau : (n,) array
+        Times since its start [s].
+
+    Returns
+    -------
+    w_ib_b, f_b, v_n : tuple of three (n,) arrays each
+        Components: Groves 2013, eq. 2.111 solved for the velocity, eq. 5.53 for the specific force.
+    """
+    lat, _, height = components(truth.position(tau) + truth.origin)
+    d_lat, d_lon, d_height = components(truth.position(tau, 1))
+    dd_lat, dd_lon, dd_height = components(truth.position(tau, 2))
+    meridian, transverse = radii(lat)
+    s, c = np.sin(lat), np.cos(lat)
+    # d radii / d latitude: (3 k) meridian and k transverse, by differentiating Groves 2013, eq. 2.105, 2.106.
+    k = E2 * s * c / (1.0 - E2 * s * s)
+    to_north, to_east = meridian + height, transverse + height
+    v_north, v_east, v_down = to_north * d_lat, to_east * c * d_lon, -d_height
+    a_north = to_north * dd_lat + (3.0 * k * meridian * d_lat + d_height) * d_lat
+    a_east = to_east * (c * dd_lon - s * d_lat * d_lon) + (k * transverse * d_lat + d_height) * c * d_lon
+    a_down = -dd_height
+
+    # Earth rate plus transport rate (eq. 2.123, 5.44) in rates of latitude and longitude, and 2 w_ie + w_en.
+    turn_north, turn_east, turn_down = (OMEGA_EARTH + d_lon) * c, -d_lat, -(OMEGA_EARTH + d_lon) * s
+    p_north, p_down = turn_north + OMEGA_EARTH * c, turn_down - OMEGA_EARTH * s
+    g_north, _, g_down = components(gravity_n(lat, height))
+    f_n = (
+        a_north + turn_east * v_down - p_down * v_east - g_north,
+        a_east + p_down * v_north - p_north * v_down,
+        a_down + p_north * v_east - turn_east * v_north - g_down,
+    )
+
+    rph = components(truth.attitude(tau))
+    d_roll, d_pitch, d_heading = components(truth.attitude(tau, 1))
+    trig = tuple((np.sin(angle), np.cos(angle)) for angle in rph)
+    (s_roll, c_roll), (s_pitch, c_pitch), _ = trig
+    w_x, w_y, w_z = to_body(trig, (turn_north, turn_east, turn_down))
+    # Rate of the body against the local level, from rates of Euler angles (Groves 2013, section 2.3.1).
+    w_ib_b = (
+        w_x + d_roll - d_heading * s_pitch,
+        w_y + d_pitch * c_roll + d_heading * s_roll * c_pitch,
+        w_z - d_pitch * s_roll + d_heading * c_roll * c_pitch,
+    )
+    return w_ib_b, to_body(trig, f_n), (v_north, v_east, v_down)
+
+
+def components(rows: FloatArray) -> Vector:
+    """Split ``(n, 3)`` into its columns, each contiguous."""
+    x, y, z = np.ascontiguousarray(rows.T)
+    return x, y, z
+
+
+def to_body(trig: tuple[tuple[FloatArray, FloatArray], ...], vector: Vector) -> Vector:
+    """``C_bn @ vector``, one turn after the other: heading, pitch, roll (Groves 2013, eq. 2.22).
+
+    Parameters
+    ----------
+    trig : three pairs of (n,) arrays
+        Sine and cosine of roll, pitch and heading.
+    vector : three (n,) arrays
+        North, East, Down components.
+    """
+    (s_roll, c_roll), (s_pitch, c_pitch), (s_heading, c_heading) = trig
+    north, east, down = vector
+    ahead = c_heading * north + s_heading * east
+    right = c_heading * east - s_heading * north
+    x = c_pitch * ahead - s_pitch * down
+    below = s_pitch * ahead + c_pitch * down
+    return x, c_roll * right + s_roll * below, c_roll * below - s_roll * right

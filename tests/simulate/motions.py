@@ -1,0 +1,28 @@
+"""Motions that several tests look at."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insnav.simulate.profile import Profile, Segment
+from insnav.simulate.truth import Truth
+from insnav.simulate.vehicle import Vehicle, drive
+
+PLACE = np.array([np.radians(48.0), np.radians(11.0), 500.0])
+
+
+def town(start: float = 0.0, place: np.ndarray = PLACE, **options: object) -> Truth:
+    """Two minutes of a car: at rest, off, through two bends, over a hill, and to rest again."""
+    segments = (
+        Segment(12.0),
+        Segment(10.0, speed=14.0),
+        Segment(6.0, turn=np.radians(80.0)),
+        Segment(12.0, grade=0.05),
+        Segment(8.0, speed=18.0, turn=np.radians(-120.0)),
+        Segment(12.0, grade=-0.03),
+        Segment(30.0, speed=9.0, turn=np.radians(200.0)),
+        Segment(20.0, speed=0.0, grade=0.0),
+        Segment(10.0),
+    )
+    car = Vehicle(mount=(0.01, -0.02, 0.0), **options)
+    return drive(Profile(segments, heading=0.5), place, car, seed=7, start=start)
