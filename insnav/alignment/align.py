@@ -13,7 +13,8 @@ from insnav.imu.model import ImuSpec
 from insnav.strapdown import Intervals
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData
 
-GYROCOMPASS_SD = np.deg2rad(5.0)  # gyros that leave the heading less certain do not gyrocompass
+GYROCOMPASS_SD = np.deg2rad(15.0)  # gyros that leave the heading less certain do not gyrocompass
+SURE_SD = np.deg2rad(3.0)  # a gyrocompass as good as this needs no course beside it
 GIVEN_HEADING_SD = np.deg2rad(2.0)  # of a heading that the user gives
 STATIC_SPEED = 0.5  # GPS speed that is still rest [m/s]
 SOON = 10.0  # a rest that begins this soon after the start is the start [s]
@@ -104,11 +105,16 @@ def align(
     if not covered.any():
         raise AlignmentError("no GPS fix lies inside the IMU record", fix="check the time bases of both files")
     first_fix = float(gps.time[covered][0])
-    rest = static_span or static.find_rest(parts, _slow(parts, speed))
+    rest = static_span or rest_of(parts, gps)
     lla = gps.lla[covered][0]
     if rest is not None and (static_span is not None or rest[0] <= first_fix + SOON):
         return _from_rest(parts, spec, gps, speed, rest, heading)
     return _in_motion(parts, spec, speed, first_fix, lla, heading)
+
+
+def rest_of(parts: Intervals, gps: GpsData) -> tuple[float, float] | None:
+    """First rest of a recording, as `insnav.alignment.find_rest` with GPS as the other sensor."""
+    return static.find_rest(parts, _slow(parts, motion.velocity(gps)))
 
 
 def _slow(parts: Intervals, speed: motion.Velocity) -> BoolArray | None:
@@ -138,26 +144,30 @@ def _from_rest(
     start = float(fixes[0])
     lat, height = float(gps.lla[0, 0]), float(gps.lla[0, 2])
     found = replace(align_static(parts, spec, lat, height, rest, heading), time=start)
-    if np.isfinite(found.sd[2]):
+    if found.sd[2] <= SURE_SD or found.heading_method == "given":
         return found
     moving = motion.first_motion(speed, start)
-    if moving is None:
+    course = None
+    if moving is not None:
+        end = min(moving + motion.SPAN + 1.0, float(parts.end[-1]))
+        rph = np.array([found.rph[0], found.rph[1], 0.0])
+        # the gyros are to be trusted only after their mean at rest is taken off
+        at = static.summarize(parts, *rest)
+        bias, bias_sd = static.gyro_bias(at, spec, rph, np.inf, lat)
+        track = motion.history(parts, start, end, rph, bias, lat)
+        # the part of the bias sd that is the unknown heading's does not turn the heading
+        drift = float(min(bias_sd[2], np.max(np.hypot(spec.gyro.bias, spec.gyro.bias_instability))))
+        course = motion.course_heading(track, speed, moving, drift, float(found.sd[0]))
+    if course is None or course.sd >= found.sd[2]:
+        if np.isfinite(found.sd[2]):
+            return found
         raise AlignmentError(
             "the heading cannot be found",
             why="the gyros are too poor for a gyrocompass and the vehicle never moves faster than "
             f"{motion.SLOWEST:g} m/s for the course",
             fix="give it with --heading DEGREES",
         )
-    end = min(moving + motion.SPAN + 1.0, float(parts.end[-1]))
-    rph = np.array([found.rph[0], found.rph[1], 0.0])
-    track = motion.history(parts, start, end, rph, found.gyro_bias, lat)
-    # the part of the bias sd that is the unknown heading's does not turn the heading
-    drift = float(min(found.gyro_bias_sd[2], np.max(np.hypot(spec.gyro.bias, spec.gyro.bias_instability))))
-    course = motion.course_heading(track, speed, moving, drift, float(found.sd[0]))
-    if course is None:
-        raise AlignmentError("the heading cannot be found", fix="give it with --heading DEGREES")
     rph[2] = wrap_two_pi(course.heading)
-    at = static.summarize(parts, *rest)
     bias, bias_sd = static.gyro_bias(at, spec, rph, course.sd, lat)
     sd = np.array([found.sd[0], found.sd[1], course.sd])
     return Alignment(start, rph, sd, bias, bias_sd, rest, "static", course.method)

@@ -19,7 +19,8 @@ from insnav.types import BoolArray, FloatArray
 
 WINDOW = 0.5  # length of the windows that are judged [s]
 SHORTEST = 3.0  # shortest rest worth using [s]
-QUIET_FACTOR = 4.0  # without GPS, a window is quiet up to this many times the quietest tenth of the record
+CALM_ACCEL, CALM_GYRO = 0.3, 0.03  # without GPS, quiet below: standard deviation [m/s^2], [rad/s] ...
+QUIET_FACTOR = 4.0  # ... and up to this many times the quietest tenth of the record
 LOUD_ACCEL, LOUD_GYRO = 1.0, 0.15  # never quiet above, even with an engine running: sd [m/s^2], [rad/s]
 TURNING = 0.01  # mean rate against the median of the quiet windows that is a turn [rad/s]
 PUSHED = 0.2  # change of mean specific force from window to window that is a motion [m/s^2]
@@ -72,8 +73,8 @@ def find_rest(parts: Intervals, slow: BoolArray | None = None) -> tuple[float, f
     """First stretch at rest.
 
     Windows of half a second count as rest where the mean rate is that of the other quiet windows, the mean specific
-    force does not change, and `slow` does not object. Without `slow`, specific force and rate must also scatter no
-    more than a few times the quietest tenth of the record; with it an idling engine does no harm.
+    force does not change, and `slow` does not object. Without `slow`, specific force and rate must also scatter
+    little, or little more than in the quietest tenth of the record; with it an idling engine does no harm.
 
     Parameters
     ----------
@@ -102,8 +103,8 @@ def find_rest(parts: Intervals, slow: BoolArray | None = None) -> tuple[float, f
     if not quiet.any():
         return None
     if slow is None:
-        quiet &= loud_f <= QUIET_FACTOR * np.quantile(loud_f[quiet], 0.1) + 0.01
-        quiet &= loud_w <= QUIET_FACTOR * np.quantile(loud_w[quiet], 0.1) + 1e-4
+        quiet &= loud_f <= max(CALM_ACCEL, QUIET_FACTOR * float(np.quantile(loud_f[quiet], 0.1)))
+        quiet &= loud_w <= max(CALM_GYRO, QUIET_FACTOR * float(np.quantile(loud_w[quiet], 0.1)))
     quiet &= (np.abs(mean_w - np.median(mean_w[quiet], axis=0)) < TURNING).all(axis=1)
     change = np.linalg.norm(np.diff(force.mean(axis=1), axis=0), axis=1) > PUSHED
     quiet[1:] &= ~change

@@ -12,7 +12,8 @@ from insnav.types import BoolArray, FloatArray, GpsData
 
 POSITION_FLOOR, VELOCITY_FLOOR = 0.03, 0.05  # smallest standard deviation assumed [m], [m/s]
 WINDOW = 10.0  # scatter is looked at over this long before and after [s]
-DEFAULT_POSITION, DEFAULT_VELOCITY = (1.5, 1.5, 3.0), (0.2, 0.2, 0.3)  # too few fixes to tell
+DEFAULT_POSITION, DEFAULT_VELOCITY = (1.5, 1.5, 3.0), (0.2, 0.2, 0.3)  # of a receiver without carrier phase
+CARRIER = 0.1  # a larger scatter of positions is not that of carrier-phase fixes [m]
 FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever the receiver claims [m]
 LAG_WORTH = 0.03  # a smaller lag between velocity and position is not corrected [s]
 
@@ -63,8 +64,12 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
     return lag, sd
 
 
-def _scatter(time: FloatArray, values: FloatArray, floor: float, default: tuple[float, ...]) -> FloatArray:
+def _scatter(
+    time: FloatArray, values: FloatArray, floor: float, default: tuple[float, ...], least_scatter: float
+) -> FloatArray:
     """White noise of a smooth series from its third differences, overall and locally, whichever is larger.
+
+    Where the scatter is not that of carrier-phase fixes it does not fall below `default` either.
 
     ``x[i] - 3 x[i+1] + 3 x[i+2] - x[i+3]`` removes any uniformly accelerated motion and has 20 times the variance of
     the noise; 1.4826 times the median of its magnitude is its standard deviation, outliers or not. Doubled, because
@@ -82,13 +87,15 @@ def _scatter(time: FloatArray, values: FloatArray, floor: float, default: tuple[
     if third.shape[0] < 20:
         return np.tile(np.asarray(default), (n, 1))
     overall: FloatArray = np.median(third, axis=0)
+    if overall[:2].max() > least_scatter:  # a receiver's own smoothing hides metres of slow error from this measure
+        floor = np.maximum(floor, default)
     begin = np.searchsorted(middle, time - WINDOW)
     end = np.searchsorted(middle, time + WINDOW)
     sd = np.empty((n, 3))
     for i in range(n):
         few = end[i] - begin[i] < 5
         sd[i] = overall if few else np.maximum(overall, np.median(third[begin[i] : end[i]], axis=0))
-    return np.maximum(sd, floor)
+    return np.asarray(np.maximum(sd, floor))
 
 
 def with_sd(gps: GpsData) -> tuple[GpsData, tuple[str, ...]]:
@@ -110,7 +117,7 @@ def with_sd(gps: GpsData) -> tuple[GpsData, tuple[str, ...]]:
     position_sd, velocity_sd = gps.position_sd, gps.velocity_sd
     missing: BoolArray = np.asarray(np.isnan(position_sd).any(axis=1))
     if missing.any():
-        found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION)
+        found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, CARRIER)
         position_sd = np.where(missing[:, None], found, position_sd)
         middle: FloatArray = np.median(position_sd[missing], axis=0)
         notes.append(
@@ -125,7 +132,7 @@ def with_sd(gps: GpsData) -> tuple[GpsData, tuple[str, ...]]:
     given = np.isfinite(gps.v_n).all(axis=1)
     missing = np.asarray(given & np.isnan(velocity_sd).any(axis=1))
     if missing.any():
-        found = _scatter(gps.time, gps.v_n, VELOCITY_FLOOR, DEFAULT_VELOCITY)
+        found = _scatter(gps.time, gps.v_n, VELOCITY_FLOOR, DEFAULT_VELOCITY, np.inf)
         velocity_sd = np.where(missing[:, None], found, velocity_sd)
         middle = np.median(velocity_sd[missing], axis=0)
         notes.append(
