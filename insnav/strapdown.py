@@ -50,8 +50,9 @@ class Intervals:
 
 
 @lru_cache(maxsize=2)
-def _weights(instant: bool) -> FloatArray:
-    return _increments.uniform_weights(instant)
+def _weights(instant: bool) -> tuple[FloatArray, FloatArray]:
+    weights = _increments.uniform_weights(instant)
+    return weights, _increments.stage_weights(weights)
 
 
 def nominal_interval(time: FloatArray) -> float:
@@ -108,12 +109,13 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
     nominal = nominal_interval(imu.time) if nominal is None else nominal
     instant = imu.sampling == "instant"
     start, end = _interval_ends(imu, nominal)
-    scale = 1.0 / (end - start)[:, None] if imu.sampling == "increment" else 1.0
-    gyro, accel = imu.gyro * scale, imu.accel * scale  # rates, whatever came in
     segment = np.zeros(end.shape[0], dtype=np.int64)
     hole = np.zeros(end.shape[0])
     holes = np.flatnonzero(start[1:] - end[:-1] > (GAP - 1.0) * nominal)
+    gyro, accel = imu.gyro, imu.accel
     if holes.size:
+        if imu.sampling == "increment":  # rates are what is continued across a hole
+            gyro, accel = gyro / (end - start)[:, None], accel / (end - start)[:, None]
         at, new_hole, new_end, new_gyro, new_accel = [], [], [], [], []
         for k in holes:
             length = start[k + 1] - end[k]
@@ -134,8 +136,9 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
     dt = np.diff(end, prepend=start[0])
     if instant:
         dt[0] = 0.0
-        return Intervals(end, dt, gyro, accel, segment, hole, instant)
-    return Intervals(end, dt, gyro * dt[:, None], accel * dt[:, None], segment, hole, instant)
+    elif holes.size or imu.sampling == "mean":
+        gyro, accel = gyro * dt[:, None], accel * dt[:, None]
+    return Intervals(end, dt, gyro, accel, segment, hole, instant)
 
 
 def split(parts: Intervals, times: FloatArray, first: int, last: int) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -213,7 +216,7 @@ def increments(parts: Intervals, pieces: tuple[IntArray, FloatArray, FloatArray]
         parts.gyro,
         parts.accel,
         parts.segment,
-        _weights(parts.instant),
+        *_weights(parts.instant),
         parent,
         s0,
         s1,

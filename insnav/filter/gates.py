@@ -6,9 +6,9 @@ at it. Rejections never widen the covariance; a long unbroken row of them leads 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
-import numpy as np
 from scipy.special import chdtri
 
 from insnav.types import Event, EventKind, FloatArray
@@ -41,7 +41,7 @@ class Gates:
     max_speed: float = 400.0
     physical_sd: float = 5.0
     probability: float = 0.9999
-    small_position: float = 0.5
+    small_position: float = 1.0
     small_velocity: float = 0.5
     reset_after: float = 10.0
 
@@ -59,7 +59,7 @@ def quality(gates: Gates, time: float, fix: int | None, position_sd: FloatArray)
     """Reject a fix that says itself it is none: type 0, or a standard deviation beyond `Gates.max_sd`."""
     if fix == 0:
         return Event(time, EventKind.GATE_QUALITY, 0.0, 1.0, "fix type", REJECTED, "the receiver had no position")
-    worst = float(np.max(position_sd))
+    worst = max(position_sd.tolist())
     if worst > gates.max_sd:
         return Event(time, EventKind.GATE_QUALITY, worst, gates.max_sd, "m", REJECTED, "the receiver's own sd")
     return None
@@ -67,7 +67,7 @@ def quality(gates: Gates, time: float, fix: int | None, position_sd: FloatArray)
 
 def physical_position(gates: Gates, time: float, distance: float, position_sd: FloatArray, gap: float) -> Event | None:
     """Reject a position farther from the predicted one than anything can have moved since the last good fix."""
-    limit = gates.max_speed * gap + gates.physical_sd * float(np.max(position_sd))
+    limit = gates.max_speed * gap + gates.physical_sd * max(position_sd.tolist())
     if distance <= limit:
         return None
     return Event(time, EventKind.GATE_PHYSICAL_POSITION, distance, limit, "m", REJECTED, "no vehicle moves this fast")
@@ -75,7 +75,7 @@ def physical_position(gates: Gates, time: float, distance: float, position_sd: F
 
 def physical_velocity(gates: Gates, time: float, v_n: FloatArray) -> Event | None:
     """Reject a velocity beyond `Gates.max_speed`."""
-    speed = float(np.linalg.norm(v_n))
+    speed = math.hypot(*v_n.tolist())
     if speed <= gates.max_speed:
         return None
     return Event(

@@ -12,6 +12,10 @@ from insnav.imu.model import ImuSpec, SensorSpec
 from insnav.kernels.errorstate import STATES
 from insnav.types import Alignment, FloatArray
 
+# Misalignment is not a state: much of it shows as scale factor or bias. The rest makes angle and velocity errors in
+# proportion to rate and acceleration; as noise, their squares times the time over which they stay alike [s].
+MANOEUVRE = 1.0
+
 
 @dataclass(frozen=True, slots=True)
 class ErrorModel:
@@ -19,9 +23,9 @@ class ErrorModel:
 
     Attributes
     ----------
-    noise : (18,) array
+    noise : (20,) array
         Spectral densities: gyro [rad^2/s] and accelerometer [m^2/s^3] white noise, then the noise driving gyro bias,
-        accelerometer bias, gyro scale factor, accelerometer scale factor.
+        accelerometer bias, gyro scale factor, accelerometer scale factor; then misalignment, see `MANOEUVRE`.
     decay : (12,) array
         Inverse correlation time of the twelve sensor errors [1/s].
     sd : (12,) array
@@ -95,7 +99,8 @@ def error_model(spec: ImuSpec, states: int) -> ErrorModel:
     if states == 15:
         driving[6:] = decay[6:] = sd[6:] = 0.0
     white = np.concatenate([spec.gyro.random_walk**2, spec.accel.random_walk**2])
-    return ErrorModel(np.concatenate([white, driving]), decay, sd)
+    askew = [MANOEUVRE * float(np.mean(sensor.misalignment**2)) for sensor in (spec.gyro, spec.accel)]
+    return ErrorModel(np.concatenate([white, driving, askew]), decay, sd)
 
 
 def initial_state(

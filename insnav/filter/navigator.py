@@ -21,7 +21,7 @@ from insnav.filter.record import Record
 from insnav.kernels import errorstate
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.increments import LOOKAHEAD
-from insnav.kernels.measurement import antenna, innovation_statistics
+from insnav.kernels.measurement import assess
 from insnav.types import (
     Alignment,
     Event,
@@ -128,8 +128,10 @@ class Navigator:
         self._delay = 0.0
         self._motion, self._sums, self._span = np.zeros(6), np.zeros(errorstate.SUMS), np.zeros(1)
         self._phi, self._q = np.eye(n), np.zeros((n, n))
-        self._work = errorstate.scratch()
-        self._h = np.zeros((6, n))
+        self._work = errorstate.scratch(n)
+        self._limit = np.array([SUBSTEP, COAST])
+        self._z, self._h, self._sd = np.zeros(6), np.zeros((6, n)), np.zeros(6)
+        self._r, self._s = np.zeros((6, 6)), np.zeros((6, 6))
         every = settings.output_interval
         self._grid = np.array([start.time if every > 0 else np.inf, every, start.time])
         self._start, self._done = start.time, -np.inf
@@ -195,9 +197,9 @@ class Navigator:
 
     def _run(self, inc: Increments, hole: FloatArray, first: int, last: int, close: bool, out: Record.Rows) -> int:
         """Carry on to `last`; a filter epoch there if `close`, and in between wherever the next fix is far."""
-        k = first
+        k, begin = first, out.used
         while k < last:
-            k, rows = errorstate.propagate(
+            k, out.used = errorstate.propagate(
                 k,
                 last,
                 close,
@@ -213,7 +215,7 @@ class Navigator:
                 self._motion,
                 self._sums,
                 self._span,
-                np.array([SUBSTEP, COAST]),
+                self._limit,
                 self._model.noise,
                 HOLE_NOISE,
                 self._model.decay,
@@ -221,14 +223,15 @@ class Navigator:
                 self._q,
                 self._engine.covariance,
                 self._grid,
-                out.time[out.used :],
-                out.state[out.used :],
-                out.variance[out.used :],
+                out.time,
+                out.state,
+                out.variance,
+                out.used,
                 self._work,
             )
-            out.used += rows
             if self._span[0] >= COAST - 1e-9 and not (close and k == last):
                 self._predict(inc.time[k - 1])
+        out.delay[begin : out.used] = self._delay
         return k
 
     def _predict(self, time: float) -> None:
@@ -240,40 +243,40 @@ class Navigator:
         self._predict(time)
         gps, settings = self._gps, self._settings
         row = self._fix[self._next]
-        sd = np.concatenate([gps.position_sd[row], gps.velocity_sd[row]])
-        z = np.empty(6)
-        antenna(
+        z, h, r = self._z, self._h, self._r
+        nis_position, nis_velocity, distance, change = assess(
             self._x,
             self._motion,
             settings.lever_b,
             self._delay,
             settings.velocity_lag,
+            settings.jitter,
             gps.lla[row],
             gps.v_n[row],
+            gps.position_sd[row],
+            gps.velocity_sd[row],
+            self._engine.covariance,
             z,
-            self._h,
+            h,
+            r,
+            self._s,
+            self._sd,
         )
-        r = np.diag(np.where(np.isnan(sd), 1.0, sd) ** 2)
-        if settings.jitter > 0.0:
-            for part, change in ((slice(0, 3), self._x[3:6]), (slice(3, 6), self._motion[3:6])):
-                r[part, part] += settings.jitter**2 * np.outer(change, change)
-        s, innovation_sd = np.empty((6, 6)), np.empty(6)
-        nis = innovation_statistics(z, self._h, self._engine.covariance, r, s, innovation_sd)
-        verdict = self._judge(time, row, z, nis)
-        for half, event in enumerate(verdict):
-            if event is not None and event.kind in SOFT:
+        nis = nis_position, nis_velocity
+        use = [True, nis_velocity == nis_velocity]
+        for half, event in enumerate(self._judge(time, row, nis, distance, change)):
+            if event is None:
+                continue
+            self._record.event(event)
+            if event.kind in SOFT:
                 # exactly the noise that brings the NIS down to its limit
                 part = slice(3 * half, 3 * half + 3)
-                r[part, part] += (event.value / event.limit - 1.0) * s[part, part]
-        use = np.repeat([event is None or event.kind in SOFT for event in verdict], 3) & np.isfinite(z)
-        for event in verdict:
-            if event is not None:
-                self._record.event(event)
-        if use.any():
-            if use.all():
-                error, repaired = self._engine.update(z, self._h, r, time)
+                r[part, part] += (event.value / event.limit - 1.0) * self._s[part, part]
             else:
-                error, repaired = self._engine.update(z[use], self._h[use], r[np.ix_(use, use)], time)
+                use[half] = False
+        if use[0] or use[1]:
+            part = slice(0 if use[0] else 3, 6 if use[1] else 3)
+            error, repaired = self._engine.update(z[part], h[part], r[part, part], time)
             errorstate.feed_back(self._x, self._correction, error)
             if error.shape[0] > STATES:
                 self._delay -= error[STATES]
@@ -284,29 +287,31 @@ class Navigator:
         else:
             self._consider_reset(time, row, z)
         p = self._engine.covariance
-        self._record.fix(time, -z, innovation_sd, nis, use, self._x, self._correction, p)
+        self._record.fix(time, z, self._sd, nis, use, self._x, self._correction, p)
         if out.used and out.time[out.used - 1] >= time - strapdown.TIME_TOLERANCE:
             out.state[out.used - 1] = self._x
-            out.variance[out.used - 1, :9] = np.diagonal(p)[:9]
-            out.variance[out.used - 1, 9:] = p[6, 7], p[6, 8], p[7, 8]
+            out.delay[out.used - 1] = self._delay
+            variance = out.variance[out.used - 1]
+            variance[:9] = p.diagonal()[:9]
+            variance[9], variance[10], variance[11] = p[6, 7], p[6, 8], p[7, 8]
 
     def _judge(
-        self, time: float, row: int, z: FloatArray, nis: tuple[float, float]
+        self, time: float, row: int, nis: tuple[float, float], distance: float, change: float
     ) -> tuple[Event | None, Event | None]:
-        """Why position and velocity are rejected, or None."""
+        """Why position and velocity are rejected or weighted down, or None."""
         gates, gps = self._settings.gates, self._gps
         fix = int(gps.fix[row]) if gps.fix is not None else None
+        has_velocity = nis[1] == nis[1]
         bad = gate.quality(gates, time, fix, gps.position_sd[row])
         if bad is not None:
-            return bad, bad if np.isfinite(z[3:]).all() and fix == 0 else None
-        distance = float(np.linalg.norm(z[:3]))
+            return bad, bad if has_velocity and fix == 0 else None
         position = gate.physical_position(
             gates, time, distance, gps.position_sd[row], time - self._last_good
         ) or gate.statistical(gates, time, POSITION, nis[0], distance, gates.small_position)
         velocity = None
-        if np.isfinite(z[3:]).all():
+        if has_velocity:
             velocity = gate.physical_velocity(gates, time, gps.v_n[row]) or gate.statistical(
-                gates, time, VELOCITY, nis[1], float(np.linalg.norm(z[3:])), gates.small_velocity
+                gates, time, VELOCITY, nis[1], change, gates.small_velocity
             )
         return position, velocity
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from insnav.attitude import rph_from_quat
+from insnav.earth import lla_offset
 from insnav.kernels.errorstate import STATES
 from insnav.types import (
     Alignment,
-    BoolArray,
     Epochs,
     Event,
     EventKind,
@@ -45,10 +45,11 @@ class Record:
         time: FloatArray
         state: FloatArray
         variance: FloatArray
+        delay: FloatArray
         used: int = 0
 
     def __init__(self, fixes: int) -> None:
-        self._rows: list[tuple[FloatArray, FloatArray, FloatArray]] = []
+        self._rows: list[tuple[FloatArray, ...]] = []
         self._events: list[Event] = []
         self._count = 0
         self._time, self._innovation, self._sd = np.empty(fixes), np.empty((fixes, 6)), np.empty((fixes, 6))
@@ -58,12 +59,12 @@ class Record:
 
     def reserve(self, rows: int) -> Rows:
         """Room for at most `rows` outputs."""
-        return Record.Rows(np.empty(rows), np.empty((rows, 10)), np.empty((rows, 12)))
+        return Record.Rows(np.empty(rows), np.empty((rows, 10)), np.empty((rows, 12)), np.empty(rows))
 
     def keep(self, rows: Rows) -> None:
         """Take over the filled part of a block's outputs."""
         n = rows.used
-        self._rows.append((rows.time[:n].copy(), rows.state[:n].copy(), rows.variance[:n].copy()))
+        self._rows.append(tuple(part[:n].copy() for part in (rows.time, rows.state, rows.variance, rows.delay)))
 
     def event(self, event: Event) -> None:
         """Note an event."""
@@ -72,30 +73,29 @@ class Record:
     def fix(
         self,
         time: float,
-        innovation: FloatArray,
+        predicted: FloatArray,
         sd: FloatArray,
         nis: tuple[float, float],
-        use: BoolArray,
+        use: list[bool],
         x: FloatArray,
         correction: FloatArray,
         p: FloatArray,
     ) -> None:
-        """Note what the filter made of one fix."""
+        """Note what the filter made of one fix; `predicted` is predicted minus measured."""
         i = self._count
-        self._time[i], self._innovation[i], self._nis[i] = time, innovation, nis
-        self._sd[i] = np.where(np.isnan(innovation), np.nan, sd)
-        self._use[i] = use[0], use[3]
+        self._time[i] = time
+        self._innovation[i], self._sd[i], self._nis[i], self._use[i] = predicted, sd, nis, use
         self._state[i], self._covariance[i] = x, p[:9, :9]
-        self._sensor[i], self._sensor_sd[i] = correction, np.sqrt(np.diagonal(p)[9:STATES])
+        self._sensor[i], self._sensor_sd[i] = correction, p.diagonal()[9:STATES]
         self._count += 1
 
     def finish(self, alignment: Alignment, settings: FilterSettings, delay: float, covariance: FloatArray) -> Run:
         """Put everything into shape."""
         n = self._count
-        time, state, variance = (np.concatenate([r[i] for r in self._rows]) for i in range(3))
+        time, state, variance, delays = (np.concatenate([r[i] for r in self._rows]) for i in range(4))
         innovations = Innovations(
             self._time[:n],
-            self._innovation[:n],
+            -self._innovation[:n],
             self._sd[:n],
             self._nis[:n, 0],
             self._nis[:n, 1],
@@ -105,10 +105,12 @@ class Record:
         self._events += _divergence(innovations)
         # an offset that was found, and not told, is laid to the clock of the IMU: GPS time is the better one
         clock = delay if settings.delay_sd > 0 else 0.0
+        if clock != 0.0:  # what the filter believed of the offset at the time has moved the state along its velocity
+            state[:, :3] = lla_offset(state[:, :3], state[:, 3:6] * (clock - delays)[:, None])
         return Run(
             solution=_trajectory(time + clock, state, variance),
             innovations=innovations,
-            sensor_errors=SensorErrors(self._time[:n] + clock, self._sensor[:n], self._sensor_sd[:n]),
+            sensor_errors=SensorErrors(self._time[:n] + clock, self._sensor[:n], np.sqrt(self._sensor_sd[:n])),
             events=tuple(sorted(self._events, key=lambda event: event.time)),
             alignment=alignment,
             epochs=Epochs(
@@ -125,12 +127,21 @@ class Record:
 
 def _trajectory(time: FloatArray, state: FloatArray, variance: FloatArray) -> Trajectory:
     """States and variances of the attitude vector to a trajectory with roll, pitch, heading and their sd."""
-    known = variance[:, 0] >= 0.0
-    if not known.all() and known.any():
-        # between sub-steps the variance was not computed; it changes smoothly
-        for j in range(12):
-            variance[~known, j] = np.interp(time[~known], time[known], variance[known, j])
     rph = rph_from_quat(state[:, 6:])
+    known = variance[:, 0] >= 0.0
+    if known.all():
+        sd = _sd(rph, variance)
+    else:
+        # between sub-steps no variance was computed; it changes smoothly
+        some = _sd(rph[known], variance[known])
+        sd = np.empty((time.shape[0], 9))
+        for j in range(9):
+            sd[:, j] = np.interp(time, time[known], some[:, j])
+    return Trajectory(time, state[:, :3], state[:, 3:6], rph, sd)
+
+
+def _sd(rph: FloatArray, variance: FloatArray) -> FloatArray:
+    """Standard deviations of position, velocity and roll, pitch, heading, (n, 9)."""
     sh, ch = np.sin(rph[:, 2]), np.cos(rph[:, 2])
     sp, cp = np.sin(rph[:, 1]), np.maximum(np.cos(rph[:, 1]), 1e-3)
     # C_hat = (I - [phi x]) C: the estimate is turned by -phi about n; its parts along the roll, pitch, heading axes
@@ -138,15 +149,11 @@ def _trajectory(time: FloatArray, state: FloatArray, variance: FloatArray) -> Tr
     roll = np.stack([ch / cp, sh / cp, o], -1)
     pitch = np.stack([-sh, ch, o], -1)
     heading = np.stack([o, o, o + 1.0], -1) + sp[:, None] * roll
-    v = variance
-    p = np.empty((time.shape[0], 3, 3))
-    for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2))):
-        p[:, i, j] = v[:, 6 + k]
-    for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
-        p[:, i, j] = p[:, j, i] = v[:, 9 + k]
+    p = np.empty((rph.shape[0], 3, 3))
+    for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+        p[:, i, j] = p[:, j, i] = variance[:, 6 + k]
     attitude = [np.einsum("ni,nij,nj->n", a, p, a) for a in (roll, pitch, heading)]
-    sd = np.sqrt(np.maximum(np.column_stack([v[:, :6], *attitude]), 0.0))
-    return Trajectory(time, state[:, :3], state[:, 3:6], rph, sd)
+    return np.sqrt(np.maximum(np.column_stack([variance[:, :6], *attitude]), 0.0))
 
 
 def _divergence(innovations: Innovations) -> list[Event]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from insnav import strapdown
 from insnav.alignment import align, motion
+from insnav.alignment.align import LEVEL_SPAN
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset
 from insnav.filter.fixes import LAG_WORTH, velocity_lag, with_sd
@@ -126,7 +127,8 @@ def navigate_recording(
     nominal = strapdown.nominal_interval(imu.time)
     on_time = replace(gps, time=gps.time - settings.delay)
     if start is None:
-        alignment = align(strapdown.intervals(imu, nominal), spec, on_time, static_span=static_span, heading=heading)
+        parts = strapdown.intervals(_first_part(imu, on_time), nominal)
+        alignment = align(parts, spec, on_time, static_span=static_span, heading=heading)
         initial = _at_fix(alignment, on_time, model, settings)
     else:
         alignment = _given(start)
@@ -141,6 +143,15 @@ def navigate_recording(
     run = navigator.finish()
     events = (*run.events, *_outside(on_time, initial.time, float(imu.time[-1])))
     return Navigated(replace(run, events=events), gps, notes)
+
+
+def _first_part(imu: ImuData, gps: GpsData) -> ImuData:
+    """Samples up to a little after the first motion that GPS sees: no alignment looks farther."""
+    moving = motion.first_motion(motion.velocity(gps), float(imu.time[0]))
+    if moving is None:
+        return imu
+    last = int(np.searchsorted(imu.time, moving + 2.0 * motion.SPAN + LEVEL_SPAN))
+    return ImuData(imu.time[:last], imu.gyro[:last], imu.accel[:last], imu.sampling, imu.stamp)
 
 
 def _at_fix(alignment: Alignment, gps: GpsData, model: ErrorModel, settings: FilterSettings) -> InitialState:

@@ -142,6 +142,12 @@ def _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y):  # type: ignore[n
             q[6 + i, 6 + j] += 0.5 * gyro * inv
     for j in range(SENSOR):
         q[NAV + j, NAV + j] += 0.5 * noise[6 + j] * dt
+    # misalignment turns rotations and accelerations into errors that last as long as a manoeuvre
+    turning = noise[18] * inv * (np.sum(sums[13:22] ** 2))
+    pushing = noise[19] * inv * (sums[1] ** 2 + sums[2] ** 2)
+    for i in range(3):
+        q[3 + i, 3 + i] += pushing
+        q[6 + i, 6 + i] += turning
     # transition
     for j in range(STATES):
         for i in range(NAV):
@@ -200,15 +206,10 @@ def _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y):  # type: ignore[n
 
 
 @njit(cache=True)
-def predicted_variance(phi, p, q, out):  # type: ignore[no-untyped-def]
+def predicted_variance(phi, p, q, row, out):  # type: ignore[no-untyped-def]
     """Variances of the navigation errors and covariances of attitude N-E, N-D, E-D of ``phi p phi' + q``, (12,)."""
-    row = np.empty((NAV, STATES))
+    np.dot(phi[:NAV], p, row)
     for i in range(NAV):
-        for j in range(STATES):
-            row[i, j] = 0.0
-        for k in range(STATES):
-            for j in range(STATES):
-                row[i, j] += phi[i, k] * p[k, j]
         total = q[i, i]
         for j in range(STATES):
             total += row[i, j] * phi[i, j]
@@ -249,6 +250,7 @@ def propagate(  # type: ignore[no-untyped-def]
     out_time,
     out_state,
     out_variance,
+    rows,
     work,
 ):
     """Carry state, transition and noise through intervals `first` to `last` - 1.
@@ -274,8 +276,9 @@ def propagate(  # type: ignore[no-untyped-def]
         Time since the last filter epoch [s].
     limit : (2,) array
         Longest sub-step, and longest time without a filter epoch [s].
-    noise : (18,) array
-        Spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors.
+    noise : (20,) array
+        Spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors; then the squared
+        misalignment of gyros and accelerometers times the length of a manoeuvre [rad^2 s].
     hole_noise : (2,) array
         How fast rate [rad/s^2] and specific force [m/s^3] may change unseen: a straight line across a hole of length T
         leaves an angle or velocity error of about that times T^2.
@@ -289,6 +292,8 @@ def propagate(  # type: ignore[no-untyped-def]
         Next output time, output interval (0: every interval), origin of the grid [s].
     out_time, out_state, out_variance : (m,), (m, 10), (m, 12) array
         Outputs; the first variance is negative where none was computed. See `predicted_variance`.
+    rows : int
+        Number of outputs already written.
     work : tuple of arrays
         Scratch.
 
@@ -297,12 +302,11 @@ def propagate(  # type: ignore[no-untyped-def]
     stop : int
         First interval not processed: `last`, or earlier if `limit` asks for a filter epoch.
     rows : int
-        Number of outputs written.
+        Number of outputs written so far.
     """
-    f, a, b, d, w, y, c = work
+    f, a, b, d, w, y, c, row = work
     ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
     ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
-    rows = 0
     for k in range(first, last):
         h = dt[k]
         if h <= 0.0:
@@ -373,7 +377,7 @@ def propagate(  # type: ignore[no-untyped-def]
             for i in range(10):
                 out_state[rows, i] = x[i]
             if ends:
-                predicted_variance(phi, p, q, out_variance[rows])
+                predicted_variance(phi, p, q, row, out_variance[rows])
             else:
                 out_variance[rows, 0] = -1.0
             rows += 1
@@ -384,8 +388,8 @@ def propagate(  # type: ignore[no-untyped-def]
     return last, rows
 
 
-def scratch() -> tuple[np.ndarray, ...]:
-    """Work space of `propagate`."""
+def scratch(n: int) -> tuple[np.ndarray, ...]:
+    """Work space of `propagate` for `n` states."""
     return (
         np.zeros((NAV, NAV)),
         np.zeros((NAV, NAV)),
@@ -394,6 +398,7 @@ def scratch() -> tuple[np.ndarray, ...]:
         np.zeros((NAV, STATES)),
         np.zeros((NAV, STATES)),
         np.zeros(9),
+        np.zeros((NAV, n)),
     )
 
 

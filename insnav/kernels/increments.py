@@ -45,6 +45,35 @@ def uniform_weights(instant: bool) -> np.ndarray:
     return weights
 
 
+def stage_weights(weights: np.ndarray) -> np.ndarray:
+    """Value at the start, middle and end of an interval from neighbouring samples at equal spacing.
+
+    Parameters
+    ----------
+    weights : array
+        From `uniform_weights`.
+
+    Returns
+    -------
+    (WINDOW + 2, WINDOW + 1, 3, WINDOW + 1) array
+        ``w[size, offset, stage, i]``.
+    """
+    power = np.array([0.0, 0.5, 1.0])[:, None] ** np.arange(WINDOW + 1)
+    return np.ascontiguousarray(np.einsum("sj,zoji->zosi", power, weights))
+
+
+@njit(cache=True)
+def _regular(a, size, weights, scale, gyro, accel, coefficient):  # type: ignore[no-untyped-def]
+    """Coefficients for equal spacing, for all six channels."""
+    coefficient[:] = 0.0
+    for i in range(size):
+        for j in range(size):
+            w = weights[j, i] * scale
+            for channel in range(3):
+                coefficient[channel, j] += w * gyro[a + i, channel]
+                coefficient[channel + 3, j] += w * accel[a + i, channel]
+
+
 @njit(cache=True)
 def _irregular(k, a, size, instant, end, dt, gyro, accel, node, table, coefficient):  # type: ignore[no-untyped-def]
     """Coefficients for unequal spacing: Newton's divided differences at the true times, for all six channels."""
@@ -138,7 +167,7 @@ def turn_factors(angle2):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def increments(  # type: ignore[no-untyped-def]
-    instant, end, dt, gyro, accel, segment, weights, parent, s0, s1, dtheta, dvel, coning, sculling
+    instant, end, dt, gyro, accel, segment, weights, stages, parent, s0, s1, dtheta, dvel, coning, sculling
 ):
     """Increments, coning and sculling of pieces of intervals.
 
@@ -152,8 +181,8 @@ def increments(  # type: ignore[no-untyped-def]
         Integrated rate [rad] and specific force [m/s] of the interval, or values [rad/s], [m/s^2] at its end.
     segment : (n,) array of int
         Number of the uninterrupted stretch the interval belongs to; polynomials never reach across.
-    weights : array
-        From `uniform_weights`.
+    weights, stages : array
+        From `uniform_weights` and `stage_weights`.
     parent : (m,) array of int
         Interval a piece belongs to.
     s0, s1 : (m,) array
@@ -167,7 +196,8 @@ def increments(  # type: ignore[no-untyped-def]
     table = np.empty(WINDOW + 2)
     wanted = WINDOW + 1 if instant else WINDOW
     before = 3 if instant else 2
-    last = -1
+    last, a, size, offset = -1, 0, 0, 0
+    regular, ready, scale = False, False, 1.0
     for m in range(parent.shape[0]):
         k = parent[m]
         if dt[k] == 0.0:  # the first instantaneous value ends no interval
@@ -190,49 +220,78 @@ def increments(  # type: ignore[no-untyped-def]
             for i in range(a + 1 if instant else a, a + size):
                 if abs(dt[i] - dt[k]) > UNIFORM * dt[k]:
                     regular = False
-            if regular:
-                scale = dt[k] if instant else 1.0
-                for j in range(WINDOW + 1):
-                    for channel in range(6):
-                        coefficient[channel, j] = 0.0
-                for i in range(size):
-                    for j in range(size):
-                        w = weights[size, offset, j, i] * scale
-                        coefficient[0, j] += w * gyro[a + i, 0]
-                        coefficient[1, j] += w * gyro[a + i, 1]
-                        coefficient[2, j] += w * gyro[a + i, 2]
-                        coefficient[3, j] += w * accel[a + i, 0]
-                        coefficient[4, j] += w * accel[a + i, 1]
-                        coefficient[5, j] += w * accel[a + i, 2]
-            else:
-                _irregular(k, a, size, instant, end, dt, gyro, accel, node, table, coefficient)
+            scale = dt[k] if instant else 1.0
+            ready = False  # the polynomial's coefficients are only worked out where they are needed
         b, e = s0[m], s1[m]
         h = e - b
-        mid = 0.5 * (b + e)
+        if regular and h == 1.0:
+            xb = yb = zb = xm = ym = zm = xe = ye = ze = fm = gm = hm = fe = ge = he = 0.0
+            for i in range(size):
+                wb = stages[size, offset, 0, i] * scale
+                wm = stages[size, offset, 1, i] * scale
+                we = stages[size, offset, 2, i] * scale
+                x, y, z = gyro[a + i, 0], gyro[a + i, 1], gyro[a + i, 2]
+                xb += wb * x
+                yb += wb * y
+                zb += wb * z
+                xm += wm * x
+                ym += wm * y
+                zm += wm * z
+                xe += we * x
+                ye += we * y
+                ze += we * z
+                x, y, z = accel[a + i, 0], accel[a + i, 1], accel[a + i, 2]
+                fm += wm * x
+                gm += wm * y
+                hm += wm * z
+                fe += we * x
+                ge += we * y
+                he += we * z
+        else:
+            if not ready:
+                ready = True
+                if regular:
+                    _regular(a, size, weights[size, offset], scale, gyro, accel, coefficient)
+                else:
+                    _irregular(k, a, size, instant, end, dt, gyro, accel, node, table, coefficient)
+            mid = 0.5 * (b + e)
+            xb, yb, zb = (
+                h * _value(coefficient, 0, b),
+                h * _value(coefficient, 1, b),
+                h * _value(coefficient, 2, b),
+            )
+            xm, ym, zm = (
+                h * _value(coefficient, 0, mid),
+                h * _value(coefficient, 1, mid),
+                h * _value(coefficient, 2, mid),
+            )
+            xe, ye, ze = (
+                h * _value(coefficient, 0, e),
+                h * _value(coefficient, 1, e),
+                h * _value(coefficient, 2, e),
+            )
+            fm, gm, hm = (
+                h * _value(coefficient, 3, mid),
+                h * _value(coefficient, 4, mid),
+                h * _value(coefficient, 5, mid),
+            )
+            fe, ge, he = (
+                h * _value(coefficient, 3, e),
+                h * _value(coefficient, 4, e),
+                h * _value(coefficient, 5, e),
+            )
         if h == 1.0 and not instant:
             for i in range(3):
                 dtheta[m, i] = gyro[k, i]
                 dvel[m, i] = accel[k, i]
         else:
+            if not ready:
+                ready = True
+                _regular(a, size, weights[size, offset], scale, gyro, accel, coefficient)
             for i in range(3):
                 dtheta[m, i] = _integral(coefficient, i, e) - _integral(coefficient, i, b)
                 dvel[m, i] = _integral(coefficient, i + 3, e) - _integral(coefficient, i + 3, b)
 
-        xb, yb, zb = (
-            h * _value(coefficient, 0, b),
-            h * _value(coefficient, 1, b),
-            h * _value(coefficient, 2, b),
-        )
-        xm, ym, zm = (
-            h * _value(coefficient, 0, mid),
-            h * _value(coefficient, 1, mid),
-            h * _value(coefficient, 2, mid),
-        )
-        xe, ye, ze = (
-            h * _value(coefficient, 0, e),
-            h * _value(coefficient, 1, e),
-            h * _value(coefficient, 2, e),
-        )
         a0, a1, a2, a3 = _rate(1.0, 0.0, 0.0, 0.0, xb, yb, zb)
         b0, b1, b2, b3 = _rate(1.0 + 0.5 * a0, 0.5 * a1, 0.5 * a2, 0.5 * a3, xm, ym, zm)
         c0, c1, c2, c3 = _rate(1.0 + 0.5 * b0, 0.5 * b1, 0.5 * b2, 0.5 * b3, xm, ym, zm)
@@ -253,24 +312,8 @@ def increments(  # type: ignore[no-untyped-def]
         coning[m, 1] = stretch * q2 - dtheta[m, 1]
         coning[m, 2] = stretch * q3 - dtheta[m, 2]
 
-        ux, uy, uz = _turned(
-            m0,
-            m1,
-            m2,
-            m3,
-            h * _value(coefficient, 3, mid),
-            h * _value(coefficient, 4, mid),
-            h * _value(coefficient, 5, mid),
-        )
-        wx, wy, wz = _turned(
-            q0,
-            q1,
-            q2,
-            q3,
-            h * _value(coefficient, 3, e),
-            h * _value(coefficient, 4, e),
-            h * _value(coefficient, 5, e),
-        )
+        ux, uy, uz = _turned(m0, m1, m2, m3, fm, gm, hm)
+        wx, wy, wz = _turned(q0, q1, q2, q3, fe, ge, he)
         tx, ty, tz = dtheta[m, 0], dtheta[m, 1], dtheta[m, 2]
         vx, vy, vz = dvel[m, 0], dvel[m, 1], dvel[m, 2]
         f1, f2 = turn_factors(tx * tx + ty * ty + tz * tz)

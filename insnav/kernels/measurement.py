@@ -102,34 +102,107 @@ def antenna(x, motion, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-un
 
 
 @njit(cache=True)
-def innovation_statistics(z, h, p, r, s, sd):  # type: ignore[no-untyped-def]
-    """Predicted standard deviation of each innovation, and the NIS of position and of velocity.
+def _nis(z, s):  # type: ignore[no-untyped-def]
+    """``z' s^-1 z`` of three numbers, by Cholesky's decomposition; ``NaN`` where the measurement is."""
+    a = np.sqrt(s[0, 0])
+    b, d = s[1, 0] / a, s[2, 0] / a
+    c = np.sqrt(s[1, 1] - b * b)
+    e = (s[2, 1] - d * b) / c
+    f = np.sqrt(s[2, 2] - d * d - e * e)
+    x = z[0] / a
+    y = (z[1] - b * x) / c
+    w = (z[2] - d * x - e * y) / f
+    return x * x + y * y + w * w
+
+
+@njit(cache=True)
+def assess(  # type: ignore[no-untyped-def]
+    x, motion, lever, delay, lag, jitter, lla, v_n, position_sd, velocity_sd, p, z, h, r, s, sd
+):
+    """Everything about a fix that the gates and the filter need.
 
     Parameters
     ----------
-    z : (6,) array
-        Innovations.
-    h, p, r : (6, n), (n, n), (6, 6) array
-        Measurement matrix, covariance, measurement noise.
-    s : (6, 6) array
-        Filled with the covariance of the innovations.
+    x, motion, lever, delay, lag, lla, v_n, z, h
+        See `antenna`.
+    jitter : float
+        Standard deviation of the time stamps [s].
+    position_sd, velocity_sd : (3,) array
+        Standard deviations of the fix [m], [m/s].
+    p : (n, n) array
+        Covariance.
+    r, s : (6, 6) array
+        Filled with the covariance of the measurement and of the innovation.
     sd : (6,) array
-        Filled with their standard deviations.
+        Filled with the standard deviation of the innovation; ``NaN`` where nothing was measured.
 
     Returns
     -------
     position, velocity : float
-        ``z' S^-1 z`` of each half, 3 degrees of freedom; ``NaN`` where the measurement is.
+        NIS of each half, 3 degrees of freedom; ``NaN`` where nothing was measured.
+    distance, change : float
+        Length of the innovation of position [m] and of velocity [m/s].
     """
-    s[:] = h @ p @ h.T + r
+    antenna(x, motion, lever, delay, lag, lla, v_n, z, h)
+    for i in range(3):
+        for j in range(3):
+            r[i, j] = jitter * jitter * x[3 + i] * x[3 + j]
+            r[3 + i, 3 + j] = jitter * jitter * motion[3 + i] * motion[3 + j]
+            r[i, 3 + j] = r[3 + i, j] = 0.0
+        r[i, i] += position_sd[i] ** 2
+        r[3 + i, 3 + i] += velocity_sd[i] ** 2 if velocity_sd[i] > 0.0 else 1.0
+    s[:] = np.dot(h, np.dot(p, h.T)) + r
     for i in range(6):
-        sd[i] = np.sqrt(s[i, i])
-    position, velocity = np.nan, np.nan
-    if np.isfinite(z[:3].sum()):
-        position = float(np.dot(z[:3], np.linalg.solve(s[:3, :3].copy(), z[:3].copy())))
-    if np.isfinite(z[3:].sum()):
-        velocity = float(np.dot(z[3:], np.linalg.solve(s[3:, 3:].copy(), z[3:].copy())))
-    return position, velocity
+        sd[i] = np.sqrt(s[i, i]) if np.isfinite(z[i]) else np.nan
+    distance = np.sqrt(z[0] ** 2 + z[1] ** 2 + z[2] ** 2)
+    change = np.sqrt(z[3] ** 2 + z[4] ** 2 + z[5] ** 2)
+    return _nis(z[:3], s[:3, :3]), _nis(z[3:], s[3:, 3:]), distance, change
+
+
+@njit(cache=True)
+def inverse(s):  # type: ignore[no-untyped-def]
+    """Inverse of a small symmetric positive definite matrix, by Cholesky's decomposition."""
+    n = s.shape[0]
+    low = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            total = s[i, j]
+            for k in range(j):
+                total -= low[i, k] * low[j, k]
+            low[i, j] = np.sqrt(total) if i == j else total / low[j, j]
+    # columns of the inverse of the factor, then their products
+    inv = np.zeros((n, n))
+    for j in range(n):
+        inv[j, j] = 1.0 / low[j, j]
+        for i in range(j + 1, n):
+            total = 0.0
+            for k in range(j, i):
+                total -= low[i, k] * inv[k, j]
+            inv[i, j] = total / low[i, i]
+    out = np.empty((n, n))
+    for i in range(n):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(i, n):
+                total += inv[k, i] * inv[k, j]
+            out[i, j] = total
+            out[j, i] = total
+    return out
+
+
+@njit(cache=True)
+def measurement_fault(z, h, r):  # type: ignore[no-untyped-def]
+    """Whether a measurement has a number that is not finite or a variance that is not positive."""
+    total = 0.0
+    for i in range(z.shape[0]):
+        total += z[i]
+        if not r[i, i] > 0.0:
+            return True
+        for j in range(h.shape[1]):
+            total += h[i, j]
+        for j in range(z.shape[0]):
+            total += r[i, j]
+    return not np.isfinite(total)
 
 
 @njit(cache=True)
