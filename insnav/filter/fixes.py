@@ -87,15 +87,16 @@ def _scatter(
     if third.shape[0] < 20:
         return np.tile(np.asarray(default), (n, 1))
     overall: FloatArray = np.median(third, axis=0)
+    sd_floor: FloatArray = np.full(3, floor)
     if overall[:2].max() > least_scatter:  # a receiver's own smoothing hides metres of slow error from this measure
-        floor = np.maximum(floor, default)
+        sd_floor = np.maximum(floor, default)
     begin = np.searchsorted(middle, time - WINDOW)
     end = np.searchsorted(middle, time + WINDOW)
     sd = np.empty((n, 3))
     for i in range(n):
         few = end[i] - begin[i] < 5
         sd[i] = overall if few else np.maximum(overall, np.median(third[begin[i] : end[i]], axis=0))
-    return np.asarray(np.maximum(sd, floor))
+    return np.asarray(np.maximum(sd, sd_floor))
 
 
 def with_sd(gps: GpsData) -> tuple[GpsData, tuple[str, ...]]:

@@ -14,6 +14,7 @@ import numpy as np
 from insnav import strapdown
 from insnav.attitude import quat_from_rph
 from insnav.filter import gates as gate
+from insnav.filter.correlation import CorrelatedNoise
 from insnav.filter.engine import Engine
 from insnav.filter.gates import Gates
 from insnav.filter.model import ErrorModel, InitialState
@@ -36,6 +37,7 @@ from insnav.types import (
 POSITION = (EventKind.GATE_POSITION, EventKind.SOFT_POSITION)
 VELOCITY = (EventKind.GATE_VELOCITY, EventKind.SOFT_VELOCITY)
 SOFT = (EventKind.SOFT_POSITION, EventKind.SOFT_VELOCITY)
+LASTING = STATES + 1  # first of the states of a position error that lasts; the delay stands before them
 CONTEXT = 2 * LOOKAHEAD  # samples kept before the first unprocessed one
 SUBSTEP = 0.1  # longest sub-step of transition and noise [s]
 COAST = 1.0  # longest time between filter epochs [s]
@@ -62,6 +64,8 @@ class FilterSettings:
     jitter : float
         Standard deviation of the time stamps of samples against fixes [s]; what it makes of speed and acceleration is
         added to the noise of every fix.
+    correlated : CorrelatedNoise or None
+        Part of the position error that lasts; three more states.
     output_interval : float
         Time between rows of the solution [s]; 0 for every sample.
     gates : Gates
@@ -73,6 +77,7 @@ class FilterSettings:
     delay_sd: float = 0.0
     velocity_lag: float = 0.0
     jitter: float = 0.0
+    correlated: CorrelatedNoise | None = None
     output_interval: float = 0.1
     gates: Gates = field(default_factory=Gates)
 
@@ -111,11 +116,18 @@ class Navigator:
         settings: FilterSettings | None = None,
     ) -> None:
         settings = settings or FilterSettings()
-        n = STATES + (1 if settings.delay_sd > 0 else 0)
+        lasting = settings.correlated
+        n = LASTING + 3 if lasting is not None else STATES + (1 if settings.delay_sd > 0 else 0)
         covariance = np.zeros((n, n))
         covariance[:STATES, :STATES] = start.covariance
         if n > STATES:
             covariance[STATES, STATES] = settings.delay_sd**2
+        if lasting is not None:
+            covariance[LASTING:, LASTING:] = np.diag(lasting.sd**2)
+            # the position came from a fix: its error is that of the fix
+            for i in range(3):
+                covariance[i, i] = max(covariance[i, i], 1.0001 * lasting.sd[i] ** 2)
+                covariance[i, LASTING + i] = covariance[LASTING + i, i] = lasting.sd[i] ** 2
         later = gps.time - settings.delay > start.time + strapdown.TIME_TOLERANCE
         self._gps = gps
         self._fix = np.flatnonzero(later)
@@ -125,7 +137,7 @@ class Navigator:
         self._x = np.concatenate([start.lla, start.v_n, quat_from_rph(start.rph)])
         self._correction = np.zeros(12)
         self._correction[:3] = start.gyro_bias
-        self._delay = 0.0
+        self._delay, self._lasting = 0.0, np.zeros(3)
         self._motion, self._sums, self._span = np.zeros(6), np.zeros(errorstate.SUMS), np.zeros(1)
         self._phi, self._q = np.eye(n), np.zeros((n, n))
         self._work = errorstate.scratch(n)
@@ -235,6 +247,13 @@ class Navigator:
         return k
 
     def _predict(self, time: float) -> None:
+        lasting = self._settings.correlated
+        if lasting is not None:
+            fade = float(np.exp(-self._span[0] / lasting.time))
+            self._lasting *= fade
+            for i in range(3):
+                self._phi[LASTING + i, LASTING + i] = fade
+                self._q[LASTING + i, LASTING + i] = (1.0 - fade**2) * lasting.sd[i] ** 2
         if self._engine.predict(self._phi, self._q, time):
             self._record.event(Event(time, EventKind.REPAIR, 1.0, 0.0, "count", "negative variance set to zero"))
         errorstate.reset_transition(self._phi, self._q, self._span)
@@ -251,6 +270,8 @@ class Navigator:
             self._delay,
             settings.velocity_lag,
             settings.jitter,
+            self._lasting,
+            settings.correlated.share if settings.correlated is not None else 0.0,
             gps.lla[row],
             gps.v_n[row],
             gps.position_sd[row],
@@ -280,6 +301,8 @@ class Navigator:
             errorstate.feed_back(self._x, self._correction, error)
             if error.shape[0] > STATES:
                 self._delay -= error[STATES]
+            if error.shape[0] > LASTING:
+                self._lasting -= error[LASTING:]
             if repaired:
                 self._record.event(Event(time, EventKind.REPAIR, 1.0, 0.0, "count", "negative variance set to zero"))
         if use[0]:
@@ -334,6 +357,11 @@ class Navigator:
             p[3:6, 3:6] += VELOCITY_RESET_SD**2 * np.eye(3)
         # whatever led here has probably spoilt the attitude as well
         p[6:9, 6:9] += np.diag(ATTITUDE_RESET_SD**2)
+        if p.shape[0] > LASTING:
+            p[LASTING:, :] = p[:, LASTING:] = 0.0
+            assert self._settings.correlated is not None
+            p[LASTING:, LASTING:] = np.diag(self._settings.correlated.sd**2)
+            self._lasting[:] = 0.0
         errorstate.feed_back(self._x, self._correction, error)
         self._engine.replace_covariance(p)
         self._record.event(

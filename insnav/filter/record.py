@@ -153,7 +153,7 @@ def _sd(rph: FloatArray, variance: FloatArray) -> FloatArray:
     for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
         p[:, i, j] = p[:, j, i] = variance[:, 6 + k]
     attitude = [np.einsum("ni,nij,nj->n", a, p, a) for a in (roll, pitch, heading)]
-    return np.sqrt(np.maximum(np.column_stack([variance[:, :6], *attitude]), 0.0))
+    return np.asarray(np.sqrt(np.maximum(np.column_stack([variance[:, :6], *attitude]), 0.0)))
 
 
 def _divergence(innovations: Innovations) -> list[Event]:

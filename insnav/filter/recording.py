@@ -12,6 +12,7 @@ from insnav.alignment import align, motion
 from insnav.alignment.align import LEVEL_SPAN
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset
+from insnav.filter.correlation import correlated_noise
 from insnav.filter.fixes import LAG_WORTH, velocity_lag, with_sd
 from insnav.filter.model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.navigator import FilterSettings, Navigator
@@ -118,6 +119,13 @@ def navigate_recording(
     if abs(lag) > max(LAG_WORTH, 5.0 * lag_sd):
         settings = replace(settings, velocity_lag=lag)
         notes += (f"GPS velocity is {lag:.3f} s older than position, by the fixes themselves: taken into account",)
+    lasting = correlated_noise(gps, settings.velocity_lag)
+    if lasting is not None:
+        settings = replace(settings, correlated=lasting)
+        notes += (
+            f"GPS position errors last: {100 * lasting.share:.0f} % of their variance has a correlation time of about "
+            f"{lasting.time:.0f} s, by positions and velocities; estimated as states",
+        )
     step = np.diff(imu.time)
     jitter = float(np.std(step[step < strapdown.GAP * np.median(step)]))
     if jitter > JITTER_WORTH:

@@ -117,7 +117,7 @@ def _nis(z, s):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def assess(  # type: ignore[no-untyped-def]
-    x, motion, lever, delay, lag, jitter, lla, v_n, position_sd, velocity_sd, p, z, h, r, s, sd
+    x, motion, lever, delay, lag, jitter, lasting, share, lla, v_n, position_sd, velocity_sd, p, z, h, r, s, sd
 ):
     """Everything about a fix that the gates and the filter need.
 
@@ -127,6 +127,10 @@ def assess(  # type: ignore[no-untyped-def]
         See `antenna`.
     jitter : float
         Standard deviation of the time stamps [s].
+    lasting : (3,) array
+        Estimate of the position error that lasts [m]; states 23 to 25 where there are so many.
+    share : float
+        Its share of the variance of a fix, which is not white [-].
     position_sd, velocity_sd : (3,) array
         Standard deviations of the fix [m], [m/s].
     p : (n, n) array
@@ -144,12 +148,16 @@ def assess(  # type: ignore[no-untyped-def]
         Length of the innovation of position [m] and of velocity [m/s].
     """
     antenna(x, motion, lever, delay, lag, lla, v_n, z, h)
+    if h.shape[1] > STATES + 1:
+        for i in range(3):
+            z[i] += lasting[i]
+            h[i, STATES + 1 + i] = 1.0
     for i in range(3):
         for j in range(3):
             r[i, j] = jitter * jitter * x[3 + i] * x[3 + j]
             r[3 + i, 3 + j] = jitter * jitter * motion[3 + i] * motion[3 + j]
             r[i, 3 + j] = r[3 + i, j] = 0.0
-        r[i, i] += position_sd[i] ** 2
+        r[i, i] += (1.0 - share) * position_sd[i] ** 2
         r[3 + i, 3 + i] += velocity_sd[i] ** 2 if velocity_sd[i] > 0.0 else 1.0
     s[:] = np.dot(h, np.dot(p, h.T)) + r
     for i in range(6):
