@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from insnav.attitude import rph_from_quat
-from insnav.earth import lla_offset
-from insnav.kernels.errorstate import STATES
+from insnav.kernels.errorstate import STATES, move_along
 from insnav.types import (
     Alignment,
+    BoolArray,
     Epochs,
     Event,
     EventKind,
@@ -64,7 +64,9 @@ class Record:
     def keep(self, rows: Rows) -> None:
         """Take over the filled part of a block's outputs."""
         n = rows.used
-        self._rows.append(tuple(part[:n].copy() for part in (rows.time, rows.state, rows.variance, rows.delay)))
+        known = rows.variance[:n, 0] >= 0.0
+        kept = rows.time[:n], rows.state[:n], known, rows.variance[:n][known], rows.delay[:n]
+        self._rows.append(tuple(part.copy() for part in kept))
 
     def event(self, event: Event) -> None:
         """Note an event."""
@@ -92,7 +94,7 @@ class Record:
     def finish(self, alignment: Alignment, settings: FilterSettings, delay: float, covariance: FloatArray) -> Run:
         """Put everything into shape."""
         n = self._count
-        time, state, variance, delays = (np.concatenate([r[i] for r in self._rows]) for i in range(4))
+        time, state, known, variance, delays = (np.concatenate([r[i] for r in self._rows]) for i in range(5))
         innovations = Innovations(
             self._time[:n],
             -self._innovation[:n],
@@ -106,9 +108,9 @@ class Record:
         # an offset that was found, and not told, is laid to the clock of the IMU: GPS time is the better one
         clock = delay if settings.delay_sd > 0 else 0.0
         if clock != 0.0:  # what the filter believed of the offset at the time has moved the state along its velocity
-            state[:, :3] = lla_offset(state[:, :3], state[:, 3:6] * (clock - delays)[:, None])
+            move_along(state, clock - delays)
         return Run(
-            solution=_trajectory(time + clock, state, variance),
+            solution=_trajectory(time + clock, state, known, variance),
             innovations=innovations,
             sensor_errors=SensorErrors(self._time[:n] + clock, self._sensor[:n], np.sqrt(self._sensor_sd[:n])),
             events=tuple(sorted(self._events, key=lambda event: event.time)),
@@ -125,16 +127,12 @@ class Record:
         )
 
 
-def _trajectory(time: FloatArray, state: FloatArray, variance: FloatArray) -> Trajectory:
-    """States and variances of the attitude vector to a trajectory with roll, pitch, heading and their sd."""
+def _trajectory(time: FloatArray, state: FloatArray, known: BoolArray, variance: FloatArray) -> Trajectory:
+    """States, and variances of the `known` ones, to a trajectory with roll, pitch, heading and standard deviations."""
     rph = rph_from_quat(state[:, 6:])
-    known = variance[:, 0] >= 0.0
-    if known.all():
-        sd = _sd(rph, variance)
-    else:
-        # between sub-steps no variance was computed; it changes smoothly
-        some = _sd(rph[known], variance[known])
-        sd = np.empty((time.shape[0], 9))
+    sd = _sd(rph[known], variance)
+    if not known.all():  # between sub-steps no variance was computed; it changes smoothly
+        some, sd = sd, np.empty((time.shape[0], 9))
         for j in range(9):
             sd[:, j] = np.interp(time, time[known], some[:, j])
     return Trajectory(time, state[:, :3], state[:, 3:6], rph, sd)

@@ -435,3 +435,18 @@ def feed_back(x, correction, error):  # type: ignore[no-untyped-def]
         quaternion_step(x, -error[6] / parts, -error[7] / parts, -error[8] / parts, 0.0, 0.0, 0.0)
     for i in range(SENSOR):
         correction[i] -= error[NAV + i]
+
+
+@njit(cache=True)
+def move_along(state, seconds):  # type: ignore[no-untyped-def]
+    """Move the position of each state along its velocity by so many seconds, (n, 10) and (n,) arrays, in place."""
+    for k in range(state.shape[0]):
+        s = seconds[k]
+        rm, rn = radii(np.sin(state[k, 0]))
+        state[k, 1] += s * state[k, 4] / ((rn + state[k, 2]) * np.cos(state[k, 0]))
+        state[k, 0] += s * state[k, 3] / (rm + state[k, 2])
+        state[k, 2] -= s * state[k, 5]
+        if state[k, 1] >= np.pi:
+            state[k, 1] -= 2.0 * np.pi
+        elif state[k, 1] < -np.pi:
+            state[k, 1] += 2.0 * np.pi
