@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from insnav.attitude import rph_from_quat
 from insnav.kernels.errorstate import STATES, move_along
+from insnav.kernels.output import solution
 from insnav.types import (
     Alignment,
     BoolArray,
@@ -49,7 +49,7 @@ class Record:
         used: int = 0
 
     def __init__(self, fixes: int) -> None:
-        self._rows: list[tuple[FloatArray, ...]] = []
+        self._rows: list[tuple[FloatArray, FloatArray, BoolArray, FloatArray, FloatArray]] = []
         self._events: list[Event] = []
         self._count = 0
         self._time, self._innovation, self._sd = np.empty(fixes), np.empty((fixes, 6)), np.empty((fixes, 6))
@@ -65,8 +65,9 @@ class Record:
         """Take over the filled part of a block's outputs."""
         n = rows.used
         known = rows.variance[:n, 0] >= 0.0
-        kept = rows.time[:n], rows.state[:n], known, rows.variance[:n][known], rows.delay[:n]
-        self._rows.append(tuple(part.copy() for part in kept))
+        self._rows.append(
+            (rows.time[:n].copy(), rows.state[:n].copy(), known, rows.variance[:n][known], rows.delay[:n].copy())
+        )
 
     def event(self, event: Event) -> None:
         """Note an event."""
@@ -94,7 +95,12 @@ class Record:
     def finish(self, alignment: Alignment, settings: FilterSettings, delay: float, covariance: FloatArray) -> Run:
         """Put everything into shape."""
         n = self._count
-        time, state, known, variance, delays = (np.concatenate([r[i] for r in self._rows]) for i in range(5))
+        time = np.concatenate([row[0] for row in self._rows])
+        state = np.concatenate([row[1] for row in self._rows])
+        known = np.concatenate([row[2] for row in self._rows])
+        variance = np.concatenate([row[3] for row in self._rows])
+        delays = np.concatenate([row[4] for row in self._rows])
+        self._rows.clear()
         innovations = Innovations(
             self._time[:n],
             -self._innovation[:n],
@@ -129,29 +135,9 @@ class Record:
 
 def _trajectory(time: FloatArray, state: FloatArray, known: BoolArray, variance: FloatArray) -> Trajectory:
     """States, and variances of the `known` ones, to a trajectory with roll, pitch, heading and standard deviations."""
-    rph = rph_from_quat(state[:, 6:])
-    sd = _sd(rph[known], variance)
-    if not known.all():  # between sub-steps no variance was computed; it changes smoothly
-        some, sd = sd, np.empty((time.shape[0], 9))
-        for j in range(9):
-            sd[:, j] = np.interp(time, time[known], some[:, j])
+    rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], 9))
+    solution(time, state, np.flatnonzero(known), variance, rph, sd)
     return Trajectory(time, state[:, :3], state[:, 3:6], rph, sd)
-
-
-def _sd(rph: FloatArray, variance: FloatArray) -> FloatArray:
-    """Standard deviations of position, velocity and roll, pitch, heading, (n, 9)."""
-    sh, ch = np.sin(rph[:, 2]), np.cos(rph[:, 2])
-    sp, cp = np.sin(rph[:, 1]), np.maximum(np.cos(rph[:, 1]), 1e-3)
-    # C_hat = (I - [phi x]) C: the estimate is turned by -phi about n; its parts along the roll, pitch, heading axes
-    o = np.zeros_like(sh)
-    roll = np.stack([ch / cp, sh / cp, o], -1)
-    pitch = np.stack([-sh, ch, o], -1)
-    heading = np.stack([o, o, o + 1.0], -1) + sp[:, None] * roll
-    p = np.empty((rph.shape[0], 3, 3))
-    for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
-        p[:, i, j] = p[:, j, i] = variance[:, 6 + k]
-    attitude = [np.einsum("ni,nij,nj->n", a, p, a) for a in (roll, pitch, heading)]
-    return np.asarray(np.sqrt(np.maximum(np.column_stack([variance[:, :6], *attitude]), 0.0)))
 
 
 def _divergence(innovations: Innovations) -> list[Event]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,8 @@ WIDTH = 100
 LINES = 40
 _MARGIN = 12
 _FIRST_FILE = "report.html"
-_WARNINGS = 4  # more are in report.html
+_NOTES = 4  # the others are in run.json
+_DIVERGED = "filter.diverged"
 
 
 def summary_lines(facts: Mapping[str, Any], folder: Path | None = None) -> list[str]:
@@ -34,26 +36,35 @@ def summary_lines(facts: Mapping[str, Any], folder: Path | None = None) -> list[
     """
     lines: list[str] = []
     for kind, reading in facts["input"].items():
-        lines.append(_entry(str(kind), _reading(reading)))
+        lines += _entry(str(kind), _reading(reading))
     lines += _alignment(facts["alignment"])
     if facts["imu_model"]:
         model = facts["imu_model"]
-        lines.append(_entry("IMU model", "; ".join(str(model[k]) for k in ("name", "chosen") if model.get(k))))
+        lines += _entry("IMU model", ": ".join(str(model[k]) for k in ("name", "chosen") if model.get(k)), rows=3)
     lines += _solution(facts)
     lines += _fixes(facts)
     lines += _accuracy(facts)
-    warnings = [plain_text(text) for text in facts["warnings"]]
-    lines += [_entry("warning", text) for text in warnings[:_WARNINGS]]
-    if len(warnings) > _WARNINGS:
-        lines.append(_entry("", f"{len(warnings) - _WARNINGS} more warnings in run.json"))
-    if folder is not None:
-        lines.append(_entry("files", f"{folder}{_file_names(facts)}"))
-    return lines[:LINES]
+    files = _entry("files", f"{folder}{_file_names(facts)}", rows=2) if folder is not None else []
+    return [*lines, *_notes(facts, LINES - len(lines) - len(files)), *files][-LINES:]
 
 
-def _entry(name: str, text: str) -> str:
-    line = f"{plain_text(name):<{_MARGIN}}{plain_text(text)}"
-    return line if len(line) <= WIDTH else line[: WIDTH - 1] + "…"
+def _entry(name: str, text: str, rows: int = 1) -> list[str]:
+    """Lay out a text of at most so many rows beside its name."""
+    wrapped = textwrap.wrap(plain_text(text), WIDTH - _MARGIN, break_on_hyphens=False) or [""]
+    if len(wrapped) > rows:
+        wrapped = [*wrapped[: rows - 1], _cut(" ".join(wrapped[rows - 1 :]), WIDTH - _MARGIN)]
+    names = [_cut(plain_text(name), _MARGIN - 1)] + [""] * len(wrapped)
+    return [f"{each:<{_MARGIN}}{row}" for each, row in zip(names, wrapped, strict=False)]
+
+
+def _cut(text: str, width: int) -> str:
+    return text if len(text) <= width else text[: width - 1] + "…"
+
+
+def _path(text: object, width: int) -> str:
+    """Shorten a path from the left: its end tells most."""
+    plain = plain_text(text)
+    return plain if len(plain) <= width else "…" + plain[len(plain) - width + 1 :]
 
 
 def _reading(facts: Mapping[str, Any]) -> str:
@@ -69,42 +80,43 @@ def _reading(facts: Mapping[str, Any]) -> str:
     if facts.get("n_gaps") is not None:
         gaps = facts["n_gaps"]
         parts.append(f"{gaps} gap{'s' * (gaps > 1)}, longest {facts['longest_gap_s']:.3g} s" if gaps else "no gaps")
-    parts += [str(facts[key]) for key in ("axes", "sampling", "height") if facts.get(key)]
-    # The name comes last to be cut first: everything else is short.
-    return ", ".join(parts) + f"  {facts['path']}" if facts.get("path") else ", ".join(parts)
+    if facts.get("axes"):
+        parts.append(str(facts["axes"]))
+    text = ", ".join(parts)
+    return f"{text}  {_path(facts['path'], WIDTH - _MARGIN - len(text) - 2)}" if facts.get("path") else text
 
 
 def _alignment(facts: Mapping[str, Any]) -> list[str]:
-    angles = (
-        f"roll {number(facts['roll_deg'])}, pitch {number(facts['pitch_deg'])}, "
-        f"heading {number(facts['heading_deg'], 4)} deg"
-    )
-    sd = [facts[key] for key in ("sd_tilt_north_deg", "sd_tilt_east_deg", "sd_heading_deg")]
-    methods = f"{facts['level_method']}; heading: {facts['heading_method']}"
+    roll, pitch = (number(facts[f"{name}_deg"]) for name in ("roll", "pitch"))
+    tilt = max(facts["sd_tilt_north_deg"] or 0.0, facts["sd_tilt_east_deg"] or 0.0)
+    heading = f"{number(facts['heading_deg'], 4)} ± {number(facts['sd_heading_deg'], 2)} deg"
     return [
-        _entry("alignment", f"{angles}, sd {', '.join(number(x) for x in sd)} deg, at {facts['time_s']:.1f} s"),
-        _entry("", methods),
+        *_entry(
+            "alignment",
+            f"roll {roll}, pitch {pitch}, each ± {number(tilt, 2)} deg; heading {heading}; at {facts['time_s']:.1f} s",
+        ),
+        *_entry("", f"level: {facts['level_method']}; heading: {facts['heading_method']}"),
     ]
 
 
 def _solution(facts: Mapping[str, Any]) -> list[str]:
     solution = facts["solution"]
     if not solution["rows"]:
-        return [_entry("solution", "empty")]
-    lines = [
-        _entry(
-            "solution",
-            f"{solution['rows']} rows, {_duration(solution['duration_s'])}, of it moving "
-            f"{_duration(solution['moving_s'])}, {_distance(solution['distance_m'])}",
-        )
-    ]
+        return _entry("solution", "empty")
+    lines = _entry(
+        "solution",
+        f"{solution['rows']} rows, {_duration(solution['duration_s'])} ({_duration(solution['moving_s'])} moving), "
+        f"{_distance(solution['distance_m'])}",
+    )
     end = solution["end"]
     if "sd_position_m" in end:
-        position, velocity, attitude = (
-            " ".join(number(x) for x in end[key])
-            for key in ("sd_position_m", "sd_velocity_m_s", "sd_roll_pitch_heading_deg")
+        groups = (
+            ("position", "sd_position_m", "m"),
+            ("velocity", "sd_velocity_m_s", "m/s"),
+            ("attitude", "sd_roll_pitch_heading_deg", "deg"),
         )
-        lines.append(_entry("sd at end", f"{position} m, {velocity} m/s, {attitude} deg"))
+        sd = [f"{name} {' '.join(number(x, 2) for x in end[key])} {unit}" for name, key, unit in groups]
+        lines += _entry("sd at end", ", ".join(sd))
     sensor = facts["sensor_errors"]
     found = [
         f"{name} {' '.join(number(x) for x in sensor[key])} {unit}"
@@ -114,7 +126,7 @@ def _solution(facts: Mapping[str, Any]) -> list[str]:
         )
         if key in sensor
     ]
-    return [*lines, _entry("biases", ", ".join(found))] if found else lines
+    return lines + (_entry("biases", ", ".join(found)) if found else [])
 
 
 def _fixes(facts: Mapping[str, Any]) -> list[str]:
@@ -126,36 +138,36 @@ def _fixes(facts: Mapping[str, Any]) -> list[str]:
             nis = counts["nis_mean_per_axis"]
             rms = next(value for key, value in counts.items() if key.startswith("innovation_rms"))
             unit = "m" if group == "position" else "m/s"
-            lines.append(
-                _entry(
-                    "" if lines else "fixes",
-                    f"{group}: {counts['used']} of {counts['offered']} used, innovation RMS "
-                    f"{' '.join(number(x) for x in rms)} {unit}, NIS {number(nis)} (1 is right)",
-                )
+            lines += _entry(
+                "" if lines else "fixes",
+                f"{group}: {counts['used']} of {counts['offered']} used, innovation RMS "
+                f"{' '.join(number(x, 2) for x in rms)} {unit}, NIS {number(nis, 2)} (1 is right)",
             )
     if not lines:
-        lines.append(_entry("fixes", "none"))
+        lines += _entry("fixes", "none")
     if fixes["delay_s"] or fixes["delay_sd_s"]:
-        lines.append(_entry("", f"delay {fixes['delay_s']:.3f} s, sd {fixes['delay_sd_s']:.3f} s"))
-    reasons = ", ".join(f"{count} by {reason}" for reason, count in fixes["rejected_for"].items())
-    lines.append(_entry("rejected", reasons or "none"))
+        lines += _entry("", f"delay {fixes['delay_s']:.3f} ± {fixes['delay_sd_s']:.3f} s")
+    reasons = "; ".join(f"{count} by {reason}" for reason, count in fixes["rejected_for"].items())
+    lines += _entry("rejected", reasons or "none", rows=2)
     outages = facts["outages"]
     if outages:
         longest = max(outage["duration_s"] for outage in outages)
         total = sum(outage["duration_s"] for outage in outages)
-        lines.append(_entry("outages", f"{len(outages)}, the longest {longest:.1f} s, together {total:.1f} s"))
+        together = f", together {total:.1f} s" if len(outages) > 1 else ""
+        lines += _entry("outages", f"{len(outages)}, the longest {longest:.1f} s{together}")
     return lines
 
 
 def _accuracy(facts: Mapping[str, Any]) -> list[str]:
     accuracy = facts["accuracy"]
     if not accuracy or not accuracy.get("all"):
-        return [_entry("accuracy", "no reference was given")]
+        return _entry("accuracy", "not known: no reference was given (--ref)")
     parts, rows = accuracy_rows(accuracy)
     wide = 8 * len(STATISTICS)
     name = 28
+    epochs = f"error at {accuracy['epochs']} epochs of "
     lines = [
-        _entry("accuracy", f"against {accuracy['reference']}: error at {accuracy['epochs']} epochs"),
+        *_entry("accuracy", epochs + _path(accuracy["reference"], WIDTH - _MARGIN - len(epochs))),
         " " * name + "".join(f"{part:>{wide}}" for part in parts),
         " " * name + "".join(f"{title:>8}" for _ in parts for _, title in STATISTICS),
     ]
@@ -174,9 +186,24 @@ def _inside(consistency: Mapping[str, Any] | None) -> str:
     return f"; inside 3 sd: {', '.join(shares)}" if shares else ""
 
 
+def _notes(facts: Mapping[str, Any], room: int) -> list[str]:
+    """As many assumptions and warnings as there is room for; that the filter fits badly always is among them."""
+    texts = [plain_text(text) for text in facts["warnings"]]
+    if facts["events"].get(_DIVERGED):  # said last, and matters most
+        texts = [*texts[-1:], *texts[:-1]]
+    shown = texts[:_NOTES]
+    rows = 2 if 2 * len(shown) < room else 1
+    lines = [line for text in shown for line in _entry("note", text, rows)]
+    if len(texts) > len(shown):
+        lines += _entry("", f"{len(texts) - len(shown)} more notes in run.json")
+    return lines[: max(room, 0)]
+
+
 def _file_names(facts: Mapping[str, Any]) -> str:
-    names = sorted((name for name in facts.get("files", {}) if "/" not in name), key=_FIRST_FILE.__ne__)
-    return f": {', '.join([*names, 'run.json', 'figures'])}" if names else ""
+    """Names of files, each folder in it only once, what people read first."""
+    found = dict.fromkeys(name.split("/")[0] for name in facts.get("files", {}))
+    names = sorted(sorted(found), key=lambda name: (name != _FIRST_FILE, name))
+    return f": {', '.join([*names, 'run.json'])}" if names else ""
 
 
 def _duration(seconds: float) -> str:

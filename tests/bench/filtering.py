@@ -1,0 +1,74 @@
+"""The filter alone, in this process, on arrays already read."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from insnav.cli.parse import start as read_start
+from insnav.filter import FilterSettings
+from insnav.filter.recording import DELAY_SD, Navigated, Start, navigate_recording
+from insnav.imu import load_imu
+from insnav.imu.model import ImuSpec
+from insnav.io import read_gps, read_imu
+from insnav.types import GpsData, ImuData
+from tests.bench.job import Job
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Arrays of a job and what the program would assume about them."""
+
+    imu: ImuData
+    gps: GpsData
+    spec: ImuSpec
+    settings: FilterSettings
+    start: Start
+
+    @cached_property
+    def samples(self) -> int:
+        """Samples after the given start."""
+        return int((self.imu.time > self.start.time + 1e-6).sum())
+
+    def at_interval(self, seconds: float) -> Recording:
+        """The same with a row of the solution every so often."""
+        return replace(self, settings=replace(self.settings, output_interval=seconds))
+
+    def first(self, seconds: float) -> Recording:
+        """The part up to `seconds` after the given start."""
+        end = self.start.time + seconds + 1e-6
+        n, m = int(np.searchsorted(self.imu.time, end)), int(np.searchsorted(self.gps.time, end))
+        gps = GpsData(
+            self.gps.time[:m],
+            self.gps.lla[:m],
+            self.gps.v_n[:m],
+            self.gps.position_sd[:m],
+            self.gps.velocity_sd[:m],
+        )
+        imu = replace(self.imu, time=self.imu.time[:n], gyro=self.imu.gyro[:n], accel=self.imu.accel[:n])
+        return replace(self, imu=imu, gps=gps)
+
+
+def read_recording(job: Job) -> Recording:
+    """Read a job with the settings of the program: full rate, GPS delay estimated."""
+    settings = FilterSettings(lever_b=np.array(job.start["lever_b_m"]), delay_sd=DELAY_SD, output_interval=0.0)
+    spec = load_imu(str(job.path("imu.toml")))
+    imu, gps = read_imu(job.path("imu.csv")).data, read_gps(job.path("gps.csv")).data
+    return Recording(imu, gps, spec, settings, read_start(job.path("start.json")))
+
+
+def navigate(recording: Recording, *, given_start: bool) -> tuple[Navigated, float]:
+    """Navigate once; the result and its CPU time [s]."""
+    begin = time.process_time()
+    start = recording.start if given_start else None
+    done = navigate_recording(recording.imu, recording.gps, recording.spec, recording.settings, start=start)
+    return done, time.process_time() - begin
+
+
+def best_cpu(recording: Recording, *, given_start: bool, repeat: int) -> tuple[Navigated, float]:
+    """Navigate once to compile, then `repeat` times; the result and the smallest CPU time [s]."""
+    done, _ = navigate(recording, given_start=given_start)
+    return done, min(navigate(recording, given_start=given_start)[1] for _ in range(repeat))

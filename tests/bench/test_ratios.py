@@ -1,0 +1,41 @@
+"""Speed as ratios of times taken side by side, which a slow or busy computer does not change much."""
+
+from __future__ import annotations
+
+import importlib.util
+
+import pytest
+
+from tests.bench.job import GENERATOR, Job, standard_job
+
+pytestmark = [
+    pytest.mark.skipif(not GENERATOR.exists(), reason=f"{GENERATOR} makes the data and is absent"),
+    pytest.mark.skipif(importlib.util.find_spec("pyins") is None, reason="pyins (python-ins) is not installed"),
+]
+
+HOURS = 1 / 6
+PEER_S, PEER_SETTLED_S, PEER_RATIO = 60.0, 30.0, 50.0
+SHORT_S, LONGER, AT_MOST = 140.0, 4, 6.0  # quadratic cost would be 16
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
+    return standard_job(tmp_path_factory.mktemp("bench"), "mems", 1, HOURS)
+
+
+def test_filter_is_far_faster_than_the_peer_and_both_navigate(job: Job) -> None:
+    from tests.bench.compare import side_by_side
+
+    pair = side_by_side(job, PEER_S, PEER_SETTLED_S)
+    assert max(*pair.insnav_rms_m, *pair.pyins_rms_m) < 1.0  # speed at nothing is no speed
+    assert pair.ratio >= PEER_RATIO
+
+
+def test_cost_grows_in_proportion_to_the_data(job: Job) -> None:
+    from tests.bench.filtering import best_cpu, read_recording
+
+    recording = read_recording(job)
+    short, long = (
+        best_cpu(recording.first(seconds), given_start=True, repeat=3)[1] for seconds in (SHORT_S, LONGER * SHORT_S)
+    )
+    assert long / short <= AT_MOST
