@@ -114,8 +114,8 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
     holes = np.flatnonzero(start[1:] - end[:-1] > (GAP - 1.0) * nominal)
     gyro, accel = imu.gyro, imu.accel
     if holes.size:
-        if imu.sampling == "increment":  # rates are what is continued across a hole
-            gyro, accel = gyro / (end - start)[:, None], accel / (end - start)[:, None]
+        # rates are what is continued across a hole; the samples themselves keep every bit
+        length_of = end - start if imu.sampling == "increment" else np.ones(end.shape[0])
         at, new_hole, new_end, new_gyro, new_accel = [], [], [], [], []
         for k in holes:
             length = start[k + 1] - end[k]
@@ -125,8 +125,10 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
             at.append(np.full(missing, k + 1))
             new_hole.append(np.full(missing, length))
             new_end.append(np.append(end[k] + share[:-1] / missing * length, start[k + 1]))
-            new_gyro.append(gyro[k] + way * (gyro[k + 1] - gyro[k]))
-            new_accel.append(accel[k] + way * (accel[k + 1] - accel[k]))
+            before, after = gyro[k] / length_of[k], gyro[k + 1] / length_of[k + 1]
+            new_gyro.append(before + way * (after - before))
+            before, after = accel[k] / length_of[k], accel[k + 1] / length_of[k + 1]
+            new_accel.append(before + way * (after - before))
         where = np.concatenate(at)
         end = np.insert(end, where, np.concatenate(new_end))
         gyro = np.insert(gyro, where, np.concatenate(new_gyro), axis=0)
@@ -137,7 +139,8 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
     if instant:
         dt[0] = 0.0
     elif holes.size or imu.sampling == "mean":
-        gyro, accel = gyro * dt[:, None], accel * dt[:, None]
+        scale = np.where(hole > 0.0, dt, 1.0)[:, None] if imu.sampling == "increment" else dt[:, None]
+        gyro, accel = gyro * scale, accel * scale
     return Intervals(end, dt, gyro, accel, segment, hole, instant)
 
 

@@ -130,7 +130,7 @@ def tilt_sd(rest: Rest, spec: ImuSpec, lat: float, height: float) -> FloatArray:
     bias = np.hypot(spec.accel.bias, spec.accel.bias_instability)
     worst = float(np.sqrt(np.max(bias**2 + rest.force_sd**2)))
     # nobody knows the misalignment of the accelerometers better than this
-    return np.full(2, np.hypot(worst / g, 0.2 * float(np.max(spec.accel.misalignment)) + 2e-6))
+    return np.full(2, np.hypot(worst / g, float(np.max(spec.accel.misalignment)) + 2e-6))
 
 
 def gyrocompass(rest: Rest, spec: ImuSpec, lat: float) -> tuple[float, float]:

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-import os
+import io
 import signal
 import sys
-from types import FrameType
+from typing import Any
 
 import typer
+from typer.main import get_command
 
-from insnav.cli import align, compare, run
-from insnav.cli.console import error_block
+from insnav.cli import align, compare, run, signals
+from insnav.cli.console import discard_output, error_block, result
+from insnav.cli.help import GroupedCommand
 
-EPILOG = (
-    "Every command has examples: insnav COMMAND --help. Exit codes: 0 ok, 1 a check failed, 2 usage, 3 input, 4 output."
-)
+EPILOG = """\b
+Examples:
+  insnav run imu.csv --gps gps.csv           writes run/: solution, figures, report.html
+  insnav run --help                          all options, with more examples
+\b
+Exit codes:
+  0 done            1 a check failed    2 wrong option or configuration
+  3 unusable data   4 cannot write      70 defect of insnav    130, 143 interrupted
+"""
 
 app = typer.Typer(
     name="insnav",
@@ -25,9 +33,8 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-app.command("run", help=run.HELP)(run.run)
-app.command("align", help=align.HELP)(align.align)
-app.command("compare", help=compare.HELP)(compare.compare)
+for _module, _command in ((run, run.run), (align, align.align), (compare, compare.compare)):
+    app.command(_command.__name__, cls=GroupedCommand, help=_module.HELP, short_help=_module.SHORT_HELP)(_command)
 
 
 def _version(value: bool) -> None:
@@ -41,45 +48,74 @@ def _version(value: bool) -> None:
 @app.callback()
 def _common(
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
-    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error."),
+    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error; goes with every command."),
 ) -> None:
     pass
 
 
-def _terminated(number: int, frame: FrameType | None) -> None:
-    sys.exit(128 + number)  # unwinds, so that half-written folders are removed
-
-
 def main() -> None:
     """Run the command line and end the process with its exit code."""
+    arguments = [text for text in sys.argv[1:] if text != "--debug"]  # it may stand anywhere
+    debug = len(arguments) < len(sys.argv) - 1
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that does not know ± gets a question mark
+    signals.listen()
+    try:
+        code = _run(arguments)
+    except BaseException as error:
+        signals.arrived()
+        if debug and not isinstance(error, SystemExit):
+            import traceback
+
+            traceback.print_exc()
+        code = _explain(error)
+    sys.exit(code)
+
+
+def _run(arguments: list[str]) -> int:
+    command = get_command(app)
+    try:
+        # not `app()`, which has its own words and exit codes for errors
+        with command.make_context("insnav", arguments) as context:
+            command.invoke(context)
+        sys.stdout.flush()
+    except typer.Exit as end:
+        return end.exit_code
+    return 0
+
+
+def _explain(error: BaseException) -> int:
+    """Say what went wrong, in one block; the exit code for it."""
     from insnav.exceptions import InsnavError
 
-    debug = "--debug" in sys.argv
-    if debug:  # wherever it stands
-        sys.argv.remove("--debug")
-    signal.signal(signal.SIGTERM, _terminated)
-    try:
-        app()
-    except InsnavError as error:
-        if debug:
-            raise
+    if isinstance(error, SystemExit):
+        return error.code if isinstance(error.code, int) else 0
+    if isinstance(error, InsnavError):
         error_block(error.what, error.details())
-        sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        error_block("interrupted", ())
-        sys.exit(130)
-    except BrokenPipeError:
-        # the reader went away, as `| head` does; nothing more can be said there
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(141)
-    except Exception as error:
-        if debug:
-            raise
-        error_block(
-            "this is a defect of insnav",
-            (
-                ("why", f"{type(error).__name__}: {error}"),
-                ("fix", "repeat with --debug and report what it prints"),
-            ),
-        )
-        sys.exit(70)
+        return error.exit_code
+    if isinstance(error, signals.Stopped):
+        error_block("interrupted" if error.number == signal.SIGINT else "terminated", ())
+        return 128 + error.number
+    if isinstance(error, BrokenPipeError):
+        discard_output()  # the reader went away, as `| head` does; nothing more can be said there
+        return 141
+    if hasattr(error, "format_message"):
+        return _usage(error)
+    error_block(
+        "this is a defect of insnav",
+        (("why", f"{type(error).__name__}: {error}"), ("fix", "repeat with --debug and report what it prints")),
+    )
+    return 70
+
+
+def _usage(error: Any) -> int:
+    """Explain an error of the parser of options, which are of different types in different releases of typer."""
+    context = getattr(error, "ctx", None)
+    if context is not None and type(error).__name__ == "NoArgsIsHelpError":
+        result(context.get_help())
+        return 2
+    path = context.command_path if context is not None else "insnav"
+    message = error.format_message().rstrip(".").replace("Value error, ", "").replace("Input should be", "should be")
+    error_block(message, (("fix", f"see {path} --help"),))
+    return 2

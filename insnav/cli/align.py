@@ -2,77 +2,99 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli import run as shared
-from insnav.cli.console import note
+from insnav.cli.console import Stages, note, note_more, result
 
+SHORT_HELP = "Initial attitude from a record at rest, with its uncertainty."
 HELP = """Initial attitude from a record at rest, with its uncertainty.
 
-Levelling from the accelerometers; heading by gyrocompass if the gyros are good enough, else as given. Where a heading
-is known the filter refines everything with zero velocity.
+Roll and pitch come from gravity, heading from the Earth's rotation if the gyros are good enough (gyrocompass), else as
+given. Where the heading is known the filter refines everything, told that the vehicle does not move.
 
 \b
 Examples:
   insnav align static.csv --lat 48.1
-  insnav align static.csv --lat 34.246 --height 380 --imu navigation --static 0:900
-  insnav align static.csv --lat 48.1 --imu automotive --heading 92 --json
+  insnav align static.csv --lat 34.246 --height 380 --imu navigation
+  insnav align static.csv --lat 48.1 --static 0:300 --heading 92 --out bench1
+  insnav align static.csv --lat 48.1 --json | jq .coarse.roll_deg
 """
+
+SHORT_REST = 10.0  # so long may steady motion look like rest [s]
 
 
 def align(
-    imu_file: shared.ImuFile,
-    lat: Annotated[float, typer.Option(help="Latitude in degrees.")],
-    height: Annotated[float, typer.Option(help="Height in m.")] = 0.0,
-    imu: shared.ImuModel = None,
-    calibration: shared.Calibration = None,
-    imu_axes: shared.Axes = None,
-    imu_units: shared.Units = None,
-    columns: shared.Columns = None,
-    imu_sampling: shared.SamplingOption = None,
-    imu_stamp: shared.StampOption = None,
-    static: shared.Static = None,
-    heading: shared.Heading = None,
-    out: Annotated[Path, typer.Option(help="Folder to make.")] = Path("alignment"),
-    force: shared.Force = False,
-    as_json: shared.Json = False,
+    imu_file: opt.ImuFile,
+    lat: Annotated[float, typer.Option(metavar="DEG", help="Latitude, north positive.", rich_help_panel=opt.START)],
+    height: Annotated[
+        float, typer.Option(metavar="M", help="Height above the ellipsoid.", rich_help_panel=opt.START)
+    ] = 0.0,
+    imu: opt.ImuModel = None,
+    calibration: opt.Calibration = None,
+    imu_axes: opt.Axes = None,
+    imu_units: opt.Units = None,
+    columns: opt.Columns = None,
+    imu_sampling: opt.SamplingOption = None,
+    imu_stamp: opt.StampOption = None,
+    static: opt.Static = None,
+    heading: Annotated[
+        float | None,
+        typer.Option(metavar="DEG", help="Heading if known, good to 2 deg. [gyrocompass]", rich_help_panel=opt.START),
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)] = Path(
+        "alignment"
+    ),
+    force: opt.Force = False,
+    as_json: opt.Json = False,
 ) -> None:
     """Align a static record."""
     import numpy as np
 
+    from insnav.cli import inputs
     from insnav.exceptions import AlignmentError, ConfigError
-    from insnav.io.folder import RunFolder
+    from insnav.io.folder import FACTS_FILE, RunFolder
 
     if not -90.0 <= lat <= 90.0:
         raise ConfigError(f"{lat:g} is not a latitude", where="--lat", fix="give degrees, north positive")
+    parse.finite(height, "--height", largest=1e5)
+    course = None if heading is None else float(np.deg2rad(parse.finite(heading, "--heading")))
     span = parse.span(static, "--static") if static else None
-    with RunFolder(out, force=force) as folder:
+    told = inputs.chosen_imu(imu)
+    with RunFolder(out, force=force) as folder, Stages() as stage:
+        stage("reading")
         from insnav.alignment import find_rest
         from insnav.filter.fine import fine_alignment
         from insnav.report.alignment import alignment_facts, alignment_lines
         from insnav.strapdown import intervals
 
-        reading = shared.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp)
-        for line in reading.facts.lines() if not as_json else ():
-            note(line)
-        samples = shared.calibrated(reading.data, calibration)
+        reading = inputs.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp)
+        inputs.say_reading(reading.facts)
+        samples = inputs.calibrated(reading.data, calibration)
+        stage("aligning")
         rest = span or find_rest(intervals(samples))
         if rest is None:
             raise AlignmentError(
                 "no rest was found",
-                where=str(imu_file),
+                where=reading.facts.path,
                 why="every half second shows turns or vibration",
-                fix="give the static interval with --static START:END",
+                fix="give the static interval with --static FROM:TO",
             )
-        spec, said = shared.imu_spec(imu, samples, rest)
-        note(said)
+        if span is None and rest[1] - rest[0] < SHORT_REST:
+            note(f"the stretch that looks like rest is only {rest[1] - rest[0]:.1f} s; was it? --static FROM:TO")
+        spec, said = told or inputs.imu_from_rest(samples, rest)
+        note(f"IMU model: {spec.name}")
+        note_more(said)
         lla = np.array([np.deg2rad(lat), 0.0, height])
-        found = fine_alignment(samples, spec, lla, rest, None if heading is None else float(np.deg2rad(heading)))
-        facts: dict[str, Any] = alignment_facts(found, reading.facts.as_dict(), said, lat)
+        found = fine_alignment(samples, spec, lla, rest, course)
+        facts = alignment_facts(found, reading.facts.as_dict(), spec, said, lat)
+        stage("writing")
         where = folder.commit(facts)
-    print(json.dumps(facts, indent=1) if as_json else "\n".join([*alignment_lines(facts), f"{'files':<12}{where}"]))
+    if as_json:
+        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
+    else:
+        result("\n".join([*alignment_lines(facts), f"{'files':<12}{out}: run.json"]))

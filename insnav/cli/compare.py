@@ -8,34 +8,44 @@ from typing import Annotated
 
 import typer
 
+from insnav.cli import options as opt
 from insnav.cli import parse
+from insnav.cli.console import result
 
+SHORT_HELP = "Accuracy of several runs against one reference, side by side."
 HELP = """Accuracy of several runs against one reference, side by side.
+
+Only epochs of the reference that every run covers are counted, so that the rows can be compared.
 
 \b
 Examples:
   insnav compare run1 run2 --ref ref.csv
-  insnav compare run1 --ref rtk.csv --ref-lever-arm 0.8,-0.3,-1.2 --json
+  insnav compare run1 --ref rtk.csv --ref-lever-arm 0.8,-0.3,-1.2
+  insnav compare run1 run2 --ref ref.csv --json | jq '.[].accuracy'
 """
 
 
 def compare(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders.")],
-    ref: Annotated[Path, typer.Option(help="Reference trajectory.")],
-    ref_lever_arm: Annotated[
-        str | None, typer.Option(help="Point of the reference seen from the IMU, body axes, m. [0,0,0]")
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN", help="Run folders.", rich_help_panel=opt.FILES)],
+    ref: Annotated[Path, typer.Option(metavar="FILE", help="Reference.", rich_help_panel=opt.FILES)],
+    ref_lever_arm: opt.ReferenceLeverArm = None,
+    ref_columns: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME=HEADER,…", help="Headers that are not understood by themselves.", rich_help_panel=opt.GPS
+        ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the table as JSON.")] = False,
+    as_json: opt.Json = False,
 ) -> None:
     """Compare runs."""
-    from insnav.io import read_reference
+    from insnav.cli.inputs import read_truth
     from insnav.report.compare import compare as table
     from insnav.report.compare import comparison_lines
     from insnav.report.facts import json_ready
 
     lever_b = parse.vector(ref_lever_arm, "--ref-lever-arm") if ref_lever_arm else None
-    rows = table(runs, read_reference(ref).data, lever_b=lever_b)
+    rows = table(runs, read_truth(ref, ref_columns).data, lever_b=lever_b)
     if as_json:
-        print(json.dumps(json_ready(rows), indent=1, ensure_ascii=False))
+        result(json.dumps(json_ready(rows), indent=1, ensure_ascii=False))
     else:
-        print("\n".join(comparison_lines(rows)))
+        result("\n".join(comparison_lines(rows)))

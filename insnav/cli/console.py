@@ -2,29 +2,83 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import shutil
 import sys
-import time
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol
+import textwrap
+import threading
+from collections.abc import Iterable
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from insnav.cli import signals
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
+    from rich.progress import Progress, TaskID
 
 DELAY = 1.0  # work shorter than this shows no progress bar [s]
+WIDTH = 110  # largest of a line of the log
+
+
+def result(text: str) -> None:
+    """Print what was asked for, on standard output.
+
+    Parameters
+    ----------
+    text : str
+        Without the last line end.
+
+    Raises
+    ------
+    OutputError
+        Standard output takes no more, such as a file on a full disk.
+    BrokenPipeError
+        Its reader went away.
+    """
+    from insnav.exceptions import OutputError
+
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        discard_output()
+        raise OutputError(
+            "the result cannot be printed", where="standard output", why=error.strerror or str(error)
+        ) from error
+
+
+def discard_output() -> None:
+    """Let what is still to be printed vanish, also what the interpreter flushes at its end."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def error_block(what: str, details: Iterable[tuple[str, str]]) -> None:
     """Print one error: what, and where, why, how to mend it."""
-    print(f"insnav: error: {_plain(what)}", file=sys.stderr)
-    for name, text in details:
-        if text:
-            print(f"  {name + ':':<6} {_plain(text)}", file=sys.stderr)
+    lines = [f"insnav: error: {_plain(what)}"]
+    lines += [f"  {name + ':':<6} {_plain(text)}" for name, text in details if text]
+    print("\n".join(lines), file=sys.stderr, flush=True)
 
 
 def note(text: str) -> None:
-    """Print one line of the log."""
-    print(f"insnav: {_plain(text)}", file=sys.stderr, flush=True)
+    """Print one entry of the log."""
+    _log(text, "insnav: ")
+
+
+def note_more(text: str) -> None:
+    """Print a detail of the entry before."""
+    _log(text, "        ")
+
+
+def _log(text: str, lead: str) -> None:
+    body = _plain(text)
+    width = min(WIDTH, shutil.get_terminal_size((WIDTH, 0)).columns)
+    lines = textwrap.wrap(
+        body, width, initial_indent=lead, subsequent_indent=" " * 10, break_long_words=False, break_on_hyphens=False
+    )
+    print("\n".join(lines), file=sys.stderr, flush=True)
 
 
 def _plain(text: str) -> str:
@@ -33,39 +87,62 @@ def _plain(text: str) -> str:
     return "\n         ".join(plain_text(line) for line in text.splitlines())
 
 
-class Report(Protocol):
-    """Takes the fraction done."""
+class Stages:
+    """Names what is being done, with a bar, on a terminal and once the work has taken a second.
 
-    def __call__(self, fraction: float) -> None:
-        """Note the fraction done."""
+    Use it as a context manager, inside the one that removes what is half written. Call it with a name at the start of
+    each stage, and with `fraction` where the stage knows how far it is.
+    """
 
+    def __init__(self) -> None:
+        self._name = ""
+        self._fraction: float | None = None
+        self._bar: Progress | None = None
+        self._task: TaskID | None = None
+        self._timer: threading.Timer | None = None
+        self._lock = threading.Lock()
 
-@contextmanager
-def progress(title: str) -> Iterator[Report]:
-    """Progress bar on a terminal, shown once the work has taken a second."""
-    begin = time.monotonic()
-    bar: list[Progress] = []
+    def __enter__(self) -> Self:
+        if sys.stderr.isatty():
+            self._timer = threading.Timer(DELAY, self._show)
+            self._timer.daemon = True
+            self._timer.start()
+        return self
 
-    def report(fraction: float) -> None:
-        if not sys.stderr.isatty() or (not bar and time.monotonic() - begin < DELAY):
-            return
-        if not bar:
-            from rich.console import Console
-            from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        signals.arrived()
+        if self._timer is not None:
+            self._timer.cancel()
+        with self._lock:
+            self._timer = None
+            if self._bar is not None:
+                self._bar.stop()
+                self._bar = None
 
-            columns = (
-                TextColumn("{task.description}"),
-                BarColumn(),
-                TaskProgressColumn(),
-                TimeRemainingColumn(),
-            )
-            bar.append(Progress(*columns, console=Console(stderr=True), transient=True))
-            bar[0].start()
-            bar[0].add_task(title, total=1.0)
-        bar[0].update(bar[0].task_ids[0], completed=fraction)
+    def __call__(self, name: str, fraction: float | None = None) -> None:
+        """Begin a stage, or say how far it is."""
+        with self._lock:
+            if name != self._name and self._bar is not None and self._task is not None:
+                self._bar.reset(self._task, description=name, total=None)
+            self._name, self._fraction = name, fraction
+            self._update()
 
-    try:
-        yield report
-    finally:
-        for each in bar:
-            each.stop()
+    def _update(self) -> None:
+        if self._bar is not None and self._task is not None:
+            total = None if self._fraction is None else 1.0
+            self._bar.update(self._task, description=self._name, total=total, completed=self._fraction or 0.0)
+
+    def _show(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description:<10}"), BarColumn(), TimeElapsedColumn())
+        with self._lock:
+            if self._timer is None:  # the work ended meanwhile
+                return
+            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._task = self._bar.add_task(self._name, total=None)
+            self._update()
+            self._bar.start()

@@ -43,13 +43,35 @@ def span(text: str, option: str) -> tuple[float, float]:
     return begin, end
 
 
-def columns(text: str | None) -> dict[str, str] | None:
+def finite(value: float, option: str, *, largest: float = math.inf) -> float:
+    """A number that is not NaN, infinite, or larger than sensible."""
+    if not math.isfinite(value) or abs(value) > largest:
+        raise ConfigError(
+            f"{value:g} is not a sensible value", where=option, fix="give a number in the unit of the help"
+        )
+    return value
+
+
+def interval(rate: str) -> float:
+    """Seconds between rows of the solution; 0 for every sample."""
+    if rate == "full":
+        return 0.0
+    try:
+        value = float(rate)
+    except ValueError:
+        value = 0.0
+    if not 0.01 <= value <= 10000.0:
+        raise ConfigError(f"{rate!r} is not a rate", where="--rate", fix="write rows per second, such as 10, or full")
+    return 1.0 / value
+
+
+def columns(text: str | None, option: str) -> dict[str, str] | None:
     """Quantity to header, ``gyro_x=Gx,time_s=t``."""
     if text is None:
         return None
     pairs = [part.split("=", 1) for part in text.split(",")]
     if any(len(pair) != 2 or not all(pair) for pair in pairs):
-        raise ConfigError(f"{text!r} is not a list of names", where="--columns", fix="write it like gyro_x=Gx,time_s=t")
+        raise ConfigError(f"{text!r} is not a list of names", where=option, fix="write it like gyro_x=Gx,time_s=t")
     return {name.strip(): header.strip() for name, header in pairs}
 
 

@@ -23,10 +23,12 @@ def gyro_history(q, w_ie_n, dt, dtheta, dvel, q_out, u_out):  # type: ignore[no-
     q_out, u_out : (n + 1, 4), (n + 1, 3) array
         Filled with the attitude and the integral of ``C_nb f_b`` [m/s]; row 0 is the start.
     """
+    # element by element: assigning slices takes seconds to compile
     x = np.zeros(10)
-    x[6:] = q
-    q_out[0] = q
-    u_out[0] = 0.0
+    for i in range(4):
+        x[6 + i] = q[i]
+        q_out[0, i] = q[i]
+    u_out[0, 0] = u_out[0, 1] = u_out[0, 2] = 0.0
     for k in range(dt.shape[0]):
         h = dt[k]
         # specific force along the attitude half-way through the interval
@@ -54,4 +56,5 @@ def gyro_history(q, w_ie_n, dt, dtheta, dvel, q_out, u_out):  # type: ignore[no-
             0.5 * dtheta[k, 1],
             0.5 * dtheta[k, 2],
         )
-        q_out[k + 1] = x[6:]
+        for i in range(4):
+            q_out[k + 1, i] = x[6 + i]

@@ -19,7 +19,7 @@ M = 0.00344978650684  # omega^2 a^2 b / GM [-]                           NIMA TR
 G_NORTH = 8.08e-9  # north component above the ellipsoid [1/s^2]         Groves (2013) eq. 2.140
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def radii(sin_lat):  # type: ignore[no-untyped-def]
     """Meridian and transverse radius of curvature [m] (Groves 2013, eq. 2.105, 2.106)."""
     w2 = 1.0 - E2 * sin_lat * sin_lat
@@ -27,7 +27,7 @@ def radii(sin_lat):  # type: ignore[no-untyped-def]
     return transverse * (1.0 - E2) / w2, transverse
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def gravity_down(sin_lat, height):  # type: ignore[no-untyped-def]
     """Down component of normal gravity [m/s^2] (NIMA TR8350.2, eq. 4-1 and 4-3)."""
     s2 = sin_lat * sin_lat
@@ -36,7 +36,7 @@ def gravity_down(sin_lat, height):  # type: ignore[no-untyped-def]
     return surface * (1.0 - 2.0 * (1.0 + F + M - 2.0 * F * s2) * r + 3.0 * r * r)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def gravity_north(sin_lat, cos_lat, height):  # type: ignore[no-untyped-def]
     """North component of normal gravity above the ellipsoid [m/s^2] (Groves 2013, eq. 2.140)."""
     return -2.0 * G_NORTH * height * sin_lat * cos_lat

@@ -51,8 +51,8 @@ def system_matrix(x, f_n, out):  # type: ignore[no-untyped-def]
             out[i, j] = 0.0
     out[0, 0], out[0, 2], out[0, 3] = -vd / rm, vn / rm, 1.0
     out[1, 0], out[1, 1], out[1, 2], out[1, 4] = (
-        ve * tan_lat / rm,
-        -vd / rn - vn * tan_lat / rm,
+        ve * tan_lat / rn,
+        -vd / rn - vn * tan_lat / rn,
         ve / rn,
         1.0,
     )
@@ -143,7 +143,10 @@ def _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y):  # type: ignore[n
     for j in range(SENSOR):
         q[NAV + j, NAV + j] += 0.5 * noise[6 + j] * dt
     # misalignment turns rotations and accelerations into errors that last as long as a manoeuvre
-    turning = noise[18] * inv * (np.sum(sums[13:22] ** 2))
+    turned = 0.0
+    for i in range(13, 22):
+        turned += sums[i] * sums[i]
+    turning = noise[18] * inv * turned
     pushing = noise[19] * inv * (sums[1] ** 2 + sums[2] ** 2)
     for i in range(3):
         q[3 + i, 3 + i] += pushing
@@ -371,6 +374,8 @@ def propagate(  # type: ignore[no-untyped-def]
         if ends:
             for j in range(SENSOR):  # the expectation of a decaying error decays
                 correction[j] *= np.exp(-sums[0] * decay[j])
+            ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
+            ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
             _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y)
         if wanted:
             out_time[rows] = time[k]

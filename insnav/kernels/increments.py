@@ -48,6 +48,9 @@ def uniform_weights(instant: bool) -> np.ndarray:
 def stage_weights(weights: np.ndarray) -> np.ndarray:
     """Value at the start, middle and end of an interval from neighbouring samples at equal spacing.
 
+    The fourth row is the integral over the first half, less what the dense output of the Runge-Kutta method takes for
+    it: ``(5 start + 8 middle - end) / 24``. It halves the sculling error.
+
     Parameters
     ----------
     weights : array
@@ -55,10 +58,13 @@ def stage_weights(weights: np.ndarray) -> np.ndarray:
 
     Returns
     -------
-    (WINDOW + 2, WINDOW + 1, 3, WINDOW + 1) array
+    (WINDOW + 2, WINDOW + 1, 4, WINDOW + 1) array
         ``w[size, offset, stage, i]``.
     """
-    power = np.array([0.0, 0.5, 1.0])[:, None] ** np.arange(WINDOW + 1)
+    order = np.arange(WINDOW + 1)
+    start, middle, end = np.array([0.0, 0.5, 1.0])[:, None] ** order
+    half = 0.5 * middle / (order + 1) - (5.0 * start + 8.0 * middle - end) / 24.0
+    power = np.stack([start, middle, end, half])
     return np.ascontiguousarray(np.einsum("sj,zoji->zosi", power, weights))
 
 
@@ -108,7 +114,7 @@ def _irregular(k, a, size, instant, end, dt, gyro, accel, node, table, coefficie
             coefficient[channel, j] = table[j] if instant else (j + 1.0) * table[j + 1]
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _value(coefficient, channel, s):  # type: ignore[no-untyped-def]
     c = coefficient
     return c[channel, 0] + s * (
@@ -116,7 +122,7 @@ def _value(coefficient, channel, s):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _integral(coefficient, channel, s):  # type: ignore[no-untyped-def]
     c = coefficient
     return s * (
@@ -130,7 +136,7 @@ def _integral(coefficient, channel, s):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _rate(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
     """Quaternion differential equation q' = 1/2 q (x) w (Groves 2013, eq. E6.38)."""
     return (
@@ -141,7 +147,7 @@ def _rate(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _turned(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
     """Rotate a vector by a quaternion and take the vector off: (C(q) - I) v, without cancellation."""
     tx, ty, tz = 2.0 * (q2 * z - q3 * y), 2.0 * (q3 * x - q1 * z), 2.0 * (q1 * y - q2 * x)
@@ -152,7 +158,7 @@ def _turned(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def turn_factors(angle2):  # type: ignore[no-untyped-def]
     """(1 - cos a) / a^2 and (a - sin a) / a^3 of the squared angle (Savage 1998, part 2, eq. 38)."""
     if angle2 < 0.04:
@@ -225,11 +231,12 @@ def increments(  # type: ignore[no-untyped-def]
         b, e = s0[m], s1[m]
         h = e - b
         if regular and h == 1.0:
-            xb = yb = zb = xm = ym = zm = xe = ye = ze = fm = gm = hm = fe = ge = he = 0.0
+            xb = yb = zb = xm = ym = zm = xe = ye = ze = xh = yh = zh = fm = gm = hm = fe = ge = he = 0.0
             for i in range(size):
                 wb = stages[size, offset, 0, i] * scale
                 wm = stages[size, offset, 1, i] * scale
                 we = stages[size, offset, 2, i] * scale
+                wh = stages[size, offset, 3, i] * scale
                 x, y, z = gyro[a + i, 0], gyro[a + i, 1], gyro[a + i, 2]
                 xb += wb * x
                 yb += wb * y
@@ -240,6 +247,9 @@ def increments(  # type: ignore[no-untyped-def]
                 xe += we * x
                 ye += we * y
                 ze += we * z
+                xh += wh * x
+                yh += wh * y
+                zh += wh * z
                 x, y, z = accel[a + i, 0], accel[a + i, 1], accel[a + i, 2]
                 fm += wm * x
                 gm += wm * y
@@ -269,6 +279,11 @@ def increments(  # type: ignore[no-untyped-def]
                 h * _value(coefficient, 0, e),
                 h * _value(coefficient, 1, e),
                 h * _value(coefficient, 2, e),
+            )
+            xh, yh, zh = (
+                _integral(coefficient, 0, mid) - _integral(coefficient, 0, b) - (5.0 * xb + 8.0 * xm - xe) / 24.0,
+                _integral(coefficient, 1, mid) - _integral(coefficient, 1, b) - (5.0 * yb + 8.0 * ym - ye) / 24.0,
+                _integral(coefficient, 2, mid) - _integral(coefficient, 2, b) - (5.0 * zb + 8.0 * zm - ze) / 24.0,
             )
             fm, gm, hm = (
                 h * _value(coefficient, 3, mid),
@@ -300,23 +315,27 @@ def increments(  # type: ignore[no-untyped-def]
         q1 = (a1 + 2.0 * b1 + 2.0 * c1 + d1) / 6.0
         q2 = (a2 + 2.0 * b2 + 2.0 * c2 + d2) / 6.0
         q3 = (a3 + 2.0 * b3 + 2.0 * c3 + d3) / 6.0
-        # quaternion half-way from the same stages (third-order dense output of the classical method)
+        # quaternion half-way from the same stages (third-order dense output of the classical method), with the rate
+        # itself integrated exactly
         m0 = 1.0 + (5.0 * a0 + 4.0 * b0 + 4.0 * c0 - d0) / 24.0
-        m1 = (5.0 * a1 + 4.0 * b1 + 4.0 * c1 - d1) / 24.0
-        m2 = (5.0 * a2 + 4.0 * b2 + 4.0 * c2 - d2) / 24.0
-        m3 = (5.0 * a3 + 4.0 * b3 + 4.0 * c3 - d3) / 24.0
+        m1 = (5.0 * a1 + 4.0 * b1 + 4.0 * c1 - d1) / 24.0 + 0.5 * xh
+        m2 = (5.0 * a2 + 4.0 * b2 + 4.0 * c2 - d2) / 24.0 + 0.5 * yh
+        m3 = (5.0 * a3 + 4.0 * b3 + 4.0 * c3 - d3) / 24.0 + 0.5 * zh
 
         sine = np.sqrt(q1 * q1 + q2 * q2 + q3 * q3)
         stretch = 2.0 * np.arctan2(sine, q0) / sine if sine > 1e-9 else 2.0 / q0
-        coning[m, 0] = stretch * q1 - dtheta[m, 0]
-        coning[m, 1] = stretch * q2 - dtheta[m, 1]
-        coning[m, 2] = stretch * q3 - dtheta[m, 2]
+        # what the method itself loses of a constant rate, to leading order: 0.5 ppm at 1000 deg/s and 100 Hz
+        tx, ty, tz = dtheta[m, 0], dtheta[m, 1], dtheta[m, 2]
+        angle2 = tx * tx + ty * ty + tz * tz
+        kept = 1.0 - angle2 * angle2 / 1920.0
+        coning[m, 0] = stretch * q1 - kept * tx
+        coning[m, 1] = stretch * q2 - kept * ty
+        coning[m, 2] = stretch * q3 - kept * tz
 
         ux, uy, uz = _turned(m0, m1, m2, m3, fm, gm, hm)
         wx, wy, wz = _turned(q0, q1, q2, q3, fe, ge, he)
-        tx, ty, tz = dtheta[m, 0], dtheta[m, 1], dtheta[m, 2]
         vx, vy, vz = dvel[m, 0], dvel[m, 1], dvel[m, 2]
-        f1, f2 = turn_factors(tx * tx + ty * ty + tz * tz)
+        f1, f2 = turn_factors(angle2)
         kx, ky, kz = ty * vz - tz * vy, tz * vx - tx * vz, tx * vy - ty * vx
         sculling[m, 0] = (4.0 * ux + wx) / 6.0 - f1 * kx - f2 * (ty * kz - tz * ky)
         sculling[m, 1] = (4.0 * uy + wy) / 6.0 - f1 * ky - f2 * (tz * kx - tx * kz)

@@ -102,16 +102,16 @@ def antenna(x, motion, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-un
 
 
 @njit(cache=True)
-def _nis(z, s):  # type: ignore[no-untyped-def]
-    """``z' s^-1 z`` of three numbers, by Cholesky's decomposition; ``NaN`` where the measurement is."""
-    a = np.sqrt(s[0, 0])
-    b, d = s[1, 0] / a, s[2, 0] / a
-    c = np.sqrt(s[1, 1] - b * b)
-    e = (s[2, 1] - d * b) / c
-    f = np.sqrt(s[2, 2] - d * d - e * e)
-    x = z[0] / a
-    y = (z[1] - b * x) / c
-    w = (z[2] - d * x - e * y) / f
+def _nis(z, s, o):  # type: ignore[no-untyped-def]
+    """``z' s^-1 z`` of three numbers from index `o` on, by Cholesky's decomposition; ``NaN`` if not measured."""
+    a = np.sqrt(s[o, o])
+    b, d = s[o + 1, o] / a, s[o + 2, o] / a
+    c = np.sqrt(s[o + 1, o + 1] - b * b)
+    e = (s[o + 2, o + 1] - d * b) / c
+    f = np.sqrt(s[o + 2, o + 2] - d * d - e * e)
+    x = z[o] / a
+    y = (z[o + 1] - b * x) / c
+    w = (z[o + 2] - d * x - e * y) / f
     return x * x + y * y + w * w
 
 
@@ -159,12 +159,15 @@ def assess(  # type: ignore[no-untyped-def]
             r[i, 3 + j] = r[3 + i, j] = 0.0
         r[i, i] += (1.0 - share) * position_sd[i] ** 2
         r[3 + i, 3 + i] += velocity_sd[i] ** 2 if velocity_sd[i] > 0.0 else 1.0
-    s[:] = np.dot(h, np.dot(p, h.T)) + r
+    ph = np.dot(p, h.T)
+    hph = np.dot(h, ph)
     for i in range(6):
+        for j in range(6):
+            s[i, j] = hph[i, j] + r[i, j]
         sd[i] = np.sqrt(s[i, i]) if np.isfinite(z[i]) else np.nan
     distance = np.sqrt(z[0] ** 2 + z[1] ** 2 + z[2] ** 2)
     change = np.sqrt(z[3] ** 2 + z[4] ** 2 + z[5] ** 2)
-    return _nis(z[:3], s[:3, :3]), _nis(z[3:], s[3:, 3:]), distance, change
+    return _nis(z, s, 0), _nis(z, s, 3), distance, change
 
 
 @njit(cache=True)

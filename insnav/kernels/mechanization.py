@@ -14,36 +14,38 @@ from insnav.kernels.increments import turn_factors
 TWO_PI = 2.0 * np.pi
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def quaternion_step(x, rx, ry, rz, px, py, pz):  # type: ignore[no-untyped-def]
     """Q <- q(-r) (x) q (x) q(p): the navigation frame turned by r, the body by p, both rotation vectors [rad]."""
-    # half-angle series: both rotations of one step are small, and exact to rounding below 0.6 rad
+    # half-angle series: both rotations of one step are small, and exact to rounding below 0.6 rad; scalar parts less 1
     r2 = 0.25 * (rx * rx + ry * ry + rz * rz)
-    a0 = 1.0 - 0.5 * r2
+    a0 = -0.5 * r2
     s = -0.5 * (1.0 - r2 / 6.0)
     a1, a2, a3 = s * rx, s * ry, s * rz
     p2 = 0.25 * (px * px + py * py + pz * pz)
     if p2 < 0.09:
-        b0 = 1.0 - p2 * (0.5 - p2 * (1 / 24.0 - p2 * (1 / 720.0 - p2 * (1 / 40320.0 - p2 / 3628800.0))))
+        b0 = -p2 * (0.5 - p2 * (1 / 24.0 - p2 * (1 / 720.0 - p2 * (1 / 40320.0 - p2 / 3628800.0))))
         s = 0.5 - p2 * (1 / 12.0 - p2 * (1 / 240.0 - p2 * (1 / 10080.0 - p2 / 725760.0)))
     else:
         p = np.sqrt(p2)
-        b0, s = np.cos(p), 0.5 * np.sin(p) / p
+        b0, s = np.cos(p) - 1.0, 0.5 * np.sin(p) / p
     b1, b2, b3 = s * px, s * py, s * pz
+    # The change of q is summed up apart and added once: several roundings a step, the same for hours in a vehicle at
+    # rest, would move it by a millimetre.
     q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
     c0 = q0 * b0 - q1 * b1 - q2 * b2 - q3 * b3
     c1 = q0 * b1 + q1 * b0 + q2 * b3 - q3 * b2
     c2 = q0 * b2 - q1 * b3 + q2 * b0 + q3 * b1
     c3 = q0 * b3 + q1 * b2 - q2 * b1 + q3 * b0
-    d0 = a0 * c0 - a1 * c1 - a2 * c2 - a3 * c3
-    d1 = a0 * c1 + a1 * c0 + a2 * c3 - a3 * c2
-    d2 = a0 * c2 - a1 * c3 + a2 * c0 + a3 * c1
-    d3 = a0 * c3 + a1 * c2 - a2 * c1 + a3 * c0
-    norm = 1.5 - 0.5 * (d0 * d0 + d1 * d1 + d2 * d2 + d3 * d3)
-    x[6], x[7], x[8], x[9] = d0 * norm, d1 * norm, d2 * norm, d3 * norm
+    g0, g1, g2, g3 = q0 + c0, q1 + c1, q2 + c2, q3 + c3
+    norm = 0.5 - 0.5 * (g0 * g0 + g1 * g1 + g2 * g2 + g3 * g3)
+    x[6] = q0 + (c0 + (a0 * g0 - a1 * g1 - a2 * g2 - a3 * g3) + norm * q0)
+    x[7] = q1 + (c1 + (a0 * g1 + a1 * g0 + a2 * g3 - a3 * g2) + norm * q1)
+    x[8] = q2 + (c2 + (a0 * g2 - a1 * g3 + a2 * g0 + a3 * g1) + norm * q2)
+    x[9] = q3 + (c3 + (a0 * g3 + a1 * g2 - a2 * g1 + a3 * g0) + norm * q3)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def step(x, dt, tx, ty, tz, vx, vy, vz, cx, cy, cz, sx, sy, sz, c, north, hold, height, v_down):  # type: ignore[no-untyped-def]
     """Advance the state by one interval and return the velocity increment of the specific force, ``(3,)`` in n.
 
@@ -95,10 +97,21 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, cx, cy, cz, sx, sy, sz, c, north, hold, 
     vn, ve, vd = x[3], x[4], x[5]
     sin_lat, cos_lat = np.sin(lat), np.cos(lat)
     g = gravity_down(sin_lat, h)
-    mn, me, md = vn + 0.5 * un, ve + 0.5 * ue, vd + 0.5 * (ud + g * dt)
+    rm, rn = radii(sin_lat)
+    # All that changes the velocity belongs to its extrapolation to the middle. The Earth's rotation of u left out would
+    # be a velocity of 1e-7 m/s at 50 Hz, whose transport rate moves a vehicle at rest by a millimetre in 4 h; Coriolis
+    # left out is 0.03 m/s^2 at 250 m/s, and metres after an hour.
+    en, ed = OMEGA * cos_lat, -OMEGA * sin_lat
+    wn, we = ve / (rn + h), -vn / (rm + h)
+    wd = -wn * sin_lat / cos_lat
+    zn, ze, zd = 0.5 * (en + wn) * dt, 0.5 * we * dt, 0.5 * (ed + wd) * dt
+    kn, ke, kd = 2.0 * en + wn, we, 2.0 * ed + wd
+    g_north = north * gravity_north(sin_lat, cos_lat, h)
+    mn = vn + 0.5 * (un - ze * ud + zd * ue + (g_north - ke * vd + kd * ve) * dt)
+    me = ve + 0.5 * (ue - zd * un + zn * ud - (kd * vn - kn * vd) * dt)
+    md = vd + 0.5 * (ud - zn * ue + ze * un + (g - kn * ve + ke * vn) * dt)
     if hold:
         md = 0.5 * (vd + v_down)
-    rm, rn = radii(sin_lat)
     # latitude half-way: the change of the sine and cosine over half a step is far below their second-order term
     half = 0.5 * dt * mn / (rm + h)
     sin_mid, cos_mid = sin_lat + half * cos_lat, cos_lat - half * sin_lat

@@ -17,6 +17,7 @@ _MARGIN = 12
 _FIRST_FILE = "report.html"
 _NOTES = 4  # the others are in run.json
 _DIVERGED = "filter.diverged"
+_MANY = 0.1  # share of rejected fixes that wants an explanation
 
 
 def summary_lines(facts: Mapping[str, Any], folder: Path | None = None) -> list[str]:
@@ -116,7 +117,7 @@ def _solution(facts: Mapping[str, Any]) -> list[str]:
             ("attitude", "sd_roll_pitch_heading_deg", "deg"),
         )
         sd = [f"{name} {' '.join(number(x, 2) for x in end[key])} {unit}" for name, key, unit in groups]
-        lines += _entry("sd at end", ", ".join(sd))
+        lines += _entry("sd at end", ", ".join(sd), rows=2)
     sensor = facts["sensor_errors"]
     found = [
         f"{name} {' '.join(number(x) for x in sensor[key])} {unit}"
@@ -187,16 +188,30 @@ def _inside(consistency: Mapping[str, Any] | None) -> str:
 
 
 def _notes(facts: Mapping[str, Any], room: int) -> list[str]:
-    """As many assumptions and warnings as there is room for; that the filter fits badly always is among them."""
+    """As many assumptions and warnings as there is room for, first that filter and fixes do not go together."""
     texts = [plain_text(text) for text in facts["warnings"]]
     if facts["events"].get(_DIVERGED):  # said last, and matters most
         texts = [*texts[-1:], *texts[:-1]]
+    texts = [*_many_rejected(facts["fixes"]), *texts]
     shown = texts[:_NOTES]
     rows = 2 if 2 * len(shown) < room else 1
     lines = [line for text in shown for line in _entry("note", text, rows)]
     if len(texts) > len(shown):
         lines += _entry("", f"{len(texts) - len(shown)} more notes in run.json")
     return lines[: max(room, 0)]
+
+
+def _many_rejected(fixes: Mapping[str, Any]) -> list[str]:
+    """Say so if so many fixes were rejected that the fixes are hardly to blame."""
+    groups = [
+        f"{100.0 * fixes[group]['rejected'] / fixes[group]['offered']:.0f} % of {group}"
+        for group in ("position", "velocity")
+        if fixes[group]["rejected"] > _MANY * fixes[group]["offered"]
+    ]
+    if not groups:
+        return []
+    causes = "is a heading, lever arm, axis, clock or standard deviation wrong?"
+    return [f"many fixes were rejected, {' and '.join(groups)}: {causes} See innovations and events"]
 
 
 def _file_names(facts: Mapping[str, Any]) -> str:

@@ -21,11 +21,11 @@ def test_one_screen_with_everything_that_was_asked(facts):
             "36000 of 36001 rows",
             "2 gaps, longest 0.31 s",
             "FRD",
-            "consumer; nearest to",
-            "delay 0.050 s, sd 0.010 s",
+            "consumer: nearest to",
+            "delay 0.050 ± 0.010 s",
         ),
-        *("levelling at rest; heading: course of the GPS", "3 by chi-square, position"),
-        *("1, the longest 30.0 s", "against ref.csv", "static", "moving", "RMS", "95 %", "max", "CEP50"),
+        *("level: levelling at rest; heading: course of the GPS", "3 by chi-square, position"),
+        *("1, the longest 30.0 s", "epochs of ref.csv", "static", "moving", "RMS", "95 %", "max", "CEP50"),
         *("R95", "inside 3 sd", "heading is not observable", "out/drive: report.html, solution.csv"),
     ):
         assert words in text
@@ -51,8 +51,15 @@ def test_a_crowded_and_hostile_run_still_fits(facts):
     assert len(lines) <= LINES
     assert max(map(len, lines)) <= WIDTH
     assert not any("\x1b" in line for line in lines)
-    assert any("46 more warnings" in line for line in lines)
-    assert lines[-1].startswith("files")
+    assert any("46 more notes" in line for line in lines)
+    assert any(line.startswith("files") for line in lines[-2:])
+
+
+def test_many_rejected_fixes_are_pointed_out_and_few_are_not(facts):
+    assert "many fixes" not in "\n".join(summary_lines(facts))
+    bad = {**facts["fixes"]["position"], "rejected": 200, "used": 200, "offered": 400}
+    text = "\n".join(summary_lines({**facts, "fixes": {**facts["fixes"], "position": bad}}))
+    assert "note        many fixes were rejected, 50 % of position:" in text
 
 
 def test_the_shortest_run_is_summed_up(bare):

@@ -23,6 +23,8 @@ from insnav.report.figures.style import (
 from insnav.types import BoolArray, EventKind, FloatArray, Run
 
 _CHI2_95 = 7.815  # 95 % point of chi-square with 3 degrees of freedom
+_POSITION_GATE = (EventKind.GATE_POSITION, EventKind.SOFT_POSITION)
+_VELOCITY_GATE = (EventKind.GATE_VELOCITY, EventKind.SOFT_VELOCITY)
 
 
 def draw_innovations(run: Run) -> Figure | None:
@@ -41,8 +43,8 @@ def draw_innovations(run: Run) -> Figure | None:
     groups = [
         (first, name, unit, used, nis, gate)
         for first, name, unit, used, nis, gate in (
-            (0, "position", "m", fixes.used_position, fixes.nis_position, EventKind.GATE_POSITION),
-            (3, "velocity", "m/s", fixes.used_velocity, fixes.nis_velocity, EventKind.GATE_VELOCITY),
+            (0, "position", "m", fixes.used_position, fixes.nis_position, _POSITION_GATE),
+            (3, "velocity", "m/s", fixes.used_velocity, fixes.nis_velocity, _VELOCITY_GATE),
         )
         if np.isfinite(fixes.innovation[:, first : first + 3]).any()
     ]
@@ -73,9 +75,9 @@ def _offered(run: Run, first: int) -> int:
     return int(np.isfinite(run.innovations.innovation[:, first : first + 3]).any(axis=1).sum())
 
 
-def _gates(run: Run, kind: EventKind) -> list[float]:
-    """Limits that rejections were judged by."""
-    return sorted({e.limit for e in run.events if e.kind == kind and np.isfinite(e.limit)})
+def _gates(run: Run, kinds: tuple[EventKind, ...]) -> list[float]:
+    """Limits that rejections and down-weightings were judged by."""
+    return sorted({e.limit for e in run.events if e.kind in kinds and np.isfinite(e.limit)})
 
 
 def _innovation(axes: Axes, time: FloatArray, value: FloatArray, sd: FloatArray, used: BoolArray) -> None:
@@ -95,6 +97,8 @@ def _innovation(axes: Axes, time: FloatArray, value: FloatArray, sd: FloatArray,
         axes.plot(time[inside], value[inside], "x", color=VERMILLION, markersize=5.0, label="rejected")
         for sign, marker in ((1.0, "^"), (-1.0, "v")):
             rows = beyond & (sign * value > 0.0)
+            if not rows.any():
+                continue
             axes.plot(
                 time[rows],
                 np.full(int(rows.sum()), sign * limit),
@@ -102,7 +106,7 @@ def _innovation(axes: Axes, time: FloatArray, value: FloatArray, sd: FloatArray,
                 color=VERMILLION,
                 markersize=5.0,
                 clip_on=False,
-                label="rejected, off the scale" if sign > 0.0 else None,
+                label="rejected, off the scale",
             )
     axes.set_ylim(-limit, limit)
 
@@ -110,8 +114,20 @@ def _innovation(axes: Axes, time: FloatArray, value: FloatArray, sd: FloatArray,
 def _nis(axes: Axes, time: FloatArray, nis: FloatArray, used: BoolArray, gates: list[float]) -> None:
     known = np.isfinite(nis) & (nis > 0.0)
     kept, refused = known & used, known & ~used
-    axes.plot(*thinned(time[kept], nis[kept]), ".", color=BLUE, markersize=2.5)
+    weakened = kept & (nis > min(gates, default=np.inf))
+    whole = kept & ~weakened
+    axes.plot(*thinned(time[whole], nis[whole]), ".", color=BLUE, markersize=2.5)
     axes.plot(time[refused], nis[refused], "x", color=VERMILLION, markersize=5.0)
+    if weakened.any():
+        axes.plot(
+            time[weakened],
+            nis[weakened],
+            "o",
+            markersize=4.0,
+            markerfacecolor="none",
+            markeredgecolor=BLUE,
+            label="used, weighted down",
+        )
     axes.axhline(_CHI2_95, color=BLACK, linewidth=0.9, linestyle=":", label=f"95 % ({_CHI2_95:.1f})")
     for number, gate in enumerate(gates):
         axes.axhline(

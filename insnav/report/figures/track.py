@@ -57,8 +57,9 @@ def draw_track(run: Run, gps: GpsData | None) -> Figure:
         total = sum(end - start for start, end in spans)
         axes.plot(east, dark, color=ORANGE, linewidth=3.0, label=f"no fix used ({total:.0f} s)", zorder=2.1)
     _rejected(axes, run, north, east, time)
-    axes.plot(east[0], north[0], "^", color=GREEN, markersize=9.0, markeredgecolor="white", label="start", zorder=4)
-    axes.plot(east[-1], north[-1], "s", color=BLACK, markersize=7.0, markeredgecolor="white", label="end", zorder=4)
+    # many a drive ends where it began: the start is the larger mark, so that both are seen
+    axes.plot(east[0], north[0], "^", color=GREEN, markersize=13.0, markeredgecolor="white", label="start", zorder=4)
+    axes.plot(east[-1], north[-1], "s", color=BLACK, markersize=5.0, markeredgecolor="white", label="end", zorder=4)
     _scale_bar(axes)
     _north_arrow(axes)
     axes.set_aspect("equal")

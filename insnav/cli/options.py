@@ -1,0 +1,116 @@
+"""Options that several commands share, under one name and help text each."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+FILES, IMU, GPS, START, RESULT = "Files", "IMU", "GPS and reference", "Start", "Result"
+
+
+class SamplingChoice(StrEnum):
+    """What an IMU sample is."""
+
+    instant = "instant"
+    mean = "mean"
+    increment = "increment"
+
+
+class StampChoice(StrEnum):
+    """Where in its interval a sample is stamped."""
+
+    start = "start"
+    mid = "mid"
+    end = "end"
+
+
+ImuFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="IMU_FILE",
+        help="IMU data: .csv, .csv.gz, .parquet, or - for standard input.",
+        rich_help_panel=FILES,
+    ),
+]
+ImuModel = Annotated[
+    str | None,
+    typer.Option(
+        "--imu",
+        metavar="MODEL",
+        help="How good the IMU is: consumer, automotive, industrial, tactical, navigation, or an imu.toml. "
+        "[nearest to the noise at rest]",
+        rich_help_panel=IMU,
+    ),
+]
+Calibration = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Known IMU errors to take off the data first (TOML).", rich_help_panel=IMU),
+]
+Axes = Annotated[
+    str | None,
+    typer.Option(
+        "--imu-axes",
+        metavar="XYZ",
+        help="Where the sensor's x, y, z point: three of Forward, Back, Left, Right, Up, Down, such as FLU. [FRD]",
+        rich_help_panel=IMU,
+    ),
+]
+Units = Annotated[
+    str | None,
+    typer.Option(
+        "--imu-units",
+        metavar="GYRO,ACCEL",
+        help="Units of the samples, such as deg/s,g. [from header and physics]",
+        rich_help_panel=IMU,
+    ),
+]
+Columns = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME=HEADER,…",
+        help="Headers of the IMU file that are not understood by themselves: gyro_x=Gx,time_s=t.",
+        rich_help_panel=IMU,
+    ),
+]
+SamplingOption = Annotated[
+    SamplingChoice | None,
+    typer.Option(
+        "--imu-sampling",
+        metavar="HOW",
+        help="A sample is the mean over its interval, the value at an instant, or an increment: "
+        "mean, instant, increment. [mean; increment if so named]",
+        rich_help_panel=IMU,
+    ),
+]
+StampOption = Annotated[
+    StampChoice | None,
+    typer.Option(
+        "--imu-stamp",
+        metavar="WHERE",
+        help="Time stamps mark start, mid or end of the interval. [end]",
+        rich_help_panel=IMU,
+    ),
+]
+Static = Annotated[
+    str | None,
+    typer.Option(metavar="FROM:TO", help="Static interval for the alignment, s. [found]", rich_help_panel=START),
+]
+Heading = Annotated[
+    float | None,
+    typer.Option(metavar="DEG", help="Heading at the start, good to 2 deg. [found]", rich_help_panel=START),
+]
+ReferenceLeverArm = Annotated[
+    str | None,
+    typer.Option(
+        metavar="F,R,D",
+        help="Point of the reference seen from the IMU, body axes, m. [0,0,0]",
+        rich_help_panel=GPS,
+    ),
+]
+Force = Annotated[bool, typer.Option("--force", help="Replace an existing result of insnav.", rich_help_panel=RESULT)]
+Json = Annotated[
+    bool, typer.Option("--json", help="Print the facts as JSON instead of a summary.", rich_help_panel=RESULT)
+]

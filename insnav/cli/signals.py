@@ -1,0 +1,60 @@
+"""Stopping on request: Ctrl-C and SIGTERM unwind the program, so that half-written folders are removed.
+
+A handler stops the program by raising, and an exception raised inside a destructor or a callback of compiled code is
+lost. So the signal is repeated until somebody says that the request has arrived.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from types import FrameType
+
+PATIENCE = 0.2  # before a request is repeated [s]
+
+_repeat: threading.Timer | None = None
+
+
+class Stopped(BaseException):
+    """The user, or the system, asked to stop.
+
+    Attributes
+    ----------
+    number : int
+        The signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number = number
+
+
+def listen() -> None:
+    """Raise `Stopped` on Ctrl-C and SIGTERM."""
+    sys.unraisablehook = _unless_stopped
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _stop)
+
+
+def arrived() -> None:
+    """Stop repeating the request: what unwinds must not be disturbed."""
+    global _repeat
+    if _repeat is not None:
+        _repeat.cancel()
+        _repeat = None
+
+
+def _stop(number: int, frame: FrameType | None) -> None:
+    global _repeat
+    arrived()
+    _repeat = threading.Timer(PATIENCE, signal.raise_signal, (number,))
+    _repeat.daemon = True
+    _repeat.start()
+    raise Stopped(number)
+
+
+def _unless_stopped(lost: sys.UnraisableHookArgs) -> None:
+    """Do not report a request that was lost; it is repeated."""
+    if not isinstance(lost.exc_value, Stopped):
+        sys.__unraisablehook__(lost)

@@ -1,0 +1,326 @@
+"""Alignment on simulated drives: right, and as uncertain as it says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from insnav.alignment import align, align_static, find_rest
+from insnav.alignment.align import rest_of
+from insnav.attitude import (
+    dcm_from_rph,
+    quat_conjugate,
+    quat_from_dcm,
+    quat_from_rph,
+    quat_multiply,
+    rotvec_from_quat,
+    rph_from_quat,
+)
+from insnav.exceptions import AlignmentError
+from insnav.imu import load_imu
+from insnav.imu.model import ImuSpec, SensorSpec
+from insnav.simulate import (
+    GpsErrors,
+    Profile,
+    Segment,
+    Truth,
+    Vehicle,
+    corrupt_gps,
+    corrupt_imu,
+    drive,
+    gps_from_truth,
+    imu_from_truth,
+    straight,
+)
+from insnav.strapdown import intervals
+from insnav.types import Alignment, GpsData, ImuData
+from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, PPM, UG
+
+PLACE = np.array([50.0 * DEG, -4.0 * DEG, 120.0])
+AUTOMOTIVE = load_imu("automotive")
+# without misalignment: what is tested with it is the heading
+CAR = replace(
+    AUTOMOTIVE,
+    gyro=replace(AUTOMOTIVE.gyro, misalignment=np.zeros(3)),
+    accel=replace(AUTOMOTIVE.accel, misalignment=np.zeros(3)),
+)
+RECEIVER = GpsErrors((1.0, 1.0, 2.0), velocity_noise=(0.1, 0.1, 0.1))
+SMOOTH = Vehicle(mount=(0.03, -0.02, 0.0), velocity_shake=(0.0, 0.0, 0.0), angle_shake=(0.0, 0.0, 0.0))
+
+
+def navigation_grade(bias: float = 0.01) -> ImuSpec:
+    """An IMU whose gyros feel the Earth turn."""
+    one = np.ones(3)
+    return ImuSpec(
+        "navigation",
+        SensorSpec(bias=bias * DEG_PER_H * one, random_walk=0.002 * DEG_PER_SQRT_H * one, scale_factor=10 * PPM * one),
+        SensorSpec(bias=50 * UG * one, random_walk=0.01 * M_S_PER_SQRT_H * one, scale_factor=100 * PPM * one),
+    )
+
+
+@dataclass(frozen=True)
+class Log:
+    imu: ImuData
+    gps: GpsData
+    truth: Truth
+    spec: ImuSpec
+
+
+@lru_cache(maxsize=32)
+def started(rest: float = 30.0, heading: float = 2.0, seed: int = 5) -> Truth:
+    """At rest, then off in a straight line and round a bend."""
+    segments = (
+        Segment(rest),
+        Segment(7.0, speed=12.0),
+        Segment(8.0),
+        Segment(8.0, turn=70 * DEG),
+        Segment(12.0, speed=18.0),
+        Segment(10.0, turn=-100 * DEG),
+    )
+    return drive(Profile(segments, heading), PLACE, SMOOTH, seed=seed, start=500.0)
+
+
+def perfect(truth: Truth, rate: float) -> ImuData:
+    return imu_from_truth(truth, truth.start + np.arange(round(truth.duration * rate) + 1) / rate)
+
+
+def fixes(truth: Truth) -> GpsData:
+    return gps_from_truth(truth, truth.start + np.arange(1.0, truth.duration), np.zeros(3))
+
+
+def log(truth: Truth, spec: ImuSpec, seed: int, rate: float = 50.0) -> Log:
+    imu = corrupt_imu(perfect(truth, rate), spec, (seed, 1)).imu
+    return Log(imu, corrupt_gps(fixes(truth), RECEIVER, (seed, 2)), truth, spec)
+
+
+def aligned(record: Log, **options: object) -> Alignment:
+    return align(intervals(record.imu), record.spec, record.gps, **options)
+
+
+def since(record: Log, time: float) -> Log:
+    """The part of a log after `time`."""
+    late, fix = record.imu.time > time, record.gps.time > time
+    imu = replace(record.imu, time=record.imu.time[late], gyro=record.imu.gyro[late], accel=record.imu.accel[late])
+    gps = GpsData(*(getattr(record.gps, n)[fix] for n in ("time", "lla", "v_n", "position_sd", "velocity_sd")))
+    return replace(record, imu=imu, gps=gps)
+
+
+def error(found: Alignment, truth: Truth, turned: np.ndarray | None = None) -> np.ndarray:
+    """``phi`` about North, East, Down [rad]; `turned` takes the IMU's axes to the vehicle's."""
+    c = dcm_from_rph(truth.evaluate(np.array([found.time])).rph[0])
+    true = quat_from_dcm(c if turned is None else c @ turned)
+    return -rotvec_from_quat(quat_multiply(quat_from_rph(found.rph), quat_conjugate(true)))
+
+
+def honest(errors: list[np.ndarray], sds: list[np.ndarray]) -> np.ndarray:
+    """RMS of error / sd, per axis."""
+    ratio = np.array(errors) / np.array(sds)
+    print(
+        "rms of error / sd:", np.round(np.sqrt(np.mean(ratio**2, axis=0)), 2), "largest", np.abs(ratio).max().round(2)
+    )
+    return np.sqrt(np.mean(ratio**2, axis=0))
+
+
+# ---- at rest
+
+
+def test_levelling_and_gyrocompass_are_as_sure_as_they_say():
+    spec, errors, sds = navigation_grade(), [], []
+    for seed in range(20):
+        heading = 2 * np.pi * seed / 20
+        truth = straight(PLACE, 0.0, heading, 120.0, roll=0.2 * np.sin(seed), pitch=0.3 * np.cos(3 * seed), start=7.0)
+        imu = corrupt_imu(perfect(truth, 20.0), spec, seed).imu
+        found = align_static(intervals(imu), spec, PLACE[0], PLACE[2], (7.0, 127.0))
+        assert found.heading_method == "gyrocompass"
+        assert found.level_method == "static"
+        errors.append(error(found, truth))
+        sds.append(found.sd)
+    assert (np.abs(np.array(errors)) <= 3 * np.array(sds)).all()
+    rms = honest(errors, sds)
+    assert (rms < 1.5).all()
+    assert (rms > 0.5).all()  # nor does it hide behind a large one
+    # 50 ug is 50 urad of tilt, 0.01 deg/h over 15 deg/h cos(50 deg) is 1 mrad of heading, and the noise another
+    assert np.mean(sds, axis=0) == pytest.approx([5e-5, 5e-5, 1.5e-3], rel=0.5)
+
+
+def test_misaligned_accelerometers_make_the_level_less_sure():
+    """A misalignment of 2 mrad towards gravity tilts by 2 mrad, whatever the bias does."""
+    ratios = []
+    truth = straight(PLACE, 0.0, 1.0, 10.0)
+    imu = perfect(truth, 20.0)
+    for seed in range(100):
+        wrong = corrupt_imu(imu, AUTOMOTIVE, seed).imu
+        found = align_static(intervals(wrong), AUTOMOTIVE, PLACE[0], PLACE[2], (0.0, 10.0), heading=1.0)
+        ratios.append(error(found, truth)[:2] / found.sd[:2])
+    rms = np.sqrt(np.mean(np.square(ratios)))
+    print(f"rms of tilt error / sd: {rms:.2f}")
+    assert 0.85 < rms < 1.15  # 200 numbers: one sd of scatter is 0.05
+
+
+@pytest.mark.parametrize("lat_deg", [-60.0, -20.0, 0.0, 70.0])
+def test_gyrocompass_works_on_either_hemisphere(lat_deg):
+    place = np.array([lat_deg * DEG, 1.0, 0.0])
+    truth = straight(place, 0.0, 4.0, 60.0, roll=-0.1, pitch=0.2)
+    found = align_static(intervals(perfect(truth, 20.0)), navigation_grade(), place[0], 0.0, (0.0, 60.0))
+    # two degrees of freedom of rounding and half a second of Earth's rotation aside, nothing is left
+    assert np.abs(error(found, truth)).max() < 1e-6
+
+
+def test_a_given_heading_is_taken():
+    truth = straight(PLACE, 0.0, 1.0, 30.0)
+    imu = corrupt_imu(perfect(truth, 50.0), CAR, 1).imu
+    found = align_static(intervals(imu), CAR, PLACE[0], PLACE[2], (0.0, 30.0), heading=1.0)
+    assert found.heading_method == "given"
+    assert found.rph[2] == pytest.approx(1.0)
+    assert abs(error(found, truth)[0]) <= 3 * found.sd[0]
+
+
+def test_gyro_bias_at_rest_is_found_and_as_sure_as_it_says():
+    ratios = []
+    for seed in range(20):
+        truth = straight(PLACE, 0.0, 1.0, 60.0)
+        sim = corrupt_imu(perfect(truth, 50.0), CAR, seed)
+        found = align_static(intervals(sim.imu), CAR, PLACE[0], PLACE[2], (0.0, 60.0), heading=1.0)
+        ratios.append((found.gyro_bias - sim.gyro_bias[-1]) / found.gyro_bias_sd)
+    rms = np.sqrt(np.mean(np.square(ratios), axis=0))
+    print("rms of bias error / sd:", rms.round(2))
+    assert (rms < 1.5).all()
+
+
+@pytest.mark.parametrize("rest", [15.0, 40.0])
+def test_the_rest_is_found(rest):
+    truth = started(rest)
+    record = log(truth, CAR, 3)
+    found = find_rest(intervals(record.imu))
+    assert found is not None
+    assert found[0] == pytest.approx(500.0, abs=1.1)
+    # the car starts off so gently that the first second cannot be told from rest
+    assert rest - 3.0 <= found[1] - 500.0 <= rest + 1.5
+
+
+def test_a_smooth_drive_is_not_a_rest_where_gps_sees_it():
+    """Straight on at constant speed an IMU alone cannot tell; the fixes can."""
+    record = since(log(started(), CAR, 3), 533.0)
+    parts = intervals(record.imu)
+    assert find_rest(parts) is not None
+    assert rest_of(parts, record.gps) is None
+
+
+# ---- heading from motion
+
+
+def test_course_heading_is_as_sure_as_it_says():
+    errors, sds = [], []
+    for seed in range(20):
+        found = aligned(log(started(heading=0.3 * seed), CAR, seed))
+        assert found.heading_method == "GPS course"
+        errors.append(error(found, started(heading=0.3 * seed)))
+        sds.append(found.sd)
+    assert (np.abs(np.array(errors)) <= 3 * np.array(sds)).all()
+    assert (honest(errors, sds) < 1.5).all()
+    assert np.degrees(np.max(sds, axis=0)[2]) < 6.0
+
+
+def in_other_axes(record: Log, turned: np.ndarray) -> Log:
+    """The IMU mounted so that `turned` takes its axes to the vehicle's."""
+    imu = replace(record.imu, gyro=record.imu.gyro @ turned, accel=record.imu.accel @ turned)
+    return replace(record, imu=imu)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_reversing_vehicle_is_seen_to_reverse(seed):
+    back = dcm_from_rph([0.0, 0.0, np.pi])
+    found = aligned(in_other_axes(log(started(), CAR, seed), back))
+    assert found.heading_method == "GPS course, vehicle reversing"
+    assert (np.abs(error(found, started(), back)) <= 3 * found.sd).all()
+
+
+@pytest.mark.parametrize("angle_deg", [90.0, -90.0, 120.0])
+def test_an_imu_turned_in_the_vehicle_is_seen_to_be(angle_deg):
+    turned = dcm_from_rph([0.0, 0.0, angle_deg * DEG])
+    errors, sds = [], []
+    for seed in range(8):
+        found = aligned(in_other_axes(log(started(), CAR, seed), turned))
+        assert "turned in the vehicle" in found.heading_method
+        errors.append(error(found, started(), turned))
+        sds.append(found.sd)
+    assert (np.abs(np.array(errors)) <= 3.5 * np.array(sds)).all()
+    assert (honest(errors, sds) < 1.5).all()
+
+
+def test_course_from_positions_alone():
+    record = log(started(), CAR, 6)
+    blind = replace(
+        record.gps, v_n=np.full_like(record.gps.v_n, np.nan), velocity_sd=np.full_like(record.gps.v_n, np.nan)
+    )
+    found = aligned(replace(record, gps=blind))
+    assert found.heading_method == "GPS course"
+    assert (np.abs(error(found, record.truth)) <= 3 * found.sd).all()
+
+
+def test_gyrocompass_needs_no_motion():
+    spec = navigation_grade()
+    truth = straight(PLACE, 0.0, 5.0, 90.0, roll=0.05)
+    found = aligned(log(truth, spec, 2, 20.0))
+    assert found.heading_method == "gyrocompass"
+    assert (np.abs(error(found, truth)) <= 3 * found.sd).all()
+
+
+# ---- start in motion
+
+
+def test_a_start_in_motion_is_as_sure_as_it_says():
+    errors, sds = [], []
+    for seed in range(20):
+        truth = started(heading=0.3 * seed)
+        found = aligned(since(log(truth, CAR, seed), 533.0))
+        assert found.static is None
+        assert found.level_method == "change of GPS velocity"
+        errors.append(error(found, truth))
+        sds.append(found.sd)
+    assert (np.abs(np.array(errors)) <= 3.5 * np.array(sds)).all()
+    assert (honest(errors, sds) < 1.5).all()
+
+
+# ---- what cannot be aligned
+
+
+def test_poor_gyros_and_no_motion_are_an_error_that_says_so():
+    truth = straight(PLACE, 0.0, 1.0, 60.0)
+    with pytest.raises(AlignmentError, match="heading") as caught:
+        aligned(log(truth, CAR, 1))
+    assert caught.value.exit_code == 3
+    assert "--heading" in caught.value.fix
+
+
+def test_no_common_time_is_an_error():
+    record = log(started(), CAR, 1)
+    with pytest.raises(AlignmentError, match="no GPS fix") as caught:
+        aligned(replace(record, gps=replace(record.gps, time=record.gps.time + 1e5)))
+    assert caught.value.exit_code == 3
+
+
+def test_too_short_a_drive_without_rest_is_an_error():
+    record = log(started(), CAR, 1)
+    some = (record.imu.time > 535.0) & (record.imu.time < 538.0)
+    imu = replace(record.imu, time=record.imu.time[some], gyro=record.imu.gyro[some], accel=record.imu.accel[some])
+    with pytest.raises(AlignmentError) as caught:
+        aligned(replace(record, imu=imu))
+    assert caught.value.fix
+
+
+def test_a_static_span_without_a_fix_is_an_error():
+    record = log(started(), CAR, 1)
+    with pytest.raises(AlignmentError, match="static interval"):
+        aligned(record, static_span=(500.1, 500.9))
+
+
+def test_helpers_agree_on_the_sign_of_phi():
+    # C_hat = (I - [phi x]) C: an estimate turned by +0.1 rad of heading has phi_D = -0.1
+    truth = straight(PLACE, 0.0, 1.0, 10.0)
+    found = Alignment(0.0, np.array([0, 0, 1.1]), np.ones(3), np.zeros(3), np.ones(3), None, "", "")
+    np.testing.assert_allclose(error(found, truth), [0, 0, -0.1], atol=1e-12)
+    np.testing.assert_allclose(rph_from_quat(quat_from_rph(found.rph)), found.rph)

@@ -1,0 +1,93 @@
+"""What `insnav align` finds in a record whose attitude is known, prints and leaves behind."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from insnav.io.folder import read_facts
+from tests.cli.conftest import AT_REST, Cli
+from tests.io.files import IMU_HEADER, rolling, write
+
+HERE = ("--lat", AT_REST["lat"], "--height", 500)
+
+
+def test_the_attitude_of_a_good_imu_is_found_within_its_uncertainty(at_rest: Path, cli: Cli):
+    shown = cli("align", "static.csv", *HERE, "--imu", "navigation")
+    assert shown.code == 0, shown.err
+    facts = read_facts(Path("alignment"))
+    for name in ("coarse", "fine"):
+        found = facts[name]
+        assert found["roll_deg"] == pytest.approx(AT_REST["roll"], abs=3 * found["sd_tilt_north_deg"])
+        assert found["pitch_deg"] == pytest.approx(AT_REST["pitch"], abs=3 * found["sd_tilt_north_deg"])
+        assert found["heading_deg"] == pytest.approx(AT_REST["heading"], abs=3 * found["sd_heading_deg"])
+        assert found["sd_heading_deg"] < 0.3
+    assert facts["latitude_from_sensors_deg"] == pytest.approx(AT_REST["lat"], abs=0.05)
+
+
+def test_the_summary_says_what_was_found_and_how_well(at_rest: Path, cli: Cli):
+    lines = cli("align", "static.csv", *HERE, "--imu", "navigation").out.splitlines()
+    assert [line[:12].strip() for line in lines] == ["static", "coarse", "", "fine", "", "latitude", "files"]
+    assert lines[0].endswith("600.0 s long")
+    assert re.search(r"heading (39|40)\.\d+ ± 0\.\d+ deg", lines[2])
+    assert "(gyrocompass)" in lines[2]
+    assert "from the sensors alone" in lines[5]
+    assert max(map(len, lines)) <= 110
+
+
+def test_a_heading_that_cannot_be_found_is_not_made_up(at_rest: Path, cli: Cli):
+    shown = cli("align", "static.csv", *HERE, "--imu", "consumer")
+    assert shown.code == 0
+    assert "heading not found" in shown.out
+    assert "their bias hides the Earth's rotation" in shown.out
+    facts = read_facts(Path("alignment"))
+    assert facts["coarse"]["sd_heading_deg"] is None
+    assert facts["fine"] is None
+
+
+def test_a_given_heading_is_taken_over(at_rest: Path, cli: Cli):
+    shown = cli("align", "static.csv", *HERE, "--imu", "automotive", "--heading", "92", "--static", "100:400", "--json")
+    facts = json.loads(shown.out)
+    assert shown.out == Path("alignment/run.json").read_text(encoding="utf-8")
+    assert facts["coarse"]["heading_deg"] == pytest.approx(92.0)
+    assert facts["coarse"]["static_s"] == pytest.approx([100.0, 400.0], abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "word"),
+    [
+        (("--lat", "91"), 2, "not a latitude"),
+        (("--lat", "nan"), 2, "not a latitude"),
+        (("--lat", "48", "--height", "inf"), 2, "--height"),
+        (("--lat", "48", "--static", "9000:9100", "--imu", "tactical"), 3, "static interval"),
+        (("--lat", "48", "--out", "no/such"), 4, "parent of the output folder"),
+    ],
+)
+def test_what_cannot_be_is_refused(at_rest: Path, cli: Cli, options: tuple[str, ...], code: int, word: str):
+    shown = cli("align", "static.csv", *options)
+    assert shown.code == code
+    assert shown.out == ""
+    assert word in shown.err
+    assert not Path("alignment").exists()
+
+
+def test_a_record_without_rest_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli):
+    monkeypatch.chdir(tmp_path)
+    write(Path("rolling.csv"), rolling(), IMU_HEADER)
+    shown = cli("align", "rolling.csv", "--lat", "48")
+    assert shown.code == 3, shown.out
+    assert "no rest was found" in shown.err
+    assert "--static FROM:TO" in shown.err
+    assert not Path("alignment").exists()
+
+
+def test_a_short_rest_is_pointed_out(drive: Path, cli: Cli):
+    lines = Path("imu.csv").read_text().splitlines()
+    Path("brief.csv").write_text("\n".join([lines[0], *lines[6600:]]) + "\n")
+    shown = cli("align", "brief.csv", "--lat", "48", "--imu", "automotive")
+    assert shown.code == 0, shown.err
+    assert "only" in shown.err
+    assert "--static FROM:TO" in shown.err

@@ -1,0 +1,236 @@
+"""Every bad input has its exit code and says what, where, why and how to mend it; none gives a traceback."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import QUICK, Cli, Outcome
+
+
+def refused(shown: Outcome, code: int, *words: str) -> None:
+    """One block on standard error, nothing on standard output."""
+    assert shown.code == code, shown.err
+    assert shown.out == ""
+    assert "Traceback" not in shown.err
+    assert shown.err.count("insnav: error: ") == 1
+    block = shown.err[shown.err.index("insnav: error: ") :]
+    for word in words:
+        assert word in block, block
+
+
+def _lines(name: str, change: Callable[[list[str]], list[str]]) -> None:
+    path = Path(name)
+    path.write_text("\n".join(change(path.read_text().splitlines())) + "\n")
+
+
+def _cell(name: str, row: int, column: int, text: str) -> None:
+    def change(lines: list[str]) -> list[str]:
+        cells = lines[row].split(",")
+        cells[column] = text
+        return [*lines[:row], ",".join(cells), *lines[row + 1 :]]
+
+    _lines(name, change)
+
+
+def _swap_back(lines: list[str]) -> list[str]:
+    """The clock starts again in the middle of the record."""
+    middle = len(lines) // 2
+    return [lines[0], *lines[middle:], *lines[1:middle]]
+
+
+def _shift(name: str, seconds: float) -> None:
+    def change(lines: list[str]) -> list[str]:
+        rows = [line.split(",", 1) for line in lines[1:]]
+        return [lines[0], *(f"{float(time) + seconds:.3f},{rest}" for time, rest in rows)]
+
+    _lines(name, change)
+
+
+SPOILED = {
+    "IMU file empty": (lambda: Path("imu.csv").write_text(""), ("the file is empty", "imu.csv")),
+    "GPS file empty": (lambda: Path("gps.csv").write_text(""), ("the file is empty", "gps.csv")),
+    "IMU header only": (lambda: _lines("imu.csv", lambda lines: lines[:1]), ("imu.csv", "why:")),
+    "GPS header only": (lambda: _lines("gps.csv", lambda lines: lines[:1]), ("gps.csv", "why:")),
+    "IMU column missing": (
+        lambda: _lines("imu.csv", lambda lines: [lines[0].replace("gyro_z_rad_s", "zz"), *lines[1:]]),
+        ("no column for gyro_z", "zz", "--columns gyro_z=HEADER"),
+    ),
+    "GPS column missing": (
+        lambda: _lines("gps.csv", lambda lines: [lines[0].replace("lat_deg", "foo"), *lines[1:]]),
+        ("no column for lat", "foo", "--gps-columns lat=HEADER"),
+    ),
+    "binary": (
+        lambda: Path("imu.csv").write_bytes(b"\x7fELF\x02\x01\x01" + bytes(range(256)) * 20),
+        ("looks like", "imu.csv"),
+    ),
+    "text in a number": (lambda: _cell("imu.csv", 500, 2, "abc"), ("imu.csv:501:gyro_y_rad_s", "abc")),
+    "files of different days": (
+        lambda: _shift("gps.csv", 86400.0 * 3),
+        ("no time in common", "why:   IMU from 100000.010 to", "GPS from 359201.000 to", "fix:"),
+    ),
+    "IMU time backwards": (lambda: _lines("imu.csv", _swap_back), ("imu.csv", "fix:")),
+    "GPS time backwards": (lambda: _lines("gps.csv", _swap_back), ("gps.csv", "fix:")),
+    "GPS sd zero": (lambda: _cell("gps.csv", 20, 7, "0"), ("standard deviation is 0", "gps.csv:21:sd_n_m")),
+    "GPS sd negative": (lambda: _cell("gps.csv", 20, 9, "-1"), ("standard deviation is -1", "gps.csv:21:sd_d_m")),
+    "latitude of no place": (lambda: _cell("gps.csv", 5, 1, "148"), ("148 is not possible", "gps.csv:6:lat_deg")),
+}
+
+
+@pytest.mark.parametrize("what", SPOILED)
+def test_a_spoiled_file_is_refused_with_exit_code_3(drive: Path, cli: Cli, what: str):
+    spoil, words = SPOILED[what]
+    spoil()
+    refused(cli("run", *QUICK), 3, *words)
+    assert not (drive / "run").exists()
+    assert sorted(path.name for path in drive.iterdir()) == ["gps.csv", "imu.csv", "ref.csv"]
+
+
+def test_a_missing_file_is_named_with_its_likely_name(drive: Path, cli: Cli):
+    refused(cli("run", "imu.csv", "--gps", "gsp.csv"), 3, "there is no such file", "gsp.csv", "did you mean gps.csv?")
+
+
+def test_a_position_file_given_as_imu_is_recognised(drive: Path, cli: Cli):
+    refused(cli("run", "gps.csv", "--gps", "gps.csv"), 3, "looks like a file of positions")
+
+
+def test_empty_cells_are_counted_events_and_never_reach_the_output(drive: Path, cli: Cli):
+    for row in (300, 301, 4000):
+        _cell("imu.csv", row, 3, "")
+    _cell("imu.csv", 9000, 5, "nan")
+    _cell("gps.csv", 90, 1, "NaN")
+    shown = cli("run", *QUICK)
+    assert shown.code == 0, shown.err
+    facts = json.loads(Path("run/run.json").read_text())
+    assert facts["input"]["imu"]["n_rows"] - facts["input"]["imu"]["n_used"] == 4
+    assert facts["input"]["gps"]["n_rows"] - facts["input"]["gps"]["n_used"] == 1
+    with Path("run/events.csv").open(newline="") as file:
+        kinds = [row["kind"] for row in csv.DictReader(file)]
+    assert kinds.count("imu.nan") == facts["events"]["imu.nan"] >= 1
+    assert kinds.count("gps.nan") == facts["events"]["gps.nan"] == 1
+    for name in ("solution.csv", "biases.csv"):
+        text = Path("run", name).read_text().lower()
+        assert "nan" not in text
+        assert ",," not in text
+        assert "inf" not in text
+
+
+WRONG_OPTIONS = {
+    "IMU misspelt": (("--imu", "industral"), "--imu", "did you mean 'industrial'?"),
+    "two numbers for an arm": (("--lever-arm", "1,2"), "--lever-arm", "0.136,-0.301,-0.184"),
+    "an arm of words": (("--lever-arm", "a,b,c"), "--lever-arm", "3 numbers"),
+    "an arm of no number": (("--lever-arm", "nan,0,0"), "--lever-arm", "3 numbers"),
+    "an arm in millimetres": (("--lever-arm", "800,0,-1200"), "--lever-arm", "longer than 100 m"),
+    "an interval backwards": (("--static", "30:10"), "--static", "ends before it begins"),
+    "no rate": (("--rate", "often"), "--rate", "or full"),
+    "17 states": (("--states", "17"), "--states", "use 21 or 15"),
+    "columns without header": (("--columns", "gyro_x"), "--columns", "gyro_x=Gx"),
+    "a column that is not there": (("--columns", "gyro_x=foo"), "--columns", "'foo'"),
+    "a column of the fixes that is not there": (("--gps-columns", "lat=foo"), "--gps-columns", "'foo'"),
+    "no unit": (("--imu-units", "foo"), "--imu-units", "gyro=deg/s,accel=g"),
+    "no axes": (("--imu-axes", "FFF"), "axes", "FFF"),
+    "a heading that is no number": (("--heading", "nan"), "--heading", "nan"),
+    "a delay of a day": (("--gps-delay", "86400"), "--gps-delay", "86400"),
+    "a limit without reference": (("--fail-above", "2"), "--fail-above", "--ref"),
+    "a limit below zero": (("--fail-above", "-2", "--ref", "ref.csv"), "--fail-above", "above zero"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG_OPTIONS)
+def test_a_wrong_option_is_named_with_exit_code_2(drive: Path, cli: Cli, what: str):
+    options, *words = WRONG_OPTIONS[what]
+    refused(cli("run", "imu.csv", "--gps", "gps.csv", *options), 2, *words)
+    assert not (drive / "run").exists()
+
+
+def test_only_one_file_comes_from_standard_input(drive: Path, cli: Cli):
+    refused(cli("run", "-", "--gps", "-"), 2, "only one file", "IMU_FILE, --gps")
+
+
+def test_all_errors_of_an_imu_file_are_told_at_once(drive: Path, cli: Cli):
+    Path("bad.toml").write_text('[gyro]\nbias = "5 furlongs"\nbiass = "1 deg/h"\n[accel]\nbias = 3\n')
+    refused(cli("run", "imu.csv", "--gps", "gps.csv", "--imu", "bad.toml"), 2, "3 keys are wrong", "bad.toml")
+    shown = cli("run", "imu.csv", "--gps", "gps.csv", "--imu", "bad.toml").err
+    for word in ("gyro.bias", "furlongs", "did you mean 'bias'?", "accel.bias"):
+        assert word in shown
+
+
+def test_an_imu_file_that_is_no_toml_is_named(drive: Path, cli: Cli):
+    Path("bad.toml").write_text("[gyro\n")
+    refused(cli("run", "imu.csv", "--gps", "gps.csv", "--imu", "bad.toml"), 2, "bad.toml", "line 1")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"time_s": "soon"}', '{"time_s": 1e400}'])
+def test_an_initial_state_must_be_complete(drive: Path, cli: Cli, text: str):
+    Path("start.json").write_text(text)
+    refused(cli("run", "imu.csv", "--gps", "gps.csv", "--initial", "start.json"), 3, "initial state", "start.json")
+
+
+def test_an_initial_state_needs_positive_standard_deviations(drive: Path, cli: Cli):
+    three = [0.0, 0.0, 0.0]
+    start = {"time_s": 100001.0, "lat_deg": 48.0, "lon_deg": 11.0, "height_m": 500.0, "v_n_m_s": three}
+    start |= {"roll_pitch_heading_deg": three, "sd_position_m": three, "sd_velocity_m_s": [1.0, 1.0, 1.0]}
+    start |= {"sd_attitude_deg": [1.0, 1.0, -1.0]}
+    Path("start.json").write_text(json.dumps(start))
+    refused(cli("run", "imu.csv", "--gps", "gps.csv", "--initial", "start.json"), 3, "sd_position_m, sd_attitude_deg")
+
+
+def _unwritable(folder: Path) -> Path:
+    """A folder that takes no new entries, also for the superuser."""
+    if os.geteuid() == 0:
+        if not Path("/proc/self").exists():
+            pytest.skip("the superuser may write everywhere, and there is no /proc")
+        return Path("/proc")
+    folder.mkdir()
+    folder.chmod(0o500)
+    return folder
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="permissions are different there")
+def test_a_folder_that_cannot_be_made_is_known_at_once(drive: Path, cli: Cli):
+    place = _unwritable(drive / "locked") / "result"
+    begin = time.perf_counter()
+    shown = cli("run", *QUICK, "--out", place)
+    assert time.perf_counter() - begin < 1.0
+    refused(shown, 4, "cannot write", "--out")
+    assert "IMU:" not in shown.err  # nothing was read in vain
+
+
+def test_a_parent_that_is_missing_is_known_at_once(drive: Path, cli: Cli):
+    begin = time.perf_counter()
+    refused(cli("run", *QUICK, "--out", "a/b/c"), 4, "parent of the output folder", "mkdir -p")
+    assert time.perf_counter() - begin < 1.0
+    assert not Path("a").exists()
+
+
+def test_an_existing_result_is_kept_without_force(drive: Path, cli: Cli):
+    assert cli("run", *QUICK).code == 0
+    before = {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()}
+    refused(cli("run", *QUICK), 4, "exists already", "--force")
+    assert before == {path: path.read_bytes() for path in Path("run").rglob("*") if path.is_file()}
+    assert cli("run", *QUICK, "--force").code == 0
+
+
+def test_force_does_not_replace_what_is_not_a_result(drive: Path, cli: Cli):
+    Path("run").mkdir()
+    Path("run/thesis.tex").write_text("years of work")
+    refused(cli("run", *QUICK, "--force"), 4, "thesis.tex")
+    assert Path("run/thesis.tex").read_text() == "years of work"
+
+
+def test_a_file_in_the_way_is_named(drive: Path, cli: Cli):
+    Path("run").write_text("")
+    refused(cli("run", *QUICK, "--force"), 4, "is a file")
+
+
+def test_names_with_escape_codes_do_not_reach_the_terminal(drive: Path, cli: Cli):
+    shown = cli("run", "\x1b[31mred.csv", "--gps", "gps.csv")
+    refused(shown, 3, "red.csv")
+    assert "\x1b" not in shown.err

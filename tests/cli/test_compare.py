@@ -1,0 +1,62 @@
+"""The table of `insnav compare`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from insnav.io.folder import read_facts
+from tests.cli.conftest import QUICK, Cli
+
+
+@pytest.fixture
+def two_runs(drive: Path, cli: Cli) -> Path:
+    assert cli("run", *QUICK, "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2", "--out", "right").code == 0
+    assert cli("run", *QUICK, "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,8.8", "--out", "wrong").code == 0
+    return drive
+
+
+def test_one_line_a_run_with_the_figures_of_the_run_itself(two_runs: Path, cli: Cli):
+    shown = cli("compare", "right", "wrong", "--ref", "ref.csv")
+    assert shown.code == 0, shown.err
+    heading, *rows = shown.out.splitlines()[:3]
+    assert heading.split()[0] == "run"
+    assert [row.split()[0] for row in rows] == ["right", "wrong"]
+    for row in rows:
+        accuracy = read_facts(Path(row.split()[0]))["accuracy"]["all"]
+        expected = [accuracy[name]["rms"] for name in ("north_m", "east_m", "down_m", "horizontal_m")]
+        assert [float(cell) for cell in row.split()[1:5]] == pytest.approx(expected, rel=0.01)
+    down = [float(row.split()[3]) for row in rows]
+    assert down[1] > down[0] + 5.0  # the arm was 10 m too low
+    assert max(map(len, shown.out.splitlines())) <= 110
+
+
+def test_json_holds_the_same_figures(two_runs: Path, cli: Cli):
+    shown = cli("compare", "right", "wrong", "--ref", "ref.csv", "--json")
+    assert shown.err == ""
+    rows = json.loads(shown.out)
+    assert [row["run"] for row in rows] == ["right", "wrong"]
+    own = read_facts(Path("right"))["accuracy"]["all"]["horizontal_m"]["rms"]
+    # the table rounds times to a microsecond, 20 um at 20 m/s
+    assert rows[0]["accuracy"]["horizontal_m"]["rms"] == pytest.approx(own, abs=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "word"),
+    [
+        (("none", "--ref", "ref.csv"), 3, "no solution in this folder"),
+        (("right", "--ref", "none.csv"), 3, "no such file"),
+        (("right",), 2, "--ref"),
+        (("--ref", "ref.csv"), 2, "RUN"),
+        (("right", "--ref", "ref.csv", "--ref-lever-arm", "1"), 2, "--ref-lever-arm"),
+        (("right", "--ref", "ref.csv", "--ref-columns", "lat=zz"), 2, "--ref-columns"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(two_runs: Path, cli: Cli, arguments: tuple[str, ...], code: int, word: str):
+    shown = cli("compare", *arguments)
+    assert shown.code == code
+    assert shown.out == ""
+    assert word in shown.err
+    assert "Traceback" not in shown.err

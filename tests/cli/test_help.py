@@ -1,0 +1,98 @@
+"""Help is quick, readable and has examples; a wrong option ends in one short block."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tests.cli.conftest import Cli
+
+COMMANDS = ("run", "align", "compare")
+
+
+def test_help_lists_every_command_and_exit_code(cli: Cli):
+    shown = cli("--help")
+    assert shown.code == 0
+    assert shown.err == ""
+    for word in (*COMMANDS, "Examples:", "3 unusable data", "4 cannot write", "130, 143 interrupted"):
+        assert word in shown.out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command_has_examples_and_fits_a_terminal(cli: Cli, command: str):
+    shown = cli(command, "--help")
+    assert shown.code == 0
+    assert f"insnav {command} " in shown.out.split("Examples:")[1]
+    assert max(map(len, shown.out.splitlines())) <= 80
+    assert "{" not in shown.out
+
+
+def test_help_of_run_has_its_options_in_groups(cli: Cli):
+    shown = cli("run", "--help").out
+    groups = [line[:-1] for line in shown.splitlines() if line.endswith(":") and line[0] != " "]
+    assert groups == ["Files", "IMU", "GPS and reference", "Start", "Result", "Other"]
+
+
+def test_no_command_shows_the_help(cli: Cli):
+    shown = cli()
+    assert shown.code == 2
+    assert "Commands:" in shown.out
+
+
+def test_version(cli: Cli):
+    from insnav import __version__
+
+    assert cli("--version").out == f"insnav {__version__}\n"
+
+
+def test_help_needs_no_heavy_import_and_little_time():
+    program = (
+        "import sys; sys.argv = ['insnav', '--help']\n"
+        "from insnav.cli import main\n"
+        "try: main()\n"
+        "finally: print(*sorted({name.split('.')[0] for name in sys.modules}))"
+    )
+    took = []
+    for _ in range(3):
+        before = os.times()
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+        after = os.times()  # processor time: others may be using the machine
+        took.append(after.children_user + after.children_system - before.children_user - before.children_system)
+    modules = set(done.stdout.splitlines()[-1].split())
+    assert "insnav" in modules
+    assert not modules & {"numpy", "numba", "scipy", "pandas", "matplotlib", "pyarrow", "pydantic", "rich", "filterpy"}
+    assert min(took) <= 0.35
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("run", "imu.csv", "--gp", "x"), ("No such option: --gp", "--gps", "insnav run --help")),
+        (("run", "imu.csv"), ("Missing option '--gps'", "insnav run --help")),
+        (("runn",), ("No such command 'runn'", "Did you mean 'run'", "insnav --help")),
+        (("run", "a", "--gps", "b", "--figures", "pdf"), ("--figures", "'pdf'", "'png'")),
+        (("run", "a", "--gps", "b", "--heading", "x"), ("--heading", "number")),
+        (("align", "a"), ("Missing option '--lat'",)),
+    ],
+)
+def test_a_wrong_option_is_one_block_with_exit_code_2(cli: Cli, arguments: tuple[str, ...], words: tuple[str, ...]):
+    shown = cli(*arguments)
+    assert shown.code == 2
+    assert shown.out == ""
+    assert shown.err.startswith("insnav: error: ")
+    assert shown.err.count("insnav: error") == 1
+    assert "  fix:   " in shown.err
+    assert len(shown.err.splitlines()) <= 4
+    for word in words:
+        assert word in shown.err
+
+
+def test_debug_gives_the_traceback_and_keeps_the_exit_code(cli: Cli):
+    quiet, loud = cli("run", "none.csv", "--gps", "none.csv"), cli("run", "none.csv", "--gps", "none.csv", "--debug")
+    assert quiet.code == loud.code == 3
+    assert "Traceback" not in quiet.err
+    assert "Traceback" in loud.err
+    assert loud.err.endswith(quiet.err[quiet.err.index("insnav: error") :])

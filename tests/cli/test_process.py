@@ -1,0 +1,142 @@
+"""The command line as a process of its own: signals, pipes, standard input, a full disk, a poor terminal."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import QUICK, ROOT
+
+COMMAND = [sys.executable, "-c", "from insnav.cli import main; main()", "run"]
+posix = pytest.mark.skipif(sys.platform == "win32", reason="signals and pipes are different there")
+
+
+def _environment(**more: str) -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT), **more}
+
+
+def _start(*arguments: str, **more: object) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [*COMMAND, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=_environment(),
+        **more,  # type: ignore[call-overload]
+    )
+
+
+def _wait_for(process: subprocess.Popen[str], word: str) -> None:
+    assert process.stderr is not None
+    for line in process.stderr:
+        if word in line:
+            return
+    pytest.fail(f"the log never said {word!r}")
+
+
+@pytest.fixture(scope="session")
+def compiled(files: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """The kernels are in their cache: a compiler at work hears no signals."""
+    out = tmp_path_factory.mktemp("compiled") / "run"
+    names = (str(files / "imu.csv"), "--gps", str(files / "gps.csv"), "--figures", "none", "--out", str(out))
+    subprocess.run([*COMMAND, *names], env=_environment(), capture_output=True, check=True)
+
+
+@posix
+@pytest.mark.usefixtures("compiled")
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+@pytest.mark.parametrize("moment", [0.0, 0.4])
+def test_a_signal_stops_within_a_second_and_leaves_nothing(
+    drive: Path, number: signal.Signals, code: int, word: str, moment: float
+):
+    process = _start("imu.csv", "--gps", "gps.csv")
+    _wait_for(process, "insnav: IMU model")
+    time.sleep(moment)  # while it navigates, or draws
+    process.send_signal(number)
+    begin = time.perf_counter()
+    out, err = process.communicate(timeout=30)
+    assert time.perf_counter() - begin < 1.0
+    assert process.returncode == code, err
+    assert out == ""
+    assert err.endswith(f"insnav: error: {word}\n")
+    assert "Traceback" not in err
+    assert sorted(path.name for path in drive.iterdir()) == ["gps.csv", "imu.csv", "ref.csv"]
+
+
+@posix
+@pytest.mark.usefixtures("compiled")
+def test_work_of_more_than_a_second_names_its_stages_on_a_terminal(drive: Path):
+    import pty
+
+    ours, theirs = pty.openpty()
+    terminal = _environment(TERM="xterm", COLUMNS="100")
+    with subprocess.Popen(
+        [*COMMAND, "imu.csv", "--gps", "gps.csv"], stdout=subprocess.PIPE, stderr=theirs, env=terminal
+    ) as process:
+        os.close(theirs)
+        seen = b""
+        while True:
+            try:
+                piece = os.read(ours, 4096)
+            except OSError:  # the other end is closed
+                break
+            if not piece:
+                break
+            seen += piece
+    os.close(ours)
+    assert process.returncode == 0, seen.decode()
+    assert b"writing" in seen
+    assert seen.rindex(b"IMU model") < seen.rindex(b"writing")
+
+
+@posix
+def test_a_reader_that_goes_away_is_no_error(drive: Path):
+    process = _start(*QUICK, "--json")
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.close()
+    err = process.stderr.read()
+    process.stderr.close()
+    assert process.wait(30) == 141
+    assert "error" not in err
+    assert "Traceback" not in err
+    assert (drive / "run" / "run.json").exists()
+
+
+def test_the_imu_file_may_come_from_standard_input(drive: Path):
+    with Path("imu.csv").open("rb") as file:
+        done = subprocess.run(
+            [*COMMAND, "-", *QUICK[1:], "--json"], stdin=file, capture_output=True, env=_environment(), check=False
+        )
+    assert done.returncode == 0, done.stderr.decode()
+    facts = json.loads(done.stdout)
+    assert facts["input"]["imu"]["path"] == "standard input"
+    assert facts["input"]["imu"]["n_rows"] == 13000
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_a_result_that_cannot_be_printed_is_an_output_error(drive: Path):
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [*COMMAND, *QUICK], stdout=full, stderr=subprocess.PIPE, text=True, env=_environment(), check=False
+        )
+    assert done.returncode == 4
+    assert "where: standard output" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_terminal_without_unicode_and_a_home_that_is_not_there(drive: Path):
+    poor = _environment(HOME="/nonexistent", PYTHONUTF8="0", PYTHONIOENCODING="ascii", TERM="dumb", LC_ALL="C")
+    done = subprocess.run([*COMMAND, *QUICK], capture_output=True, text=True, env=poor, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "alignment" in done.stdout

@@ -1,0 +1,200 @@
+"""What `insnav run` prints and leaves behind."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from insnav.io.folder import read_facts, verify_folder
+from tests.cli.conftest import QUICK, Cli
+
+WITH_REFERENCE = (*QUICK, "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2")
+TABLES = ["biases.csv", "events.csv", "innovations.csv", "run.json", "solution.csv", "track.kml"]
+FIGURES = ["attitude", "biases", "height", "innovations", "track", "velocity"]
+ERROR_FIGURES = ["error_attitude", "error_distribution", "error_position", "error_velocity"]
+
+
+def _files(folder: Path) -> list[str]:
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
+
+
+def test_the_summary_says_what_matters(drive: Path, cli: Cli):
+    shown = cli("run", *WITH_REFERENCE)
+    assert shown.code == 0, shown.err
+    lines = shown.out.splitlines()
+    assert len(lines) <= 40
+    assert max(map(len, lines)) <= 100
+    names = [line[:12].strip() for line in lines if line[0] != " "]
+    assert names[:4] == ["imu", "gps", "reference", "alignment"]
+    assert {"IMU model", "solution", "sd at end", "biases", "fixes", "rejected", "accuracy", "files"} <= set(names)
+    assert "13000 rows, 100000.0 to 100130.0 s, 100 Hz, no gaps, FRD  imu.csv" in lines[0]
+    assert "as told by --imu automotive" in shown.out
+    row = next(line for line in lines if line.strip().startswith("horizontal [m]"))
+    rms = read_facts(Path("run"))["accuracy"]["all"]["horizontal_m"]["rms"]
+    assert float(row.split()[2]) == pytest.approx(rms, rel=0.01)
+    assert 0.0 < rms < 3.0  # fixes are good to 1.5 m a component
+    assert lines[-1] == "files       run: biases.csv, events.csv, innovations.csv, solution.csv, track.kml, run.json"
+
+
+def test_the_log_says_how_the_files_were_understood_and_no_more(drive: Path, cli: Cli):
+    log = cli("run", *WITH_REFERENCE).err.splitlines()
+    assert [line.split(":")[1].strip() for line in log if line.startswith("insnav: ")] == [
+        "IMU",
+        "GPS",
+        "reference",
+        "IMU model",
+    ]
+    text = " ".join(" ".join(log).split())
+    for words in ("gravity in the quiet stretches is 9.79", "axes taken as FRD", "means over the interval (assumed"):
+        assert words in text
+    assert "heights are above the ellipsoid (assumed; else --gps-height msl)" in text
+    assert "columns:" not in text  # every header is the name of its quantity
+    assert len(log) <= 20
+
+
+def test_headers_that_were_interpreted_are_logged(drive: Path, cli: Cli):
+    path = Path("imu.csv")
+    path.write_text(path.read_text().replace("gyro_x_rad_s", "Gx", 1))
+    log = cli("run", *QUICK, "--columns", "gyro_x=Gx,time_s=time_s").err
+    assert "columns: gyro_x_rad_s = Gx [rad/s]; the others by their names" in log
+
+
+def test_short_headers_are_logged_with_the_units_found(drive: Path, cli: Cli):
+    path = Path("imu.csv")
+    _, rows = path.read_text().split("\n", 1)
+    path.write_text(f"time_s,gx,gy,gz,ax,ay,az\n{rows}")
+    log = " ".join(cli("run", *QUICK).err.split())
+    for header, unit in (("gx", "rad/s"), ("gy", "rad/s"), ("az", "m/s^2")):
+        assert f"= {header} [{unit}]" in log
+
+
+def test_json_alone_is_on_standard_output_and_is_that_of_the_folder(drive: Path, cli: Cli):
+    shown = cli("run", *WITH_REFERENCE, "--json")
+    facts = json.loads(shown.out)
+    assert shown.out == Path("run/run.json").read_text(encoding="utf-8")
+    assert list(facts) == [
+        *("versions", "configuration", "input", "imu_model", "alignment", "solution", "fixes", "outages"),
+        *("sensor_errors", "events", "accuracy", "warnings", "files"),
+    ]
+    assert facts["configuration"]["lever_arm"] == "0.8,-0.3,-1.2"
+    assert facts["configuration"]["gps_height"] is None
+    assert not {"out", "force", "as_json"} & set(facts["configuration"])
+    assert {"imu", "gps", "reference"} == set(facts["input"])
+    assert all(len(each["sha256"]) == 64 for each in facts["input"].values())
+
+
+def test_the_folder_holds_tables_figures_and_page(drive: Path, cli: Cli):
+    shown = cli("run", "imu.csv", "--gps", "gps.csv", "--ref", "ref.csv", "--imu", "automotive")
+    assert shown.code == 0, shown.err
+    expected = [*TABLES, "report.html", *(f"figures/{name}.png" for name in [*FIGURES, *ERROR_FIGURES])]
+    assert _files(Path("run")) == sorted(expected)
+    verify_folder(Path("run"))
+    assert "files       run: report.html," in shown.out
+
+
+def test_the_same_input_gives_the_same_bytes(drive: Path, cli: Cli):
+    for name in ("first", "second"):
+        assert cli("run", *WITH_REFERENCE, "--out", name).code == 0
+    assert _files(Path("first")) == _files(Path("second")) == TABLES
+    for name in TABLES:
+        assert Path("first", name).read_bytes() == Path("second", name).read_bytes(), name
+
+
+def test_a_limit_on_the_error_decides_the_exit_code(drive: Path, cli: Cli):
+    good = cli("run", *WITH_REFERENCE, "--fail-above", "5", "--out", "good")
+    bad = cli("run", *WITH_REFERENCE, "--fail-above", "0.01", "--out", "bad", "--json")
+    assert (good.code, bad.code) == (0, 1)
+    rms = json.loads(bad.out)["accuracy"]["all"]["horizontal_m"]["rms"]
+    assert f"horizontal RMS {rms:.3f} m against the reference, limit 0.01 m" in bad.err
+    assert "error" not in good.err
+    verify_folder(Path("bad"))
+
+
+@pytest.mark.parametrize(
+    ("options", "kind", "words"),
+    [
+        ((), "ellipsoidal", "(assumed; else --gps-height msl)"),
+        (("--gps-height", "msl"), "msl", "(as told)"),
+        (("--gps-height", "ellipsoidal"), "ellipsoidal", "(as told)"),
+    ],
+)
+def test_what_heights_are_is_passed_on(drive: Path, cli: Cli, options: tuple[str, ...], kind: str, words: str):
+    shown = cli("run", *QUICK, *options)
+    assert read_facts(Path("run"))["input"]["gps"]["height"] == kind
+    assert words in " ".join(shown.err.split())
+
+
+def test_the_header_says_what_heights_are(drive: Path, cli: Cli):
+    path = Path("gps.csv")
+    path.write_text(path.read_text().replace("height_m", "height_msl_m", 1))
+    shown = cli("run", *QUICK)
+    assert read_facts(Path("run"))["input"]["gps"]["height"] == "msl"
+    assert "by the column's name" in shown.err
+
+
+def test_an_initial_state_replaces_the_alignment(drive: Path, cli: Cli):
+    first = next(csv.DictReader(Path("ref.csv").read_text().splitlines()))
+    start = {name: float(first[name]) for name in ("time_s", "lat_deg", "lon_deg", "height_m")}
+    start["v_n_m_s"] = [float(first[name]) for name in ("vn_m_s", "ve_m_s", "vd_m_s")]
+    start["roll_pitch_heading_deg"] = [float(first[name]) for name in ("roll_deg", "pitch_deg", "heading_deg")]
+    start |= {"sd_position_m": [0.1] * 3, "sd_velocity_m_s": [0.01] * 3, "sd_attitude_deg": [0.1] * 3}
+    Path("start.json").write_text(json.dumps(start))
+    shown = cli("run", *QUICK, "--initial", "start.json")
+    assert shown.code == 0, shown.err
+    found = read_facts(Path("run"))["alignment"]
+    assert found["heading_method"] == "given"
+    assert found["heading_deg"] == pytest.approx(float(first["heading_deg"]))
+
+
+@pytest.mark.parametrize("heading", [None, "220"])
+def test_a_heading_that_is_wrong_does_not_go_unnoticed(drive: Path, cli: Cli, heading: str | None):
+    shown = cli("run", *QUICK, *(("--heading", heading) if heading else ()))
+    assert shown.code == 0, shown.err
+    assert ("many fixes were rejected" in shown.out) == (heading is not None)
+
+
+def test_rate_and_format_of_the_tables(drive: Path, cli: Cli):
+    shown = cli("run", *QUICK, "--rate", "full", "--format", "parquet")
+    assert shown.code == 0, shown.err
+    assert {"solution.parquet", "innovations.parquet", "biases.parquet"} <= set(_files(Path("run")))
+    assert read_facts(Path("run"))["solution"]["rate_hz"] == pytest.approx(100.0, rel=1e-3)
+
+
+def _snapshot(*folders: Path) -> set[Path]:
+    return {path for folder in folders for path in folder.rglob("*")}
+
+
+def test_nothing_is_written_elsewhere_and_nobody_is_called(
+    drive: Path, cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    elsewhere = tmp_path / "tmp"
+    elsewhere.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(elsewhere))
+    seen: list[str] = []
+    watching = [True]  # a hook cannot be taken away again
+
+    def watch(event: str, arguments: tuple[object, ...]) -> None:
+        if not watching:
+            return
+        if event == "open" and isinstance(arguments[1], str) and set(arguments[1]) & set("wax+"):
+            seen.append(str(Path(str(arguments[0])).resolve()))
+        elif event.startswith("socket."):
+            seen.append(event)
+
+    before = _snapshot(tmp_path)
+    sys.addaudithook(watch)
+    try:
+        shown = cli("run", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", "--out", "here")
+    finally:
+        watching.clear()
+    assert shown.code == 0, shown.err
+    assert {path.relative_to(drive).parts[0] for path in _snapshot(tmp_path) - before} == {"here"}
+    assert any(name.endswith("report.html") for name in seen)  # the watch works
+    caches = ("__pycache__", "numba", "matplotlib", "fontconfig")  # of libraries, in their own places
+    strange = [name for name in seen if not name.startswith((str(drive / ".here.tmp-"), "/dev/null"))]
+    assert [name for name in strange if not any(cache in name for cache in caches)] == []
