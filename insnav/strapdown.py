@@ -15,7 +15,7 @@ from insnav.attitude import quat_from_rph, rph_from_quat
 from insnav.exceptions import InputError
 from insnav.kernels import increments as _increments
 from insnav.kernels import mechanization as _mechanization
-from insnav.types import FloatArray, ImuData, Increments, IntArray, Trajectory
+from insnav.types import BoolArray, FloatArray, ImuData, Increments, IntArray, Trajectory
 
 TIME_TOLERANCE = 1e-6  # times closer than this are the same [s]
 GAP = 1.5  # an interval this many times the nominal one has lost samples
@@ -72,11 +72,20 @@ def nominal_interval(time: FloatArray) -> float:
     return float(np.median(np.diff(time[: 1 << 16])))
 
 
+def _lost(step: FloatArray, nominal: float) -> BoolArray:
+    """Steps in which samples are missing: too long, and not made up for by a shorter one beside them as jitter is."""
+    before, after = np.full_like(step, np.inf), np.full_like(step, np.inf)
+    before[1:], after[:-1] = step[:-1], step[1:]
+    around = np.where(np.isinf(before), nominal, before) + step + np.where(np.isinf(after), nominal, after)
+    return np.asarray((step > GAP * nominal) & (around > (2.0 + GAP) * nominal))
+
+
 def _interval_ends(imu: ImuData, nominal: float) -> tuple[FloatArray, FloatArray]:
     """Start and end of each sample's interval [s], whatever end of it the file stamps."""
     t = imu.time
     step = np.diff(t)
-    whole = np.where(step > GAP * nominal, nominal, step)  # after a hole the interval is the nominal one
+    hole = _lost(step, nominal)
+    whole = np.where(hole, nominal, step)  # after a hole the interval is the nominal one
     if imu.sampling == "instant" or imu.stamp == "end":
         length = np.concatenate([[nominal], whole])
         return t - length, t
@@ -84,7 +93,6 @@ def _interval_ends(imu: ImuData, nominal: float) -> tuple[FloatArray, FloatArray
         length = np.concatenate([whole, [nominal]])
         return t, t + length
     middle = t[:-1] + 0.5 * step
-    hole = step > GAP * nominal
     start = np.concatenate([[t[0] - 0.5 * nominal], np.where(hole, t[1:] - 0.5 * nominal, middle)])
     end = np.concatenate([np.where(hole, t[:-1] + 0.5 * nominal, middle), [t[-1] + 0.5 * nominal]])
     return start, end

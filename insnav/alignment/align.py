@@ -109,7 +109,7 @@ def align(
     lla = gps.lla[covered][0]
     if rest is not None and (static_span is not None or rest[0] <= first_fix + SOON):
         return _from_rest(parts, spec, gps, speed, rest, heading)
-    return _in_motion(parts, spec, speed, first_fix, lla, heading)
+    return _in_motion(parts, spec, speed, gps.time[covered], lla, heading)
 
 
 def rest_of(parts: Intervals, gps: GpsData) -> tuple[float, float] | None:
@@ -142,7 +142,8 @@ def _from_rest(
             fix="give another with --static START:END",
         )
     start = float(fixes[0])
-    lat, height = float(gps.lla[0, 0]), float(gps.lla[0, 2])
+    here = gps.lla[int(np.searchsorted(gps.time, start))]
+    lat, height = float(here[0]), float(here[2])
     found = replace(align_static(parts, spec, lat, height, rest, heading), time=start)
     if found.sd[2] <= SURE_SD or found.heading_method == "given":
         return found
@@ -177,10 +178,11 @@ def _in_motion(
     parts: Intervals,
     spec: ImuSpec,
     speed: motion.Velocity,
-    start: float,
+    fixes: FloatArray,
     lla: FloatArray,
     heading: float | None,
 ) -> Alignment:
+    start = float(fixes[0])
     moving = motion.first_motion(speed, start)
     if moving is None:
         raise AlignmentError(
@@ -188,7 +190,8 @@ def _in_motion(
             why=f"no rest was found, and the vehicle never moves faster than {motion.SLOWEST:g} m/s for the course",
             fix="give a static interval with --static START:END, or an initial state with --initial FILE",
         )
-    begin = max(start, moving)
+    later = fixes[fixes >= max(start, moving)]
+    begin = float(later[0]) if later.size else max(start, moving)
     end = min(begin + LEVEL_SPAN, float(parts.end[-1]) - 0.5, float(speed.time[-1]))
     found = motion.level_in_motion(parts, begin, end, speed, lla) if end - begin > 5.0 else None
     if found is None:

@@ -13,6 +13,7 @@ from insnav.strapdown import Intervals
 from insnav.types import FloatArray, GpsData
 
 SLOWEST = 2.0  # below this the course says nothing [m/s]
+SURELY = 3.0  # a spike of the positions looks like motion for less than this [s]
 SPAN = 15.0  # how much motion is looked at for a heading [s]
 SLIP_SD = np.deg2rad(3.0)  # of the direction of travel against the body's forward axis
 DIFFERENCE = 2.0  # base of velocities made from positions [s]
@@ -103,11 +104,14 @@ class Course:
 
 
 def first_motion(speed: Velocity, start: float) -> float | None:
-    """Time at which the vehicle is first surely moving, at two successive epochs [s]."""
+    """Time at which the vehicle first is surely moving: for `SURELY` seconds at every epoch, two at least [s]."""
     fast = np.hypot(speed.v_n[:, 0], speed.v_n[:, 1]) > np.maximum(SLOWEST, 5.0 * speed.sd)
     fast &= speed.time >= start
-    both = np.flatnonzero(fast[:-1] & fast[1:])
-    return float(speed.time[both[0]]) if both.size else None
+    slow = np.concatenate([[0], np.cumsum(~fast)])
+    last = np.searchsorted(speed.time, speed.time + SURELY, side="right")
+    first = np.arange(speed.time.shape[0])
+    moving = np.flatnonzero((slow[last] == slow[first]) & (last - first >= 2))
+    return float(speed.time[moving[0]]) if moving.size else None
 
 
 def course_heading(track: History, speed: Velocity, moving: float, drift_sd: float, tilt: float) -> Course | None:
@@ -215,7 +219,7 @@ def level_in_motion(
         turn = np.cross(mean, wanted)
         length = float(np.linalg.norm(turn))
         angle = np.arctan2(length, mean @ wanted)
-        if angle < 1e-7:
+        if angle < 1e-7 or length == 0.0:
             break
         axis = turn / length * angle
         c = _rotation(axis) @ dcm_from_rph(rph)

@@ -13,11 +13,13 @@ import numpy as np
 
 from insnav.attitude import dcm_from_rph, wrap_pi, wrap_two_pi
 from insnav.earth import OMEGA_EARTH, earth_rate_n, gravity_n
-from insnav.imu.model import ImuSpec
+from insnav.exceptions import AlignmentError
+from insnav.imu.model import ImuSpec, level_bias
 from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray
 
 WINDOW = 0.5  # length of the windows that are judged [s]
+FEWEST = 10  # samples a mean is taken of
 SHORTEST = 3.0  # shortest rest worth using [s]
 CALM_ACCEL, CALM_GYRO = 0.3, 0.03  # without GPS, quiet below: standard deviation [m/s^2], [rad/s] ...
 QUIET_FACTOR = 4.0  # ... and up to this many times the quietest tenth of the record
@@ -60,6 +62,12 @@ def summarize(parts: Intervals, start: float, end: float) -> Rest:
     rate, force = rates(parts)
     first, last = np.searchsorted(parts.end, [start, end], side="right")
     rate, force = rate[first:last], force[first:last]
+    if rate.shape[0] < FEWEST:
+        raise AlignmentError(
+            "the static interval holds too few samples",
+            why=f"{rate.shape[0]} from {start:.3f} to {end:.3f} s",
+            fix="give a longer one inside the record with --static START:END",
+        )
     n = max(2, min(10, rate.shape[0]))
 
     def scatter(values: FloatArray) -> FloatArray:
@@ -127,10 +135,8 @@ def level(force: FloatArray) -> tuple[float, float]:
 def tilt_sd(rest: Rest, spec: ImuSpec, lat: float, height: float) -> FloatArray:
     """Standard deviation of the level about North and East [rad], for any heading (Groves 2013, eq. 5.106)."""
     g = gravity_n(lat, height)[2]
-    bias = np.hypot(spec.accel.bias, spec.accel.bias_instability)
-    worst = float(np.sqrt(np.max(bias**2 + rest.force_sd**2)))
-    # nobody knows the misalignment of the accelerometers better than this
-    return np.full(2, np.hypot(worst / g, float(np.max(spec.accel.misalignment)) + 2e-6))
+    bias = np.hypot(level_bias(spec.accel), spec.accel.bias_instability)
+    return np.full(2, float(np.sqrt(np.max(bias**2 + rest.force_sd**2))) / g + 2e-6)
 
 
 def gyrocompass(rest: Rest, spec: ImuSpec, lat: float) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from insnav.cli.console import Stages, error_block, note, note_more, result
 
 if TYPE_CHECKING:
     from insnav.imu.model import ImuSpec
-    from insnav.types import ImuData
+    from insnav.types import GpsData, ImuData
 
 SHORT_HELP = "Navigate a recorded drive: IMU and GPS to a solution, figures and a report."
 HELP = """Navigate a recorded drive.
@@ -188,7 +188,7 @@ def run(
         check_overlap(reading.data, fixes.data)
         samples = inputs.calibrated(reading.data, calibration)
         stage("aligning")
-        spec, said = told or _from_rest(samples, static_span)
+        spec, said = told or _from_rest(samples, fixes.data, static_span)
         note(f"IMU model: {spec.name}")
         note_more(said)
         settings = FilterSettings(
@@ -266,12 +266,11 @@ def _judge(facts: dict[str, Any], limit: float) -> None:
         raise typer.Exit(1)
 
 
-def _from_rest(samples: ImuData, static_span: tuple[float, float] | None) -> tuple[ImuSpec, str]:
-    from insnav.alignment import find_rest
+def _from_rest(samples: ImuData, fixes: GpsData, static_span: tuple[float, float] | None) -> tuple[ImuSpec, str]:
     from insnav.cli.inputs import imu_from_rest
-    from insnav.strapdown import intervals
+    from insnav.filter.recording import first_rest
 
-    return imu_from_rest(samples, static_span or find_rest(intervals(samples)))
+    return imu_from_rest(samples, static_span or first_rest(samples, fixes))
 
 
 def _say_if_compiling() -> None:

@@ -9,15 +9,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
 
 from insnav.earth import ned_offset
 from insnav.types import FloatArray, GpsData
 
-LONGEST = 200.0  # longest time over which errors are compared [s]
+LONGEST = 400.0  # longest time over which errors are compared [s]
 TIMES = np.geomspace(3.0, 300.0, 25)  # correlation times tried [s]
 WORTH = 0.1  # a smaller share of the variance is not modelled [-]
 FEWEST = 100  # fixes needed
+ROUGH = 0.05  # largest difference of two ways to integrate the velocity, by the sd of a fix [-]
+TOO_MUCH = 3.0  # a larger variance, by the claimed one, is something else than the error of the fixes [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +65,16 @@ def correlated_noise(gps: GpsData, lag: float) -> CorrelatedNoise | None:
     if good.sum() < FEWEST:
         return None
     t, sd = gps.time[good], gps.position_sd[good]
-    position = ned_offset(gps.lla[good], gps.lla[good][0])[:, :2]
-    v = np.column_stack([np.interp(t + lag, t, gps.v_n[good][:, i]) for i in range(2)])
     step = np.diff(t)
     usual = float(np.median(step))
     gap = step > 1.5 * usual
-    moved = np.vstack([np.zeros(2), np.cumsum(0.5 * (v[1:] + v[:-1]) * step[:, None], axis=0)])
-    error = position - moved  # position error minus the sum of velocity errors
+    lla, v = gps.lla[good], gps.v_n[good][:, :2]
+    gone = ned_offset(lla[1:], lla[:-1])[:, :2]
+    felt = np.diff(CubicSpline(t, v).antiderivative()(t + lag), axis=0)
+    coarse = 0.5 * (v[1:] + v[:-1]) * step[:, None]
+    if np.sqrt(np.mean((felt - coarse)[~gap] ** 2)) > ROUGH * float(np.median(sd[:, :2])):
+        return None  # velocities too far apart in time to be integrated as well as positions are measured
+    error = np.vstack([np.zeros(2), np.cumsum(gone - felt, axis=0)])  # position error minus the sum of velocity errors
     stretch = np.concatenate([[0], np.cumsum(gap)])
     most = min(LONGEST / usual, t.shape[0] / 4)
     lags = np.unique(np.geomspace(1, max(most, 2), 30).astype(int))
@@ -95,6 +101,8 @@ def correlated_noise(gps: GpsData, lag: float) -> CorrelatedNoise | None:
             best = float(rest), float(time), parts
     assert best is not None
     rest, time, (white, lasting, _) = best
+    if time == TIMES[0] or 5.0 * time > x[-1] or white + lasting > TOO_MUCH:
+        return None
     share = float(lasting / (white + lasting)) if white + lasting > 0 else 0.0
     # the third term must earn its place, and be a visible part of what the fixes claim
 

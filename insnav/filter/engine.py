@@ -122,6 +122,12 @@ class Engine:
                 why=f"{self.repairs} repairs",
                 fix="check the standard deviations of the GPS file and the figures of the IMU file",
             )
-        values, vectors = np.linalg.eigh(self._filter.P)
-        self._filter.P = (vectors * np.maximum(values, 1e-15 * values[-1])) @ vectors.T
+        # in units of each state's own deviation, or the largest would set the floor for all
+        scale = np.sqrt(np.abs(np.diagonal(self._filter.P)))
+        live = scale > 0.0
+        unit = np.where(live, scale, 1.0)
+        values, vectors = np.linalg.eigh(self._filter.P / np.outer(unit, unit))
+        repaired = (vectors * np.maximum(values, 1e-12 * values[-1])) @ vectors.T * np.outer(unit, unit)
+        repaired[~live, :] = repaired[:, ~live] = 0.0
+        self._filter.P = repaired
         return True

@@ -91,6 +91,8 @@ def fine_alignment(
         start = coarse
     start = replace(start, time=first if first < end - 10.0 else begin)
     n = int((end - start.time) / STILL_INTERVAL)
+    if n < 2:
+        return FineAlignment(coarse, None, latitude)
     time = np.asarray(start.time + STILL_INTERVAL * np.arange(1, n + 1), dtype=float)
     still = GpsData(
         time,

@@ -42,9 +42,13 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
     if t.shape[0] < 50:
         return 0.0, np.inf
     step = np.diff(t)
-    position = CubicSpline(t, ned_offset(gps.lla[usable], gps.lla[usable][0])[:, :2])
-    even = step < 1.5 * np.median(step)
-    inside = np.concatenate([[False, False], even[:-2] & even[1:-1] & even[2:], [False]])[: t.shape[0]]
+    gone = ned_offset(gps.lla[usable][1:], gps.lla[usable][:-1])[:, :2]  # fix by fix: the track may be long
+    position = CubicSpline(t, np.vstack([np.zeros(2), np.cumsum(gone, axis=0)]))
+    even: BoolArray = np.asarray(np.abs(step / np.median(step) - 1.0) < 0.1)
+    inside: BoolArray = np.zeros(t.shape[0], dtype=bool)
+    inside[3:-2] = np.asarray(np.lib.stride_tricks.sliding_window_view(even, 5).all(axis=1), dtype=bool)
+    if inside.sum() < 40:
+        return 0.0, np.inf
     t, v_n = t[inside], gps.v_n[usable][inside, :2]
     lag, sd = 0.0, np.inf
     for _ in range(20):

@@ -8,7 +8,7 @@ import numpy as np
 
 from insnav.attitude import dcm_from_rph
 from insnav.earth import OMEGA_EARTH, gravity_n
-from insnav.imu.model import ImuSpec, SensorSpec
+from insnav.imu.model import ImuSpec, SensorSpec, level_bias
 from insnav.kernels.errorstate import STATES
 from insnav.types import Alignment, FloatArray
 
@@ -51,6 +51,8 @@ class InitialState:
         First estimate of the gyro bias [rad/s].
     covariance : (21, 21) array
         Of the error states; see `insnav.kernels.errorstate`.
+    from_fix : bool
+        The position is that of a fix, with its errors.
     """
 
     time: float
@@ -59,15 +61,16 @@ class InitialState:
     rph: FloatArray
     gyro_bias: FloatArray
     covariance: FloatArray
+    from_fix: bool = False
 
 
-def _bias(sensor: SensorSpec) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _bias(sensor: SensorSpec, turn_on: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Noise density, inverse correlation time and standard deviation of turn-on and in-run bias as one state.
 
     The in-run Gauss-Markov process keeps its driving noise, ``2 sd^2 / T``; the correlation time is stretched so that
     the stationary variance is that of both together. A turn-on bias then does not fade away within `T`.
     """
-    sd = np.hypot(sensor.bias, sensor.bias_instability)
+    sd = np.hypot(turn_on, sensor.bias_instability)
     wander = 2.0 * sensor.bias_instability**2 / sensor.correlation_time
     decay = np.where(sd > 0, wander / (2.0 * np.where(sd > 0, sd, 1.0) ** 2), 0.0)
     return wander + sensor.rate_random_walk**2, decay, sd
@@ -92,9 +95,14 @@ def error_model(spec: ImuSpec, states: int) -> ErrorModel:
     Returns
     -------
     ErrorModel
-        Gauss-Markov sensor errors (Groves 2013, section 14.2.3).
+        Gauss-Markov sensor errors (Groves 2013, section 14.2.6).
     """
-    parts = [_bias(spec.gyro), _bias(spec.accel), _scale(spec.gyro), _scale(spec.accel)]
+    parts = [
+        _bias(spec.gyro, spec.gyro.bias),
+        _bias(spec.accel, level_bias(spec.accel)),
+        _scale(spec.gyro),
+        _scale(spec.accel),
+    ]
     driving, decay, sd = (np.concatenate([p[i] for p in parts]) for i in range(3))
     if states == 15:
         driving[6:] = decay[6:] = sd[6:] = 0.0
@@ -110,6 +118,8 @@ def initial_state(
     v_n: FloatArray,
     position_sd: FloatArray,
     velocity_sd: FloatArray,
+    *,
+    from_fix: bool = False,
 ) -> InitialState:
     """State and covariance from an alignment, a position and a velocity.
 
@@ -126,6 +136,8 @@ def initial_state(
         Position [rad, rad, m] and velocity [m/s] of the IMU.
     position_sd, velocity_sd : (3,) array
         Their standard deviations [m], [m/s].
+    from_fix : bool
+        The position is that of a fix, with its errors.
 
     Returns
     -------
@@ -146,9 +158,10 @@ def initial_state(
     if alignment.heading_method == "gyrocompass":
         # the levelled, turned rate has no east part: w_ie_N phi_D = -(C d bias)_E for rate = measured - bias
         j[2, 0:3] = -c[1] / (OMEGA_EARTH * np.cos(lla[0]))
+        j[2, 3:6] = -np.tan(lla[0]) * j[0, 3:6]
     shared = j @ p[9:, 9:] @ j.T
     own = np.maximum(alignment.sd**2 - np.diag(shared), 1e-4 * alignment.sd**2)
     p[6:9, 6:9] = shared + np.diag(own)
     p[6:9, 9:] = j @ p[9:, 9:]
     p[9:, 6:9] = p[6:9, 9:].T
-    return InitialState(alignment.time, lla, v_n, alignment.rph, alignment.gyro_bias, p)
+    return InitialState(alignment.time, lla, v_n, alignment.rph, alignment.gyro_bias, p, from_fix)

@@ -13,6 +13,7 @@ import numpy as np
 
 from insnav import strapdown
 from insnav.attitude import quat_from_rph
+from insnav.exceptions import DivergenceError
 from insnav.filter import gates as gate
 from insnav.filter.correlation import CorrelatedNoise
 from insnav.filter.engine import Engine
@@ -41,7 +42,11 @@ LASTING = STATES + 1  # first of the states of a position error that lasts; the 
 CONTEXT = 2 * LOOKAHEAD  # samples kept before the first unprocessed one
 SUBSTEP = 0.1  # longest sub-step of transition and noise [s]
 COAST = 1.0  # longest time between filter epochs [s]
-HOLE_NOISE = np.array([0.1, 0.5])  # unseen change of rate [rad/s^2] and specific force [m/s^3] in a hole
+# unseen change of rate [rad/s^2] and specific force [m/s^3] in a hole, and the most assumed of it [rad], [m/s]
+HOLE_NOISE = np.array([0.1, 0.5, 0.3, 20.0])
+BROKEN = 3.0  # a longer time without a rejected fix ends a row of rejections [s]
+FEWEST_REJECTIONS = 5  # fixes that must have been rejected before a reset
+NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame is no use [rad]
 ATTITUDE_RESET_SD = np.deg2rad([1.0, 1.0, 5.0])  # added at a reset [rad]
 VELOCITY_RESET_SD = 5.0  # velocity of a reset by fixes without velocity [m/s]
 
@@ -124,10 +129,12 @@ class Navigator:
             covariance[STATES, STATES] = settings.delay_sd**2
         if lasting is not None:
             covariance[LASTING:, LASTING:] = np.diag(lasting.sd**2)
-            # the position came from a fix: its error is that of the fix
-            for i in range(3):
-                covariance[i, i] = max(covariance[i, i], 1.0001 * lasting.sd[i] ** 2)
-                covariance[i, LASTING + i] = covariance[LASTING + i, i] = lasting.sd[i] ** 2
+        if start.from_fix and n > STATES:
+            # the position is that of a fix: as far off as the vehicle went in the delay, and by what lasts of its error
+            covariance[:3, :3] += settings.delay_sd**2 * np.outer(start.v_n, start.v_n)
+            covariance[:3, STATES] = covariance[STATES, :3] = settings.delay_sd**2 * start.v_n
+            if lasting is not None:
+                _tie(covariance, lasting.sd)
         later = gps.time - settings.delay > start.time + strapdown.TIME_TOLERANCE
         self._gps = gps
         self._fix = np.flatnonzero(later)
@@ -149,7 +156,7 @@ class Navigator:
         self._start, self._done = start.time, -np.inf
         self._next = 0  # first fix not yet used
         self._last_good = start.time  # time of the last accepted position
-        self._rejected_since = np.nan
+        self._rejections: list[float] = []  # times of an unbroken row of rejected positions
         self._tail: ImuData | None = None
         self._record = Record(self._fix.shape[0])
 
@@ -247,6 +254,13 @@ class Navigator:
         return k
 
     def _predict(self, time: float) -> None:
+        if abs(self._x[0]) > NEXT_TO_POLE:
+            raise DivergenceError(
+                "the track comes within a kilometre of a pole",
+                where=f"time {time:.3f} s",
+                why="heading and longitude have no meaning there",
+                fix="cut the recording before it",
+            )
         lasting = self._settings.correlated
         if lasting is not None:
             fade = float(np.exp(-self._span[0] / lasting.time))
@@ -260,32 +274,19 @@ class Navigator:
 
     def _update(self, time: float, out: Record.Rows) -> None:
         self._predict(time)
-        gps, settings = self._gps, self._settings
         row = self._fix[self._next]
         z, h, r = self._z, self._h, self._r
-        nis_position, nis_velocity, distance, change = assess(
-            self._x,
-            self._motion,
-            settings.lever_b,
-            self._delay,
-            settings.velocity_lag,
-            settings.jitter,
-            self._lasting,
-            settings.correlated.share if settings.correlated is not None else 0.0,
-            gps.lla[row],
-            gps.v_n[row],
-            gps.position_sd[row],
-            gps.velocity_sd[row],
-            self._engine.covariance,
-            z,
-            h,
-            r,
-            self._s,
-            self._sd,
-        )
+        nis_position, nis_velocity, distance, change = self._assess(row)
         nis = nis_position, nis_velocity
         use = [True, nis_velocity == nis_velocity]
-        for half, event in enumerate(self._judge(time, row, nis, distance, change)):
+        quality = self._quality(time, row)
+        if quality is not None and quality.value == 0.0:  # no fix at all, and no velocity either
+            self._record.event(quality)
+            self._record.fix(
+                time, z, self._sd, nis, [False, False], self._x, self._correction, self._engine.covariance, self._delay
+            )
+            return
+        for half, event in enumerate(self._judge(time, row, nis, distance, change, quality)):
             if event is None:
                 continue
             self._record.event(event)
@@ -306,11 +307,12 @@ class Navigator:
             if repaired:
                 self._record.event(Event(time, EventKind.REPAIR, 1.0, 0.0, "count", "negative variance set to zero"))
         if use[0]:
-            self._last_good, self._rejected_since = time, np.nan
-        else:
-            self._consider_reset(time, row, z)
+            self._last_good = time
+            self._rejections.clear()
+        elif quality is None:
+            self._consider_reset(time, row)
         p = self._engine.covariance
-        self._record.fix(time, z, self._sd, nis, use, self._x, self._correction, p)
+        self._record.fix(time, z, self._sd, nis, use, self._x, self._correction, p, self._delay)
         if out.used and out.time[out.used - 1] >= time - strapdown.TIME_TOLERANCE:
             out.state[out.used - 1] = self._x
             out.delay[out.used - 1] = self._delay
@@ -318,39 +320,75 @@ class Navigator:
             variance[:9] = p.diagonal()[:9]
             variance[9], variance[10], variance[11] = p[6, 7], p[6, 8], p[7, 8]
 
+    def _assess(self, row: int) -> tuple[float, float, float, float]:
+        """Innovation of a fix, its covariance, NIS of position and velocity, and their lengths."""
+        gps, settings = self._gps, self._settings
+        found: tuple[float, float, float, float] = assess(
+            self._x,
+            self._motion,
+            settings.lever_b,
+            self._delay,
+            settings.velocity_lag,
+            settings.jitter,
+            self._lasting,
+            settings.correlated.share if settings.correlated is not None else 0.0,
+            gps.lla[row],
+            gps.v_n[row],
+            gps.position_sd[row],
+            gps.velocity_sd[row],
+            self._engine.covariance,
+            self._z,
+            self._h,
+            self._r,
+            self._s,
+            self._sd,
+        )
+        return found
+
+    def _quality(self, time: float, row: int) -> Event | None:
+        gps = self._gps
+        fix = int(gps.fix[row]) if gps.fix is not None else None
+        return gate.quality(self._settings.gates, time, fix, gps.position_sd[row])
+
     def _judge(
-        self, time: float, row: int, nis: tuple[float, float], distance: float, change: float
+        self,
+        time: float,
+        row: int,
+        nis: tuple[float, float],
+        distance: float,
+        change: float,
+        quality: Event | None,
     ) -> tuple[Event | None, Event | None]:
         """Why position and velocity are rejected or weighted down, or None."""
         gates, gps = self._settings.gates, self._gps
-        fix = int(gps.fix[row]) if gps.fix is not None else None
-        has_velocity = nis[1] == nis[1]
-        bad = gate.quality(gates, time, fix, gps.position_sd[row])
-        if bad is not None:
-            return bad, bad if has_velocity and fix == 0 else None
-        position = gate.physical_position(
-            gates, time, distance, gps.position_sd[row], time - self._last_good
-        ) or gate.statistical(gates, time, POSITION, nis[0], distance, gates.small_position)
+        position = (
+            quality
+            or gate.physical_position(gates, time, distance, gps.position_sd[row], time - self._last_good)
+            or gate.statistical(gates, time, POSITION, nis[0], distance, gates.small_position)
+        )
         velocity = None
-        if has_velocity:
+        if nis[1] == nis[1]:
             velocity = gate.physical_velocity(gates, time, gps.v_n[row]) or gate.statistical(
                 gates, time, VELOCITY, nis[1], change, gates.small_velocity
             )
         return position, velocity
 
-    def _consider_reset(self, time: float, row: int, z: FloatArray) -> None:
+    def _consider_reset(self, time: float, row: int) -> None:
         """After a long unbroken row of rejected positions, start again from the fix, once, and say so."""
-        if np.isnan(self._rejected_since):
-            self._rejected_since = time
         gates, gps = self._settings.gates, self._gps
-        if time - self._rejected_since < gates.reset_after or not np.max(gps.position_sd[row]) <= gates.max_sd:
+        if self._rejections and time - self._rejections[-1] > BROKEN:
+            self._rejections.clear()
+        self._rejections.append(time)
+        if time - self._rejections[0] < gates.reset_after or len(self._rejections) < FEWEST_REJECTIONS:
             return
+        self._assess(row)  # anew: the velocity of this fix may have been used already
+        z = self._z
         p = self._engine.covariance.copy()
         error = np.zeros(p.shape[0])
         error[:3] = z[:3]
         p[:6, :] = p[:, :6] = 0.0
         p[:3, :3] = np.diag((3.0 * gps.position_sd[row]) ** 2)
-        if np.isfinite(z[3:]).all():
+        if np.isfinite(z[3:]).all() and gate.physical_velocity(gates, time, gps.v_n[row]) is None:
             error[3:6] = z[3:]
             p[3:6, 3:6] = np.diag((3.0 * gps.velocity_sd[row]) ** 2)
         else:
@@ -358,9 +396,10 @@ class Navigator:
         # whatever led here has probably spoilt the attitude as well
         p[6:9, 6:9] += np.diag(ATTITUDE_RESET_SD**2)
         if p.shape[0] > LASTING:
-            p[LASTING:, :] = p[:, LASTING:] = 0.0
             assert self._settings.correlated is not None
+            p[LASTING:, :] = p[:, LASTING:] = 0.0
             p[LASTING:, LASTING:] = np.diag(self._settings.correlated.sd**2)
+            _tie(p, self._settings.correlated.sd)
             self._lasting[:] = 0.0
         errorstate.feed_back(self._x, self._correction, error)
         self._engine.replace_covariance(p)
@@ -375,7 +414,15 @@ class Navigator:
                 "every position had been rejected",
             )
         )
-        self._last_good, self._rejected_since = time, np.nan
+        self._last_good = time
+        self._rejections.clear()
+
+
+def _tie(covariance: FloatArray, lasting_sd: FloatArray) -> None:
+    """Covariance of a position set to a fix with the part of its error that lasts: what one gains the other lacks."""
+    for i in range(3):
+        covariance[i, i] = max(covariance[i, i], 1.0001 * lasting_sd[i] ** 2)
+        covariance[i, LASTING + i] = covariance[LASTING + i, i] = -(lasting_sd[i] ** 2)
 
 
 def _rows(inc: Increments, every: float) -> int:

@@ -8,12 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from insnav import strapdown
-from insnav.alignment import align, motion
+from insnav.alignment import align, motion, rest_of
 from insnav.alignment.align import LEVEL_SPAN
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset
+from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.correlation import correlated_noise
 from insnav.filter.fixes import LAG_WORTH, velocity_lag, with_sd
+from insnav.filter.gates import Gates
 from insnav.filter.model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.navigator import FilterSettings, Navigator
 from insnav.imu.model import ImuSpec
@@ -21,6 +23,7 @@ from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuDa
 
 BLOCK = 1 << 16  # samples a call of the filter takes
 STILL_SD = 0.05  # velocity of a vehicle found at rest [m/s]
+LONGEST_HOLE = 10.0  # longest hole in the IMU record that is bridged [s]
 JITTER_WORTH = 1e-4  # smaller scatter of the time stamps is rounding [s]
 DELAY_SD = 0.05  # how well receivers and loggers agree on time if nothing else is known [s]
 
@@ -109,11 +112,14 @@ def navigate_recording(
 
     Raises
     ------
+    InputError
+        No fixes, a hole of more than ten seconds, an initial state outside the record.
     AlignmentError
         The data do not determine the attitude.
     DivergenceError
         The filter lost consistency.
     """
+    _check(imu, gps, start)
     gps, notes = with_sd(gps)
     lag, lag_sd = velocity_lag(gps)
     if abs(lag) > max(LAG_WORTH, 5.0 * lag_sd):
@@ -135,9 +141,10 @@ def navigate_recording(
     nominal = strapdown.nominal_interval(imu.time)
     on_time = replace(gps, time=gps.time - settings.delay)
     if start is None:
-        parts = strapdown.intervals(_first_part(imu, on_time), nominal)
-        alignment = align(parts, spec, on_time, static_span=static_span, heading=heading)
-        initial = _at_fix(alignment, on_time, model, settings)
+        good = _good(on_time, settings.gates)
+        parts = strapdown.intervals(_first_part(imu, good), nominal)
+        alignment = align(parts, spec, good, static_span=static_span, heading=heading)
+        initial = _at_fix(alignment, good, model, settings)
     else:
         alignment = _given(start)
         initial = initial_state(alignment, model, start.lla, start.v_n, start.position_sd, start.velocity_sd)
@@ -151,6 +158,65 @@ def navigate_recording(
     run = navigator.finish()
     events = (*run.events, *_outside(on_time, initial.time, float(imu.time[-1])))
     return Navigated(replace(run, events=events), gps, notes)
+
+
+def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:
+    """Refuse what cannot be navigated."""
+    nominal = strapdown.nominal_interval(imu.time)
+    if gps.time.shape[0] == 0:
+        raise InputError("there is no GPS fix", fix="give a file with fixes")
+    step = np.diff(imu.time)
+    longest = int(np.argmax(step))
+    if step[longest] > LONGEST_HOLE:
+        raise InputError(
+            f"the IMU record has a hole of {step[longest]:.1f} s",
+            where=f"after time {imu.time[longest]:.3f} s",
+            why=f"nothing tells how the vehicle turned; up to {LONGEST_HOLE:g} s are bridged",
+            fix="cut the file there and navigate the parts one by one",
+        )
+    if start is not None and not imu.time[0] - nominal <= start.time < imu.time[-1]:
+        raise InputError(
+            "the initial state lies outside the IMU record",
+            why=f"it is for {start.time:.3f} s, the samples run from {imu.time[0]:.3f} to {imu.time[-1]:.3f} s",
+            fix="give a state inside the record with --initial, or leave it out: insnav then aligns by itself",
+        )
+
+
+def _good(gps: GpsData, gates: Gates) -> GpsData:
+    """Fixes that the quality gate lets through; a start is made from no others."""
+    keep = gps.position_sd.max(axis=1) <= gates.max_sd
+    if gps.fix is not None:
+        keep &= gps.fix != 0
+    if not keep.any():
+        raise AlignmentError("no GPS fix is good enough to start from", fix="check fix types and standard deviations")
+    return GpsData(
+        gps.time[keep],
+        gps.lla[keep],
+        gps.v_n[keep],
+        gps.position_sd[keep],
+        gps.velocity_sd[keep],
+        None if gps.fix is None else gps.fix[keep],
+        None if gps.heading is None else gps.heading[keep],
+    )
+
+
+def first_rest(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
+    """First rest of a recording, by IMU and GPS.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Samples.
+    gps : GpsData
+        Fixes.
+
+    Returns
+    -------
+    tuple of float or None
+        Start and end [s].
+    """
+    gps = _good(with_sd(gps)[0], Gates())
+    return rest_of(strapdown.intervals(_first_part(imu, gps), strapdown.nominal_interval(imu.time)), gps)
 
 
 def _first_part(imu: ImuData, gps: GpsData) -> ImuData:
@@ -171,15 +237,17 @@ def _at_fix(alignment: Alignment, gps: GpsData, model: ErrorModel, settings: Fil
     horizontal = float(np.hypot(settings.lever_b[0], settings.lever_b[1]))
     position_sd = np.hypot(gps.position_sd[row], horizontal * min(float(alignment.sd[2]), 1.0))
     if alignment.static is not None:
-        return initial_state(alignment, model, lla, np.zeros(3), position_sd, np.full(3, STILL_SD))
+        return initial_state(alignment, model, lla, np.zeros(3), position_sd, np.full(3, STILL_SD), from_fix=True)
     if np.isfinite(gps.v_n[row]).all():
-        return initial_state(alignment, model, lla, gps.v_n[row], position_sd, np.hypot(gps.velocity_sd[row], 0.1))
+        return initial_state(
+            alignment, model, lla, gps.v_n[row], position_sd, np.hypot(gps.velocity_sd[row], 0.1), from_fix=True
+        )
     speed = motion.velocity(gps)
     near = np.argsort(np.abs(speed.time - alignment.time))[:3]
     v_n = speed.v_n[near].mean(axis=0)
     away = float(np.abs(speed.time[near].mean() - alignment.time))
     sd = np.hypot(np.median(speed.sd[near]), 2.0 * away)  # vehicles seldom accelerate faster than 2 m/s^2
-    return initial_state(alignment, model, lla, v_n, position_sd, np.full(3, sd))
+    return initial_state(alignment, model, lla, v_n, position_sd, np.full(3, sd), from_fix=True)
 
 
 def _given(start: Start) -> Alignment:

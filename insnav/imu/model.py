@@ -14,6 +14,7 @@ import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.types import FloatArray, ImuData
+from insnav.units import G0
 
 MAX_CONDITION = 1e6  # beyond it the inverse of the matrix would lose what sensors can resolve
 
@@ -56,6 +57,11 @@ class SensorSpec:
     scale_factor: FloatArray = field(default_factory=_zeros)
     misalignment: FloatArray = field(default_factory=_zeros)
     rate_random_walk: FloatArray = field(default_factory=_zeros)
+
+
+def level_bias(accel: SensorSpec) -> FloatArray:
+    """Turn-on bias of accelerometers that are about level: misaligned, they sense a part of gravity, (3,) [m/s^2]."""
+    return np.hypot(accel.bias, G0 * accel.misalignment)
 
 
 @dataclass(frozen=True, slots=True)

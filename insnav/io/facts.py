@@ -85,7 +85,11 @@ class ReadingFacts:
         """Give the facts in words, one a line."""
         dropped = self.n_rows - self.n_used
         rows = f"{self.n_used} rows" if not dropped else f"{self.n_used} of {self.n_rows} rows"
-        gaps = "no gaps" if not self.n_gaps else f"{self.n_gaps} gaps, the longest {self.longest_gap_s:.3g} s"
+        gaps = (
+            "no gaps"
+            if not self.n_gaps
+            else f"{self.n_gaps} gap{'s' * (self.n_gaps > 1)}, the longest {self.longest_gap_s:.3g} s"
+        )
         span = f"{self.end_s - self.start_s:.1f} s from {self.start_s:.3f} to {self.end_s:.3f}"
         columns = ", ".join(
             name if text.startswith(f"{name} [") else f"{name} = {text}" for name, text in self.columns.items()

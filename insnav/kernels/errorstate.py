@@ -282,9 +282,10 @@ def propagate(  # type: ignore[no-untyped-def]
     noise : (20,) array
         Spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors; then the squared
         misalignment of gyros and accelerometers times the length of a manoeuvre [rad^2 s].
-    hole_noise : (2,) array
+    hole_noise : (4,) array
         How fast rate [rad/s^2] and specific force [m/s^3] may change unseen: a straight line across a hole of length T
-        leaves an angle or velocity error of about that times T^2.
+        leaves an angle or velocity error of about that times T^2; and the most that is assumed of these errors, beyond
+        which a linear filter makes no sense [rad], [m/s].
     decay : (12,) array
         Inverse correlation times of the sensor errors [1/s].
     phi, q : (n, n) array
@@ -365,8 +366,8 @@ def propagate(  # type: ignore[no-untyped-def]
         motion[5] += share * ((x[5] - vd) / h - motion[5])
         if hole[k] > 0.0:
             for i in range(3):
-                q[3 + i, 3 + i] += hole_noise[1] ** 2 * hole[k] ** 3 * h
-                q[6 + i, 6 + i] += hole_noise[0] ** 2 * hole[k] ** 3 * h
+                q[3 + i, 3 + i] += min(hole_noise[1] * hole[k] ** 2, hole_noise[3]) ** 2 * h / hole[k]
+                q[6 + i, 6 + i] += min(hole_noise[0] * hole[k] ** 2, hole_noise[2]) ** 2 * h / hole[k]
         due = time[k] >= grid[0] - 1e-9
         full = span[0] >= limit[1] - 1e-9
         ends = due or full or sums[0] >= limit[0] - 1e-9 or (close and k == last - 1)

@@ -56,7 +56,13 @@ def compare(runs: Sequence[Path], reference: Trajectory, *, lever_b: FloatArray 
     InputError
         A folder without a solution, or no epoch that all runs and the reference share.
     """
-    errors = [position_errors(read_solution(run), reference, lever_b=lever_b) for run in runs]
+    errors = []
+    for run in runs:
+        try:
+            errors.append(position_errors(read_solution(run), reference, lever_b=lever_b))
+        except InputError as error:
+            error.where = error.where or plain_text(run)
+            raise
     shared = reduce(np.intersect1d, [each.time for each in errors])
     if len(shared) == 0:
         raise InputError(

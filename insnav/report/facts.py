@@ -17,13 +17,14 @@ from typing import Any
 
 import numpy as np
 
+from insnav import __version__
 from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_motion, nees
 from insnav.report.aiding import outages
 from insnav.report.motion import distance_and_time
 from insnav.types import Alignment, BoolArray, EventKind, FloatArray, Run, SensorErrors, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0, PPM
 
-_VERSIONS_OF = ("insnav", "numpy", "scipy", "numba", "filterpy", "pyarrow", "matplotlib")
+_VERSIONS_OF = ("numpy", "scipy", "numba", "filterpy", "pyarrow", "matplotlib")
 _REASONS = {
     EventKind.GATE_QUALITY: "quality",
     EventKind.GATE_PHYSICAL_POSITION: "physical limit, position",
@@ -112,7 +113,7 @@ def json_ready(value: Any) -> Any:
 
 
 def _versions() -> dict[str, str | None]:
-    found: dict[str, str | None] = {"python": platform.python_version()}
+    found: dict[str, str | None] = {"insnav": __version__, "python": platform.python_version()}
     for name in _VERSIONS_OF:
         try:
             found[name] = metadata.version(name)

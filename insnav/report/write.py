@@ -21,7 +21,7 @@ from insnav.io.write import (
     write_solution,
 )
 from insnav.report.facts import run_facts
-from insnav.types import EventKind, FloatArray
+from insnav.types import EventKind, FloatArray, Trajectory
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, G0, M_S_PER_SQRT_H, PPM
 
 
@@ -71,8 +71,11 @@ def write_run(
     reference = readings.get("reference")
     errors = None
     if reference is not None:
-        errors = position_errors(run.solution, reference.data, lever_b=reference_lever_b)
+        errors = position_errors(run.solution, _fixed(reference), lever_b=reference_lever_b)
     warnings = [*done.notes]
+    if reference is not None and len(_fixed(reference).time) < len(reference.data.time):
+        left = len(reference.data.time) - len(_fixed(reference).time)
+        warnings.append(f"accuracy counts reference epochs with fix = 1 only; {left} others are left out")
     diverged = [event for event in run.events if event.kind is EventKind.DIVERGED]
     if diverged:
         warnings.append(
@@ -101,6 +104,14 @@ def write_run(
         write_page(folder.path("report.html"), facts, figures, title=f"insnav run of {given['imu'].facts.path}")
     where = folder.commit(facts)
     return facts, where
+
+
+def _fixed(reference: Reading[Trajectory]) -> Trajectory:
+    """Reference epochs that are good enough to judge by: ambiguities fixed, where the file tells."""
+    if reference.fix is None or not (reference.fix == 1).any():
+        return reference.data
+    good, data = reference.fix == 1, reference.data
+    return Trajectory(data.time[good], data.lla[good], data.v_n[good], data.rph[good])
 
 
 def model_facts(spec: ImuSpec, how: str) -> dict[str, Any]:
