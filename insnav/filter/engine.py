@@ -6,6 +6,8 @@ a word. Nothing enters or leaves here unchecked.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from filterpy.kalman import KalmanFilter
 
@@ -100,7 +102,7 @@ class Engine:
         error: FloatArray = self._filter.x[:, 0]
         self._filter.x = self._zero
         repaired = self._check(time)
-        if not np.isfinite(error.sum()):
+        if not math.isfinite(math.fsum(error.tolist())):
             raise DivergenceError("the filter's state is not finite", where=f"time {time:.3f} s")
         return error, repaired
 

@@ -90,7 +90,7 @@ def system_matrix(x, f_n, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y):  # type: ignore[no-untyped-def]
+def _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y, ab):  # type: ignore[no-untyped-def]
     """Close a sub-step: second-order transition from the sums, folded into `phi` and `q`.
 
     The noise enters by the trapezoid rule, ``Q <- a (Q + q/2) a' + q/2``.
@@ -100,12 +100,15 @@ def _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y):  # type: ignore[n
     f_n = sums[1:4] * inv
     system_matrix(x, f_n, f)
     # a = I + F dt + (F dt)^2 / 2
+    # (all products row by row: the innermost loop runs along memory, and most of F is zero)
     for i in range(NAV):
         for j in range(NAV):
-            total = 0.0
-            for k in range(NAV):
-                total += f[i, k] * f[k, j]
-            a[i, j] = dt * f[i, j] + 0.5 * dt * dt * total
+            a[i, j] = dt * f[i, j]
+        for k in range(NAV):
+            share = 0.5 * dt * dt * f[i, k]
+            if share != 0.0:
+                for j in range(NAV):
+                    a[i, j] += share * f[k, j]
     # g dt: attitude by gyro errors, velocity by accelerometer errors (error = estimate - truth)
     for i in range(NAV):
         for j in range(SENSOR):
@@ -119,10 +122,12 @@ def _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y):  # type: ignore[n
     # b = (I + F dt / 2) g dt
     for i in range(6):
         for j in range(SENSOR):
-            total = 0.0
-            for k in range(3, NAV):
-                total += f[i, k] * b[k, j]
-            w[i, j] = 0.5 * dt * total
+            w[i, j] = 0.0
+        for k in range(3, NAV):
+            share = 0.5 * dt * f[i, k]
+            if share != 0.0:
+                for j in range(SENSOR):
+                    w[i, j] += share * b[k, j]
     for i in range(6):
         for j in range(SENSOR):
             b[i, j] += w[i, j]
@@ -152,17 +157,16 @@ def _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y):  # type: ignore[n
         q[3 + i, 3 + i] += pushing
         q[6 + i, 6 + i] += turning
     # transition
-    for j in range(STATES):
-        for i in range(NAV):
-            total = 0.0
-            if j < NAV:
-                for k in range(NAV):
-                    total += a[i, k] * phi[k, j]
-            else:
-                for k in range(NAV):
-                    total += a[i, k] * phi[k, j]
-                total += b[i, j - NAV] * phi[j, j]
-            w[i, j] = total
+    for i in range(NAV):
+        for j in range(STATES):
+            w[i, j] = 0.0
+        for k in range(NAV):
+            share = a[i, k]
+            if share != 0.0:
+                for j in range(STATES):
+                    w[i, j] += share * phi[k, j]
+        for k in range(SENSOR):
+            w[i, NAV + k] += b[i, k] * phi[NAV + k, NAV + k]
     for i in range(NAV):
         for j in range(STATES):
             phi[i, j] = w[i, j]
@@ -171,23 +175,30 @@ def _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y):  # type: ignore[n
     # noise: y = [a b] q, then q = y [a b]'
     for i in range(NAV):
         for j in range(STATES):
-            total = 0.0
-            for k in range(NAV):
-                total += a[i, k] * q[k, j]
-            y[i, j] = total
+            y[i, j] = 0.0
+        for k in range(NAV):
+            share = a[i, k]
+            if share != 0.0:
+                for j in range(STATES):
+                    y[i, j] += share * q[k, j]
         for k in range(SENSOR):
-            for j in range(NAV):
-                y[i, j] += b[i, k] * q[j, NAV + k]
-            y[i, NAV + k] += b[i, k] * q[NAV + k, NAV + k]
+            share = b[i, k]
+            if share != 0.0:
+                for j in range(NAV):
+                    y[i, j] += share * q[NAV + k, j]
+                y[i, NAV + k] += share * q[NAV + k, NAV + k]
     for i in range(NAV):
-        for j in range(i + 1):
-            total = 0.0
-            for k in range(NAV):
-                total += y[i, k] * a[j, k]
-            for k in range(SENSOR):
-                total += y[i, NAV + k] * b[j, k]
-            q[i, j] = total
-            q[j, i] = total
+        for j in range(NAV):
+            ab[j, i] = a[i, j]
+        for k in range(SENSOR):
+            ab[NAV + k, i] = b[i, k]
+    for i in range(NAV):
+        for j in range(NAV):
+            q[i, j] = 0.0
+        for k in range(STATES):
+            share = y[i, k]
+            for j in range(NAV):
+                q[i, j] += share * ab[k, j]
         for k in range(SENSOR):
             q[i, NAV + k] = y[i, NAV + k] * d[k]
             q[NAV + k, i] = q[i, NAV + k]
@@ -308,7 +319,7 @@ def propagate(  # type: ignore[no-untyped-def]
     rows : int
         Number of outputs written so far.
     """
-    f, a, b, d, w, y, c, row = work
+    f, a, b, d, w, y, c, row, ab = work
     ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
     ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
     for k in range(first, last):
@@ -377,7 +388,7 @@ def propagate(  # type: ignore[no-untyped-def]
                 correction[j] *= np.exp(-sums[0] * decay[j])
             ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
             ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
-            _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y)
+            _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y, ab)
         if wanted:
             out_time[rows] = time[k]
             for i in range(10):
@@ -405,6 +416,7 @@ def scratch(n: int) -> tuple[np.ndarray, ...]:
         np.zeros((NAV, STATES)),
         np.zeros(9),
         np.zeros((NAV, n)),
+        np.zeros((STATES, NAV)),
     )
 
 
