@@ -18,6 +18,7 @@ from insnav.kernels import mechanization as _mechanization
 from insnav.types import BoolArray, FloatArray, ImuData, Increments, IntArray, Trajectory
 
 TIME_TOLERANCE = 1e-6  # times closer than this are the same [s]
+LOST_WINDOW = 5  # steps on either side that are looked at to tell lost samples from jitter
 GAP = 1.5  # an interval this many times the nominal one has lost samples
 
 
@@ -56,7 +57,7 @@ def _weights(instant: bool) -> tuple[FloatArray, FloatArray]:
 
 
 def nominal_interval(time: FloatArray) -> float:
-    """Median spacing of the samples [s].
+    """Mean spacing of the samples where none is missing [s].
 
     Raises
     ------
@@ -69,22 +70,27 @@ def nominal_interval(time: FloatArray) -> float:
             why=f"{time.shape[0]} samples do not make an interval",
             fix="give a longer record",
         )
-    return float(np.median(np.diff(time[: 1 << 16])))
+    step = np.diff(time[: 1 << 16])
+    return float(
+        np.mean(step[step <= GAP * np.median(step)])
+    )  # the median of stamps in full milliseconds is one of them
 
 
-def _lost(step: FloatArray, nominal: float) -> BoolArray:
-    """Steps in which samples are missing: too long, and not made up for by a shorter one beside them as jitter is."""
-    before, after = np.full_like(step, np.inf), np.full_like(step, np.inf)
-    before[1:], after[:-1] = step[:-1], step[1:]
-    around = np.where(np.isinf(before), nominal, before) + step + np.where(np.isinf(after), nominal, after)
-    return np.asarray((step > GAP * nominal) & (around > (2.0 + GAP) * nominal))
+def _lost(time: FloatArray, nominal: float) -> BoolArray:
+    """Steps in which samples are missing: too long, and not made up for by shorter ones around as jitter is."""
+    n = time.shape[0]
+    k = np.arange(n - 1)
+    first, last = np.maximum(k - LOST_WINDOW, 0), np.minimum(k + LOST_WINDOW + 1, n - 1)
+    # up to 4 ms of jitter at 100 Hz moves the ends of the window by 0.8 of a step
+    around = time[last] - time[first] > (last - first + 0.85) * nominal
+    return np.asarray((np.diff(time) > GAP * nominal) & around)
 
 
 def _interval_ends(imu: ImuData, nominal: float) -> tuple[FloatArray, FloatArray]:
     """Start and end of each sample's interval [s], whatever end of it the file stamps."""
     t = imu.time
     step = np.diff(t)
-    hole = _lost(step, nominal)
+    hole = _lost(t, nominal)
     whole = np.where(hole, nominal, step)  # after a hole the interval is the nominal one
     if imu.sampling == "instant" or imu.stamp == "end":
         length = np.concatenate([[nominal], whole])
@@ -106,7 +112,7 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
     imu : ImuData
         Samples in any form.
     nominal : float, optional
-        Nominal sampling interval [s]; the median spacing by default.
+        Nominal sampling interval [s]; `nominal_interval` by default.
 
     Returns
     -------

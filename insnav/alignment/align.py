@@ -12,12 +12,14 @@ from insnav.exceptions import AlignmentError
 from insnav.imu.model import ImuSpec
 from insnav.strapdown import Intervals
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData
+from insnav.units import G0
 
 GYROCOMPASS_SD = np.deg2rad(15.0)  # gyros that leave the heading less certain do not gyrocompass
 SURE_SD = np.deg2rad(3.0)  # a gyrocompass as good as this needs no course beside it
 GIVEN_HEADING_SD = np.deg2rad(2.0)  # of a heading that the user gives
 STATIC_SPEED = 0.5  # GPS speed that is still rest [m/s]
 SOON = 10.0  # a rest that begins this soon after the start is the start [s]
+COURSE_TIME = 0.5  # a course in motion may be off by the turn in this time [s]
 LEVEL_SPAN = 20.0  # length of the level from GPS velocity change [s]
 
 
@@ -200,14 +202,24 @@ def _in_motion(
             why=f"only {end - begin:.1f} s of GPS velocity follow the start",
             fix="give an initial state with --initial FILE",
         )
-    rph, acceleration_sd = found
+    rph, level_sd = found
     bias = float(np.max(np.hypot(spec.accel.bias, spec.accel.bias_instability)))
     gyro = float(np.max(np.hypot(spec.gyro.bias, spec.gyro.bias_instability)))
     # gyro bias tilts the frame in which the specific force was averaged
-    tilt = float(np.sqrt((acceleration_sd / 9.8) ** 2 + (bias / 9.8) ** 2 + (0.5 * gyro * (end - begin)) ** 2))
+    tilt = float(np.sqrt(level_sd**2 + (bias / G0) ** 2 + (0.5 * gyro * (end - begin)) ** 2))
     near = np.abs(speed.time - begin) <= 2.0
     v = speed.v_n[near].mean(axis=0)
-    course_sd = float(np.hypot(motion.SLIP_SD, np.median(speed.sd[near]) / max(np.hypot(v[0], v[1]), 1e-9)))
+    rates, _ = static.rates(parts)
+    around = np.abs(parts.end - begin) <= 1.0
+    turning = float(np.max(np.abs(rates[around].mean(axis=0)))) if around.any() else 0.0
+    # in a turn the course is not that of one instant
+    course_sd = float(
+        np.sqrt(
+            motion.SLIP_SD**2
+            + (np.median(speed.sd[near]) / max(np.hypot(v[0], v[1]), 1e-9)) ** 2
+            + (turning * COURSE_TIME) ** 2
+        )
+    )
     method = "GPS course"
     if heading is not None:
         rph[2], course_sd, method = wrap_two_pi(heading), GIVEN_HEADING_SD, "given"

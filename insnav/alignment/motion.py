@@ -11,6 +11,7 @@ from insnav.earth import earth_rate_n, gravity_n, ned_offset
 from insnav.kernels.alignment import gyro_history
 from insnav.strapdown import Intervals
 from insnav.types import FloatArray, GpsData
+from insnav.units import G0
 
 SLOWEST = 2.0  # below this the course says nothing [m/s]
 SURELY = 3.0  # a spike of the positions looks like motion for less than this [s]
@@ -197,9 +198,23 @@ def level_in_motion(
     -------
     rph : (3,) array
         Roll, pitch, heading [rad].
-    acceleration_sd : float
-        Standard deviation of the mean acceleration that was used [m/s^2].
+    tilt_sd : float
+        Standard deviation of the level that the noise of the velocities and the difference between the whole span and
+        its first half leave [rad]; sensor errors come on top.
     """
+    whole = _level(parts, start, end, speed, lla)
+    half = _level(parts, start, 0.5 * (start + end), speed, lla)
+    if whole is None:
+        return None
+    rph, acceleration_sd = whole
+    apart = 0.0 if half is None else float(np.hypot(*(half[0] - rph)[:2]))
+    return rph, float(np.hypot(acceleration_sd / G0, apart))
+
+
+def _level(
+    parts: Intervals, start: float, end: float, speed: Velocity, lla: FloatArray
+) -> tuple[FloatArray, float] | None:
+    """Attitude from one span, and the standard deviation of the mean acceleration [m/s^2]."""
     near = max(1.5, 1.5 * float(np.median(np.diff(speed.time[:50]))))
     first = np.abs(speed.time - start) <= near
     last = np.abs(speed.time - end) <= near

@@ -49,21 +49,26 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
     inside[3:-2] = np.asarray(np.lib.stride_tricks.sliding_window_view(even, 5).all(axis=1), dtype=bool)
     if inside.sum() < 40:
         return 0.0, np.inf
-    t, v_n = t[inside], gps.v_n[usable][inside, :2]
+    v = gps.v_n[usable][:, :2]
+    change = np.zeros_like(v)
+    change[1:-1] = (v[2:] - v[:-2]) / (t[2:] - t[:-2])[:, None]
+    t, v, instrument = t[inside], v[inside], change[inside].ravel()
     lag, sd = 0.0, np.inf
     for _ in range(20):
-        # Gauss-Newton on the spline of velocity shifted by the lag found so far
+        # Gauss-Newton on the spline of velocity shifted by the lag found so far. Its acceleration is noisy, and that
+        # noise is in the difference too; the change of the measured velocity is free of it and stands in for it as
+        # instrumental variable (Soderstrom and Stoica, "System Identification", 1989, chapter 8).
         a = position(t - lag, 2).ravel()
-        d = (position(t - lag, 1) - v_n).ravel()
+        d = (position(t - lag, 1) - v).ravel()
         scale = 1.4826 * float(np.median(np.abs(d))) + 1e-9
         weight = 1.0 / (1.0 + (d / (3.0 * scale)) ** 2) ** 2
-        power = float(np.sum(weight * a * a))
+        power = float(np.sum(weight * instrument * a))
         if power < 1.0:
             return 0.0, np.inf
-        change = float(np.sum(weight * a * d)) / power
-        lag = float(np.clip(lag + change, -1.0, 1.0))
-        sd = scale / np.sqrt(power)
-        if abs(change) < 1e-5:
+        correction = float(np.sum(weight * instrument * d)) / power
+        lag = float(np.clip(lag + correction, -1.0, 1.0))
+        sd = scale * float(np.sqrt(np.sum(weight * instrument**2))) / power
+        if abs(correction) < 1e-5:
             break
     return lag, sd
 

@@ -39,12 +39,13 @@ POSITION = (EventKind.GATE_POSITION, EventKind.SOFT_POSITION)
 VELOCITY = (EventKind.GATE_VELOCITY, EventKind.SOFT_VELOCITY)
 SOFT = (EventKind.SOFT_POSITION, EventKind.SOFT_VELOCITY)
 LASTING = STATES + 1  # first of the states of a position error that lasts; the delay stands before them
-CONTEXT = 2 * LOOKAHEAD  # samples kept before the first unprocessed one
+MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # samples behind the newest that can be processed
+CONTEXT = 2 * MARGIN  # samples kept before the first unprocessed one
 SUBSTEP = 0.1  # longest sub-step of transition and noise [s]
 COAST = 1.0  # longest time between filter epochs [s]
 # unseen change of rate [rad/s^2] and specific force [m/s^3] in a hole, and the most assumed of it [rad], [m/s]
 HOLE_NOISE = np.array([0.1, 0.5, 0.3, 20.0])
-BROKEN = 3.0  # a longer time without a rejected fix ends a row of rejections [s]
+BROKEN = 3.0  # a longer time without a rejected fix ends a row of rejections, if fixes come more often [s]
 FEWEST_REJECTIONS = 5  # fixes that must have been rejected before a reset
 NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame is no use [rad]
 ATTITUDE_RESET_SD = np.deg2rad([1.0, 1.0, 5.0])  # added at a reset [rad]
@@ -131,10 +132,10 @@ class Navigator:
             covariance[LASTING:, LASTING:] = np.diag(lasting.sd**2)
         if start.from_fix and n > STATES:
             # the position is that of a fix: as far off as the vehicle went in the delay, and by what lasts of its error
-            covariance[:3, :3] += settings.delay_sd**2 * np.outer(start.v_n, start.v_n)
-            covariance[:3, STATES] = covariance[STATES, :3] = settings.delay_sd**2 * start.v_n
             if lasting is not None:
                 _tie(covariance, lasting.sd)
+            covariance[:3, :3] += settings.delay_sd**2 * np.outer(start.v_n, start.v_n)
+            covariance[:3, STATES] = covariance[STATES, :3] = settings.delay_sd**2 * start.v_n
         later = gps.time - settings.delay > start.time + strapdown.TIME_TOLERANCE
         self._gps = gps
         self._fix = np.flatnonzero(later)
@@ -156,6 +157,8 @@ class Navigator:
         self._start, self._done = start.time, -np.inf
         self._next = 0  # first fix not yet used
         self._last_good = start.time  # time of the last accepted position
+        often = float(np.median(np.diff(gps.time))) if gps.time.shape[0] > 1 else 1.0
+        self._broken = max(BROKEN, 2.5 * often)
         self._rejections: list[float] = []  # times of an unbroken row of rejected positions
         self._tail: ImuData | None = None
         self._record = Record(self._fix.shape[0])
@@ -179,7 +182,7 @@ class Navigator:
     def _advance(self, imu: ImuData | None, *, last: bool) -> None:
         buffer = _join(self._tail, imu)
         n = buffer.time.shape[0]
-        ready = n if last else n - LOOKAHEAD - 2
+        ready = n if last else n - MARGIN
         if ready < 2:
             self._tail = buffer
             return
@@ -376,7 +379,7 @@ class Navigator:
     def _consider_reset(self, time: float, row: int) -> None:
         """After a long unbroken row of rejected positions, start again from the fix, once, and say so."""
         gates, gps = self._settings.gates, self._gps
-        if self._rejections and time - self._rejections[-1] > BROKEN:
+        if self._rejections and time - self._rejections[-1] > self._broken:
             self._rejections.clear()
         self._rejections.append(time)
         if time - self._rejections[0] < gates.reset_after or len(self._rejections) < FEWEST_REJECTIONS:

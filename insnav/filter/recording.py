@@ -23,7 +23,7 @@ from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuDa
 
 BLOCK = 1 << 16  # samples a call of the filter takes
 STILL_SD = 0.05  # velocity of a vehicle found at rest [m/s]
-LONGEST_HOLE = 10.0  # longest hole in the IMU record that is bridged [s]
+LONGEST_HOLE = 3.0  # longest hole in the IMU record that is bridged [s]
 JITTER_WORTH = 1e-4  # smaller scatter of the time stamps is rounding [s]
 DELAY_SD = 0.05  # how well receivers and loggers agree on time if nothing else is known [s]
 
@@ -113,7 +113,7 @@ def navigate_recording(
     Raises
     ------
     InputError
-        No fixes, a hole of more than ten seconds, an initial state outside the record.
+        No fixes, a hole of more than three seconds, an initial state outside the record.
     AlignmentError
         The data do not determine the attitude.
     DivergenceError
@@ -174,7 +174,7 @@ def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:
             why=f"nothing tells how the vehicle turned; up to {LONGEST_HOLE:g} s are bridged",
             fix="cut the file there and navigate the parts one by one",
         )
-    if start is not None and not imu.time[0] - nominal <= start.time < imu.time[-1]:
+    if start is not None and not imu.time[0] - nominal - strapdown.TIME_TOLERANCE <= start.time < imu.time[-1]:
         raise InputError(
             "the initial state lies outside the IMU record",
             why=f"it is for {start.time:.3f} s, the samples run from {imu.time[0]:.3f} to {imu.time[-1]:.3f} s",

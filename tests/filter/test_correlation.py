@@ -1,0 +1,48 @@
+"""Errors of the fixes that last are found where they are, and nowhere else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insnav.filter.correlation import correlated_noise
+from insnav.simulate import GpsErrors, Profile, Segment, Vehicle, corrupt_gps, drive, gps_from_truth
+from insnav.types import GpsData
+from insnav.units import DEG
+from tests.filter import drives
+
+SEEDS = range(8)
+WHITE = GpsErrors((1.5, 1.5, 3.0))
+RTK = GpsErrors((0.02, 0.02, 0.03), velocity_noise=(0.03, 0.03, 0.05))
+
+
+def aircraft() -> GpsData:
+    """Half an hour at 200 m/s, with gentle turns."""
+    turns = (Segment(40.0, turn=60 * DEG), Segment(40.0, turn=-60 * DEG))
+    motion = drive(Profile((Segment(60.0, speed=200.0), *(turns * 22)), 0.3), drives.PLACE, Vehicle(), seed=1)
+    return gps_from_truth(motion, np.arange(1.0, motion.duration), np.zeros(3))
+
+
+@pytest.mark.parametrize("interval", [0.2, 0.5])
+def test_a_gauss_markov_error_is_found_with_its_share_and_time(interval):
+    gps = drives.perfect_gps(interval, laps=8)
+    errors = GpsErrors((0.5, 0.5, 1.0), (1.5, 1.5, 2.0), 20.0)
+    found = [correlated_noise(corrupt_gps(gps, errors, seed), 0.0) for seed in SEEDS]
+    assert None not in found
+    share, time = np.median([(each.share, each.time) for each in found if each], axis=0)
+    assert share == pytest.approx(0.9, abs=0.05)  # 1.5^2 of 1.5^2 + 0.5^2
+    assert time == pytest.approx(20.0, rel=0.4)
+    sd = np.median([each.sd for each in found if each], axis=0)
+    np.testing.assert_allclose(sd[:2], 1.5, rtol=0.05)
+
+
+@pytest.mark.parametrize("errors", [WHITE, RTK], ids=["white", "RTK"])
+@pytest.mark.parametrize("interval", [0.2, 1.0])
+def test_white_errors_do_not_last(interval, errors):
+    gps = drives.perfect_gps(interval, laps=4)
+    assert [correlated_noise(corrupt_gps(gps, errors, seed), 0.0) for seed in SEEDS] == [None] * len(SEEDS)
+
+
+def test_nor_do_those_of_an_aircraft():
+    gps = aircraft()
+    assert [correlated_noise(corrupt_gps(gps, WHITE, seed), 0.0) for seed in SEEDS] == [None] * len(SEEDS)

@@ -1,0 +1,174 @@
+"""What the filter lives through, as sure as it says; and what resets it or stops it, by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.earth import ned_offset
+from insnav.exceptions import DivergenceError
+from insnav.filter import FilterSettings
+from insnav.filter.engine import Engine
+from insnav.filter.recording import Start, navigate_recording
+from insnav.simulate import Profile, Segment, Truth, Vehicle, drive, gps_from_truth, imu_from_truth, reference
+from insnav.types import EventKind, GpsData, Run
+from insnav.units import DEG, DEG_PER_H
+from tests.filter import drives
+from tests.filter import test_gates as gates
+from tests.filter.test_gates import SPIKED, apart, kinds, moved, run_with
+
+recorded, untouched = gates.recorded, gates.untouched  # fixtures
+
+RESET = EventKind.RESET
+
+
+def only(gps: GpsData, keep: np.ndarray) -> GpsData:
+    return GpsData(*(getattr(gps, n)[keep] for n in ("time", "lla", "v_n", "position_sd", "velocity_sd")))
+
+
+# ---- resets
+
+
+def test_a_fix_that_admits_to_be_poor_does_not_lend_its_velocity(recorded, untouched):
+    def change(gps):
+        v, sd = gps.v_n.copy(), gps.position_sd.copy()
+        v[SPIKED], sd[SPIKED] = [1e4, -1e4, 3e3], 200.0
+        return replace(gps, v_n=v, position_sd=sd)
+
+    run = run_with(recorded, change)
+    assert kinds(run) == [EventKind.GATE_QUALITY, EventKind.GATE_PHYSICAL_VELOCITY]
+    assert apart(run, untouched).max() <= 0.5
+
+
+def test_a_receiver_without_a_fix_never_resets(recorded):
+    """For half a minute the position is frozen and the fix type 0: as if there were no fixes."""
+    tunnel = slice(SPIKED, SPIKED + 30)
+
+    def frozen(gps):
+        fix, lla = np.ones(gps.time.size, dtype=np.int64), gps.lla.copy()
+        fix[tunnel], lla[tunnel] = 0, lla[SPIKED]
+        return replace(gps, fix=fix, lla=lla)
+
+    run = run_with(recorded, frozen)
+    assert kinds(run) == [EventKind.GATE_QUALITY] * 30
+    absent = run_with(recorded, lambda gps: only(gps, ~np.isin(np.arange(gps.time.size), np.r_[tunnel])))
+    assert apart(run, absent).max() <= 0.01
+
+
+def test_two_spikes_with_a_gap_between_are_no_row(recorded):
+    def change(gps):
+        gps = moved(gps, [SPIKED, SPIKED + 20], [300.0, 0.0, 0.0])
+        gps = replace(gps, v_n=np.full_like(gps.v_n, np.nan))
+        return only(gps, ~np.isin(np.arange(gps.time.size), np.arange(SPIKED + 1, SPIKED + 20)))
+
+    run = run_with(recorded, change)
+    assert kinds(run) == [EventKind.GATE_POSITION] * 2
+
+
+def test_slow_fixes_reset_too(recorded):
+    """One fix in four seconds: a row of rejections is not broken by the pace of the receiver."""
+
+    def change(gps):
+        jumped = moved(gps, slice(SPIKED, None), [300.0, -400.0, 0.0])
+        return only(jumped, np.arange(gps.time.size) % 4 == 0)
+
+    assert kinds(run_with(recorded, change)).count(RESET) == 1
+
+
+@pytest.mark.parametrize("velocity", ["none", "false"])
+def test_a_permanent_jump_resets_once_whatever_the_velocities(recorded, velocity):
+    """Without velocities, and with 1 km/s right where the reset is due."""
+    jump = np.array([300.0, -400.0, 0.0])
+
+    def change(gps):
+        v = gps.v_n.copy()
+        if velocity == "none":
+            v[:] = np.nan
+        else:
+            v[SPIKED + 9 : SPIKED + 13] += 1e3
+        return moved(replace(gps, v_n=v), slice(SPIKED, None), jump)
+
+    run = run_with(recorded, change)
+    (reset,) = (event for event in run.events if event.kind is RESET)
+    assert reset.value == pytest.approx(500.0, abs=10.0)
+    true = reference(drives.truth(3), run.solution.time)
+    later = run.solution.time > reset.time
+    assert np.abs(run.solution.v_n - true.v_n)[later].max() < 12.0
+    error = ned_offset(run.solution.lla, true.lla) - jump
+    assert (np.abs(error) <= 4.0 * run.solution.sd[:, :3])[later].all()
+
+
+# ---- holes and poles
+
+
+@pytest.mark.parametrize(
+    ("begin", "length"),
+    [*((time, length) for time in (1083.0, 1092.0, 1100.0, 1117.0) for length in (1.0, 2.0, 3.0)), (1130.0, 10.0)],
+)
+def test_a_hole_is_bridged_as_surely_as_it_says(begin, length):
+    """In bends, on the straight, and the longest at rest."""
+    ratios = []
+    true = drives.truth(3)
+    for seed in range(4):
+        rng = np.random.default_rng([9, seed])
+        imu = drives.noisy_imu(drives.perfect_imu(laps=3), drives.MODEL, rng)
+        keep = (imu.time <= begin) | (imu.time > begin + length - 1e-3)
+        imu = replace(imu, time=imu.time[keep], gyro=imu.gyro[keep], accel=imu.accel[keep])
+        gps = drives.noisy_gps(drives.perfect_gps(laps=3), rng)
+        run = drives.navigate(imu, gps, drives.begin(drives.MODEL, rng, laps=3), drives.MODEL)
+        late = run.solution.time > begin - 1.0
+        at = reference(true, run.solution.time[late])
+        turned = (run.solution.rph[late] - at.rph + np.pi) % (2 * np.pi) - np.pi
+        error = np.column_stack([ned_offset(run.solution.lla[late], at.lla), run.solution.v_n[late] - at.v_n, turned])
+        ratios.append(np.abs(error) / run.solution.sd[late])
+        assert RESET not in kinds(run)
+        assert run.solution.sd[:, 8].max() < 1.0  # not so unsure that a linear filter makes no sense
+    print(f"inside 3 sd: {np.mean(np.array(ratios) <= 3.0):.3f}, largest {np.max(ratios):.1f} sd")
+    assert np.mean(np.array(ratios) <= 3.0) >= 0.98
+    assert np.max(ratios) < 6.0
+
+
+def driven_at(lat_deg: float) -> tuple[Run, Truth]:
+    lap = (Segment(10.0, speed=20.0), Segment(20.0), Segment(10.0, turn=90 * DEG), Segment(20.0))
+    motion = drive(Profile(lap), np.array([lat_deg * DEG, 1.0, 100.0]), Vehicle(), seed=2)
+    imu = imu_from_truth(motion, np.arange(round(motion.duration * 50.0) + 1) / 50.0)
+    gps = gps_from_truth(motion, np.arange(1.0, motion.duration), drives.LEVER_B)
+    n = gps.time.size
+    gps = replace(gps, position_sd=np.full((n, 3), 0.5), velocity_sd=np.full((n, 3), 0.1))
+    at = motion.evaluate(imu.time[:1])
+    start = Start(imu.time[0], at.lla[0], at.v_n[0], at.rph[0], np.full(3, 0.5), np.full(3, 0.1), np.full(3, 0.3 * DEG))
+    settings = FilterSettings(lever_b=drives.LEVER_B)
+    return navigate_recording(imu, gps, drives.SPEC, settings, start=start).run, motion
+
+
+@pytest.mark.parametrize("lat_deg", [89.9, -89.9])
+def test_ten_kilometres_from_a_pole_are_navigated(lat_deg):
+    run, motion = driven_at(lat_deg)
+    assert run.events == ()
+    error = ned_offset(run.solution.lla, reference(motion, run.solution.time).lla)
+    assert np.abs(error).max() < 0.1  # perfect sensors and fixes
+
+
+def test_a_track_across_a_pole_ends_by_name():
+    with pytest.raises(DivergenceError, match="pole") as caught:
+        driven_at(89.987)
+    assert caught.value.exit_code == 1
+    assert caught.value.where.startswith("time ")
+
+
+# ---- repairs
+
+
+def test_a_repair_leaves_small_variances_alone():
+    """A gyro bias of 0.01 deg/h beside a position of 100 m: ratio 4e30 of the variances."""
+    sd = np.concatenate([np.full(3, 100.0), np.ones(6), np.full(3, 0.01 * DEG_PER_H), np.full(3, 1e-4), np.zeros(6)])
+    p = np.diag(sd**2)
+    p[3, 3] = -1e-6
+    engine = Engine(p)
+    assert engine.predict(np.eye(21), np.zeros((21, 21)), 0.0) is True
+    assert engine.covariance[3, 3] >= 0.0
+    np.testing.assert_allclose(np.delete(np.diag(engine.covariance), 3), np.delete(sd**2, 3), rtol=1e-9)
+    np.testing.assert_array_equal(engine.covariance[15:], 0.0)  # 15 states: no scale factors
+    np.testing.assert_array_equal(engine.covariance[:, 15:], 0.0)

@@ -1,0 +1,144 @@
+"""The start knows what it was made of: a fix, its lasting error, its clock; and refuses what holds no start."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.attitude import dcm_from_rph
+from insnav.earth import lla_offset, ned_offset
+from insnav.exceptions import InputError
+from insnav.filter import FilterSettings, initial_state
+from insnav.filter.correlation import CorrelatedNoise
+from insnav.filter.recording import DELAY_SD, Start, navigate_recording
+from insnav.simulate import GpsErrors, corrupt_gps, reference
+from insnav.types import EventKind, GpsData, ImuData, Run
+from insnav.units import DEG
+from tests.filter import drives
+
+SEEDS = range(60)
+ERRORS = GpsErrors((0.3, 0.3, 0.5), (2.0, 2.0, 3.0), 60.0)
+LASTING = CorrelatedNoise(4.0 / 4.09, 60.0, np.array([2.0, 2.0, 3.0]))
+RTK = GpsErrors((0.02, 0.02, 0.03), velocity_noise=(0.03, 0.03, 0.05))
+JUMP = np.array([300.0, 400.0, 0.0])
+SETTINGS = FilterSettings(lever_b=drives.LEVER_B, output_interval=1.0)
+
+
+def from_first_fix(seed: int, jump_after: float = np.inf) -> Run:
+    """Start from the first fix, whose error lasts for a minute; with the positions moved for good after a while."""
+    motion, rng = drives.truth(2), np.random.default_rng([5, seed])
+    gps = corrupt_gps(drives.perfect_gps(laps=2), ERRORS, seed)
+    gps = replace(gps, lla=np.where(gps.time[:, None] > jump_after, lla_offset(gps.lla, JUMP), gps.lla))
+    alignment = replace(drives.begin(drives.MODEL, rng, laps=2).alignment, time=gps.time[0])
+    error = alignment.rph - motion.evaluate(np.array([motion.start])).rph[0]
+    alignment = replace(alignment, rph=motion.evaluate(gps.time[:1]).rph[0] + error)
+    lla = lla_offset(gps.lla[0], -dcm_from_rph(alignment.rph) @ drives.LEVER_B)
+    state = initial_state(
+        alignment, drives.MODEL, lla, gps.v_n[0], gps.position_sd[0], gps.velocity_sd[0], from_fix=True
+    )
+    imu = drives.noisy_imu(drives.perfect_imu(laps=2), drives.MODEL, rng)
+    return drives.navigate(imu, gps, drives.Begin(state, alignment), drives.MODEL, correlated=LASTING)
+
+
+def position_nees(run: Run, offset: np.ndarray | float = 0.0) -> np.ndarray:
+    """By its expectation, at every fix."""
+    error = ned_offset(run.epochs.lla, reference(drives.truth(2), run.epochs.time).lla) - offset
+    p = run.epochs.covariance[:, :3, :3]
+    return np.einsum("ni,ni->n", error, np.linalg.solve(p, error[..., None])[..., 0]) / 3.0
+
+
+def test_the_position_of_a_start_is_as_good_as_a_fix_and_no_better():
+    nees = np.mean([position_nees(from_first_fix(seed)) for seed in SEEDS], axis=0)
+    print("position NEES/3 after 1, 5, 20, 60 fixes:", nees[[0, 4, 19, 59]].round(2))
+    # 180 numbers, alike at all epochs: one sd of scatter is 0.1
+    assert (nees[:60] > 0.65).all()
+    assert (nees[:60] < 1.35).all()
+
+
+def test_so_is_that_of_a_reset():
+    nees = []
+    for seed in SEEDS:
+        run = from_first_fix(seed, 1030.5)
+        later = run.epochs.time > 1041.5
+        nees.append(position_nees(run, JUMP)[later])
+    mean = np.mean(nees, axis=0)
+    print("position NEES/3 after a reset:", mean[[0, 4, 19]].round(2))
+    assert (mean[:30] > 0.7).all()
+    assert (mean[:30] < 1.3).all()
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_a_clock_offset_is_found_from_a_start_in_motion(velocity):
+    ratios = []
+    for seed in range(6):
+        rng = np.random.default_rng([6, seed])
+        gps = corrupt_gps(drives.perfect_gps(laps=3), RTK, seed)
+        imu = after(drives.noisy_imu(drives.perfect_imu(laps=3), drives.MODEL, rng), 1019.5)
+        gps = replace(gps, time=gps.time + 0.05, v_n=gps.v_n if velocity else gps.v_n * np.nan)
+        run = navigate_recording(imu, gps, drives.SPEC, replace(SETTINGS, delay_sd=DELAY_SD)).run
+        assert run.alignment.static is None
+        ratios.append((run.gps_delay - 0.05) / run.gps_delay_sd)
+        assert run.gps_delay_sd < 0.01
+        assert EventKind.RESET not in [event.kind for event in run.events]
+    print("clock offset, error / sd:", np.round(ratios, 1))
+    assert np.abs(ratios).max() < 3.0
+
+
+def after(imu: ImuData, time: float) -> ImuData:
+    late = imu.time > time
+    return replace(imu, time=imu.time[late], gyro=imu.gyro[late], accel=imu.accel[late])
+
+
+# ---- what cannot be navigated
+
+
+def start_at(time: float) -> Start:
+    at = drives.truth(1).evaluate(np.array([1010.0]))
+    return Start(time, at.lla[0], at.v_n[0], at.rph[0], np.full(3, 0.1), np.full(3, 0.05), np.full(3, 0.2 * DEG))
+
+
+def refused(imu: ImuData, start: Start | None = None, gps: GpsData | None = None, **options) -> InputError:
+    gps = gps or drives.perfect_gps(laps=1)
+    with pytest.raises(InputError) as caught:
+        navigate_recording(imu, gps, drives.SPEC, SETTINGS, start=start, **options)
+    assert caught.value.exit_code == 3
+    assert caught.value.why
+    assert caught.value.fix
+    return caught.value
+
+
+@pytest.mark.parametrize("rate", [50, 100, 200, 400])
+def test_a_start_at_the_beginning_of_the_first_interval_is_inside(rate):
+    """The rounding of a mean spacing must not push it out."""
+    time = np.arange(1, 20 * rate + 1) / rate
+    imu = ImuData(time, np.zeros((time.size, 3)), np.tile([0.0, 0.0, -9.8], (time.size, 1)))
+    run = navigate_recording(imu, drives.perfect_gps(laps=1), drives.SPEC, SETTINGS, start=start_at(0.0)).run
+    assert run.solution.time[0] <= 0.2
+
+
+@pytest.mark.parametrize("time", [0.0, 999.9, 1075.0, 1e6])
+def test_an_initial_state_outside_the_record_is_refused(time):
+    error = refused(drives.perfect_imu(laps=1), start_at(time))
+    assert "outside the IMU record" in error.what
+    assert f"{time:.3f}" in error.why
+
+
+def test_a_record_that_ends_at_its_start_is_refused():
+    imu = drives.perfect_imu(laps=1)
+    assert "no sample lies after" in refused(imu, start_at(imu.time[-1] - 5e-7)).what
+    gps = drives.perfect_gps(laps=1)
+    rows = (getattr(gps, name)[-1:] for name in ("lla", "v_n", "position_sd", "velocity_sd"))
+    last = GpsData(imu.time[-1:], *rows)
+    error = refused(imu, gps=last, heading=0.4, static_span=(imu.time[-1] - 5.0, imu.time[-1]))
+    assert "no sample lies after" in error.what
+
+
+def test_a_hole_that_is_too_long_is_refused_with_its_time():
+    imu = drives.perfect_imu(laps=1)
+    keep = (imu.time <= 1030.0) | (imu.time > 1040.05)
+    cut = replace(imu, time=imu.time[keep], gyro=imu.gyro[keep], accel=imu.accel[keep])
+    error = refused(cut, start_at(1010.0))
+    assert "hole of 10.1 s" in error.what
+    assert "1030.000" in error.where
