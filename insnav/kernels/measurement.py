@@ -159,11 +159,20 @@ def assess(  # type: ignore[no-untyped-def]
             r[i, 3 + j] = r[3 + i, j] = 0.0
         r[i, i] += (1.0 - share) * position_sd[i] ** 2
         r[3 + i, 3 + i] += velocity_sd[i] ** 2 if velocity_sd[i] > 0.0 else 1.0
-    ph = np.dot(p, h.T)
-    hph = np.dot(h, ph)
+    n = p.shape[0]
+    hp = np.zeros((6, n))  # most of h is zero
+    for i in range(6):
+        for k in range(n):
+            share = h[i, k]
+            if share != 0.0:
+                for j in range(n):
+                    hp[i, j] += share * p[k, j]
     for i in range(6):
         for j in range(6):
-            s[i, j] = hph[i, j] + r[i, j]
+            total = r[i, j]
+            for k in range(n):
+                total += hp[i, k] * h[j, k]
+            s[i, j] = total
         sd[i] = np.sqrt(s[i, i]) if np.isfinite(z[i]) else np.nan
     distance = np.sqrt(z[0] ** 2 + z[1] ** 2 + z[2] ** 2)
     change = np.sqrt(z[3] ** 2 + z[4] ** 2 + z[5] ** 2)
