@@ -2,7 +2,8 @@
 
 from insnav.filter.gates import Gates
 from insnav.filter.model import ErrorModel, InitialState, error_model, initial_state
-from insnav.filter.navigator import FilterSettings, Navigator
+from insnav.filter.navigator import Navigator
+from insnav.filter.settings import FilterSettings
 
 __all__ = [
     "ErrorModel",

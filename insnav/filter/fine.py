@@ -11,7 +11,8 @@ from insnav.alignment import align_static
 from insnav.alignment.static import latitude_from_sensors, summarize
 from insnav.exceptions import AlignmentError
 from insnav.filter.model import error_model, initial_state
-from insnav.filter.navigator import FilterSettings, Navigator
+from insnav.filter.navigator import Navigator
+from insnav.filter.settings import FilterSettings
 from insnav.imu.model import ImuSpec
 from insnav.types import Alignment, FloatArray, GpsData, ImuData
 

@@ -7,19 +7,16 @@ Post-processing feeds one recording in blocks; a live system could feed samples 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 
 from insnav import strapdown
 from insnav.attitude import quat_from_rph
 from insnav.exceptions import DivergenceError
 from insnav.filter import gates as gate
-from insnav.filter.correlation import CorrelatedNoise
 from insnav.filter.engine import Engine
-from insnav.filter.gates import Gates
 from insnav.filter.model import ErrorModel, InitialState
 from insnav.filter.record import Record
+from insnav.filter.settings import FilterSettings
 from insnav.kernels import errorstate
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.increments import LOOKAHEAD
@@ -50,42 +47,6 @@ FEWEST_REJECTIONS = 5  # fixes that must have been rejected before a reset
 NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame is no use [rad]
 ATTITUDE_RESET_SD = np.deg2rad([1.0, 1.0, 5.0])  # added at a reset [rad]
 VELOCITY_RESET_SD = 5.0  # velocity of a reset by fixes without velocity [m/s]
-
-
-@dataclass(frozen=True, slots=True)
-class FilterSettings:
-    """What a user may want to choose about the filter.
-
-    Attributes
-    ----------
-    lever_b : (3,) array
-        Antenna seen from the IMU, body axes [m].
-    delay : float
-        How much older the fixes are than their stamps [s]; the first guess if `delay_sd` is positive.
-    delay_sd : float
-        How uncertain that is [s]; positive: estimated as a 22nd state, and the solution is put into the time of the
-        fixes, since it cannot be told which of the two clocks is off.
-    velocity_lag : float
-        How much older than its position the velocity of a fix is [s]; see `insnav.filter.fixes.velocity_lag`.
-    jitter : float
-        Standard deviation of the time stamps of samples against fixes [s]; what it makes of speed and acceleration is
-        added to the noise of every fix.
-    correlated : CorrelatedNoise or None
-        Part of the position error that lasts; three more states.
-    output_interval : float
-        Time between rows of the solution [s]; 0 for every sample.
-    gates : Gates
-        Limits of the gates.
-    """
-
-    lever_b: FloatArray = field(default_factory=lambda: np.zeros(3))
-    delay: float = 0.0
-    delay_sd: float = 0.0
-    velocity_lag: float = 0.0
-    jitter: float = 0.0
-    correlated: CorrelatedNoise | None = None
-    output_interval: float = 0.1
-    gates: Gates = field(default_factory=Gates)
 
 
 class Navigator:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.filter.settings import FilterSettings
 from insnav.kernels.errorstate import STATES, move_along
 from insnav.kernels.output import solution
 from insnav.types import (
@@ -22,9 +22,6 @@ from insnav.types import (
     SensorErrors,
     Trajectory,
 )
-
-if TYPE_CHECKING:
-    from insnav.filter.navigator import FilterSettings
 
 CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long [s]
 # Mean NIS, by its expectation, beyond which the filter has diverged. A mean far below one is no divergence: at rest,

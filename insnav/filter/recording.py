@@ -17,7 +17,8 @@ from insnav.filter.correlation import correlated_noise
 from insnav.filter.fixes import LAG_WORTH, velocity_lag, with_sd
 from insnav.filter.gates import Gates
 from insnav.filter.model import ErrorModel, InitialState, error_model, initial_state
-from insnav.filter.navigator import FilterSettings, Navigator
+from insnav.filter.navigator import Navigator
+from insnav.filter.settings import FilterSettings
 from insnav.imu.model import ImuSpec
 from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData, Run
 
@@ -132,7 +133,7 @@ def navigate_recording(
             f"GPS position errors last: {100 * lasting.share:.0f} % of their variance has a correlation time of about "
             f"{lasting.time:.0f} s, by positions and velocities; estimated as states",
         )
-    step = np.diff(imu.time)
+    step = np.diff(imu.time[: 1 << 16])
     jitter = float(np.std(step[step < strapdown.GAP * np.median(step)]))
     if jitter > JITTER_WORTH:
         settings = replace(settings, jitter=jitter)

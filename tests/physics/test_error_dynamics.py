@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from insnav.attitude import dcm_from_rph, quat_from_rph
-from insnav.kernels import errorstate
+from insnav.kernels import dynamics, errorstate
 from tests.physics import equations as eq
 
 # size of one typical error: position, velocity, attitude, gyro bias, accelerometer bias, scale factors
@@ -51,7 +51,7 @@ def test_system_matrix_is_the_derivative(name):
         error[j] = 0.1 * SIZE[j]
         numerical[:, j] = (rate_of_error(x, error) - rate_of_error(x, -error)) / (2 * error[j])
     found = np.empty((9, 9))
-    errorstate.system_matrix(kernel_x, x.c @ FORCE, found)
+    dynamics.system_matrix(kernel_x, x.c @ FORCE, found)
     # every element as the growth in 1 s of one typical error by another
     difference = np.abs(found - numerical) * SIZE[:9] / SIZE[:9, None]
     wanted = np.abs(numerical) * SIZE[:9] / SIZE[:9, None]
@@ -163,7 +163,7 @@ def test_accumulated_transition_and_noise_are_those_of_a_constant_system():
 
     f = np.zeros((21, 21))
     f9 = np.empty((9, 9))
-    errorstate.system_matrix(kernel_x, c @ force, f9)
+    dynamics.system_matrix(kernel_x, c @ force, f9)
     f[:9, :9] = f9
     f[6:9, 9:12], f[6:9, 15:18] = c, c * rate
     f[3:6, 12:15], f[3:6, 18:21] = -c, -c * force

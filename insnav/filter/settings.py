@@ -1,0 +1,47 @@
+"""What a user may want to choose about the filter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from insnav.filter.correlation import CorrelatedNoise
+from insnav.filter.gates import Gates
+from insnav.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class FilterSettings:
+    """What a user may want to choose about the filter.
+
+    Attributes
+    ----------
+    lever_b : (3,) array
+        Antenna seen from the IMU, body axes [m].
+    delay : float
+        How much older the fixes are than their stamps [s]; the first guess if `delay_sd` is positive.
+    delay_sd : float
+        How uncertain that is [s]; positive: estimated as a 22nd state, and the solution is put into the time of the
+        fixes, since it cannot be told which of the two clocks is off.
+    velocity_lag : float
+        How much older than its position the velocity of a fix is [s]; see `insnav.filter.fixes.velocity_lag`.
+    jitter : float
+        Standard deviation of the time stamps of samples against fixes [s]; what it makes of speed and acceleration is
+        added to the noise of every fix.
+    correlated : CorrelatedNoise or None
+        Part of the position error that lasts; three more states.
+    output_interval : float
+        Time between rows of the solution [s]; 0 for every sample.
+    gates : Gates
+        Limits of the gates.
+    """
+
+    lever_b: FloatArray = field(default_factory=lambda: np.zeros(3))
+    delay: float = 0.0
+    delay_sd: float = 0.0
+    velocity_lag: float = 0.0
+    jitter: float = 0.0
+    correlated: CorrelatedNoise | None = None
+    output_interval: float = 0.1
+    gates: Gates = field(default_factory=Gates)
