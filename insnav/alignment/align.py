@@ -9,7 +9,7 @@ import numpy as np
 from insnav.alignment import motion, static
 from insnav.attitude import wrap_two_pi
 from insnav.exceptions import AlignmentError
-from insnav.imu.model import ImuSpec
+from insnav.imu.model import ImuSpec, level_bias
 from insnav.strapdown import Intervals
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData
 from insnav.units import G0
@@ -202,11 +202,9 @@ def _in_motion(
             why=f"only {end - begin:.1f} s of GPS velocity follow the start",
             fix="give an initial state with --initial FILE",
         )
-    rph, level_sd = found
-    bias = float(np.max(np.hypot(spec.accel.bias, spec.accel.bias_instability)))
+    rph, level_sd, acceleration = found
+    bias = float(np.max(np.hypot(level_bias(spec.accel), spec.accel.bias_instability)))
     gyro = float(np.max(np.hypot(spec.gyro.bias, spec.gyro.bias_instability)))
-    # gyro bias tilts the frame in which the specific force was averaged
-    tilt = float(np.sqrt(level_sd**2 + (bias / G0) ** 2 + (0.5 * gyro * (end - begin)) ** 2))
     near = np.abs(speed.time - begin) <= 2.0
     v = speed.v_n[near].mean(axis=0)
     rates, _ = static.rates(parts)
@@ -223,9 +221,14 @@ def _in_motion(
     method = "GPS course"
     if heading is not None:
         rph[2], course_sd, method = wrap_two_pi(heading), GIVEN_HEADING_SD, "given"
-    fix_after = begin
+    # gyro bias tilts the frame in which the specific force was averaged; a wrong heading turns the acceleration
+    tilt = float(
+        np.sqrt(
+            level_sd**2 + (bias / G0) ** 2 + (0.5 * gyro * (end - begin)) ** 2 + (acceleration / G0 * course_sd) ** 2
+        )
+    )
     return Alignment(
-        fix_after,
+        begin,
         np.array([rph[0], rph[1], wrap_two_pi(rph[2])]),
         np.array([tilt, tilt, course_sd]),
         np.zeros(3),

@@ -176,7 +176,7 @@ def course_heading(track: History, speed: Velocity, moving: float, drift_sd: flo
 
 def level_in_motion(
     parts: Intervals, start: float, end: float, speed: Velocity, lla: FloatArray
-) -> tuple[FloatArray, float] | None:
+) -> tuple[FloatArray, float, float] | None:
     """Attitude at `start` of a vehicle in motion: heading from its course, level from GPS velocity change.
 
     The mean specific force between the two ends, carried to the navigation frame by the gyros, must be the mean
@@ -200,21 +200,23 @@ def level_in_motion(
         Roll, pitch, heading [rad].
     tilt_sd : float
         Standard deviation of the level that the noise of the velocities and the difference between the whole span and
-        its first half leave [rad]; sensor errors come on top.
+        its first half leave [rad]; errors of the sensors and of the heading come on top.
+    acceleration : float
+        Mean acceleration in the span, which a wrong heading turns into a wrong level [m/s^2].
     """
     whole = _level(parts, start, end, speed, lla)
     half = _level(parts, start, 0.5 * (start + end), speed, lla)
     if whole is None:
         return None
-    rph, acceleration_sd = whole
+    rph, acceleration_sd, acceleration = whole
     apart = 0.0 if half is None else float(np.hypot(*(half[0] - rph)[:2]))
-    return rph, float(np.hypot(acceleration_sd / G0, apart))
+    return rph, float(np.hypot(acceleration_sd / G0, apart)), acceleration
 
 
 def _level(
     parts: Intervals, start: float, end: float, speed: Velocity, lla: FloatArray
-) -> tuple[FloatArray, float] | None:
-    """Attitude from one span, and the standard deviation of the mean acceleration [m/s^2]."""
+) -> tuple[FloatArray, float, float] | None:
+    """Attitude from one span, and the standard deviation and size of the mean acceleration [m/s^2]."""
     near = max(1.5, 1.5 * float(np.median(np.diff(speed.time[:50]))))
     first = np.abs(speed.time - start) <= near
     last = np.abs(speed.time - end) <= near
@@ -223,25 +225,28 @@ def _level(
     t0, v0 = speed.time[first].mean(), speed.v_n[first].mean(axis=0)
     t1, v1 = speed.time[last].mean(), speed.v_n[last].mean(axis=0)
     slope = (v1 - v0) / (t1 - t0)
-    heading = float(np.arctan2(v0[1], v0[0]))
+    heading = course = float(np.arctan2(v0[1], v0[0]))
     g = gravity_n(lla[0], lla[2])
     wanted = slope - g
     rph = np.array([0.0, 0.0, heading])
     for _ in range(8):
         track = history(parts, start, end, rph, np.zeros(3), lla[0])
+        # the course is that of t0, and gyros tell the turn since the start
+        turned = track.heading(np.array([t0])) - track.heading(np.array([start]))
+        heading = course - float(wrap_pi(turned)[0])
         ends = track.integral(np.array([max(t0, track.time[0]), min(t1, track.time[-1])]))
         mean = (ends[1] - ends[0]) / (t1 - t0)
         turn = np.cross(mean, wanted)
         length = float(np.linalg.norm(turn))
         angle = np.arctan2(length, mean @ wanted)
-        if angle < 1e-7 or length == 0.0:
+        if length == 0.0 or (angle < 1e-7 and abs(float(wrap_pi(rph[2] - heading))) < 1e-7):
             break
         axis = turn / length * angle
         c = _rotation(axis) @ dcm_from_rph(rph)
         rph = rph_from_quat(quat_from_dcm(c))
         rph[2] = heading  # the level correction is not to move the heading
     noise = np.sqrt(np.median(speed.sd[first]) ** 2 / first.sum() + np.median(speed.sd[last]) ** 2 / last.sum())
-    return rph, float(noise / (t1 - t0))
+    return rph, float(noise / (t1 - t0)), float(np.hypot(slope[0], slope[1]))
 
 
 def _rotation(axis: FloatArray) -> FloatArray:

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from insnav.alignment import align_static
+from insnav.attitude import wrap_pi
 from insnav.earth import lla_offset
 from insnav.exceptions import AlignmentError
 from insnav.filter import FilterSettings
 from insnav.filter.fine import fine_alignment
 from insnav.filter.recording import Navigated, navigate_recording
-from insnav.simulate import corrupt_gps, corrupt_imu, gps_from_truth, straight
+from insnav.simulate import corrupt_gps, corrupt_imu, gps_from_truth, reference, straight
 from insnav.strapdown import intervals
 from insnav.types import Alignment, EventKind, GpsData
 from tests.alignment.test_alignment import (
@@ -29,6 +30,7 @@ from tests.alignment.test_alignment import (
     since,
     started,
 )
+from tests.filter import drives
 
 LONG = np.array([0.0, 100.0, 0.0])  # of a spike [m]
 
@@ -125,3 +127,22 @@ def test_a_very_short_rest_is_aligned_or_refused(length):
     best = found.fine or found.coarse
     assert (np.abs(error(best, truth)) <= 4.0 * best.sd).all()
     assert (found.fine is None) == (length < 2.0)
+
+
+@pytest.mark.parametrize("begin", [1002.0, 1009.0, 1015.0, 1030.0])
+def test_a_start_in_a_bend_is_as_sure_as_it_says(begin):
+    """The course is that of a while, and a wrong heading turns the centripetal acceleration into a wrong level."""
+    ratios = []
+    for seed in range(3):
+        rng = np.random.default_rng([3, seed])
+        imu = drives.noisy_imu(drives.perfect_imu(laps=2), drives.MODEL, rng)
+        gps = drives.noisy_gps(drives.perfect_gps(laps=2), rng)
+        keep, later = imu.time >= begin, gps.time >= begin + 0.5
+        imu = replace(imu, time=imu.time[keep], gyro=imu.gyro[keep], accel=imu.accel[keep])
+        gps = GpsData(*(getattr(gps, name)[later] for name in ("time", "lla", "v_n", "position_sd", "velocity_sd")))
+        run = navigate_recording(imu, gps, drives.SPEC, FilterSettings(lever_b=np.asarray(drives.LEVER_B))).run
+        found = run.alignment
+        true = reference(drives.truth(2), np.array([found.time, found.time + 0.1]))
+        ratios.append(wrap_pi(found.rph - true.rph[0]) / found.sd)
+        assert run.innovations.used_position.all()
+    assert np.sqrt(np.mean(np.square(ratios), axis=0)).max() < 1.0

@@ -6,7 +6,6 @@ import csv
 import json
 import os
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -196,17 +195,15 @@ def _unwritable(folder: Path) -> Path:
 @pytest.mark.skipif(sys.platform == "win32", reason="permissions are different there")
 def test_a_folder_that_cannot_be_made_is_known_at_once(drive: Path, cli: Cli):
     place = _unwritable(drive / "locked") / "result"
-    begin = time.perf_counter()
     shown = cli("run", *QUICK, "--out", place)
-    assert time.perf_counter() - begin < 1.0
     refused(shown, 4, "cannot write", "--out")
     assert "IMU:" not in shown.err  # nothing was read in vain
 
 
 def test_a_parent_that_is_missing_is_known_at_once(drive: Path, cli: Cli):
-    begin = time.perf_counter()
-    refused(cli("run", *QUICK, "--out", "a/b/c"), 4, "parent of the output folder", "mkdir -p")
-    assert time.perf_counter() - begin < 1.0
+    shown = cli("run", *QUICK, "--out", "a/b/c")
+    refused(shown, 4, "parent of the output folder", "mkdir -p")
+    assert "IMU:" not in shown.err  # nothing was read in vain
     assert not Path("a").exists()
 
 

@@ -42,21 +42,25 @@ def _wait_for(process: subprocess.Popen[str], word: str) -> None:
 
 
 @pytest.fixture(scope="session")
-def compiled(files: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
-    """The kernels are in their cache: a compiler at work hears no signals."""
-    out = tmp_path_factory.mktemp("compiled") / "run"
-    names = (str(files / "imu.csv"), "--gps", str(files / "gps.csv"), "--figures", "none", "--out", str(out))
-    subprocess.run([*COMMAND, *names], env=_environment(), capture_output=True, check=True)
+def undisturbed(files: Path, tmp_path_factory: pytest.TempPathFactory) -> float:
+    """How long a run takes that nobody stops [s], and the kernels are in their cache: a compiler hears no signals."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    taken = 0.0
+    for name in ("compiling", "run"):
+        names = (str(files / "imu.csv"), "--gps", str(files / "gps.csv"), "--out", str(folder / name))
+        begin = time.perf_counter()
+        subprocess.run([*COMMAND, *names], env=_environment(), capture_output=True, check=True)
+        taken = time.perf_counter() - begin
+    return taken
 
 
 @posix
-@pytest.mark.usefixtures("compiled")
 @pytest.mark.parametrize(
     ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )
 @pytest.mark.parametrize("moment", [0.0, 0.4])
-def test_a_signal_stops_within_a_second_and_leaves_nothing(
-    drive: Path, number: signal.Signals, code: int, word: str, moment: float
+def test_a_signal_stops_at_once_and_leaves_nothing(
+    drive: Path, undisturbed: float, number: signal.Signals, code: int, word: str, moment: float
 ):
     process = _start("imu.csv", "--gps", "gps.csv")
     _wait_for(process, "insnav: IMU model")
@@ -64,7 +68,7 @@ def test_a_signal_stops_within_a_second_and_leaves_nothing(
     process.send_signal(number)
     begin = time.perf_counter()
     out, err = process.communicate(timeout=30)
-    assert time.perf_counter() - begin < 1.0
+    assert time.perf_counter() - begin < 0.5 * undisturbed
     assert process.returncode == code, err
     assert out == ""
     assert err.endswith(f"insnav: error: {word}\n")
@@ -73,7 +77,7 @@ def test_a_signal_stops_within_a_second_and_leaves_nothing(
 
 
 @posix
-@pytest.mark.usefixtures("compiled")
+@pytest.mark.usefixtures("undisturbed")
 def test_work_of_more_than_a_second_names_its_stages_on_a_terminal(drive: Path):
     import pty
 
