@@ -9,7 +9,7 @@ import numpy as np
 from insnav.alignment import motion, static
 from insnav.attitude import wrap_two_pi
 from insnav.exceptions import AlignmentError
-from insnav.imu.model import ImuSpec, level_bias
+from insnav.imu.model import ImuSpec, gyro_bias_sd, level_bias_sd
 from insnav.strapdown import Intervals
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData
 from insnav.units import G0
@@ -159,7 +159,7 @@ def _from_rest(
         bias, bias_sd = static.gyro_bias(at, spec, rph, np.inf, lat)
         track = motion.history(parts, start, end, rph, bias, lat)
         # the part of the bias sd that is the unknown heading's does not turn the heading
-        drift = float(min(bias_sd[2], np.max(np.hypot(spec.gyro.bias, spec.gyro.bias_instability))))
+        drift = float(min(bias_sd[2], np.max(gyro_bias_sd(spec.gyro))))
         course = motion.course_heading(track, speed, moving, drift, float(found.sd[0]))
     if course is None or course.sd >= found.sd[2]:
         if np.isfinite(found.sd[2]):
@@ -203,8 +203,8 @@ def _in_motion(
             fix="give an initial state with --initial FILE",
         )
     rph, level_sd, acceleration = found
-    bias = float(np.max(np.hypot(level_bias(spec.accel), spec.accel.bias_instability)))
-    gyro = float(np.max(np.hypot(spec.gyro.bias, spec.gyro.bias_instability)))
+    bias = float(np.max(level_bias_sd(spec.accel)))
+    gyro = float(np.max(gyro_bias_sd(spec.gyro)))
     near = np.abs(speed.time - begin) <= 2.0
     v = speed.v_n[near].mean(axis=0)
     rates, _ = static.rates(parts)

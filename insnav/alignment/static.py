@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from insnav.attitude import dcm_from_rph, wrap_pi, wrap_two_pi
+from insnav.attitude import dcm_from_rph, wrap_two_pi
 from insnav.earth import OMEGA_EARTH, earth_rate_n, gravity_n
 from insnav.exceptions import AlignmentError
-from insnav.imu.model import ImuSpec, level_bias
+from insnav.imu.model import ImuSpec, gyro_bias_sd, level_bias_sd
 from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray
 
@@ -135,8 +135,7 @@ def level(force: FloatArray) -> tuple[float, float]:
 def tilt_sd(rest: Rest, spec: ImuSpec, lat: float, height: float) -> FloatArray:
     """Standard deviation of the level about North and East [rad], for any heading (Groves 2013, eq. 5.106)."""
     g = gravity_n(lat, height)[2]
-    bias = np.hypot(level_bias(spec.accel), spec.accel.bias_instability)
-    return np.full(2, float(np.sqrt(np.max(bias**2 + rest.force_sd**2))) / g + 2e-6)
+    return np.full(2, float(np.sqrt(np.max(level_bias_sd(spec.accel) ** 2 + rest.force_sd**2))) / g + 2e-6)
 
 
 def gyrocompass(rest: Rest, spec: ImuSpec, lat: float) -> tuple[float, float]:
@@ -146,9 +145,8 @@ def gyrocompass(rest: Rest, spec: ImuSpec, lat: float) -> tuple[float, float]:
     """
     roll, pitch = level(rest.force)
     w = dcm_from_rph(np.array([roll, pitch, 0.0])) @ rest.rate
-    bias = np.hypot(spec.gyro.bias, spec.gyro.bias_instability)
     walk = spec.gyro.random_walk**2 / (rest.end - rest.start)
-    sd = float(np.sqrt(np.max(bias**2 + walk + rest.rate_sd**2)))
+    sd = float(np.sqrt(np.max(gyro_bias_sd(spec.gyro) ** 2 + walk + rest.rate_sd**2)))
     return float(wrap_two_pi(np.arctan2(-w[1], w[0]))), sd / (OMEGA_EARTH * max(np.cos(lat), 1e-9))
 
 
@@ -169,8 +167,3 @@ def gyro_bias(
     horizontal = OMEGA_EARTH * np.cos(lat) * min(heading_sd, 1.0)
     sd = np.sqrt(walk + rest.rate_sd**2 + spec.gyro.bias_instability**2 + np.array([1.0, 1.0, 0.05]) * horizontal**2)
     return bias, sd
-
-
-def heading_difference(a: float, b: float) -> float:
-    """Angle from heading `b` to heading `a`, [-pi, pi) [rad]."""
-    return float(wrap_pi(a - b))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -175,6 +176,7 @@ def run(
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
         from insnav.filter import FilterSettings
+        from insnav.filter.fixes import with_sd
         from insnav.filter.recording import DELAY_SD, navigate_recording
         from insnav.io import check_overlap
 
@@ -188,7 +190,8 @@ def run(
         check_overlap(reading.data, fixes.data)
         samples = inputs.calibrated(reading.data, calibration)
         stage("aligning")
-        spec, said = told or _from_rest(samples, fixes.data, static_span)
+        complete, assumed = with_sd(fixes.data)  # here and not twice below: it looks at every fix's neighbours
+        spec, said = told or _from_rest(samples, complete, static_span)
         note(f"IMU model: {spec.name}")
         note_more(said)
         settings = FilterSettings(
@@ -200,7 +203,7 @@ def run(
         _say_if_compiling()
         done = navigate_recording(
             samples,
-            fixes.data,
+            complete,
             spec,
             settings,
             states=states,
@@ -218,7 +221,7 @@ def run(
 
         facts, where = write_run(
             folder,
-            done,
+            replace(done, notes=assumed + done.notes),
             readings={"imu": reading, "gps": fixes, "reference": reference},
             configuration=configuration,
             spec=spec,

@@ -2,7 +2,8 @@
 
 Between filter epochs the compiled kernel carries the state and accumulates transition and noise; at each fix, and once
 a second where there is none, they are handed to the filter. A fix between two samples splits the interval at its time.
-Post-processing feeds one recording in blocks; a live system could feed samples as they come, five behind the newest.
+Post-processing feeds one recording in blocks; a live system could feed samples as they come, and is answered `MARGIN`
+samples later.
 """
 
 from __future__ import annotations
@@ -169,7 +170,7 @@ class Navigator:
         out = self._record.reserve(inc.time.shape[0] if self._grid[1] == 0.0 else _rows(inc, self._grid[1]))
         k = begin
         for i in at:
-            if i + 1 <= k and i < begin:
+            if i < begin:
                 self._next += 1
                 continue
             k = self._run(inc, hole, k, int(i) + 1, True, out)
@@ -232,9 +233,12 @@ class Navigator:
             for i in range(3):
                 self._phi[LASTING + i, LASTING + i] = fade
                 self._q[LASTING + i, LASTING + i] = (1.0 - fade**2) * lasting.sd[i] ** 2
-        if self._engine.predict(self._phi, self._q, time):
-            self._record.event(Event(time, EventKind.REPAIR, 1.0, 0.0, "count", "negative variance set to zero"))
+        self._note_repair(time, self._engine.predict(self._phi, self._q, time))
         errorstate.reset_transition(self._phi, self._q, self._span)
+
+    def _note_repair(self, time: float, repaired: bool) -> None:
+        if repaired:
+            self._record.event(Event(time, EventKind.REPAIR, 1.0, 0.0, "count", "negative variance set to zero"))
 
     def _update(self, time: float, out: Record.Rows) -> None:
         self._predict(time)
@@ -243,8 +247,9 @@ class Navigator:
         nis_position, nis_velocity, distance, change = self._assess(row)
         nis = nis_position, nis_velocity
         use = [True, nis_velocity == nis_velocity]
-        quality = self._quality(time, row)
-        if quality is not None and quality.value == 0.0:  # no fix at all, and no velocity either
+        fix = int(self._gps.fix[row]) if self._gps.fix is not None else None
+        quality = gate.quality(self._settings.gates, time, fix, self._gps.position_sd[row])
+        if quality is not None and fix == 0:  # no fix at all, and no velocity either
             self._record.event(quality)
             self._record.fix(
                 time, z, self._sd, nis, [False, False], self._x, self._correction, self._engine.covariance, self._delay
@@ -268,8 +273,7 @@ class Navigator:
                 self._delay -= error[STATES]
             if error.shape[0] > LASTING:
                 self._lasting -= error[LASTING:]
-            if repaired:
-                self._record.event(Event(time, EventKind.REPAIR, 1.0, 0.0, "count", "negative variance set to zero"))
+            self._note_repair(time, repaired)
         if use[0]:
             self._last_good = time
             self._rejections.clear()
@@ -308,11 +312,6 @@ class Navigator:
             self._sd,
         )
         return found
-
-    def _quality(self, time: float, row: int) -> Event | None:
-        gps = self._gps
-        fix = int(gps.fix[row]) if gps.fix is not None else None
-        return gate.quality(self._settings.gates, time, fix, gps.position_sd[row])
 
     def _judge(
         self,

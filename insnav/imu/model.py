@@ -59,6 +59,16 @@ class SensorSpec:
     rate_random_walk: FloatArray = field(default_factory=_zeros)
 
 
+def gyro_bias_sd(gyro: SensorSpec) -> FloatArray:
+    """Standard deviation of the whole bias of gyros, turn-on and in-run, (3,) [rad/s]."""
+    return np.hypot(gyro.bias, gyro.bias_instability)
+
+
+def level_bias_sd(accel: SensorSpec) -> FloatArray:
+    """Standard deviation of the whole bias of accelerometers that are about level, (3,) [m/s^2]."""
+    return np.hypot(level_bias(accel), accel.bias_instability)
+
+
 def level_bias(accel: SensorSpec) -> FloatArray:
     """Turn-on bias of accelerometers that are about level: misaligned, they sense a part of gravity, (3,) [m/s^2]."""
     return np.hypot(accel.bias, G0 * accel.misalignment)

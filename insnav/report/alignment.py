@@ -9,7 +9,7 @@ import numpy as np
 
 from insnav.earth import OMEGA_EARTH
 from insnav.filter.fine import FineAlignment
-from insnav.imu.model import ImuSpec
+from insnav.imu.model import ImuSpec, gyro_bias_sd
 from insnav.report.facts import alignment_facts as _one
 from insnav.report.facts import json_ready
 from insnav.report.labels import number
@@ -53,7 +53,7 @@ def alignment_facts(
 
 def _latitude_sd(spec: ImuSpec) -> float:
     """How far gyro bias turns the measured Earth rate, at most a right angle [deg]."""
-    bias = float(np.max(np.hypot(spec.gyro.bias, spec.gyro.bias_instability)))
+    bias = float(np.max(gyro_bias_sd(spec.gyro)))
     return min(bias / OMEGA_EARTH / DEG, 90.0)
 
 
