@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-from insnav.io.text import plain_text
 from insnav.report.accuracy_table import STATISTICS, accuracy_rows
-from insnav.report.labels import label, number, shown
+from insnav.report.template import data_uri, filled
 
-_MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
 _SECTIONS = {
     "input": "What was read",
     "alignment": "Alignment",
@@ -65,25 +60,14 @@ def write_page(path: Path, facts: Mapping[str, Any], figures: Sequence[Path], *,
 
 def page_html(facts: Mapping[str, Any], figures: Sequence[Path], *, title: str) -> str:
     """Make the report page; see `write_page`."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"label": label, "number": number, "shown": shown, "plain": plain_text}
     accuracy = facts["accuracy"]
     table = accuracy_rows(accuracy) if accuracy and accuracy.get("all") else None
-    return environment.get_template("report.html.j2").render(
+    return filled(
+        "report.html.j2",
         title=title,
         facts=facts,
         table=table,
         statistics=[name for _, name in STATISTICS],
         sections=[(heading, facts[key]) for key, heading in _SECTIONS.items() if facts[key]],
-        figures=[(_CAPTIONS.get(file.stem, file.stem), _data_uri(file)) for file in figures],
+        figures=[(_CAPTIONS.get(file.stem, file.stem), data_uri(file)) for file in figures],
     )
-
-
-def _data_uri(file: Path) -> str:
-    return f"data:{_MEDIA[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}"

@@ -1,0 +1,70 @@
+"""A sheet says the same on the terminal and on the page, whatever is in its texts."""
+
+from __future__ import annotations
+
+import json
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from insnav.exceptions import ConfigError
+from insnav.io.folder import RunFolder, verify_folder
+from insnav.report.figures.style import blank, drawing
+from insnav.report.sheet import Picture, Sheet, Table, sheet_text, write_sheet
+
+HOSTILE = '<script>alert(1)</script>"><img src=x onerror=y>\x1b[31m'
+
+
+def a_sheet(text: str = "as it is", pictures: int = 1) -> Sheet:
+    with drawing():
+        figures = tuple(Picture("residual", blank(4.0, 3.0, "Residual", "note"), text) for _ in range(pictures))
+    table = Table("Parameters", ("name", "value [V]"), (("zero", "0.1957"), (text, "-12.5")), text)
+    return Sheet("A calibration", (text,), (table,), figures, (text,), (text,))
+
+
+class Elements(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        self.tags.append(tag)
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+
+
+def test_terminal_shows_every_text_and_lines_numbers_up() -> None:
+    lines = sheet_text(a_sheet()).splitlines()
+    assert lines[0] == "A calibration"
+    rows = [line for line in lines if line.endswith(("0.1957", "-12.5"))]
+    assert len(rows) == 2
+    assert len({len(row) for row in rows}) == 1
+    assert "Warnings" in lines
+    assert "Assumptions" in lines
+
+
+def test_terminal_gets_no_escape_codes() -> None:
+    assert "\x1b" not in sheet_text(a_sheet(HOSTILE))
+
+
+def test_page_holds_the_tables_and_nothing_foreign(tmp_path: Path) -> None:
+    with RunFolder(tmp_path / "out", force=False) as folder:
+        where = write_sheet(folder, a_sheet(HOSTILE), {"zero_v": 0.1957}, {"calibration.toml": 'name = "x"\n'})
+    page = Elements()
+    page.feed((where / "report.html").read_text(encoding="utf-8"))
+    assert page.tags.count("img") == 1
+    assert "script" not in page.tags
+    assert "0.1957" in page.text
+    assert (where / "figures/residual.png").stat().st_size > 1000
+    assert (where / "calibration.toml").read_text(encoding="utf-8") == 'name = "x"\n'
+    assert json.loads((where / "run.json").read_text(encoding="utf-8"))["zero_v"] == 0.1957
+    verify_folder(where)
+
+
+def test_same_name_twice_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="same name"), RunFolder(tmp_path / "out", force=False) as folder:
+        write_sheet(folder, a_sheet(pictures=2), {})
+    assert not list(tmp_path.iterdir())
