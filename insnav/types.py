@@ -303,6 +303,25 @@ class Epochs:
 
 
 @dataclass(frozen=True, slots=True)
+class Smoothed:
+    """What the whole recording says about every moment of it, later fixes included.
+
+    Attributes
+    ----------
+    solution : Trajectory
+        At the times of the filter's solution.
+    epochs : Epochs
+        State and covariance at each fix that was used.
+    sensor_errors : SensorErrors
+        Biases and scale factors at these times.
+    """
+
+    solution: Trajectory
+    epochs: Epochs
+    sensor_errors: SensorErrors
+
+
+@dataclass(frozen=True, slots=True)
 class Run:
     """What the filter made of one recording.
 
@@ -322,6 +341,8 @@ class Run:
         State and full covariance after each fix.
     gps_delay, gps_delay_sd : float
         How much older the fixes are than their stamps [s], as given or estimated, and its standard deviation.
+    smoothed : Smoothed or None
+        The same recording seen from its end, if it was smoothed.
     """
 
     solution: Trajectory
@@ -332,3 +353,4 @@ class Run:
     epochs: Epochs
     gps_delay: float = 0.0
     gps_delay_sd: float = 0.0
+    smoothed: Smoothed | None = None

@@ -18,6 +18,7 @@ from insnav.filter.engine import Engine
 from insnav.filter.model import ErrorModel, InitialState
 from insnav.filter.record import Record
 from insnav.filter.settings import FilterSettings
+from insnav.filter.smoother import History
 from insnav.kernels import errorstate
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.increments import LOOKAHEAD
@@ -124,6 +125,9 @@ class Navigator:
         self._rejections: list[float] = []  # times of an unbroken row of rejected positions
         self._tail: ImuData | None = None
         self._record = Record(self._fix.shape[0])
+        self._history = History(n) if settings.smooth else None
+        if self._history is not None:
+            self._history.epoch(start.time, self._x, self._correction, self._phi, covariance)
 
     def feed(self, imu: ImuData) -> None:
         """Take the next block of samples; what needs later neighbours waits for the next call.
@@ -139,7 +143,13 @@ class Navigator:
         """Process the samples still waiting and return the result."""
         if self._tail is not None:
             self._advance(None, last=True)
-        return self._record.finish(self._alignment, self._settings, self._delay, self._engine.covariance)
+        return self._record.finish(
+            self._alignment,
+            self._settings,
+            self._delay,
+            self._engine.covariance,
+            self._history.smooth() if self._history is not None else None,
+        )
 
     def _advance(self, imu: ImuData | None, *, last: bool) -> None:
         buffer = _join(self._tail, imu)
@@ -234,6 +244,8 @@ class Navigator:
                 self._phi[LASTING + i, LASTING + i] = fade
                 self._q[LASTING + i, LASTING + i] = (1.0 - fade**2) * lasting.sd[i] ** 2
         self._note_repair(time, self._engine.predict(self._phi, self._q, time))
+        if self._history is not None:
+            self._history.epoch(time, self._x, self._correction, self._phi, self._engine.covariance)
         errorstate.reset_transition(self._phi, self._q, self._span)
 
     def _note_repair(self, time: float, repaired: bool) -> None:
@@ -267,6 +279,8 @@ class Navigator:
                 use[half] = False
         if use[0] or use[1]:
             part = slice(0 if use[0] else 3, 6 if use[1] else 3)
+            if self._history is not None:
+                self._history.measurement(use[0], use[1], z, h, r)
             error, repaired = self._engine.update(z[part], h[part], r[part, part], time)
             errorstate.feed_back(self._x, self._correction, error)
             if error.shape[0] > STATES:
@@ -274,6 +288,8 @@ class Navigator:
             if error.shape[0] > LASTING:
                 self._lasting -= error[LASTING:]
             self._note_repair(time, repaired)
+            if self._history is not None:
+                self._history.updated(self._x, self._correction)
         if use[0]:
             self._last_good = time
             self._rejections.clear()
@@ -366,6 +382,8 @@ class Navigator:
             self._lasting[:] = 0.0
         errorstate.feed_back(self._x, self._correction, error)
         self._engine.replace_covariance(p)
+        if self._history is not None:
+            self._history.restart(time, self._x, self._correction, p)
         self._record.event(
             Event(
                 time,

@@ -8,8 +8,11 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.filter.settings import FilterSettings
-from insnav.kernels.errorstate import STATES, move_along
+from insnav.filter.smoother import SmoothedErrors
+from insnav.kernels.dynamics import NAV
+from insnav.kernels.errorstate import SENSOR, STATES, feed_back, move_along
 from insnav.kernels.output import solution
+from insnav.kernels.smoother import apply
 from insnav.types import (
     Alignment,
     BoolArray,
@@ -20,6 +23,7 @@ from insnav.types import (
     Innovations,
     Run,
     SensorErrors,
+    Smoothed,
     Trajectory,
 )
 
@@ -94,7 +98,14 @@ class Record:
         self._sensor[i], self._sensor_sd[i] = correction, p.diagonal()[9:STATES]
         self._count += 1
 
-    def finish(self, alignment: Alignment, settings: FilterSettings, delay: float, covariance: FloatArray) -> Run:
+    def finish(
+        self,
+        alignment: Alignment,
+        settings: FilterSettings,
+        delay: float,
+        covariance: FloatArray,
+        found: SmoothedErrors | None,
+    ) -> Run:
         """Put everything into shape."""
         n = self._count
         if sum(row[0].shape[0] for row in self._rows) == 0:
@@ -121,11 +132,16 @@ class Record:
         self._events += _divergence(innovations)
         # an offset that was found, and not told, is laid to the clock of the IMU: GPS time is the better one
         clock = delay if settings.delay_sd > 0 else 0.0
+        believed = state.copy() if found is not None else None
         if clock != 0.0:  # what the filter believed of the offset at the time has moved the state along its velocity
             move_along(state, clock - delays)
             move_along(self._state[:n], clock - self._delays[:n])
+        forward = _trajectory(time + clock, state, known, variance)
+        smoothed = None
+        if found is not None and believed is not None:
+            smoothed = _smoothed(time, believed, forward, found, clock)
         return Run(
-            solution=_trajectory(time + clock, state, known, variance),
+            solution=forward,
             innovations=innovations,
             sensor_errors=SensorErrors(self._time[:n] + clock, self._sensor[:n], np.sqrt(self._sensor_sd[:n])),
             events=tuple(sorted(self._events, key=lambda event: event.time)),
@@ -139,6 +155,7 @@ class Record:
             ),
             gps_delay=settings.delay + delay,
             gps_delay_sd=float(np.sqrt(covariance[STATES, STATES])) if covariance.shape[0] > STATES else 0.0,
+            smoothed=smoothed,
         )
 
 
@@ -147,6 +164,31 @@ def _trajectory(time: FloatArray, state: FloatArray, known: BoolArray, variance:
     rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], 9))
     solution(time, state, np.flatnonzero(known), variance, rph, sd)
     return Trajectory(time, state[:, :3], state[:, 3:6], rph, sd)
+
+
+def _smoothed(
+    time: FloatArray, state: FloatArray, forward: Trajectory, found: SmoothedErrors, clock: float
+) -> Smoothed:
+    """Take the smoothed errors off the filter's states; after the last epoch there is nothing to add to them."""
+    variance = np.zeros((time.shape[0], NAV + 3))
+    first, last = apply(time, state, variance, found.time, found.after, found.before, found.covariance)
+    rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], 9))
+    solution(time, state, np.arange(first, last), variance[first:last], rph, sd)
+    for part in (slice(0, first), slice(last, None)):
+        rph[part], sd[part] = forward.rph[part], forward.sd[part] if forward.sd is not None else np.nan
+        state[part, :3], state[part, 3:6] = forward.lla[part], forward.v_n[part]
+    at, error = found.state[found.used].copy(), found.after[found.used]
+    for row, wrong in zip(at, error, strict=True):
+        feed_back(row, np.zeros(SENSOR), wrong)
+    return Smoothed(
+        Trajectory(time + clock, state[:, :3], state[:, 3:6], rph, sd),
+        Epochs(found.time[found.used] + clock, at[:, :3], at[:, 3:6], at[:, 6:], found.covariance[found.used]),
+        SensorErrors(
+            found.time[found.used] + clock,
+            found.correction[found.used] - error[:, NAV:],
+            np.sqrt(np.maximum(found.variance[found.used], 0.0)),
+        ),
+    )
 
 
 def _divergence(innovations: Innovations) -> list[Event]:

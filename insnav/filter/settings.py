@@ -35,6 +35,8 @@ class FilterSettings:
         Time between rows of the solution [s]; 0 for every sample.
     gates : Gates
         Limits of the gates.
+    smooth : bool
+        Go backwards over the recording at its end; see `insnav.filter.smoother`.
     """
 
     lever_b: FloatArray = field(default_factory=lambda: np.zeros(3))
@@ -45,3 +47,4 @@ class FilterSettings:
     correlated: CorrelatedNoise | None = None
     output_interval: float = 0.1
     gates: Gates = field(default_factory=Gates)
+    smooth: bool = True

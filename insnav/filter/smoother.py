@@ -1,0 +1,123 @@
+"""What the filter leaves for the smoother, and the pass backwards over it."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from insnav.kernels import smoother as kernel
+from insnav.kernels.dynamics import NAV
+from insnav.kernels.errorstate import SENSOR, STATES
+from insnav.types import BoolArray, FloatArray
+
+ROWS = 2048  # epochs in a block of the history
+IN_MEMORY = 1_000_000_000  # beyond so many bytes the history goes to the disk
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothedErrors:
+    """Smoothed errors of the filter at its epochs.
+
+    Attributes
+    ----------
+    time : (m,) array
+        [s]
+    state : (m, 10) array
+        Filter's state after the measurement; see `insnav.kernels.mechanization`.
+    correction : (m, 12) array
+        Its sensor errors.
+    used : (m,) bool array
+        Whether a fix was used at the epoch.
+    after, before : (m, 21) array
+        Error of the state after and before the measurement, estimate minus smoothed.
+    covariance : (m, 9, 9) array
+        Of smoothed position, velocity and attitude.
+    variance : (m, 12) array
+        Of the smoothed sensor errors.
+    """
+
+    time: FloatArray
+    state: FloatArray
+    correction: FloatArray
+    used: BoolArray
+    after: FloatArray
+    before: FloatArray
+    covariance: FloatArray
+    variance: FloatArray
+
+
+class History:
+    """Every filter epoch, in blocks; old blocks go to the disk if they are many.
+
+    Parameters
+    ----------
+    states : int
+        Number of states of the filter.
+    spill : Path, optional
+        Folder for what does not fit into memory; that of temporary files by default.
+    """
+
+    def __init__(self, states: int, spill: Path | None = None) -> None:
+        self._states = states
+        self._width = kernel.width(states)
+        self._blocks: list[FloatArray] = []
+        self._used = ROWS
+        self._spill = spill
+
+    def epoch(self, time: float, x: FloatArray, correction: FloatArray, phi: FloatArray, p: FloatArray) -> None:
+        """Note state and covariance before a measurement, and the transition that led there."""
+        if self._used == ROWS:
+            self._blocks.append(self._room())
+            self._used = 0
+        kernel.keep(self._blocks[-1][self._used], time, x, correction, phi, p)
+        self._used += 1
+
+    def measurement(self, position: bool, velocity: bool, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
+        """Note what was used at the last epoch: predicted minus measured, its derivative and its covariance."""
+        kind = (kernel.POSITION if position else 0) + (kernel.VELOCITY if velocity else 0)
+        kernel.keep_measurement(self._blocks[-1][self._used - 1], kind, z, h, r)
+
+    def updated(self, x: FloatArray, correction: FloatArray) -> None:
+        """Note the state after the measurement of the last epoch."""
+        kernel.keep_state(self._blocks[-1][self._used - 1], x, correction)
+
+    def restart(self, time: float, x: FloatArray, correction: FloatArray, p: FloatArray) -> None:
+        """Note a reset: what follows says nothing of what was before."""
+        self.epoch(time, x, correction, np.eye(self._states), p)
+        self._blocks[-1][self._used - 1, kernel.KIND] = kernel.RESTART
+
+    def smooth(self) -> SmoothedErrors:
+        """Go backwards over all epochs."""
+        count = (len(self._blocks) - 1) * ROWS + self._used
+        n, m = self._states, STATES
+        adjoint, information = np.zeros(n), np.zeros((n, n))
+        head = np.empty((count, kernel.RESIDUAL))
+        after, before = np.empty((count, m)), np.empty((count, m))
+        covariance, variance = np.empty((count, NAV, NAV)), np.empty((count, SENSOR))
+        for number in range(len(self._blocks) - 1, -1, -1):
+            last = min(count, (number + 1) * ROWS)
+            part = slice(number * ROWS, last)
+            block = np.asarray(self._blocks[number][: last - number * ROWS])
+            kernel.backward(block, n, adjoint, information, after[part], before[part], covariance[part], variance[part])
+            head[part] = block[:, : kernel.RESIDUAL]
+            self._blocks.pop()
+        kind = head[:, kernel.KIND]
+        return SmoothedErrors(
+            head[:, kernel.TIME].copy(),
+            head[:, kernel.STATE : kernel.CORRECTION].copy(),
+            head[:, kernel.CORRECTION :].copy(),
+            (kind > 0.0) & (kind < kernel.RESTART),
+            after,
+            before,
+            covariance,
+            variance,
+        )
+
+    def _room(self) -> FloatArray:
+        if (len(self._blocks) + 1) * ROWS * self._width * 8 <= IN_MEMORY:
+            return np.empty((ROWS, self._width))
+        with tempfile.TemporaryFile(dir=self._spill) as file:  # nameless: it goes with the last reference
+            return np.memmap(file, dtype=np.float64, mode="w+", shape=(ROWS, self._width))

@@ -1,0 +1,245 @@
+"""Fixed-interval smoother: what later measurements say about each filter epoch, carried backwards.
+
+The backward pass is that of Bryson and Frazier in the discrete form of Bierman ("Fixed interval smoothing with discrete
+measurements", Int. J. Control 18 (1973) 65-75): an adjoint vector and matrix instead of inverses of covariances, which
+may be singular where a state is known. Errors are estimate minus truth and the loop is closed: the filter expects every
+error to be zero, so the smoothed error is all that later data add.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from insnav.kernels.dynamics import NAV
+from insnav.kernels.errorstate import SENSOR, STATES, feed_back
+from insnav.kernels.measurement import inverse
+
+# columns of a row of the history
+TIME, KIND, STATE, CORRECTION, RESIDUAL, NOISE = 0, 1, 2, 12, 24, 30
+JACOBIAN = NOISE + 36
+COAST, POSITION, VELOCITY, RESTART = 0, 1, 2, 4  # kind: sum of what was used; or nothing before counts
+
+
+@njit(cache=True)
+def width(n):  # type: ignore[no-untyped-def]
+    """Numbers in a row of the history of a filter with `n` states."""
+    return JACOBIAN + 6 * n + NAV * STATES + (n - NAV) + n * (n + 1) // 2
+
+
+@njit(cache=True)
+def keep(row, time, x, correction, phi, p):  # type: ignore[no-untyped-def]
+    """Note a filter epoch: state and covariance before its measurement, and the transition that led there.
+
+    Parameters
+    ----------
+    row : (width(n),) array
+        Filled.
+    time : float
+        [s]
+    x : (10,) array
+        State; see `insnav.kernels.mechanization`.
+    correction : (12,) array
+        Estimated sensor errors.
+    phi, p : (n, n) array
+        Transition from the epoch before, and covariance.
+    """
+    n = p.shape[0]
+    row[TIME] = time
+    row[KIND] = COAST
+    keep_state(row, x, correction)
+    at = JACOBIAN + 6 * n
+    for i in range(NAV):
+        for j in range(STATES):
+            row[at] = phi[i, j]
+            at += 1
+    for i in range(NAV, n):
+        row[at] = phi[i, i]
+        at += 1
+    for i in range(n):
+        for j in range(i + 1):
+            row[at] = p[i, j]
+            at += 1
+
+
+@njit(cache=True)
+def keep_state(row, x, correction):  # type: ignore[no-untyped-def]
+    """Note the state after the measurement."""
+    for i in range(10):
+        row[STATE + i] = x[i]
+    for i in range(SENSOR):
+        row[CORRECTION + i] = correction[i]
+
+
+@njit(cache=True)
+def keep_measurement(row, kind, z, h, r):  # type: ignore[no-untyped-def]
+    """Note the measurement of an epoch: predicted minus measured, its derivative and its covariance."""
+    row[KIND] = kind
+    n = h.shape[1]
+    for i in range(6):
+        row[RESIDUAL + i] = z[i]
+        for j in range(6):
+            row[NOISE + 6 * i + j] = r[i, j]
+        for j in range(n):
+            row[JACOBIAN + n * i + j] = h[i, j]
+
+
+@njit(cache=True)
+def backward(history, n, adjoint, information, after, before, covariance, variance):  # type: ignore[no-untyped-def]
+    """Carry the adjoint backwards through some epochs and tell the smoothed errors there.
+
+    Parameters
+    ----------
+    history : (m, width(n)) array
+        Epochs in order of time.
+    n : int
+        Number of states.
+    adjoint, information : (n,), (n, n) array
+        Adjoint vector and matrix just after the last of these epochs; zero at the end of the record. In place: on
+        return, just after the epoch before the first of these.
+    after, before : (m, 21) array
+        Filled with the smoothed error of the filter's state after, and before, the measurement of each epoch.
+    covariance : (m, 9, 9) array
+        Filled with the covariance of smoothed position, velocity and attitude.
+    variance : (m, 12) array
+        Filled with the variances of the smoothed sensor errors.
+    """
+    p = np.zeros((n, n))
+    phi = np.zeros((n, n))
+    for k in range(history.shape[0] - 1, -1, -1):
+        row = history[k]
+        at = JACOBIAN + 6 * n
+        for i in range(NAV):
+            for j in range(STATES):
+                phi[i, j] = row[at]
+                at += 1
+        for i in range(NAV, n):
+            phi[i, i] = row[at]
+            at += 1
+        for i in range(n):
+            for j in range(i + 1):
+                p[i, j] = row[at]
+                p[j, i] = row[at]
+                at += 1
+        kind = int(row[KIND])
+        error = np.dot(p, adjoint)
+        if COAST < kind < RESTART:
+            first = 3 if kind == VELOCITY else 0
+            last = 3 if kind == POSITION else 6
+            m = last - first
+            h = np.zeros((m, n))
+            s = np.zeros((m, m))
+            z = np.zeros(m)
+            for i in range(m):
+                z[i] = row[RESIDUAL + first + i]
+                for j in range(n):
+                    h[i, j] = row[JACOBIAN + n * (first + i) + j]
+            ph = np.dot(p, h.T)
+            for i in range(m):
+                for j in range(m):
+                    total = row[NOISE + 6 * (first + i) + first + j]
+                    for a in range(n):
+                        total += h[i, a] * ph[a, j]
+                    s[i, j] = total
+            weight = np.dot(inverse(s), h)  # S^-1 H
+            # (I - K H)' on the adjoint, where K = P H' S^-1
+            adjoint -= np.dot(weight.T, np.dot(ph.T, adjoint))
+            error = np.dot(p, adjoint)
+            for i in range(STATES):
+                after[k, i] = error[i]
+            adjoint += np.dot(weight.T, z)
+            error = np.dot(p, adjoint)
+            gain = np.dot(ph, weight)  # K H
+            for i in range(n):
+                for j in range(n):
+                    gain[i, j] = (1.0 if i == j else 0.0) - gain[i, j]
+            information[:] = np.dot(gain.T, np.dot(information, gain)) + np.dot(h.T, weight)
+        else:
+            for i in range(STATES):
+                after[k, i] = error[i]
+        removed = np.dot(p, np.dot(information, p))
+        for i in range(STATES):
+            before[k, i] = error[i]
+        for i in range(NAV):
+            for j in range(NAV):
+                covariance[k, i, j] = p[i, j] - 0.5 * (removed[i, j] + removed[j, i])
+        for i in range(SENSOR):
+            variance[k, i] = p[NAV + i, NAV + i] - removed[NAV + i, NAV + i]
+        if kind == RESTART:  # what follows says nothing of what was before
+            adjoint[:] = 0.0
+            information[:] = 0.0
+        else:
+            adjoint[:] = np.dot(phi.T, adjoint)
+            information[:] = np.dot(phi.T, np.dot(information, phi))
+            for i in range(n):
+                for j in range(i):
+                    mean = 0.5 * (information[i, j] + information[j, i])
+                    information[i, j] = mean
+                    information[j, i] = mean
+
+
+@njit(cache=True)
+def apply(time, state, variance, epoch, after, before, covariance):  # type: ignore[no-untyped-def]
+    """Take the smoothed errors off the filter's states, between epochs as well.
+
+    Between two epochs the error is smooth: its position follows the cubic that its position and velocity at both ends
+    determine, all else a straight line.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Times of the states [s].
+    state : (n, 10) array
+        Filter's states, after the measurement where there was one; changed in place.
+    variance : (n, 12) array
+        Filled from the first to the last epoch: variances of position, velocity, attitude error, then covariances of
+        attitude N-E, N-D, E-D; see `insnav.kernels.errorstate.predicted_variance`.
+    epoch : (m,) array
+        Times of the epochs [s].
+    after, before, covariance
+        From `backward`.
+
+    Returns
+    -------
+    first, last : int
+        Range of states that lie between the epochs.
+    """
+    m = epoch.shape[0]
+    error = np.zeros(STATES)
+    unused = np.zeros(SENSOR)
+    k = 0
+    first = last = 0
+    for row in range(time.shape[0]):
+        t = time[row]
+        if t < epoch[0] - 1e-6:
+            first = last = row + 1
+            continue
+        while k + 1 < m and epoch[k + 1] <= t + 1e-6:
+            k += 1
+        if k + 1 == m and t > epoch[k] + 1e-6:
+            break
+        last = row + 1
+        share = 0.0
+        span = 0.0
+        if t > epoch[k] + 1e-6:
+            span = epoch[k + 1] - epoch[k]
+            share = (t - epoch[k]) / span
+        j = k + 1 if span > 0.0 else k
+        rest = 1.0 - share
+        for i in range(NAV):
+            error[i] = after[k, i] if span == 0.0 else rest * after[k, i] + share * before[j, i]
+        if span > 0.0:
+            blend = share * share * (3.0 - 2.0 * share)
+            for i in range(3):
+                error[i] = (
+                    (1.0 - blend) * after[k, i]
+                    + blend * before[j, i]
+                    + span * share * rest * (rest * after[k, 3 + i] - share * before[j, 3 + i])
+                )
+        feed_back(state[row], unused, error)
+        for i in range(NAV):
+            variance[row, i] = rest * covariance[k, i, i] + share * covariance[j, i, i]
+        variance[row, 9] = rest * covariance[k, 6, 7] + share * covariance[j, 6, 7]
+        variance[row, 10] = rest * covariance[k, 6, 8] + share * covariance[j, 6, 8]
+        variance[row, 11] = rest * covariance[k, 7, 8] + share * covariance[j, 7, 8]
+    return first, last
