@@ -292,7 +292,8 @@ class Epochs:
     q_nb : (m, 4) array
         Attitude quaternion, scalar first.
     covariance : (m, 9, 9) array
-        Of position N, E, D [m], velocity N, E, D [m/s] and attitude error ``phi`` [rad], ``C_hat = (I - [phi x]) C``.
+        Of position N, E, D [m], velocity N, E, D [m/s] and attitude error ``phi`` [rad], ``C_hat = (I - [phi x]) C``,
+        where C is the attitude of the sensors' axes.
     """
 
     time: FloatArray

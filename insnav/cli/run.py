@@ -123,6 +123,14 @@ def run(
             rich_help_panel=opt.START,
         ),
     ] = 21,
+    smooth: Annotated[
+        bool,
+        typer.Option(
+            "--smooth/--no-smooth",
+            help="Also give the solution that knows all fixes, earlier and later ones.",
+            rich_help_panel=opt.RESULT,
+        ),
+    ] = True,
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="Run folder to make.", rich_help_panel=opt.RESULT)] = Path(
         "run"
     ),
@@ -199,6 +207,7 @@ def run(
             delay=delay or 0.0,
             delay_sd=DELAY_SD if delay is None else 0.0,
             output_interval=interval,
+            smooth=smooth,
         )
         _say_if_compiling()
         done = navigate_recording(

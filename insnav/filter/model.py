@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,11 +30,15 @@ class ErrorModel:
         Inverse correlation time of the twelve sensor errors [1/s].
     sd : (12,) array
         Standard deviation of each sensor error before anything is known.
+    axes_sd : (3,) array
+        How far the axes of the sensors, whose attitude the filter finds, are from those of the IMU [rad]: roll and
+        pitch by the accelerometers, heading by the gyros. No state stands for it.
     """
 
     noise: FloatArray
     decay: FloatArray
     sd: FloatArray
+    axes_sd: FloatArray = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +112,8 @@ def error_model(spec: ImuSpec, states: int) -> ErrorModel:
         driving[6:] = decay[6:] = sd[6:] = 0.0
     white = np.concatenate([spec.gyro.random_walk**2, spec.accel.random_walk**2])
     askew = [MANOEUVRE * float(np.mean(sensor.misalignment**2)) for sensor in (spec.gyro, spec.accel)]
-    return ErrorModel(np.concatenate([white, driving, askew]), decay, sd)
+    axes_sd = np.array([*spec.accel.misalignment[[1, 0]], spec.gyro.misalignment[2]])
+    return ErrorModel(np.concatenate([white, driving, askew]), decay, sd, axes_sd)
 
 
 def initial_state(

@@ -146,6 +146,7 @@ class Navigator:
         return self._record.finish(
             self._alignment,
             self._settings,
+            self._model.axes_sd,
             self._delay,
             self._engine.covariance,
             self._history.smooth() if self._history is not None else None,

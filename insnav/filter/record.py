@@ -102,6 +102,7 @@ class Record:
         self,
         alignment: Alignment,
         settings: FilterSettings,
+        axes_sd: FloatArray,
         delay: float,
         covariance: FloatArray,
         found: SmoothedErrors | None,
@@ -139,7 +140,7 @@ class Record:
         forward = _trajectory(time + clock, state, known, variance)
         smoothed = None
         if found is not None and believed is not None:
-            smoothed = _smoothed(time, believed, forward, found, clock)
+            smoothed = _smoothed(time, believed, forward, found, axes_sd, clock)
         return Run(
             solution=forward,
             innovations=innovations,
@@ -167,13 +168,22 @@ def _trajectory(time: FloatArray, state: FloatArray, known: BoolArray, variance:
 
 
 def _smoothed(
-    time: FloatArray, state: FloatArray, forward: Trajectory, found: SmoothedErrors, clock: float
+    time: FloatArray,
+    state: FloatArray,
+    forward: Trajectory,
+    found: SmoothedErrors,
+    axes_sd: FloatArray,
+    clock: float,
 ) -> Smoothed:
     """Take the smoothed errors off the filter's states; after the last epoch there is nothing to add to them."""
     variance = np.zeros((time.shape[0], NAV + 3))
     first, last = apply(time, state, variance, found.time, found.after, found.before, found.covariance)
     rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], 9))
     solution(time, state, np.arange(first, last), variance[first:last], rph, sd)
+    if forward.sd is not None:
+        # misalignment is no state but noise to the filter; averaged over the whole record that noise would vanish, and
+        # the misalignment does not
+        sd[:, 6:] = np.minimum(np.hypot(sd[:, 6:], axes_sd), forward.sd[:, 6:])
     for part in (slice(0, first), slice(last, None)):
         rph[part], sd[part] = forward.rph[part], forward.sd[part] if forward.sd is not None else np.nan
         state[part, :3], state[part, 3:6] = forward.lla[part], forward.v_n[part]

@@ -78,7 +78,9 @@ _EVENT_NUMBERS = (_Column("value", 1.0, 9), _Column("limit", 1.0, 9))
 _Cells = tuple[Any, _Column | None]  # values, and what they are if they are numbers with a unit
 
 
-def write_solution(folder: Path, solution: Trajectory, file_format: TableFormat = "csv") -> Path:
+def write_solution(
+    folder: Path, solution: Trajectory, file_format: TableFormat = "csv", name: str = "solution"
+) -> Path:
     """Write ``solution.csv`` or ``solution.parquet``.
 
     Parameters
@@ -88,6 +90,8 @@ def write_solution(folder: Path, solution: Trajectory, file_format: TableFormat 
     solution : Trajectory
         Every row of it is written; without `sd` the file has no sd columns.
     file_format : {"csv", "parquet"}
+    name : str
+        Of the file, without suffix.
 
     Returns
     -------
@@ -102,7 +106,7 @@ def write_solution(folder: Path, solution: Trajectory, file_format: TableFormat 
     }
     if solution.sd is not None:
         table |= _columns(_SOLUTION_SD, solution.sd)
-    return _write(folder, "solution", table, file_format)
+    return _write(folder, name, table, file_format)
 
 
 def write_innovations(folder: Path, innovations: Innovations, file_format: TableFormat = "csv") -> Path:

@@ -41,6 +41,7 @@ def run_facts(
     configuration: Mapping[str, Any],
     imu_model: Mapping[str, Any] | None = None,
     errors: TrajectoryErrors | None = None,
+    smoothed_errors: TrajectoryErrors | None = None,
     reference_name: str = "",
     warnings: Sequence[str] = (),
 ) -> dict[str, Any]:
@@ -57,6 +58,8 @@ def run_facts(
         Name, source and figures of the sensor error model, units in the keys.
     errors : TrajectoryErrors, optional
         Errors against a reference.
+    smoothed_errors : TrajectoryErrors, optional
+        The same of the smoothed solution.
     reference_name : str
         What the reference is.
     warnings : sequence of str
@@ -66,7 +69,7 @@ def run_facts(
     -------
     dict
         Keys ``versions``, ``configuration``, ``input``, ``imu_model``, ``alignment``, ``solution``,
-        ``fixes``, ``outages``, ``sensor_errors``, ``events``, ``accuracy``, ``warnings``.
+        ``fixes``, ``outages``, ``sensor_errors``, ``events``, ``accuracy``, ``smoothed``, ``warnings``.
     """
     facts = {
         "versions": _versions(),
@@ -80,6 +83,7 @@ def run_facts(
         "sensor_errors": _sensor_facts(run.sensor_errors),
         "events": dict(sorted(Counter(event.kind.value for event in run.events).items())),
         "accuracy": _accuracy_facts(errors, reference_name),
+        "smoothed": _smoothed_facts(run, errors, smoothed_errors, reference_name),
         "warnings": list(warnings),
     }
     ready: dict[str, Any] = json_ready(facts)
@@ -230,6 +234,31 @@ def _accuracy_facts(errors: TrajectoryErrors | None, reference_name: str) -> dic
         **accuracy_by_motion(errors),
         "consistency": nees(errors),
     }
+
+
+def _smoothed_facts(
+    run: Run, errors: TrajectoryErrors | None, smoothed_errors: TrajectoryErrors | None, reference_name: str
+) -> dict[str, Any] | None:
+    """What smoothing brought: uncertainty, and error where there is a reference, beside the filter's."""
+    if run.smoothed is None:
+        return None
+    sd = [_horizontal_sd(solution) for solution in (run.solution, run.smoothed.solution)]
+    facts: dict[str, Any] = {"horizontal_sd_m": sd[1], "horizontal_sd_by_filter": _ratio(sd[1], sd[0])}
+    if errors is not None and smoothed_errors is not None:
+        rms = [_rms(each.horizontal) for each in (errors, smoothed_errors)]
+        facts |= {
+            "horizontal_rms_by_filter": _ratio(rms[1], rms[0]),
+            "accuracy": _accuracy_facts(smoothed_errors, reference_name),
+        }
+    return facts
+
+
+def _horizontal_sd(solution: Trajectory) -> float | None:
+    return None if solution.sd is None else _rms(np.hypot(solution.sd[:, 0], solution.sd[:, 1]))
+
+
+def _ratio(value: float | None, by: float | None) -> float | None:
+    return value / by if value is not None and by else None
 
 
 def _mean(values: FloatArray) -> float | None:

@@ -45,6 +45,7 @@ def summary_lines(facts: Mapping[str, Any], folder: Path | None = None) -> list[
     lines += _solution(facts)
     lines += _fixes(facts)
     lines += _accuracy(facts)
+    lines += _smoothed(facts.get("smoothed"))
     files = _entry("files", f"{folder}{_file_names(facts)}", rows=2) if folder is not None else []
     return [*lines, *_notes(facts, LINES - len(lines) - len(files)), *files][-LINES:]
 
@@ -178,6 +179,22 @@ def _accuracy(facts: Mapping[str, Any]) -> list[str]:
         + _inside(accuracy["consistency"])
     )
     return [line[:WIDTH] for line in lines]
+
+
+def _smoothed(facts: Mapping[str, Any] | None) -> list[str]:
+    if facts is None:
+        return []
+    if "accuracy" in facts:
+        accuracy = facts["accuracy"]
+        rms, by = accuracy["all"]["horizontal_m"]["rms"], facts["horizontal_rms_by_filter"]
+        return _entry(
+            "smoothed",
+            f"horizontal RMS {number(rms)} m, {number(by, 2)} times that of the filter"
+            + _inside(accuracy["consistency"]),
+            rows=2,
+        )
+    sd, by = facts["horizontal_sd_m"], facts["horizontal_sd_by_filter"]
+    return _entry("smoothed", f"horizontal sd {number(sd, 2)} m, {number(by, 2)} times that of the filter")
 
 
 def _inside(consistency: Mapping[str, Any] | None) -> str:

@@ -69,9 +69,11 @@ def write_run(
     read_events = [event for reading in given.values() for event in reading.events]
     run = replace(done.run, events=tuple(sorted([*read_events, *done.run.events], key=lambda event: event.time)))
     reference = readings.get("reference")
-    errors = None
+    errors = smoothed_errors = None
     if reference is not None:
         errors = position_errors(run.solution, _fixed(reference), lever_b=reference_lever_b)
+        if run.smoothed is not None:
+            smoothed_errors = position_errors(run.smoothed.solution, _fixed(reference), lever_b=reference_lever_b)
     warnings = [*done.notes]
     if reference is not None and len(_fixed(reference).time) < len(reference.data.time):
         left = len(reference.data.time) - len(_fixed(reference).time)
@@ -88,10 +90,13 @@ def write_run(
         configuration=configuration,
         imu_model=model_facts(spec, imu_note),
         errors=errors,
+        smoothed_errors=smoothed_errors,
         reference_name=reference.facts.path if reference is not None else "",
         warnings=warnings,
     )
     write_solution(folder.directory, run.solution, table_format)
+    if run.smoothed is not None:
+        write_solution(folder.directory, run.smoothed.solution, table_format, "smoothed")
     write_innovations(folder.directory, run.innovations, table_format)
     write_biases(folder.directory, run.sensor_errors, table_format)
     write_events(folder.directory, run.events)
@@ -100,7 +105,7 @@ def write_run(
         from insnav.report.figures import draw_all
         from insnav.report.page import write_page
 
-        figures = draw_all(run, done.gps, errors, folder.path("figures/track").parent, figure_format)
+        figures = draw_all(run, done.gps, errors, folder.path("figures/track").parent, figure_format, smoothed_errors)
         write_page(folder.path("report.html"), facts, figures, title=f"insnav run of {given['imu'].facts.path}")
     where = folder.commit(facts)
     return facts, where

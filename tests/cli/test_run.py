@@ -14,8 +14,8 @@ from insnav.io.folder import read_facts, verify_folder
 from tests.cli.conftest import QUICK, Cli
 
 WITH_REFERENCE = (*QUICK, "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2")
-TABLES = ["biases.csv", "events.csv", "innovations.csv", "run.json", "solution.csv", "track.kml"]
-FIGURES = ["attitude", "biases", "height", "innovations", "track", "velocity"]
+TABLES = ["biases.csv", "events.csv", "innovations.csv", "run.json", "smoothed.csv", "solution.csv", "track.kml"]
+FIGURES = ["attitude", "biases", "height", "innovations", "track", "uncertainty", "velocity"]
 ERROR_FIGURES = ["error_attitude", "error_distribution", "error_position", "error_velocity"]
 
 
@@ -38,7 +38,9 @@ def test_the_summary_says_what_matters(drive: Path, cli: Cli):
     rms = read_facts(Path("run"))["accuracy"]["all"]["horizontal_m"]["rms"]
     assert float(row.split()[2]) == pytest.approx(rms, rel=0.01)
     assert 0.0 < rms < 3.0  # fixes are good to 1.5 m a component
-    assert lines[-1] == "files       run: biases.csv, events.csv, innovations.csv, solution.csv, track.kml, run.json"
+    files = " ".join(lines[-2:]).split()
+    assert files[:2] == ["files", "run:"]
+    assert files[2:] == [*(f"{name}," for name in TABLES if name != "run.json"), "run.json"]
 
 
 def test_the_log_says_how_the_files_were_understood_and_no_more(drive: Path, cli: Cli):
@@ -79,7 +81,7 @@ def test_json_alone_is_on_standard_output_and_is_that_of_the_folder(drive: Path,
     assert shown.out == Path("run/run.json").read_text(encoding="utf-8")
     assert list(facts) == [
         *("versions", "configuration", "input", "imu_model", "alignment", "solution", "fixes", "outages"),
-        *("sensor_errors", "events", "accuracy", "warnings", "files"),
+        *("sensor_errors", "events", "accuracy", "smoothed", "warnings", "files"),
     ]
     assert facts["configuration"]["lever_arm"] == "0.8,-0.3,-1.2"
     assert facts["configuration"]["gps_height"] is None
@@ -198,3 +200,23 @@ def test_nothing_is_written_elsewhere_and_nobody_is_called(
     caches = ("__pycache__", "numba", "matplotlib", "fontconfig")  # of libraries, in their own places
     strange = [name for name in seen if not name.startswith((str(drive / ".here.tmp-"), "/dev/null"))]
     assert [name for name in strange if not any(cache in name for cache in caches)] == []
+
+
+def test_without_smoothing_there_is_no_trace_of_it(drive: Path, cli: Cli):
+    shown = cli("run", *WITH_REFERENCE, "--no-smooth")
+    assert shown.code == 0, shown.err
+    assert _files(Path("run")) == [name for name in TABLES if name != "smoothed.csv"]
+    assert read_facts(Path("run"))["smoothed"] is None
+    assert "smoothed" not in shown.out
+
+
+def test_the_smoothed_solution_stands_beside_that_of_the_filter(drive: Path, cli: Cli):
+    shown = cli("run", *WITH_REFERENCE)
+    facts = read_facts(Path("run"))
+    rms = [part["all"]["horizontal_m"]["rms"] for part in (facts["accuracy"], facts["smoothed"]["accuracy"])]
+    assert rms[1] < rms[0]
+    assert facts["smoothed"]["horizontal_rms_by_filter"] == pytest.approx(rms[1] / rms[0])
+    (line,) = [line for line in shown.out.splitlines() if line.startswith("smoothed")]
+    assert float(line.split()[3]) == pytest.approx(rms[1], rel=0.01)
+    headers = [Path("run", name).read_text().split("\n", 1)[0] for name in ("solution.csv", "smoothed.csv")]
+    assert headers[0] == headers[1]

@@ -16,6 +16,7 @@ from insnav.report.figures.sensors import draw_sensor_errors
 from insnav.report.figures.states import draw_attitude, draw_height, draw_velocity
 from insnav.report.figures.style import Clock, FigureFormat, drawing, save
 from insnav.report.figures.track import draw_track
+from insnav.report.figures.uncertainty import draw_uncertainty
 from insnav.types import GpsData, Run
 
 
@@ -25,6 +26,7 @@ def draw_all(
     errors: TrajectoryErrors | None,
     folder: Path,
     file_format: FigureFormat = "png",
+    smoothed_errors: TrajectoryErrors | None = None,
 ) -> list[Path]:
     """Draw every figure there is something to show in.
 
@@ -39,6 +41,8 @@ def draw_all(
     folder : Path
         Where to; it exists.
     file_format : {"png", "svg"}
+    smoothed_errors : TrajectoryErrors, optional
+        Errors of the smoothed solution against the same reference.
 
     Returns
     -------
@@ -49,7 +53,7 @@ def draw_all(
     if errors is not None:
         clock, spans = Clock.of(run.solution.time), outages(run)
         figures += [
-            (f"error_{group}", partial(draw_errors, errors, group, clock, spans))
+            (f"error_{group}", partial(draw_errors, errors, group, clock, spans, smoothed_errors))
             for group in ("position", "velocity", "attitude")
         ]
         figures.append(("error_distribution", partial(draw_distribution, errors)))
@@ -57,6 +61,7 @@ def draw_all(
         ("height", partial(draw_height, run, gps)),
         ("velocity", partial(draw_velocity, run, gps)),
         ("attitude", partial(draw_attitude, run)),
+        ("uncertainty", partial(draw_uncertainty, run)),
         ("innovations", partial(draw_innovations, run)),
         ("biases", partial(draw_sensor_errors, run)),
     ]

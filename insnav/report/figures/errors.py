@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors
@@ -14,6 +15,7 @@ from insnav.report.figures.style import (
     GREEN,
     ORANGE,
     SKY,
+    VERMILLION,
     Clock,
     band,
     broken_at_gaps,
@@ -32,7 +34,11 @@ _AXES = {
 
 
 def draw_errors(
-    errors: TrajectoryErrors, group: str, clock: Clock, spans: Sequence[tuple[float, float]]
+    errors: TrajectoryErrors,
+    group: str,
+    clock: Clock,
+    spans: Sequence[tuple[float, float]],
+    smoothed: TrajectoryErrors | None = None,
 ) -> Figure | None:
     """Draw three errors over time, each in what ±3 sd promise.
 
@@ -43,6 +49,8 @@ def draw_errors(
     clock : Clock
     spans : sequence of (float, float)
         Times without fixes, to shade [s].
+    smoothed : TrajectoryErrors, optional
+        Errors of the smoothed solution, drawn over those of the filter.
 
     Returns
     -------
@@ -61,7 +69,9 @@ def draw_errors(
         shade(axes, clock, spans)
         zero = np.where(np.isfinite(columns[:, axis]), 0.0, np.nan)
         band(axes, time, zero, columns[:, 3 + axis], SKY, "±3 sd")
-        line(axes, time, columns[:, axis], BLUE, "error")
+        line(axes, time, columns[:, axis], BLUE, "error" if smoothed is None else "error of the filter")
+        if smoothed is not None:
+            _smoothed(axes, clock, smoothed, unit * getattr(smoothed, group)[:, axis], first + axis, unit)
         known = value[np.isfinite(value[:, axis]), axis]
         promised = half[np.isfinite(half[:, axis]), axis]
         limit = 1.15 * max(
@@ -71,15 +81,26 @@ def draw_errors(
         axes.set_ylim(-(limit or 1.0), limit or 1.0)
         axes.set_ylabel(label)
         if known.size:
-            mean, rms = float(np.mean(known)), float(np.sqrt(np.mean(known**2)))
+            mean, unit_name = float(np.mean(known)), label[label.index("[") + 1 : -1]
+            after = "" if smoothed is None else f"; smoothed RMS {_rms(unit * getattr(smoothed, group)[:, axis]):.3g}"
             axes.set_title(
-                f"mean {mean:.3g}, RMS {rms:.3g} {label[label.index('[') + 1 : -1]}",
+                f"mean {mean:.3g}, RMS {_rms(known):.3g}{after} {unit_name}",
                 fontsize=8.0,
                 color="#444444",
             )
     legend_above(panels[0][0])
     panels[-1][0].set_xlabel(clock.label)
     return figure
+
+
+def _smoothed(
+    axes: Axes, clock: Clock, smoothed: TrajectoryErrors, value: FloatArray, column: int, unit: float
+) -> None:
+    half = np.full_like(value, np.nan) if smoothed.sd is None else 3.0 * unit * smoothed.sd[:, column]
+    time, columns = broken_at_gaps(clock(smoothed.time), np.column_stack((value, half)))
+    line(axes, time, columns[:, 0], VERMILLION, "smoothed", linewidth=0.9)
+    for sign, label in ((1.0, "±3 sd, smoothed"), (-1.0, "")):
+        line(axes, time, sign * columns[:, 1], VERMILLION, label, linewidth=0.8, linestyle=":")
 
 
 def draw_distribution(errors: TrajectoryErrors) -> Figure:
@@ -126,6 +147,10 @@ def draw_distribution(errors: TrajectoryErrors) -> Figure:
     axes.set_ylabel("share of epochs below [%]")
     axes.legend(loc="lower right")
     return figure
+
+
+def _rms(value: FloatArray) -> float:
+    return float(np.sqrt(np.nanmean(value**2)))
 
 
 def _inside(value: FloatArray, half: FloatArray) -> str:

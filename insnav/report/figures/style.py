@@ -14,9 +14,10 @@ from typing import Any, Literal
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from insnav.types import FloatArray
 
@@ -281,6 +282,13 @@ def shade(axes: Axes, clock: Clock, spans: Sequence[tuple[float, float]]) -> Non
             zorder=0.5,
             label="no fix used" if number == 0 else None,
         )
+
+
+def logarithmic(axis: Axis) -> None:
+    """Mark a logarithmic axis at 1, 2 and 5 of each power of ten, as plain numbers."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def legend_above(axes: Axes, *others: Axes, lift: float = 1.0) -> None:
