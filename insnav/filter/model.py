@@ -68,6 +68,37 @@ class InitialState:
     from_fix: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class FilterState:
+    """The whole state of the filter at one time.
+
+    Attributes
+    ----------
+    time : float
+        [s]
+    x : (10,) array
+        Position, velocity, quaternion; see `insnav.kernels.mechanization`.
+    correction : (12,) array
+        Estimated sensor errors; see `insnav.kernels.errorstate`.
+    delay : float
+        Estimated GPS delay, beyond the one given [s].
+    lasting : (3,) array
+        Estimated part of the GPS error that lasts [m].
+    motion : (6,) array
+        Body rate [rad/s] and acceleration in n [m/s^2].
+    covariance : (n, n) array
+        Of the error states.
+    """
+
+    time: float
+    x: FloatArray
+    correction: FloatArray
+    delay: float
+    lasting: FloatArray
+    motion: FloatArray
+    covariance: FloatArray
+
+
 def _bias(sensor: SensorSpec, turn_on: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Noise density, inverse correlation time and standard deviation of turn-on and in-run bias as one state.
 

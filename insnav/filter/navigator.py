@@ -8,6 +8,8 @@ samples later.
 
 from __future__ import annotations
 
+from collections.abc import Container
+
 import numpy as np
 
 from insnav import strapdown
@@ -15,7 +17,7 @@ from insnav.attitude import quat_from_rph
 from insnav.exceptions import DivergenceError
 from insnav.filter import gates as gate
 from insnav.filter.engine import Engine
-from insnav.filter.model import ErrorModel, InitialState
+from insnav.filter.model import ErrorModel, FilterState, InitialState
 from insnav.filter.record import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
@@ -56,8 +58,8 @@ class Navigator:
 
     Parameters
     ----------
-    start : InitialState
-        Where to begin; samples and fixes before its time are passed over.
+    start : InitialState or FilterState
+        Where to begin, or to go on from; samples and fixes before its time are passed over.
     model : ErrorModel
         Noise of the sensors.
     gps : GpsData
@@ -68,6 +70,8 @@ class Navigator:
         Sampling interval [s].
     settings : FilterSettings
         Lever arm, delay, gates, output.
+    marks : container of int
+        Rows of `gps` after which the whole state is kept, in `kept`, to go on from it another time.
 
     Examples
     --------
@@ -77,39 +81,28 @@ class Navigator:
 
     def __init__(
         self,
-        start: InitialState,
+        start: InitialState | FilterState,
         model: ErrorModel,
         gps: GpsData,
         alignment: Alignment,
         nominal: float,
         settings: FilterSettings | None = None,
+        marks: Container[int] = (),
     ) -> None:
         settings = settings or FilterSettings()
-        lasting = settings.correlated
-        n = LASTING + 3 if lasting is not None else STATES + (1 if settings.delay_sd > 0 else 0)
-        covariance = np.zeros((n, n))
-        covariance[:STATES, :STATES] = start.covariance
-        if n > STATES:
-            covariance[STATES, STATES] = settings.delay_sd**2
-        if lasting is not None:
-            covariance[LASTING:, LASTING:] = np.diag(lasting.sd**2)
-        if start.from_fix and n > STATES:
-            # the position is that of a fix: as far off as the vehicle went in the delay, and by what lasts of its error
-            if lasting is not None:
-                _tie(covariance, lasting.sd)
-            covariance[:3, :3] += settings.delay_sd**2 * np.outer(start.v_n, start.v_n)
-            covariance[:3, STATES] = covariance[STATES, :3] = settings.delay_sd**2 * start.v_n
+        if isinstance(start, InitialState):
+            start = _first(start, settings)
+        n = start.covariance.shape[0]
         later = gps.time - settings.delay > start.time + strapdown.TIME_TOLERANCE
         self._gps = gps
         self._fix = np.flatnonzero(later)
         self._fix_time = gps.time[later] - settings.delay
         self._settings, self._model, self._nominal, self._alignment = settings, model, nominal, alignment
-        self._engine = Engine(covariance)
-        self._x = np.concatenate([start.lla, start.v_n, quat_from_rph(start.rph)])
-        self._correction = np.zeros(12)
-        self._correction[:3] = start.gyro_bias
-        self._delay, self._lasting = 0.0, np.zeros(3)
-        self._motion, self._sums, self._span = np.zeros(6), np.zeros(errorstate.SUMS), np.zeros(1)
+        self._marks, self.kept = marks, dict[int, FilterState]()
+        self._engine = Engine(start.covariance)
+        self._x, self._correction = start.x.copy(), start.correction.copy()
+        self._delay, self._lasting = start.delay, start.lasting.copy()
+        self._motion, self._sums, self._span = start.motion.copy(), np.zeros(errorstate.SUMS), np.zeros(1)
         self._phi, self._q = np.eye(n), np.zeros((n, n))
         self._work = errorstate.scratch(n)
         self._limit = np.array([SUBSTEP, COAST])
@@ -127,7 +120,7 @@ class Navigator:
         self._record = Record(self._fix.shape[0])
         self._history = History(n) if settings.smooth else None
         if self._history is not None:
-            self._history.epoch(start.time, self._x, self._correction, self._phi, covariance)
+            self._history.epoch(start.time, self._x, self._correction, self._phi, self._engine.covariance)
 
     def feed(self, imu: ImuData) -> None:
         """Take the next block of samples; what needs later neighbours waits for the next call.
@@ -150,6 +143,17 @@ class Navigator:
             self._delay,
             self._engine.covariance,
             self._history.smooth() if self._history is not None else None,
+        )
+
+    def _state(self, time: float) -> FilterState:
+        return FilterState(
+            time,
+            self._x.copy(),
+            self._correction.copy(),
+            self._delay,
+            self._lasting.copy(),
+            self._motion.copy(),
+            self._engine.covariance.copy(),
         )
 
     def _advance(self, imu: ImuData | None, *, last: bool) -> None:
@@ -186,6 +190,9 @@ class Navigator:
                 continue
             k = self._run(inc, hole, k, int(i) + 1, True, out)
             self._update(inc.time[i], out)
+            row = int(self._fix[self._next])
+            if row in self._marks:
+                self.kept[row] = self._state(inc.time[i])
             self._next += 1
         self._run(inc, hole, k, inc.time.shape[0], False, out)
         self._record.keep(out)
@@ -263,6 +270,8 @@ class Navigator:
         fix = int(self._gps.fix[row]) if self._gps.fix is not None else None
         quality = gate.quality(self._settings.gates, time, fix, self._gps.position_sd[row])
         if quality is not None and fix == 0:  # no fix at all, and no velocity either
+            if self._history is not None:
+                self._history.measurement(False, False, z, h, r)
             self._record.event(quality)
             self._record.fix(
                 time, z, self._sd, nis, [False, False], self._x, self._correction, self._engine.covariance, self._delay
@@ -398,6 +407,27 @@ class Navigator:
         )
         self._last_good = time
         self._rejections.clear()
+
+
+def _first(start: InitialState, settings: FilterSettings) -> FilterState:
+    """State to begin with: all the states that the settings ask for."""
+    lasting = settings.correlated
+    n = LASTING + 3 if lasting is not None else STATES + (1 if settings.delay_sd > 0 else 0)
+    covariance = np.zeros((n, n))
+    covariance[:STATES, :STATES] = start.covariance
+    if n > STATES:
+        covariance[STATES, STATES] = settings.delay_sd**2
+    if lasting is not None:
+        covariance[LASTING:, LASTING:] = np.diag(lasting.sd**2)
+    if start.from_fix and n > STATES:
+        # the position is that of a fix: as far off as the vehicle went in the delay, and by what lasts of its error
+        if lasting is not None:
+            _tie(covariance, lasting.sd)
+        covariance[:3, :3] += settings.delay_sd**2 * np.outer(start.v_n, start.v_n)
+        covariance[:3, STATES] = covariance[STATES, :3] = settings.delay_sd**2 * start.v_n
+    x = np.concatenate([start.lla, start.v_n, quat_from_rph(start.rph)])
+    correction = np.concatenate([start.gyro_bias, np.zeros(9)])
+    return FilterState(start.time, x, correction, 0.0, np.zeros(3), np.zeros(6), covariance)
 
 
 def _tie(covariance: FloatArray, lasting_sd: FloatArray) -> None:
