@@ -163,6 +163,9 @@ class EventKind(StrEnum):
     GATE_VELOCITY = "gate.velocity"
     SOFT_POSITION = "soft.position"
     SOFT_VELOCITY = "soft.velocity"
+    GATE_WHEELS = "gate.wheels"
+    GATE_ODOMETER = "gate.odometer"
+    GATE_REST = "gate.rest"
     RESET = "filter.reset"
     REPAIR = "filter.repair"
     DIVERGED = "filter.diverged"
@@ -262,6 +265,29 @@ class Innovations:
 
 
 @dataclass(frozen=True, slots=True)
+class AidUse:
+    """What the filter made of one kind of measurement that is no fix.
+
+    Attributes
+    ----------
+    name : str
+        Wheels, wheel speed or rest.
+    offered, rejected : int
+        How often.
+    innovation_rms : float
+        Root mean square of the innovations of velocity that were used [m/s].
+    nis : float
+        Mean normalised innovation squared per number of those used [-].
+    """
+
+    name: str
+    offered: int
+    rejected: int
+    innovation_rms: float
+    nis: float
+
+
+@dataclass(frozen=True, slots=True)
 class SensorErrors:
     """Estimated sensor errors over time, and their standard deviations.
 
@@ -344,6 +370,8 @@ class Run:
         How much older the fixes are than their stamps [s], as given or estimated, and its standard deviation.
     smoothed : Smoothed or None
         The same recording seen from its end, if it was smoothed.
+    aids : tuple of AidUse
+        Measurements that are no fixes.
     """
 
     solution: Trajectory
@@ -355,3 +383,4 @@ class Run:
     gps_delay: float = 0.0
     gps_delay_sd: float = 0.0
     smoothed: Smoothed | None = None
+    aids: tuple[AidUse, ...] = ()

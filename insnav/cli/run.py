@@ -60,6 +60,14 @@ class Height(StrEnum):
     msl = "msl"
 
 
+class Aiding(StrEnum):
+    """When to use what helps besides fixes."""
+
+    auto = "auto"
+    on = "on"
+    off = "off"
+
+
 def run(
     imu_file: opt.ImuFile,
     gps: Annotated[Path, typer.Option(metavar="FILE", help="GPS fixes.", rich_help_panel=opt.FILES)],
@@ -123,6 +131,15 @@ def run(
             rich_help_panel=opt.START,
         ),
     ] = 21,
+    aiding: Annotated[
+        Aiding,
+        typer.Option(
+            metavar="WHEN",
+            help="Use wheels that do not slip, wheel speed and rest, as far as the data support it: auto (where GPS "
+            "leaves holes), on, off.",
+            rich_help_panel=opt.GPS,
+        ),
+    ] = Aiding.auto,
     smooth: Annotated[
         bool,
         typer.Option(
@@ -219,6 +236,7 @@ def run(
             start=start,
             static_span=static_span,
             heading=course,
+            aiding=aiding.value,
             progress=lambda fraction: stage("navigating", fraction),
         )
         stage("writing")

@@ -51,6 +51,10 @@ class Gates:
         # of three numbers; kept, because it is asked for at every fix
         object.__setattr__(self, "nis_limit", float(chdtri(3, 1.0 - self.probability)))
 
+    def limit(self, count: int) -> float:
+        """Limit of the NIS of so many numbers [-]."""
+        return self.nis_limit if count == 3 else float(chdtri(count, 1.0 - self.probability))
+
 
 REJECTED = "rejected"
 

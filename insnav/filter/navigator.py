@@ -14,14 +14,17 @@ import numpy as np
 
 from insnav import strapdown
 from insnav.attitude import quat_from_rph
-from insnav.exceptions import DivergenceError
+from insnav.exceptions import ConfigError, DivergenceError
 from insnav.filter import gates as gate
+from insnav.filter.aiding import INTERVAL, Aiding
 from insnav.filter.engine import Engine
 from insnav.filter.model import ErrorModel, FilterState, InitialState
 from insnav.filter.record import Record
 from insnav.filter.settings import FilterSettings
-from insnav.filter.smoother import History
+from insnav.filter.smoother import History, SmoothedErrors
 from insnav.kernels import errorstate
+from insnav.kernels.aiding import innovation, still
+from insnav.kernels.aiding import wheels as kernel_wheels
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.increments import LOOKAHEAD
 from insnav.kernels.measurement import assess
@@ -103,9 +106,12 @@ class Navigator:
         self._x, self._correction = start.x.copy(), start.correction.copy()
         self._delay, self._lasting = start.delay, start.lasting.copy()
         self._motion, self._sums, self._span = start.motion.copy(), np.zeros(errorstate.SUMS), np.zeros(1)
-        self._phi, self._q = np.eye(n), np.zeros((n, n))
+        self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
         self._work = errorstate.scratch(n)
-        self._limit = np.array([SUBSTEP, COAST])
+        self._aiding = settings.aiding
+        self._coast = COAST if self._aiding is None else INTERVAL
+        self._limit = np.array([SUBSTEP, self._coast])
+        self._turned, self._aided = np.zeros(4), start.time
         self._z, self._h, self._sd = np.zeros(6), np.zeros((6, n)), np.zeros(6)
         self._r, self._s = np.zeros((6, 6)), np.zeros((6, 6))
         every = settings.output_interval
@@ -144,6 +150,14 @@ class Navigator:
             self._engine.covariance,
             self._history.smooth() if self._history is not None else None,
         )
+
+    def offered(self) -> SmoothedErrors:
+        """Process the samples still waiting and tell what filter and smoother make of every fix, used or not."""
+        if self._tail is not None:
+            self._advance(None, last=True)
+        if self._history is None:
+            raise ConfigError("only a filter that smooths compares fixes", where="settings.smooth")
+        return self._history.smooth()
 
     def _state(self, time: float) -> FilterState:
         return FilterState(
@@ -190,6 +204,8 @@ class Navigator:
                 continue
             k = self._run(inc, hole, k, int(i) + 1, True, out)
             self._update(inc.time[i], out)
+            if self._aiding is not None:
+                self._aid(inc.time[i], self._aiding)
             row = int(self._fix[self._next])
             if row in self._marks:
                 self.kept[row] = self._state(inc.time[i])
@@ -199,7 +215,7 @@ class Navigator:
 
     def _run(self, inc: Increments, hole: FloatArray, first: int, last: int, close: bool, out: Record.Rows) -> int:
         """Carry on to `last`; a filter epoch there if `close`, and in between wherever the next fix is far."""
-        k, begin = first, out.used
+        k, begin, done = first, out.used, first
         while k < last:
             k, out.used = errorstate.propagate(
                 k,
@@ -231,8 +247,14 @@ class Navigator:
                 out.used,
                 self._work,
             )
-            if self._span[0] >= COAST - 1e-9 and not (close and k == last):
+            if self._aiding is not None:
+                self._turned[:3] += inc.dtheta[done:k].sum(axis=0)
+                self._turned[3] += inc.dt[done:k].sum()
+                done = k
+            if self._span[0] >= self._coast - 1e-9 and not (close and k == last):
                 self._predict(inc.time[k - 1])
+                if self._aiding is not None:
+                    self._aid(inc.time[k - 1], self._aiding)
         out.delay[begin : out.used] = self._delay
         return k
 
@@ -255,6 +277,63 @@ class Navigator:
         if self._history is not None:
             self._history.epoch(time, self._x, self._correction, self._phi, self._engine.covariance)
         errorstate.reset_transition(self._phi, self._q, self._span)
+
+    def _aid(self, time: float, aiding: Aiding) -> None:
+        """Use what is known besides fixes, at most once in `INTERVAL`."""
+        begin, span = self._aided, self._turned[3]
+        if time - begin < 0.9 * INTERVAL:
+            return
+        rate = self._turned[:3] / span
+        self._turned[:] = 0.0
+        self._aided = time
+        z, h = self._z, self._h
+        if aiding.resting(begin, time):
+            still(self._x, self._correction[:3], rate, z, h)
+            sd = np.concatenate([np.full(3, aiding.rest_velocity_sd), aiding.rest_rate_sd])
+            self._use_aid(time, 0, 6 if np.isfinite(sd).all() else 3, sd, (EventKind.GATE_REST, "m/s, rad/s"))
+            return
+        wheels = aiding.wheels
+        if wheels is None or float(np.hypot(self._x[3], self._x[4])) < wheels.slowest:
+            return
+        odometer = aiding.odometer
+        speed = np.nan if odometer is None else float(np.interp(time, odometer.time, odometer.speed))
+        kernel_wheels(self._x, self._motion[:3], wheels.to_vehicle, wheels.lever_b, speed, z, h)
+        sd = np.array([odometer.sd if odometer is not None else np.inf, *wheels.sd])
+        if np.isfinite(speed):
+            self._use_aid(time, 0, 1, sd, (EventKind.GATE_ODOMETER, "m/s"))
+            kernel_wheels(self._x, self._motion[:3], wheels.to_vehicle, wheels.lever_b, speed, z, h)
+        self._use_aid(time, 1, 3, sd, (EventKind.GATE_WHEELS, "m/s"))
+
+    def _use_aid(self, time: float, first: int, last: int, sd: FloatArray, what: tuple[EventKind, str]) -> None:
+        z, h, r = self._z, self._h, self._r
+        variance = np.zeros(6)
+        variance[: sd.shape[0]] = sd**2
+        m = last - first
+        nis = innovation(self._engine.covariance, z, h, variance, first, last, np.empty((m, m)))
+        limit = self._settings.gates.limit(m)
+        self._record.aid(what[0], z[first:last], nis, nis <= limit)
+        if nis > limit:
+            self._record.event(Event(time, what[0], nis, limit, f"NIS ({m} dof)", gate.REJECTED, "wheels or rest"))
+            return
+        r[:] = 0.0
+        np.fill_diagonal(r, np.where(variance > 0.0, variance, 1.0))
+        part = slice(first, last)
+        if self._history is not None:
+            self._history.epoch(time, self._x, self._correction, self._unity, self._engine.covariance)
+            self._history.aid(first, last, z, h, r)
+        error, repaired = self._engine.update(z[part], h[part], r[part, part], time)
+        self._take(error)
+        self._note_repair(time, repaired)
+        if self._history is not None:
+            self._history.updated(self._x, self._correction)
+
+    def _take(self, error: FloatArray) -> None:
+        """Take an estimated error off the state."""
+        errorstate.feed_back(self._x, self._correction, error)
+        if error.shape[0] > STATES:
+            self._delay -= error[STATES]
+        if error.shape[0] > LASTING:
+            self._lasting -= error[LASTING:]
 
     def _note_repair(self, time: float, repaired: bool) -> None:
         if repaired:
@@ -292,11 +371,7 @@ class Navigator:
             if self._history is not None:
                 self._history.measurement(use[0], use[1], z, h, r)
             error, repaired = self._engine.update(z[part], h[part], r[part, part], time)
-            errorstate.feed_back(self._x, self._correction, error)
-            if error.shape[0] > STATES:
-                self._delay -= error[STATES]
-            if error.shape[0] > LASTING:
-                self._lasting -= error[LASTING:]
+            self._take(error)
             self._note_repair(time, repaired)
             if self._history is not None:
                 self._history.updated(self._x, self._correction)

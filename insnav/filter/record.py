@@ -14,6 +14,7 @@ from insnav.kernels.errorstate import SENSOR, STATES, feed_back, move_along
 from insnav.kernels.output import solution
 from insnav.kernels.smoother import apply
 from insnav.types import (
+    AidUse,
     Alignment,
     BoolArray,
     Epochs,
@@ -28,6 +29,7 @@ from insnav.types import (
 )
 
 CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long [s]
+AIDS = {EventKind.GATE_WHEELS: "wheels", EventKind.GATE_ODOMETER: "wheel speed", EventKind.GATE_REST: "rest"}
 # Mean NIS, by its expectation, beyond which the filter has diverged. A mean far below one is no divergence: at rest,
 # and with the cautious standard deviations of many receivers, it is the rule (30 minutes of a good recorded drive).
 TOO_LARGE = 5.0
@@ -55,6 +57,7 @@ class Record:
     def __init__(self, fixes: int) -> None:
         self._rows: list[tuple[FloatArray, FloatArray, BoolArray, FloatArray, FloatArray]] = []
         self._events: list[Event] = []
+        self._aids: dict[EventKind, list[tuple[float, float, float]]] = {}
         self._count = 0
         self._time, self._innovation, self._sd = np.empty(fixes), np.empty((fixes, 6)), np.empty((fixes, 6))
         self._nis, self._use = np.empty((fixes, 2)), np.zeros((fixes, 2), dtype=bool)
@@ -77,6 +80,11 @@ class Record:
     def event(self, event: Event) -> None:
         """Note an event."""
         self._events.append(event)
+
+    def aid(self, kind: EventKind, innovation: FloatArray, nis: float, used: bool) -> None:
+        """Note what the filter made of something that is no fix; the first three numbers, at most, are velocities."""
+        square = float(np.mean(innovation[:3] ** 2))
+        self._aids.setdefault(kind, []).append((nis / innovation.shape[0], square, float(used)))
 
     def fix(
         self,
@@ -137,7 +145,7 @@ class Record:
         if clock != 0.0:  # what the filter believed of the offset at the time has moved the state along its velocity
             move_along(state, clock - delays)
             move_along(self._state[:n], clock - self._delays[:n])
-        forward = _trajectory(time + clock, state, known, variance)
+        forward = _trajectory(time + clock, state, known, variance, axes_sd)
         smoothed = None
         if found is not None and believed is not None:
             smoothed = _smoothed(time, believed, forward, found, axes_sd, clock)
@@ -157,13 +165,27 @@ class Record:
             gps_delay=settings.delay + delay,
             gps_delay_sd=float(np.sqrt(covariance[STATES, STATES])) if covariance.shape[0] > STATES else 0.0,
             smoothed=smoothed,
+            aids=tuple(_aid_use(name, np.array(self._aids[kind])) for kind, name in AIDS.items() if kind in self._aids),
         )
 
 
-def _trajectory(time: FloatArray, state: FloatArray, known: BoolArray, variance: FloatArray) -> Trajectory:
-    """States, and variances of the `known` ones, to a trajectory with roll, pitch, heading and standard deviations."""
+def _aid_use(name: str, rows: FloatArray) -> AidUse:
+    used = rows[:, 2] > 0.0
+    nis, square = (float(np.mean(rows[used, i])) if used.any() else 0.0 for i in (0, 1))
+    return AidUse(name, rows.shape[0], int((~used).sum()), float(np.sqrt(square)), nis)
+
+
+def _trajectory(
+    time: FloatArray, state: FloatArray, known: BoolArray, variance: FloatArray, axes_sd: FloatArray
+) -> Trajectory:
+    """States, and variances of the `known` ones, to a trajectory with roll, pitch, heading and standard deviations.
+
+    Misalignment is no state of the filter but noise, which averages out, as the misalignment does not: no attitude is
+    known better than the axes of the sensors are.
+    """
     rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], 9))
     solution(time, state, np.flatnonzero(known), variance, rph, sd)
+    sd[:, 6:] = np.maximum(sd[:, 6:], axes_sd)
     return Trajectory(time, state[:, :3], state[:, 3:6], rph, sd)
 
 
@@ -180,10 +202,7 @@ def _smoothed(
     first, last = apply(time, state, variance, found.time, found.after, found.before, found.covariance)
     rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], 9))
     solution(time, state, np.arange(first, last), variance[first:last], rph, sd)
-    if forward.sd is not None:
-        # misalignment is no state but noise to the filter; averaged over the whole record that noise would vanish, and
-        # the misalignment does not
-        sd[:, 6:] = np.minimum(np.hypot(sd[:, 6:], axes_sd), forward.sd[:, 6:])
+    sd[:, 6:] = np.maximum(sd[:, 6:], axes_sd)
     for part in (slice(0, first), slice(last, None)):
         rph[part], sd[part] = forward.rph[part], forward.sd[part] if forward.sd is not None else np.nan
         state[part, :3], state[part, 3:6] = forward.lla[part], forward.v_n[part]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -16,16 +17,20 @@ from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.correlation import correlated_noise
 from insnav.filter.fixes import LAG_WORTH, velocity_lag, with_sd
 from insnav.filter.gates import Gates
+from insnav.filter.learn import learn
 from insnav.filter.model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.navigator import Navigator
 from insnav.filter.settings import FilterSettings
 from insnav.imu.model import ImuSpec
 from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData, Run
 
+AidingChoice = Literal["auto", "on", "off"]
 BLOCK = 1 << 16  # samples a call of the filter takes
 STILL_SD = 0.05  # velocity of a vehicle found at rest [m/s]
 LONGEST_HOLE = 3.0  # longest hole in the IMU record that is bridged [s]
 JITTER_WORTH = 1e-4  # smaller scatter of the time stamps is rounding [s]
+HOLE_WORTH = 3.0  # GPS holes longer than this are worth a second pass with whatever else helps [s]
+LEARNING_INTERVAL = 0.1  # of the solution from which the vehicle is learned [s]
 DELAY_SD = 0.05  # how well receivers and loggers agree on time if nothing else is known [s]
 
 
@@ -71,6 +76,44 @@ class Navigated:
     notes: tuple[str, ...] = field(default=())
 
 
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A recording ready for the filter.
+
+    Attributes
+    ----------
+    imu : ImuData
+        Samples, calibrated.
+    gps : GpsData
+        Fixes, every value with a standard deviation.
+    model : ErrorModel
+        Noise of the sensors.
+    settings : FilterSettings
+        With what the data tell about lag, jitter and lasting errors.
+    alignment : Alignment
+        Attitude to start from.
+    initial : InitialState
+        State to start from.
+    nominal : float
+        Sampling interval [s].
+    notes : tuple of str
+        Assumptions in words.
+    """
+
+    imu: ImuData
+    gps: GpsData
+    model: ErrorModel
+    settings: FilterSettings
+    alignment: Alignment
+    initial: InitialState
+    nominal: float
+    notes: tuple[str, ...]
+
+    def navigator(self, marks: Container[int] = ()) -> Navigator:
+        """Filter at the start; see `Navigator` for `marks`."""
+        return Navigator(self.initial, self.model, self.gps, self.alignment, self.nominal, self.settings, marks)
+
+
 def navigate_recording(
     imu: ImuData,
     gps: GpsData,
@@ -81,9 +124,10 @@ def navigate_recording(
     start: Start | None = None,
     static_span: tuple[float, float] | None = None,
     heading: float | None = None,
+    aiding: AidingChoice = "auto",
     progress: Callable[[float], None] | None = None,
 ) -> Navigated:
-    """Navigate one recording.
+    """Navigate one recording: `prepare` it and feed it to the filter.
 
     Parameters
     ----------
@@ -103,6 +147,9 @@ def navigate_recording(
         Static interval for the alignment [s].
     heading : float, optional
         Heading at the start [rad].
+    aiding : {"auto", "on", "off"}
+        Use what the data tell about wheels, wheel speed and rest, found in a first pass: where GPS leaves holes, always
+        or never.
     progress : callable, optional
         Called with the fraction done.
 
@@ -120,6 +167,83 @@ def navigate_recording(
     DivergenceError
         The filter lost consistency.
     """
+    ready = prepare(imu, gps, spec, settings, states=states, start=start, static_span=static_span, heading=heading)
+    if aiding == "on" or (aiding == "auto" and longest_hole(ready.gps) > HOLE_WORTH):
+        ready = aided(ready, spec, None if progress is None else _part_of(progress, 0.0))
+        progress = None if progress is None else _part_of(progress, 0.5)
+    navigator = ready.navigator()
+    feed(navigator, imu, progress)
+    run = navigator.finish()
+    on_time = ready.gps.time - settings.delay
+    events = (*run.events, *_outside(on_time, ready.initial.time, float(imu.time[-1])))
+    return Navigated(replace(run, events=events), ready.gps, ready.notes)
+
+
+def _part_of(progress: Callable[[float], None], before: float) -> Callable[[float], None]:
+    return lambda done: progress(before + 0.5 * done)
+
+
+def longest_hole(gps: GpsData) -> float:
+    """Longest time without a fix that says it is one [s]."""
+    time = gps.time if gps.fix is None else gps.time[gps.fix != 0]
+    return float(np.max(np.diff(time))) if time.shape[0] > 1 else 0.0
+
+
+def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> Prepared:
+    """Navigate once to learn about the vehicle, and add what helps to the settings.
+
+    Parameters
+    ----------
+    ready : Prepared
+        The recording.
+    spec : ImuSpec
+        How good the sensors are.
+    progress : callable, optional
+        Called with the fraction done.
+    """
+    settings = replace(ready.settings, smooth=True, output_interval=LEARNING_INTERVAL, aiding=None)
+    navigator = replace(ready, settings=settings).navigator()
+    feed(navigator, ready.imu, progress)
+    run = navigator.finish()
+    assert run.smoothed is not None
+    clock = run.gps_delay - ready.settings.delay
+    solution = replace(run.smoothed.solution, time=run.smoothed.solution.time - clock)
+    found = learn(solution, ready.imu, replace(ready.gps, time=ready.gps.time - run.gps_delay), spec)
+    return replace(ready, settings=replace(ready.settings, aiding=found.aiding), notes=(*ready.notes, *found.notes))
+
+
+def feed(navigator: Navigator, imu: ImuData, progress: Callable[[float], None] | None = None) -> None:
+    """Give a filter the samples of a recording in blocks.
+
+    Parameters
+    ----------
+    navigator : Navigator
+        The filter.
+    imu : ImuData
+        All samples.
+    progress : callable, optional
+        Called with the fraction done.
+    """
+    n = imu.time.shape[0]
+    for k in range(0, n, BLOCK):
+        part = slice(k, k + BLOCK)
+        navigator.feed(ImuData(imu.time[part], imu.gyro[part], imu.accel[part], imu.sampling, imu.stamp))
+        if progress is not None:
+            progress(min(1.0, (k + BLOCK) / n))
+
+
+def prepare(
+    imu: ImuData,
+    gps: GpsData,
+    spec: ImuSpec,
+    settings: FilterSettings,
+    *,
+    states: int = 21,
+    start: Start | None = None,
+    static_span: tuple[float, float] | None = None,
+    heading: float | None = None,
+) -> Prepared:
+    """Find out from a recording what the filter must know, and align; see `navigate_recording`."""
     _check(imu, gps, start)
     gps, notes = with_sd(gps)
     lag, lag_sd = velocity_lag(gps)
@@ -149,16 +273,7 @@ def navigate_recording(
     else:
         alignment = _given(start)
         initial = initial_state(alignment, model, start.lla, start.v_n, start.position_sd, start.velocity_sd)
-    navigator = Navigator(initial, model, gps, alignment, nominal, settings)
-    n = imu.time.shape[0]
-    for k in range(0, n, BLOCK):
-        part = slice(k, k + BLOCK)
-        navigator.feed(ImuData(imu.time[part], imu.gyro[part], imu.accel[part], imu.sampling, imu.stamp))
-        if progress is not None:
-            progress(min(1.0, (k + BLOCK) / n))
-    run = navigator.finish()
-    events = (*run.events, *_outside(on_time, initial.time, float(imu.time[-1])))
-    return Navigated(replace(run, events=events), gps, notes)
+    return Prepared(imu, gps, model, settings, alignment, initial, nominal, notes)
 
 
 def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:
@@ -255,12 +370,12 @@ def _given(start: Start) -> Alignment:
     return Alignment(start.time, start.rph, start.attitude_sd, np.zeros(3), np.full(3, np.inf), None, "given", "given")
 
 
-def _outside(gps: GpsData, start: float, end: float) -> list[Event]:
+def _outside(fixes: FloatArray, start: float, end: float) -> list[Event]:
     """One event for the fixes before the start of navigation and one for those after the last sample."""
     found = []
     for which, count, time in (
-        ("before the start", int((gps.time < start - 1e-6).sum()), start),
-        ("after the last IMU sample", int((gps.time > end + 1e-6).sum()), end),
+        ("before the start", int((fixes < start - 1e-6).sum()), start),
+        ("after the last IMU sample", int((fixes > end + 1e-6).sum()), end),
     ):
         if count:
             found.append(Event(time, EventKind.GPS_OUTSIDE, float(count), float("nan"), "fixes", f"not used: {which}"))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from insnav.filter.aiding import Aiding
 from insnav.filter.correlation import CorrelatedNoise
 from insnav.filter.gates import Gates
 from insnav.types import FloatArray
@@ -35,6 +36,8 @@ class FilterSettings:
         Time between rows of the solution [s]; 0 for every sample.
     gates : Gates
         Limits of the gates.
+    aiding : Aiding or None
+        What helps besides fixes.
     smooth : bool
         Go backwards over the recording at its end; see `insnav.filter.smoother`.
     """
@@ -47,4 +50,5 @@ class FilterSettings:
     correlated: CorrelatedNoise | None = None
     output_interval: float = 0.1
     gates: Gates = field(default_factory=Gates)
+    aiding: Aiding | None = None
     smooth: bool = True

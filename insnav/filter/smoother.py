@@ -37,6 +37,8 @@ class SmoothedErrors:
         Of smoothed position, velocity and attitude.
     variance : (m, 12) array
         Of the smoothed sensor errors.
+    offered : (m, 24) array
+        What filter and smoother make of each measurement; see `insnav.kernels.smoother.backward`.
     """
 
     time: FloatArray
@@ -47,6 +49,7 @@ class SmoothedErrors:
     before: FloatArray
     covariance: FloatArray
     variance: FloatArray
+    offered: FloatArray
 
 
 class History:
@@ -76,9 +79,14 @@ class History:
         self._used += 1
 
     def measurement(self, position: bool, velocity: bool, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
-        """Note what was used at the last epoch: predicted minus measured, its derivative and its covariance."""
+        """Note what of a fix was used at the last epoch: predicted minus measured, its derivative and covariance."""
         kind = (kernel.POSITION if position else 0) + (kernel.VELOCITY if velocity else 0)
-        kernel.keep_measurement(self._blocks[-1][self._used - 1], kind, z, h, r)
+        kernel.keep_measurement(self._blocks[-1][self._used - 1], kind, kernel.FIX, z, h, r)
+
+    def aid(self, first: int, last: int, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
+        """Note which rows of another measurement were used at the last epoch."""
+        kind = (1 << last) - (1 << first)
+        kernel.keep_measurement(self._blocks[-1][self._used - 1], kind, kernel.AID, z, h, r)
 
     def updated(self, x: FloatArray, correction: FloatArray) -> None:
         """Note the state after the measurement of the last epoch."""
@@ -97,11 +105,22 @@ class History:
         head = np.empty((count, kernel.RESIDUAL))
         after, before = np.empty((count, m)), np.empty((count, m))
         covariance, variance = np.empty((count, NAV, NAV)), np.empty((count, SENSOR))
+        offered = np.empty((count, 24))
         for number in range(len(self._blocks) - 1, -1, -1):
             last = min(count, (number + 1) * ROWS)
             part = slice(number * ROWS, last)
             block = np.asarray(self._blocks[number][: last - number * ROWS])
-            kernel.backward(block, n, adjoint, information, after[part], before[part], covariance[part], variance[part])
+            kernel.backward(
+                block,
+                n,
+                adjoint,
+                information,
+                after[part],
+                before[part],
+                covariance[part],
+                variance[part],
+                offered[part],
+            )
             head[part] = block[:, : kernel.RESIDUAL]
             self._blocks.pop()
         kind = head[:, kernel.KIND]
@@ -109,11 +128,12 @@ class History:
             head[:, kernel.TIME].copy(),
             head[:, kernel.STATE : kernel.CORRECTION].copy(),
             head[:, kernel.CORRECTION :].copy(),
-            (kind > 0.0) & (kind < kernel.RESTART),
+            (kind > kernel.COAST) & (head[:, kernel.OFFERED] == kernel.FIX),
             after,
             before,
             covariance,
             variance,
+            offered,
         )
 
     def _room(self) -> FloatArray:

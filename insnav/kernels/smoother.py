@@ -16,9 +16,11 @@ from insnav.kernels.errorstate import SENSOR, STATES, feed_back
 from insnav.kernels.measurement import inverse
 
 # columns of a row of the history
-TIME, KIND, STATE, CORRECTION, RESIDUAL, NOISE = 0, 1, 2, 12, 24, 30
+TIME, KIND, OFFERED, STATE, CORRECTION, RESIDUAL, NOISE = 0, 1, 2, 3, 13, 25, 31
 JACOBIAN = NOISE + 36
-COAST, POSITION, VELOCITY, RESTART = 0, 1, 2, 4  # kind: sum of what was used; or nothing before counts
+COAST, RESTART = 0, -1  # kinds; else a bit for each row of the measurement that was used
+POSITION, VELOCITY = 7, 56
+FIX, AID = 1, 2  # what was offered
 
 
 @njit(cache=True)
@@ -47,6 +49,7 @@ def keep(row, time, x, correction, phi, p):  # type: ignore[no-untyped-def]
     n = p.shape[0]
     row[TIME] = time
     row[KIND] = COAST
+    row[OFFERED] = 0.0
     keep_state(row, x, correction)
     at = JACOBIAN + 6 * n
     for i in range(NAV):
@@ -72,9 +75,10 @@ def keep_state(row, x, correction):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def keep_measurement(row, kind, z, h, r):  # type: ignore[no-untyped-def]
+def keep_measurement(row, kind, offered, z, h, r):  # type: ignore[no-untyped-def]
     """Note the measurement of an epoch: predicted minus measured, its derivative and its covariance."""
     row[KIND] = kind
+    row[OFFERED] = offered
     n = h.shape[1]
     for i in range(6):
         row[RESIDUAL + i] = z[i]
@@ -85,7 +89,7 @@ def keep_measurement(row, kind, z, h, r):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def backward(history, n, adjoint, information, after, before, covariance, variance):  # type: ignore[no-untyped-def]
+def backward(history, n, adjoint, information, after, before, covariance, variance, offered):  # type: ignore[no-untyped-def]
     """Carry the adjoint backwards through some epochs and tell the smoothed errors there.
 
     Parameters
@@ -103,6 +107,9 @@ def backward(history, n, adjoint, information, after, before, covariance, varian
         Filled with the covariance of smoothed position, velocity and attitude.
     variance : (m, 12) array
         Filled with the variances of the smoothed sensor errors.
+    offered : (m, 24) array
+        Filled, where a measurement was offered, with predicted minus measured and the variance of the prediction, by
+        the filter before it saw the measurement (0 to 11) and smoothed (12 to 23); elsewhere ``NaN``.
     """
     p = np.zeros((n, n))
     phi = np.zeros((n, n))
@@ -123,21 +130,24 @@ def backward(history, n, adjoint, information, after, before, covariance, varian
                 at += 1
         kind = int(row[KIND])
         error = np.dot(p, adjoint)
-        if COAST < kind < RESTART:
-            first = 3 if kind == VELOCITY else 0
-            last = 3 if kind == POSITION else 6
-            m = last - first
+        if kind > COAST:
+            m = 0
+            rows = np.zeros(6, dtype=np.int64)
+            for i in range(6):
+                if kind & (1 << i):
+                    rows[m] = i
+                    m += 1
             h = np.zeros((m, n))
             s = np.zeros((m, m))
             z = np.zeros(m)
             for i in range(m):
-                z[i] = row[RESIDUAL + first + i]
+                z[i] = row[RESIDUAL + rows[i]]
                 for j in range(n):
-                    h[i, j] = row[JACOBIAN + n * (first + i) + j]
+                    h[i, j] = row[JACOBIAN + n * rows[i] + j]
             ph = np.dot(p, h.T)
             for i in range(m):
                 for j in range(m):
-                    total = row[NOISE + 6 * (first + i) + first + j]
+                    total = row[NOISE + 6 * rows[i] + rows[j]]
                     for a in range(n):
                         total += h[i, a] * ph[a, j]
                     s[i, j] = total
@@ -165,6 +175,7 @@ def backward(history, n, adjoint, information, after, before, covariance, varian
                 covariance[k, i, j] = p[i, j] - 0.5 * (removed[i, j] + removed[j, i])
         for i in range(SENSOR):
             variance[k, i] = p[NAV + i, NAV + i] - removed[NAV + i, NAV + i]
+        _compare(row, n, p, removed, error, offered[k])
         if kind == RESTART:  # what follows says nothing of what was before
             adjoint[:] = 0.0
             information[:] = 0.0
@@ -176,6 +187,26 @@ def backward(history, n, adjoint, information, after, before, covariance, varian
                     mean = 0.5 * (information[i, j] + information[j, i])
                     information[i, j] = mean
                     information[j, i] = mean
+
+
+@njit(cache=True)
+def _compare(row, n, p, removed, error, out):  # type: ignore[no-untyped-def]
+    """Tell what filter and smoother make of a measurement, used or not."""
+    if row[OFFERED] != FIX:
+        out[:] = np.nan
+        return
+    for i in range(6):
+        at = JACOBIAN + n * i
+        shift, before, after = 0.0, 0.0, 0.0
+        for j in range(n):
+            h = row[at + j]
+            if h != 0.0:
+                shift += h * error[j]
+                for m in range(n):
+                    before += h * p[j, m] * row[at + m]
+                    after += h * (p[j, m] - removed[j, m]) * row[at + m]
+        out[i], out[6 + i] = row[RESIDUAL + i], before
+        out[12 + i], out[18 + i] = row[RESIDUAL + i] - shift, after
 
 
 @njit(cache=True)

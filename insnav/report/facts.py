@@ -10,6 +10,7 @@ import math
 import platform
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from enum import Enum
 from importlib import metadata
 from pathlib import Path
@@ -69,7 +70,7 @@ def run_facts(
     -------
     dict
         Keys ``versions``, ``configuration``, ``input``, ``imu_model``, ``alignment``, ``solution``,
-        ``fixes``, ``outages``, ``sensor_errors``, ``events``, ``accuracy``, ``smoothed``, ``warnings``.
+        ``fixes``, ``aids``, ``outages``, ``sensor_errors``, ``events``, ``accuracy``, ``smoothed``, ``warnings``.
     """
     facts = {
         "versions": _versions(),
@@ -79,6 +80,7 @@ def run_facts(
         "alignment": alignment_facts(run.alignment),
         "solution": _solution_facts(run.solution),
         "fixes": _fix_facts(run),
+        "aids": [asdict(use) for use in run.aids],
         "outages": [{"start_s": start, "end_s": end, "duration_s": end - start} for start, end in outages(run)],
         "sensor_errors": _sensor_facts(run.sensor_errors),
         "events": dict(sorted(Counter(event.kind.value for event in run.events).items())),

@@ -15,6 +15,7 @@ _SECTIONS = {
     "imu_model": "IMU model",
     "solution": "Solution",
     "fixes": "Fixes",
+    "aids": "What helped besides fixes",
     "outages": "Outages",
     "sensor_errors": "Estimated sensor errors",
     "smoothed": "Smoothed solution",

@@ -151,6 +151,12 @@ def _fixes(facts: Mapping[str, Any]) -> list[str]:
         lines += _entry("", f"delay {fixes['delay_s']:.3f} ± {fixes['delay_sd_s']:.3f} s")
     reasons = "; ".join(f"{count} by {reason}" for reason, count in fixes["rejected_for"].items())
     lines += _entry("rejected", reasons or "none", rows=2)
+    for number_of, aid in enumerate(facts.get("aids", [])):
+        lines += _entry(
+            "" if number_of else "aids",
+            f"{aid['name']}: {aid['offered'] - aid['rejected']} of {aid['offered']} used, innovation RMS "
+            f"{number(aid['innovation_rms'], 2)} m/s, NIS {number(aid['nis'], 2)}",
+        )
     outages = facts["outages"]
     if outages:
         longest = max(outage["duration_s"] for outage in outages)

@@ -14,7 +14,7 @@ from tests.filter import drives
 
 NAV = 9
 EPOCHS = 7
-KINDS = (kernel.COAST, kernel.POSITION, kernel.COAST, kernel.VELOCITY, kernel.POSITION, kernel.COAST, 3)
+KINDS = (kernel.COAST, kernel.POSITION, kernel.COAST, kernel.VELOCITY, kernel.POSITION, kernel.COAST, 63)
 
 
 def random_system(rng: np.random.Generator, n: int) -> dict[str, list[np.ndarray]]:
@@ -53,7 +53,7 @@ def filtered(system, y, n, start):
         if part.stop:
             h, r = system["h"][k], system["r"][k]
             z = h @ x - y[k]
-            kernel.keep_measurement(row, KINDS[k], z, h, r)
+            kernel.keep_measurement(row, KINDS[k], kernel.FIX, z, h, r)
             gain = p @ h[part].T @ np.linalg.inv(h[part] @ p @ h[part].T + r[part, part])
             x = x - gain @ z[part]
             p = p - gain @ h[part] @ p
@@ -90,7 +90,7 @@ def test_agrees_with_least_squares_over_all_epochs(n):
     rows, states = filtered(system, y, n, start)
     after, before = np.empty((EPOCHS, STATES)), np.empty((EPOCHS, STATES))
     covariance, variance = np.empty((EPOCHS, NAV, NAV)), np.empty((EPOCHS, 12))
-    kernel.backward(rows, n, np.zeros(n), np.zeros((n, n)), after, before, covariance, variance)
+    kernel.backward(rows, n, np.zeros(n), np.zeros((n, n)), after, before, covariance, variance, np.empty((EPOCHS, 24)))
     best, spread = batch(system, y, n, start)
     np.testing.assert_allclose(states[:, :STATES] - after, best[:, :STATES], atol=1e-9)
     for k in range(EPOCHS):
@@ -104,7 +104,10 @@ def test_nothing_is_carried_across_a_restart():
     system, y = random_system(rng, n), rng.standard_normal((EPOCHS, 6))
     rows, _ = filtered(system, y, n, np.eye(n))
     rows[3, kernel.KIND] = kernel.RESTART
-    out = [(np.empty((m, STATES)), np.empty((m, STATES)), np.empty((m, NAV, NAV)), np.empty((m, 12))) for m in (7, 3)]
+    out = [
+        (np.empty((m, STATES)), np.empty((m, STATES)), np.empty((m, NAV, NAV)), np.empty((m, 12)), np.empty((m, 24)))
+        for m in (7, 3)
+    ]
     kernel.backward(rows, n, np.zeros(n), np.zeros((n, n)), *out[0])
     kernel.backward(rows[:3], n, np.zeros(n), np.zeros((n, n)), *out[1])
     for whole, part in zip(out[0], out[1], strict=True):

@@ -37,12 +37,12 @@ def draw_track(run: Run, gps: GpsData | None) -> Figure:
     length, _ = distance_and_time(solution)
     lat, lon = np.degrees(origin[:2])
     fix = np.empty((0, 3)) if gps is None else ned_offset(gps.lla[:: max(1, len(gps.time) // POINTS)], origin)
-    x_limits, y_limits = _limits(_extremes(east, fix[:, 1]), _extremes(north, fix[:, 0]))
+    x_limits, y_limits = map_limits(_extremes(east, fix[:, 1]), _extremes(north, fix[:, 0]))
     height = _WIDTH * (y_limits[1] - y_limits[0]) / (x_limits[1] - x_limits[0])
     figure = blank(
         _WIDTH + 1.05,
         height + 1.85,
-        f"Track of {_distance(length)} in {_duration(float(solution.time[-1] - solution.time[0]))}",
+        f"Track of {distance_text(length)} in {duration_text(float(solution.time[-1] - solution.time[0]))}",
         f"start at latitude {lat:.5f}°, longitude {lon:.5f}°, height {origin[2]:.1f} m",
     )
     figure.subplots_adjust(bottom=0.95 / (height + 1.85))
@@ -60,8 +60,8 @@ def draw_track(run: Run, gps: GpsData | None) -> Figure:
     # many a drive ends where it began: the start is the larger mark, so that both are seen
     axes.plot(east[0], north[0], "^", color=GREEN, markersize=13.0, markeredgecolor="white", label="start", zorder=4)
     axes.plot(east[-1], north[-1], "s", color=BLACK, markersize=5.0, markeredgecolor="white", label="end", zorder=4)
-    _scale_bar(axes)
-    _north_arrow(axes)
+    scale_bar(axes)
+    north_arrow(axes)
     axes.set_aspect("equal")
     axes.set_xlabel("East of start [m]")
     axes.set_ylabel("North of start [m]")
@@ -75,7 +75,7 @@ def _extremes(track: FloatArray, fixes: FloatArray) -> FloatArray:
     return np.concatenate(([track.min(), track.max()], most))
 
 
-def _limits(east: FloatArray, north: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
+def map_limits(east: FloatArray, north: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
     """Limits east and north: the track and a margin, no narrower than fits a page."""
     width, height = (max(float(np.ptp(v)), _NARROWEST_M) for v in (east, north))
     margin = 0.07 * max(width, height)
@@ -116,7 +116,7 @@ def _rejected(axes: Axes, run: Run, north: FloatArray, east: FloatArray, time: F
     )
 
 
-def _scale_bar(axes: Axes) -> None:
+def scale_bar(axes: Axes) -> None:
     """Draw a bar of a round length, about a fifth of the width, in the lower left corner."""
     (left, right), (low, _) = axes.get_xlim(), axes.get_ylim()
     longest = 0.25 * (right - left)
@@ -131,10 +131,11 @@ def _scale_bar(axes: Axes) -> None:
         linewidth=1.6,
         zorder=5,
     )
-    axes.text(x + 0.5 * length, y + 1.3 * tick, _distance(length), ha="center", va="bottom", fontsize=8.5)
+    axes.text(x + 0.5 * length, y + 1.3 * tick, distance_text(length), ha="center", va="bottom", fontsize=8.5)
 
 
-def _north_arrow(axes: Axes) -> None:
+def north_arrow(axes: Axes) -> None:
+    """Mark north in the upper right corner."""
     axes.annotate(
         "N",
         xy=(0.965, 0.985),
@@ -149,9 +150,11 @@ def _north_arrow(axes: Axes) -> None:
     )
 
 
-def _distance(length_m: float) -> str:
+def distance_text(length_m: float) -> str:
+    """Length in metres or kilometres."""
     return f"{length_m / 1000.0:.3g} km" if length_m >= 1000.0 else f"{length_m:.3g} m"
 
 
-def _duration(seconds: float) -> str:
+def duration_text(seconds: float) -> str:
+    """Time in seconds or minutes."""
     return f"{seconds / 60.0:.1f} min" if seconds >= 120.0 else f"{seconds:.1f} s"

@@ -1,0 +1,196 @@
+"""Wheels and rest help where fixes do not, and only where the data say that there are wheels."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_multiply
+from insnav.earth import lla_offset, ned_offset
+from insnav.filter.aiding import Aiding, Wheels
+from insnav.filter.learn import learn, rests
+from insnav.kernels import aiding as kernel
+from insnav.kernels.errorstate import STATES
+from insnav.simulate import reference, without_fixes
+from insnav.types import EventKind
+from insnav.units import DEG
+from tests.filter import drives
+
+ROLL, PITCH, YAW = 0.02, -0.03, 0.0  # of the IMU in the car of `drives`
+
+
+def state(rng: np.random.Generator) -> np.ndarray:
+    rph = np.array([0.2, -0.1, 2.0])
+    return np.concatenate([[0.8, 0.1, 200.0], 10.0 * rng.standard_normal(3), quat_from_rph(rph)])
+
+
+def moved(x: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """State with a small error put on: estimate = truth + error, C_hat = (I - [phi x]) C."""
+    y = x.copy()
+    y[3:6] += error[3:6]
+    y[6:] = quat_multiply(quat_from_rotvec(-error[6:9]), x[6:])
+    return y
+
+
+def test_derivatives_of_the_wheels_are_those_of_differences():
+    rng = np.random.default_rng(1)
+    x, rate, lever = state(rng), rng.standard_normal(3), np.array([-1.2, 0.1, 0.4])
+    to_vehicle = dcm_from_rph(np.array([0.05, 0.1, -0.2]))
+    z, h = np.empty(6), np.empty((6, STATES))
+    kernel.wheels(x, rate, to_vehicle, lever, 3.0, z, h)
+    truth, unused = z.copy(), np.empty((6, STATES))
+    for j in range(3, 12):
+        error = np.zeros(STATES)
+        error[j] = 1e-6
+        # the rate is measured minus the estimated bias
+        kernel.wheels(moved(x, error), rate - error[9:12], to_vehicle, lever, 3.0, z, unused)
+        np.testing.assert_allclose((z[:3] - truth[:3]) / 1e-6, h[:3, j], atol=1e-4)
+
+
+def test_derivatives_of_rest_are_those_of_differences():
+    rng = np.random.default_rng(2)
+    x, bias, rate = state(rng), 0.01 * rng.standard_normal(3), 0.01 * rng.standard_normal(3)
+    z, h = np.empty(6), np.empty((6, STATES))
+    kernel.still(x, bias, rate, z, h)
+    truth, unused = z.copy(), np.empty((6, STATES))
+    for j in range(3, 12):
+        error = np.zeros(STATES)
+        error[j] = 1e-3
+        kernel.still(moved(x, error), bias + error[9:12], rate, z, unused)
+        np.testing.assert_allclose((z - truth) / 1e-3, h[:, j], atol=1e-7)
+
+
+def test_nis_is_that_of_the_matrix_formula():
+    rng = np.random.default_rng(3)
+    a = rng.standard_normal((STATES, STATES))
+    p, h, z = a @ a.T, rng.standard_normal((6, STATES)), rng.standard_normal(6)
+    r = rng.uniform(0.5, 2.0, 6)
+    s = np.empty((2, 2))
+    nis = kernel.innovation(p, z, h, r, 1, 3, s)
+    expected = h[1:3] @ p @ h[1:3].T + np.diag(r[1:3])
+    np.testing.assert_allclose(s, expected)
+    assert nis == pytest.approx(z[1:3] @ np.linalg.inv(expected) @ z[1:3])
+
+
+def recording(seed: int, gps=None):
+    rng = np.random.default_rng([31, seed])
+    imu = drives.noisy_imu(drives.perfect_imu(), drives.MODEL, rng)
+    return imu, drives.noisy_gps(drives.perfect_gps() if gps is None else gps, rng), drives.begin(drives.MODEL, rng)
+
+
+def run(imu, gps, start, aiding=None, **settings):
+    return drives.navigate(imu, gps, start, drives.MODEL, aiding=aiding, output_interval=0.1, **settings)
+
+
+def learned(seed: int, gps=None):
+    imu, fixes, start = recording(seed, gps)
+    first = run(imu, fixes, start)
+    return imu, fixes, start, learn(first.smoothed.solution, imu, fixes, drives.SPEC), first
+
+
+def test_mounting_angles_are_found_within_a_tenth_of_a_degree():
+    for seed in range(5):
+        found = learned(seed)[3]
+        # the car moves along its own forward axis: seen from the IMU, which is rolled and pitched in it
+        ahead = dcm_from_rph(np.array([ROLL, PITCH, YAW])).T @ [1.0, 0.0, 0.0]
+        expected = np.array([np.arctan2(-ahead[2], ahead[0]), np.arctan2(ahead[1], ahead[0])])
+        error = found.mount - expected
+        print(f"mount {found.mount / DEG}, error {error / DEG}, sd {found.mount_sd / DEG} deg")
+        assert np.abs(error).max() < 0.1 * DEG
+        assert np.all(np.abs(error) < 4.0 * np.hypot(found.mount_sd, 0.01 * DEG))
+
+
+def test_wheels_and_rest_shorten_the_way_astray_and_know_it():
+    motion = drives.truth()
+    begin, length = motion.start + 180.0, 30.0
+    plain, helped, inside = [], [], []
+    for seed in range(8):
+        imu, fixes, start, found, first = learned(seed, without_fixes(drives.perfect_gps(), begin, begin + length))
+        assert found.aiding.wheels is not None
+        second = run(imu, fixes, start, found.aiding)
+        for kept, each in ((plain, first), (helped, second)):
+            row = int(np.searchsorted(each.solution.time, begin + length - 1e-3))
+            error = ned_offset(each.solution.lla[row], reference(motion, each.solution.time[row : row + 1]).lla[0])
+            kept.append(float(np.hypot(error[0], error[1])))
+        inside.append(np.abs(error[:2]) < 3.0 * second.solution.sd[row, :2])
+        assert {use.name for use in second.aids} >= {"wheels"}
+    print("after 30 s without fixes:", np.round(plain, 2), "with wheels:", np.round(helped, 2))
+    assert np.sqrt(np.mean(np.square(helped))) < 0.5 * np.sqrt(np.mean(np.square(plain)))
+    assert np.mean(inside) >= 0.9
+
+
+def test_a_vehicle_that_drifts_sideways_is_not_taken_for_one_on_wheels():
+    imu, fixes, start = recording(0)
+    first = run(imu, fixes, start)
+    solution = first.smoothed.solution
+    wind = 1.0 * np.sin(0.05 * (solution.time - solution.time[0]))
+    adrift = replace(solution, v_n=solution.v_n + np.column_stack([wind, wind, 0.0 * wind]))
+    found = learn(adrift, imu, fixes, drives.SPEC)
+    assert found.aiding.wheels is None
+    assert any("not assumed" in note for note in found.notes)
+
+
+def test_a_skid_is_rejected_by_name():
+    imu, fixes, start, found, _ = learned(1)
+    wheels = found.aiding.wheels
+    assert wheels is not None
+    askew = replace(wheels, to_vehicle=dcm_from_rph(np.array([0.0, 0.0, 20 * DEG])) @ wheels.to_vehicle)
+    second = run(imu, fixes, start, Aiding(askew))
+    (use,) = second.aids
+    assert use.rejected > 0.3 * use.offered
+    assert any(event.kind is EventKind.GATE_WHEELS for event in second.events)
+
+
+def test_rests_are_those_of_the_drive():
+    imu, fixes, _ = recording(2)
+    stretches, rate_sd, note = rests(imu, fixes, drives.SPEC)
+    print(note)
+    motion = drives.truth()
+    middle = 0.5 * stretches.sum(axis=1)
+    speed = np.linalg.norm(motion.evaluate(middle).v_n, axis=1)
+    assert stretches.shape[0] >= 3
+    assert speed.max() < 0.05
+    assert np.isfinite(rate_sd).all()
+
+
+def test_rest_holds_the_velocity_and_finds_the_gyro_bias():
+    imu, fixes, start = recording(3)
+    stretches, rate_sd, _ = rests(imu, fixes, drives.SPEC)
+    wide = replace(fixes, velocity_sd=10.0 * fixes.velocity_sd, position_sd=10.0 * fixes.position_sd)
+    plain, helped = run(imu, wide, start), run(imu, wide, start, Aiding(None, None, stretches, 0.02, rate_sd))
+    last = stretches[-1]
+    for each in (plain, helped):
+        rows = (each.solution.time > last[0] + 1.0) & (each.solution.time < last[1])
+        print(np.abs(each.solution.v_n[rows]).max(), each.sensor_errors.sd[-1, :3])
+    assert np.abs(helped.solution.v_n[rows]).max() < 0.05
+    assert np.all(helped.sensor_errors.sd[-1, :3] < plain.sensor_errors.sd[-1, :3])
+
+
+def test_what_helps_changes_nothing_in_the_result_for_other_block_sizes():
+    imu, fixes, start, found, _ = learned(4)
+    whole = run(imu, fixes, start, found.aiding)
+    parts = run(imu, fixes, start, found.aiding, blocks=777)
+    np.testing.assert_allclose(whole.solution.lla, parts.solution.lla, rtol=0, atol=1e-15)
+
+
+def test_a_wheel_arm_shows_only_in_turns():
+    x = np.concatenate([[0.8, 0.1, 200.0, 10.0, 0.0, 0.0], quat_from_rph(np.zeros(3))])
+    z, h = np.empty(6), np.empty((6, STATES))
+    wheels = Wheels(np.eye(3), np.array([-1.5, 0.0, 0.0]), np.ones(2))
+    kernel.wheels(x, np.zeros(3), wheels.to_vehicle, wheels.lever_b, np.nan, z, h)
+    assert z[1] == 0.0
+    kernel.wheels(x, np.array([0.0, 0.0, 0.2]), wheels.to_vehicle, wheels.lever_b, np.nan, z, h)
+    assert z[1] == pytest.approx(-0.3)
+
+
+def test_position_error_moves_with_the_fixes_after_all():
+    """Aiding has not cut the filter off from its fixes: a step of all of them is followed."""
+    imu, fixes, start, found, _ = learned(5)
+    late = fixes.time > drives.truth().start + 150.0
+    lla = fixes.lla.copy()
+    lla[late] = lla_offset(lla[late], np.array([0.8, 0.0, 0.0]))
+    a, b = (run(imu, replace(fixes, lla=each), start, found.aiding) for each in (fixes.lla, lla))
+    moved_by = ned_offset(b.solution.lla[-200:], a.solution.lla[-200:])
+    assert moved_by[:, 0] == pytest.approx(0.8, abs=0.15)
