@@ -27,6 +27,21 @@ class StampChoice(StrEnum):
     end = "end"
 
 
+class Height(StrEnum):
+    """What heights are measured from."""
+
+    ellipsoidal = "ellipsoidal"
+    msl = "msl"
+
+
+class AidingWhen(StrEnum):
+    """When to use what helps besides fixes."""
+
+    auto = "auto"
+    on = "on"
+    off = "off"
+
+
 ImuFile = Annotated[
     Path,
     typer.Argument(
@@ -113,4 +128,43 @@ ReferenceLeverArm = Annotated[
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing result of insnav.", rich_help_panel=RESULT)]
 Json = Annotated[
     bool, typer.Option("--json", help="Print the facts as JSON instead of a summary.", rich_help_panel=RESULT)
+]
+GpsFile = Annotated[Path, typer.Option("--gps", metavar="FILE", help="GPS fixes.", rich_help_panel=FILES)]
+LeverArm = Annotated[
+    str | None,
+    typer.Option(
+        metavar="F,R,D",
+        help="Antenna seen from the IMU: forward, right, down, m. [0,0,0]",
+        rich_help_panel=GPS,
+    ),
+]
+GpsHeight = Annotated[
+    Height | None,
+    typer.Option(
+        metavar="FROM",
+        help="GPS heights are ellipsoidal or msl. [by the header, else ellipsoidal]",
+        rich_help_panel=GPS,
+    ),
+]
+GpsDelay = Annotated[
+    float | None,
+    typer.Option(metavar="S", help="How much older the fixes are than their stamps. [estimated]", rich_help_panel=GPS),
+]
+GpsColumns = Annotated[
+    str | None,
+    typer.Option(metavar="NAME=HEADER,…", help="The same as --columns, for the GPS file.", rich_help_panel=GPS),
+]
+RefColumns = Annotated[
+    str | None,
+    typer.Option(metavar="NAME=HEADER,…", help="The same for the reference.", rich_help_panel=GPS),
+]
+AidingOption = Annotated[
+    AidingWhen,
+    typer.Option(
+        "--aiding",
+        metavar="WHEN",
+        help="Use wheels that do not slip, wheel speed and rest, as far as the data support it: auto (where GPS "
+        "leaves holes), on, off.",
+        rich_help_panel=GPS,
+    ),
 ]

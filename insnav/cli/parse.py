@@ -25,6 +25,14 @@ def _numbers(text: str, separator: str, count: int, option: str, example: str) -
     return values
 
 
+def positive_numbers(text: str, option: str, example: str) -> list[float]:
+    """Numbers above zero with commas between them."""
+    values = _numbers(text, ",", text.count(",") + 1, option, example)
+    if not all(value > 0.0 for value in values):
+        raise ConfigError(f"{text!r} has a number that is not above zero", where=option)
+    return values
+
+
 def vector(text: str, option: str) -> FloatArray:
     """Three numbers in metres, such as a lever arm."""
     import numpy as np

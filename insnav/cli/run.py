@@ -53,24 +53,9 @@ class TableFormat(StrEnum):
     parquet = "parquet"
 
 
-class Height(StrEnum):
-    """What heights are measured from."""
-
-    ellipsoidal = "ellipsoidal"
-    msl = "msl"
-
-
-class Aiding(StrEnum):
-    """When to use what helps besides fixes."""
-
-    auto = "auto"
-    on = "on"
-    off = "off"
-
-
 def run(
     imu_file: opt.ImuFile,
-    gps: Annotated[Path, typer.Option(metavar="FILE", help="GPS fixes.", rich_help_panel=opt.FILES)],
+    gps: opt.GpsFile,
     ref: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Reference to judge the solution by.", rich_help_panel=opt.FILES),
@@ -82,37 +67,12 @@ def run(
     columns: opt.Columns = None,
     imu_sampling: opt.SamplingOption = None,
     imu_stamp: opt.StampOption = None,
-    lever_arm: Annotated[
-        str | None,
-        typer.Option(
-            metavar="F,R,D",
-            help="Antenna seen from the IMU: forward, right, down, m. [0,0,0]",
-            rich_help_panel=opt.GPS,
-        ),
-    ] = None,
-    gps_height: Annotated[
-        Height | None,
-        typer.Option(
-            metavar="FROM",
-            help="GPS heights are ellipsoidal or msl. [by the header, else ellipsoidal]",
-            rich_help_panel=opt.GPS,
-        ),
-    ] = None,
-    gps_delay: Annotated[
-        float | None,
-        typer.Option(
-            metavar="S", help="How much older the fixes are than their stamps. [estimated]", rich_help_panel=opt.GPS
-        ),
-    ] = None,
-    gps_columns: Annotated[
-        str | None,
-        typer.Option(metavar="NAME=HEADER,…", help="The same as --columns, for the GPS file.", rich_help_panel=opt.GPS),
-    ] = None,
+    lever_arm: opt.LeverArm = None,
+    gps_height: opt.GpsHeight = None,
+    gps_delay: opt.GpsDelay = None,
+    gps_columns: opt.GpsColumns = None,
     ref_lever_arm: opt.ReferenceLeverArm = None,
-    ref_columns: Annotated[
-        str | None,
-        typer.Option(metavar="NAME=HEADER,…", help="The same for the reference.", rich_help_panel=opt.GPS),
-    ] = None,
+    ref_columns: opt.RefColumns = None,
     static: opt.Static = None,
     heading: opt.Heading = None,
     initial: Annotated[
@@ -131,15 +91,7 @@ def run(
             rich_help_panel=opt.START,
         ),
     ] = 21,
-    aiding: Annotated[
-        Aiding,
-        typer.Option(
-            metavar="WHEN",
-            help="Use wheels that do not slip, wheel speed and rest, as far as the data support it: auto (where GPS "
-            "leaves holes), on, off.",
-            rich_help_panel=opt.GPS,
-        ),
-    ] = Aiding.auto,
+    aiding: opt.AidingOption = opt.AidingWhen.auto,
     smooth: Annotated[
         bool,
         typer.Option(

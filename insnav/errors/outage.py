@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from insnav.attitude import rph_from_quat, wrap_pi
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.model import FilterState
 from insnav.filter.navigator import Navigator
@@ -21,6 +22,7 @@ RECOVERY = 60.0  # time after the window whose fixes the smoother gets [s]
 SETTLED = 60.0  # no window begins earlier after the start, if the drive is long enough [s]
 LENGTHS = (5.0, 10.0, 15.0, 30.0, 60.0, 120.0)  # [s]
 _LEAD = 2.0  # samples before the window, for the polynomials at its first interval [s]
+_COURSE = 0.1  # interval of the smoothed heading [s]
 _JUDGED = 0.25  # a truth that comes more often is thinned to this interval [s]
 
 
@@ -41,6 +43,10 @@ class Outage:
         Standard deviation of what was navigated.
     judge_sd : (k, 6) array
         Standard deviation of what it is judged by.
+    heading : (k,) array
+        Heading of the filter minus that of the drive smoothed with all fixes [rad].
+    heading_sd : (k,) array
+        Standard deviation of the filter's heading [rad].
     speed : float
         Mean speed in the window [m/s].
     """
@@ -53,6 +59,8 @@ class Outage:
     smoothed: FloatArray
     smoothed_sd: FloatArray
     judge_sd: FloatArray
+    heading: FloatArray
+    heading_sd: FloatArray
     speed: float
 
 
@@ -115,10 +123,16 @@ def outages(
             f"window is {lengths[0]:g} s",
             fix="give shorter windows with --lengths or an earlier --first",
         )
-    navigator = ready.navigator(marks=set(rows.tolist()))
+    whole = replace(ready, settings=replace(ready.settings, smooth=True, output_interval=_COURSE))
+    navigator = whole.navigator(marks=set(rows.tolist()))
     share = 0.3  # of the work is the drive itself
     feed(navigator, ready.imu, None if progress is None else lambda done: progress(share * done))
-    navigator.finish()
+    run = navigator.finish()
+    smoothed = run.smoothed
+    assert smoothed is not None
+    # back from GPS time to that of the samples
+    clock = run.gps_delay - ready.settings.delay
+    course = np.column_stack([smoothed.solution.time - clock, np.unwrap(smoothed.solution.rph[:, 2])])
     tasks = [
         (row, state, length)
         for length in lengths
@@ -128,14 +142,14 @@ def outages(
     if workers == 1:
         found = []
         for number, task in enumerate(tasks, start=1):
-            found.append(_window(ready, truth, *task))
+            found.append(_window(ready, truth, course, *task))
             if progress is not None:
                 progress(share + (1.0 - share) * number / len(tasks))
     else:
         from joblib import Parallel, delayed
 
         results = Parallel(n_jobs=workers, return_as="generator")(
-            delayed(_window)(_part(ready, *task[1:]), truth, *task) for task in tasks
+            delayed(_window)(_part(ready, *task[1:]), truth, course, *task) for task in tasks
         )
         found = []
         for number, each in enumerate(results, start=1):
@@ -143,6 +157,81 @@ def outages(
             if progress is not None:
                 progress(share + (1.0 - share) * number / len(tasks))
     return [each for each in found if each is not None and each.elapsed.size]
+
+
+@dataclass(frozen=True, slots=True)
+class Growth:
+    """How errors have grown at the end of windows of one length.
+
+    Attributes
+    ----------
+    length : float
+        [s]
+    count : int
+        Number of windows.
+    quantities : dict
+        For ``horizontal``, ``vertical``, ``velocity``, ``heading`` by the filter, and for ``smoothed horizontal`` and
+        ``smoothed vertical`` (the largest in the window): RMS without the part that is the judge's own uncertainty,
+        95 % quantile, largest, and RMS of the predicted standard deviation. SI units.
+    inside : float
+        Share of the north, east and down errors at the end that are inside 3 sd [-].
+    """
+
+    length: float
+    count: int
+    quantities: dict[str, tuple[float, float, float, float]]
+    inside: float
+
+
+def growth(windows: Sequence[Outage]) -> list[Growth]:
+    """Sum up windows by their length.
+
+    Parameters
+    ----------
+    windows : sequence of Outage
+        From `outages`.
+    """
+    found = []
+    for length in sorted({window.length for window in windows}):
+        chosen = [window for window in windows if window.length == length]
+        error, sd, judge = (np.array([getattr(w, name)[-1] for w in chosen]) for name in ("error", "sd", "judge_sd"))
+        smoothed = np.array([_largest(w) for w in chosen])
+        quantities = {
+            "horizontal": _figures(error[:, :2], sd[:, :2], judge[:, :2]),
+            "vertical": _figures(error[:, 2:3], sd[:, 2:3], judge[:, 2:3]),
+            "velocity": _figures(error[:, 3:], sd[:, 3:], judge[:, 3:]),
+            "heading": _figures(
+                np.array([w.heading[-1:] for w in chosen]),
+                np.array([w.heading_sd[-1:] for w in chosen]),
+                np.zeros((len(chosen), 1)),
+            ),
+            "smoothed horizontal": _figures(smoothed[:, :2], smoothed[:, 3:5], smoothed[:, 6:8]),
+            "smoothed vertical": _figures(smoothed[:, 2:3], smoothed[:, 5:6], smoothed[:, 8:]),
+        }
+        inside = np.abs(error[:, :3]) <= 3.0 * np.hypot(sd[:, :3], judge[:, :3])
+        found.append(Growth(length, len(chosen), quantities, float(np.mean(inside))))
+    return found
+
+
+def _largest(window: Outage) -> FloatArray:
+    """Smoothed error, sd and the judge's sd of N, E, D where the horizontal error is largest, (9,)."""
+    at = int(np.nanargmax(np.hypot(window.smoothed[:, 0], window.smoothed[:, 1])))
+    return np.concatenate([window.smoothed[at, :3], window.smoothed_sd[at, :3], window.judge_sd[at, :3]])
+
+
+def _figures(error: FloatArray, sd: FloatArray, judge: FloatArray) -> tuple[float, float, float, float]:
+    """RMS less the judge's part, 95 % quantile, largest, predicted; of vectors in rows, NaN where not known."""
+    known = np.isfinite(error).all(axis=1)
+    if not known.any():
+        return (float("nan"),) * 4
+    size = np.linalg.norm(error[known], axis=1)
+    own = float(np.mean(np.nansum(judge[known] ** 2, axis=1)))
+    return (
+        float(np.sqrt(max(np.mean(size**2) - own, 0.0))),
+        float(np.quantile(size, 0.95)),
+        float(size.max()),
+        float(np.sqrt(np.mean(np.sum(sd[known] ** 2, axis=1)))),
+    )
 
 
 def _part(ready: Prepared, state: FilterState, length: float) -> Prepared:
@@ -154,7 +243,9 @@ def _part(ready: Prepared, state: FilterState, length: float) -> Prepared:
     return replace(ready, imu=part)
 
 
-def _window(ready: Prepared, truth: GpsData | None, row: int, state: FilterState, length: float) -> Outage | None:
+def _window(
+    ready: Prepared, truth: GpsData | None, course: FloatArray, row: int, state: FilterState, length: float
+) -> Outage | None:
     """Navigate one window and what follows it."""
     delay = ready.settings.delay
     start, stop = state.time + delay, state.time + delay + length
@@ -182,6 +273,8 @@ def _window(ready: Prepared, truth: GpsData | None, row: int, state: FilterState
         values[:, 12:18],
         np.sqrt(np.maximum(values[:, 18:24], 0.0)),
         judge,
+        wrap_pi(rph_from_quat(offered.state[at, 6:])[:, 2] - np.interp(offered.time[at], *course.T)),
+        np.sqrt(values[:, 24]),
         float(np.mean(speed)),
     )
 

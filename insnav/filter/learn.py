@@ -101,13 +101,13 @@ def learn(solution: Trajectory, imu: ImuData, gps: GpsData, spec: ImuSpec) -> Le
     sd = np.array([_lasting(each, step) for each in (right_residual, down_residual)])
     wheels = Wheels(np.array([ahead, side, np.cross(ahead, side)]), np.array([right[1], 0.0, 0.0]), sd)
     pitch, yaw = mount / DEG
-    notes = (
+    said = (
         f"wheels: {found}; it points {pitch:.2f} ± {mount_sd[0] / DEG:.2f} deg up and {yaw:.2f} ± "
-        f"{mount_sd[1] / DEG:.2f} deg to the right of the IMU, whose distance to the axle is {-right[1]:.1f} m",
+        f"{mount_sd[1] / DEG:.2f} deg to the right of the IMU, whose distance to the axle is {-right[1]:.1f} m"
     )
     odometer, odometer_note = _odometer(solution, imu, v_b @ ahead, fast)
     aiding = Aiding(wheels, odometer, stretches, REST_SD, rate_sd)
-    return Learned(aiding, mount, mount_sd, (*notes, *odometer_note, rest_note))
+    return Learned(aiding, mount, mount_sd, (said, *odometer_note, rest_note))
 
 
 def _rates_at(time: FloatArray, imu: ImuData) -> FloatArray:
@@ -127,10 +127,10 @@ def _robust(design: FloatArray, values: FloatArray, step: float) -> tuple[FloatA
     """
     weight = np.ones(values.shape[0])
     found: FloatArray = np.zeros(design.shape[1])
-    residual: FloatArray = values
+    residual: FloatArray = values.copy()
     for _ in range(10):
-        found = np.linalg.lstsq(design * weight[:, None], values * weight, rcond=None)[0]
-        residual = values - design @ found
+        found[:] = np.linalg.lstsq(design * weight[:, None], values * weight, rcond=None)[0]
+        residual[:] = values - design @ found
         scale = 1.4826 * float(np.median(np.abs(residual))) or 1.0
         weight = np.sqrt(np.minimum(1.0, 1.5 * scale / np.maximum(np.abs(residual), 1e-12)))
     covariance = np.linalg.inv((design * weight[:, None] ** 2).T @ design) * float(np.mean((weight * residual) ** 2))

@@ -37,7 +37,7 @@ class SmoothedErrors:
         Of smoothed position, velocity and attitude.
     variance : (m, 12) array
         Of the smoothed sensor errors.
-    offered : (m, 24) array
+    offered : (m, 25) array
         What filter and smoother make of each measurement; see `insnav.kernels.smoother.backward`.
     """
 
@@ -105,7 +105,7 @@ class History:
         head = np.empty((count, kernel.RESIDUAL))
         after, before = np.empty((count, m)), np.empty((count, m))
         covariance, variance = np.empty((count, NAV, NAV)), np.empty((count, SENSOR))
-        offered = np.empty((count, 24))
+        offered = np.empty((count, 25))
         for number in range(len(self._blocks) - 1, -1, -1):
             last = min(count, (number + 1) * ROWS)
             part = slice(number * ROWS, last)

@@ -107,9 +107,10 @@ def backward(history, n, adjoint, information, after, before, covariance, varian
         Filled with the covariance of smoothed position, velocity and attitude.
     variance : (m, 12) array
         Filled with the variances of the smoothed sensor errors.
-    offered : (m, 24) array
-        Filled, where a measurement was offered, with predicted minus measured and the variance of the prediction, by
-        the filter before it saw the measurement (0 to 11) and smoothed (12 to 23); elsewhere ``NaN``.
+    offered : (m, 25) array
+        Filled, where a fix was offered, with predicted minus measured and the variance of the prediction, by the filter
+        before it saw the fix (0 to 11) and smoothed (12 to 23), and the filter's variance of the attitude error about
+        Down (24); elsewhere ``NaN``.
     """
     p = np.zeros((n, n))
     phi = np.zeros((n, n))
@@ -207,6 +208,7 @@ def _compare(row, n, p, removed, error, out):  # type: ignore[no-untyped-def]
                     after += h * (p[j, m] - removed[j, m]) * row[at + m]
         out[i], out[6 + i] = row[RESIDUAL + i], before
         out[12 + i], out[18 + i] = row[RESIDUAL + i] - shift, after
+    out[24] = p[8, 8]
 
 
 @njit(cache=True)

@@ -73,7 +73,7 @@ def run_facts(
         ``fixes``, ``aids``, ``outages``, ``sensor_errors``, ``events``, ``accuracy``, ``smoothed``, ``warnings``.
     """
     facts = {
-        "versions": _versions(),
+        "versions": versions(),
         "configuration": configuration,
         "input": reading,
         "imu_model": imu_model,
@@ -118,7 +118,8 @@ def json_ready(value: Any) -> Any:
     return value.as_posix() if isinstance(value, Path) else str(value)
 
 
-def _versions() -> dict[str, str | None]:
+def versions() -> dict[str, str | None]:
+    """Release of insnav, of Python and of the packages that results depend on."""
     found: dict[str, str | None] = {"insnav": __version__, "python": platform.python_version()}
     for name in _VERSIONS_OF:
         try:

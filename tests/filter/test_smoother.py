@@ -90,7 +90,7 @@ def test_agrees_with_least_squares_over_all_epochs(n):
     rows, states = filtered(system, y, n, start)
     after, before = np.empty((EPOCHS, STATES)), np.empty((EPOCHS, STATES))
     covariance, variance = np.empty((EPOCHS, NAV, NAV)), np.empty((EPOCHS, 12))
-    kernel.backward(rows, n, np.zeros(n), np.zeros((n, n)), after, before, covariance, variance, np.empty((EPOCHS, 24)))
+    kernel.backward(rows, n, np.zeros(n), np.zeros((n, n)), after, before, covariance, variance, np.empty((EPOCHS, 25)))
     best, spread = batch(system, y, n, start)
     np.testing.assert_allclose(states[:, :STATES] - after, best[:, :STATES], atol=1e-9)
     for k in range(EPOCHS):
@@ -105,7 +105,7 @@ def test_nothing_is_carried_across_a_restart():
     rows, _ = filtered(system, y, n, np.eye(n))
     rows[3, kernel.KIND] = kernel.RESTART
     out = [
-        (np.empty((m, STATES)), np.empty((m, STATES)), np.empty((m, NAV, NAV)), np.empty((m, 12)), np.empty((m, 24)))
+        (np.empty((m, STATES)), np.empty((m, STATES)), np.empty((m, NAV, NAV)), np.empty((m, 12)), np.empty((m, 25)))
         for m in (7, 3)
     ]
     kernel.backward(rows, n, np.zeros(n), np.zeros((n, n)), *out[0])

@@ -1,0 +1,47 @@
+"""``insnav outage`` from files to a folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from insnav.io.folder import read_facts, verify_folder
+from tests.cli.conftest import Cli
+
+QUICK = ("outage", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", "--lengths", "3,6", "--first", "80")
+
+
+def test_folder_and_table(drive: Path, cli: Cli):
+    shown = cli(*QUICK, "--workers", "1", "--aiding", "off")
+    assert shown.code == 0, shown.err
+    verify_folder(Path("outage"))
+    facts = read_facts(Path("outage"))
+    assert [each["length_s"] for each in facts["outages"]] == [3.0, 6.0]
+    assert facts["outages"][1]["horizontal_m"]["rms"] < 20.0
+    assert Path("outage/figures/outages.png").stat().st_size > 10_000
+    assert "predicted sd" in shown.out
+    assert "workers" not in facts["configuration"]
+
+
+def test_json_is_that_of_the_folder(drive: Path, cli: Cli):
+    shown = cli(*QUICK, "--json", "--workers", "1")
+    assert json.loads(shown.out) == read_facts(Path("outage"))
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        (("--lengths", "5,x"), 2, "--lengths"),
+        (("--lengths", "0"), 2, "above zero"),
+        (("--lengths", "4000"), 3, "too short for an outage"),
+        (("--spacing", "-3"), 2, "above zero"),
+        (("--workers", "0"), 2, "--workers"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(drive: Path, cli: Cli, options: tuple[str, ...], code: int, words: str):
+    shown = cli("outage", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", *options)
+    assert shown.code == code
+    assert words in shown.err
+    assert not Path("outage").exists()
