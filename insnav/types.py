@@ -6,7 +6,7 @@ documented so means "not known"; no other value stands for it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Literal
 
@@ -368,6 +368,8 @@ class Run:
         State and full covariance after each fix.
     gps_delay, gps_delay_sd : float
         How much older the fixes are than their stamps [s], as given or estimated, and its standard deviation.
+    lever_b, lever_sd : (3,) array
+        Antenna seen from the IMU, body axes [m], as given or estimated, and its standard deviation.
     smoothed : Smoothed or None
         The same recording seen from its end, if it was smoothed.
     aids : tuple of AidUse
@@ -382,5 +384,7 @@ class Run:
     epochs: Epochs
     gps_delay: float = 0.0
     gps_delay_sd: float = 0.0
+    lever_b: FloatArray = field(default_factory=lambda: np.zeros(3))
+    lever_sd: FloatArray = field(default_factory=lambda: np.zeros(3))
     smoothed: Smoothed | None = None
     aids: tuple[AidUse, ...] = ()

@@ -138,6 +138,14 @@ LeverArm = Annotated[
         rich_help_panel=GPS,
     ),
 ]
+LeverArmSd = Annotated[
+    float,
+    typer.Option(
+        metavar="M",
+        help="How uncertain each component of that is; above 0 it is estimated, which takes turns. [0]",
+        rich_help_panel=GPS,
+    ),
+]
 GpsHeight = Annotated[
     Height | None,
     typer.Option(

@@ -48,6 +48,7 @@ def outage(
     imu_sampling: opt.SamplingOption = None,
     imu_stamp: opt.StampOption = None,
     lever_arm: opt.LeverArm = None,
+    lever_arm_sd: opt.LeverArmSd = 0.0,
     gps_height: opt.GpsHeight = None,
     gps_delay: opt.GpsDelay = None,
     gps_columns: opt.GpsColumns = None,
@@ -119,7 +120,11 @@ def outage(
         note(f"IMU model: {spec.name}")
         note_more(said)
         settings = FilterSettings(
-            lever_b=lever_b, delay=delay or 0.0, delay_sd=DELAY_SD if delay is None else 0.0, output_interval=1.0
+            lever_b=lever_b,
+            lever_sd=parse.not_negative(lever_arm_sd, "--lever-arm-sd", largest=10.0),
+            delay=delay or 0.0,
+            delay_sd=DELAY_SD if delay is None else 0.0,
+            output_interval=1.0,
         )
         ready = prepare(samples, complete, spec, settings)
         if aiding is not opt.AidingWhen.off:

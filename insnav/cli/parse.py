@@ -60,6 +60,13 @@ def finite(value: float, option: str, *, largest: float = math.inf) -> float:
     return value
 
 
+def not_negative(value: float, option: str, *, largest: float = math.inf) -> float:
+    """A number that is zero or more and not larger than sensible."""
+    if finite(value, option, largest=largest) < 0.0:
+        raise ConfigError(f"{value:g} is negative", where=option, fix="give zero or more")
+    return value
+
+
 def interval(rate: str) -> float:
     """Seconds between rows of the solution; 0 for every sample."""
     if rate == "full":

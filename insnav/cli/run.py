@@ -68,6 +68,7 @@ def run(
     imu_sampling: opt.SamplingOption = None,
     imu_stamp: opt.StampOption = None,
     lever_arm: opt.LeverArm = None,
+    lever_arm_sd: opt.LeverArmSd = 0.0,
     gps_height: opt.GpsHeight = None,
     gps_delay: opt.GpsDelay = None,
     gps_columns: opt.GpsColumns = None,
@@ -142,6 +143,7 @@ def run(
         raise ConfigError(f"{states} states are not to be had", where="--states", fix="use 21 or 15")
     interval = parse.interval(rate)
     lever_b = parse.vector(lever_arm, "--lever-arm") if lever_arm else np.zeros(3)
+    lever_sd = parse.not_negative(lever_arm_sd, "--lever-arm-sd", largest=10.0)
     ref_lever_b = parse.vector(ref_lever_arm, "--ref-lever-arm") if ref_lever_arm else None
     static_span = parse.span(static, "--static") if static else None
     course = None if heading is None else float(np.deg2rad(parse.finite(heading, "--heading")))
@@ -173,6 +175,7 @@ def run(
         note_more(said)
         settings = FilterSettings(
             lever_b=lever_b,
+            lever_sd=lever_sd,
             delay=delay or 0.0,
             delay_sd=DELAY_SD if delay is None else 0.0,
             output_interval=interval,

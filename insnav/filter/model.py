@@ -84,6 +84,8 @@ class FilterState:
         Estimated GPS delay, beyond the one given [s].
     lasting : (3,) array
         Estimated part of the GPS error that lasts [m].
+    lever_b : (3,) array
+        Antenna seen from the IMU, body axes [m].
     motion : (6,) array
         Body rate [rad/s] and acceleration in n [m/s^2].
     covariance : (n, n) array
@@ -95,6 +97,7 @@ class FilterState:
     correction: FloatArray
     delay: float
     lasting: FloatArray
+    lever_b: FloatArray
     motion: FloatArray
     covariance: FloatArray
 

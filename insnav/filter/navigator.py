@@ -13,10 +13,10 @@ from collections.abc import Container
 import numpy as np
 
 from insnav import strapdown
-from insnav.attitude import quat_from_rph
 from insnav.exceptions import ConfigError, DivergenceError
 from insnav.filter import gates as gate
 from insnav.filter.aiding import INTERVAL, Aiding
+from insnav.filter.begin import first_state, layout, set_lasting, tie
 from insnav.filter.engine import Engine
 from insnav.filter.model import ErrorModel, FilterState, InitialState
 from insnav.filter.record import Record
@@ -25,7 +25,6 @@ from insnav.filter.smoother import History, SmoothedErrors
 from insnav.kernels import errorstate
 from insnav.kernels.aiding import innovation, still
 from insnav.kernels.aiding import wheels as kernel_wheels
-from insnav.kernels.errorstate import STATES
 from insnav.kernels.increments import LOOKAHEAD
 from insnav.kernels.measurement import assess
 from insnav.types import (
@@ -42,7 +41,6 @@ from insnav.types import (
 POSITION = (EventKind.GATE_POSITION, EventKind.SOFT_POSITION)
 VELOCITY = (EventKind.GATE_VELOCITY, EventKind.SOFT_VELOCITY)
 SOFT = (EventKind.SOFT_POSITION, EventKind.SOFT_VELOCITY)
-LASTING = STATES + 1  # first of the states of a position error that lasts; the delay stands before them
 MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # samples behind the newest that can be processed
 CONTEXT = 2 * MARGIN  # samples kept before the first unprocessed one
 SUBSTEP = 0.1  # longest sub-step of transition and noise [s]
@@ -94,8 +92,9 @@ class Navigator:
     ) -> None:
         settings = settings or FilterSettings()
         if isinstance(start, InitialState):
-            start = _first(start, settings)
-        n = start.covariance.shape[0]
+            start = first_state(start, settings)
+        self._at = layout(settings)
+        n = self._at.states
         later = gps.time - settings.delay > start.time + strapdown.TIME_TOLERANCE
         self._gps = gps
         self._fix = np.flatnonzero(later)
@@ -104,7 +103,7 @@ class Navigator:
         self._marks, self.kept = marks, dict[int, FilterState]()
         self._engine = Engine(start.covariance)
         self._x, self._correction = start.x.copy(), start.correction.copy()
-        self._delay, self._lasting = start.delay, start.lasting.copy()
+        self._delay, self._lasting, self._lever = start.delay, start.lasting.copy(), start.lever_b.copy()
         self._motion, self._sums, self._span = start.motion.copy(), np.zeros(errorstate.SUMS), np.zeros(1)
         self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
         self._work = errorstate.scratch(n)
@@ -145,6 +144,7 @@ class Navigator:
         return self._record.finish(
             self._alignment,
             self._settings,
+            self._lever,
             self._model.axes_sd,
             self._delay,
             self._engine.covariance,
@@ -166,6 +166,7 @@ class Navigator:
             self._correction.copy(),
             self._delay,
             self._lasting.copy(),
+            self._lever.copy(),
             self._motion.copy(),
             self._engine.covariance.copy(),
         )
@@ -271,8 +272,9 @@ class Navigator:
             fade = float(np.exp(-self._span[0] / lasting.time))
             self._lasting *= fade
             for i in range(3):
-                self._phi[LASTING + i, LASTING + i] = fade
-                self._q[LASTING + i, LASTING + i] = (1.0 - fade**2) * lasting.sd[i] ** 2
+                at = self._at.lasting + i
+                self._phi[at, at] = fade
+                self._q[at, at] = (1.0 - fade**2) * lasting.sd[i] ** 2
         self._note_repair(time, self._engine.predict(self._phi, self._q, time))
         if self._history is not None:
             self._history.epoch(time, self._x, self._correction, self._phi, self._engine.covariance)
@@ -330,10 +332,13 @@ class Navigator:
     def _take(self, error: FloatArray) -> None:
         """Take an estimated error off the state."""
         errorstate.feed_back(self._x, self._correction, error)
-        if error.shape[0] > STATES:
-            self._delay -= error[STATES]
-        if error.shape[0] > LASTING:
-            self._lasting -= error[LASTING:]
+        at = self._at
+        if at.delay >= 0:
+            self._delay -= error[at.delay]
+        if at.lasting >= 0:
+            self._lasting -= error[at.lasting : at.lasting + 3]
+        if at.lever >= 0:
+            self._lever -= error[at.lever : at.lever + 3]
 
     def _note_repair(self, time: float, repaired: bool) -> None:
         if repaired:
@@ -395,10 +400,12 @@ class Navigator:
         found: tuple[float, float, float, float] = assess(
             self._x,
             self._motion,
-            settings.lever_b,
+            self._lever,
             self._delay,
             settings.velocity_lag,
             settings.jitter,
+            self._at.lasting,
+            self._at.lever,
             self._lasting,
             settings.correlated.share if settings.correlated is not None else 0.0,
             gps.lla[row],
@@ -459,11 +466,10 @@ class Navigator:
             p[3:6, 3:6] += VELOCITY_RESET_SD**2 * np.eye(3)
         # whatever led here has probably spoilt the attitude as well
         p[6:9, 6:9] += np.diag(ATTITUDE_RESET_SD**2)
-        if p.shape[0] > LASTING:
-            assert self._settings.correlated is not None
-            p[LASTING:, :] = p[:, LASTING:] = 0.0
-            p[LASTING:, LASTING:] = np.diag(self._settings.correlated.sd**2)
-            _tie(p, self._settings.correlated.sd)
+        lasting = self._settings.correlated
+        if lasting is not None:
+            set_lasting(p, self._at.lasting, lasting.sd)
+            tie(p, self._at.lasting, lasting.sd)
             self._lasting[:] = 0.0
         errorstate.feed_back(self._x, self._correction, error)
         self._engine.replace_covariance(p)
@@ -482,34 +488,6 @@ class Navigator:
         )
         self._last_good = time
         self._rejections.clear()
-
-
-def _first(start: InitialState, settings: FilterSettings) -> FilterState:
-    """State to begin with: all the states that the settings ask for."""
-    lasting = settings.correlated
-    n = LASTING + 3 if lasting is not None else STATES + (1 if settings.delay_sd > 0 else 0)
-    covariance = np.zeros((n, n))
-    covariance[:STATES, :STATES] = start.covariance
-    if n > STATES:
-        covariance[STATES, STATES] = settings.delay_sd**2
-    if lasting is not None:
-        covariance[LASTING:, LASTING:] = np.diag(lasting.sd**2)
-    if start.from_fix and n > STATES:
-        # the position is that of a fix: as far off as the vehicle went in the delay, and by what lasts of its error
-        if lasting is not None:
-            _tie(covariance, lasting.sd)
-        covariance[:3, :3] += settings.delay_sd**2 * np.outer(start.v_n, start.v_n)
-        covariance[:3, STATES] = covariance[STATES, :3] = settings.delay_sd**2 * start.v_n
-    x = np.concatenate([start.lla, start.v_n, quat_from_rph(start.rph)])
-    correction = np.concatenate([start.gyro_bias, np.zeros(9)])
-    return FilterState(start.time, x, correction, 0.0, np.zeros(3), np.zeros(6), covariance)
-
-
-def _tie(covariance: FloatArray, lasting_sd: FloatArray) -> None:
-    """Covariance of a position set to a fix with the part of its error that lasts: what one gains the other lacks."""
-    for i in range(3):
-        covariance[i, i] = max(covariance[i, i], 1.0001 * lasting_sd[i] ** 2)
-        covariance[i, LASTING + i] = covariance[LASTING + i, i] = -(lasting_sd[i] ** 2)
 
 
 def _rows(inc: Increments, every: float) -> int:

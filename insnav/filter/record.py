@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.filter.begin import layout
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import SmoothedErrors
 from insnav.kernels.dynamics import NAV
@@ -110,13 +111,14 @@ class Record:
         self,
         alignment: Alignment,
         settings: FilterSettings,
+        lever_b: FloatArray,
         axes_sd: FloatArray,
         delay: float,
         covariance: FloatArray,
         found: SmoothedErrors | None,
     ) -> Run:
         """Put everything into shape."""
-        n = self._count
+        n, at = self._count, layout(settings)
         if sum(row[0].shape[0] for row in self._rows) == 0:
             raise InputError(
                 "no sample lies after the start of navigation",
@@ -165,6 +167,8 @@ class Record:
             gps_delay=settings.delay + delay,
             gps_delay_sd=float(np.sqrt(covariance[STATES, STATES])) if covariance.shape[0] > STATES else 0.0,
             smoothed=smoothed,
+            lever_b=lever_b.copy(),
+            lever_sd=np.sqrt(covariance.diagonal()[at.lever : at.lever + 3]) if at.lever >= 0 else np.zeros(3),
             aids=tuple(_aid_use(name, np.array(self._aids[kind])) for kind, name in AIDS.items() if kind in self._aids),
         )
 

@@ -19,7 +19,9 @@ class FilterSettings:
     Attributes
     ----------
     lever_b : (3,) array
-        Antenna seen from the IMU, body axes [m].
+        Antenna seen from the IMU, body axes [m]; the first guess if `lever_sd` is positive.
+    lever_sd : float
+        How uncertain each component of that is [m]; positive: estimated as three more states.
     delay : float
         How much older the fixes are than their stamps [s]; the first guess if `delay_sd` is positive.
     delay_sd : float
@@ -43,6 +45,7 @@ class FilterSettings:
     """
 
     lever_b: FloatArray = field(default_factory=lambda: np.zeros(3))
+    lever_sd: float = 0.0
     delay: float = 0.0
     delay_sd: float = 0.0
     velocity_lag: float = 0.0

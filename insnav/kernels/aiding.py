@@ -6,21 +6,7 @@ import numpy as np
 from numba import njit
 
 from insnav.kernels.earth import OMEGA
-
-
-@njit(cache=True)
-def _rotation(x, c):  # type: ignore[no-untyped-def]
-    """``C_nb`` of the state, (3, 3)."""
-    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
-    c[0, 0] = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3
-    c[0, 1] = 2.0 * (q1 * q2 - q0 * q3)
-    c[0, 2] = 2.0 * (q1 * q3 + q0 * q2)
-    c[1, 0] = 2.0 * (q1 * q2 + q0 * q3)
-    c[1, 1] = q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3
-    c[1, 2] = 2.0 * (q2 * q3 - q0 * q1)
-    c[2, 0] = 2.0 * (q1 * q3 - q0 * q2)
-    c[2, 1] = 2.0 * (q2 * q3 + q0 * q1)
-    c[2, 2] = q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3
+from insnav.kernels.measurement import rotation
 
 
 @njit(cache=True)
@@ -50,7 +36,7 @@ def wheels(x, rate, to_vehicle, lever, speed, z, h):  # type: ignore[no-untyped-
     attitude ``-C_vb C_bn [v x]``, by gyro bias ``C_vb [lever x]``.
     """
     c = np.empty((3, 3))
-    _rotation(x, c)
+    rotation(x, c)
     swing = np.empty(3)
     swing[0] = rate[1] * lever[2] - rate[2] * lever[1]
     swing[1] = rate[2] * lever[0] - rate[0] * lever[2]
@@ -94,7 +80,7 @@ def still(x, bias, rate, z, h):  # type: ignore[no-untyped-def]
         Filled with the derivative of `z` by the error states.
     """
     c = np.empty((3, 3))
-    _rotation(x, c)
+    rotation(x, c)
     north, down = OMEGA * np.cos(x[0]), -OMEGA * np.sin(x[0])
     h[:] = 0.0
     for i in range(3):

@@ -10,6 +10,21 @@ from insnav.kernels.errorstate import STATES
 
 
 @njit(cache=True)
+def rotation(x, c):  # type: ignore[no-untyped-def]
+    """``C_nb`` of the state, (3, 3)."""
+    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
+    c[0, 0] = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3
+    c[0, 1] = 2.0 * (q1 * q2 - q0 * q3)
+    c[0, 2] = 2.0 * (q1 * q3 + q0 * q2)
+    c[1, 0] = 2.0 * (q1 * q2 + q0 * q3)
+    c[1, 1] = q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3
+    c[1, 2] = 2.0 * (q2 * q3 - q0 * q1)
+    c[2, 0] = 2.0 * (q1 * q3 - q0 * q2)
+    c[2, 1] = 2.0 * (q2 * q3 + q0 * q1)
+    c[2, 2] = q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3
+
+
+@njit(cache=True)
 def antenna(x, motion, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-untyped-def]
     """Predicted minus measured antenna position and velocity, and their derivative by the error states.
 
@@ -38,17 +53,8 @@ def antenna(x, motion, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-un
     -----
     Lever arm: Groves (2013), eq. 14.104 to 14.114, with errors as estimate minus truth.
     """
-    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
     c = np.empty((3, 3))
-    c[0, 0] = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3
-    c[0, 1] = 2.0 * (q1 * q2 - q0 * q3)
-    c[0, 2] = 2.0 * (q1 * q3 + q0 * q2)
-    c[1, 0] = 2.0 * (q1 * q2 + q0 * q3)
-    c[1, 1] = q0 * q0 - q1 * q1 + q2 * q2 - q3 * q3
-    c[1, 2] = 2.0 * (q2 * q3 - q0 * q1)
-    c[2, 0] = 2.0 * (q1 * q3 - q0 * q2)
-    c[2, 1] = 2.0 * (q2 * q3 + q0 * q1)
-    c[2, 2] = q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3
+    rotation(x, c)
     wx, wy, wz = motion[0], motion[1], motion[2]
     lx, ly, lz = lever[0], lever[1], lever[2]
     sx, sy, sz = wy * lz - wz * ly, wz * lx - wx * lz, wx * ly - wy * lx  # w x lever
@@ -116,8 +122,41 @@ def _nis(z, s, o):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _by_lever(x, motion, at, h):  # type: ignore[no-untyped-def]
+    """Derivative of antenna position and velocity by the lever arm: ``C_nb`` and ``C_nb [w x]``."""
+    wx, wy, wz = motion[0], motion[1], motion[2]
+    c = np.empty((3, 3))
+    rotation(x, c)
+    for i in range(3):
+        for j in range(3):
+            h[i, at + j] = c[i, j]
+        h[3 + i, at] = c[i, 1] * wz - c[i, 2] * wy
+        h[3 + i, at + 1] = c[i, 2] * wx - c[i, 0] * wz
+        h[3 + i, at + 2] = c[i, 0] * wy - c[i, 1] * wx
+
+
+@njit(cache=True)
 def assess(  # type: ignore[no-untyped-def]
-    x, motion, lever, delay, lag, jitter, lasting, share, lla, v_n, position_sd, velocity_sd, p, z, h, r, s, sd
+    x,
+    motion,
+    lever,
+    delay,
+    lag,
+    jitter,
+    lasting_at,
+    lever_at,
+    lasting,
+    share,
+    lla,
+    v_n,
+    position_sd,
+    velocity_sd,
+    p,
+    z,
+    h,
+    r,
+    s,
+    sd,
 ):
     """Everything about a fix that the gates and the filter need.
 
@@ -127,8 +166,10 @@ def assess(  # type: ignore[no-untyped-def]
         See `antenna`.
     jitter : float
         Standard deviation of the time stamps [s].
+    lasting_at, lever_at : int
+        First state of a position error that lasts and of the lever arm; negative where they are not estimated.
     lasting : (3,) array
-        Estimate of the position error that lasts [m]; states 23 to 25 where there are so many.
+        Estimate of the position error that lasts [m].
     share : float
         Its share of the variance of a fix, which is not white [-].
     position_sd, velocity_sd : (3,) array
@@ -148,10 +189,12 @@ def assess(  # type: ignore[no-untyped-def]
         Length of the innovation of position [m] and of velocity [m/s].
     """
     antenna(x, motion, lever, delay, lag, lla, v_n, z, h)
-    if h.shape[1] > STATES + 1:
+    if lasting_at >= 0:
         for i in range(3):
             z[i] += lasting[i]
-            h[i, STATES + 1 + i] = 1.0
+            h[i, lasting_at + i] = 1.0
+    if lever_at >= 0:
+        _by_lever(x, motion, lever_at, h)
     for i in range(3):
         for j in range(3):
             r[i, j] = jitter * jitter * x[3 + i] * x[3 + j]

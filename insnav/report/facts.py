@@ -192,6 +192,8 @@ def _fix_facts(run: Run) -> dict[str, Any]:
         "velocity": _group_facts(fixes.innovation[:, 3:6], fixes.nis_velocity, fixes.used_velocity, "m_s"),
         "delay_s": run.gps_delay,
         "delay_sd_s": run.gps_delay_sd,
+        "lever_arm_m": run.lever_b,
+        "lever_arm_sd_m": run.lever_sd,
         "rejected_for": {reason: kinds[kind] for kind, reason in _REASONS.items() if kinds[kind]},
     }
 

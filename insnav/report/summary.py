@@ -149,6 +149,12 @@ def _fixes(facts: Mapping[str, Any]) -> list[str]:
         lines += _entry("fixes", "none")
     if fixes["delay_s"] or fixes["delay_sd_s"]:
         lines += _entry("", f"delay {fixes['delay_s']:.3f} ± {fixes['delay_sd_s']:.3f} s")
+    if any(fixes.get("lever_arm_sd_m", ())):
+        lines += _entry(
+            "",
+            f"lever arm {' '.join(f'{v:.3f}' for v in fixes['lever_arm_m'])} ± "
+            f"{' '.join(f'{v:.3f}' for v in fixes['lever_arm_sd_m'])} m, estimated",
+        )
     reasons = "; ".join(f"{count} by {reason}" for reason, count in fixes["rejected_for"].items())
     lines += _entry("rejected", reasons or "none", rows=2)
     for number_of, aid in enumerate(facts.get("aids", [])):

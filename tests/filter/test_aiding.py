@@ -10,7 +10,9 @@ import pytest
 from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_multiply
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter.aiding import Aiding, Wheels
+from insnav.filter.correlation import CorrelatedNoise
 from insnav.filter.learn import learn, rests
+from insnav.filter.recording import DELAY_SD
 from insnav.kernels import aiding as kernel
 from insnav.kernels.errorstate import STATES
 from insnav.simulate import reference, without_fixes
@@ -81,7 +83,7 @@ def recording(seed: int, gps=None):
 
 
 def run(imu, gps, start, aiding=None, **settings):
-    return drives.navigate(imu, gps, start, drives.MODEL, aiding=aiding, output_interval=0.1, **settings)
+    return drives.navigate(imu, gps, start, drives.MODEL, **{"aiding": aiding, "output_interval": 0.1, **settings})
 
 
 def learned(seed: int, gps=None):
@@ -194,3 +196,35 @@ def test_position_error_moves_with_the_fixes_after_all():
     a, b = (run(imu, replace(fixes, lla=each), start, found.aiding) for each in (fixes.lla, lla))
     moved_by = ned_offset(b.solution.lla[-200:], a.solution.lla[-200:])
     assert moved_by[:, 0] == pytest.approx(0.8, abs=0.15)
+
+
+def test_a_lever_arm_of_a_metre_and_a_half_is_found():
+    """Within 0.1 m on a drive with turns, told nothing of it; with its true uncertainty."""
+    errors, sds = [], []
+    for seed in range(6):
+        imu, fixes, start = recording(seed)
+        unaware = run(imu, fixes, start, lever_b=np.array([0.0, 0.0, 0.0]), lever_sd=2.0)
+        errors.append(unaware.lever_b - drives.LEVER_B)
+        sds.append(unaware.lever_sd)
+    print("lever arm errors:", np.round(errors, 3), "sd", np.round(sds, 3))
+    horizontal = np.array(errors)[:, :2]
+    assert np.sqrt(np.mean(horizontal**2)) < 0.1
+    assert np.all(np.abs(errors) < 4.0 * np.array(sds))
+
+
+def test_a_lever_arm_is_a_third_set_of_states_beside_the_others():
+    imu, fixes, start = recording(1)
+    lasting = CorrelatedNoise(share=0.2, time=60.0, sd=np.array([0.2, 0.2, 0.4]))
+    found = run(imu, fixes, start, lever_b=np.zeros(3), lever_sd=2.0, delay_sd=0.05, correlated=lasting)
+    assert np.abs(found.lever_b - drives.LEVER_B)[:2].max() < 0.3
+    assert abs(found.gps_delay) < 4.0 * found.gps_delay_sd
+
+
+@pytest.mark.parametrize("late", [0.1, 0.3])
+def test_a_delay_of_the_fixes_is_found_within_twenty_milliseconds(late):
+    for seed in range(3):
+        imu, fixes, start = recording(seed)
+        stamped = replace(fixes, time=fixes.time + late)
+        found = run(imu, stamped, start, delay_sd=DELAY_SD)
+        print(f"delay {found.gps_delay:.4f} ± {found.gps_delay_sd:.4f} s, {late} s in truth")
+        assert found.gps_delay == pytest.approx(late, abs=0.02)

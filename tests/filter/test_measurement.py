@@ -98,7 +98,7 @@ class Assessed:
         self.z, self.h, self.r, self.s, self.sd = (np.empty(n) for n in (6, (6, 21), (6, 6), (6, 6), 6))
         out = self.z, self.h, self.r, self.s, self.sd
         self.nis_position, self.nis_velocity, self.distance, self.change = assess(
-            state, motion, LEVER, 0.0, LAG, jitter, none, white, lla, velocity + v, sd_p, sd_v, p, *out
+            state, motion, LEVER, 0.0, LAG, jitter, -1, -1, none, white, lla, velocity + v, sd_p, sd_v, p, *out
         )
 
 
