@@ -21,6 +21,7 @@ from insnav.filter.learn import learn
 from insnav.filter.model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.navigator import Navigator
 from insnav.filter.settings import FilterSettings
+from insnav.imu.health import inspect
 from insnav.imu.model import ImuSpec
 from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData, Run
 
@@ -98,6 +99,8 @@ class Prepared:
         Sampling interval [s].
     notes : tuple of str
         Assumptions in words.
+    faults : tuple of Event
+        Samples that were replaced or taken out.
     """
 
     imu: ImuData
@@ -108,6 +111,7 @@ class Prepared:
     initial: InitialState
     nominal: float
     notes: tuple[str, ...]
+    faults: tuple[Event, ...] = ()
 
     def navigator(self, marks: Container[int] = ()) -> Navigator:
         """Filter at the start; see `Navigator` for `marks`."""
@@ -172,10 +176,10 @@ def navigate_recording(
         ready = aided(ready, spec, None if progress is None else _part_of(progress, 0.0))
         progress = None if progress is None else _part_of(progress, 0.5)
     navigator = ready.navigator()
-    feed(navigator, imu, progress)
+    feed(navigator, ready.imu, progress)
     run = navigator.finish()
     on_time = ready.gps.time - settings.delay
-    events = (*run.events, *_outside(on_time, ready.initial.time, float(imu.time[-1])))
+    events = (*ready.faults, *run.events, *_outside(on_time, ready.initial.time, float(imu.time[-1])))
     return Navigated(replace(run, events=events), ready.gps, ready.notes)
 
 
@@ -244,6 +248,7 @@ def prepare(
     heading: float | None = None,
 ) -> Prepared:
     """Find out from a recording what the filter must know, and align; see `navigate_recording`."""
+    imu, faults = inspect(imu)
     _check(imu, gps, start)
     gps, notes = with_sd(gps)
     lag, lag_sd = velocity_lag(gps)
@@ -273,7 +278,7 @@ def prepare(
     else:
         alignment = _given(start)
         initial = initial_state(alignment, model, start.lla, start.v_n, start.position_sd, start.velocity_sd)
-    return Prepared(imu, gps, model, settings, alignment, initial, nominal, notes)
+    return Prepared(imu, gps, model, settings, alignment, initial, nominal, notes, tuple(faults))
 
 
 def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:

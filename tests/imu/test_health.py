@@ -1,0 +1,90 @@
+"""Samples that no sensor felt are found, by name and count; healthy and coarse ones are left alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.imu.health import inspect
+from insnav.types import EventKind
+from tests.filter import drives
+
+
+@pytest.fixture
+def imu():
+    rng = np.random.default_rng(12)
+    exact = drives.perfect_imu(sampling="mean")
+    return replace(
+        exact,
+        gyro=exact.gyro + 2e-3 * rng.standard_normal(exact.gyro.shape),
+        accel=exact.accel + 0.02 * rng.standard_normal(exact.accel.shape),
+    )
+
+
+def changed(imu, rows, axis, values):
+    data = np.hstack([imu.gyro, imu.accel])
+    data[rows, axis] = values
+    return replace(imu, gyro=data[:, :3].copy(), accel=data[:, 3:].copy())
+
+
+def test_healthy_samples_are_the_same_object(imu):
+    found, events = inspect(imu)
+    assert found is imu
+    assert events == []
+
+
+@pytest.mark.parametrize(("axis", "size"), [(2, 3.0), (0, -3.0), (5, 10.0), (3, -10.0)])
+def test_a_spike_is_replaced_and_nothing_else(imu, axis, size):
+    whole = np.hstack([imu.gyro, imu.accel])
+    bad = changed(imu, 700, axis, whole[700, axis] + size)
+    found, (event,) = inspect(bad)
+    assert event.kind is EventKind.IMU_SPIKE
+    assert event.time == imu.time[700]
+    assert event.value == pytest.approx(size, abs=0.5)
+    after = np.hstack([found.gyro, found.accel])
+    assert after[700, axis] == pytest.approx(whole[699:702:2, axis].mean())
+    after[700, axis] = whole[700, axis]
+    np.testing.assert_array_equal(after, whole)
+
+
+def test_increments_are_judged_as_rates(imu):
+    step = np.diff(imu.time, prepend=imu.time[0] - 0.02)[:, None]
+    bad = changed(imu, 700, 2, 3.0)
+    found, (event,) = inspect(replace(bad, gyro=bad.gyro * step, accel=bad.accel * step, sampling="increment"))
+    assert event.kind is EventKind.IMU_SPIKE
+    assert abs(found.gyro[700, 2]) < 0.05
+
+
+@pytest.mark.parametrize("seconds", [0.1, 2.0])
+def test_a_clipped_stretch_is_taken_out_and_named(imu, seconds):
+    rows = slice(3000, 3000 + round(seconds / 0.02))
+    bad = changed(imu, rows, 2, 8.0)
+    found, (event,) = inspect(bad)
+    assert event.kind is EventKind.IMU_SATURATED
+    assert event.time == imu.time[3000]
+    assert found.time.shape[0] == imu.time.shape[0] - (rows.stop - rows.start)
+
+
+@pytest.mark.parametrize("axis", [0, 4])
+def test_a_stuck_axis_is_taken_out_and_named(imu, axis):
+    whole = np.hstack([imu.gyro, imu.accel])
+    bad = changed(imu, slice(5000, 5060), axis, whole[4999, axis])
+    found, (event,) = inspect(bad)
+    assert event.kind is EventKind.IMU_STUCK
+    assert event.time == imu.time[4999]
+    assert found.time.shape[0] == imu.time.shape[0] - 61
+
+
+def test_coarse_steps_at_rest_are_no_fault(imu):
+    rng = np.random.default_rng(3)
+    n = 20000
+    coarse = np.round(rng.standard_normal((n, 6)) * 0.3)  # nearly always zero, one step up or down now and then
+    rest = replace(imu, time=np.arange(n) * 0.01, gyro=coarse[:, :3] * 1e-3, accel=coarse[:, 3:] * 0.02)
+    assert inspect(rest)[1] == []
+
+
+def test_a_short_record_is_left_alone(imu):
+    short = replace(imu, time=imu.time[:10], gyro=imu.gyro[:10] * 0.0, accel=imu.accel[:10])
+    assert inspect(short) == (short, [])
