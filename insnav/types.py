@@ -41,6 +41,8 @@ class ImuData:
         Sensor temperature [deg C].
     odometer : (n,) array or None
         Forward speed from a wheel sensor [m/s], ``NaN`` where there is none.
+    baro : (n,) array or None
+        Height by a barometer, from any zero [m]; ``NaN`` where there is none.
     """
 
     time: FloatArray
@@ -50,6 +52,7 @@ class ImuData:
     stamp: Stamp = "end"
     temperature: FloatArray | None = None
     odometer: FloatArray | None = None
+    baro: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +172,8 @@ class EventKind(StrEnum):
     GATE_WHEELS = "gate.wheels"
     GATE_ODOMETER = "gate.odometer"
     GATE_REST = "gate.rest"
+    GATE_HEIGHT = "gate.height"
+    GATE_HEADING = "gate.heading"
     RESET = "filter.reset"
     REPAIR = "filter.repair"
     DIVERGED = "filter.diverged"
@@ -274,11 +279,11 @@ class AidUse:
     Attributes
     ----------
     name : str
-        Wheels, wheel speed or rest.
+        Wheels, wheel speed, rest, height or heading.
     offered, rejected : int
         How often.
     innovation_rms : float
-        Root mean square of the innovations of velocity that were used [m/s].
+        Root mean square of the innovations that were used [m/s], of height [m], of heading [rad].
     nis : float
         Mean normalised innovation squared per number of those used [-].
     """

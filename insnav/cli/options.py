@@ -166,6 +166,23 @@ RefColumns = Annotated[
     str | None,
     typer.Option(metavar="NAME=HEADER,…", help="The same for the reference.", rich_help_panel=GPS),
 ]
+GpsHeadingSd = Annotated[
+    float,
+    typer.Option(
+        metavar="DEG",
+        help="How good the heading of the fixes is (two antennas); 0 leaves it unused. [0]",
+        rich_help_panel=GPS,
+    ),
+]
+FixedHeightSd = Annotated[
+    float,
+    typer.Option(
+        "--fixed-height",
+        metavar="M",
+        help="The vehicle stays within so much of the height of its first fix; 0 does not assume it. [0]",
+        rich_help_panel=GPS,
+    ),
+]
 AidingOption = Annotated[
     AidingWhen,
     typer.Option(

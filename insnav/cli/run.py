@@ -71,6 +71,7 @@ def run(
     lever_arm_sd: opt.LeverArmSd = 0.0,
     gps_height: opt.GpsHeight = None,
     gps_delay: opt.GpsDelay = None,
+    gps_heading_sd: opt.GpsHeadingSd = 0.0,
     gps_columns: opt.GpsColumns = None,
     ref_lever_arm: opt.ReferenceLeverArm = None,
     ref_columns: opt.RefColumns = None,
@@ -92,6 +93,7 @@ def run(
             rich_help_panel=opt.START,
         ),
     ] = 21,
+    fixed_height: opt.FixedHeightSd = 0.0,
     aiding: opt.AidingOption = opt.AidingWhen.auto,
     smooth: Annotated[
         bool,
@@ -144,6 +146,8 @@ def run(
     interval = parse.interval(rate)
     lever_b = parse.vector(lever_arm, "--lever-arm") if lever_arm else np.zeros(3)
     lever_sd = parse.not_negative(lever_arm_sd, "--lever-arm-sd", largest=10.0)
+    heading_sd = float(np.deg2rad(parse.not_negative(gps_heading_sd, "--gps-heading-sd", largest=90.0)))
+    fixed_height_sd = parse.not_negative(fixed_height, "--fixed-height", largest=1000.0)
     ref_lever_b = parse.vector(ref_lever_arm, "--ref-lever-arm") if ref_lever_arm else None
     static_span = parse.span(static, "--static") if static else None
     course = None if heading is None else float(np.deg2rad(parse.finite(heading, "--heading")))
@@ -179,6 +183,8 @@ def run(
             delay=delay or 0.0,
             delay_sd=DELAY_SD if delay is None else 0.0,
             output_interval=interval,
+            heading_sd=heading_sd,
+            fixed_height_sd=fixed_height_sd,
             smooth=smooth,
         )
         _say_if_compiling()

@@ -51,6 +51,23 @@ class Odometer:
 
 
 @dataclass(frozen=True, slots=True)
+class HeightAid:
+    """Height over time, of a barometer or as assumed.
+
+    Attributes
+    ----------
+    time, height : (n,) array
+        Times [s] and height above the ellipsoid [m]; before the first and after the last it stays as there.
+    sd : float
+        Standard deviation [m], as noise that is new every `INTERVAL`.
+    """
+
+    time: FloatArray
+    height: FloatArray
+    sd: float
+
+
+@dataclass(frozen=True, slots=True)
 class Aiding:
     """Everything that helps; what is absent is not used.
 
@@ -59,6 +76,7 @@ class Aiding:
     wheels : Wheels or None
     odometer : Odometer or None
         Needs `wheels` for the axes.
+    height : HeightAid or None
     rests : (k, 2) array
         Begin and end of the stretches at rest [s].
     rest_velocity_sd : float
@@ -72,6 +90,7 @@ class Aiding:
     rests: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     rest_velocity_sd: float = 0.02
     rest_rate_sd: FloatArray = field(default_factory=lambda: np.full(3, np.inf))
+    height: HeightAid | None = None
 
     def resting(self, begin: float, end: float) -> bool:
         """Whether the vehicle is at rest from `begin` to `end` [s]."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from insnav.alignment import motion
 from insnav.attitude import dcm_from_rph
-from insnav.filter.aiding import INTERVAL, Aiding, Odometer, Wheels
+from insnav.filter.aiding import INTERVAL, Aiding, HeightAid, Odometer, Wheels
 from insnav.imu.model import ImuSpec
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData, Trajectory
 from insnav.units import DEG
@@ -25,6 +25,7 @@ MOST_LASTING = 3.0  # residuals that last count as noise so many times larger
 WIDEST = 45.0 * DEG  # an IMU that points farther from the direction of travel was not meant to point there
 LONGEST_LAG = 2.0  # of a wheel speed behind the motion [s]
 ODOMETER_WORTH = 0.5  # RMS of a wheel speed that is of use [m/s]
+BARO_WORTH, BARO_LEAST = 20.0, 0.3  # RMS of a barometer that is of use, and the least of its noise [m]
 WINDOW = 0.5  # length of the pieces that are judged to be rest [s]
 STILL, MOVING = 0.15, 1.0  # speed by GPS that surely is rest, or motion [m/s]
 FALSE_REST = 0.002  # share of moving pieces that may be taken for rest
@@ -73,13 +74,15 @@ def learn(solution: Trajectory, imu: ImuData, gps: GpsData, spec: ImuSpec) -> Le
         Nothing is in it that the data do not support.
     """
     stretches, rate_sd, rest_note = rests(imu, gps, spec)
+    height, height_note = barometer(solution, imu)
     v_b = np.einsum("nji,nj->ni", dcm_from_rph(solution.rph), solution.v_n)
     fast = np.linalg.norm(solution.v_n, axis=1) > FAST
     step = float(np.median(np.diff(solution.time))) if solution.time.shape[0] > 1 else INTERVAL
     unknown = np.full(2, np.nan)
     if fast.sum() * step < ENOUGH:
         note = f"wheels: not assumed, only {fast.sum() * step:.0f} s are faster than {FAST:g} m/s"
-        return Learned(Aiding(None, None, stretches, REST_SD, rate_sd), unknown, unknown, (note, rest_note))
+        aiding = Aiding(None, None, stretches, REST_SD, rate_sd, height)
+        return Learned(aiding, unknown, unknown, (note, rest_note, *height_note))
     rate = _rates_at(solution.time, imu)
     right, right_residual, right_sd = _robust(
         np.column_stack([v_b[:, 0], -rate[:, 2], rate[:, 0]])[fast], v_b[fast, 1], step
@@ -92,8 +95,8 @@ def learn(solution: Trajectory, imu: ImuData, gps: GpsData, spec: ImuSpec) -> Le
     rms = [float(np.sqrt(np.mean(each**2))) for each in (right_residual, down_residual)]
     found = f"across the direction of travel the velocity is {rms[0]:.2f} m/s (right) and {rms[1]:.2f} m/s (down) RMS"
     if max(rms) > LARGEST or np.abs(mount).max() > WIDEST:
-        notes = (f"wheels: not assumed, {found}", rest_note)
-        return Learned(Aiding(None, None, stretches, REST_SD, rate_sd), mount, mount_sd, notes)
+        notes = (f"wheels: not assumed, {found}", rest_note, *height_note)
+        return Learned(Aiding(None, None, stretches, REST_SD, rate_sd, height), mount, mount_sd, notes)
     ahead = np.array([1.0, right[0], down[0]])
     ahead /= np.linalg.norm(ahead)
     side = np.cross([0.0, 0.0, 1.0], ahead)
@@ -106,8 +109,8 @@ def learn(solution: Trajectory, imu: ImuData, gps: GpsData, spec: ImuSpec) -> Le
         f"{mount_sd[1] / DEG:.2f} deg to the right of the IMU, whose distance to the axle is {-right[1]:.1f} m"
     )
     odometer, odometer_note = _odometer(solution, imu, v_b @ ahead, fast)
-    aiding = Aiding(wheels, odometer, stretches, REST_SD, rate_sd)
-    return Learned(aiding, mount, mount_sd, (said, *odometer_note, rest_note))
+    aiding = Aiding(wheels, odometer, stretches, REST_SD, rate_sd, height)
+    return Learned(aiding, mount, mount_sd, (said, *odometer_note, rest_note, *height_note))
 
 
 def _rates_at(time: FloatArray, imu: ImuData) -> FloatArray:
@@ -182,6 +185,37 @@ def _odometer(
     residual = forward[fast] - scale * np.interp(solution.time[fast] + lags[best], time, speed)
     step = float(np.median(np.diff(solution.time)))
     return Odometer(time - lags[best], scale * speed, _lasting(residual, step)), (said,)
+
+
+def barometer(solution: Trajectory, imu: ImuData) -> tuple[HeightAid | None, tuple[str, ...]]:
+    """Zero of a barometer and how well it follows the height.
+
+    Parameters
+    ----------
+    solution : Trajectory
+        Smoothed, in the time of the samples.
+    imu : ImuData
+        Samples.
+
+    Returns
+    -------
+    aid : HeightAid or None
+        None if there is no barometer, or one that is of no use.
+    notes : tuple of str
+        In words.
+    """
+    if imu.baro is None or not np.isfinite(imu.baro).any():
+        return None, ()
+    known = np.isfinite(imu.baro)
+    shown = np.interp(solution.time, imu.time[known], imu.baro[known])
+    zero = float(np.median(solution.lla[:, 2] - shown))
+    residual = solution.lla[:, 2] - shown - zero
+    rms = float(np.sqrt(np.mean(residual**2)))
+    said = f"barometer: {rms:.2f} m RMS off, zero at {zero:.2f} m"
+    if rms > BARO_WORTH:
+        return None, (f"{said}: not used",)
+    step = float(np.median(np.diff(solution.time)))
+    return HeightAid(imu.time[known], imu.baro[known] + zero, max(BARO_LEAST, _lasting(residual, step))), (said,)
 
 
 def rests(imu: ImuData, gps: GpsData, spec: ImuSpec) -> tuple[FloatArray, FloatArray, str]:

@@ -23,7 +23,7 @@ from insnav.filter.record import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History, SmoothedErrors
 from insnav.kernels import errorstate
-from insnav.kernels.aiding import innovation, still
+from insnav.kernels.aiding import course, innovation, still
 from insnav.kernels.aiding import wheels as kernel_wheels
 from insnav.kernels.increments import LOOKAHEAD
 from insnav.kernels.measurement import assess
@@ -205,6 +205,7 @@ class Navigator:
                 continue
             k = self._run(inc, hole, k, int(i) + 1, True, out)
             self._update(inc.time[i], out)
+            self._steer(inc.time[i], int(self._fix[self._next]))
             if self._aiding is not None:
                 self._aid(inc.time[i], self._aiding)
             row = int(self._fix[self._next])
@@ -289,6 +290,11 @@ class Navigator:
         self._turned[:] = 0.0
         self._aided = time
         z, h = self._z, self._h
+        if aiding.height is not None:
+            h[0] = 0.0
+            h[0, 2] = -1.0  # the error of position is down
+            z[0] = self._x[2] - float(np.interp(time, aiding.height.time, aiding.height.height))
+            self._use_aid(time, 0, 1, np.array([aiding.height.sd]), (EventKind.GATE_HEIGHT, "m"))
         if aiding.resting(begin, time):
             still(self._x, self._correction[:3], rate, z, h)
             sd = np.concatenate([np.full(3, aiding.rest_velocity_sd), aiding.rest_rate_sd])
@@ -305,6 +311,13 @@ class Navigator:
             self._use_aid(time, 0, 1, sd, (EventKind.GATE_ODOMETER, "m/s"))
             kernel_wheels(self._x, self._motion[:3], wheels.to_vehicle, wheels.lever_b, speed, z, h)
         self._use_aid(time, 1, 3, sd, (EventKind.GATE_WHEELS, "m/s"))
+
+    def _steer(self, time: float, row: int) -> None:
+        """Use the heading of a fix, if it has one and it is wanted."""
+        heading, sd = self._gps.heading, self._settings.heading_sd
+        if heading is not None and sd > 0.0 and np.isfinite(heading[row]):
+            course(self._x, heading[row], self._z, self._h)
+            self._use_aid(time, 0, 1, np.array([sd]), (EventKind.GATE_HEADING, "rad"))
 
     def _use_aid(self, time: float, first: int, last: int, sd: FloatArray, what: tuple[EventKind, str]) -> None:
         z, h, r = self._z, self._h, self._r

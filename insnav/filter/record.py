@@ -30,7 +30,13 @@ from insnav.types import (
 )
 
 CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long [s]
-AIDS = {EventKind.GATE_WHEELS: "wheels", EventKind.GATE_ODOMETER: "wheel speed", EventKind.GATE_REST: "rest"}
+AIDS = {
+    EventKind.GATE_WHEELS: "wheels",
+    EventKind.GATE_ODOMETER: "wheel speed",
+    EventKind.GATE_REST: "rest",
+    EventKind.GATE_HEIGHT: "height",
+    EventKind.GATE_HEADING: "heading",
+}
 # Mean NIS, by its expectation, beyond which the filter has diverged. A mean far below one is no divergence: at rest,
 # and with the cautious standard deviations of many receivers, it is the rule (30 minutes of a good recorded drive).
 TOO_LARGE = 5.0

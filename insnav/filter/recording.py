@@ -14,6 +14,7 @@ from insnav.alignment.align import LEVEL_SPAN
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset
 from insnav.exceptions import AlignmentError, InputError
+from insnav.filter.aiding import Aiding, HeightAid
 from insnav.filter.correlation import correlated_noise
 from insnav.filter.fixes import LAG_WORTH, velocity_lag, with_sd
 from insnav.filter.gates import Gates
@@ -205,7 +206,8 @@ def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | No
     progress : callable, optional
         Called with the fraction done.
     """
-    settings = replace(ready.settings, smooth=True, output_interval=LEARNING_INTERVAL, aiding=None)
+    given = ready.settings.aiding
+    settings = replace(ready.settings, smooth=True, output_interval=LEARNING_INTERVAL)
     navigator = replace(ready, settings=settings).navigator()
     feed(navigator, ready.imu, progress)
     run = navigator.finish()
@@ -213,7 +215,8 @@ def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | No
     clock = run.gps_delay - ready.settings.delay
     solution = replace(run.smoothed.solution, time=run.smoothed.solution.time - clock)
     found = learn(solution, ready.imu, replace(ready.gps, time=ready.gps.time - run.gps_delay), spec)
-    return replace(ready, settings=replace(ready.settings, aiding=found.aiding), notes=(*ready.notes, *found.notes))
+    aiding = found.aiding if given is None else replace(found.aiding, height=given.height or found.aiding.height)
+    return replace(ready, settings=replace(ready.settings, aiding=aiding), notes=(*ready.notes, *found.notes))
 
 
 def feed(navigator: Navigator, imu: ImuData, progress: Callable[[float], None] | None = None) -> None:
@@ -278,6 +281,9 @@ def prepare(
     else:
         alignment = _given(start)
         initial = initial_state(alignment, model, start.lla, start.v_n, start.position_sd, start.velocity_sd)
+    if settings.fixed_height_sd > 0.0:
+        level = HeightAid(np.array([initial.time]), initial.lla[2:], settings.fixed_height_sd)
+        settings = replace(settings, aiding=Aiding(height=level))
     return Prepared(imu, gps, model, settings, alignment, initial, nominal, notes, tuple(faults))
 
 

@@ -38,6 +38,10 @@ class FilterSettings:
         Time between rows of the solution [s]; 0 for every sample.
     gates : Gates
         Limits of the gates.
+    heading_sd : float
+        Standard deviation of the heading that fixes may have, of two antennas for one [rad]; zero: not used.
+    fixed_height_sd : float
+        The vehicle stays within so much of the height of its first fix [m]; zero: not assumed.
     aiding : Aiding or None
         What helps besides fixes.
     smooth : bool
@@ -53,5 +57,7 @@ class FilterSettings:
     correlated: CorrelatedNoise | None = None
     output_interval: float = 0.1
     gates: Gates = field(default_factory=Gates)
+    heading_sd: float = 0.0
+    fixed_height_sd: float = 0.0
     aiding: Aiding | None = None
     smooth: bool = True

@@ -107,6 +107,7 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
         accel=np.ascontiguousarray(accel[kept]),
         temperature=None if imu.temperature is None else imu.temperature[kept],
         odometer=None if imu.odometer is None else imu.odometer[kept],
+        baro=None if imu.baro is None else imu.baro[kept],
     ), events
 
 
@@ -125,7 +126,7 @@ def _spikes(values: FloatArray) -> BoolArray:
 
 def _no_chance(same: BoolArray, first: IntArray, count: IntArray) -> BoolArray:
     """Rows of equal samples longer than the steps of the sensor explain, by how often a row goes on elsewhere."""
-    rest = same.copy()
+    rest = np.array(same)
     for row in np.argsort(count)[-FEW:]:  # a fault is a few long rows; coarse steps make many
         if count[row] >= STUCK:
             rest[first[row] : first[row] + count[row] - 1] = False
@@ -138,7 +139,7 @@ def _no_chance(same: BoolArray, first: IntArray, count: IntArray) -> BoolArray:
 
 def _others_vary(quiet: BoolArray, axis: int, first: IntArray, count: IntArray) -> BoolArray:
     """Whether some other axis changes during each row: samples without noise are simulated, or a rest, not stuck."""
-    others = np.delete(quiet, axis, axis=1).all(axis=1)
+    others = np.asarray(np.delete(quiet, axis, axis=1).sum(axis=1) == 5)
     return np.array([not others[a : a + n - 1].all() for a, n in zip(first, count, strict=True)], dtype=np.bool_)
 
 

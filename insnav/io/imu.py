@@ -77,7 +77,7 @@ def read_imu(
         "accel": told.get("accel") or _common_unit(found, accel_keys, name),
         "time": told.get("time") or found["time"].unit,
     }
-    extras = [key for key in ("temperature", "odometer") if key in found]
+    extras = [key for key in ("temperature", "odometer", "baro") if key in found]
     keys = ["time", *gyro_keys, *accel_keys, *extras]
     numbers = read_numbers(table, [found[key].index for key in keys])
     raw = {key: numbers.columns[found[key].index] for key in keys}
@@ -104,7 +104,7 @@ def read_imu(
         if ALL_UNITS[unit][1] != 1.0:
             array *= ALL_UNITS[unit][1]
     temperature, temperature_note = _temperature(time, cleaned.columns.get("temperature"))
-    odometer = cleaned.columns.get("odometer")
+    odometer, baro = cleaned.columns.get("odometer"), cleaned.columns.get("baro")
     data = ImuData(
         time,
         gyro,
@@ -113,6 +113,7 @@ def read_imu(
         stamp or "end",
         temperature,
         None if odometer is None else odometer * found["odometer"].factor,
+        None if baro is None else baro * found["baro"].factor,
     )
     units_used = dict.fromkeys(gyro_keys, gyro_unit) | dict.fromkeys(accel_keys, accel_unit) | {"time": time_unit}
     events = cleaned.events

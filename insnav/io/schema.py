@@ -138,6 +138,7 @@ IMU_SCHEMA: tuple[Quantity, ...] = (
     *_axes("dvel", "velocity", "m/s", "m_s", f"{_DVEL} {_ACCEL}"),
     _one("temperature", "temperature_c", "temperature", "degC", "temperature temp imutemp imutemperature"),
     _one("odometer", "odometer_m_s", "velocity", "m/s", _FORWARD_SPEED),
+    _one("baro", "baro_height_m", "length", "m", "baro baroheight baroaltitude baroalt barometer pressureheight"),
 )
 GPS_SCHEMA: tuple[Quantity, ...] = (_TIME_COLUMN, *_POSITION, *_VELOCITY, *_SDS, _HEADING, _FIX)
 REFERENCE_SCHEMA: tuple[Quantity, ...] = (

@@ -96,6 +96,38 @@ def still(x, bias, rate, z, h):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def course(x, heading, z, h):  # type: ignore[no-untyped-def]
+    """Heading of the body less a measured one, in the first row.
+
+    Parameters
+    ----------
+    x : (10,) array
+        State.
+    heading : float
+        Measured [rad].
+    z : (6,) array
+        Its first number is filled with predicted minus measured [rad], within +-pi.
+    h : (6, n) array
+        Its first row is filled with the derivative by the error states.
+
+    Notes
+    -----
+    ``C_hat = (I - [phi x]) C`` turns the body by ``-phi``; the derivative of ``atan2(C_hat_10, C_hat_00)`` follows.
+    """
+    c = np.empty((3, 3))
+    rotation(x, c)
+    for j in range(h.shape[1]):
+        h[0, j] = 0.0
+    level2 = c[0, 0] * c[0, 0] + c[1, 0] * c[1, 0]  # squared cosine of the pitch
+    difference = np.arctan2(c[1, 0], c[0, 0]) - heading
+    z[0] = difference - 2.0 * np.pi * np.floor(difference / (2.0 * np.pi) + 0.5)
+    # d atan2(c10, c00) with dc = -[phi x] c
+    h[0, 6] = c[2, 0] * c[0, 0] / level2
+    h[0, 7] = c[2, 0] * c[1, 0] / level2
+    h[0, 8] = -1.0
+
+
+@njit(cache=True)
 def innovation(p, z, h, r, first, last, s):  # type: ignore[no-untyped-def]
     """Covariance of an innovation of rows `first` to `last` - 1, with white noise of variances `r`, and its NIS."""
     n = p.shape[0]

@@ -15,6 +15,7 @@ WIDTH = 100
 LINES = 40
 _MARGIN = 12
 _FIRST_FILE = "report.html"
+_AID_UNITS = {"height": "m", "heading": "rad"}
 _NOTES = 4  # the others are in run.json
 _DIVERGED = "filter.diverged"
 _MANY = 0.1  # share of rejected fixes that wants an explanation
@@ -161,7 +162,7 @@ def _fixes(facts: Mapping[str, Any]) -> list[str]:
         lines += _entry(
             "" if number_of else "aids",
             f"{aid['name']}: {aid['offered'] - aid['rejected']} of {aid['offered']} used, innovation RMS "
-            f"{number(aid['innovation_rms'], 2)} m/s, NIS {number(aid['nis'], 2)}",
+            f"{number(aid['innovation_rms'], 2)} {_AID_UNITS.get(aid['name'], 'm/s')}, NIS {number(aid['nis'], 2)}",
         )
     outages = facts["outages"]
     if outages:

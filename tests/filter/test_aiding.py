@@ -228,3 +228,57 @@ def test_a_delay_of_the_fixes_is_found_within_twenty_milliseconds(late):
         found = run(imu, stamped, start, delay_sd=DELAY_SD)
         print(f"delay {found.gps_delay:.4f} ± {found.gps_delay_sd:.4f} s, {late} s in truth")
         assert found.gps_delay == pytest.approx(late, abs=0.02)
+
+
+def test_derivatives_of_the_heading_are_those_of_differences():
+    rng = np.random.default_rng(4)
+    x = state(rng)
+    z, h = np.empty(6), np.empty((6, STATES))
+    kernel.course(x, 1.9, z, h)
+    truth, unused = z[0], np.empty((6, STATES))
+    assert truth == pytest.approx(0.1)
+    for j in range(6, 9):
+        error = np.zeros(STATES)
+        error[j] = 1e-6
+        kernel.course(moved(x, error), 1.9, z, unused)
+        assert (z[0] - truth) / 1e-6 == pytest.approx(h[0, j], abs=1e-4)
+    kernel.course(x, 1.9 + 2.0 * np.pi, z, h)
+    assert z[0] == pytest.approx(0.1)
+
+
+def test_a_heading_of_two_antennas_is_followed():
+    imu, fixes, start = recording(6)
+    rng = np.random.default_rng(9)
+    true = reference(drives.truth(), fixes.time).rph[:, 2]
+    sd = 0.2 * DEG
+    with_heading = replace(fixes, heading=(true + sd * rng.standard_normal(true.shape)) % (2.0 * np.pi))
+    plain, helped = run(imu, with_heading, start), run(imu, with_heading, start, heading_sd=sd)
+    errors = []
+    for each in (plain, helped):
+        phi = drives.attitude_error(each.epochs.q_nb, reference(drives.truth(), each.epochs.time).rph)
+        errors.append(np.sqrt(np.mean(phi[5:, 2] ** 2)))
+    assert errors[1] < 0.5 * errors[0]
+    (use,) = helped.aids
+    assert use.name == "heading"
+    assert use.nis == pytest.approx(1.0, abs=0.3)
+    assert use.rejected == 0
+
+
+def test_a_barometer_holds_the_height_without_fixes():
+    motion = drives.truth()
+    begin = motion.start + 150.0
+    imu, fixes, start = recording(7, without_fixes(drives.perfect_gps(), begin, begin + 60.0))
+    height = reference(motion, imu.time).lla[:, 2]
+    rng = np.random.default_rng(2)
+    imu = replace(imu, baro=height - 37.0 + 0.2 * rng.standard_normal(height.shape))
+    first = run(imu, fixes, start)
+    found = learn(first.smoothed.solution, imu, fixes, drives.SPEC)
+    assert found.aiding.height is not None
+    only = Aiding(height=found.aiding.height)
+    second = run(imu, fixes, start, only)
+    row = int(np.searchsorted(first.solution.time, begin + 59.0))
+    true = reference(motion, first.solution.time[row : row + 1]).lla[0, 2]
+    errors = [abs(each.solution.lla[row, 2] - true) for each in (first, second)]
+    print("height error after 59 s:", errors, "sd", second.solution.sd[row, 2])
+    assert errors[1] < max(0.3 * errors[0], 0.5)
+    assert errors[1] < 4.0 * second.solution.sd[row, 2]
