@@ -61,6 +61,9 @@ UNITS: dict[str, tuple[str, float]] = {
     "ms": ("time", 1e-3),
     "min": ("time", 60.0),
     "h": ("time", HOUR),
+    "m/s^3": ("jerk", 1.0),
+    "g/s": ("jerk", G0),
+    "Hz": ("frequency", 1.0),
 }
 
 _QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*$")

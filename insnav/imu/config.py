@@ -104,6 +104,17 @@ def scalar(dimension: str) -> PlainValidator:
     return PlainValidator(lambda value: _quantity(value, dimension, signed=False))
 
 
+def signed_scalar(dimension: str) -> PlainValidator:
+    """Make a validator of one quantity of either sign.
+
+    Parameters
+    ----------
+    dimension : str
+        Dimension as in `insnav.units.UNITS`.
+    """
+    return PlainValidator(lambda value: _quantity(value, dimension, signed=True))
+
+
 def axes(dimension: str, *, signed: bool = False, per_root_time: bool = False) -> PlainValidator:
     """Make a validator of one quantity for all axes or a list of one per axis.
 
