@@ -38,7 +38,9 @@ def coning(integrators: Sequence[Integrator]) -> list[Check]:
         for frequency, bar in _CONING_BARS.items():
             motion = Cone(angle * DEG, 2 * np.pi * frequency)
             values = tuple((i.name, coning_drift(i, motion, even(_SPAN, RATE)) / DEG_PER_H) for i in integrators)
-            checks.append(Check("coning", f"{angle:g} deg, {frequency:g} Hz", "deg/h", bar * angle**2, values))
+            checks.append(
+                Check("coning", f"{angle:g} deg, {frequency:g} Hz", "deg/h", float(f"{bar * angle**2:.3g}"), values)
+            )
     motion = Cone(DEG, 2 * np.pi * 5.0)
     values = tuple((i.name, coning_drift(i, motion, uneven(_SPAN)) / DEG_PER_H) for i in integrators)
     checks.append(Check("coning", "1 deg, 5 Hz, samples 8 to 11 ms apart", "deg/h", 0.02, values))

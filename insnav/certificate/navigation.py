@@ -10,9 +10,10 @@ from insnav.attitude import dcm_from_rph
 from insnav.certificate.check import Check
 from insnav.certificate.integrators import Integrator
 from insnav.certificate.motions import even, start_of, swell, uneven
-from insnav.certificate.polar import around_pole, earth_fixed, over_pole
+from insnav.certificate.polar import around_pole, over_pole
 from insnav.earth import earth_rate_n, gravity_n, near_pole, ned_offset, radii
 from insnav.simulate import Truth, circle, imu_from_truth, straight
+from insnav.simulate.earthfixed import earth_from_lla
 from insnav.types import FloatArray, ImuData, Trajectory
 from insnav.units import DEG
 
@@ -96,7 +97,7 @@ def poles(integrators: Sequence[Integrator]) -> list[Check]:
     over = over_pole(250.0, 600.0)
     time = even(600.0, _RATE)
     tracks = _tracks(integrators, over, time)
-    beyond = tuple((name, max(0.0, float(np.abs(t.lla[:, 0]).max()) / DEG - 90.0)) for name, t in tracks)
+    beyond = tuple((name, float(np.maximum(np.abs(t.lla[:, 0]).max() / DEG - 90.0, 0.0))) for name, t in tracks)
     told = tuple((name, float(np.sum(near_pole(t.lla[:, 0]) & np.isfinite(t.rph[:, 2])))) for name, t in tracks)
     checks = [
         Check("poles", "10 min at 250 m/s over the North Pole", "m", 0.01, _apart(tracks, over)),
@@ -128,7 +129,7 @@ def _navigated(integrator: Integrator, imu: ImuData, place: FloatArray, rph: Flo
 
 
 def _moved(found: Trajectory, place: FloatArray) -> float:
-    return float(np.linalg.norm(earth_fixed(found.lla) - earth_fixed(place[None]), axis=1).max())
+    return float(np.linalg.norm(earth_from_lla(found.lla) - earth_from_lla(place[None]), axis=1).max())
 
 
 def _tracks(integrators: Sequence[Integrator], truth: Truth, time: FloatArray) -> list[tuple[str, Trajectory]]:
@@ -144,5 +145,5 @@ def _worst(integrators: Sequence[Integrator], truth: Truth, time: FloatArray) ->
 
 def _apart(tracks: Sequence[tuple[str, Trajectory]], truth: Truth) -> tuple[tuple[str, float], ...]:
     """Largest distance from the truth [m]."""
-    true = earth_fixed(truth.evaluate(tracks[0][1].time).lla)
-    return tuple((name, float(np.linalg.norm(earth_fixed(t.lla) - true, axis=1).max())) for name, t in tracks)
+    true = earth_from_lla(truth.evaluate(tracks[0][1].time).lla)
+    return tuple((name, float(np.linalg.norm(earth_from_lla(t.lla) - true, axis=1).max())) for name, t in tracks)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pymap3d
 
 from insnav.attitude import quat_from_dcm, rph_from_quat
 from insnav.earth import E2, OMEGA_EARTH, A, gravity_n
@@ -189,8 +188,3 @@ def axes_of(lat: FloatArray, lon: FloatArray) -> FloatArray:
     s, c, sl, cl = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
     north, east = np.stack([-s * cl, -s * sl, c], -1), np.stack([-sl, cl, np.zeros_like(s)], -1)
     return np.stack([north, east, np.stack([-c * cl, -c * sl, -s], -1)], axis=-1)
-
-
-def earth_fixed(lla: FloatArray) -> FloatArray:
-    """Earth-fixed position ``(n, 3)`` [m] of latitude, longitude [rad] and height [m] ``(n, 3)``."""
-    return np.stack(pymap3d.geodetic2ecef(lla[:, 0], lla[:, 1], lla[:, 2], deg=False), axis=-1)

@@ -1,0 +1,74 @@
+"""All checks, one after the other, and what they amount to."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from insnav.certificate.attitude import coning, sculling, spin, upright
+from insnav.certificate.check import Check
+from insnav.certificate.gravity import gravity
+from insnav.certificate.integrators import Integrator, integrators
+from insnav.certificate.navigation import free_inertial, meridians, poles, rest, schuler
+
+# what every strapdown integrator is asked; other mechanizations and models answer for themselves in `OTHERS`
+TOPICS: tuple[Callable[[Sequence[Integrator]], list[Check]], ...] = (
+    coning,
+    sculling,
+    spin,
+    upright,
+    free_inertial,
+    schuler,
+    rest,
+    meridians,
+    poles,
+)
+OTHERS: tuple[Callable[[], list[Check]], ...] = (gravity,)
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """Every check of one installation.
+
+    Attributes
+    ----------
+    checks : tuple of Check
+    seconds : float
+        How long it took, compilation included [s].
+    """
+
+    checks: tuple[Check, ...]
+    seconds: float
+
+    @property
+    def failed(self) -> tuple[Check, ...]:
+        """Checks whose judged figure is beyond its bar."""
+        return tuple(check for check in self.checks if not check.passed)
+
+
+def certify(peers: Sequence[Integrator] = (), progress: Callable[[float], None] | None = None) -> Certificate:
+    """Measure the integrators and the gravity model of this installation against closed forms.
+
+    Parameters
+    ----------
+    peers : sequence of Integrator
+        Those of other packages, to stand beside the own ones.
+    progress : function, optional
+        Told the fraction done.
+
+    Returns
+    -------
+    Certificate
+        Within seconds; the first integrator of every check is the one judged.
+    """
+    begin = time.perf_counter()
+    asked = (*integrators(), *peers)
+    checks: list[Check] = []
+    for number, topic in enumerate(TOPICS):
+        checks += topic(asked)
+        if progress is not None:
+            progress((number + 1) / (len(TOPICS) + len(OTHERS)))
+    for other in OTHERS:
+        checks += other()
+    return Certificate(tuple(checks), time.perf_counter() - begin)

@@ -1,0 +1,72 @@
+"""``insnav verify``: the numerics of this installation against closed forms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from insnav.cli import options as opt
+from insnav.cli.console import Stages, note, result
+
+SHORT_HELP = "Certify the numerics of this installation against closed forms."
+HELP = """Certify the numerics of this installation against closed forms.
+
+Coning, sculling, spin, loops, hours without aiding, the Schuler period, rest, meridians, poles and normal gravity: the
+error of every integrator stands beside the bar that the one insnav navigates with has to keep. Takes some ten seconds;
+a little longer the first time, when loops are compiled.
+
+\b
+Examples:
+  insnav verify
+  insnav verify --peer                       with the integrator of python-ins
+  insnav verify --json | jq .failed
+  insnav verify --markdown > certificate.md
+\b
+Ends with exit code 1 if a bar is missed.
+"""
+
+
+def verify(
+    peer: Annotated[
+        bool,
+        typer.Option("--peer", help="Put python-ins beside, if it is installed.", rich_help_panel=opt.START),
+    ] = False,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)] = Path(
+        "certificate"
+    ),
+    force: opt.Force = False,
+    as_json: opt.Json = False,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print one Markdown table instead.", rich_help_panel=opt.RESULT)
+    ] = False,
+) -> None:
+    """Certify."""
+    from insnav.exceptions import ConfigError
+    from insnav.io.folder import FACTS_FILE, RunFolder
+
+    if as_json and markdown:
+        raise ConfigError("JSON and Markdown cannot both be printed", where="--json --markdown", fix="leave out one")
+    with RunFolder(out, force=force) as folder, Stages() as stage:
+        stage("certifying")
+        from insnav.certificate.certify import certify
+        from insnav.certificate.peer import pyins
+
+        peers = (pyins(),) if peer else ()
+        found = certify(peers, lambda fraction: stage("certifying", fraction))
+        stage("writing")
+        from insnav.report.certificate import certificate_facts, certificate_markdown, certificate_sheet
+        from insnav.report.sheet import sheet_text, write_sheet
+
+        sheet = certificate_sheet(found)
+        where = write_sheet(folder, sheet, certificate_facts(found))
+    if as_json:
+        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
+    elif markdown:
+        result(certificate_markdown(found))
+    else:
+        result(f"{sheet_text(sheet)}\n\nfiles       {out}: report.html, figures, run.json")
+    if found.failed:
+        note(f"{len(found.failed)} of {len(found.checks)} checks failed")
+        raise typer.Exit(1)
