@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
 import warnings
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ def pyins() -> Integrator:
     ConfigError
         python-ins is not installed.
     """
-    if importlib.util.find_spec("pyins") is None:
+    if find_spec("pyins") is None:
         raise ConfigError(
             "python-ins is not installed",
             where="--peer",
@@ -37,8 +38,8 @@ def pyins() -> Integrator:
 def _increments(imu: ImuData) -> Any:
     """Its table of increments: one for every sample but the first, which it only looks back at."""
     import pandas as pd
-    from pyins import strapdown, util
 
+    strapdown, util = import_module("pyins.strapdown"), import_module("pyins.util")
     samples = pd.DataFrame(
         np.hstack([imu.gyro, imu.accel]), index=pd.Index(imu.time), columns=util.GYRO_COLS + util.ACCEL_COLS
     )
@@ -53,8 +54,8 @@ def _steps(imu: ImuData) -> Steps:
 def _navigate(imu: ImuData, start: Start, height: FloatArray, v_down: FloatArray, every: int) -> Trajectory:
     """Navigate with its height held to the first, and tell that given: only what is horizontal is its own."""
     import pandas as pd
-    from pyins import strapdown, util
 
+    strapdown, util = import_module("pyins.strapdown"), import_module("pyins.util")
     lla, v_n, rph = start
     first = np.concatenate([lla[:2] / DEG, lla[2:], v_n, rph / DEG])
     pva = pd.Series(first, index=util.TRAJECTORY_COLS, name=imu.time[0])
