@@ -8,7 +8,9 @@ from scipy.special import j1
 
 from insnav import strapdown
 from insnav.attitude import dcm_from_quat, quat_conjugate, quat_from_rotvec, quat_multiply, rotvec_from_quat
-from insnav.types import ImuData, Increments
+from insnav.certificate.integrators import steps_of
+from insnav.certificate.motions import Cone
+from insnav.types import ImuData
 from insnav.units import DEG, DEG_PER_H, G0, UG
 
 RATE = 100.0  # [Hz]
@@ -21,27 +23,6 @@ def irregular(seed: int = 4) -> np.ndarray:
     steps = np.random.default_rng(seed).uniform(0.008, 0.011, round(SPAN * RATE * 1.2))
     time = np.concatenate([[0.0], np.cumsum(steps)])
     return time[time <= SPAN]
-
-
-class Cone:
-    """The body's third axis runs round a cone: rotation vector of constant length turning in the x-y plane."""
-
-    def __init__(self, half_angle: float, frequency: float) -> None:
-        self.half_angle, self.omega = half_angle, 2 * np.pi * frequency
-
-    def quaternion(self, t: np.ndarray) -> np.ndarray:
-        c, s, phase = np.cos(0.5 * self.half_angle), np.sin(0.5 * self.half_angle), self.omega * t
-        return np.stack([np.full_like(t, c), s * np.cos(phase), s * np.sin(phase), np.zeros_like(t)], -1)
-
-    def angle(self, t: np.ndarray) -> np.ndarray:
-        """Integral of the body rate, which is twice the vector part of q* q'."""
-        s, phase = np.sin(self.half_angle), self.omega * t
-        return np.stack([s * np.cos(phase), s * np.sin(phase), (np.cos(self.half_angle) - 1) * phase], -1)
-
-    def rate(self, t: np.ndarray) -> np.ndarray:
-        s, phase = np.sin(self.half_angle), self.omega * t
-        turn = np.stack([-s * np.sin(phase), s * np.cos(phase), np.full_like(t, np.cos(self.half_angle) - 1)], -1)
-        return self.omega * turn
 
 
 def sampled(time: np.ndarray, sampling: str, values, integral) -> ImuData:
@@ -68,8 +49,8 @@ def drift(motion: Cone, time: np.ndarray, sampling: str) -> float:
 
 
 def test_the_closed_form_is_a_motion():
-    # q' = q w / 2 by numerical differentiation: the truth of this file does not contradict itself
-    cone, t, d = Cone(3 * DEG, 5.0), np.linspace(0.0, 1.0, 50), 1e-6
+    # q' = q w / 2 by numerical differentiation: the truth does not contradict itself
+    cone, t, d = Cone(3 * DEG, 2 * np.pi * 5.0), np.linspace(0.0, 1.0, 50), 1e-6
     slope = (cone.quaternion(t + d) - cone.quaternion(t - d)) / (2 * d)
     rate = np.column_stack([np.zeros(50), cone.rate(t)])
     np.testing.assert_allclose(slope, 0.5 * quat_multiply(cone.quaternion(t), rate), atol=1e-9)
@@ -88,14 +69,14 @@ BARS = {
 @pytest.mark.parametrize("frequency", [1.0, 5.0, 10.0])
 @pytest.mark.parametrize("half_angle_deg", [0.1, 1.0, 3.0])
 def test_drift_of_coning(half_angle_deg, frequency, sampling):
-    found = drift(Cone(half_angle_deg * DEG, frequency), REGULAR, sampling)
+    found = drift(Cone(half_angle_deg * DEG, 2 * np.pi * frequency), REGULAR, sampling)
     assert found <= BARS[sampling][frequency] * half_angle_deg**2 * DEG_PER_H
 
 
 @pytest.mark.parametrize("sampling", ["increment", "instant"])
 def test_drift_of_coning_beyond_the_bars_is_told(sampling):
     # five samples a cycle: no algorithm on so few knows the motion; the true coning rate is 3.9e6 deg/h
-    found = drift(Cone(DEG, 20.0), REGULAR, sampling)
+    found = drift(Cone(DEG, 2 * np.pi * 20.0), REGULAR, sampling)
     print(f"coning 1 deg, 20 Hz, 100 Hz {sampling}: {found / DEG_PER_H:.1f} deg/h")
     assert found < 1e-3 * 2 * np.pi * 20.0 * (1 - np.cos(DEG)) * 50
 
@@ -113,17 +94,7 @@ def test_drift_of_coning_beyond_the_bars_is_told(sampling):
 )
 def test_drift_of_coning_from_irregular_samples(sampling, frequency, bar):
     # measured 5.6e-6, 0.013, 0.092 and 5.6e-6, 0.013, 0.30 deg/h; taking the times for equal costs thousands
-    assert drift(Cone(DEG, frequency), irregular(), sampling) <= bar * DEG_PER_H
-
-
-def velocity(inc: Increments) -> np.ndarray:
-    """Velocity increment in the axes of the interval's start, put together as `Increments` says, (n, 3) [m/s]."""
-    angle = np.linalg.norm(inc.dtheta, axis=1, keepdims=True)
-    # (1 - cos a) / a^2 and (a - sin a) / a^3 without dividing by zero
-    first = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
-    second = (1 - np.sinc(angle / np.pi)) / np.maximum(angle, 1e-4) ** 2
-    cross = np.cross(inc.dtheta, inc.dvel)
-    return inc.dvel + first * cross + second * np.cross(inc.dtheta, cross) + inc.sculling
+    assert drift(Cone(DEG, 2 * np.pi * frequency), irregular(), sampling) <= bar * DEG_PER_H
 
 
 @pytest.mark.parametrize(
@@ -148,7 +119,7 @@ def test_sculling(sampling, times):
     begin = inc.time - inc.dt
     whole = (begin > 1.0 - 1e-6) & (inc.time < 39.0 + 1e-6)
     turn = one(amplitude * np.sin(omega * begin), 0)
-    gained = np.einsum("nij,nj->ni", dcm_from_quat(quat_from_rotvec(turn)), velocity(inc))[whole]
+    gained = np.einsum("nij,nj->ni", dcm_from_quat(quat_from_rotvec(turn)), steps_of(inc).velocity)[whole]
     mean = gained[:, 2].sum() / inc.dt[whole].sum()
     # over a span that is not a whole number of cycles the specific force does not average to a J1(A): exact value
     t = np.linspace(begin[whole][0], inc.time[whole][-1], 400_001)

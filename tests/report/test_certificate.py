@@ -1,0 +1,79 @@
+"""The certificate on paper says what the checks say, also where a figure is no number."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from insnav.certificate.certify import Certificate
+from insnav.certificate.check import Check
+from insnav.report.certificate import certificate_facts, certificate_markdown, certificate_sheet
+from insnav.report.figures.certificate import draw_certificate
+from insnav.report.figures.style import drawing
+from insnav.report.sheet import sheet_text
+
+CHECKS = (
+    Check("coning", "1 deg, 5 Hz", "deg/h", 0.02, (("polynomial", 0.0145), ("euler", 16.2))),
+    Check("poles", "latitude beyond 90 deg", "deg", 0.0, (("polynomial", 0.0), ("euler", np.nan))),
+    Check("poles", "rest", "m", 0.01, (("polynomial", np.nan), ("euler", np.inf))),
+    Check("platform", "order of convergence", "1", 0.1, (("fourth order", 0.2), ("forward", 0.01))),
+    Check("gravity", "equator", "m/s^2", 1e-8, (("insnav", 5.9e-11),)),
+)
+CERTIFICATE = Certificate(CHECKS, 1.25)
+
+
+def test_tables_have_the_columns_of_their_topic():
+    tables = {table.title: table for table in certificate_sheet(CERTIFICATE).tables}
+    assert list(tables) == ["coning", "poles", "platform", "gravity"]
+    assert tables["coning"].columns == ("", "polynomial", "euler", "bar", "")
+    assert tables["coning"].rows == (("1 deg, 5 Hz [deg/h]", "0.015", "16 !", "0.02", "passed"),)
+    assert tables["poles"].rows[0] == ("latitude beyond 90 deg [deg]", "0", "– !", "0", "passed")
+    assert tables["poles"].rows[1] == ("rest [m]", "– !", "– !", "0.01", "FAILED")
+    assert tables["platform"].rows == (("order of convergence", "0.20 !", "0.010", "0.1", "FAILED"),)
+    assert tables["gravity"].columns == ("", "error", "bar", "")
+
+
+def test_text_begins_with_the_verdict_and_names_what_failed():
+    lines = sheet_text(certificate_sheet(CERTIFICATE)).splitlines()
+    assert lines[0] == "Numerical certificate: 2 FAILED"
+    assert "3 of 5 checks passed in 1.2 s" in lines[1]
+    assert "  - FAILED: poles: rest" in lines
+    assert "  - FAILED: platform: order of convergence" in lines
+
+
+def test_facts_are_json_without_nan():
+    facts = certificate_facts(CERTIFICATE)
+    json.dumps(facts, allow_nan=False)
+    assert facts["failed"] == ["poles: rest", "platform: order of convergence"]
+    assert facts["checks"][2]["errors"] == {"polynomial": None, "euler": None}
+    assert facts["checks"][3]["judged"] == "fourth order"
+
+
+def test_markdown_has_a_cell_for_everyone():
+    lines = certificate_markdown(CERTIFICATE).splitlines()
+    assert lines[0] == "| check | bar | insnav | euler | forward |"
+    assert lines[1] == "|---|--:|--:|--:|--:|"
+    assert lines[2] == "| coning: 1 deg, 5 Hz | 0.02 deg/h | 0.015 | 16 ! |  |"
+    assert lines[5] == "| platform: order of convergence | 0.1 | 0.20 ! |  | 0.010 |"
+
+
+def test_the_figure_has_every_figure_and_reddens_what_failed():
+    with drawing():
+        axes = draw_certificate(CHECKS).axes[0]
+    lines = {str(line.get_label()): line for line in axes.lines}
+    assert lines["insnav: passed"].get_ydata().tolist() == [0, 1, 4]
+    assert lines["insnav: FAILED"].get_ydata().tolist() == [2, 3]
+    assert lines["insnav: FAILED"].get_xdata()[1] == pytest.approx(2.0)
+    assert lines["euler"].get_xdata()[0] == pytest.approx(810.0)
+    low, high = axes.get_xlim()
+    assert all((low < line.get_xdata()).all() and (line.get_xdata() < high).all() for line in lines.values())
+    assert [label.get_text() for label in axes.get_yticklabels()][4] == "gravity: equator"
+
+
+def test_a_certificate_that_passes_has_nothing_red():
+    with drawing():
+        axes = draw_certificate(CHECKS[:2]).axes[0]
+    assert "insnav: FAILED" not in axes.get_legend_handles_labels()[1]
+    assert certificate_sheet(Certificate(CHECKS[:2], 1.0)).warnings == ()
