@@ -77,13 +77,15 @@ def certificate_sheet(certificate: Certificate) -> Sheet:
             "polynomial is the integrator insnav navigates with; rk4 is Runge-Kutta on straight lines between samples, "
             "rotvec takes each increment for a rotation vector, euler goes straight on from sample to sample.",
             "20 Hz coning at 100 Hz is five samples a cycle, on which no algorithm knows the motion.",
-            *(_OF_PEERS[name] for name in names if name in _OF_PEERS),
+            *(_NOTES[name] for name in names if name in _NOTES),
         ),
         tuple(f"FAILED: {check.topic}: {check.case}" for check in failed),
     )
 
 
-_OF_PEERS = {
+_NOTES = {  # by the name of an integrator
+    "fourth": "fourth, forward, backward and mean integrate a north-pointing platform, from instantaneous samples at "
+    "10 Hz with the vertical channel off.",
     "pyins": "pyins holds its height to the first, and its normal gravity has no component to the north, which alone "
     "is metres after an hour; its longitude goes on beyond 180 deg, and at a pole it divides by zero.",
 }

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from insnav import strapdown
-from insnav.certificate import attitude, certify, peer
+from insnav.certificate import attitude, certify, gravity, peer
 from insnav.io.folder import read_facts, verify_folder
 from tests.cli.conftest import Cli
 
@@ -20,6 +20,7 @@ def short(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Only what takes no time: the whole certificate is tested elsewhere."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(certify, "TOPICS", (attitude.coning, attitude.sculling, attitude.spin))
+    monkeypatch.setattr(certify, "OTHERS", (gravity.gravity,))
 
 
 @pytest.fixture
