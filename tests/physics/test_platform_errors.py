@@ -119,7 +119,7 @@ def test_the_periods_are_those_of_theory_within_half_a_percent(name):
 
 @pytest.mark.parametrize("name", ["drift east", "everything"])
 def test_the_same_errors_do_the_same_to_a_strapdown_navigator(name):
-    """But for the square of the errors, 45 m where they are 16 km off: both mechanizations are nonlinear, each its way."""
+    """But for the square of the errors, 45 m where they are 16 km off, as both mechanizations are nonlinear."""
     time, position, _ = platform_day(name)
     other = strapdown_day(name)
     difference = np.abs(position[1:] - other).max()
