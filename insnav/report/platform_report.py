@@ -72,11 +72,11 @@ class PlatformStudy:
         return static_errors(run.solution.time - run.solution.time[0], start[0], start[2], self.errors)
 
     def differences(self) -> dict[Integrator, TrajectoryErrors]:
-        """Each integrator against the reference, or the others against that of fourth order."""
+        """Each integrator, on a platform without errors, against the reference; else the others against the fourth."""
         if self.reference is not None:
-            return {name: position_errors(run.solution, self.reference) for name, run in self.runs.items()}
-        judge = self.runs[_AGAINST].solution
-        return {name: position_errors(run.solution, judge) for name, run in self.runs.items() if name != _AGAINST}
+            return {name: position_errors(run.undisturbed, self.reference) for name, run in self.runs.items()}
+        judge = self.runs[_AGAINST].undisturbed
+        return {name: position_errors(run.undisturbed, judge) for name, run in self.runs.items() if name != _AGAINST}
 
 
 def torquing_columns(run: PlatformRun) -> dict[str, FloatArray]:
@@ -202,7 +202,8 @@ def _difference_table(differences: Mapping[Integrator, TrajectoryErrors], judged
         for name, each in differences.items()
     )
     columns = ("integrator", "largest [m]", "at the end [m]", "velocity, largest [m/s]")
-    return Table(f"Horizontal difference to {'the reference' if judged else 'fourth order'}", columns, rows)
+    note = "on a platform without errors"
+    return Table(f"Horizontal difference to {'the reference' if judged else 'fourth order'}", columns, rows, note)
 
 
 def _error_facts(study: PlatformStudy) -> dict[str, Any] | None:
