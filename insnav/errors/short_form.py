@@ -45,6 +45,11 @@ class ShortWindow:
     dropped: FloatArray
     untilted: FloatArray
 
+    @property
+    def rest(self) -> FloatArray:
+        """Difference of position that the terms left out do not explain: Euler's rule [m], ``(n, 3)``."""
+        return self.position - self.dropped
+
 
 def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorErrors | None = None) -> list[ShortWindow]:
     """Run both mechanizations without any aid through successive windows of a drive.
@@ -72,12 +77,14 @@ def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorError
     inc = strapdown.increments(parts)
     every = max(1, round(KEEP / strapdown.nominal_interval(imu.time)))
     windows = []
-    for begin in np.arange(float(solution.time[0]), float(solution.time[-1]) - LENGTH, LENGTH):
+    tolerance = strapdown.TIME_TOLERANCE
+    starts = inc.time - inc.dt
+    for begin in np.arange(float(solution.time[0]), float(solution.time[-1]) - LENGTH + tolerance, LENGTH):
         # a sample earlier or later makes no difference: both forms start from the same state
         state = int(np.searchsorted(solution.time, begin))
-        first = int(np.searchsorted(inc.time, solution.time[state] + strapdown.TIME_TOLERANCE))
-        last = int(np.searchsorted(inc.time, inc.time[first - 1] + LENGTH + strapdown.TIME_TOLERANCE))
-        if first == 0 or inc.time[last - 1] - inc.time[first - 1] < LENGTH - KEEP or parts.hole[first:last].any():
+        first = int(np.searchsorted(starts, solution.time[state] - tolerance))
+        last = int(np.searchsorted(inc.time, starts[min(first, len(starts) - 1)] + LENGTH + tolerance))
+        if last <= first or inc.time[last - 1] - starts[first] < LENGTH - KEEP or parts.hole[first:last].any():
             continue
         if not np.isfinite(solution.rph[state]).all():  # near a pole
             continue
@@ -98,7 +105,7 @@ def size_at(windows: Sequence[ShortWindow], name: str, elapsed: float) -> FloatA
     Parameters
     ----------
     windows : sequence of ShortWindow
-    name : {"position", "velocity", "dropped", "untilted"}
+    name : {"position", "velocity", "dropped", "rest", "untilted"}
     elapsed : float
         [s]
 

@@ -16,6 +16,7 @@ TIMES = (10.0, 30.0, 60.0)  # since the start of a window [s]
 _ROWS = (
     ("position", "position_m"),
     ("dropped", "position_by_dropped_terms_m"),
+    ("rest", "position_by_euler_m"),
     ("velocity", "velocity_m_s"),
     ("untilted", "position_if_dropped_from_attitude_too_m"),
 )
@@ -51,13 +52,20 @@ def short_text(facts: Mapping[str, Any]) -> str:
     for time in TIMES:
         at = facts[f"after_{time:g}_s"]
         rows.append((f"{time:g}", *(f"{at[key]['rms']:.3f} / {at[key]['max']:.3f}" for _, key in _ROWS)))
-    columns = ("after [s]", "position [m]", "by dropped terms [m]", "velocity [m/s]", "attitude too, position [m]")
+    columns = (
+        "after [s]",
+        "position [m]",
+        "by dropped terms [m]",
+        "by Euler's rule [m]",
+        "velocity [m/s]",
+        "attitude too [m]",
+    )
     return table_text(
         Table(
             f"Short-duration mechanization minus the full one, {facts['windows']} windows, horizontal, RMS / largest",
             columns,
             tuple(rows),
-            "without Earth and transport rate in the velocity; last column: in the attitude as well",
+            "Earth and transport rate dropped from the velocity; last column: position if from the attitude as well",
         )
     )
 

@@ -29,7 +29,7 @@ def draw_short(windows: Sequence[ShortWindow]) -> Figure:
     blocks = (
         ("horizontal position [m]", "position", "dropped"),
         ("horizontal velocity [m/s]", "velocity", ""),
-        ("… attitude too [m]", "untilted", ""),
+        ("position [m], dropped\nin the attitude too", "untilted", ""),
     )
     for (axes,), (label, name, theory) in zip(panels, blocks, strict=True):
         size = _sizes(windows, name, elapsed)
@@ -40,6 +40,8 @@ def draw_short(windows: Sequence[ShortWindow]) -> Figure:
         if theory:
             dropped = np.sqrt(np.mean(_sizes(windows, theory, elapsed) ** 2, axis=0))
             axes.plot(elapsed, dropped, color=BLACK, linestyle="--", label="RMS by the dropped terms")
+            euler = np.sqrt(np.mean(_sizes(windows, "rest", elapsed) ** 2, axis=0))
+            axes.plot(elapsed, euler, color=BLACK, linestyle=":", label="RMS by Euler's rule")
         axes.set_ylabel(label)
     legend_above(panels[0][0])
     panels[-1][0].set_xlabel("time since the start of the window [s]")
