@@ -36,7 +36,7 @@ def navigate_short(
     -----
     Velocity: Groves (2013), eq. 5.53 without its Coriolis term. The specific force is turned by the attitude at the
     start of each interval, the position moved with the velocity there. Against the full form the velocity is wrong by
-    the integral of ``(2 w_ie + w_en) x v``: horizontally about ``2 W sin(L) v t``, and half of that times t in position.
+    the integral of ``(2 w_ie + w_en) x v``: horizontally about ``2 W sin(L) v t``, the position by half that times t.
     """
     x = np.concatenate([lla, v_n, quat_from_rph(rph)])
     out = np.empty((inc.time.shape[0] // every, 10))

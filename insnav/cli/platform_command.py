@@ -14,7 +14,6 @@ from insnav.cli.console import Stages, note, result
 
 if TYPE_CHECKING:
     from insnav.gimbal import PlatformErrors
-    from insnav.io.folder import RunFolder
     from insnav.types import FloatArray, Trajectory
 
 SHORT_HELP = "North-pointing gimballed platform: velocity, position and torquing rates."
@@ -25,13 +24,14 @@ by four integrators side by side. With a tilt, drifts or biases given, the platf
 
 \b
 Columns: time_s, f_east_m_s2, f_north_m_s2, f_up_m_s2 (or f_down_m_s2), or
-x, y, z with --axes. Without a vertical column only --vertical off is possible.
+x, y, z with --axes. Without a vertical column only --vertical off works.
 
 \b
 Examples:
   insnav platform fw.csv --lat 48 --lon 11
   insnav platform fw.csv --lat 48 --lon 11 --height 500 --v-east 60 --axes ENU
-  insnav platform fw.csv --lat 48 --lon 11 --vertical damped --height-input ref.csv
+  insnav platform fw.csv --lat 48 --lon 11 --vertical free --v-up 2
+  insnav platform f.csv --lat 9 --lon 9 --vertical damped --height-input h.csv
   insnav platform rest.csv --lat 45 --lon 0 --gyro-drift 0.01,0,0
   insnav platform --demo --out demo
 
@@ -291,7 +291,7 @@ def _heights(ref: Trajectory, time: FloatArray) -> FloatArray:
         raise InputError(
             "the height input does not cover the record",
             where="--height-input",
-            why=f"heights from {ref.time[0]:.3f} to {ref.time[-1]:.3f} s, samples from {time[0]:.3f} to {time[-1]:.3f} s",
+            why=f"heights from {ref.time[0]:.3f} to {ref.time[-1]:.3f} s, samples {time[0]:.3f} to {time[-1]:.3f} s",
             fix="give heights for the whole record, in the same time",
         )
     return np.interp(time, ref.time, ref.lla[:, 2])

@@ -14,8 +14,8 @@ from insnav.cli import parse
 from insnav.cli.console import Stages, error_block, note, note_more, result
 
 if TYPE_CHECKING:
-    from insnav.imu.model import ImuSpec
     from insnav.filter.recording import Navigated
+    from insnav.imu.model import ImuSpec
     from insnav.io.folder import RunFolder
     from insnav.types import GpsData, ImuData
 
@@ -108,8 +108,8 @@ def run(
         Mechanization,
         typer.Option(
             metavar="FORM",
-            help="full, or short: besides, compare the short-duration form (no Earth and transport rate, Euler) with the "
-            "full one in windows of 60 s; the filter keeps the full one.",
+            help="full, or short: besides, compare the short-duration form (no Earth and transport rate, Euler) with "
+            "the full one in windows of 60 s; the filter keeps the full one.",
             rich_help_panel=opt.RESULT,
         ),
     ] = Mechanization.full,

@@ -90,7 +90,7 @@ def read_specific_force(
     if numbers.n_rows > 1:
         time_unit, time_evidence = judge_time(raw["time"], found["time"].unit, slowest=_SLOWEST, where=name)
         raw["time"] = raw["time"] * ALL_UNITS[time_unit][1]
-    bad = ~np.isfinite(np.column_stack(list(raw.values()))).all(axis=1)
+    bad = np.asarray(~np.isfinite(np.column_stack(list(raw.values()))).all(axis=1), dtype=np.bool_)
     cleaned = clean(raw, bad, IMU_KINDS, place=table.place, name=name, bad_action="not a finite number")
     _refuse_gaps(cleaned, name)
     unit, unit_evidence = _unit(cleaned, [found[column] for column in chosen.values()], name)

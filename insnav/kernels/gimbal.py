@@ -74,7 +74,7 @@ def quadrature(method, time, values, mid, out):  # type: ignore[no-untyped-def]
 def channel(y, o, fn, fe, fd, height, vertical, gains, d):  # type: ignore[no-untyped-def]
     """Rates of the seven states from `o` on, into `d`; returns the rate of North, East, Down against inertial space.
 
-    Groves (2013), eq. 2.123, 5.44 and 5.53, 5.56; damping of the vertical channel of third order.
+    Groves (2013), eq. 2.111, 2.123, 5.44 and 5.53; damping of the vertical channel of third order.
     """
     lat, h, vn, ve, vd = y[o], y[o + 2], y[o + 3], y[o + 4], y[o + 5]
     sin_lat, cos_lat = np.sin(lat), np.cos(lat)

@@ -88,18 +88,18 @@ def demonstration() -> tuple[Sheet, dict[str, Any]]:
     sheet = Sheet(
         "The north-pointing platform: integrators and errors",
         (
-            f"In {DAY / 3600:g} h at rest a platform and a strapdown navigator with the same errors come to the same, as "
-            "theory says. In a turning vehicle they do not: the strapdown sensors turn with it, and their errors average "
-            f"out. After {PATTERN / 3600:g} h of circles the platform is off by {ends[0] / 1000:.2f} km, the strapdown "
+            f"In {DAY / 3600:g} h at rest a platform and a strapdown navigator with the same errors come to the same, "
+            "as theory says. In a turning vehicle they do not: the strapdown sensors turn with it, and their errors "
+            f"average out. After {PATTERN / 3600:g} h of circles the platform is off by {ends[0] / 1000:.2f} km, the strapdown "
             f"navigator by {ends[1] / 1000:.2f} km.",
         ),
         (known, flown, day, found),
         pictures,
         (
-            f"Errors: {_ERRORS_TEXT}; along north, east, down on the platform, along forward, right, down in the vehicle, "
-            "which starts to the north. A drift of the platform is a gyro bias of the opposite sign.",
-            "fourth is Runge-Kutta of fourth order, the specific force half-way from a polynomial through the six samples "
-            "around it: on smooth motion 16 times better than steps over two samples.",
+            f"Errors: {_ERRORS_TEXT}; along north, east, down on the platform, along forward, right, down in the "
+            "vehicle, which starts to the north. A drift of the platform is a gyro bias of the opposite sign.",
+            "fourth is Runge-Kutta of fourth order, the specific force half-way from a polynomial through the six "
+            "samples around it: on smooth motion 16 times better than steps over two samples.",
             "The closed form has one radius of the Earth, the geometric mean of both.",
         ),
     )
