@@ -43,6 +43,13 @@ def vector(text: str, option: str) -> FloatArray:
     return values
 
 
+def triple(text: str, option: str, example: str) -> FloatArray:
+    """Three numbers with commas between them, in the unit of the option."""
+    import numpy as np
+
+    return np.array(_numbers(text, ",", 3, option, example))
+
+
 def span(text: str, option: str) -> tuple[float, float]:
     """Start and end of a time interval in seconds."""
     begin, end = _numbers(text, ":", 2, option, "0:300")

@@ -14,7 +14,9 @@ from insnav.cli import parse
 from insnav.cli.console import Stages, error_block, note, note_more, result
 
 if TYPE_CHECKING:
+    from insnav.filter.recording import Navigated
     from insnav.imu.model import ImuSpec
+    from insnav.io.folder import RunFolder
     from insnav.types import GpsData, ImuData
 
 SHORT_HELP = "Navigate a recorded drive: IMU and GPS to a solution, figures and a report."
@@ -44,6 +46,13 @@ class Figures(StrEnum):
     png = "png"
     svg = "svg"
     none = "none"
+
+
+class Mechanization(StrEnum):
+    """Form of the navigation equations."""
+
+    full = "full"
+    short = "short"
 
 
 class TableFormat(StrEnum):
@@ -95,6 +104,15 @@ def run(
     ] = 21,
     fixed_height: opt.FixedHeightSd = 0.0,
     aiding: opt.AidingOption = opt.AidingWhen.auto,
+    mechanization: Annotated[
+        Mechanization,
+        typer.Option(
+            metavar="FORM",
+            help="full, or short: besides, compare the short-duration form (no Earth and transport rate, Euler) with "
+            "the full one in windows of 60 s; the filter keeps the full one.",
+            rich_help_panel=opt.RESULT,
+        ),
+    ] = Mechanization.full,
     smooth: Annotated[
         bool,
         typer.Option(
@@ -207,6 +225,9 @@ def run(
 
         logging.getLogger("matplotlib").setLevel(logging.ERROR)  # its care for its own cache is nobody's concern
 
+        image = None if figures is Figures.none else figures.value
+        short = mechanization is Mechanization.short
+        more_facts, more_figures = _short(samples, done, folder, image) if short else ({}, [])
         facts, where = write_run(
             folder,
             replace(done, notes=assumed + done.notes),
@@ -216,7 +237,9 @@ def run(
             imu_note=said,
             reference_lever_b=ref_lever_b,
             table_format=format.value,
-            figure_format=None if figures is Figures.none else figures.value,
+            figure_format=image,
+            more_facts=more_facts,
+            more_figures=more_figures,
         )
     if as_json:
         result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
@@ -224,8 +247,31 @@ def run(
         from insnav.report.summary import summary_lines
 
         result("\n".join(summary_lines(read_facts(where), out)))
+        if short:
+            from insnav.report.short_report import short_text
+
+            result("\n" + short_text(facts["short_mechanization"]))
     if fail_above is not None:
         _judge(facts, fail_above)
+
+
+def _short(
+    samples: ImuData, done: Navigated, folder: RunFolder, figure_format: Any
+) -> tuple[dict[str, Any], list[Path]]:
+    """Compare the short-duration mechanization with the full one; its facts and figures."""
+    from insnav.errors.short_form import short_windows
+    from insnav.report.figures.short import draw_short
+    from insnav.report.figures.style import drawing, save
+    from insnav.report.short_report import short_columns, short_facts
+    from insnav.simulate.files import write_table
+
+    windows = short_windows(samples, done.run.solution, done.run.sensor_errors)
+    write_table(folder.path("short.csv"), short_columns(windows))
+    facts = {"short_mechanization": short_facts(windows)}
+    if figure_format is None:
+        return facts, []
+    with drawing():
+        return facts, [save(draw_short(windows), folder.path("figures/short_mechanization"), figure_format)]
 
 
 def _check_limit(fail_above: float | None, ref: Path | None) -> None:

@@ -19,6 +19,7 @@ _SECTIONS = {
     "outages": "Outages",
     "sensor_errors": "Estimated sensor errors",
     "smoothed": "Smoothed solution",
+    "short_mechanization": "Short-duration mechanization",
     "events": "Events",
     "configuration": "Configuration",
     "versions": "Versions",
@@ -35,6 +36,7 @@ _CAPTIONS = {
     "attitude": "Attitude",
     "innovations": "Innovations against their gates",
     "biases": "Estimated sensor errors",
+    "short_mechanization": "Short-duration mechanization against the full one",
 }
 
 
@@ -71,6 +73,6 @@ def page_html(facts: Mapping[str, Any], figures: Sequence[Path], *, title: str) 
         facts=facts,
         table=table,
         statistics=[name for _, name in STATISTICS],
-        sections=[(heading, facts[key]) for key, heading in _SECTIONS.items() if facts[key]],
+        sections=[(heading, facts[key]) for key, heading in _SECTIONS.items() if facts.get(key)],
         figures=[(_CAPTIONS.get(file.stem, file.stem), data_uri(file)) for file in figures],
     )

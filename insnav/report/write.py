@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,8 @@ def write_run(
     reference_lever_b: FloatArray | None,
     table_format: TableFormat,
     figure_format: Any,
+    more_facts: Mapping[str, Any] | None = None,
+    more_figures: Sequence[Path] = (),
 ) -> tuple[dict[str, Any], Path]:
     """Write the whole run folder and put it in place.
 
@@ -57,6 +59,10 @@ def write_run(
         Point of the reference seen from the IMU [m].
     table_format : {"csv", "parquet"}
     figure_format : {"png", "svg"} or None
+    more_facts : mapping, optional
+        What was found besides the solution; JSON-ready.
+    more_figures : sequence of Path
+        Its figures, already in the folder.
 
     Returns
     -------
@@ -94,6 +100,7 @@ def write_run(
         reference_name=reference.facts.path if reference is not None else "",
         warnings=warnings,
     )
+    facts |= more_facts or {}
     write_solution(folder.directory, run.solution, table_format)
     if run.smoothed is not None:
         write_solution(folder.directory, run.smoothed.solution, table_format, "smoothed")
@@ -106,7 +113,12 @@ def write_run(
         from insnav.report.page import write_page
 
         figures = draw_all(run, done.gps, errors, folder.path("figures/track").parent, figure_format, smoothed_errors)
-        write_page(folder.path("report.html"), facts, figures, title=f"insnav run of {given['imu'].facts.path}")
+        write_page(
+            folder.path("report.html"),
+            facts,
+            [*figures, *more_figures],
+            title=f"insnav run of {given['imu'].facts.path}",
+        )
     where = folder.commit(facts)
     return facts, where
 

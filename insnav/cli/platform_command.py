@@ -1,0 +1,302 @@
+"""``insnav platform``: the north-pointing gimballed platform."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from insnav.cli import options as opt
+from insnav.cli import parse
+from insnav.cli.console import Stages, note, result
+
+if TYPE_CHECKING:
+    from insnav.gimbal import PlatformErrors
+    from insnav.types import FloatArray, Trajectory
+
+SHORT_HELP = "North-pointing gimballed platform: velocity, position and torquing rates."
+HELP = """North-pointing gimballed platform.
+
+Specific force along level axes in; out come velocity, position and the rates at which the platform's gyros are torqued,
+by four integrators side by side. With a tilt, drifts or biases given, the platform has these errors and swings.
+
+\b
+Columns: time_s, f_east_m_s2, f_north_m_s2, f_up_m_s2 (or f_down_m_s2), or
+x, y, z with --axes. Without a vertical column only --vertical off works.
+
+\b
+Examples:
+  insnav platform fw.csv --lat 48 --lon 11
+  insnav platform fw.csv --lat 48 --lon 11 --height 500 --v-east 60 --axes ENU
+  insnav platform fw.csv --lat 48 --lon 11 --vertical free --v-up 2
+  insnav platform f.csv --lat 9 --lon 9 --vertical damped --height-input h.csv
+  insnav platform rest.csv --lat 45 --lon 0 --gyro-drift 0.01,0,0
+  insnav platform --demo --out demo
+
+The demonstration integrates y = 2x, y = sin t and a flight whose truth is known, and shows a day of a platform beside a
+strapdown navigator with the same errors.
+"""
+ERRORS = "Errors of the platform"
+
+
+class AxesChoice(StrEnum):
+    """What x, y, z are."""
+
+    ENU = "ENU"
+    NED = "NED"
+
+
+class VerticalChoice(StrEnum):
+    """What is done about the vertical channel."""
+
+    off = "off"
+    free = "free"
+    damped = "damped"
+
+
+class IntegratorChoice(StrEnum):
+    """Ways to integrate."""
+
+    forward = "forward"
+    backward = "backward"
+    mean = "mean"
+    fourth = "fourth"
+
+
+def platform(
+    force_file: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="FORCE_FILE",
+            help="Specific force: .csv, .csv.gz, .parquet, or - for standard input.",
+            rich_help_panel=opt.FILES,
+        ),
+    ] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME=HEADER,…",
+            help="Headers that are not understood by themselves: f_east=Fe,time_s=t.",
+            rich_help_panel=opt.FILES,
+        ),
+    ] = None,
+    axes: Annotated[
+        AxesChoice | None,
+        typer.Option(
+            metavar="AXES", help="What columns x, y, z are: ENU or NED. [by the names]", rich_help_panel=opt.FILES
+        ),
+    ] = None,
+    height_input: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Heights to damp the vertical channel with (a reference).", rich_help_panel=opt.FILES
+        ),
+    ] = None,
+    ref: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Reference to judge the integrators by.", rich_help_panel=opt.FILES),
+    ] = None,
+    lat: Annotated[
+        float | None, typer.Option(metavar="DEG", help="Latitude, north positive.", rich_help_panel=opt.START)
+    ] = None,
+    lon: Annotated[
+        float | None, typer.Option(metavar="DEG", help="Longitude, east positive.", rich_help_panel=opt.START)
+    ] = None,
+    height: Annotated[
+        float, typer.Option(metavar="M", help="Height above the ellipsoid.", rich_help_panel=opt.START)
+    ] = 0.0,
+    v_east: Annotated[
+        float, typer.Option(metavar="M/S", help="Velocity at the start.", rich_help_panel=opt.START)
+    ] = 0.0,
+    v_north: Annotated[
+        float, typer.Option(metavar="M/S", help="Velocity at the start.", rich_help_panel=opt.START)
+    ] = 0.0,
+    v_up: Annotated[float, typer.Option(metavar="M/S", help="Velocity at the start.", rich_help_panel=opt.START)] = 0.0,
+    vertical: Annotated[
+        VerticalChoice,
+        typer.Option(
+            metavar="HOW",
+            help="Vertical channel: off, free, or damped by --height-input.",
+            rich_help_panel=opt.START,
+        ),
+    ] = VerticalChoice.off,
+    integrator: Annotated[
+        IntegratorChoice,
+        typer.Option(
+            metavar="NAME",
+            help="Whose solution is written: forward, backward, mean or fourth; all are compared.",
+            rich_help_panel=opt.START,
+        ),
+    ] = IntegratorChoice.fourth,
+    misalignment: Annotated[
+        str, typer.Option(metavar="N,E,D", help="Turn of its axes at the start, deg.", rich_help_panel=ERRORS)
+    ] = "0,0,0",
+    gyro_drift: Annotated[
+        str, typer.Option(metavar="N,E,D", help="Rate at which it turns away, deg/h.", rich_help_panel=ERRORS)
+    ] = "0,0,0",
+    accel_bias: Annotated[
+        str, typer.Option(metavar="N,E,D", help="Accelerometer biases, ug.", rich_help_panel=ERRORS)
+    ] = "0,0,0",
+    demo: Annotated[
+        bool, typer.Option("--demo", help="Show what is known by closed form instead.", rich_help_panel=opt.RESULT)
+    ] = False,
+    rate: Annotated[
+        str, typer.Option(metavar="HZ", help="Rows per second of the solution, or full.", rich_help_panel=opt.RESULT)
+    ] = "10",
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)] = Path(
+        "platform"
+    ),
+    force: opt.Force = False,
+    as_json: opt.Json = False,
+) -> None:
+    """Integrate the specific force on a platform."""
+    configuration = _configuration(locals())
+
+    from insnav.cli import inputs
+    from insnav.exceptions import ConfigError
+    from insnav.io.folder import FACTS_FILE, RunFolder
+
+    if demo:
+        if force_file is not None:
+            raise ConfigError("the demonstration reads no file", where=str(force_file), fix="leave out one of both")
+        where, text = _demonstrate(out, force)
+    else:
+        if force_file is None or lat is None or lon is None:
+            missing = [
+                name for name, value in (("FORCE_FILE", force_file), ("--lat", lat), ("--lon", lon)) if value is None
+            ]
+            raise ConfigError(f"missing: {', '.join(missing)}", fix="give them, or --demo; see insnav platform --help")
+        start = _start(lat, lon, height, (v_north, v_east, v_up))
+        errors = _errors(misalignment, gyro_drift, accel_bias)
+        interval = parse.interval(rate)
+        if (vertical is VerticalChoice.damped) != (height_input is not None):
+            raise ConfigError(
+                "--vertical damped and --height-input go together", where="--vertical", fix="give both or neither"
+            )
+        inputs.one_standard_input(force_file=force_file, height_input=height_input, ref=ref)
+        with RunFolder(out, force=force) as folder, Stages() as stage:
+            stage("reading")
+            from insnav.io.specific_force import read_specific_force
+
+            heights = inputs.read_truth(height_input, None) if height_input else None
+            judge = inputs.read_truth(ref, None) if ref else None
+            with inputs.named_options():
+                reading = read_specific_force(
+                    force_file, axes=axes.value if axes else None, columns=parse.columns(columns, "--columns")
+                )
+            for each in (reading, heights, judge):
+                if each is not None:
+                    inputs.say_reading(each.facts)
+            stage("navigating")
+            import numpy as np
+
+            from insnav.gimbal import INTEGRATORS, navigate_platform
+
+            time = reading.data.time
+            every = max(1, round(interval / float(np.median(np.diff(time)))))
+            given = None if heights is None else _heights(heights.data, time)
+            runs = {
+                name: navigate_platform(
+                    time,
+                    reading.data.f_n,
+                    *start,
+                    integrator=name,
+                    vertical=vertical.value,
+                    height=given,
+                    errors=errors,
+                    every=every,
+                )
+                for name in INTEGRATORS
+            }
+            stage("writing")
+            from insnav.io.write import write_events, write_kml, write_solution
+            from insnav.report.platform_report import PlatformStudy, platform_facts, platform_sheet, torquing_columns
+            from insnav.report.sheet import sheet_text, write_sheet
+            from insnav.simulate.files import write_table
+
+            name = Path(reading.facts.path).name
+            study = PlatformStudy(
+                integrator.value, runs, errors, judge.data if judge else None, name, reading.facts.evidence
+            )
+            readings = {"force": reading.facts.as_dict()}
+            readings |= {key: each.facts.as_dict() for key, each in (("height", heights), ("ref", judge)) if each}
+            sheet, facts = platform_sheet(study), platform_facts(study, readings, configuration)
+            write_solution(folder.directory, study.run.solution)
+            write_table(folder.path("torquing.csv"), torquing_columns(study.run))
+            write_events(folder.directory, reading.events)
+            write_kml(folder.directory, study.run.solution, name)
+            where, text = write_sheet(folder, sheet, facts), sheet_text(sheet)
+    if as_json:
+        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
+    else:
+        files = (
+            "report.html, figures, run.json" if demo else "report.html, solution.csv, torquing.csv, figures, run.json"
+        )
+        result(f"{text}\n\nfiles       {out}: {files}")
+
+
+def _demonstrate(out: Path, force: bool) -> tuple[Path, str]:
+    """Write the demonstration; its folder and its text."""
+    from insnav.io.folder import RunFolder
+
+    with RunFolder(out, force=force) as folder, Stages() as stage:
+        note("a day at rest, two hours of a holding pattern: some seconds")
+        stage("navigating")
+        from insnav.report.platform_demo import demonstration
+        from insnav.report.sheet import sheet_text, write_sheet
+
+        sheet, facts = demonstration()
+        stage("writing")
+        return write_sheet(folder, sheet, facts), sheet_text(sheet)
+
+
+def _start(lat: float, lon: float, height: float, v_neu: tuple[float, float, float]) -> tuple[FloatArray, FloatArray]:
+    """Position and velocity North, East, Down at the start."""
+    import numpy as np
+
+    from insnav.exceptions import ConfigError
+
+    if not -90.0 <= lat <= 90.0:
+        raise ConfigError(f"{lat:g} is not a latitude", where="--lat", fix="give degrees, north positive")
+    if not -180.0 <= lon <= 360.0:
+        raise ConfigError(f"{lon:g} is not a longitude", where="--lon", fix="give degrees, east positive")
+    parse.finite(height, "--height", largest=1e5)
+    for value, option in zip(v_neu, ("--v-north", "--v-east", "--v-up"), strict=True):
+        parse.finite(value, option, largest=1e4)
+    north, east, up = v_neu
+    around = (lon + 180.0) % 360.0 - 180.0
+    return np.array([np.deg2rad(lat), np.deg2rad(around), height]), np.array([north, east, -up + 0.0])
+
+
+def _errors(misalignment: str, gyro_drift: str, accel_bias: str) -> PlatformErrors:
+    from insnav.gimbal import PlatformErrors
+    from insnav.units import DEG, DEG_PER_H, UG
+
+    return PlatformErrors(
+        DEG * parse.triple(misalignment, "--misalignment", "0.01,0,0.1"),
+        DEG_PER_H * parse.triple(gyro_drift, "--gyro-drift", "0.01,0.01,0.01"),
+        UG * parse.triple(accel_bias, "--accel-bias", "50,50,0"),
+    )
+
+
+def _heights(ref: Trajectory, time: FloatArray) -> FloatArray:
+    """Height at the times of the samples."""
+    import numpy as np
+
+    from insnav.exceptions import InputError
+
+    if not (ref.time[0] <= time[0] and time[-1] <= ref.time[-1]):
+        raise InputError(
+            "the height input does not cover the record",
+            where="--height-input",
+            why=f"heights from {ref.time[0]:.3f} to {ref.time[-1]:.3f} s, samples {time[0]:.3f} to {time[-1]:.3f} s",
+            fix="give heights for the whole record, in the same time",
+        )
+    return np.interp(time, ref.time, ref.lla[:, 2])
+
+
+def _configuration(options: dict[str, Any]) -> dict[str, Any]:
+    kept = {name: value for name, value in options.items() if name not in ("out", "force", "as_json")}
+    return {name: str(value) if isinstance(value, Path | StrEnum) else value for name, value in kept.items()}

@@ -1,0 +1,161 @@
+"""What the platform's integrators are worth on a known motion, and a platform beside a strapdown navigator on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav import strapdown
+from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
+from insnav.earth import ned_offset
+from insnav.errors.metrics import TrajectoryErrors, position_errors
+from insnav.gimbal import INTEGRATORS, Integrator, PlatformErrors, integral, navigate_platform
+from insnav.simulate import Truth, imu_from_truth, reference
+from insnav.types import FloatArray, Increments
+
+SINE_STEPS = (40, 80, 160, 320)  # over `SINE_END`: coarse enough that no rule is exact to rounding
+SINE_END = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Convergence:
+    """Largest error of an integrator for several steps.
+
+    Attributes
+    ----------
+    integrator : {"forward", "backward", "mean", "fourth"}
+    step, error : (n,) array
+    """
+
+    integrator: Integrator
+    step: FloatArray
+    error: FloatArray
+
+    @property
+    def order(self) -> float:
+        """Slope of the error over the step on logarithmic axes."""
+        return float(np.polyfit(np.log(self.step), np.log(self.error), 1)[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """A platform and a strapdown navigator with the same errors on the same motion.
+
+    Attributes
+    ----------
+    time : (n,) array
+        [s]
+    platform, strapdown : (n, 3) array
+        Error of position North, East, Down [m]; both have the height held.
+    """
+
+    time: FloatArray
+    platform: FloatArray
+    strapdown: FloatArray
+
+
+def sine_convergence() -> list[Convergence]:
+    """Largest error of the integral of sin(t) from 0 to 5, whose truth is 1 - cos(t), by each integrator."""
+    found = []
+    for name in INTEGRATORS:
+        errors = []
+        for count in SINE_STEPS:
+            t = np.linspace(0.0, SINE_END, count + 1)
+            errors.append(float(np.abs(integral(t, np.sin(t), name) - (1.0 - np.cos(t))).max()))
+        found.append(Convergence(name, SINE_END / np.array(SINE_STEPS), np.array(errors)))
+    return found
+
+
+def level_force(truth: Truth, time: FloatArray) -> FloatArray:
+    """Specific force along North, East, Down, as a platform without errors measures it.
+
+    Parameters
+    ----------
+    truth : Truth
+        The motion.
+    time : (n,) array
+        Times [s].
+
+    Returns
+    -------
+    (n, 3) array
+        ``C_nb f_b`` [m/s^2].
+    """
+    at = truth.evaluate(time)
+    return np.asarray((dcm_from_rph(at.rph) @ at.f_b[:, :, None])[:, :, 0])
+
+
+def integrator_errors(
+    truth: Truth, rates: Sequence[float], *, keep: float = 1.0
+) -> dict[float, list[TrajectoryErrors]]:
+    """Errors of each integrator on a level motion, for several sampling rates.
+
+    Parameters
+    ----------
+    truth : Truth
+        A motion at constant height: the vertical channel is off.
+    rates : sequence of float
+        Samples per second [Hz].
+    keep : float
+        Interval between the errors returned [s], and no less than that of the samples.
+
+    Returns
+    -------
+    dict of float to list of TrajectoryErrors
+        By rate; in the order of `INTEGRATORS`.
+    """
+    found = {}
+    for rate in rates:
+        time = truth.start + np.arange(round(truth.duration * rate) + 1) / rate
+        force, start = level_force(truth, time), truth.evaluate(time[:1])
+        every = max(1, round(keep * rate))
+        at = reference(truth, time[::every])
+        runs = (
+            navigate_platform(time, force, start.lla[0], start.v_n[0], integrator=name, every=every)
+            for name in INTEGRATORS
+        )
+        found[rate] = [position_errors(run.solution, at) for run in runs]
+    return found
+
+
+def beside_strapdown(truth: Truth, errors: PlatformErrors, rate: float, keep: float) -> Beside:
+    """Give a platform and a strapdown navigator the same errors on the same motion.
+
+    Parameters
+    ----------
+    truth : Truth
+        A motion at constant height that begins level and to the north: forward, right, down then are the platform's
+        axes, and the strapdown sensors have about the first what the platform has about the second.
+    errors : PlatformErrors
+        Drift d of the platform becomes a gyro bias of -d of the strapdown system, which turns its computed axes by
+        d as well.
+    rate : float
+        Samples per second [Hz].
+    keep : float
+        Interval between the errors returned [s].
+
+    Returns
+    -------
+    Beside
+    """
+    time = truth.start + np.arange(round(truth.duration * rate) + 1) / rate
+    every = max(1, round(keep * rate))
+    at = reference(truth, time[::every])
+    run = navigate_platform(
+        time, level_force(truth, time), at.lla[0], at.v_n[0], integrator="fourth", errors=errors, every=every
+    )
+    imu = imu_from_truth(truth, time, "instant")
+    imu.gyro[:] -= errors.drift
+    imu.accel[:] += errors.bias
+    inc = strapdown.increments(strapdown.intervals(imu))
+    after = Increments(*(getattr(inc, name)[1:] for name in Increments.__dataclass_fields__))
+    held = np.full(len(after.time), at.lla[0, 2]), np.zeros(len(after.time))
+    start = rph_from_quat(quat_multiply(quat_from_rotvec(-errors.tilt), quat_from_rph(at.rph[0])))
+    other = strapdown.navigate(after, at.lla[0], at.v_n[0], start, vertical=held, every=every)
+    return Beside(
+        at.time,
+        ned_offset(run.solution.lla, at.lla),
+        np.concatenate([np.zeros((1, 3)), ned_offset(other.lla, at.lla[1:])]),
+    )
