@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from insnav.certificate.attitude import coning, sculling, spin, upright
 from insnav.certificate.check import Check
+from insnav.certificate.day import day
+from insnav.certificate.gimbal import platform
 from insnav.certificate.gravity import gravity
 from insnav.certificate.integrators import Integrator, integrators
 from insnav.certificate.navigation import free_inertial, meridians, poles, rest, schuler
@@ -21,10 +23,11 @@ TOPICS: tuple[Callable[[Sequence[Integrator]], list[Check]], ...] = (
     free_inertial,
     schuler,
     rest,
+    day,
     meridians,
     poles,
 )
-OTHERS: tuple[Callable[[], list[Check]], ...] = (gravity,)
+OTHERS: tuple[Callable[[], list[Check]], ...] = (platform, gravity)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +51,7 @@ class Certificate:
 
 
 def certify(peers: Sequence[Integrator] = (), progress: Callable[[float], None] | None = None) -> Certificate:
-    """Measure the integrators and the gravity model of this installation against closed forms.
+    """Measure the integrators, the platform's too, and the gravity model of this installation against closed forms.
 
     Parameters
     ----------
@@ -60,7 +63,7 @@ def certify(peers: Sequence[Integrator] = (), progress: Callable[[float], None] 
     Returns
     -------
     Certificate
-        Within seconds; the first integrator of every check is the one judged.
+        Within seconds.
     """
     begin = time.perf_counter()
     asked = (*integrators(), *peers)
@@ -69,6 +72,8 @@ def certify(peers: Sequence[Integrator] = (), progress: Callable[[float], None] 
         checks += topic(asked)
         if progress is not None:
             progress((number + 1) / (len(TOPICS) + len(OTHERS)))
-    for other in OTHERS:
+    for number, other in enumerate(OTHERS):
         checks += other()
+        if progress is not None:
+            progress((len(TOPICS) + number + 1) / (len(TOPICS) + len(OTHERS)))
     return Certificate(tuple(checks), time.perf_counter() - begin)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 
@@ -21,6 +22,8 @@ class Check:
         Largest error allowed.
     values : tuple of (str, float)
         Integrator and its error. The first is the one to navigate with and is judged; the others are there to compare.
+    judged : int
+        How many have to keep the bar, from the first on.
     """
 
     topic: str
@@ -28,8 +31,15 @@ class Check:
     unit: str
     bar: float
     values: tuple[tuple[str, float], ...]
+    judged: int = 1
+
+    @property
+    def error(self) -> float:
+        """Largest of the errors judged; not a number if one of them is none."""
+        judged = [value for _, value in self.values[: self.judged]]
+        return math.nan if any(math.isnan(value) for value in judged) else max(judged)
 
     @property
     def passed(self) -> bool:
-        """Whether the first integrator keeps the bar; an error that is no number does not."""
-        return self.values[0][1] <= self.bar
+        """Whether those judged keep the bar; an error that is no number does not."""
+        return self.error <= self.bar

@@ -39,7 +39,7 @@ def certificate_facts(certificate: Certificate) -> dict[str, Any]:
                     "case": check.case,
                     "unit": check.unit,
                     "bar": check.bar,
-                    "judged": check.values[0][0],
+                    "judged": [name for name, _ in check.values[: check.judged]],
                     "errors": dict(check.values),
                     "passed": check.passed,
                 }
@@ -68,12 +68,13 @@ def certificate_sheet(certificate: Certificate) -> Sheet:
             f"insnav {versions()['insnav']} on {_machine()}: {len(checks) - len(failed)} of {len(checks)} checks "
             f"passed in {certificate.seconds:.1f} s.",
             "Every figure is an error against a closed form or a published value. The first column is judged, the "
-            f"others are there to compare; {_BEYOND} marks what misses the bar, – what is no number.",
+            f"others are there to compare (orders of convergence are judged in all); {_BEYOND} marks what misses the "
+            "bar, – what is no number.",
         ),
         tuple(tables),
         (Picture("certificate", figure, "Error of every integrator in parts of the bar"),),
         (
-            "Samples are exact increments at 100 Hz, at 50 Hz for an hour or longer motions, at 20 and 5 Hz at rest.",
+            "Samples are exact increments at 100 Hz, at 50 Hz for an hour or longer motions, at 20 to 1 Hz at rest.",
             "polynomial is the integrator insnav navigates with; rk4 is Runge-Kutta on straight lines between samples, "
             "rotvec takes each increment for a rotation vector, euler goes straight on from sample to sample.",
             "20 Hz coning at 100 Hz is five samples a cycle, on which no algorithm knows the motion.",
@@ -84,8 +85,8 @@ def certificate_sheet(certificate: Certificate) -> Sheet:
 
 
 _NOTES = {  # by the name of an integrator
-    "fourth": "fourth, forward, backward and mean integrate a north-pointing platform, from instantaneous samples at "
-    "10 Hz with the vertical channel off.",
+    "fourth": "fourth, mean, forward and backward integrate a north-pointing platform, from instantaneous samples at "
+    "10 Hz, at 0.1 Hz for the day, with the vertical channel off where it is not named.",
     "pyins": "pyins holds its height to the first, and its normal gravity has no component to the north, which alone "
     "is metres after an hour; its longitude goes on beyond 180 deg, and at a pole it divides by zero.",
 }

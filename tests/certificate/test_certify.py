@@ -33,8 +33,8 @@ def test_the_default_integrator_passes_everything(certificate: Certificate):
 def test_every_topic_is_asked_of_every_integrator(certificate: Certificate):
     topics = [check.topic for check in certificate.checks]
     asked = ("coning", "sculling", "spin", "pitch +-90 deg", "free inertial, height held", "Schuler period")
-    strapdown_topics = {*asked, "rest for 4 h", "longitude", "poles"}
-    assert {*strapdown_topics, "gravity"} <= set(topics)
+    strapdown_topics = {*asked, "rest for 4 h", "a day at rest with errors", "longitude", "poles"}
+    assert {*strapdown_topics, "platform", "gravity"} == set(topics)
     assert (topics.count("coning"), topics.count("rest for 4 h"), topics.count("gravity")) == (13, 4, 11)
     for check in certificate.checks:
         assert np.isfinite([value for _, value in check.values]).all(), check
@@ -149,6 +149,8 @@ def test_a_wrong_period_is_found(monkeypatch):
 def test_what_is_no_number_does_not_pass(value):
     assert not Check("topic", "case", "m", 1.0, (("insnav", value),)).passed
     assert Check("topic", "case", "m", 1.0, (("insnav", 1.0), ("other", value))).passed
+    assert not Check("topic", "case", "m", 1.0, (("insnav", 1.0), ("other", value)), judged=2).passed
+    assert not Check("topic", "case", "m", 1.0, (("other", value), ("insnav", 1.0)), judged=2).passed
 
 
 def test_a_latitude_that_is_no_number_is_not_beyond_nothing(monkeypatch):

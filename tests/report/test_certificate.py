@@ -48,7 +48,7 @@ def test_facts_are_json_without_nan():
     json.dumps(facts, allow_nan=False)
     assert facts["failed"] == ["poles: rest", "platform: order of convergence"]
     assert facts["checks"][2]["errors"] == {"polynomial": None, "euler": None}
-    assert facts["checks"][3]["judged"] == "fourth order"
+    assert facts["checks"][3]["judged"] == ["fourth order"]
 
 
 def test_markdown_has_a_cell_for_everyone():
@@ -70,6 +70,17 @@ def test_the_figure_has_every_figure_and_reddens_what_failed():
     low, high = axes.get_xlim()
     assert all((low < line.get_xdata()).all() and (line.get_xdata() < high).all() for line in lines.values())
     assert [label.get_text() for label in axes.get_yticklabels()][4] == "gravity: equator"
+
+
+def test_where_all_are_judged_the_worst_counts():
+    check = Check("platform", "order", "1", 0.1, (("fourth", 0.01), ("mean", 0.3)), judged=2)
+    facts = certificate_facts(Certificate((check,), 1.0))
+    assert facts["failed"] == ["platform: order"]
+    assert facts["checks"][0]["judged"] == ["fourth", "mean"]
+    with drawing():
+        axes = draw_certificate((check,)).axes[0]
+    (red,) = (line for line in axes.lines if line.get_label() == "insnav: FAILED")
+    assert red.get_xdata().tolist() == pytest.approx([3.0])
 
 
 def test_a_certificate_that_passes_has_nothing_red():

@@ -46,7 +46,7 @@ def draw_certificate(checks: Sequence[Check]) -> Figure:
     axes = figure.subplots()
     rows = np.arange(len(checks))
     others = dict.fromkeys(name for check in checks for name, _ in check.values[1:])
-    parts = np.array([_part(check, check.values[0][1]) for check in checks])
+    parts = np.array([_part(check, check.error) for check in checks])
     passed = np.array([check.passed for check in checks])
     for name, (marker, colour) in zip(others, cycle(_STYLES), strict=False):
         found = [
