@@ -171,7 +171,7 @@ def navigate_platform(
         out,
     )
     if done < len(time) - 1:
-        raise _left(time[done], y, vertical)
+        raise _left(time[done], y, vertical, errors.any)
     at = time[::every]
     unknown = np.full((len(at), 3), np.nan)
     first = _kernel.COMPUTED
@@ -286,16 +286,19 @@ def _refuse_samples(time: FloatArray, samples: FloatArray) -> None:
         raise InputError("the times of the samples do not increase", where=f"time {time[row + 1]:.6f} s")
 
 
-def _left(time: float, y: FloatArray, vertical: Vertical) -> DivergenceError:
+def _left(time: float, y: FloatArray, vertical: Vertical, disturbed: bool) -> DivergenceError:
     """Say where the solution stopped to make sense."""
     where = f"time {time:.3f} s"
     for first in (0, _kernel.COMPUTED):
         if not abs(y[first + 2]) < _kernel.HIGHEST:
             fix = "use the vertical channel off or damped" if vertical == "free" else "check the units of the samples"
             return DivergenceError("the height ran away", where=where, why=f"it is {y[first + 2]:.3g} m", fix=fix)
+    # the state that is farther north or south is the one that stopped
+    lat = max((y[0], y[_kernel.COMPUTED]) if disturbed else (y[0],), key=abs)
+    fix = "if the vehicle was not there, check the start and the units of the samples"
     return DivergenceError(
         "the platform came too near a pole",
         where=where,
-        why=f"its latitude is {np.degrees(y[0]):.6g} deg; within 6 km of a pole there is no north to point to",
-        fix="if the vehicle was not there, check the start and the units of the samples",
+        why=f"its latitude is {np.degrees(lat):.6g} deg; within 6 km of a pole there is no north to point to",
+        fix=fix + (", or give the platform smaller errors" if disturbed else ""),
     )

@@ -25,11 +25,13 @@ by four integrators side by side. With a tilt, drifts or biases given, the platf
 \b
 Columns: time_s, f_east_m_s2, f_north_m_s2, f_up_m_s2 (or f_down_m_s2), or
 x, y, z with --axes. Without a vertical column only --vertical off works.
+Steps are as long as the times say; a gap of over five samples is refused.
 
 \b
 Examples:
   insnav platform fw.csv --lat 48 --lon 11
   insnav platform fw.csv --lat 48 --lon 11 --height 500 --v-east 60 --axes ENU
+  insnav platform xyz.csv --lat 48 --lon 11 --axes ENU --sample-rate 100
   insnav platform fw.csv --lat 48 --lon 11 --vertical free --v-up 2
   insnav platform f.csv --lat 9 --lon 9 --vertical damped --height-input h.csv
   insnav platform rest.csv --lat 45 --lon 0 --gyro-drift 0.01,0,0
@@ -87,6 +89,10 @@ def platform(
         typer.Option(
             metavar="AXES", help="What columns x, y, z are: ENU or NED. [by the names]", rich_help_panel=opt.FILES
         ),
+    ] = None,
+    sample_rate: Annotated[
+        float | None,
+        typer.Option(metavar="HZ", help="Samples per second of a file without times.", rich_help_panel=opt.FILES),
     ] = None,
     height_input: Annotated[
         Path | None,
@@ -171,6 +177,10 @@ def platform(
         start = _start(lat, lon, height, (v_north, v_east, v_up))
         errors = _errors(misalignment, gyro_drift, accel_bias)
         interval = parse.interval(rate)
+        if sample_rate is not None and not 0.1 <= sample_rate <= 1e5:
+            raise ConfigError(
+                f"{sample_rate:g} is not a rate", where="--sample-rate", fix="write samples per second, such as 100"
+            )
         if (vertical is VerticalChoice.damped) != (height_input is not None):
             raise ConfigError(
                 "--vertical damped and --height-input go together", where="--vertical", fix="give both or neither"
@@ -178,20 +188,31 @@ def platform(
         inputs.one_standard_input(force_file=force_file, height_input=height_input, ref=ref)
         with RunFolder(out, force=force) as folder, Stages() as stage:
             stage("reading")
+            import numpy as np
+
+            from insnav.exceptions import InputError
             from insnav.io.specific_force import read_specific_force
 
             heights = inputs.read_truth(height_input, None) if height_input else None
             judge = inputs.read_truth(ref, None) if ref else None
             with inputs.named_options():
                 reading = read_specific_force(
-                    force_file, axes=axes.value if axes else None, columns=parse.columns(columns, "--columns")
+                    force_file,
+                    axes=axes.value if axes else None,
+                    columns=parse.columns(columns, "--columns"),
+                    sample_rate=sample_rate,
+                )
+            if vertical is not VerticalChoice.off and np.isnan(reading.data.f_n[:, 2]).all():
+                raise InputError(
+                    "there is no vertical axis",
+                    where=reading.facts.path,
+                    why=f"--vertical {vertical.value} integrates f_up_m_s2 or f_down_m_s2",
+                    fix="use --vertical off",
                 )
             for each in (reading, heights, judge):
                 if each is not None:
                     inputs.say_reading(each.facts)
             stage("navigating")
-            import numpy as np
-
             from insnav.gimbal import INTEGRATORS, navigate_platform
 
             time = reading.data.time

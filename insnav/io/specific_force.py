@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from insnav.exceptions import InputError
+from insnav.exceptions import ConfigError, InputError
 from insnav.io.clean import IMU_KINDS, Cleaned, clean, cut_event
 from insnav.io.columns import Found, require, understand
 from insnav.io.facts import Reading, ReadingFacts
@@ -33,7 +33,9 @@ def _quantity(direction: str, words: str) -> Quantity:
 
 
 _NAMED = tuple(_quantity(direction, words) for direction, words in _WORDS.items())
-_PLAIN = tuple(q for q in IMU_SCHEMA if q.key in ("accel_x", "accel_y", "accel_z"))
+_PLAIN = tuple(
+    replace(q, spellings=(*q.spellings, q.key[-1])) for q in IMU_SCHEMA if q.key in ("accel_x", "accel_y", "accel_z")
+)
 SPECIFIC_FORCE_SCHEMA = (*(q for q in IMU_SCHEMA if q.key == "time"), *_NAMED, *_PLAIN)
 _ORDER = {"ENU": ("f_east", "f_north", "f_up"), "NED": ("f_north", "f_east", "f_down")}
 
@@ -55,7 +57,11 @@ class SpecificForce:
 
 
 def read_specific_force(
-    path: str | Path, *, axes: LevelAxes | None = None, columns: Mapping[str, str] | None = None
+    path: str | Path,
+    *,
+    axes: LevelAxes | None = None,
+    columns: Mapping[str, str] | None = None,
+    sample_rate: float | None = None,
 ) -> Reading[SpecificForce]:
     """Read specific force along the axes of a north-pointing platform.
 
@@ -67,6 +73,8 @@ def read_specific_force(
         What columns x, y, z are; columns whose names say their direction (``f_east_m_s2``, ``fe``) need none.
     columns : mapping of str to str, optional
         Quantity, with or without unit, to header.
+    sample_rate : float, optional
+        Samples per second [Hz] of a file without a time column; the first is at 0 s.
 
     Returns
     -------
@@ -78,16 +86,20 @@ def read_specific_force(
         The file cannot be used: columns missing, not along level axes, or a gap of more than five samples, in which
         nobody knows what moved the vehicle.
     ConfigError
-        `columns` cannot be meant as given.
+        `columns` cannot be meant as given, or `sample_rate` is given for a file that has times.
     """
     table = open_table(path)
     name = table.name
     found, notes = understand(table.headers, table.units, SPECIFIC_FORCE_SCHEMA, columns=columns, where=name)
+    clock = _clock(found, sample_rate, table)
     chosen = _chosen(found, axes, table)
-    numbers = read_numbers(table, [found[key].index for key in ("time", *chosen.values())])
-    raw = {key: numbers.columns[found[column].index] for key, column in (("time", "time"), *chosen.items())}
+    numbers = read_numbers(table, [found[key].index for key in (*clock, *chosen.values())])
+    raw = {key: numbers.columns[found[column].index] for key, column in (*((k, k) for k in clock), *chosen.items())}
     time_unit, time_evidence = "s", ""
-    if numbers.n_rows > 1:
+    if sample_rate is not None:
+        raw = {"time": np.arange(len(raw["f_north"])) / sample_rate, **raw}
+        time_evidence = f"the file has no times: {sample_rate:g} samples per second from 0 s on, as told"
+    elif numbers.n_rows > 1:
         time_unit, time_evidence = judge_time(raw["time"], found["time"].unit, slowest=_SLOWEST, where=name)
         raw["time"] = raw["time"] * ALL_UNITS[time_unit][1]
     bad = np.asarray(~np.isfinite(np.column_stack(list(raw.values()))).all(axis=1), dtype=np.bool_)
@@ -111,7 +123,7 @@ def read_specific_force(
         rate_hz=1.0 / cleaned.interval,
         n_gaps=0,
         longest_gap_s=0.0,
-        columns={"time_s": found["time"].describe(time_unit)}
+        columns={f"{key}_s": found[key].describe(time_unit) for key in clock}
         | {f"{key}_m_s2": found[column].describe(unit) for key, column in chosen.items()},
         evidence=tuple(
             text
@@ -130,6 +142,22 @@ def read_specific_force(
     return Reading(SpecificForce(time, f_n), events, facts)
 
 
+def _clock(found: Mapping[str, Found], sample_rate: float | None, table: Table) -> tuple[str, ...]:
+    """Key of the time column; none if the rate of the samples is told instead."""
+    if sample_rate is None:
+        hint = "if the samples are at a constant rate, say --sample-rate HZ"
+        require(found, ("time",), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name, hint=hint)
+        return ("time",)
+    if "time" in found:
+        raise ConfigError(
+            "the file has times of its own",
+            where="--sample-rate",
+            why=f"column {found['time'].header} of {table.name}",
+            fix="leave out --sample-rate",
+        )
+    return ()
+
+
 def _chosen(found: Mapping[str, Found], axes: LevelAxes | None, table: Table) -> dict[str, str]:
     """Direction to the key of its column."""
     plain = [q.key for q in _PLAIN]
@@ -141,15 +169,14 @@ def _chosen(found: Mapping[str, Found], axes: LevelAxes | None, table: Table) ->
                 why=f"columns {', '.join(found[key].header for key in plain)} do not say so",
                 fix="say --axes ENU or --axes NED, or name the columns f_east_m_s2, f_north_m_s2, f_up_m_s2",
             )
-        require(found, ("time",), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name)
         return dict(zip(_ORDER[axes], plain, strict=True))
-    require(found, ("time", "f_north", "f_east"), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name)
+    require(found, ("f_north", "f_east"), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name)
     if "f_up" in found and "f_down" in found:
         raise InputError(
             "two columns are vertical",
             where=table.name,
             why=f"{found['f_up'].header} and {found['f_down'].header}",
-            fix="leave one out: --columns f_down=",
+            fix="take one of them out of the file",
         )
     return {key: key for key in ("f_north", "f_east", "f_up", "f_down") if key in found}
 

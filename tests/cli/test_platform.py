@@ -132,6 +132,10 @@ def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli:
         (("fw.csv", *START, "--height-input", "ref.csv"), 2, ("--vertical",)),
         (("fw.csv", *START, "--vertical", "damped", "--height-input", "late.csv"), 3, ("does not cover",)),
         (("none.csv", *START), 3, ("no such file",)),
+        (("level.csv", *START, "--vertical", "free"), 3, ("no vertical axis", "--vertical off")),
+        (("fw.csv", *START, "--sample-rate", "0"), 2, ("not a rate", "--sample-rate")),
+        (("fw.csv", *START, "--sample-rate", "20"), 2, ("times of its own",)),
+        (("away.csv", "--lat", "89.9", "--lon", "11", "--gyro-drift", "0,50,0"), 1, ("too near", "smaller errors")),
         (("gap.csv", *START), 3, ("gap", "without a sample")),
         (("away.csv", *START, "--vertical", "free"), 1, ("height ran away",)),
         (("fw.csv", *START, "--columns", "f_east=nothing"), 2, ("--columns", "no column 'nothing'")),
@@ -141,6 +145,8 @@ def test_what_cannot_be_is_refused(
     flight: tuple[str, ...], cli: Cli, arguments: tuple[str, ...], code: int, words: tuple[str, ...]
 ):
     rows = Path("fw.csv").read_text(encoding="utf-8").splitlines()
+    level = [",".join(row.split(",")[:3]) for row in rows]
+    Path("level.csv").write_text("\n".join([*level, ""]), encoding="utf-8")
     Path("gap.csv").write_text("\n".join([*rows[:400], *rows[500:], ""]), encoding="utf-8")
     truth = straight(np.array([0.8, 0.2, 1000.0]), 10.0, 0.0, 100.0, start=20.0)
     write_reference(Path("late.csv"), reference(truth, 20.0 + np.arange(0.0, 100.0)))

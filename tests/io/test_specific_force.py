@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.exceptions import InputError
+from insnav.exceptions import ConfigError, InputError
 from insnav.io.specific_force import read_specific_force
 from tests.io.files import write
 
@@ -31,6 +31,7 @@ def table(time: np.ndarray = T, scale: float = 1.0, order: str = "ENU") -> np.nd
         ("t,f_east[mg],f_north[mg],f_up[mg]", "ENU", None, 1e3 / 9.80665),
         ("t,fx,fy,fz", "ENU", "ENU", 1.0),
         ("t,ax,ay,az", "NED", "NED", 1.0),
+        ("time_s,x,y,z", "ENU", "ENU", 1.0),
     ],
 )
 def test_directions_and_units(tmp_path: Path, header: str, order: str, axes: str | None, scale: float):
@@ -39,6 +40,20 @@ def test_directions_and_units(tmp_path: Path, header: str, order: str, axes: str
     np.testing.assert_allclose(read.data.f_n, F_N, atol=2e-8)
     np.testing.assert_allclose(read.data.time, T)
     assert read.facts.rate_hz == pytest.approx(100.0)
+
+
+def test_without_times_the_rate_is_told(tmp_path: Path):
+    path = write(tmp_path / "fw.csv", table()[:, 1:], "fe,fn,fu")
+    read = read_specific_force(path, sample_rate=100.0)
+    np.testing.assert_allclose(read.data.f_n, F_N, atol=2e-8)
+    np.testing.assert_allclose(read.data.time, T)
+    assert any("100 samples per second from 0 s on" in text for text in read.facts.evidence)
+    with pytest.raises(InputError, match="time_s") as missing:
+        read_specific_force(path)
+    assert "--sample-rate" in missing.value.fix
+    timed = write(tmp_path / "timed.csv", table(), "t,fe,fn,fu")
+    with pytest.raises(ConfigError, match="times of its own"):
+        read_specific_force(timed, sample_rate=100.0)
 
 
 def test_without_a_vertical_axis(tmp_path: Path):

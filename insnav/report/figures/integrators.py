@@ -153,9 +153,9 @@ def _decades(axes: Axes, lines: Sequence[FloatArray]) -> None:
     """Show whole powers of ten that hold what the lines come to, not the zero they start from."""
     tops = [float(line.max()) for line in lines if line.size and line.max() > 0.0]
     if not tops:
-        return
+        tops = [_SMALLEST]  # they do the same to the last bit, as at rest
     low = 10.0 ** np.floor(np.log10(max(min(tops) / 100.0, _SMALLEST)))
-    axes.set_ylim(low, 10.0 ** np.ceil(np.log10(max(tops))))
+    axes.set_ylim(low, max(100.0 * low, 10.0 ** np.ceil(np.log10(max(tops)))))
     _plain_decades(axes)
     axes.axhline(low, color=GREY, linewidth=0.7)
 
@@ -164,3 +164,4 @@ def _plain_decades(axes: Axes) -> None:
     axes.yaxis.set_major_locator(LogLocator(numticks=8))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.minorticks_off()

@@ -22,6 +22,7 @@ from insnav.report.figures.style import (
     legend_above,
     line,
     stacked,
+    widened,
 )
 from insnav.report.figures.track import distance_text, map_limits, north_arrow, scale_bar
 from insnav.report.motion import distance_and_time
@@ -96,9 +97,11 @@ def draw_platform_velocity(run: PlatformRun) -> Figure:
     time = clock(run.solution.time)
     for (axes,), (label, column, sign) in zip(panels, rows, strict=False):
         line(axes, time, sign * v_n[:, column], BLUE, "")
+        widened(axes, 1e-3)
         axes.set_ylabel(label)
     if run.vertical != "off":
         line(panels[-1][0], time, run.solution.lla[:, 2], BLUE, "")
+        widened(panels[-1][0], 0.01)
         panels[-1][0].set_ylabel("height [m]")
     panels[-1][0].set_xlabel(clock.label)
     return figure
@@ -119,6 +122,7 @@ def draw_torquing(run: PlatformRun) -> Figure:
     columns = (("about east [deg/h]", 1, 1.0), ("about north [deg/h]", 0, 1.0), ("about up [deg/h]", 2, -1.0))
     for (axes,), (label, column, sign) in zip(panels, columns, strict=True):
         line(axes, clock(run.solution.time), sign * rates[:, column], BLUE, "")
+        widened(axes, 1e-3)
         axes.set_ylabel(label)
     panels[-1][0].set_xlabel(clock.label)
     return figure

@@ -22,6 +22,7 @@ from insnav.report.figures.style import (
     legend_above,
     line,
     stacked,
+    widened,
 )
 from insnav.report.figures.track import distance_text, duration_text, map_limits, north_arrow, scale_bar
 from insnav.simulate.truth import Kinematics
@@ -117,7 +118,7 @@ def draw_motion(time: FloatArray, motion: Kinematics, name: str) -> Figure:
     for panel in (axes[2], axes[4], axes[5]):
         legend_above(panel)
     for panel, least in zip(axes, (0.1, 0.1, 0.1, 0.1, 1e-3, 1e-2), strict=True):
-        _widened(panel, least)
+        widened(panel, least)
     axes[-1].set_xlabel(clock.label)
     return figure
 
@@ -147,7 +148,7 @@ def draw_sketch(time: FloatArray, motion: Kinematics, name: str, purpose: str) -
     left.set_xlabel("East [m]")
     left.set_ylabel("North [m]")
     line(right, clock(time), np.linalg.norm(motion.v_n, axis=1), ORANGE, "speed")
-    _widened(right, 0.1)
+    widened(right, 0.1)
     right.set_xlabel(clock.label)
     right.set_ylabel("speed [m/s]")
     return figure
@@ -162,11 +163,3 @@ def way(time: FloatArray, motion: Kinematics) -> float:
 def _three(axes: Axes, x: FloatArray, values: FloatArray, labels: tuple[str, ...], colours: tuple[str, ...]) -> None:
     for column, (label, colour) in enumerate(zip(labels, colours, strict=True)):
         line(axes, x, values[:, column], colour, label, linewidth=0.9)
-
-
-def _widened(axes: Axes, least: float) -> None:
-    """Do not blow up rounding: what is constant is drawn as a constant."""
-    low, high = axes.get_ylim()
-    if high - low < least:
-        middle = 0.5 * (low + high)
-        axes.set_ylim(middle - 0.5 * least, middle + 0.5 * least)

@@ -29,7 +29,7 @@ def draw_short(windows: Sequence[ShortWindow]) -> Figure:
     blocks = (
         ("horizontal position [m]", "position", "dropped"),
         ("horizontal velocity [m/s]", "velocity", ""),
-        ("position [m], dropped\nin the attitude too", "untilted", ""),
+        ("horizontal position [m]", "untilted", ""),
     )
     for (axes,), (label, name, theory) in zip(panels, blocks, strict=True):
         size = _sizes(windows, name, elapsed)
@@ -43,6 +43,8 @@ def draw_short(windows: Sequence[ShortWindow]) -> Figure:
             euler = np.sqrt(np.mean(_sizes(windows, "rest", elapsed) ** 2, axis=0))
             axes.plot(elapsed, euler, color=BLACK, linestyle=":", label="RMS by Euler's rule")
         axes.set_ylabel(label)
+    note = "the same, if Earth and transport rate are dropped from the attitude too"
+    panels[-1][0].text(0.015, 0.9, note, transform=panels[-1][0].transAxes, va="top")
     legend_above(panels[0][0])
     panels[-1][0].set_xlabel("time since the start of the window [s]")
     return figure

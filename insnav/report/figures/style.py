@@ -67,7 +67,7 @@ def drawing() -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Time axis of one run: seconds or minutes since its start.
+    """Time axis of one run: seconds, minutes or hours since its start.
 
     Attributes
     ----------
@@ -93,8 +93,9 @@ class Clock:
             All its times [s].
         """
         start = float(time[0]) if len(time) else 0.0
-        long = len(time) > 0 and float(time[-1]) - start > 900.0
-        return cls(start, 60.0 if long else 1.0, f"time since {start:.1f} s [{'min' if long else 's'}]")
+        length = float(time[-1]) - start if len(time) else 0.0
+        unit_s, unit = (3600.0, "h") if length > 6 * 3600.0 else (60.0, "min") if length > 900.0 else (1.0, "s")
+        return cls(start, unit_s, f"time since {start:.1f} s [{unit}]")
 
     def __call__(self, time: Any) -> Any:
         """Return times of the data as places on the axis.
@@ -260,6 +261,22 @@ def line(axes: Axes, time: FloatArray, value: FloatArray, colour: str, label: st
         As in `Axes.plot`.
     """
     axes.plot(*thinned(time, value), color=colour, label=label, **how)
+
+
+def widened(axes: Axes, least: float) -> None:
+    """Do not blow up rounding: what is constant is drawn as a constant.
+
+    Parameters
+    ----------
+    axes : Axes
+        With everything drawn.
+    least : float
+        Smallest height of the view, in the unit of the axis.
+    """
+    low, high = axes.get_ylim()
+    if high - low < least:
+        middle = 0.5 * (low + high)
+        axes.set_ylim(middle - 0.5 * least, middle + 0.5 * least)
 
 
 def shade(axes: Axes, clock: Clock, spans: Sequence[tuple[float, float]]) -> None:
