@@ -253,12 +253,13 @@ def prepare(
     """Find out from a recording what the filter must know, and align; see `navigate_recording`."""
     imu, faults = inspect(imu)
     _check(imu, gps, start)
+    claimed = bool(np.isfinite(gps.position_sd).all())
     gps, notes = with_sd(gps)
     lag, lag_sd = velocity_lag(gps)
     if abs(lag) > max(LAG_WORTH, 5.0 * lag_sd):
         settings = replace(settings, velocity_lag=lag)
         notes += (f"GPS velocity is {lag:.3f} s older than position, by the fixes themselves: taken into account",)
-    lasting = correlated_noise(gps, settings.velocity_lag)
+    lasting = correlated_noise(gps, settings.velocity_lag, claimed=claimed)
     if lasting is not None:
         settings = replace(settings, correlated=lasting)
         notes += (
