@@ -38,11 +38,14 @@ class CorrelatedNoise:
         Correlation time [s].
     sd : (3,) array
         Standard deviation of that part, North, East, Down [m].
+    by_claim : bool
+        Seen only as what the variance claimed by the fixes lacks from one fix to the next.
     """
 
     share: float
     time: float
     sd: FloatArray
+    by_claim: bool = False
 
 
 def correlated_noise(gps: GpsData, lag: float, *, claimed: bool = True) -> CorrelatedNoise | None:
@@ -108,14 +111,15 @@ def correlated_noise(gps: GpsData, lag: float, *, claimed: bool = True) -> Corre
     total = white + lasting
     # the lasting term must earn its place, be a visible part of what the fixes claim, and have been seen to its end
     seen = TIMES[0] < time <= x[-1] / 5.0 and CLAIMED < total <= TOO_MUCH
-    if not (seen and rest <= 0.8 * white_only and lasting >= 0.05 and lasting >= WORTH * total):
+    by_claim = not (seen and rest <= 0.8 * white_only and lasting >= 0.05 and lasting >= WORTH * total)
+    if by_claim:
         share, time = _by_claim(x, y, scale) if claimed else (0.0, 0.0)
         if share < WORTH_CLAIM:
             return None
     else:
         share = lasting / total
     share = min(float(share), 0.95)
-    return CorrelatedNoise(share, time, np.sqrt(share) * np.median(sd, axis=0))
+    return CorrelatedNoise(share, time, np.sqrt(share) * np.median(sd, axis=0), by_claim)
 
 
 def _fit(x: FloatArray, y: FloatArray, scale: FloatArray, time: float) -> tuple[float, float, FloatArray]:

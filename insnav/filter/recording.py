@@ -262,9 +262,10 @@ def prepare(
     lasting = correlated_noise(gps, settings.velocity_lag, claimed=claimed)
     if lasting is not None:
         settings = replace(settings, correlated=lasting)
+        seen = "since from fix to fix they scatter less than the fixes claim" if lasting.by_claim else "as seen in them"
         notes += (
             f"GPS position errors last: {100 * lasting.share:.0f} % of their variance has a correlation time of about "
-            f"{lasting.time:.0f} s, by positions and velocities; estimated as states",
+            f"{lasting.time:.0f} s, {seen} beside the velocities; estimated as states",
         )
     step = np.diff(imu.time[: 1 << 16])
     jitter = float(np.std(step[step < strapdown.GAP * np.median(step)]))
