@@ -1,4 +1,4 @@
-"""What `insnav run` uses besides fixes: each can be asked for, and the result says what was used and how well it fits."""
+"""What `insnav run` uses besides fixes: each can be asked for, and the result says what was used."""
 
 from __future__ import annotations
 
