@@ -13,7 +13,11 @@ from insnav.certificate.certify import Certificate, certify
 from insnav.certificate.check import Check
 from insnav.certificate.gravity import gravity
 from insnav.certificate.integrators import METHODS, integrators
+from insnav.report.certificate import certificate_markdown
 from insnav.units import DEG, DEG_PER_H, G0, UG
+from tests.cli.conftest import ROOT
+
+README = ROOT / "README.md"
 
 
 @pytest.fixture(scope="session")
@@ -187,3 +191,13 @@ def test_another_package_stands_beside():
     for case, drift in (("1 deg, 1 Hz", 1e-4), ("1 deg, 5 Hz", 0.32), ("1 deg, 10 Hz", 9.8)):
         assert row(found, "coning", case)["pyins"] == pytest.approx(drift, rel=0.05)
     assert row(found, "longitude", "crossing Greenwich")["pyins"] < 1e-6
+
+
+def test_the_readme_has_every_check_and_bar(certificate: Certificate):
+    text = README.read_text(encoding="utf-8").splitlines()
+    lines = certificate_markdown(certificate).splitlines()
+    begin = text.index(lines[0])
+    shown = text[begin : text.index("", begin)]
+    assert [row.split("|")[1:3] for row in shown] == [row.split("|")[1:3] for row in lines]
+    # figures of rounding depend on the machine; whether they keep the bar does not
+    assert [row.split("|")[3].endswith("! ") for row in shown] == [row.split("|")[3].endswith("! ") for row in lines]

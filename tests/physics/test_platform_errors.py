@@ -18,7 +18,7 @@ from insnav.units import DEG_PER_H, UG
 from tests.physics import equations as eq
 
 PLACE = np.array([np.radians(45.0), 0.2, 100.0])
-DAY, RATE, KEPT = 86400.0, 10.0, 600  # [s], [Hz], one state a minute is looked at
+DAY, RATE, KEPT = 86400.0, 2.0, 120  # [s], [Hz], one state a minute is looked at
 HOUR_DEG = DEG_PER_H
 CASES = {
     "drift north": PlatformErrors(drift=np.array([0.01, 0.0, 0.0]) * HOUR_DEG),
