@@ -10,7 +10,7 @@ from insnav.certificate.motions import even, swell
 from insnav.earth import earth_rate_n, gravity_n, ned_offset
 from insnav.errors.platform_study import Convergence, level_force, sine_convergence
 from insnav.gimbal import DAMPING_TIME, Integrator, PlatformRun, Vertical, integral, navigate_platform
-from insnav.simulate import Truth, circle
+from insnav.simulate import Truth, circle, straight
 from insnav.types import FloatArray
 from insnav.units import DEG
 
@@ -52,10 +52,11 @@ def orders() -> list[Check]:
 
 
 def flights() -> list[Check]:
-    """Largest error on closed-form motions, the second with the vertical channel free."""
+    """Largest error on closed-form motions, with the vertical channel free on one of them."""
     place = np.array([48.0 * DEG, 11.0 * DEG, 500.0])
     motions: tuple[tuple[str, Truth, float, Vertical], ...] = (
         ("1 h of circles at 20 m/s", circle(place, 20.0, 0.1, _HOUR), _HOUR, "off"),
+        ("1 h at 250 m/s due east", straight(place, 250.0, np.pi / 2, _HOUR), _HOUR, "off"),
         ("5 min on a swell, vertical channel free", swell(300.0, place), 300.0, "free"),
     )
     return [

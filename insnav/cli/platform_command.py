@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -165,8 +166,15 @@ def platform(
     from insnav.io.folder import FACTS_FILE, RunFolder
 
     if demo:
-        if force_file is not None:
-            raise ConfigError("the demonstration reads no file", where=str(force_file), fix="leave out one of both")
+        defaults = signature(platform).parameters
+        stray = [name for name, value in configuration.items() if name != "demo" and value != defaults[name].default]
+        if stray:
+            names = ("FORCE_FILE" if name == "force_file" else f"--{name.replace('_', '-')}" for name in stray)
+            raise ConfigError(
+                "the demonstration reads no file and has its own settings",
+                where=", ".join(names),
+                fix="leave these out, or --demo",
+            )
         where, text = _demonstrate(out, force)
     else:
         if force_file is None or lat is None or lon is None:

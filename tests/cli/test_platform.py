@@ -120,7 +120,8 @@ def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli:
     [
         ((), 2, ("FORCE_FILE, --lat, --lon", "--demo")),
         (("fw.csv", "--lon", "11"), 2, ("missing: --lat",)),
-        (("fw.csv", "--demo"), 2, ("reads no file",)),
+        (("fw.csv", "--demo"), 2, ("reads no file", "FORCE_FILE")),
+        (("--demo", "--lat", "60", "--gyro-drift", "1,0,0"), 2, ("--lat, --gyro-drift",)),
         (("fw.csv", "--lat", "91", "--lon", "11"), 2, ("not a latitude",)),
         (("fw.csv", "--lat", "90", "--lon", "11"), 2, ("cannot point north",)),
         (("fw.csv", "--lat", "48", "--lon", "nan"), 2, ("not a longitude",)),
