@@ -15,7 +15,8 @@ from insnav.cli.console import Stages, note, result
 
 if TYPE_CHECKING:
     from insnav.gimbal import PlatformErrors
-    from insnav.types import FloatArray, Trajectory
+    from insnav.io.heights import Heights
+    from insnav.types import FloatArray
 
 SHORT_HELP = "North-pointing gimballed platform: velocity, position and torquing rates."
 HELP = """North-pointing gimballed platform.
@@ -98,7 +99,9 @@ def platform(
     height_input: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Heights to damp the vertical channel with (a reference).", rich_help_panel=opt.FILES
+            metavar="FILE",
+            help="Heights to damp the vertical channel with: time_s, height_m.",
+            rich_help_panel=opt.FILES,
         ),
     ] = None,
     ref: Annotated[
@@ -199,9 +202,10 @@ def platform(
             import numpy as np
 
             from insnav.exceptions import InputError
+            from insnav.io.heights import read_heights
             from insnav.io.specific_force import read_specific_force
 
-            heights = inputs.read_truth(height_input, None) if height_input else None
+            heights = read_heights(height_input) if height_input else None
             judge = inputs.read_truth(ref, None) if ref else None
             with inputs.named_options():
                 reading = read_specific_force(
@@ -310,20 +314,21 @@ def _errors(misalignment: str, gyro_drift: str, accel_bias: str) -> PlatformErro
     )
 
 
-def _heights(ref: Trajectory, time: FloatArray) -> FloatArray:
+def _heights(given: Heights, time: FloatArray) -> FloatArray:
     """Height at the times of the samples."""
     import numpy as np
 
     from insnav.exceptions import InputError
 
-    if not (ref.time[0] <= time[0] and time[-1] <= ref.time[-1]):
+    if not (given.time[0] <= time[0] and time[-1] <= given.time[-1]):
         raise InputError(
             "the height input does not cover the record",
             where="--height-input",
-            why=f"heights from {ref.time[0]:.3f} to {ref.time[-1]:.3f} s, samples {time[0]:.3f} to {time[-1]:.3f} s",
+            why=f"heights from {given.time[0]:.3f} to {given.time[-1]:.3f} s, samples from {time[0]:.3f} to "
+            f"{time[-1]:.3f} s",
             fix="give heights for the whole record, in the same time",
         )
-    return np.interp(time, ref.time, ref.lla[:, 2])
+    return np.interp(time, given.time, given.height)
 
 
 def _configuration(options: dict[str, Any]) -> dict[str, Any]:

@@ -68,7 +68,8 @@ def test_the_chosen_integrator_is_the_one_written(flight: tuple[str, ...], cli: 
 
 
 def test_a_damped_vertical_channel_takes_its_height_from_a_file(flight: tuple[str, ...], cli: Cli):
-    shown = cli("platform", "fw.csv", *flight, "--vertical", "damped", "--height-input", "ref.csv", "--ref", "ref.csv")
+    Path("h.csv").write_text("time_s,height_m\n" + "".join(f"{t},1000\n" for t in range(61)), encoding="utf-8")
+    shown = cli("platform", "fw.csv", *flight, "--vertical", "damped", "--height-input", "h.csv", "--ref", "ref.csv")
     assert shown.code == 0, shown.err
     assert read_facts(Path("platform"))["largest_difference_to_reference"]["fourth"]["horizontal_m"] < 1e-4
     assert read_solution(Path("platform")).lla[:, 2] == pytest.approx(1000.0, abs=1e-3)
