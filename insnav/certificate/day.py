@@ -23,7 +23,7 @@ ERRORS = PlatformErrors(
     drift=np.array([1e-3, 1e-3, 1e-3]) * DEG_PER_H,
     bias=np.array([30.0, 30.0, 0.0]) * UG,
 )
-_AMPLITUDE, _PERIOD = 0.02, 0.005  # bars, as parts of what theory says
+_AMPLITUDE, _PERIOD = 0.002, 0.001  # bars, as parts of what theory says
 Record = tuple[str, FloatArray, FloatArray]  # integrator, time since the start [s], position error North, East [m]
 
 

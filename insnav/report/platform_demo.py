@@ -100,7 +100,7 @@ def demonstration() -> tuple[Sheet, dict[str, Any]]:
             "vehicle, which starts to the north. A drift of the platform is a gyro bias of the opposite sign.",
             "fourth is Runge-Kutta of fourth order, the specific force half-way from a polynomial through the six "
             "samples around it: on smooth motion 16 times better than steps over two samples.",
-            "The closed form has one radius of the Earth, the geometric mean of both.",
+            "The closed form is exact to first order in the errors; what is left is their square.",
         ),
     )
     facts: dict[str, Any] = json_ready(
