@@ -13,6 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.imu.dynamic_map import DynamicMap
+from insnav.imu.raw import RawScale
 from insnav.types import FloatArray, ImuData
 from insnav.units import G0
 
@@ -142,6 +144,11 @@ class ImuErrors:
         When.
     temperature : float or None
         At which temperature [deg C].
+    gyro_map : DynamicMap or None
+        Error that non-linear gyros have left after all else is taken off.
+    gyro_raw, accel_raw : RawScale or None
+        How the volts or counts of a file become rates and specific forces, if they do; for the reader, not for
+        `correct`, which takes what the reader makes of them.
 
     Raises
     ------
@@ -156,6 +163,9 @@ class ImuErrors:
     name: str = ""
     date: str = ""
     temperature: float | None = None
+    gyro_map: DynamicMap | None = None
+    gyro_raw: RawScale | None = None
+    accel_raw: RawScale | None = None
 
     def __post_init__(self) -> None:
         for sensor, bias, matrix in (
@@ -232,6 +242,8 @@ def corrupt(imu: ImuData, errors: ImuErrors) -> ImuData:
         Increments of fewer than two samples, whose interval is not known.
     """
     scale = _bias_scale(imu)
+    if errors.gyro_map is not None:
+        imu = replace(imu, gyro=errors.gyro_map.inverse(imu.gyro / scale) * scale)
     gyro = imu.gyro @ errors.gyro_matrix.T + errors.gyro_bias * scale
     accel = imu.accel @ errors.accel_matrix.T + errors.accel_bias * scale
     return replace(imu, gyro=gyro, accel=accel)
@@ -260,6 +272,8 @@ def correct(imu: ImuData, errors: ImuErrors) -> ImuData:
     scale = _bias_scale(imu)
     gyro = np.linalg.solve(errors.gyro_matrix, (imu.gyro - errors.gyro_bias * scale).T).T
     accel = np.linalg.solve(errors.accel_matrix, (imu.accel - errors.accel_bias * scale).T).T
+    if errors.gyro_map is not None:
+        gyro = errors.gyro_map.apply(np.asarray(gyro / scale)) * scale
     return replace(imu, gyro=np.ascontiguousarray(gyro), accel=np.ascontiguousarray(accel))
 
 
