@@ -16,6 +16,7 @@ from insnav.types import FloatArray
 
 ORDER = 7  # of the polynomial
 LIMIT_V = 0.005  # samples further from it are dropped [V]
+MAX_ROUNDS = 10  # spikes bend the polynomial: it is fitted again without them until nothing changes
 LARGEST_LOSS = 0.5  # a dwell that loses more of its samples has no value
 LARGEST_DRIFT_C = 2.0  # temperature may change so much within a calibration [deg C]
 
@@ -77,8 +78,12 @@ def clean_mean(time: FloatArray, samples: FloatArray, limit: float, *, where: st
         More than half of them lie beyond the limit.
     """
     order = min(ORDER, max(0, samples.size // 10))  # a short dwell does not carry seven bends
-    residual = samples - Polynomial.fit(time, samples, order)(time)
-    good = np.abs(residual) <= limit
+    good = np.ones(samples.size, dtype=np.bool_)
+    for _ in range(MAX_ROUNDS):
+        residual = samples - Polynomial.fit(time[good], samples[good], order, domain=[time[0], time[-1]])(time)
+        before, good = good, np.abs(residual) <= limit
+        if np.array_equal(before, good) or np.count_nonzero(good) <= order:
+            break
     kept = samples[good]
     if kept.size < (1.0 - LARGEST_LOSS) * samples.size:
         raise InputError(

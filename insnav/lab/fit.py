@@ -88,6 +88,30 @@ def coverage_factor(dof: float, level: float = LEVEL) -> float:
     return float(stdtrit(min(dof, 1e9), 0.5 + 0.5 * level))
 
 
+def outliers(fit: Fit, design: FloatArray, probability: float = 0.05) -> tuple[int, ...]:
+    """Rows that do not belong to the others.
+
+    Each residual is compared with the scatter of all other rows (deleted residual: Seber and Lee, section 10.2), at a
+    level that lets all rows of a good fit pass except with the given probability.
+
+    Parameters
+    ----------
+    fit : Fit
+        Made with equal weights.
+    design : (n, k) array
+        Of that fit.
+    probability : float
+        Of any false alarm.
+    """
+    if fit.dof < 2 or fit.sigma <= 0.0:
+        return ()
+    leverage = np.sum((design @ (fit.covariance / fit.sigma**2)) * design, axis=1)
+    spare = np.maximum(fit.dof * fit.sigma**2 * (1.0 - leverage) - fit.residual**2, 1e-300)
+    deleted = np.abs(fit.residual) * np.sqrt((fit.dof - 1) / spare)
+    limit = coverage_factor(fit.dof - 1, 1.0 - probability / fit.residual.size)
+    return tuple(int(row) for row in np.flatnonzero(deleted > limit))
+
+
 def linear_fit(
     design: FloatArray,
     measured: FloatArray,

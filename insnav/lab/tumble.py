@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.lab.fit import Fit, coverage_factor, linear_fit
+from insnav.lab.fit import Fit, linear_fit, outliers
 from insnav.types import FloatArray
 from insnav.units import DEG
 
@@ -81,7 +81,8 @@ def calibrate_tumble(angle: FloatArray, output: FloatArray, *, where: str = "") 
         A position is missing, the angles look like another unit, or the output does not follow gravity.
     """
     _refuse_uneven(angle, where)
-    fit = linear_fit(tumble_design(angle), output, NAMES, where=where)
+    design = tumble_design(angle)
+    fit = linear_fit(design, output, NAMES, where=where)
     if abs(fit.value[1]) < 5.0 * fit.sd[1]:
         raise InputError(
             "the output does not follow gravity",
@@ -89,8 +90,7 @@ def calibrate_tumble(angle: FloatArray, output: FloatArray, *, where: str = "") 
             why=f"scale factor {fit.value[1]:.3g} ± {fit.sd[1]:.2g} a g",
             fix="angles are those of the input axis above the horizontal: 0 level, 90 up; check the columns",
         )
-    limit = fit.sigma * coverage_factor(fit.dof, 1.0 - 0.05 / angle.size)
-    return Tumble(angle, output, fit, tuple(int(i) for i in np.flatnonzero(np.abs(fit.residual) > limit)))
+    return Tumble(angle, output, fit, outliers(fit, design))
 
 
 def _refuse_uneven(angle: FloatArray, where: str) -> None:

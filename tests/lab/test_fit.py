@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
-from insnav.lab.fit import coverage_factor, linear_fit
+from insnav.lab.fit import coverage_factor, linear_fit, outliers
 
 X = np.linspace(-3.0, 5.0, 9)
 LINE = np.column_stack((np.ones_like(X), X))
@@ -65,3 +65,14 @@ def test_what_cannot_be_fitted_is_refused_by_name(design: np.ndarray, expected: 
 def test_weights_must_be_positive() -> None:
     with pytest.raises(InputError, match="weight"):
         linear_fit(LINE, X, ("zero", "slope"), weights=np.zeros(9))
+
+
+def test_an_outlier_is_found_and_a_good_fit_has_none_as_often_as_stated() -> None:
+    rng, alarms, trials = np.random.default_rng(4), 0, 2000
+    for trial in range(trials):
+        measured = 2.0 - 0.7 * X + rng.normal(size=9)
+        alarms += bool(outliers(linear_fit(LINE, measured, ("zero", "slope")), LINE))
+        if trial < 20:
+            measured[6] += 30.0
+            assert outliers(linear_fit(LINE, measured, ("zero", "slope")), LINE) == (6,)
+    assert alarms / trials == pytest.approx(0.05, abs=0.015)
