@@ -17,6 +17,7 @@ from insnav.imu.model import ImuErrors
 from insnav.imu.raw import RawScale
 from insnav.io.schema import Quantity
 from insnav.lab.dwells import LIMIT_V, Dwells, dwell_warnings, reduce_dwells
+from insnav.lab.effect import Calibrated
 from insnav.lab.rate_table import RateTable, calibrate_rate_table
 from insnav.lab.tables import BenchTable, read_bench
 from insnav.lab.tumble import USUAL, Tumble, calibrate_tumble
@@ -244,3 +245,23 @@ def _common_unit(records: Sequence[Record]) -> str:
             fix="bring them to one unit",
         )
     return records[0].unit
+
+
+def single_uncertainty(errors: ImuErrors, found: Sequence[RateTable] | Sequence[Tumble], factor: float) -> Calibrated:
+    """Put the uncertainty of zero and scale factor beside a calibration.
+
+    Parameters
+    ----------
+    errors : ImuErrors
+        From `gyro_errors` or `accel_errors`.
+    found : sequence of RateTable or of Tumble
+        One or three.
+    factor : float
+        Input in SI units of one unit of the fit: rad/s of 1 deg/s, m/s^2 of 1 g.
+    """
+    scale = _three([item.fit.value[1] for item in found])
+    bias_sd = _three([item.fit.sd[0] for item in found]) / np.abs(scale) * factor
+    matrix_sd = np.diag(_three([item.fit.sd[1] for item in found]) / np.abs(scale))
+    if isinstance(found[0], RateTable):
+        return Calibrated(errors, gyro_bias_sd=bias_sd, gyro_matrix_sd=matrix_sd)
+    return Calibrated(errors, accel_bias_sd=bias_sd, accel_matrix_sd=matrix_sd)

@@ -1,0 +1,102 @@
+"""Residuals of a calibration: what the fitted model leaves, over what was set."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
+
+from insnav.report.figures.style import AXIS_COLOURS, GREY, blank, legend_above, stacked
+from insnav.types import BoolArray, FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Points of one panel.
+
+    Attributes
+    ----------
+    label : str
+        Of the vertical axis, unit in brackets.
+    setting, residual : (n,) array
+        Where, and how far from the model.
+    used : (n,) bool array
+        Whether the fit used it; others are drawn as crosses.
+    sd : float
+        Standard deviation to draw as a band, zero for none.
+    """
+
+    label: str
+    setting: FloatArray
+    residual: FloatArray
+    used: BoolArray
+    sd: float = 0.0
+
+
+def draw_residuals(series: Sequence[Series], setting: str, title: str, note: str = "") -> Figure:
+    """Draw residuals over what was set, one panel a sensor.
+
+    Parameters
+    ----------
+    series : sequence of Series
+    setting : str
+        Label of the horizontal axis, unit in brackets.
+    title, note : str
+        What was done, and how to read it.
+    """
+    figure, panels = stacked(len(series), title, note, height=2.6 + 1.6 * len(series))
+    for row, (axes,), item in zip(range(len(series)), panels, series, strict=True):
+        colour = AXIS_COLOURS[row % 3]
+        axes.axhline(0.0, color=GREY, linewidth=0.8)
+        if item.sd > 0.0:
+            axes.axhspan(-item.sd, item.sd, color=colour, alpha=0.12, linewidth=0.0, label="± 1 sd of the fit")
+        axes.plot(item.setting[item.used], item.residual[item.used], "o", color=colour, markersize=4, label="used")
+        if not item.used.all():
+            axes.plot(item.setting[~item.used], item.residual[~item.used], "x", color="black", label="left out")
+            _keep_used_readable(axes, item)
+        axes.set_ylabel(item.label)
+        axes.margins(x=0.04)
+    legend_above(panels[0][0])
+    panels[-1][0].set_xlabel(setting)
+    return figure
+
+
+def _keep_used_readable(axes: Axes, item: Series) -> None:
+    """Saturated points may lie a hundred sd off: a symmetric logarithmic scale shows both."""
+    inner = float(np.abs(item.residual[item.used]).max())
+    outer = float(np.abs(item.residual[~item.used]).max())
+    if outer > 5.0 * inner > 0.0:
+        axes.set_yscale("symlog", linthresh=2.0 * inner)
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def draw_line(
+    panels: Sequence[tuple[str, FloatArray, FloatArray, FloatArray]], x: str, title: str, note: str
+) -> Figure:
+    """Draw measured points beside the line fitted to them, one panel each.
+
+    Parameters
+    ----------
+    panels : sequence of (str, (n,) array, (n,) array, (2,) array)
+        Label of the vertical axis, abscissa, ordinate, and zero and slope of the line.
+    x : str
+        Labels of the horizontal axes, separated by ``|``.
+    title, note : str
+        What was done, and how to read it.
+    """
+    figure = blank(9.0, 4.4, title, note)
+    every = figure.subplots(1, len(panels), squeeze=False, gridspec_kw={"wspace": 0.3})[0]
+    for axes, colour, label, (name, abscissa, ordinate, line) in zip(
+        every, AXIS_COLOURS, x.split("|"), panels, strict=False
+    ):
+        ends = np.array([0.0, 1.05 * float(np.max(abscissa))])
+        axes.plot(ends, line[0] + line[1] * ends, color=GREY, label="fitted")
+        axes.plot(abscissa, ordinate, "o", color=colour, markersize=5, label="measured")
+        axes.set_xlabel(label)
+        axes.set_ylabel(name)
+        axes.legend(loc="upper left")
+    return figure
