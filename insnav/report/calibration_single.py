@@ -195,7 +195,9 @@ def _common_warnings(records: Sequence[Record], names: Sequence[str], fits: Mapp
 
 
 def _dropped_note(lines: Sequence[str]) -> str:
-    return f"{len(lines)} left out, for the reasons in the report; far from zero the scale is logarithmic" if lines else ""
+    return (
+        f"{len(lines)} left out, for the reasons in the report; far from zero the scale is logarithmic" if lines else ""
+    )
 
 
 def _senses(names: Sequence[str], found: Sequence[RateTable], units: Sequence[str]) -> list[Table]:

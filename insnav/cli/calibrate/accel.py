@@ -32,9 +32,7 @@ def accel(
         list[Path], typer.Argument(metavar="FILE", help="Tumble test of x, y, z, or one.", rich_help_panel=opt.FILES)
     ],
     columns: common.Columns = None,
-    gravity: Annotated[
-        float, typer.Option(metavar="M/S2", help="Local gravity.", rich_help_panel=common.METHOD)
-    ] = 9.80665,
+    gravity: common.Gravity = 9.80665,
     spike_limit: common.SpikeLimit = None,
     add: common.Add = None,
     name: common.Name = "",
@@ -44,13 +42,9 @@ def accel(
 ) -> None:
     """Calibrate accelerometers by tumbling."""
     from insnav.cli import inputs
-    from insnav.exceptions import ConfigError
     from insnav.io.folder import RunFolder
 
-    if not 9.7 < gravity < 9.9:
-        raise ConfigError(
-            f"{gravity:g} m/s² is not gravity on the Earth", where="--gravity", fix="between 9.76 and 9.84 m/s²"
-        )
+    common.gravity(gravity)
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
         from insnav.lab import single

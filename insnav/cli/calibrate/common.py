@@ -41,6 +41,7 @@ Add = Annotated[
         rich_help_panel=opt.RESULT,
     ),
 ]
+Gravity = Annotated[float, typer.Option(metavar="M/S2", help="Local gravity.", rich_help_panel=METHOD)]
 Name = Annotated[str, typer.Option(metavar="TEXT", help="What was calibrated.", rich_help_panel=opt.RESULT)]
 Out = Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)]
 OUT = Path("calibration")
@@ -52,6 +53,17 @@ def limit(value: float | None) -> float | None:
 
     if value is not None and not 0.0 < value < float("inf"):
         raise ConfigError(f"{value:g} is no limit", where="--spike-limit", fix="give a number above zero")
+    return value
+
+
+def gravity(value: float) -> float:
+    """Check gravity."""
+    from insnav.exceptions import ConfigError
+
+    if not 9.7 < value < 9.9:
+        raise ConfigError(
+            f"{value:g} m/s² is not gravity on the Earth", where="--gravity", fix="it is between 9.76 and 9.84 m/s²"
+        )
     return value
 
 

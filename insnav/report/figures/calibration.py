@@ -75,28 +75,33 @@ def _keep_used_readable(axes: Axes, item: Series) -> None:
 
 
 def draw_line(
-    panels: Sequence[tuple[str, FloatArray, FloatArray, FloatArray]], x: str, title: str, note: str
+    panels: Sequence[tuple[str, FloatArray, FloatArray, float]], across: Sequence[str], title: str, note: str
 ) -> Figure:
-    """Draw measured points beside the line fitted to them, one panel each.
+    """Draw points beside the lines through the origin fitted to them, and below what these leave.
 
     Parameters
     ----------
-    panels : sequence of (str, (n,) array, (n,) array, (2,) array)
-        Label of the vertical axis, abscissa, ordinate, and zero and slope of the line.
-    x : str
-        Labels of the horizontal axes, separated by ``|``.
+    panels : sequence of (str, (n,) array, (n,) array, float)
+        Label of the vertical axis, abscissa, ordinate, and slope.
+    across : sequence of str
+        Labels of the horizontal axes.
     title, note : str
         What was done, and how to read it.
     """
-    figure = blank(9.0, 4.4, title, note)
-    every = figure.subplots(1, len(panels), squeeze=False, gridspec_kw={"wspace": 0.3})[0]
-    for axes, colour, label, (name, abscissa, ordinate, line) in zip(
-        every, AXIS_COLOURS, x.split("|"), panels, strict=False
-    ):
-        ends = np.array([0.0, 1.05 * float(np.max(abscissa))])
-        axes.plot(ends, line[0] + line[1] * ends, color=GREY, label="fitted")
-        axes.plot(abscissa, ordinate, "o", color=colour, markersize=5, label="measured")
-        axes.set_xlabel(label)
-        axes.set_ylabel(name)
-        axes.legend(loc="upper left")
+    figure = blank(9.6, 5.2, title, note)
+    grid = {"wspace": 0.3, "hspace": 0.12, "height_ratios": (2.2, 1.0)}
+    every = figure.subplots(2, len(panels), squeeze=False, sharex="col", gridspec_kw=grid)
+    for column, (name, x, y, slope) in enumerate(panels):
+        upper, lower = every[0, column], every[1, column]
+        ends = np.array([0.0, 1.05 * float(np.max(x))])
+        colour = AXIS_COLOURS[column % 3]
+        upper.plot(ends, slope * ends, color=GREY, label="fitted")
+        upper.plot(x, y, "o", color=colour, markersize=5, label="measured")
+        upper.set_ylabel(name)
+        upper.legend(loc="upper left")
+        lower.axhline(0.0, color=GREY, linewidth=0.8)
+        lower.plot(x, y - slope * x, "o", color=colour, markersize=5)
+        lower.set_ylabel(f"residual {name[name.index('[') :]}")
+        lower.set_xlabel(across[column])
+        lower.margins(y=0.2)
     return figure
