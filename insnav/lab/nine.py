@@ -13,16 +13,28 @@ that order, the difference of two squares, cancels over positions that are symme
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.io.schema import Quantity
+from insnav.lab.dwells import Dwells, reduce_dwells
 from insnav.lab.fit import LEVEL, Fit, coverage_factor, linear_fit
 from insnav.lab.positions import OPPOSITE, check_positions, ideal_force, opposite_pairs
+from insnav.lab.tables import BenchTable, read_bench
 from insnav.types import FloatArray, IntArray
 
+SCHEMA = (
+    Quantity("roll", "roll_deg", "angle", "deg", ("roll", "gamma", "rotationx")),
+    Quantity("pitch", "pitch_deg", "angle", "deg", ("pitch", "theta", "rotationy")),
+    *(
+        Quantity(f"{m}_a{a}", f"{m}_a{a}_m_s2", "acceleration", "m/s^2", (f"{m}a{a}", f"{m}accel{a}", f"{m}modulea{a}"))
+        for m, a in ("xy", "xz", "yz", "yx", "zx", "zy")
+    ),
+)
 SENSORS = ("x_ay", "x_az", "y_az", "y_ax", "z_ax", "z_ay")
 AXIS = np.array([1, 2, 2, 0, 0, 1])  # of each sensor
 PRODUCTS = ((0, 1), (2, 3), (4, 5))  # the two sensors of each module
@@ -238,3 +250,31 @@ def _jacobian(function: Callable[[FloatArray], FloatArray], at: FloatArray, step
         shift[i] = step
         columns.append((function(at + shift) - function(at - shift)) / (2.0 * step))
     return np.column_stack(columns)
+
+
+def read_nine(path: str | Path, columns: Mapping[str, str] | None = None) -> tuple[BenchTable, Dwells]:
+    """Read the table of positions.
+
+    Parameters
+    ----------
+    path : str or Path
+        Columns ``roll_deg``, ``pitch_deg`` and, in any unit of acceleration, ``x_ay`` to ``z_ay``: module, then axis.
+        One row a position, or all its samples in successive rows.
+    columns : mapping of str to str, optional
+        As in `read_bench`.
+
+    Returns
+    -------
+    BenchTable, Dwells
+        As read, and one mean a position.
+
+    Raises
+    ------
+    InputError
+        The file cannot be used.
+    """
+    table = read_bench(path, SCHEMA, ("roll", "pitch", *SENSORS), columns=columns)
+    dwells = reduce_dwells(
+        table.stack("roll", "pitch"), table.stack(*SENSORS), np.inf, table.get("time"), where=table.name
+    )
+    return table, dwells
