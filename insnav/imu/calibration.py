@@ -25,6 +25,9 @@ What non-linear gyros leave after that is a piecewise-linear map, error = measur
 [gyro.map.x]                                # and y, z
 rate_rad_s = [-5.2, 0.0, 5.2]
 error_rad_s = [-0.001, 0.0, 0.002]
+
+What bias and matrix leave out (see `insnav.imu.terms`) may follow in each table: asymmetry, quadratic, bias_slope,
+scale_slope, one value or three; g_sensitivity, three rows of three, in [gyro]; positions, three places, in [accel].
 """
 
 from __future__ import annotations
@@ -40,12 +43,23 @@ from pydantic import PlainValidator
 from pydantic_core import PydanticCustomError
 
 from insnav.exceptions import ConfigError
-from insnav.imu.config import Axes, Table, axes, read_toml, validate
+from insnav.imu.config import Axes, Table, axes, quantity, read_toml, validate
 from insnav.imu.dynamic_map import AxisMap, DynamicMap
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw import RawScale
+from insnav.imu.terms import ErrorTerms
+from insnav.types import FloatArray
 
 Matrix = tuple[Axes, Axes, Axes]
+# unit written for the gyros, for the accelerometers: SI, so that a file holds every bit
+_TERM_UNITS = {
+    "asymmetry": ("1", "1"),
+    "quadratic": ("1/(rad/s)", "1/(m/s^2)"),
+    "bias_slope": ("(rad/s)/K", "(m/s^2)/K"),
+    "scale_slope": ("1/K", "1/K"),
+    "g_sensitivity": ("(rad/s)/(m/s^2)", ""),
+    "positions": ("", "m"),
+}
 _IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -102,14 +116,38 @@ class _Map(Table):
     z: _AxisMap | None = None
 
 
-class _Gyro(Table):
+def _rows(dimension: str) -> PlainValidator:
+    """Three rows of three quantities."""
+
+    def check(value: object) -> Matrix:
+        rows = value if isinstance(value, list) else []
+        if len(rows) != 3 or any(not isinstance(row, list) or len(row) != 3 for row in rows):
+            raise PydanticCustomError("wrong_value", "must be three rows of three, [[…], […], […]]")
+        (a, b, c), (d, e, f), (g, h, i) = ([quantity(item, dimension, signed=True) for item in row] for row in rows)
+        return (a, b, c), (d, e, f), (g, h, i)
+
+    return PlainValidator(check)
+
+
+class _Sensor(Table):
+    asymmetry: Annotated[Axes | None, axes("ratio", signed=True)] = None
+    scale_slope: Annotated[Axes | None, axes("ratio per kelvin", signed=True)] = None
+
+
+class _Gyro(_Sensor):
+    quadratic: Annotated[Axes | None, axes("per rate", signed=True)] = None
+    bias_slope: Annotated[Axes | None, axes("rate per kelvin", signed=True)] = None
+    g_sensitivity: Annotated[Matrix | None, _rows("rate per acceleration")] = None
     bias: Annotated[Axes, axes("rate", signed=True)] = (0.0, 0.0, 0.0)
     matrix: Annotated[Matrix, PlainValidator(_matrix)] = _IDENTITY
     raw: _GyroRaw | None = None
     map: _Map | None = None
 
 
-class _Accel(Table):
+class _Accel(_Sensor):
+    quadratic: Annotated[Axes | None, axes("per acceleration", signed=True)] = None
+    bias_slope: Annotated[Axes | None, axes("acceleration per kelvin", signed=True)] = None
+    positions: Annotated[Matrix | None, _rows("length")] = None
     bias: Annotated[Axes, axes("acceleration", signed=True)] = (0.0, 0.0, 0.0)
     matrix: Annotated[Matrix, PlainValidator(_matrix)] = _IDENTITY
     raw: _AccelRaw | None = None
@@ -162,6 +200,8 @@ def load_calibration(path: str | Path) -> ImuErrors:
             gyro_map=_gyro_map(gyro.map),
             gyro_raw=_raw(gyro.raw.unit, gyro.raw.zero, gyro.raw.scale_per_rad_s) if gyro.raw else None,
             accel_raw=_raw(accel.raw.unit, accel.raw.zero, accel.raw.scale_per_m_s2) if accel.raw else None,
+            gyro_terms=_terms(gyro),
+            accel_terms=_terms(accel),
         )
     except ConfigError as error:
         raise ConfigError(error.what, where=f"{path}: {error.where}", why=error.why, fix=error.fix) from None
@@ -177,6 +217,11 @@ def _gyro_map(table: _Map | None) -> DynamicMap | None:
     axes_of = (table.x, table.y, table.z)
     x, y, z = (None if a is None else AxisMap(np.array(a.rate_rad_s), np.array(a.error_rad_s)) for a in axes_of)
     return DynamicMap(x, y, z)
+
+
+def _terms(table: _Sensor) -> ErrorTerms | None:
+    given = {name: np.array(value) for name in _TERM_UNITS if (value := getattr(table, name, None)) is not None}
+    return ErrorTerms(**given) if any(np.any(value) for value in given.values()) else None
 
 
 def calibration_to_toml(errors: ImuErrors) -> str:
@@ -212,4 +257,13 @@ def calibration_to_toml(errors: ImuErrors) -> str:
             for axis, item in zip("xyz", errors.gyro_map.axes, strict=True)
             if item is not None
         }
+    for index, (name, terms) in enumerate((("gyro", errors.gyro_terms), ("accel", errors.accel_terms))):
+        for key, units in _TERM_UNITS.items():
+            value = None if terms is None else getattr(terms, key)
+            if value is not None and np.any(value):
+                content[name][key] = _texts(value, units[index])
     return tomli_w.dumps(content)
+
+
+def _texts(value: FloatArray, unit: str) -> list[Any]:
+    return [_texts(item, unit) if np.ndim(item) else f"{float(item)!r} {unit}" for item in value]
