@@ -46,6 +46,8 @@ class Turns:
         Gyros and accelerometers in the unit of the record.
     start, end : (m,) array of int
         Intervals from which and up to which each turn lasts.
+    moving : (k,) array of int
+        Intervals that belong to a turn: rest need not be integrated.
     use : (m,) bool array
         Turns during which every sample is there and inside the range.
     """
@@ -53,6 +55,7 @@ class Turns:
     parts: Intervals
     start: IntArray
     end: IntArray
+    moving: IntArray
     use: BoolArray
 
 
@@ -105,7 +108,8 @@ def prepare(imu: ImuData, poses: Sequence[Pose], damaged: BoolArray) -> Turns:
     bad = np.concatenate(([0], np.cumsum(damaged)))
     samples = np.array([[a.last, b.first] for a, b in itertools.pairwise(poses)])
     use = (holes[end] == holes[start]) & (bad[samples[:, 1]] == bad[samples[:, 0]])
-    return Turns(parts, start, end, use)
+    moving = np.concatenate([np.arange(a, b) for a, b in zip(start, end, strict=True)])
+    return Turns(parts, start, end, moving.astype(np.int64), use)
 
 
 def _attitudes(dt: FloatArray, dtheta: FloatArray) -> FloatArray:
@@ -141,8 +145,10 @@ def rotations(turns: Turns, bias: FloatArray, matrix: FloatArray) -> FloatArray:
     parts = turns.parts
     step = 1.0 if parts.instant else parts.dt[:, None]
     gyro = np.ascontiguousarray((parts.gyro - bias * step) @ np.linalg.inv(matrix).T)
-    inc = increments(replace(parts, gyro=gyro))
-    return _between(_attitudes(inc.dt, inc.dtheta + inc.coning), turns.start, turns.end)
+    count = turns.moving.shape[0]
+    inc = increments(replace(parts, gyro=gyro), (turns.moving, np.zeros(count), np.ones(count)))
+    end = np.cumsum(turns.end - turns.start)
+    return _between(_attitudes(inc.dt, inc.dtheta + inc.coning), end - (turns.end - turns.start), end)
 
 
 def across(up: FloatArray) -> FloatArray:
@@ -199,7 +205,8 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
     """
     parts = turns.parts
     step = parts.dt[:, None]
-    total = np.concatenate((np.zeros((1, 3)), np.cumsum((parts.gyro * (step if parts.instant else 1.0)) - bias * step, 0)))
+    angles = parts.gyro * (step if parts.instant else 1.0) - bias * step
+    total = np.concatenate((np.zeros((1, 3)), np.cumsum(angles, axis=0)))
     # a few sums of samples are enough for a first guess, and quick
     knots = np.unique(np.concatenate((np.arange(0, len(total), _COARSE), turns.start, turns.end)))
     angle = np.diff(total[knots], axis=0)
