@@ -10,7 +10,7 @@ from typing import Any
 import typer
 from typer.main import get_command
 
-from insnav.cli import align, compare, outage, run, signals
+from insnav.cli import align, calibrate, compare, outage, run, signals
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand
 
@@ -35,6 +35,7 @@ app = typer.Typer(
 )
 for _module, _command in ((run, run.run), (align, align.align), (compare, compare.compare), (outage, outage.outage)):
     app.command(_command.__name__, cls=GroupedCommand, help=_module.HELP, short_help=_module.SHORT_HELP)(_command)
+app.add_typer(calibrate.app, name="calibrate", short_help=calibrate.SHORT_HELP)
 
 
 def _version(value: bool) -> None:

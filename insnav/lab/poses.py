@@ -160,7 +160,7 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
         accel_share=fit.normal.leverage,
         gyro_share=share,
         clipped=int(np.count_nonzero(damaged)),
-        gyro_drift=np.linalg.solve(fine.matrix, rest.drift),
+        gyro_drift=np.asarray(np.linalg.solve(fine.matrix, rest.drift)),
         counts=counts,
     )
 
@@ -311,7 +311,7 @@ def _inherited(
 def _matrix_sd(start: FloatArray, covariance: FloatArray) -> FloatArray:
     """Standard deviations of ``start (I + E)`` from the covariance of E by rows, (3, 3)."""
     c = covariance.reshape(3, 3, 3, 3)
-    return np.sqrt(np.einsum("ik,il,kjlj->ij", start, start, c))
+    return np.asarray(np.sqrt(np.einsum("ik,il,kjlj->ij", start, start, c)))
 
 
 def _folds(n: int) -> list[BoolArray]:

@@ -25,6 +25,8 @@ SHORTEST = 0.5  # rest between two windows that saw motion, at least [s]: 1.5 s 
 FEWEST = 10  # samples of a pose
 QUIET_SHARE = 0.1  # quantile of the variance that is that of rest
 CONTRAST = 25.0  # variance of the most lively tenth against that, at least, in a record of rests and motions
+KNOCK = 1.5 * WINDOW  # a break of rest so short, without change of pose, was a knock [s]
+SAME_POSE = 0.01  # change of specific force, over its spread in the record, that is no change of pose
 CLIPPED = 3  # samples in a row with the largest value of the channel that are the end of its range
 
 
@@ -178,11 +180,24 @@ def find_poses(imu: ImuData, lively: Liveliness, factor: float) -> tuple[Pose, .
     Returns
     -------
     tuple of Pose
-        In order of time. The window keeps half its length between a pose and any motion.
+        In order of time. The window keeps half its length between a pose and any motion. Of a pose broken by a knock
+        the longer part is kept: twice the same pose would count as two.
     """
     still: BoolArray = lively.ratio < factor * factor
     shortest = max(FEWEST, round(SHORTEST / lively.interval))
-    return tuple(pose_between(imu, first, first + n) for first, n in runs(still) if n >= shortest)
+    found = [pose_between(imu, first, first + n) for first, n in runs(still) if n >= shortest]
+    if not found:
+        return ()
+    force = np.array([pose.force for pose in found])
+    spread = float(np.linalg.norm(force - force.mean(axis=0), axis=1).max())
+    kept = found[:1]
+    for pose in found[1:]:
+        change = float(np.linalg.norm(pose.force - kept[-1].force))
+        if pose.start - kept[-1].end > KNOCK or change > SAME_POSE * spread:
+            kept.append(pose)
+        elif pose.count > kept[-1].count:
+            kept[-1] = pose
+    return tuple(kept)
 
 
 def clipped(values: FloatArray, moving: BoolArray) -> BoolArray:

@@ -241,7 +241,7 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
         )
     raise InputError(
         "the gyros do not show the turns between the poses",
-        why=f"the direction of gravity after a turn is {np.rad2deg(best):.3g} deg off, whatever axes and signs they have",
+        why=f"gravity after a turn is {np.rad2deg(best):.3g} deg off, whatever axes and signs they have",
         fix="check their units and columns" + ("" if counts else "; for raw counts say --counts"),
     )
 
