@@ -30,6 +30,8 @@ from insnav.lab.turns import TurnFit, Turns, first_guess, fit_turns, prepare, re
 from insnav.types import BoolArray, FloatArray, ImuData
 
 FACTORS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # standard deviations at rest that are tried as the limit of rest
+ALIKE = 1.0  # logarithm of the determinant of two covariances that are about alike: 6 % a standard deviation
+LEAST_OWN = 0.1  # of the scatter of the turns that is their own at least
 FOLDS = 5
 WRONG_UNIT = 0.25  # scale factor error that no sensor in SI units has
 WRONG_NORM = 0.02  # scatter of gravity over its length that no pose at rest leaves
@@ -125,6 +127,7 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
     factor, poses, fit, start = _best_poses(imu, lively, g, counts)
     force = np.array([pose.force for pose in poses])
     _refuse_norm(fit, g)
+    _refuse_bias(fit.triad, g, counts)
     up = _directions(fit.triad, force)
     rest = _rest(poses, fit.triad)
     damaged = clipped(imu.gyro, lively.ratio > factor * factor)
@@ -134,7 +137,7 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
     felt = corrected(fit.triad, imu.accel)
     turns = prepare(replace(imu, gyro=imu.gyro - felt @ rest.g_sensitivity.T), poses, damaged)
     fine = fit_turns(turns, rest.bias, coarse.matrix, up, turns.use)
-    covariance = fine.covariance + _inherited(imu, poses, damaged, fine, fit, rest)
+    covariance = _whole_covariance(imu, poses, damaged, fine, fit, rest)
     matrix_sd = _matrix_sd(coarse.matrix, covariance)
     gyro = Triad(rest.bias, fine.matrix, np.sqrt(rest.covariance[:, 0, 0]), matrix_sd, fine.normal.condition)
     _refuse_gyro_units(gyro, counts)
@@ -168,7 +171,7 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
 def _best_poses(
     imu: ImuData, lively: Liveliness, g: float, counts: bool
 ) -> tuple[float, tuple[Pose, ...], GravityFit, Triad]:
-    """Search the limit of rest by which the accelerometers become least uncertain (determinant of covariance)."""
+    """Search the tightest limit of rest by which the accelerometers become about least uncertain."""
     found = [(factor, find_poses(imu, lively, factor)) for factor in FACTORS]
     most = max(len(poses) for _, poses in found)
     tried: list[tuple[float, float, tuple[Pose, ...], GravityFit, Triad]] = []
@@ -192,7 +195,9 @@ def _best_poses(
             why="the specific force nowhere stays calm for 1.5 s",
             fix="rest in every pose for 2 s or more, on something firm",
         )
-    _, factor, poses, fit, start = min(tried, key=lambda item: item[0])
+    # a looser limit that wins by chance lets the ends of motions in, which the turns then lack
+    least = min(item[0] for item in tried)
+    _, factor, poses, fit, start = next(item for item in tried if item[0] < least + ALIKE)
     return factor, poses, fit, start
 
 
@@ -225,6 +230,16 @@ def _refuse_norm(fit: GravityFit, g: float) -> None:
             "the specific force at rest is not that of gravity",
             why=f"whatever the calibration, its length varies by {fit.sd:.3g} m/s^2 from pose to pose",
             fix="check that the columns are those of the accelerometers, and that the sensor was at rest",
+        )
+
+
+def _refuse_bias(accel: Triad, g: float, counts: bool) -> None:
+    worst = float(np.abs(accel.bias).max())
+    if not counts and worst > WRONG_UNIT * g:
+        raise InputError(
+            "the accelerometers are not in m/s^2 from zero",
+            why=f"their biases come out as {', '.join(f'{b:.3g}' for b in accel.bias)} m/s^2",
+            fix="give specific force, gravity not taken off; or --counts for raw units",
         )
 
 
@@ -278,12 +293,13 @@ def _rest(poses: Sequence[Pose], accel: Triad) -> _Rest:
     )
 
 
-def _inherited(
+def _whole_covariance(
     imu: ImuData, poses: Sequence[Pose], damaged: BoolArray, fine: TurnFit, fit: GravityFit, rest: _Rest
 ) -> FloatArray:
-    """Uncertainty the gyros' matrix has from that of the accelerometers, the bias and the g-sensitivity, (9, 9).
+    """Covariance of the gyros' matrix with what it has from the accelerometers, the bias and the g-sensitivity, (9, 9).
 
-    Each is moved along the principal directions of its covariance by one standard deviation.
+    Each of these is moved along the directions of its covariance by one standard deviation. What they add to the
+    scatter of the residuals is taken off that: it must not count twice.
     """
     force = np.array([pose.force for pose in poses])
     felt = corrected(fit.triad, imu.accel)
@@ -304,8 +320,11 @@ def _inherited(
             bias[axis] += step[0]
             sensitivity[axis] += step[1:]
             moved.append(misfit(fit.triad, bias, sensitivity))
-    effect = (np.array(moved) - here) @ fine.jacobian @ fine.normal.inverse
-    return np.asarray(effect.T @ effect)
+    change = np.array(moved) - here
+    effect = change @ fine.jacobian @ fine.normal.inverse
+    seen = change - effect @ fine.jacobian.T
+    own = 1.0 - float(np.sum(seen**2)) / (fine.sd**2 * (change.shape[1] - effect.shape[1])) if fine.sd > 0.0 else 1.0
+    return np.asarray(max(own, LEAST_OWN) * fine.covariance + effect.T @ effect)
 
 
 def _matrix_sd(start: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -121,9 +121,8 @@ def calibrate_six_positions(
     accel, tilt = _accelerometers(force, poses, g)
     _refuse_positions(force, accel, g)
     sensitivity = (rate[0::2] - rate[1::2]).T / (2.0 * g)
-    at_rest = np.concatenate([imu.gyro[slice(*chosen[name])] for name in POSITIONS])
-    bias = at_rest.mean(axis=0)
-    bias_sd = rate.std(axis=0, ddof=1) / np.sqrt(len(POSITIONS))
+    bias = rate.mean(axis=0)  # each position alike, however long: what goes with the specific force then cancels
+    bias_sd = ((rate[0::2] + rate[1::2]) / 2.0).std(axis=0, ddof=1) / np.sqrt(3.0)
     integral = np.empty((3, 3))
     for column, name in enumerate(TURNS):
         first, last = chosen[name]

@@ -24,6 +24,7 @@ from insnav.lab.stillness import Pose
 from insnav.lab.triad import AXES, Normal, normal
 from insnav.strapdown import Intervals, increments, intervals
 from insnav.types import BoolArray, FloatArray, ImuData, IntArray
+from insnav.units import DEG
 
 PARAMETERS = 9
 NAMES = tuple(f"scale {a}" if a == b else f"misalignment {a}{b}" for a in AXES for b in AXES)
@@ -32,6 +33,8 @@ FEWEST = 6  # turns: twelve components against nine parameters
 _COARSE = 10  # samples put together where only a first guess is sought
 _TRIED = 60  # sensitivities tried
 _SMALLEST, _LARGEST = 0.1, 15.0  # plausible turn of the largest movement of a hand calibration [rad]
+MISFIT = 20.0 * DEG  # of turns that are understood, before they are fitted
+_STEP = 1e-6  # of a relative change of the sensitivity, for slopes
 _NO_EARTH = np.zeros(3)
 _START = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -221,8 +224,10 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
     scales = reach / np.geomspace(_SMALLEST, _LARGEST, _TRIED) if counts else np.ones(1)
     tried = [(misfit(scale * np.eye(3)), scale) for scale in scales]
     best, scale = min(tried)
-    if best < np.deg2rad(20.0):
+    if best < MISFIT:
         return scale * np.eye(3)
+    if not counts and misfit(np.eye(3) / DEG) < MISFIT:
+        raise InputError("the gyros are in deg/s, not rad/s", why="the turns fit so", fix="say --imu-units deg/s,m/s^2")
     others = [
         (misfit(s * np.diag(signs)[list(order)]), order, signs)
         for order in itertools.permutations(range(3))
@@ -230,7 +235,7 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
         for s in scales
     ]
     less, order, signs = min(others, key=lambda item: item[0])
-    if less < 0.5 * best and less < np.deg2rad(20.0):
+    if less < 0.5 * best and less < MISFIT:
         columns = ", ".join(f"{'+' if signs[o] > 0 else '-'}{AXES[o]}" for o in order)
         raise InputError(
             "the gyros do not turn as the accelerometers say",
@@ -282,7 +287,11 @@ def fit_turns(turns: Turns, bias: FloatArray, start: FloatArray, up: FloatArray,
         matrix = start @ (np.eye(3) + e.reshape(3, 3))
         return residuals(rotations(turns, bias, matrix), up)[use].ravel()
 
-    done = least_squares(misfit, np.zeros(9), method="lm", diff_step=1e-7, xtol=1e-12, ftol=1e-12)
+    def slope(e: FloatArray) -> FloatArray:
+        here = misfit(e)
+        return np.column_stack([(misfit(e + step) - here) / _STEP for step in _STEP * np.eye(PARAMETERS)])
+
+    done = least_squares(misfit, np.zeros(PARAMETERS), jac=slope, method="lm", xtol=1e-10, ftol=1e-10)
     judged = normal(done.jac)
     if not judged.condition < WORST_CONDITION:
         raise InputError(

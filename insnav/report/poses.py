@@ -221,7 +221,7 @@ def poses_sheet(found: Found, name: str, warnings: Sequence[str]) -> Sheet:
             tables += [_turns_table(found), _positions_table(found)]
             picture = Picture("positions", draw_six_positions(found), "Gravity in the six positions")
             assumed = (
-                f"Turns are by {found.angle / DEG:g} deg within {TURN_SD / DEG:g} deg (1 sd), to the side of the gyros.",
+                f"Turns are by {found.angle / DEG:g} deg within {TURN_SD / DEG:g} deg (1 sd), to either side.",
                 "Axes are those of the housing, as good as it stood: off the diagonal that is the uncertainty.",
                 "Method: Ferraris, Grimaldi, Parvis (1995).",
             )
