@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from insnav.cli.calibrate import accel, gyro, nine, rotor
+from insnav.cli.calibrate import accel, gyro, nine, poses, rotor
 from insnav.cli.help import GroupedCommand
 
 SHORT_HELP = "Bench data to a calibration file: gyro, accel, imu, nine, poses, rotor."
@@ -22,5 +22,11 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-for _module, _command in ((gyro, gyro.gyro), (accel, accel.accel), (nine, nine.nine), (rotor, rotor.rotor)):
+for _module, _command in (
+    (gyro, gyro.gyro),
+    (accel, accel.accel),
+    (nine, nine.nine),
+    (poses, poses.poses),
+    (rotor, rotor.rotor),
+):
     app.command(_command.__name__, cls=GroupedCommand, help=_module.HELP, short_help=_module.SHORT_HELP)(_command)
