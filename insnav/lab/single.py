@@ -16,7 +16,7 @@ from insnav.exceptions import InputError
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw import RawScale
 from insnav.io.schema import Quantity
-from insnav.lab.dwells import LIMIT_V, Dwells, dwell_warnings, reduce_dwells
+from insnav.lab.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
 from insnav.lab.effect import Calibrated
 from insnav.lab.rate_table import RateTable, calibrate_rate_table
 from insnav.lab.tables import BenchTable, read_bench
@@ -104,8 +104,7 @@ def read_record(
     key = "output" if "output" in table.columns else "sensed"
     unit = table.units[key] if key == "output" else schema[2].unit
     values = table.columns[key] / (1.0 if key == "output" else UNITS[unit][1])
-    volts = unit != "LSB" and UNITS[unit][0] == "signal"
-    limit = spike_limit if spike_limit is not None else LIMIT_V / UNITS[unit][1] if volts else np.inf
+    limit = spike_limit if spike_limit is not None else default_limit(unit)
     dwells = reduce_dwells(table.columns[setting][:, None], values[:, None], limit, table.get("time"), where=table.name)
     said = dwell_warnings(dwells, ("output",), table.get("temperature"))
     return Record(table, dwells, unit, said)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from insnav.cli.calibrate import accel, gyro, nine, poses, rotor
+from insnav.cli.calibrate import accel, gyro, imu, nine, poses, rotor
 from insnav.cli.help import GroupedCommand
 
 SHORT_HELP = "Bench data to a calibration file: gyro, accel, imu, nine, poses, rotor."
@@ -25,6 +25,7 @@ app = typer.Typer(
 for _module, _command in (
     (gyro, gyro.gyro),
     (accel, accel.accel),
+    (imu, imu.imu),
     (nine, nine.nine),
     (poses, poses.poses),
     (rotor, rotor.rotor),
