@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from insnav.earth import radii
-from insnav.imu.dynamic_map import DynamicMap
+from insnav.imu.dynamic_map import AxisMap, DynamicMap
 from insnav.imu.model import ImuErrors, correct, corrupt
 from insnav.simulate.closed_forms import circle, straight
 from insnav.simulate.measure import imu_from_truth, reference
@@ -45,8 +45,8 @@ class Calibrated:
         [-].
     g_sensitivity_sd : (3, 3) array
         [rad/s/(m/s^2)].
-    gyro_map_sd : tuple of (k,) array or None
-        Of the errors at the knots of the map of each gyro [rad/s].
+    gyro_map_covariance : tuple of (k, k) array or None
+        Of the errors at the knots of the map of each gyro [rad^2/s^2].
     """
 
     errors: ImuErrors
@@ -55,7 +55,7 @@ class Calibrated:
     accel_bias_sd: FloatArray = field(default_factory=_zeros)
     accel_matrix_sd: FloatArray = field(default_factory=_none)
     g_sensitivity_sd: FloatArray = field(default_factory=_none)
-    gyro_map_sd: tuple[FloatArray | None, ...] = (None, None, None)
+    gyro_map_covariance: tuple[FloatArray | None, ...] = (None, None, None)
 
     def corrected_sd(self, rate: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Uncertainty of corrected rates and specific forces that comes from the calibration alone.
@@ -72,10 +72,15 @@ class Calibrated:
             of a perfect triad [rad/s], [m/s^2].
         """
         of_rate = rate**2 @ self.gyro_matrix_sd.T**2 + force**2 @ self.g_sensitivity_sd.T**2 + self.gyro_bias_sd**2
-        known = () if self.errors.gyro_map is None else zip(self.errors.gyro_map.axes, self.gyro_map_sd, strict=True)
-        for axis, (item, sd) in enumerate(known):
-            if item is not None and sd is not None:
-                of_rate[:, axis] += np.interp(rate[:, axis], item.rate, sd) ** 2
+        known = (
+            ()
+            if self.errors.gyro_map is None
+            else zip(self.errors.gyro_map.axes, self.gyro_map_covariance, strict=True)
+        )
+        for axis, (item, spread) in enumerate(known):
+            if item is not None and spread is not None:
+                share = np.column_stack([np.interp(rate[:, axis], item.rate, row) for row in np.eye(item.rate.size)])
+                of_rate[:, axis] += np.sum((share @ spread) * share, axis=1)
         return np.sqrt(of_rate), np.sqrt(force**2 @ self.accel_matrix_sd.T**2 + self.accel_bias_sd**2)
 
 
@@ -154,14 +159,8 @@ def minute_effect(calibrated: Calibrated, *, seed: int = 1) -> tuple[Effect, ...
 def _drawn(known: ImuErrors, calibrated: Calibrated, rng: np.random.Generator) -> ImuErrors:
     gyro_map, terms = known.gyro_map, known.gyro_terms
     if gyro_map is not None:
-        gyro_map = DynamicMap(
-            *(
-                item
-                if item is None or sd is None
-                else replace(item, error=item.error + sd * rng.standard_normal(sd.size))
-                for item, sd in zip(gyro_map.axes, calibrated.gyro_map_sd, strict=True)
-            )
-        )
+        maps = zip(gyro_map.axes, calibrated.gyro_map_covariance, strict=True)
+        gyro_map = DynamicMap(*(_drawn_map(item, spread, rng) for item, spread in maps))
     if terms is not None:
         drawn = calibrated.g_sensitivity_sd * rng.standard_normal((3, 3))
         terms = replace(terms, g_sensitivity=terms.g_sensitivity + drawn)
@@ -174,6 +173,12 @@ def _drawn(known: ImuErrors, calibrated: Calibrated, rng: np.random.Generator) -
         gyro_map=gyro_map,
         gyro_terms=terms,
     )
+
+
+def _drawn_map(item: AxisMap | None, spread: FloatArray | None, rng: np.random.Generator) -> AxisMap | None:
+    if item is None or spread is None:
+        return item
+    return replace(item, error=item.error + np.linalg.cholesky(spread) @ rng.standard_normal(item.rate.size))
 
 
 def _error(path: Trajectory, imu: ImuData) -> float:

@@ -114,7 +114,7 @@ def calibrate_sweeps(
     used: BoolArray = np.ones(rate.shape, dtype=np.bool_)
     dropped: list[tuple[int, Dropped]] = []
     for axis, rows in enumerate(own):
-        lost, items = saturated(rate[rows, axis] / DEG, output[rows, axis], sd[rows, axis])
+        lost, items = saturated(np.round(rate[rows, axis] / DEG, 9), output[rows, axis], sd[rows, axis])
         used[rows[lost], axis] = False
         dropped += [(axis, item) for item in items]
         left = np.unique(rate[rows[~lost], axis]).size
@@ -125,25 +125,23 @@ def calibrate_sweeps(
                 why=f"{left} rates about {'xyz'[axis]} are not saturated; {FEWEST} are needed",
                 fix="sweep within the range of the gyros",
             )
-    design = np.column_stack((rate, np.ones(len(rate))))
-    fits = tuple(
-        linear_fit(design[used[:, i]], output[used[:, i], i], NAMES, where=f"{where}, gyro {'xyz'[i]}")
-        for i in range(3)
-    )
-    matrix = np.array([fit.value[:3] for fit in fits])
-    bias = np.array([fit.value[3] for fit in fits])
+    names = tuple(f"{where}, gyro {axis}" for axis in "xyz")
+    fits = _fits(rate, output, used, names)
     refuse_crossed(fits, raw, where)
-    good = np.asarray(used.all(axis=1))
-    free = np.where(good[:, None], output - bias, np.nan)
-    after = np.asarray(np.linalg.solve(matrix, free.T).T - rate)
-    pieces = tuple(
-        _pieces(rate[rows, i] + after[rows, i], after[rows, i], rate[rows, i], f"{where}, gyro {'xyz'[i]}")
-        for i, rows in ((axis, rows[good[rows]]) for axis, rows in enumerate(own))
-    )
+    pieces = _all_pieces(rate, output, used, fits, names)
+    if any(item is not None for item in pieces):
+        # a gyro of this shape shows B times the bent rate: its matrix is then found without the shape as scatter
+        bent = np.column_stack(
+            [r if p is None else _axis_map(p).inverse(r) for r, p in zip(rate.T, pieces, strict=True)]
+        )
+        fits = _fits(bent, output, used, names)
+        pieces = _all_pieces(rate, output, used, fits, names)
+    matrix, bias, after = _matrix_errors(rate, output, used, fits)
     final = after.copy()
     for i, item in enumerate(pieces):
         if item is not None:
             final[:, i] -= _axis_map(item).rate_error(rate[:, i] + after[:, i])
+    free = np.where(_complete(used)[:, None], output - bias, np.nan)
     return SweepCalibration(
         rate=rate,
         output=output,
@@ -177,10 +175,10 @@ def sweep_uncertainty(found: SweepCalibration, unit: str, name: str = "") -> Cal
     gyro_map = DynamicMap(*maps) if any(item is not None for item in maps) else None
     bias_sd = np.array([fit.sd[3] for fit in found.fits])
     matrix_sd = np.array([fit.sd[:3] for fit in found.fits])
-    map_sd = tuple(None if item is None else item.sd for item in found.pieces)
+    spread = tuple(None if item is None else item.covariance for item in found.pieces)
     if not found.raw:
         errors = ImuErrors(found.bias, found.matrix, name=name, gyro_map=gyro_map)
-        return Calibrated(errors, gyro_bias_sd=bias_sd, gyro_matrix_sd=matrix_sd, gyro_map_sd=map_sd)
+        return Calibrated(errors, gyro_bias_sd=bias_sd, gyro_matrix_sd=matrix_sd, gyro_map_covariance=spread)
     scale = np.diag(found.matrix).copy()
     errors = ImuErrors(
         gyro_matrix=found.matrix / scale[:, None],
@@ -189,7 +187,9 @@ def sweep_uncertainty(found: SweepCalibration, unit: str, name: str = "") -> Cal
         name=name,
     )
     size = np.abs(scale)
-    return Calibrated(errors, gyro_bias_sd=bias_sd / size, gyro_matrix_sd=matrix_sd / size[:, None], gyro_map_sd=map_sd)
+    return Calibrated(
+        errors, gyro_bias_sd=bias_sd / size, gyro_matrix_sd=matrix_sd / size[:, None], gyro_map_covariance=spread
+    )
 
 
 def rms(errors: FloatArray) -> float:
@@ -206,13 +206,47 @@ def _axis_map(item: Pieces) -> AxisMap:
     return AxisMap(item.knot, item.value)
 
 
-def _pieces(measured: FloatArray, error: FloatArray, rate: FloatArray, where: str) -> Pieces | None:
-    """Straight pieces through the mean error at each rate, if there is more than noise about a straight line."""
+def _complete(used: BoolArray) -> BoolArray:
+    """Dwells in which no gyro is saturated."""
+    return np.asarray(np.logical_and.reduce(used, axis=1), dtype=np.bool_)
+
+
+def _fits(rate: FloatArray, output: FloatArray, used: BoolArray, names: Sequence[str]) -> tuple[Fit, ...]:
+    design = np.column_stack((rate, np.ones(len(rate))))
+    return tuple(
+        linear_fit(design[good], column[good], NAMES, where=name)
+        for good, column, name in zip(used.T, output.T, names, strict=True)
+    )
+
+
+def _matrix_errors(
+    rate: FloatArray, output: FloatArray, used: BoolArray, fits: Sequence[Fit]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Matrix, bias, and the error of the rate by these, NaN where a gyro is saturated."""
+    matrix, bias = np.array([fit.value[:3] for fit in fits]), np.array([fit.value[3] for fit in fits])
+    free = np.where(_complete(used)[:, None], output - bias, np.nan)
+    return matrix, bias, np.asarray(np.linalg.solve(matrix, free.T).T - rate)
+
+
+def _all_pieces(
+    rate: FloatArray, output: FloatArray, used: BoolArray, fits: Sequence[Fit], names: Sequence[str]
+) -> tuple[Pieces | None, ...]:
+    after = _matrix_errors(rate, output, used, fits)[2]
+    good = _complete(used)
+    return tuple(_pieces(rate[good, i], after[good, i], name) for i, name in enumerate(names))
+
+
+def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
+    """Straight pieces through the mean error at each rate, if there is more than noise about a straight line.
+
+    The dwells of the other sweeps all are at zero, so the error at rest weighs most.
+    """
     different, which = np.unique(rate, return_inverse=True)
     if different.size < FEWEST_FOR_MAP:
         return None
-    count = np.bincount(which)
-    found = fit_pieces(np.bincount(which, measured) / count, np.bincount(which, error) / count)
+    count = np.bincount(which).astype(np.float64)
+    mean = np.bincount(which, error) / count
+    found = fit_pieces(different + mean, mean, count)
     if found.straight:
         return None
     try:

@@ -95,7 +95,11 @@ def sweep_report(
             for i, axis in enumerate(AXES)
         },
         "pieces": {
-            axis: {"rate_deg_s": item.knot / DEG, "error_deg_s": item.value / DEG, "sd_deg_s": item.sd / DEG}
+            axis: {
+                "rate_deg_s": item.knot / DEG,
+                "error_deg_s": item.value / DEG,
+                "sd_deg_s": np.sqrt(np.diag(item.covariance)) / DEG,
+            }
             for axis, item in zip(AXES, found.pieces, strict=True)
             if item is not None
         },
@@ -132,7 +136,7 @@ def _gain(before: float, after: float) -> str:
 def _words(found: SweepCalibration) -> str:
     if all(item is None for item in found.pieces):
         return ""
-    return "non-linearity is in the 1 sd here, as scatter; see the pieces"
+    return "given the pieces below, whose shape is not in the 1 sd"
 
 
 def _parameters(found: SweepCalibration, raw: bool, unit: str) -> list[Parameter]:
@@ -194,7 +198,6 @@ def _pieces_table(found: SweepCalibration) -> Table:
     for axis, item in zip(AXES, found.pieces, strict=True):
         if item is None:
             continue
-        slope_sd = np.hypot(item.sd[1:], item.sd[:-1]) / np.diff(item.knot)
         for i, slope in enumerate(item.slope):
             at_zero = item.value[i] - slope * item.knot[i]
             rows.append(
@@ -202,7 +205,7 @@ def _pieces_table(found: SweepCalibration) -> Table:
                     axis,
                     f"{item.knot[i] / DEG:+.2f} to {item.knot[i + 1] / DEG:+.2f}",
                     f"{1e6 * slope:.0f}",
-                    number(1e6 * float(slope_sd[i]), 2),
+                    number(1e6 * float(item.slope_sd[i]), 2),
                     f"{at_zero / DEG:+.4f}",
                 )
             )

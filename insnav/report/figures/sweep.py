@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from insnav.lab.sweep import SweepCalibration
 from insnav.report.figures.style import AXIS_COLOURS, BLACK, GREY, legend_above, stacked
+from insnav.types import FloatArray
 from insnav.units import DEG
 
 
@@ -31,9 +33,7 @@ def draw_sweeps(found: SweepCalibration) -> Figure:
             panel.plot(rate, error[rows, axis] / DEG, "o", color=colour, markersize=3.5, label="dwells")
             panel.set_ylabel(f"{'xyz'[axis]} error [deg/s]")
         if item is None:
-            right.text(
-                0.5, 0.04, "nothing to compensate", transform=right.transAxes, ha="center", va="bottom", color="#444444"
-            )
+            right.set_title("nothing to compensate", loc="right", fontsize=8.0, color="#444444")
         else:
             left.plot(item.knot / DEG, item.value / DEG, color=BLACK, linewidth=1.0, label="pieces")
             inner = slice(1, -1)
@@ -45,7 +45,7 @@ def draw_sweeps(found: SweepCalibration) -> Figure:
     return figure
 
 
-def _zero_in_view(panel, error: np.ndarray) -> None:  # type: ignore[no-untyped-def]
+def _zero_in_view(panel: Axes, error: FloatArray) -> None:
     largest = float(np.nanmax(np.abs(error)))
     if largest > 0.0:
-        panel.set_ylim(-1.25 * largest, 1.25 * largest)
+        panel.set_ylim(-1.15 * largest, 1.15 * largest)
