@@ -41,7 +41,7 @@ class SixPositions:
         Samples ``first`` up to, not including, ``last`` of ``x_p`` (x up), ``x_a`` (x down), …, ``x_rot``, ….
     accel, gyro : Triad
         In the unit of the record per SI unit.
-    g_sensitivity : (3, 3) array
+    g_sensitivity, g_sensitivity_sd : (3, 3) array
         Part of the gyros' output that goes with the specific force [unit of the record per m/s^2].
     angle : float
         Angle of each turn [rad].
@@ -66,6 +66,7 @@ class SixPositions:
     accel: Triad
     gyro: Triad
     g_sensitivity: FloatArray
+    g_sensitivity_sd: FloatArray
     angle: float
     turned: FloatArray
     force_after: FloatArray
@@ -149,6 +150,8 @@ def calibrate_six_positions(
         accel=accel,
         gyro=gyro,
         g_sensitivity=sensitivity,
+        # of two rests, where the bias is of six
+        g_sensitivity_sd=np.tile(np.sqrt(3.0) * bias_sd[:, None] / g, (1, 3)),
         angle=turn,
         turned=np.diag(integral).copy(),
         force_after=after - ideal,

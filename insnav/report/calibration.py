@@ -181,6 +181,16 @@ def corrected_table(calibrated: Calibrated) -> Table:
     return Table("Corrected data", ("", "x", "y", "z", "unit"), tuple(rows), note)
 
 
+def minute_facts(effects: Sequence[Effect]) -> list[dict[str, Any]]:
+    """What the calibration is worth, for ``run.json``.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+    """
+    return [{"motion": e.motion, "without_m": e.without, "with_m": e.corrected} for e in effects]
+
+
 def base_facts(
     method: str,
     tables: Sequence[BenchTable],
@@ -205,7 +215,7 @@ def base_facts(
         "parameters": [
             {"name": p.name, "value": p.value, "sd": p.sd, "half_width_95": p.half_width, "unit": p.unit} for p in items
         ],
-        "minute": [{"motion": e.motion, "without_m": e.without, "with_m": e.corrected} for e in effects],
+        "minute": minute_facts(effects),
         "warnings": list(warnings),
     }
 

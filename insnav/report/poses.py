@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import tomli_w
 
-from insnav.imu.calibration import calibration_to_toml
-from insnav.imu.model import ImuErrors
-from insnav.io.text import plain_text
+from insnav.lab.effect import Calibrated, Effect
+from insnav.lab.hand import Found
 from insnav.lab.poses import PosesCalibration
 from insnav.lab.six_positions import POSITIONS, TURN_SD, TURNS, SixPositions
+from insnav.report.calibration import corrected_table, effect_table, minute_facts
 from insnav.report.facts import json_ready
 from insnav.report.figures.poses import draw_poses, draw_six_positions
 from insnav.report.figures.style import drawing
@@ -29,55 +28,21 @@ _ILL = 30.0  # condition number from which the poses are lopsided
 _WARM = 2.0  # change of temperature worth a word [K]
 _OVERFIT = 2.0  # a left-out error so many times the fitted one
 
-Found = PosesCalibration | SixPositions
-
-
-def calibration_text(found: Found, name: str, temperature: float | None) -> dict[str, str]:
-    """Write the calibration, by name of the file.
-
-    Parameters
-    ----------
-    found : PosesCalibration or SixPositions
-    name : str
-        What was calibrated.
-    temperature : float or None
-        At which mean temperature [deg C].
-
-    Returns
-    -------
-    dict of str to str
-        ``calibration.toml`` for data in SI; of raw counts ``counts.toml``, in counts per SI unit.
-    """
-    if not found.counts:
-        errors = ImuErrors(
-            found.gyro.bias,
-            found.gyro.matrix,
-            found.accel.bias,
-            found.accel.matrix,
-            name=plain_text(name),
-            temperature=temperature,
-        )
-        return {"calibration.toml": calibration_to_toml(errors)}
-    content: dict[str, Any] = {"name": plain_text(name), "model": "counts = matrix @ true + bias"}
-    if temperature is not None:
-        content["temperature_c"] = temperature
-    for sensor, unit, triad in (("gyro", "rad_s", found.gyro), ("accel", "m_s2", found.accel)):
-        content[sensor] = {
-            "bias_counts": triad.bias.tolist(),
-            f"matrix_counts_per_{unit}": triad.matrix.tolist(),
-        }
-    content["gyro"]["g_sensitivity_counts_per_m_s2"] = found.g_sensitivity.tolist()
-    return {"counts.toml": tomli_w.dumps(content)}
-
 
 def poses_facts(
-    found: Found, reading: Mapping[str, Any], configuration: Mapping[str, Any], warnings: Sequence[str]
+    found: Found,
+    effects: Sequence[Effect],
+    reading: Mapping[str, Any],
+    configuration: Mapping[str, Any],
+    warnings: Sequence[str],
 ) -> dict[str, Any]:
     """Gather the figures, JSON-ready, units in the keys.
 
     Parameters
     ----------
     found : PosesCalibration or SixPositions
+    effects : sequence of Effect
+        What it is worth.
     reading : mapping
         What was understood of the file.
     configuration : mapping
@@ -97,6 +62,7 @@ def poses_facts(
         }
     g_unit = "counts_per_m_s2" if found.counts else "rad_s_per_m_s2"
     facts["gyro"][f"g_sensitivity_{g_unit}"] = found.g_sensitivity.tolist()
+    facts["gyro"][f"g_sensitivity_sd_{g_unit}"] = found.g_sensitivity_sd.tolist()
     facts["gravity_error_mg"] = {
         "before": (found.norm_before / _MG).tolist(),
         "after": (found.norm_after / _MG).tolist(),
@@ -118,6 +84,7 @@ def poses_facts(
         facts["sections"] = {name: list(span) for name, span in found.sections.items()}
         facts["position_tilt_mrad"] = found.tilt / _MRAD
         facts["turn_deg"] = found.angle / DEG
+    facts["minute"] = minute_facts(effects)
     facts["warnings"] = list(warnings)
     ready: dict[str, Any] = json_ready(facts)
     return ready
@@ -147,8 +114,7 @@ def poses_warnings(found: Found, imu: ImuData) -> list[str]:
     limit = np.linalg.norm(np.linalg.solve(found.gyro.matrix, np.diag(found.gyro.bias_sd)), axis=1)
     if (share > 3.0 * limit).any():
         said.append(
-            f"the gyros feel specific force: up to {share.max() / DEG:.3g} deg/s per g; that was taken off here but is "
-            "not part of the calibration file"
+            f"the gyros feel specific force: up to {share.max() / DEG:.3g} deg/s per g; the calibration takes it off"
         )
     return said
 
@@ -180,12 +146,18 @@ def _poses_doubts(found: PosesCalibration) -> list[str]:
     return said
 
 
-def poses_sheet(found: Found, name: str, warnings: Sequence[str]) -> Sheet:
+def poses_sheet(
+    found: Found, calibrated: Calibrated, effects: Sequence[Effect], name: str, warnings: Sequence[str]
+) -> Sheet:
     """Put tables and figure on one page.
 
     Parameters
     ----------
     found : PosesCalibration or SixPositions
+    calibrated : Calibrated
+        The same in SI units.
+    effects : sequence of Effect
+        What it is worth.
     name : str
         What was calibrated.
     warnings : sequence of str
@@ -198,8 +170,10 @@ def poses_sheet(found: Found, name: str, warnings: Sequence[str]) -> Sheet:
     tables = [
         triad_table("Accelerometers", found.accel, found.counts, accel=True),
         triad_table("Gyros", found.gyro, found.counts, accel=False),
-        g_table(found.g_sensitivity, found.counts),
+        g_table(found.g_sensitivity, found.g_sensitivity_sd, found.counts),
     ]
+    without = "Without: one zero and one scale factor for three sensors." if found.counts else ""
+    worth = (corrected_table(calibrated), effect_table(effects, without))
     general = (
         f"Gravity is {found.g:.5f} m/s^2; accelerometer scale factors are as good as that.",
         "A positive output is a positive specific force (an axis pointing up) and a positive rate.",
@@ -208,7 +182,7 @@ def poses_sheet(found: Found, name: str, warnings: Sequence[str]) -> Sheet:
     with drawing():
         if isinstance(found, PosesCalibration):
             summary = _poses_summary(found)
-            tables += [_quality_table(found), _poses_table(found)]
+            tables += [_quality_table(found), *worth, _poses_table(found)]
             picture = Picture("poses", draw_poses(found), "Gravity in every pose, and turns between them")
             assumed: tuple[str, ...] = (
                 "Body x is the sensitive axis of accelerometer x; body y lies in the plane of x and y.",
@@ -218,7 +192,7 @@ def poses_sheet(found: Found, name: str, warnings: Sequence[str]) -> Sheet:
             )
         else:
             summary = _six_summary(found)
-            tables += [_turns_table(found), _positions_table(found)]
+            tables += [_turns_table(found), *worth, _positions_table(found)]
             picture = Picture("positions", draw_six_positions(found), "Gravity in the six positions")
             assumed = (
                 f"Turns are by {found.angle / DEG:g} deg within {TURN_SD / DEG:g} deg (1 sd), to either side.",
@@ -250,9 +224,12 @@ def _gravity_text(found: Found) -> str:
 
 
 def _six_summary(found: SixPositions) -> tuple[str, ...]:
+    place = int(np.argmax(np.abs(found.norm_after)))
+    worst = float(np.abs(found.norm_after[place]))
     return (
         f"Six positions and three turns by {found.angle / DEG:g} deg.",
-        f"{_gravity_text(found)}; positions are off by {number(found.tilt / _MRAD)} mrad (1 sd).",
+        f"{_gravity_text(found)}, worst {number(worst / _MG)} mg in position {POSITIONS[place]}; positions are off by "
+        f"{number(found.tilt / _MRAD)} mrad (1 sd).",
     )
 
 

@@ -56,18 +56,24 @@ def _value(value: float, sd: float) -> str:
     return f"{value:.{min(max(decimals, 0), 9)}f}"
 
 
-def g_table(sensitivity: FloatArray, counts: bool) -> Table:
+def g_table(sensitivity: FloatArray, sd: FloatArray, counts: bool) -> Table:
     """Tabulate what the gyros feel of the specific force.
 
     Parameters
     ----------
-    sensitivity : (3, 3) array
-        Unit of the record per m/s^2.
+    sensitivity, sd : (3, 3) array
+        And standard deviation, unit of the record per m/s^2.
     counts : bool
         The record is in raw units.
     """
     unit, size = ("counts per g", G0) if counts else ("deg/s per g", G0 / DEG)
     rows = tuple(
-        (f"gyro {axis}", *(number(float(v) * size) for v in row)) for axis, row in zip(AXES, sensitivity, strict=True)
+        (
+            f"gyro {axis}",
+            *(f"{_value(float(v) * size, float(s) * size)} ± {number(float(s) * size, 2)}" for v, s in pairs),
+        )
+        for axis, pairs in zip(
+            AXES, (zip(*rows, strict=True) for rows in zip(sensitivity, sd, strict=True)), strict=True
+        )
     )
-    return Table(f"Gyros: g-sensitivity [{unit}]", ("", *(f"by {axis}" for axis in AXES)), rows)
+    return Table(f"Gyros: g-sensitivity, ± 1 sd [{unit}]", ("", *(f"by {axis}" for axis in AXES)), rows)

@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.imu import load_calibration
+from insnav.imu import correct, load_calibration
+from insnav.imu.terms import ErrorTerms
+from insnav.io import read_imu
+from insnav.io.axes import axes_matrix
 from insnav.io.contents import verify_folder
 from insnav.io.folder import read_facts
 from insnav.types import ImuData
 from tests.cli.conftest import Cli
-from tests.lab.test_poses import TRUE, measured
+from tests.lab.test_poses import G_SENSITIVITY, TRUE, measured
 from tests.lab.test_six_positions import measured as six_measured
 
 HEADER = "time_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2"
@@ -65,14 +68,44 @@ def test_the_sheet_shows_field_units_and_every_pose_only_on_the_page(bench: Path
     assert "feel specific force" in shown.out
 
 
-def test_counts_go_to_a_file_of_their_own(bench: Path, cli: Cli) -> None:
-    shown = cli("calibrate", "poses", "counts.csv", "--counts", *G, "--json")
+@pytest.mark.parametrize("axes", ["FRD", "RFU"])
+def test_counts_and_the_calibration_give_what_was_true(bench: Path, cli: Cli, axes: str) -> None:
+    """The file of counts, read by zero and scale and corrected, is the motion without errors."""
+    shown = cli("calibrate", "poses", "counts.csv", "--counts", *G, "--imu-axes", axes, "--json")
     assert shown.code == 0, shown.err
     facts = json.loads(shown.out)
-    matrix = np.array(facts["accel"]["matrix_counts_per_m_s2"]) / 415.0
-    np.testing.assert_allclose(matrix, TRUE.accel_matrix, atol=0.01)
-    assert Path("calibration/counts.toml").exists()
-    assert not Path("calibration/calibration.toml").exists()
+    known = load_calibration("calibration/calibration.toml")
+    assert known.gyro_raw is not None
+    assert known.accel_raw is not None
+    scales = {"gyro": known.gyro_raw, "accel": known.accel_raw}
+    got = correct(read_imu("counts.csv", axes=axes, raw_scales=scales).data, known)
+    exact = replace(TRUE, gyro_terms=ErrorTerms(g_sensitivity=G_SENSITIVITY))
+    truth = correct(measured(np.random.default_rng(1)), exact)
+    turn = axes_matrix(axes)
+    if axes == "FRD":
+        matrix = np.array(facts["accel"]["matrix_counts_per_m_s2"]) / 415.0
+        np.testing.assert_allclose(matrix, TRUE.accel_matrix, atol=0.01)
+        # noise is the same in both; what is left is the rounding to counts and the uncertainty of the calibration
+        assert np.sqrt(np.mean((got.accel - truth.accel) ** 2)) < 2.5e-3
+        assert np.sqrt(np.mean((got.gyro - truth.gyro) ** 2)) < 1.2e-3
+    else:
+        # the accelerometer x that defines the axes is another one: the same motion, turned by the misalignment
+        turned = truth.accel @ turn.T
+        assert np.sqrt(np.mean((got.accel - turned) ** 2)) < 0.05
+        still = np.abs(np.linalg.norm(truth.accel, axis=1) - 9.81) < 0.05
+        assert abs(np.linalg.norm(got.accel[still], axis=1).mean() - 9.81) < 0.01
+
+
+def test_what_the_calibration_is_worth_is_on_the_sheet(bench: Path, cli: Cli) -> None:
+    shown = cli("calibrate", "poses", "imu.csv", *G)
+    assert "Effect of the calibration on navigation" in shown.out
+    assert "Corrected data" in shown.out
+    facts = read_facts(Path("calibration"))
+    assert all(item["with_m"] < 0.1 * item["without_m"] for item in facts["minute"])
+    known = load_calibration("calibration/calibration.toml")
+    assert known.gyro_terms is not None
+    unit = "rad_s_per_m_s2"
+    np.testing.assert_allclose(known.gyro_terms.g_sensitivity, facts["gyro"][f"g_sensitivity_{unit}"])
 
 
 def test_gravity_follows_from_latitude_and_height(bench: Path, cli: Cli) -> None:

@@ -10,8 +10,10 @@ from scipy import stats
 
 from insnav.exceptions import InputError
 from insnav.imu import ImuErrors, correct, corrupt
+from insnav.imu.terms import ErrorTerms
 from insnav.io.counts import read_counts
 from insnav.lab.gravity_norm import fit_gravity_norm, norm_error, perfect, sphere
+from insnav.lab.hand import hand_errors, hand_uncertainty
 from insnav.lab.poses import PosesCalibration, calibrate_poses
 from insnav.lab.stillness import clipped, find_poses, liveliness, moving_variance, pose_between
 from insnav.lab.triad import Triad, corrected, directions
@@ -57,10 +59,20 @@ def test_without_noise_the_truth_is_found() -> None:
     np.testing.assert_allclose(found.g_sensitivity, G_SENSITIVITY, atol=1e-9)
 
 
+def scores_of_corrected(found: PosesCalibration, rng: np.random.Generator) -> FloatArray:
+    """Errors of corrected data over what is printed as their standard deviation."""
+    rate, force = 3.0 * rng.uniform(-1.0, 1.0, (60, 3)), G * rng.uniform(-1.0, 1.0, (60, 3))
+    time = 0.01 * np.arange(60.0)
+    shown = corrupt(ImuData(time, rate, force), replace(TRUE, gyro_terms=ErrorTerms(g_sensitivity=G_SENSITIVITY)))
+    got = correct(shown, hand_errors(found))
+    rate_sd, force_sd = hand_uncertainty(found).corrected_sd(rate, force)
+    return np.column_stack(((got.gyro - rate) / rate_sd, (got.accel - force) / force_sd))
+
+
 @pytest.mark.parametrize("gyro_noise", [GYRO_NOISE, 0.05 * GYRO_NOISE])
 def test_the_truth_lies_within_the_printed_uncertainty_as_often_as_it_should(gyro_noise: float) -> None:
     """Also where what the gyros' matrix has from the accelerometers outweighs its own noise."""
-    accel, gyro, bias = [], [], []
+    accel, gyro, bias, corrected_data = [], [], [], []
     lower = np.tril_indices(3)
     seeds = 12
     for seed in range(seeds):
@@ -70,6 +82,9 @@ def test_the_truth_lies_within_the_printed_uncertainty_as_often_as_it_should(gyr
         gyro.append(((found.gyro.matrix - TRUE.gyro_matrix) / found.gyro.matrix_sd).ravel())
         bias.append((found.gyro.bias - TRUE.gyro_bias) / found.gyro.bias_sd)
         bias.append(((found.g_sensitivity - G_SENSITIVITY) / found.g_sensitivity_sd).ravel())
+        corrected_data.append(scores_of_corrected(found, np.random.default_rng(seed)))
+    # rates and specific forces, dependent within a seed: their scatter is that of the seeds
+    assert 0.7 < np.sqrt(np.mean(np.square(corrected_data))) < 1.5
     # degrees of freedom: poses less parameters, two components a turn less parameters, poses less four
     for name, scores, freedom in (("accel", accel, 11), ("gyro", gyro, 29), ("rest", bias, 16)):
         z = np.concatenate(scores)

@@ -97,10 +97,15 @@ def poses(
     spans = None if sections is None else _sections(sections)
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
+        from insnav.imu import calibration_to_toml
+        from insnav.io.axes import axes_matrix
         from insnav.io.counts import read_counts
+        from insnav.io.text import plain_text
+        from insnav.lab.effect import minute_effect
+        from insnav.lab.hand import hand_errors, hand_uncertainty
         from insnav.lab.poses import calibrate_poses
         from insnav.lab.six_positions import calibrate_six_positions
-        from insnav.report.poses import calibration_text, poses_facts, poses_sheet, poses_warnings
+        from insnav.report.poses import poses_facts, poses_sheet, poses_warnings
         from insnav.report.sheet import sheet_text, write_sheet
 
         if counts:
@@ -118,13 +123,22 @@ def poses(
             if method is Method.poses
             else calibrate_six_positions(data, g, spans, turn=turn * DEG, counts=counts)
         )
+        stage("navigating")
+        calibrated = hand_uncertainty(found)
+        effects = minute_effect(calibrated)
         stage("writing")
         warnings = poses_warnings(found, data)
         temperature = None if data.temperature is None else float(data.temperature.mean())
         configuration = {"method": method.value, "counts": counts, "gravity_m_s2": g, "gravity": source}
-        facts = poses_facts(found, reading.facts.as_dict(), configuration, warnings)
-        sheet = poses_sheet(found, reading.facts.path, warnings)
-        texts = calibration_text(found, Path(reading.facts.path).stem, temperature)
+        facts = poses_facts(found, effects, reading.facts.as_dict(), configuration, warnings)
+        sheet = poses_sheet(found, calibrated, effects, reading.facts.path, warnings)
+        errors = hand_errors(
+            found,
+            axes=axes_matrix(imu_axes or "FRD"),
+            name=plain_text(Path(reading.facts.path).stem),
+            temperature=temperature,
+        )
+        texts = {"calibration.toml": calibration_to_toml(errors)}
         where = write_sheet(folder, sheet, facts, texts)
     if as_json:
         result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
