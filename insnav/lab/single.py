@@ -24,6 +24,7 @@ from insnav.lab.tumble import USUAL, Tumble, calibrate_tumble
 from insnav.types import FloatArray
 from insnav.units import DEG, UNITS
 
+USUAL_RATES = 10  # ± 10, 20, 40, 60, 80 deg/s
 _OUTPUT = ("output", "voltage", "volts", "u", "signal", "measured")
 RATE_TABLE = (
     Quantity("rate", "rate_deg_s", "rate", "deg/s", ("rate", "tablerate", "angularrate", "omega", "w")),
@@ -144,6 +145,22 @@ def calibrate_accel(record: Record) -> Tumble:
         See `calibrate_tumble`.
     """
     return calibrate_tumble(record.setting, record.output, where=record.table.name)
+
+
+def rate_table_warnings(found: RateTable) -> tuple[str, ...]:
+    """Say what is wrong with a rate table that could still be used."""
+    said = []
+    used = np.unique(found.rate[found.used])
+    left = [item for item in found.dropped if np.isfinite(item.limit) and not item.reason.startswith("outside")]
+    if left:
+        said.append(
+            f"{len(left)} of {found.rate.size} rates were left out: the output has left the straight line there"
+        )
+    if used.size < USUAL_RATES:
+        said.append(f"only {used.size} different rates; {USUAL_RATES} or more are usual")
+    if used[0] >= 0.0 or used[-1] <= 0.0:
+        said.append("one sense of rotation only: a scale factor that differs between the senses is in the zero")
+    return tuple(said)
 
 
 def tumble_warnings(found: Tumble) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from insnav.lab.single import (
     calibrate_gyro,
     carried_over,
     gyro_errors,
+    rate_table_warnings,
     read_record,
     tumble_warnings,
 )
@@ -89,6 +90,17 @@ def test_raw_dwells_are_cleaned_of_drift_and_spikes(tmp_path: Path) -> None:
     assert np.all(np.abs(found.fit.value - [0.2, 0.05]) < 4.0 * found.fit.sd + 1e-6)
     kept = read_record(path, RATE_TABLE, spike_limit=1.0)
     assert calibrate_gyro(kept).fit.value[0] - 0.2 > 1e-3  # the spikes all go one way
+
+
+def test_what_is_unusual_about_a_rate_table_is_told(tmp_path: Path) -> None:
+    usual = calibrate_gyro(published("gyro_rate_table.csv", RATE_TABLE), (-75.0, 75.0))
+    assert rate_table_warnings(usual) == ()
+    (line,) = rate_table_warnings(calibrate_gyro(published("gyro_rate_table.csv", RATE_TABLE)))
+    assert line.startswith("2 of 27 rates were left out")
+    path = table(tmp_path / "x.csv", "rate_deg_s,output_v", RATES[5:], 0.2 + 0.05 * RATES[5:])
+    few, one_sense = rate_table_warnings(calibrate_gyro(read_record(path, RATE_TABLE)))
+    assert "only 6 different rates" in few
+    assert "one sense of rotation only" in one_sense
 
 
 def test_published_tumble() -> None:

@@ -73,7 +73,7 @@ def draw_six_positions(found: SixPositions) -> Figure:
     figure, panels = stacked(
         3,
         "Calibration by six positions: gravity, before and after",
-        "across: what is left is how far the positions were off, and that opposite ones have in common",
+        "bottom: what the positions were off by, seen by the level axes; opposite positions share it",
         height=7.0,
     )
     (before,), (after,), (across,) = panels
