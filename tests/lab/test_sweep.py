@@ -109,7 +109,10 @@ def test_volts_become_lines_of_the_calibration_file(tmp_path: Path) -> None:
     record = read_sweeps(paths)
     assert record.raw
     found = calibrate_sweeps(record.rate, record.output, record.sd, raw=True)
-    errors = sweep_uncertainty(found, record.unit).errors
+    calibrated = sweep_uncertainty(found, record.unit)
+    errors = calibrated.errors
+    # 10 uV of noise by 5 mV/(deg/s), over the root of 183 dwells
+    np.testing.assert_allclose(calibrated.gyro_bias_sd / DEG, 0.002 / np.sqrt(183.0), rtol=0.3)
     assert errors.gyro_raw is not None
     rate = np.array([[30.0, -20.0, 10.0]])
     shown = volts.show(rate, 0.0, rng)
