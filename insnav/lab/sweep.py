@@ -20,12 +20,12 @@ from insnav.lab.effect import Calibrated
 from insnav.lab.fit import Fit, linear_fit
 from insnav.lab.piecewise import Pieces, fit_pieces
 from insnav.lab.rate_table import FEWEST, Dropped
-from insnav.lab.sweep_checks import check_rates, refuse_crossed, saturated, shifted_zeros
+from insnav.lab.sweep_checks import FEWEST_FOR_MAP, check_rates, refuse_crossed, saturated, shifted_zeros
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
 
 NAMES = ("sensitivity to x", "to y", "to z", "bias")
-FEWEST_FOR_MAP = 12  # different rates about an axis
+ROUNDING = 1e-9  # errors of such a share of the largest rate are those of arithmetic
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +242,7 @@ def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
     The dwells of the other sweeps all are at zero, so the error at rest weighs most.
     """
     different, which = np.unique(rate, return_inverse=True)
-    if different.size < FEWEST_FOR_MAP:
+    if different.size < FEWEST_FOR_MAP or np.abs(error).max() < ROUNDING * np.abs(rate).max():
         return None
     count = np.bincount(which).astype(np.float64)
     mean = np.bincount(which, error) / count
@@ -259,8 +259,3 @@ def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
             fix="the gyro is saturated or broken, or the rates of the table are not what the file says",
         ) from None
     return found
-
-
-def many_rates(found: SweepCalibration) -> Sequence[bool]:
-    """Whether the sweep about x, y, z has enough rates to show what is left over the rate."""
-    return [np.unique(found.rate[rows, axis]).size >= FEWEST_FOR_MAP for axis, rows in enumerate(found.own)]

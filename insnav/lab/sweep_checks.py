@@ -13,6 +13,7 @@ from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
 
 USUAL = 31  # rates about an axis, from which pieces can be told from noise
+FEWEST_FOR_MAP = 12  # with fewer no pieces are sought
 MOST_CROSSED = 0.3  # of the rate about another axis, over that about its own
 WRONG_UNIT = 0.25  # scale factor error that no gyro has
 FLAT = 0.5  # of its usual slope: a gyro that grows less with the rate is saturated
@@ -57,7 +58,12 @@ def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[
                 "differs between the senses cannot be told apart",
                 fix="sweep through zero",
             )
-        if different.size < USUAL:
+        if different.size < FEWEST_FOR_MAP:
+            said.append(
+                f"the sweep about {axis} has {different.size} rates, too few to see what the matrix leaves over the "
+                "rate: nothing of that is compensated"
+            )
+        elif different.size < USUAL:
             said.append(
                 f"the sweep about {axis} has {different.size} rates; with fewer than {USUAL} what the matrix leaves is "
                 "hardly told from noise"
@@ -109,7 +115,7 @@ def saturated(rate: FloatArray, output: FloatArray, sd: FloatArray) -> tuple[Boo
         lost |= sense * rate >= first
         for value in different[sense * different >= first]:
             short = float(mean[different == value][0] - _extended(different, mean, sense * first, sense, float(value)))
-            reason = f"saturated: from {sense * first:+g} deg/s on the output grows less than half as much as elsewhere"
+            reason = "saturated: the output grows less than half as much with the rate as elsewhere"
             dropped.append(Dropped(float(value), short, float("nan"), reason))
     return lost, tuple(sorted(dropped, key=lambda item: item.rate))
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from insnav.lab.effect import Calibrated, Effect
-from insnav.lab.sweep import SweepCalibration, many_rates, rms
+from insnav.lab.sweep import SweepCalibration, rms
 from insnav.lab.sweep_files import SweepRecord
 from insnav.report.calibration import (
     Parameter,
@@ -59,26 +59,16 @@ def sweep_report(
         *record.warnings,
         *found.warnings,
         *condition_warnings(fits),
-        *(
-            f"gyro {axis}: too few rates about its axis to see what the matrix leaves; no compensation was made"
-            for axis, many in zip(AXES, many_rates(found), strict=True)
-            if not many
-        ),
     )
-    dropped = [
-        f"gyro {AXES[axis]} leaves out {item.rate:+g} deg/s: {item.reason}; "
-        f"{number(item.residual / (1.0 if record.raw else DEG))} {unit} off a straight line through the others"
-        for axis, item in found.dropped
-    ]
+    dropped = _dropped(found)
     stages = (rms(found.error_line), rms(found.error_matrix), rms(found.error_map))
     summary = [
         f"Rate error, RMS over all dwells: {number(stages[0] / DEG)} deg/s by one line a gyro, "
-        f"{number(stages[1] / DEG)} deg/s by the matrix, {number(stages[2] / DEG)} deg/s with the piecewise "
-        f"compensation too{_gain(stages[1], stages[2])}.",
+        f"{number(stages[1] / DEG)} deg/s by the matrix, {_gain(found, stages)}.",
         *dropped,
     ]
     if dropped:
-        warnings = (f"{len(dropped)} saturated dwells were left out", *warnings)
+        warnings = (f"{len(found.dropped)} rates were left out, at which a gyro is saturated", *warnings)
     with drawing():
         figure = draw_sweeps(found)
     scale = 1.0 if record.raw else 1.0 / DEG
@@ -129,8 +119,26 @@ def sweep_report(
     return sheet, facts
 
 
-def _gain(before: float, after: float) -> str:
-    return f", {number(before / after, 2)} times smaller" if 0.0 < after < before else ""
+def _dropped(found: SweepCalibration) -> list[str]:
+    """What was left out, gyro by gyro and end by end."""
+    said = []
+    for i, axis in enumerate(AXES):
+        for sense in (-1.0, 1.0):
+            rates = [item.rate for gyro, item in found.dropped if gyro == i and sense * item.rate > 0.0]
+            if rates:
+                first, last = min(rates, key=abs), max(rates, key=abs)
+                reason = next(item.reason for gyro, item in found.dropped if gyro == i and item.rate == first)
+                span = f"{first:+g}" + (f" to {last:+g}" if last != first else "")
+                said.append(f"gyro {axis} leaves out {span} deg/s: {reason}")
+    return said
+
+
+def _gain(found: SweepCalibration, stages: Sequence[float]) -> str:
+    if all(item is None for item in found.pieces):
+        return "which leaves nothing that a piecewise compensation could take off"
+    _, before, after = stages
+    less = f", {number(before / after, 2)} times smaller" if 0.0 < after < before else ""
+    return f"{number(after / DEG)} deg/s with the piecewise compensation too{less}"
 
 
 def _words(found: SweepCalibration) -> str:

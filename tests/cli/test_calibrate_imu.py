@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.imu import load_calibration
+from insnav.imu import corrupt, load_calibration
 from insnav.io.folder import verify_folder
-from tests.cli.conftest import Cli
+from insnav.types import ImuData
+from tests.cli.conftest import QUICK, Cli
 from tests.lab.sweeps import asymmetric, cubic, gyros, straight, write
 
 
@@ -47,6 +48,24 @@ def test_sweeps_on_the_terminal_and_in_the_folder(bench: Path, cli: Cli) -> None
     assert facts["rate_error_deg_s"]["map"] < 0.2 * facts["rate_error_deg_s"]["matrix"]
     assert set(facts["pieces"]) == {"x", "z"}
     assert all(item["with_m"] < 0.2 * item["without_m"] for item in facts["minute"])
+
+
+def test_run_takes_the_file_with_its_pieces(bench: Path, drive: Path, cli: Cli) -> None:
+    """A drive as gyros of such a matrix and shape show it, run with the calibration, ends where the true one does."""
+    shown = cli("calibrate", "imu", *(bench / name for name in FILES))
+    assert shown.code == 0, shown.err
+    known = load_calibration("calibration/calibration.toml")
+    rows = np.genfromtxt("imu.csv", delimiter=",", skip_header=1)
+    header = Path("imu.csv").read_text().split("\n", 1)[0]
+    bent = corrupt(ImuData(rows[:, 0], rows[:, 1:4], rows[:, 4:7]), known)
+    rows[:, 1:4] = bent.gyro
+    np.savetxt("bent.csv", rows, "%.12g", ",", header=header, comments="")
+    ends = []
+    for arguments in (QUICK, ("bent.csv", *QUICK[1:], "--calibration", "calibration/calibration.toml")):
+        shown = cli("run", *arguments, "--out", "run", "--force")
+        assert shown.code == 0, shown.err
+        ends.append(np.genfromtxt("run/solution.csv", delimiter=",", skip_header=1)[-1, :7])
+    np.testing.assert_allclose(ends[1], ends[0], rtol=1e-6, atol=1e-3)
 
 
 def test_json_is_the_same_as_the_file(bench: Path, cli: Cli) -> None:

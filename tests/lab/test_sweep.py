@@ -98,6 +98,15 @@ def test_saturated_rates_are_found_and_only_they() -> None:
     np.testing.assert_allclose(found.matrix, sensor.matrix, atol=2e-3)
 
 
+def test_perfect_gyros_get_no_pieces_and_few_rates_are_told() -> None:
+    rng = np.random.default_rng(11)
+    perfect = Gyros(np.eye(3), np.zeros(3), (straight,) * 3)
+    assert solve(perfect, rng, noise=0.0).pieces == (None, None, None)
+    found = solve(gyros(rng, (cubic,) * 3), rng, rates=RATES[::10])
+    assert found.pieces == (None, None, None)
+    assert [line.split(",")[0] for line in found.warnings] == [f"the sweep about {axis} has 7 rates" for axis in "xyz"]
+
+
 def test_volts_become_lines_of_the_calibration_file(tmp_path: Path) -> None:
     rng = np.random.default_rng(7)
     sensor = gyros(rng)
