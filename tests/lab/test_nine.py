@@ -30,7 +30,7 @@ def true_gyro(modules: Modules) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("positions", "seeds"), [(NINE, SEEDS), (np.vstack((NINE, UPRIGHT)), SEEDS // 3)], ids=["nine", "nine and upright"]
+    ("positions", "seeds"), [(NINE, SEEDS), (np.vstack((NINE, UPRIGHT)), SEEDS // 2)], ids=["nine", "nine and upright"]
 )
 def test_everything_is_recovered_within_the_printed_interval(positions: np.ndarray, seeds: int) -> None:
     rng = np.random.default_rng(1)
@@ -45,7 +45,8 @@ def test_everything_is_recovered_within_the_printed_interval(positions: np.ndarr
         inside["gyro"].append((np.abs(error) < found.half_width(found.gyro_matrix_sd, first_order=True))[OFF])
     for name, hits in inside.items():
         share = np.mean(hits, axis=0)
-        assert np.mean(share) == pytest.approx(0.95, abs=0.025), name  # neither too narrow nor too wide
+        # neither too narrow nor too wide; the mean scatters with the number of seeds
+        assert np.mean(share) == pytest.approx(0.95, abs=0.025 * np.sqrt(SEEDS / seeds)), name
         assert share.min() > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / seeds), name
 
 
