@@ -22,8 +22,9 @@ from insnav.lab.rate_table import RateTable, calibrate_rate_table
 from insnav.lab.tables import BenchTable, read_bench
 from insnav.lab.tumble import USUAL, Tumble, calibrate_tumble
 from insnav.types import FloatArray
-from insnav.units import DEG, UNITS
+from insnav.units import DEG, G0, UNITS
 
+WRONG_UNIT = 0.25  # scale factor error that no sensor with a digital output has
 USUAL_RATES = 10  # ± 10, 20, 40, 60, 80 deg/s
 _OUTPUT = ("output", "voltage", "volts", "u", "signal", "measured")
 RATE_TABLE = (
@@ -124,11 +125,13 @@ def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> R
     Raises
     ------
     InputError
-        See `calibrate_rate_table`.
+        See `calibrate_rate_table`; or a digital output in another unit than its column says.
     """
     # the table's rates are round numbers in deg/s: keep them so
     rate = np.round(record.setting / DEG, 9)
-    return calibrate_rate_table(rate, record.output, keep, where=record.table.name)
+    found = calibrate_rate_table(rate, record.output, keep, where=record.table.name)
+    _refuse_unit(record, float(found.fit.value[1]))
+    return found
 
 
 def calibrate_accel(record: Record) -> Tumble:
@@ -142,9 +145,22 @@ def calibrate_accel(record: Record) -> Tumble:
     Raises
     ------
     InputError
-        See `calibrate_tumble`.
+        See `calibrate_tumble`; or a digital output in another unit than its column says.
     """
-    return calibrate_tumble(record.setting, record.output, where=record.table.name)
+    found = calibrate_tumble(record.setting, record.output, where=record.table.name)
+    _refuse_unit(record, float(found.fit.value[1]) / G0)
+    return found
+
+
+def _refuse_unit(record: Record, scale: float) -> None:
+    """Refuse a digital output that is not in the unit of its column; volts and counts may have any scale."""
+    if not record.raw and abs(scale - 1.0) > WRONG_UNIT:
+        raise InputError(
+            "the output is not in the unit of its column",
+            where=record.table.name,
+            why=f"its scale factor comes out as {scale:.4g}, for {record.unit}",
+            fix="turn the sign of the table or of the sensor" if scale < 0.0 else "check the units in the headers",
+        )
 
 
 def rate_table_warnings(found: RateTable) -> tuple[str, ...]:

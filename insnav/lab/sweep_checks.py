@@ -9,13 +9,13 @@ import numpy as np
 from insnav.exceptions import InputError
 from insnav.lab.fit import Fit
 from insnav.lab.rate_table import FEWEST, Dropped
+from insnav.lab.single import WRONG_UNIT
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
 
 USUAL = 31  # rates about an axis, from which pieces can be told from noise
 FEWEST_FOR_MAP = 12  # with fewer no pieces are sought
 MOST_CROSSED = 0.3  # of the rate about another axis, over that about its own
-WRONG_UNIT = 0.25  # scale factor error that no gyro has
 FLAT = 0.5  # of its usual slope: a gyro that grows less with the rate is saturated
 _SURE = 4.0  # standard deviations
 

@@ -163,6 +163,8 @@ def test_both_triads_fit_into_one_file(tmp_path: Path) -> None:
         ("output_v,rate_deg_s", (RATES, 0.2137 + 0.04877 * RATES), "seem to be exchanged"),
         ("rate_deg_s,output", (RATES, RATES), "no unit"),
         ("rate_deg_s,output_m", (RATES, RATES), "no column for output"),
+        ("rate_deg_s,output_deg_s", (RATES, np.radians(RATES)), "not in the unit of its column"),
+        ("rate_deg_s,output_deg_s", (RATES, -RATES), "turn the sign"),
         ("rate_deg_s,output_v", (RATES[:4], RATES[:4]), "too few rates"),
         ("rate_deg_s,output_v", (RATES, 0.01 * np.cos(RATES)), "does not follow the rate"),
         ("rate_deg_s,output_v", (RATES, np.where(RATES == 20.0, np.nan, RATES)), "a value is missing"),
@@ -184,6 +186,7 @@ VOLTS = 2.0 * np.sin(np.radians(ANGLES))
         ("angle_deg,output_v", (np.radians(ANGLES), VOLTS), "these angles are not degrees"),
         ("output_v,angle_deg", (ANGLES, VOLTS), "not degrees"),
         ("angle_deg,output_v", (ANGLES, np.cos(np.radians(ANGLES))), "does not follow gravity"),
+        ("angle_deg,output_m_s2", (ANGLES, np.sin(np.radians(ANGLES))), "not in the unit of its column"),
         ("angle_deg,output_v", (ANGLES[::3], VOLTS[::3]), "too few positions"),
     ],
 )

@@ -10,7 +10,7 @@ from insnav.cli.help import GroupedCommand
 SHORT_HELP = "Bench data to a calibration file: gyro, accel, imu, nine, poses, rotor."
 HELP = """Bench data to a calibration file, with the uncertainty of everything in it.
 
-Every method writes a folder with calibration.toml, for insnav run --calibration, and report.html.
+Every method writes a folder with report.html and, but for rotor, calibration.toml for insnav run --calibration.
 """
 
 app = typer.Typer(

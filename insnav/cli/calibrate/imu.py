@@ -18,7 +18,7 @@ HELP = """Full matrix and bias of three gyros from rate sweeps about three axes,
 Three files, the table turned about x, about y, about z, each with rate_deg_s and the outputs of all three gyros,
 gyro_x_deg_s, gyro_y_deg_s, gyro_z_deg_s (or gyro_x_v, gyro_x_lsb …); or one file with rate_x_deg_s, rate_y_deg_s,
 rate_z_deg_s. One row a dwell, or all its samples in successive rows, for example -300 to 300 deg/s in steps of 10.
-Saturated rates are found and left out; so are the borders of the pieces found.
+Saturated rates are found and left out, and the borders of the pieces are found.
 
 \b
 Examples:
