@@ -42,7 +42,13 @@ def test_modules_are_recovered(
     biases = facts["parameters"][:6]
     for item, true in zip(biases, modules.bias, strict=True):
         assert item["value"] * 9.80665e-3 == pytest.approx(true, abs=5.0 * item["sd"] * 9.80665e-3)
-    for words in ("first order", "symmetric", "carries the scale of the accelerometers", "itself it would double"):
+    for words in (
+        "first order",
+        "symmetric",
+        "carries the scale of the accelerometers",
+        "itself it would double",
+        "Corrected data",
+    ):
         assert words in shown.out
     assert ("extreme positions" in shown.out) == (samples > 1)
 
