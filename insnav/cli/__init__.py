@@ -10,7 +10,7 @@ from typing import Any
 import typer
 from typer.main import get_command
 
-from insnav.cli import align, compare, outage, platform_command, run, signals, simulate, verify
+from insnav.cli import align, calibrate, compare, outage, platform_command, run, signals, simulate, verify
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand
 
@@ -43,6 +43,7 @@ for _module, _command in (
     (verify, verify.verify),
 ):
     app.command(_command.__name__, cls=GroupedCommand, help=_module.HELP, short_help=_module.SHORT_HELP)(_command)
+app.add_typer(calibrate.app, name="calibrate", help=calibrate.HELP, short_help=calibrate.SHORT_HELP)
 
 
 def _version(value: bool) -> None:

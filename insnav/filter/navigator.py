@@ -165,11 +165,12 @@ class Navigator:
                 self._next += 1
                 continue
             k = self._run(inc, hole, k, int(i) + 1, True, out)
-            self._update(inc.time[i], out)
+            self._update(inc.time[i])
             row = int(self._fix[self._next])
             if self._gps.heading is not None:
                 self._helper.steer(inc.time[i], float(self._gps.heading[row]))
             self._helper.use(inc.time[i])
+            self._show(inc.time[i], out)
             if row in self._marks:
                 self.kept[row] = self._estimate.kept(inc.time[i])
             self._next += 1
@@ -186,10 +187,11 @@ class Navigator:
             if estimate.span[0] >= self._coast - 1e-9 and not (close and k == last):
                 estimate.predict(inc.time[k - 1])
                 self._helper.use(inc.time[k - 1])
+                self._show(inc.time[k - 1], out)
         out.delay[begin : out.used] = estimate.delay
         return k
 
-    def _update(self, time: float, out: Record.Rows) -> None:
+    def _update(self, time: float) -> None:
         estimate = self._estimate
         estimate.predict(time)
         row = self._fix[self._next]
@@ -226,10 +228,13 @@ class Navigator:
         elif quality is None:
             self._consider_reset(time, row)
         self._note_fix(time, nis, use)
+
+    def _show(self, time: float, out: Record.Rows) -> None:
+        """Let the row of the solution at an epoch, if there is one, hold what came of its measurements."""
         if out.used and out.time[out.used - 1] >= time - strapdown.TIME_TOLERANCE:
-            p = estimate.covariance
-            out.state[out.used - 1] = estimate.x
-            out.delay[out.used - 1] = estimate.delay
+            p = self._estimate.covariance
+            out.state[out.used - 1] = self._estimate.x
+            out.delay[out.used - 1] = self._estimate.delay
             variance = out.variance[out.used - 1]
             variance[:9] = p.diagonal()[:9]
             variance[9], variance[10], variance[11] = p[6, 7], p[6, 8], p[7, 8]

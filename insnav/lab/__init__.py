@@ -1,0 +1,1 @@
+"""The bench: from what is measured in the laboratory to known errors of sensors, each with its uncertainty."""
