@@ -1,0 +1,1 @@
+"""The inertial laboratory: bench data to calibrations and noise models."""
