@@ -143,9 +143,7 @@ def _refuse_short(count: int, what: str) -> None:
         )
 
 
-def _filled(
-    values: FloatArray, time: FloatArray, after: IntArray, lost: IntArray
-) -> tuple[FloatArray, FloatArray]:
+def _filled(values: FloatArray, time: FloatArray, after: IntArray, lost: IntArray) -> tuple[FloatArray, FloatArray]:
     """Samples and times with straight lines over the holes before rows `after`."""
     place = np.arange(time.size, dtype=np.float64)
     place += np.cumsum(np.bincount(after, lost, time.size))
@@ -154,9 +152,7 @@ def _filled(
     return np.column_stack(columns), np.interp(every, place, time)
 
 
-def averaging_factors(
-    n: int, interval: float, taus: Sequence[float] | Literal["log", "octave"] = "log"
-) -> IntArray:
+def averaging_factors(n: int, interval: float, taus: Sequence[float] | Literal["log", "octave"] = "log") -> IntArray:
     """Averaging times in samples.
 
     Parameters
@@ -192,7 +188,9 @@ def averaging_factors(
     return np.unique(factors.astype(np.int64))
 
 
-def allan_deviation(values: FloatArray, interval: float, factors: IntArray, workers: int | None = None) -> AllanDeviation:
+def allan_deviation(
+    values: FloatArray, interval: float, factors: IntArray, workers: int | None = None
+) -> AllanDeviation:
     """Compute the overlapping Allan deviation of each column.
 
     Parameters
