@@ -10,7 +10,7 @@ from typing import Any
 import typer
 from typer.main import get_command
 
-from insnav.cli import align, compare, outage, run, signals
+from insnav.cli import align, allan, compare, outage, run, signals
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand
 
@@ -33,7 +33,13 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-for _module, _command in ((run, run.run), (align, align.align), (compare, compare.compare), (outage, outage.outage)):
+for _module, _command in (
+    (run, run.run),
+    (align, align.align),
+    (compare, compare.compare),
+    (outage, outage.outage),
+    (allan, allan.allan),
+):
     app.command(_command.__name__, cls=GroupedCommand, help=_module.HELP, short_help=_module.SHORT_HELP)(_command)
 
 

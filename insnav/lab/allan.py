@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -81,6 +81,39 @@ class AllanDeviation:
     interval: float
 
 
+def between(imu: ImuData, start: float, end: float) -> ImuData:
+    """Cut a part out of a record.
+
+    Parameters
+    ----------
+    imu : ImuData
+    start, end : float
+        Both included [s].
+
+    Raises
+    ------
+    InputError
+        Hardly a sample in it.
+    """
+    kept = (imu.time >= start) & (imu.time <= end)
+    if np.count_nonzero(kept) < 2:
+        raise InputError(
+            "there are no samples in that part of the record",
+            where=f"{start:g} s to {end:g} s",
+            why=f"the record goes from {imu.time[0]:.3f} s to {imu.time[-1]:.3f} s",
+            fix="give times of the record",
+        )
+    return replace(
+        imu,
+        time=imu.time[kept],
+        gyro=imu.gyro[kept],
+        accel=imu.accel[kept],
+        temperature=None if imu.temperature is None else imu.temperature[kept],
+        odometer=None if imu.odometer is None else imu.odometer[kept],
+        baro=None if imu.baro is None else imu.baro[kept],
+    )
+
+
 def even_record(imu: ImuData) -> EvenRecord:
     """Bring a record to even steps, as the Allan deviation needs it.
 
@@ -119,8 +152,9 @@ def even_record(imu: ImuData) -> EvenRecord:
             longest = int(np.argmax(np.diff(edges)))
             part = slice(int(edges[longest]), int(edges[longest + 1]))
             notes.append(
-                f"the record has {after.size} gaps: only its longest stretch without one is used, "
-                f"{time[part][0]:.2f} s to {time[part][-1]:.2f} s, {np.diff(edges).max() / time.size:.0%} of the samples"
+                f"the record has {after.size} gaps: its longest stretch without one is used, "
+                f"{time[part][0]:.2f} s to {time[part][-1]:.2f} s, "
+                f"{np.diff(edges).max() / time.size:.0%} of the samples"
             )
             values, time = values[part], time[part]
             _refuse_short(time.size, "the longest stretch without a gap")
@@ -220,7 +254,7 @@ def allan_deviation(
 
     with ThreadPoolExecutor(min(count, workers or os.cpu_count() or 1)) as pool:
         list(pool.map(one, range(count)))
-    return AllanDeviation(factors * interval, factors, deviation, n, interval)
+    return AllanDeviation(np.asarray(factors * interval, dtype=np.float64), factors, deviation, n, interval)
 
 
 def smallest_step(values: FloatArray) -> FloatArray:

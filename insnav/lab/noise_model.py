@@ -1,7 +1,7 @@
 """Noise coefficients from Allan deviations: which noises a record shows, how large, how sure.
 
-``sigma^2 = 3 Q^2 / tau^2 + N^2 / tau + (2 ln 2 / pi) B^2 + K^2 tau / 3 + R^2 tau^2 / 2`` (IEEE Std 952-1997, annex C). A
-first-order Gauss-Markov process may stand in the place of the bias instability B: most bias models of filters and
+``sigma^2 = 3 Q^2 / tau^2 + N^2 / tau + (2 ln 2 / pi) B^2 + K^2 tau / 3 + R^2 tau^2 / 2`` (IEEE Std 952-1997, annex C).
+A first-order Gauss-Markov process may stand in the place of the bias instability B: most bias models of filters and
 simulations are one, and its Allan variance rises and falls again where B's is flat.
 
 The variances at different times come from the same samples and are strongly correlated: the squares of the
@@ -14,10 +14,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import brentq, minimize_scalar, nnls
 from scipy.stats import chi2
 
@@ -30,13 +28,13 @@ B_FACTOR = math.sqrt(2.0 * math.log(2.0) / math.pi)  # floor of the Allan deviat
 FITTED_PART = 6  # the fit ends at this part of the record: beyond it variances are too few squares to be near Gaussian
 PER_DECADE = 4  # points of the fit: more say nothing new, as neighbours share their samples
 SIGNIFICANT = 6.63  # chi-square of one coefficient at 1 %
-ROUNDS = 6
+ROUNDS, FEW_ROUNDS = 4, 2
 FEWEST_FREEDOM = 0.5  # fewer say no more than that nothing is known
 LARGEST_MISFIT = 1.0
 NEGLIGIBLE = 1e-4  # relative error of a variance that cannot matter
 SINGULAR = 1e-4  # smallest eigenvalue of a correlation matrix that is taken seriously
 SHORTEST = 10.0  # correlation time of a bias, at least [samples]
-TIMES_PER_DECADE = 12  # correlation times tried
+TIMES_PER_DECADE = 5  # correlation times tried
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +197,31 @@ def _chosen(allan: AllanDeviation) -> IntArray:
     return np.unique([int(np.argmin(np.abs(np.log(tau / each)))) for each in wanted])
 
 
+@dataclass(frozen=True, slots=True)
+class _Weights:
+    """Inverse of a root of a covariance, and the logarithm of its determinant."""
+
+    inverse: FloatArray
+    logarithm: float
+
+    @classmethod
+    def of(cls, own: FloatArray, misfit: FloatArray) -> _Weights:
+        """Of a covariance and the standard deviations of a misfit."""
+        size = np.sqrt(np.diag(own) + misfit**2)
+        value, vector = np.linalg.eigh((own + np.diag(misfit**2)) / np.outer(size, size))
+        value = np.maximum(value, SINGULAR)  # what is left of rounding and quadrature
+        # any root will do: here that of the eigenvectors
+        return cls((vector / np.sqrt(value)).T / size, float(np.log(value).sum() + 2.0 * np.log(size).sum()))
+
+    def chi(self, left: FloatArray) -> float:
+        """Chi-square of what is left over."""
+        return float(np.sum((self.inverse @ left) ** 2))
+
+    def likelihood(self, seen: FloatArray, model: FloatArray) -> float:
+        """Minus twice the logarithm of the likelihood, up to a constant."""
+        return self.chi(seen - model) + self.logarithm
+
+
 class _Fitter:
     """Generalised least squares on the chosen times of one axis."""
 
@@ -217,57 +240,65 @@ class _Fitter:
 
     def fit(self, allowed: BoolArray) -> _Fit:
         """Fit, find the misfit, drop what is not significant."""
-        squares, time = self._start(allowed)
-        for _ in range(ROUNDS):
-            squares, time = self._solve(allowed, self._factor(squares, time), time)
-        spare = self.tau.size - np.count_nonzero(squares) - (squares[4] > 0.0)
-        if spare > 0 and self._excess(squares, time, spare, 0.0) > 0.0:
-            # some misfit explains what is left over; the weights change with it, so go round again
-            for _ in range(ROUNDS):
-                top = self._excess(squares, time, spare, LARGEST_MISFIT)
-                if top > 0.0:
-                    self.misfit = LARGEST_MISFIT
-                elif self._excess(squares, time, spare, 0.0) > 0.0:
-                    excess = partial(self._excess, squares, time, spare)
-                    self.misfit = float(brentq(excess, 0.0, LARGEST_MISFIT, xtol=1e-4))
-                else:
-                    self.misfit = 0.0
-                squares, time = self._solve(allowed, self._factor(squares, time), time)
+        squares, time = self._again(allowed, *self._start(allowed), ROUNDS)
+        for _ in range(ROUNDS):  # the weights change with the misfit, and the fit with the weights
+            if not self._find_misfit(squares, time):
+                break
+            squares, time = self._again(allowed, squares, time, 1)
         while True:
             kept = squares > 0.0
-            worst, least = -1, SIGNIFICANT
-            factor = self._factor(squares, time)
-            full = self._chi(factor, squares, time)
+            full = self._weights(squares, time).likelihood(self.seen, self._basis(time) @ squares)
+            fewer = []
             for index in np.flatnonzero(kept):
-                fewer = kept.copy()
-                fewer[index] = False
-                gain = self._chi(factor, *self._solve(fewer, factor, time)) - full if fewer.any() else math.inf
-                if gain < least:
-                    worst, least = int(index), gain
-            if worst < 0:
+                without = kept.copy()
+                without[index] = False
+                if without.any():
+                    found = self._again(without, *self._solve(without, self._weights(squares, time), time), FEW_ROUNDS)
+                    gain = self._weights(*found).likelihood(self.seen, self._basis(found[1]) @ found[0]) - full
+                    fewer.append((gain, found))
+            gain, found = min(fewer, key=lambda each: each[0], default=(math.inf, (squares, time)))
+            if not gain < SIGNIFICANT:
                 break
-            kept[worst] = False
-            for _ in range(ROUNDS):
-                squares, time = self._solve(kept, self._factor(squares, time), time)
-        if squares[4] == 0.0:
-            time = math.inf
-        return self._result(squares, time)
+            squares, time = self._again(found[0] > 0.0, *found, ROUNDS)
+        return self._result(squares, time if squares[4] > 0.0 else math.inf)
+
+    def _again(self, allowed: BoolArray, squares: FloatArray, time: float, rounds: int) -> tuple[FloatArray, float]:
+        """Fit with the weights of the fit before."""
+        for _ in range(rounds):
+            squares, time = self._solve(allowed, self._weights(squares, time), time)
+        return squares, time
+
+    def _find_misfit(self, squares: FloatArray, time: float) -> bool:
+        """Set the misfit so that chi-square is what chance explains; whether there is any."""
+        spare = self.tau.size - np.count_nonzero(squares) - (squares[4] > 0.0)
+        own, model = self._own(squares, time), self._basis(time) @ squares
+
+        def excess(misfit: float) -> float:
+            return _Weights.of(own, misfit * model).chi(self.seen - model) - float(spare)
+
+        if spare <= 0 or (self.misfit == 0.0 and excess(0.0) + spare < chi2.ppf(0.99, spare)):
+            return False
+        if excess(LARGEST_MISFIT) > 0.0:
+            self.misfit = LARGEST_MISFIT
+        else:
+            self.misfit = 0.0 if excess(0.0) <= 0.0 else float(brentq(excess, 0.0, LARGEST_MISFIT, xtol=1e-3))
+        return True
 
     def _result(self, squares: FloatArray, time: float) -> _Fit:
-        factor = self._factor(squares, time)
+        weights = self._weights(squares, time)
         columns = self._basis(time)[:, squares > 0.0]
         if squares[4] > 0.0:  # and how the curve changes with the logarithm of the correlation time
             step = 1e-3
             slope = (self._basis(time * (1 + step)) - self._basis(time * (1 - step)))[:, 4] / (2.0 * step) * squares[4]
             columns = np.column_stack([columns, slope])
-        white = solve_triangular(factor, columns, lower=True)
+        white = weights.inverse @ columns
         scale = np.linalg.norm(white, axis=0)
         spread = np.linalg.pinv((white / scale).T @ (white / scale)) / np.outer(scale, scale)
         units = np.full(columns.shape[1], self.size)
         if squares[4] > 0.0:
             units[-1] = 1.0
         count = columns.shape[1]
-        likelihood = self._chi(factor, squares, time) + 2.0 * float(np.log(np.diag(factor)).sum()) + 2.0 * count
+        likelihood = weights.likelihood(self.seen, self._basis(time) @ squares) + 2.0 * count
         return _Fit(squares * self.size, time, likelihood, spread * np.outer(units, units), self.misfit)
 
     def _basis(self, time: float) -> FloatArray:
@@ -275,10 +306,11 @@ class _Fitter:
 
     def _start(self, allowed: BoolArray) -> tuple[FloatArray, float]:
         """With errors as large as the values, which lets every part of the curve speak."""
-        return self._solve(allowed, np.diag(self.seen), float(self.times[self.times.size // 2]), every=True)
+        middle = float(self.times[self.times.size // 2])
+        return self._solve(allowed, _Weights(np.diag(1.0 / self.seen), 0.0), middle)
 
-    def _factor(self, squares: FloatArray, time: float, misfit: float | None = None) -> FloatArray:
-        """Lower triangular root of the covariance of what was seen, if the model holds."""
+    def _own(self, squares: FloatArray, time: float) -> FloatArray:
+        """Covariance of what was seen, if the model holds."""
         own = covariance(self.factors, self.allan.n, self.allan.interval, squares[:5], time)
         each = self._basis(time) * squares
         model = each.sum(axis=1)
@@ -288,29 +320,17 @@ class _Fitter:
         random = float((basis(np.array([half]), time if math.isfinite(time) else 1.0)[0] * squares)[:5].sum())
         slope = math.sqrt(2.0 * squares[5] * random) / half * self.tau**2
         own += np.outer(slope, slope)
-        own += np.diag((self.misfit if misfit is None else misfit) ** 2 * model**2 + (NEGLIGIBLE * model) ** 2)
-        size = np.sqrt(np.diag(own))
-        value, vector = np.linalg.eigh(own / np.outer(size, size))
-        own = (vector * np.maximum(value, SINGULAR)) @ vector.T  # what is left of rounding and quadrature
-        return np.asarray(size[:, None] * cholesky(own, lower=True))
+        return np.asarray(own + np.diag((NEGLIGIBLE * model) ** 2))
 
-    def _chi(self, factor: FloatArray, squares: FloatArray, time: float) -> float:
-        left = self.seen - self._basis(time) @ squares
-        return float(np.sum(solve_triangular(factor, left, lower=True) ** 2))
+    def _weights(self, squares: FloatArray, time: float) -> _Weights:
+        return _Weights.of(self._own(squares, time), self.misfit * (self._basis(time) @ squares))
 
-    def _excess(self, squares: FloatArray, time: float, spare: int, misfit: float) -> float:
-        """Chi-square beyond what chance explains; with a misfit, beyond its mean."""
-        limit = chi2.ppf(0.99, spare) if misfit == 0.0 else spare
-        return self._chi(self._factor(squares, time, misfit), squares, time) - float(limit)
-
-    def _solve(
-        self, allowed: BoolArray, factor: FloatArray, time: float, *, every: bool = False
-    ) -> tuple[FloatArray, float]:
+    def _solve(self, allowed: BoolArray, weights: _Weights, time: float) -> tuple[FloatArray, float]:
         """Squares, none negative, and correlation time of least chi-square."""
-        seen = solve_triangular(factor, self.seen, lower=True)
+        seen = weights.inverse @ self.seen
 
         def at(time: float) -> tuple[float, FloatArray]:
-            white = solve_triangular(factor, self._basis(time)[:, allowed], lower=True)
+            white = weights.inverse @ self._basis(time)[:, allowed]
             scale = np.linalg.norm(white, axis=0)
             part, left = nnls(white / scale, seen)
             squares = np.zeros(6)

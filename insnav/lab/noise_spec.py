@@ -156,7 +156,7 @@ def _process(allan: AllanDeviation, column: int, model: NoiseModel) -> tuple[flo
     return (
         floor.value / PEAK,
         floor.tau / PEAK_TIME,
-        f"the deviation still falls at {floor.tau:.3g} s: bias instability is an upper bound, as if the floor were there",
+        f"the deviation still falls at {floor.tau:.3g} s: bias instability is a bound, as if that were the floor",
     )
 
 
@@ -199,4 +199,4 @@ def temperature_correlation(values: FloatArray, temperature: FloatArray, bins: i
     size = np.linalg.norm(parts, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         correlation = parts[:, :-1].T @ parts[:, -1] / (size[:-1] * size[-1])
-    return np.nan_to_num(correlation)
+    return np.asarray(np.nan_to_num(correlation))

@@ -124,7 +124,7 @@ def _of_record(imu: ImuData, record: EvenRecord) -> list[str]:
     for column in coarse:
         white = white_of_steps(float(steps[column]), record.interval)
         said.append(
-            f"{AXES[column]} is coarsely quantised: one step is {steps[column] / scatter[column]:.1f} times the scatter "
+            f"{AXES[column]} is coarse: one step is {steps[column] / scatter[column]:.1f} times the scatter "
             f"of the samples and alone makes a random walk of {_random_walk(white, int(column))}"
         )
     if imu.temperature is not None:
@@ -149,7 +149,8 @@ def _of_models(
     said = []
     if short:
         said.append(
-            f"too short for the bias instability of {', '.join(short)}: after {record.length:.4g} s the deviation still falls"
+            f"too short for the bias instability of {', '.join(short)}: the deviation still falls at the end of "
+            f"{record.length:.4g} s"
         )
     for i, model in enumerate(models):
         if model is None:
