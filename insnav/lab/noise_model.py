@@ -149,7 +149,8 @@ def fit_noise(allan: AllanDeviation, column: int = 0, terms: str = "QNBKRG", con
             allowed = np.array([name[0] in terms and name not in ("B", "GM") for name in NAMES])
             allowed[NAMES.index("B" if family == "B" else "GM")] = family in terms
             fits.append(_Fitter(allan, column, rows).fit(allowed))
-    best = min(fits, key=lambda fit: fit.likelihood)
+    # a bump must earn its two parameters: short of that a flat floor, or a walk, says as much
+    best = fits[1] if len(fits) > 1 and fits[1].likelihood + SIGNIFICANT < fits[0].likelihood else fits[0]
     time = best.time
     sd = math.sqrt(best.spread[-1, -1]) * time if math.isfinite(time) else 0.0
     nothing = np.empty(0)
@@ -174,7 +175,7 @@ def evaluated(model: NoiseModel, allan: AllanDeviation, column: int, confidence:
     time = model.correlation_time
     variance = basis(allan.tau, time if math.isfinite(time) else 1.0) @ squares
     own = covariance(allan.factors, allan.n, allan.interval, squares[:5], time, diagonal=True)
-    degrees = np.maximum(freedom(variance, np.diag(own) + (model.misfit * variance) ** 2), FEWEST_FREEDOM)
+    degrees = np.maximum(freedom(variance, np.diag(own)), FEWEST_FREEDOM)
     low, high = chi_square_interval(allan.deviation[:, column], degrees, confidence)
     return replace(model, variance=variance, freedom=degrees, low=low, high=high)
 

@@ -19,7 +19,7 @@ from insnav.lab.noise_model import B_FACTOR, NoiseModel
 from insnav.types import FloatArray
 
 PEAK_TIME = 1.8926  # of the Gauss-Markov Allan deviation, in correlation times
-PEAK = 0.61743  # its height, in standard deviations
+PEAK = 0.61736  # its height, in standard deviations
 FLOOR_FREEDOM = 10.0  # degrees of freedom of a deviation that counts as the floor
 
 

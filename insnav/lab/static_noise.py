@@ -159,7 +159,7 @@ def _of_models(
         if model.misfit > MISFIT:
             said.append(
                 f"{AXES[i]}: no sum of the noise terms follows the curve closer than {0.5 * model.misfit:.0%} of the "
-                "deviation (vibration, a filter in the sensor, temperature); the intervals allow for it"
+                "deviation (vibration, a filter in the sensor, temperature); intervals of coefficients allow for it"
             )
         if "R" in model.coefficients:
             said.append(f"{AXES[i]} drifts steadily (rate ramp): warming up, mostly; imu.toml has no place for it")

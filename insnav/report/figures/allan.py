@@ -16,7 +16,7 @@ from insnav.types import FloatArray
 from insnav.units import DEG_PER_H, UG
 
 _GUIDES = ((-1.0, "Q  −1"), (-0.5, "N  −½"), (0.0, "B  0"), (0.5, "K  +½"), (1.0, "R  +1"))
-_SENSORS = (("gyro", "Allan deviation of the gyros [deg/h]", DEG_PER_H), ("accel", "of the accelerometers [ug]", UG))
+_SENSORS = (("Allan deviation of the gyros [deg/h]", DEG_PER_H), ("Allan deviation of the accelerometers [ug]", UG))
 
 
 def draw_allan(allan: AllanDeviation, models: Sequence[NoiseModel | None], title: str) -> Figure:
@@ -34,7 +34,7 @@ def draw_allan(allan: AllanDeviation, models: Sequence[NoiseModel | None], title
     note = "points: overlapping Allan deviation with 95 % intervals; lines: fitted model; grey: slopes of Q, N, B, K, R"
     figure = blank(8.4, 9.4, title, note)
     panels = figure.subplots(2, 1, sharex=True, gridspec_kw={"hspace": 0.12})
-    for panel, (_, label, unit), first in zip(panels, _SENSORS, (0, 3), strict=True):
+    for panel, (label, unit), first in zip(panels, _SENSORS, (0, 3), strict=True):
         seen = [i for i in range(first, first + 3) if models[i] is not None]
         for i in seen:
             model = models[i]
