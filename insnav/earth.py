@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from insnav.kernels import earth as _kernel
 from insnav.kernels.earth import E2, A, F
-from insnav.types import FloatArray
+from insnav.types import BoolArray, FloatArray
 
 __all__ = [
     "E2",
@@ -25,12 +25,14 @@ __all__ = [
     "earth_rate_n",
     "gravity_n",
     "lla_offset",
+    "near_pole",
     "ned_offset",
     "radii",
     "transport_rate_n",
 ]
 
 OMEGA_EARTH = _kernel.OMEGA
+POLE_DISTANCE = 1000.0  # closer to a pole than this, heading and longitude mean nothing to a user [m]
 
 
 def _elementwise(compiled: Any) -> Any:
@@ -121,6 +123,11 @@ def transport_rate_n(lat: ArrayLike, height: ArrayLike, v_n: ArrayLike) -> Float
     height = np.asarray(height, dtype=float)
     north, east = v_n[..., 0] / (meridian + height), v_n[..., 1] / (transverse + height)
     return np.stack([east, -north, -east * np.tan(np.asarray(lat, dtype=float))], axis=-1)
+
+
+def near_pole(lat: ArrayLike) -> BoolArray:
+    """Whether a place is within a kilometre of a pole, where a heading is not said, (...) from latitudes [rad]."""
+    return np.asarray(A / np.sqrt(1.0 - E2) * np.cos(np.asarray(lat, dtype=float)) < POLE_DISTANCE)
 
 
 def ned_offset(lla: ArrayLike, origin: ArrayLike) -> FloatArray:

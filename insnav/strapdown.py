@@ -8,14 +8,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 
 from insnav.attitude import quat_from_rph, rph_from_quat
-from insnav.exceptions import InputError
+from insnav.earth import near_pole
+from insnav.exceptions import ConfigError, InputError
 from insnav.kernels import increments as _increments
 from insnav.kernels import mechanization as _mechanization
+from insnav.kernels import study as _study
 from insnav.types import BoolArray, FloatArray, ImuData, Increments, IntArray, Trajectory
+
+Method = Literal["polynomial", "rk4", "rotvec", "euler"]
+_STUDY = {"euler": _study.EULER, "rotvec": _study.ROTVEC, "rk4": _study.RK4}
 
 TIME_TOLERANCE = 1e-6  # times closer than this are the same [s]
 LOST_WINDOW = 5  # steps on either side that are looked at to tell lost samples from jitter
@@ -194,7 +200,12 @@ def split(parts: Intervals, times: FloatArray, first: int, last: int) -> tuple[I
     return parent, s0, s1
 
 
-def increments(parts: Intervals, pieces: tuple[IntArray, FloatArray, FloatArray] | None = None) -> Increments:
+def increments(
+    parts: Intervals,
+    pieces: tuple[IntArray, FloatArray, FloatArray] | None = None,
+    *,
+    method: Method = "polynomial",
+) -> Increments:
     """Angle and velocity increments with coning and sculling terms.
 
     A polynomial through five neighbouring increments (six neighbouring values of an instantaneous record), at their
@@ -209,11 +220,20 @@ def increments(parts: Intervals, pieces: tuple[IntArray, FloatArray, FloatArray]
         From `intervals`.
     pieces : tuple of arrays, optional
         From `split`; every interval whole by default.
+    method : {"polynomial", "rk4", "rotvec", "euler"}
+        The others are there to compare with: ``rk4`` is Runge-Kutta on the straight line between samples and has no
+        coning benefit at all, ``rotvec`` takes the increment itself for the rotation vector, ``euler`` takes the rate
+        as it is at the start of the interval, or its mean, and does not turn the specific force meanwhile.
 
     Returns
     -------
     Increments
         One row a piece.
+
+    Raises
+    ------
+    ConfigError
+        Pieces with another method than ``polynomial``, or an unknown method.
 
     References
     ----------
@@ -221,6 +241,8 @@ def increments(parts: Intervals, pieces: tuple[IntArray, FloatArray, FloatArray]
     decomposition into increments, coning and sculling. The polynomial through neighbouring increments: Miller, "A new
     strapdown attitude algorithm", J. Guidance 6 (1983) 287-291.
     """
+    if method != "polynomial":
+        return _plain_increments(parts, pieces, method)
     if pieces is None:
         n = parts.end.shape[0]
         pieces = np.arange(n, dtype=np.int64), np.zeros(n), np.ones(n)
@@ -245,6 +267,21 @@ def increments(parts: Intervals, pieces: tuple[IntArray, FloatArray, FloatArray]
     end, dt = parts.end[parent], parts.dt[parent]
     time = np.where(s1 == 1.0, end, end - (1.0 - s1) * dt)
     return Increments(time, (s1 - s0) * dt, dtheta, dvel, coning, sculling)
+
+
+def _plain_increments(
+    parts: Intervals, pieces: tuple[IntArray, FloatArray, FloatArray] | None, method: Method
+) -> Increments:
+    if pieces is not None or method not in _STUDY:
+        raise ConfigError(
+            f"the integrator {method!r} cannot do this",
+            where="method",
+            why="methods for study integrate whole intervals" if method in _STUDY else "there is none of this name",
+            fix=f"use one of polynomial, {', '.join(_STUDY)}; only polynomial integrates parts of intervals",
+        )
+    out = tuple(np.empty_like(parts.gyro) for _ in range(4))
+    _study.increments(_STUDY[method], parts.instant, parts.dt, parts.gyro, parts.accel, *out)
+    return Increments(parts.end, parts.dt, *out)
 
 
 def navigate(
@@ -278,11 +315,12 @@ def navigate(
     Returns
     -------
     Trajectory
-        States at the ends of intervals ``every``, ``2 every``, …
+        States at the ends of intervals ``every``, ``2 every``, …; within a kilometre of a pole the heading is ``NaN``.
+        North and East are there, as everywhere, those of the longitude that stands beside them.
 
     References
     ----------
-    Groves (2013), section 5.4; Savage (1998), part 2.
+    Groves (2013), section 5.4, near the poles section 5.3; Savage (1998), part 2.
     """
     x = np.concatenate([lla, v_n, quat_from_rph(rph)])
     out = np.empty((inc.time.shape[0] // every, 10))
@@ -303,4 +341,6 @@ def navigate(
         out,
     )
     time = inc.time[every - 1 :: every][: out.shape[0]]
-    return Trajectory(time, out[:, :3], out[:, 3:6], rph_from_quat(out[:, 6:]))
+    rph_n = rph_from_quat(out[:, 6:])
+    rph_n[near_pole(out[:, 0]), 2] = np.nan
+    return Trajectory(time, out[:, :3], out[:, 3:6], rph_n)

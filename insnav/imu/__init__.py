@@ -13,6 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from insnav.imu.model import (
+    ClockSpec,
     ImuErrors,
     ImuSpec,
     InitialSpec,
@@ -23,6 +24,7 @@ from insnav.imu.model import (
     sample_intervals,
 )
 from insnav.imu.presets import PRESETS
+from insnav.imu.terms import ErrorTerms
 
 if TYPE_CHECKING:
     from insnav.imu.calibration import calibration_to_toml, load_calibration
@@ -41,6 +43,8 @@ _LAZY = {
 
 __all__ = [
     "PRESETS",
+    "ClockSpec",
+    "ErrorTerms",
     "ImuErrors",
     "ImuSpec",
     "InitialSpec",

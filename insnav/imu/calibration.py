@@ -11,6 +11,9 @@ matrix = [[1.001, 0.0002, 0.0], [0.0, 0.9995, 0.0001], [0.0, 0.0, 1.0003]]
 [accel]
 bias = ["1.2 mg", "-0.4 mg", "3 mg"]
 matrix = [[1.0005, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.999]]
+
+What bias and matrix leave out (see `insnav.imu.terms`) may follow in each table: asymmetry, quadratic, bias_slope,
+scale_slope, one value or three; g_sensitivity, three rows of three, in [gyro]; positions, three places, in [accel].
 """
 
 from __future__ import annotations
@@ -26,10 +29,21 @@ from pydantic import PlainValidator
 from pydantic_core import PydanticCustomError
 
 from insnav.exceptions import ConfigError
-from insnav.imu.config import Axes, Table, axes, read_toml, validate
+from insnav.imu.config import Axes, Table, axes, quantity, read_toml, validate
 from insnav.imu.model import ImuErrors
+from insnav.imu.terms import ErrorTerms
+from insnav.types import FloatArray
 
 Matrix = tuple[Axes, Axes, Axes]
+# unit written for the gyros, for the accelerometers: SI, so that a file holds every bit
+_TERM_UNITS = {
+    "asymmetry": ("1", "1"),
+    "quadratic": ("1/(rad/s)", "1/(m/s^2)"),
+    "bias_slope": ("(rad/s)/K", "(m/s^2)/K"),
+    "scale_slope": ("1/K", "1/K"),
+    "g_sensitivity": ("(rad/s)/(m/s^2)", ""),
+    "positions": ("", "m"),
+}
 _IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -57,12 +71,36 @@ def _date(value: object) -> str:
     raise PydanticCustomError("wrong_value", "must be a date, like 2025-03-14")
 
 
-class _Gyro(Table):
+def _rows(dimension: str) -> PlainValidator:
+    """Three rows of three quantities."""
+
+    def check(value: object) -> Matrix:
+        rows = value if isinstance(value, list) else []
+        if len(rows) != 3 or any(not isinstance(row, list) or len(row) != 3 for row in rows):
+            raise PydanticCustomError("wrong_value", "must be three rows of three, [[…], […], […]]")
+        (a, b, c), (d, e, f), (g, h, i) = ([quantity(item, dimension, signed=True) for item in row] for row in rows)
+        return (a, b, c), (d, e, f), (g, h, i)
+
+    return PlainValidator(check)
+
+
+class _Sensor(Table):
+    asymmetry: Annotated[Axes | None, axes("ratio", signed=True)] = None
+    scale_slope: Annotated[Axes | None, axes("ratio per kelvin", signed=True)] = None
+
+
+class _Gyro(_Sensor):
+    quadratic: Annotated[Axes | None, axes("per rate", signed=True)] = None
+    bias_slope: Annotated[Axes | None, axes("rate per kelvin", signed=True)] = None
+    g_sensitivity: Annotated[Matrix | None, _rows("rate per acceleration")] = None
     bias: Annotated[Axes, axes("rate", signed=True)] = (0.0, 0.0, 0.0)
     matrix: Annotated[Matrix, PlainValidator(_matrix)] = _IDENTITY
 
 
-class _Accel(Table):
+class _Accel(_Sensor):
+    quadratic: Annotated[Axes | None, axes("per acceleration", signed=True)] = None
+    bias_slope: Annotated[Axes | None, axes("acceleration per kelvin", signed=True)] = None
+    positions: Annotated[Matrix | None, _rows("length")] = None
     bias: Annotated[Axes, axes("acceleration", signed=True)] = (0.0, 0.0, 0.0)
     matrix: Annotated[Matrix, PlainValidator(_matrix)] = _IDENTITY
 
@@ -111,9 +149,16 @@ def load_calibration(path: str | Path) -> ImuErrors:
             name=file.name,
             date=file.date,
             temperature=file.temperature_c,
+            gyro_terms=_terms(gyro),
+            accel_terms=_terms(accel),
         )
     except ConfigError as error:
         raise ConfigError(error.what, where=f"{path}: {error.where}", why=error.why, fix=error.fix) from None
+
+
+def _terms(table: _Sensor) -> ErrorTerms | None:
+    given = {name: np.array(value) for name in _TERM_UNITS if (value := getattr(table, name, None)) is not None}
+    return ErrorTerms(**given) if any(np.any(value) for value in given.values()) else None
 
 
 def calibration_to_toml(errors: ImuErrors) -> str:
@@ -137,4 +182,13 @@ def calibration_to_toml(errors: ImuErrors) -> str:
     ):
         # SI units and the shortest text that is exact: a calibration must not change by being written
         content[name] = {"bias": [f"{float(item)!r} {unit}" for item in bias], "matrix": matrix.tolist()}
+    for index, (name, terms) in enumerate((("gyro", errors.gyro_terms), ("accel", errors.accel_terms))):
+        for key, units in _TERM_UNITS.items():
+            value = None if terms is None else getattr(terms, key)
+            if value is not None and np.any(value):
+                content[name][key] = _texts(value, units[index])
     return tomli_w.dumps(content)
+
+
+def _texts(value: FloatArray, unit: str) -> list[Any]:
+    return [_texts(item, unit) if np.ndim(item) else f"{float(item)!r} {unit}" for item in value]

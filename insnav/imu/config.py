@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
@@ -84,13 +84,25 @@ def validate(model: type[Model], data: dict[str, Any], where: str) -> Model:
     ConfigError
         All errors at once, each with the dotted name of its key.
     """
+    found, problems = checked(model, data)
+    if found is None:
+        refuse(problems, where)
+    return found
+
+
+def checked(model: type[Model], data: dict[str, Any]) -> tuple[Model | None, list[str]]:
+    """Check a table against its model without an error yet: the checked content, or what is wrong with it."""
     try:
-        return model.model_validate(data)
+        return model.model_validate(data), []
     except ValidationError as error:
-        problems = [_problem(model, details) for details in error.errors(include_url=False, include_input=False)]
+        return None, [_problem(model, details) for details in error.errors(include_url=False, include_input=False)]
+
+
+def refuse(problems: list[str], where: str) -> NoReturn:
+    """Say everything that is wrong with a file at once."""
     if len(problems) == 1:
         raise ConfigError(problems[0], where=where)
-    raise ConfigError(f"{len(problems)} keys are wrong", where=where, why="; ".join(problems))
+    raise ConfigError(f"{len(problems)} things are wrong", where=where, why="; ".join(problems))
 
 
 def scalar(dimension: str) -> PlainValidator:
@@ -101,7 +113,18 @@ def scalar(dimension: str) -> PlainValidator:
     dimension : str
         Dimension as in `insnav.units.UNITS`.
     """
-    return PlainValidator(lambda value: _quantity(value, dimension, signed=False))
+    return PlainValidator(lambda value: quantity(value, dimension, signed=False))
+
+
+def signed_scalar(dimension: str) -> PlainValidator:
+    """Make a validator of one quantity of either sign.
+
+    Parameters
+    ----------
+    dimension : str
+        Dimension as in `insnav.units.UNITS`.
+    """
+    return PlainValidator(lambda value: quantity(value, dimension, signed=True))
 
 
 def axes(dimension: str, *, signed: bool = False, per_root_time: bool = False) -> PlainValidator:
@@ -121,15 +144,33 @@ def axes(dimension: str, *, signed: bool = False, per_root_time: bool = False) -
         if isinstance(value, list):
             if len(value) != 3:
                 raise _wrong(f"needs one value or three (x, y, z), not {len(value)}")
-            x, y, z = (_quantity(item, dimension, signed=signed, per_root_time=per_root_time) for item in value)
+            x, y, z = (quantity(item, dimension, signed=signed, per_root_time=per_root_time) for item in value)
             return x, y, z
-        single = _quantity(value, dimension, signed=signed, per_root_time=per_root_time)
+        single = quantity(value, dimension, signed=signed, per_root_time=per_root_time)
         return single, single, single
 
     return PlainValidator(check)
 
 
-def _quantity(value: object, dimension: str, *, signed: bool, per_root_time: bool = False) -> float:
+def quantity(value: object, dimension: str, *, signed: bool, per_root_time: bool = False) -> float:
+    """Value of one quantity in SI, for validators.
+
+    Parameters
+    ----------
+    value : object
+        What stands in the file.
+    dimension : str
+        Dimension as in `insnav.units.UNITS`.
+    signed : bool
+        Whether negative values make sense.
+    per_root_time : bool
+        Whether the unit is that dimension over ``sqrt(s)`` or ``sqrt(h)``.
+
+    Raises
+    ------
+    PydanticCustomError
+        It is none.
+    """
     example = units_of(dimension)[0] + ("/sqrt(s)" if per_root_time else "")
     if not isinstance(value, str):
         raise _wrong(f'must be a text with a unit, like "1.5 {example}", not {_kind(value)}')

@@ -62,7 +62,8 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
             )
             values[row, axis] = mean
     change = np.abs(np.diff(values, axis=0))
-    same = change == 0.0
+    # of the samples as they are: divided by intervals, equal increments would differ in their last digits
+    same = np.hstack([np.diff(imu.gyro, axis=0), np.diff(imu.accel, axis=0)]) == 0.0
     quiet = change <= 1e-9 * np.abs(values).max(axis=0)
     lost = np.zeros(imu.time.shape[0], dtype=np.bool_)
     for axis in range(6):
@@ -74,7 +75,7 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
         step = np.abs(np.diff(column[: 1 << 16]))
         fine = float(np.min(step[step > 0.0], initial=np.inf)) < FINE * largest
         far = largest > 4.0 * float(np.abs(column - np.median(column)).mean())
-        clipped = (np.abs(column[first]) >= largest) & (count >= CLIPPED) & fine & far
+        clipped = (np.abs(column[first]) >= largest * (1.0 - 1e-9)) & (count >= CLIPPED) & fine & far
         clipped &= _others_vary(quiet, axis, first, count)
         lasts = imu.time[np.minimum(first + count, imu.time.shape[0]) - 1] - imu.time[first] >= STUCK_TIME
         stuck = ~clipped & lasts & _no_chance(same[:, axis], first, count)

@@ -2,7 +2,7 @@
 
 measured = matrix @ true + bias, with matrix = I + S + M: scale factor errors S on the diagonal,
 misalignment M off it; P. D. Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation
-Systems, 2nd ed. (2013), eqs. 4.17 and 4.18, without their g-dependent and noise terms.
+Systems, 2nd ed. (2013), eqs. 4.17 and 4.18. What goes beyond that is in `insnav.imu.terms`.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.imu.terms import REFERENCE_TEMPERATURE, ErrorTerms, size_effect
 from insnav.types import FloatArray, ImuData
 from insnav.units import G0
 
@@ -25,6 +26,10 @@ def _zeros() -> FloatArray:
 
 def _eye() -> FloatArray:
     return np.eye(3)
+
+
+def _zero_matrix() -> FloatArray:
+    return np.zeros((3, 3))
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,10 +49,27 @@ class SensorSpec:
     scale_factor : (3,) array
         Scale factor error [-].
     misalignment : (3,) array
-        Misalignment of each sensitive axis [rad].
+        Misalignment of each sensitive axis: each of the two off-diagonal terms, so that non-orthogonality of the
+        triad is in it [rad].
     rate_random_walk : (3,) array
         Root power spectral density of the noise that drives a random walk of the bias [rad/s/sqrt(s)] or
         [m/s^2/sqrt(s)].
+    flicker : (3,) array
+        Coefficient B of flicker noise, whose Allan deviation is flat at 0.664 B [rad/s] or [m/s^2].
+    rate_ramp : (3,) array
+        Steady drift of the bias [rad/s^2] or [m/s^3].
+    quantisation : (3,) array
+        Coefficient Q of quantisation noise, a step of the integrated output over sqrt(12) [rad] or [m/s].
+    resolution : (3,) array
+        Step of each sample [rad/s] or [m/s^2].
+    range : (3,) array
+        Largest value that is shown [rad/s] or [m/s^2]; zero for no end.
+    vibration_rectification : (3,) array
+        Bias by the variance of the specific force along the axis [rad/s/(m/s^2)^2] or [1/(m/s^2)].
+    asymmetry, quadratic, bias_slope, scale_slope, g_sensitivity : (3,) array
+        Standard deviations of what `ErrorTerms` has; g-sensitivity of every element of the matrix.
+
+    The terms from `flicker` on are there to simulate; a filter takes no notice of them.
     """
 
     bias: FloatArray = field(default_factory=_zeros)
@@ -57,6 +79,17 @@ class SensorSpec:
     scale_factor: FloatArray = field(default_factory=_zeros)
     misalignment: FloatArray = field(default_factory=_zeros)
     rate_random_walk: FloatArray = field(default_factory=_zeros)
+    flicker: FloatArray = field(default_factory=_zeros)
+    rate_ramp: FloatArray = field(default_factory=_zeros)
+    quantisation: FloatArray = field(default_factory=_zeros)
+    resolution: FloatArray = field(default_factory=_zeros)
+    range: FloatArray = field(default_factory=_zeros)
+    vibration_rectification: FloatArray = field(default_factory=_zeros)
+    asymmetry: FloatArray = field(default_factory=_zeros)
+    quadratic: FloatArray = field(default_factory=_zeros)
+    bias_slope: FloatArray = field(default_factory=_zeros)
+    scale_slope: FloatArray = field(default_factory=_zeros)
+    g_sensitivity: FloatArray = field(default_factory=_zeros)
 
 
 def gyro_bias_sd(gyro: SensorSpec) -> FloatArray:
@@ -97,6 +130,29 @@ class InitialSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class ClockSpec:
+    """What is wrong with the time stamps of an IMU, for simulation.
+
+    Attributes
+    ----------
+    offset : float
+        Stamps are late by this [s].
+    drift : float
+        And by this part of the time since the start [-].
+    jitter : float
+        Standard deviation of each stamp [s].
+    lost_every, lost_length : float
+        Mean time between drop-outs, exponentially distributed, and their mean length [s]; zero for none.
+    """
+
+    offset: float = 0.0
+    drift: float = 0.0
+    jitter: float = 0.0
+    lost_every: float = 0.0
+    lost_length: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class ImuSpec:
     """How good an IMU is.
 
@@ -112,6 +168,10 @@ class ImuSpec:
         Where the figures come from.
     absent : tuple of str
         Dotted names of everything that was not given and therefore counts as zero.
+    clock : ClockSpec
+        Its time stamps.
+    positions : (3, 3) array
+        Row i is the place of accelerometer i from the point that is navigated, body axes [m].
     """
 
     name: str
@@ -120,6 +180,8 @@ class ImuSpec:
     initial: InitialSpec | None = None
     source: str = ""
     absent: tuple[str, ...] = ()
+    clock: ClockSpec = field(default_factory=ClockSpec)
+    positions: FloatArray = field(default_factory=_zero_matrix)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +203,9 @@ class ImuErrors:
     date : str
         When.
     temperature : float or None
-        At which temperature [deg C].
+        At which temperature [deg C]; what depends on the temperature counts from it, or from 25 deg C.
+    gyro_terms, accel_terms : ErrorTerms or None
+        What bias and matrix leave out.
 
     Raises
     ------
@@ -156,6 +220,8 @@ class ImuErrors:
     name: str = ""
     date: str = ""
     temperature: float | None = None
+    gyro_terms: ErrorTerms | None = None
+    accel_terms: ErrorTerms | None = None
 
     def __post_init__(self) -> None:
         for sensor, bias, matrix in (
@@ -224,13 +290,17 @@ def corrupt(imu: ImuData, errors: ImuErrors) -> ImuData:
     Returns
     -------
     ImuData
-        ``matrix @ true + bias``; the bias is multiplied by the sampling interval for increments.
+        ``matrix @ true + bias``, bent by the `ErrorTerms`; the bias is multiplied by the sampling interval for
+        increments.
 
     Raises
     ------
     InputError
-        Increments of fewer than two samples, whose interval is not known.
+        Increments of fewer than two samples, whose interval is not known, or terms that depend on the temperature
+        and samples without one.
     """
+    if errors.gyro_terms is not None or errors.accel_terms is not None:
+        return _bent(imu, errors)
     scale = _bias_scale(imu)
     gyro = imu.gyro @ errors.gyro_matrix.T + errors.gyro_bias * scale
     accel = imu.accel @ errors.accel_matrix.T + errors.accel_bias * scale
@@ -250,17 +320,61 @@ def correct(imu: ImuData, errors: ImuErrors) -> ImuData:
     Returns
     -------
     ImuData
-        ``inverse(matrix) @ (measured - bias)``.
+        ``inverse(matrix) @ (measured - bias)``, the `ErrorTerms` taken off before.
 
     Raises
     ------
     InputError
-        Increments of fewer than two samples, whose interval is not known.
+        Increments of fewer than two samples, whose interval is not known, or terms that depend on the temperature
+        and samples without one.
     """
+    if errors.gyro_terms is not None or errors.accel_terms is not None:
+        return _straight(imu, errors)
     scale = _bias_scale(imu)
     gyro = np.linalg.solve(errors.gyro_matrix, (imu.gyro - errors.gyro_bias * scale).T).T
     accel = np.linalg.solve(errors.accel_matrix, (imu.accel - errors.accel_bias * scale).T).T
     return replace(imu, gyro=np.ascontiguousarray(gyro), accel=np.ascontiguousarray(accel))
+
+
+def _bent(imu: ImuData, errors: ImuErrors) -> ImuData:
+    """`corrupt` with error terms: what the accelerometers feel, then what they show, then the gyros."""
+    gyro_terms, accel_terms = errors.gyro_terms or ErrorTerms(), errors.accel_terms or ErrorTerms()
+    dt, warmer = sample_intervals(imu), _warmer(imu, errors, gyro_terms.by_temperature or accel_terms.by_temperature)
+    span = dt[:, None] if imu.sampling == "increment" else 1.0
+    rate, force = np.asarray(imu.gyro / span), np.asarray(imu.accel / span)
+    felt = force + size_effect(rate, dt, accel_terms.positions) if np.any(accel_terms.positions) else force
+    accel = accel_terms.shown(felt @ errors.accel_matrix.T, warmer) + errors.accel_bias
+    gyro = gyro_terms.shown(rate @ errors.gyro_matrix.T, warmer) + errors.gyro_bias
+    gyro = gyro + felt @ gyro_terms.g_sensitivity.T
+    return replace(imu, gyro=np.ascontiguousarray(gyro * span), accel=np.ascontiguousarray(accel * span))
+
+
+def _straight(imu: ImuData, errors: ImuErrors) -> ImuData:
+    """Undo `_bent`, in the opposite order."""
+    gyro_terms, accel_terms = errors.gyro_terms or ErrorTerms(), errors.accel_terms or ErrorTerms()
+    dt, warmer = sample_intervals(imu), _warmer(imu, errors, gyro_terms.by_temperature or accel_terms.by_temperature)
+    span = dt[:, None] if imu.sampling == "increment" else 1.0
+    felt = accel_terms.meant(np.asarray(imu.accel / span - errors.accel_bias), warmer)
+    felt = np.asarray(np.linalg.solve(errors.accel_matrix, felt.T).T, dtype=np.float64)
+    turning = np.asarray(imu.gyro / span - errors.gyro_bias - felt @ gyro_terms.g_sensitivity.T)
+    rate = gyro_terms.meant(turning, warmer)
+    rate = np.ascontiguousarray(np.linalg.solve(errors.gyro_matrix, rate.T).T)
+    force = felt - size_effect(rate, dt, accel_terms.positions) if np.any(accel_terms.positions) else felt
+    return replace(imu, gyro=np.ascontiguousarray(rate * span), accel=np.ascontiguousarray(force * span))
+
+
+def _warmer(imu: ImuData, errors: ImuErrors, matters: bool) -> FloatArray | None:
+    if not matters:
+        return None
+    if imu.temperature is None:
+        raise InputError(
+            "the errors of this IMU depend on the temperature, and the samples have none",
+            where="temperature",
+            why="bias or scale factor by temperature is not zero",
+            fix="give samples with a column temperature_c (simulate: --temperature), or leave these terms out",
+        )
+    reference = REFERENCE_TEMPERATURE if errors.temperature is None else errors.temperature
+    return np.asarray(imu.temperature - reference)
 
 
 def draw_errors(spec: ImuSpec, rng: np.random.Generator) -> ImuErrors:
@@ -271,7 +385,7 @@ def draw_errors(spec: ImuSpec, rng: np.random.Generator) -> ImuErrors:
     spec : ImuSpec
         Standard deviations, all errors independent and Gaussian.
     rng : numpy.random.Generator
-        Source of randomness; always 30 numbers are taken, so that a zero does not shift what follows.
+        Source of randomness; always the same count of numbers is taken, so that a zero does not shift what follows.
 
     Returns
     -------
@@ -287,4 +401,21 @@ def draw_errors(spec: ImuSpec, rng: np.random.Generator) -> ImuErrors:
 
     gyro_bias, gyro_matrix = draw(spec.gyro)
     accel_bias, accel_matrix = draw(spec.accel)
-    return ImuErrors(gyro_bias, gyro_matrix, accel_bias, accel_matrix, name=spec.name)
+    terms = []
+    for sensor, positions in ((spec.gyro, _zero_matrix()), (spec.accel, np.asarray(spec.positions))):
+        asymmetry, quadratic, bias_slope, scale_slope = (
+            rng.standard_normal(3) * sd
+            for sd in (sensor.asymmetry, sensor.quadratic, sensor.bias_slope, sensor.scale_slope)
+        )
+        g_sensitivity = rng.standard_normal((3, 3)) * sensor.g_sensitivity[:, None]
+        drawn = (asymmetry, quadratic, bias_slope, scale_slope, g_sensitivity, positions)
+        terms.append(ErrorTerms(*drawn) if any(np.any(value) for value in drawn) else None)
+    return ImuErrors(
+        gyro_bias,
+        gyro_matrix,
+        accel_bias,
+        accel_matrix,
+        name=spec.name,
+        gyro_terms=terms[0],
+        accel_terms=terms[1],
+    )

@@ -9,16 +9,24 @@ from typing import Annotated, Any
 
 import numpy as np
 import tomli_w
-from pydantic import model_validator
+from pydantic import PlainValidator, model_validator
 from pydantic_core import PydanticCustomError
 
 from insnav.exceptions import ConfigError
-from insnav.imu.config import Axes, Table, axes, read_toml, scalar, validate
-from insnav.imu.model import ImuSpec, InitialSpec, SensorSpec
+from insnav.imu.config import Axes, Table, axes, quantity, read_toml, scalar, signed_scalar, validate
+from insnav.imu.model import ClockSpec, ImuSpec, InitialSpec, SensorSpec
 from insnav.imu.presets import PRESETS, preset_path
 from insnav.units import UNITS
 
 _PER_ROOT_HOUR = "/sqrt(h)"
+
+
+def _positions(value: object) -> tuple[Axes, Axes, Axes]:
+    rows = value if isinstance(value, list) else []
+    if len(rows) != 3 or any(not isinstance(row, list) or len(row) != 3 for row in rows):
+        raise PydanticCustomError("wrong_value", "must be three places of three lengths, the x accelerometer first")
+    x, y, z = ([quantity(item, "length", signed=True) for item in row] for row in rows)
+    return (x[0], x[1], x[2]), (y[0], y[1], y[2]), (z[0], z[1], z[2])
 
 
 class _Sensor(Table):
@@ -27,6 +35,8 @@ class _Sensor(Table):
     correlation_time: Annotated[float | None, scalar("time")] = None
     scale_factor: Annotated[Axes | None, axes("ratio")] = None
     misalignment: Annotated[Axes | None, axes("angle")] = None
+    asymmetry: Annotated[Axes | None, axes("ratio")] = None
+    scale_slope: Annotated[Axes | None, axes("ratio per kelvin")] = None
 
     @model_validator(mode="after")
     def _process_is_complete(self) -> _Sensor:
@@ -45,6 +55,15 @@ class _Gyro(_Sensor):
     bias_instability: Annotated[Axes | None, axes("rate")] = None
     random_walk: Annotated[Axes | None, axes("angle random walk")] = None
     rate_random_walk: Annotated[Axes | None, axes("rate", per_root_time=True)] = None
+    flicker: Annotated[Axes | None, axes("rate")] = None
+    rate_ramp: Annotated[Axes | None, axes("rate ramp")] = None
+    quantisation: Annotated[Axes | None, axes("angle")] = None
+    resolution: Annotated[Axes | None, axes("rate")] = None
+    range: Annotated[Axes | None, axes("rate")] = None
+    vibration_rectification: Annotated[Axes | None, axes("rate per acceleration squared")] = None
+    quadratic: Annotated[Axes | None, axes("per rate")] = None
+    bias_slope: Annotated[Axes | None, axes("rate per kelvin")] = None
+    g_sensitivity: Annotated[Axes | None, axes("rate per acceleration")] = None
 
 
 class _Accel(_Sensor):
@@ -52,6 +71,23 @@ class _Accel(_Sensor):
     bias_instability: Annotated[Axes | None, axes("acceleration")] = None
     random_walk: Annotated[Axes | None, axes("velocity random walk")] = None
     rate_random_walk: Annotated[Axes | None, axes("acceleration", per_root_time=True)] = None
+    flicker: Annotated[Axes | None, axes("acceleration")] = None
+    rate_ramp: Annotated[Axes | None, axes("acceleration ramp")] = None
+    quantisation: Annotated[Axes | None, axes("velocity")] = None
+    resolution: Annotated[Axes | None, axes("acceleration")] = None
+    range: Annotated[Axes | None, axes("acceleration")] = None
+    vibration_rectification: Annotated[Axes | None, axes("per acceleration")] = None
+    quadratic: Annotated[Axes | None, axes("per acceleration")] = None
+    bias_slope: Annotated[Axes | None, axes("acceleration per kelvin")] = None
+    positions: Annotated[tuple[Axes, Axes, Axes] | None, PlainValidator(_positions)] = None
+
+
+class _Clock(Table):
+    offset: Annotated[float, signed_scalar("time")] = 0.0
+    drift: Annotated[float, signed_scalar("ratio")] = 0.0
+    jitter: Annotated[float, scalar("time")] = 0.0
+    lost_every: Annotated[float, scalar("time")] = 0.0
+    lost_length: Annotated[float, scalar("time")] = 0.0
 
 
 class _Initial(Table):
@@ -67,6 +103,7 @@ class _ImuFile(Table):
     gyro: _Gyro | None = None
     accel: _Accel | None = None
     initial: _Initial | None = None
+    clock: _Clock | None = None
 
 
 # in the order of the file: key, unit written for the gyros, unit written for the accelerometers
@@ -79,6 +116,21 @@ _SENSOR_UNITS = (
     ("scale_factor", "ppm", "ppm"),
     ("misalignment", "mrad", "mrad"),
 )
+# the same of what is only simulated: few datasheets have it, and nobody misses it
+_FURTHER_UNITS = (
+    ("flicker", "deg/h", "ug"),
+    ("rate_ramp", "deg/h/h", "ug/h"),
+    ("quantisation", "arcsec", "m/s"),
+    ("resolution", "deg/s", "mg"),
+    ("range", "deg/s", "g"),
+    ("vibration_rectification", "deg/h/g^2", "ug/g^2"),
+    ("asymmetry", "ppm", "ppm"),
+    ("quadratic", "ppm/(deg/s)", "ug/g^2"),
+    ("bias_slope", "deg/h/K", "ug/K"),
+    ("scale_slope", "ppm/K", "ppm/K"),
+    ("g_sensitivity", "deg/h/g", ""),
+)
+_CLOCK_UNITS = (("offset", "s"), ("drift", "ppm"), ("jitter", "s"), ("lost_every", "s"), ("lost_length", "s"))
 _INITIAL_UNITS = (("position", "m"), ("velocity", "m/s"), ("tilt", "deg"), ("heading", "deg"))
 _UNREPORTED = "rate_random_walk"  # few datasheets have it and few need it
 
@@ -129,7 +181,20 @@ def _load(path: Path) -> ImuSpec:
     if file.initial is not None:
         absent += [f"initial.{key}" for key, _ in _INITIAL_UNITS if getattr(file.initial, key) is None]
         initial = InitialSpec(**{key: getattr(file.initial, key) or 0.0 for key, _ in _INITIAL_UNITS})
-    return ImuSpec(file.name or path.stem, gyro, accel, initial, file.source.strip(), tuple(absent))
+    clock = file.clock or _Clock()
+    if (clock.lost_every > 0.0) != (clock.lost_length > 0.0):
+        raise ConfigError("lost_every and lost_length go together", where=f"{path}: clock", fix="give both, above zero")
+    positions = (file.accel.positions if file.accel is not None else None) or ((0.0,) * 3,) * 3
+    return ImuSpec(
+        file.name or path.stem,
+        gyro,
+        accel,
+        initial,
+        file.source.strip(),
+        tuple(absent),
+        ClockSpec(**{key: getattr(clock, key) for key, _ in _CLOCK_UNITS}),
+        np.array(positions),
+    )
 
 
 def _sensor(name: str, table: _Gyro | _Accel, absent: list[str]) -> SensorSpec:
@@ -141,6 +206,10 @@ def _sensor(name: str, table: _Gyro | _Accel, absent: list[str]) -> SensorSpec:
                 absent.append(f"{name}.{key}")
         else:
             given[key] = value if key == "correlation_time" else np.array(value)
+    for key, _, _ in _FURTHER_UNITS:
+        value = getattr(table, key, None)
+        if value is not None:
+            given[key] = np.array(value)
     return SensorSpec(**given)
 
 
@@ -171,7 +240,16 @@ def to_toml(spec: ImuSpec) -> str:
                 table[key] = texts if len(set(texts)) > 1 else texts[0]
             elif math.isfinite(value):
                 table[key] = _text(value, row[index])
+        for row in _FURTHER_UNITS:
+            value = getattr(sensor, row[0])
+            if np.any(value):
+                texts = [_text(float(item), row[index]) for item in value]
+                table[row[0]] = texts if len(set(texts)) > 1 else texts[0]
         content[name] = table
+    if np.any(spec.positions):
+        content["accel"]["positions"] = [[_text(float(item), "m") for item in row] for row in spec.positions]
+    if spec.clock != ClockSpec():
+        content["clock"] = {key: _text(getattr(spec.clock, key), unit) for key, unit in _CLOCK_UNITS}
     if spec.initial is not None:
         content["initial"] = {
             key: _text(getattr(spec.initial, key), unit)

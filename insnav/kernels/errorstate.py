@@ -378,6 +378,9 @@ def feed_back(x, correction, error):  # type: ignore[no-untyped-def]
     parts = int(angle / 0.05) + 1  # its half-angle series is for small angles
     for _ in range(parts):
         quaternion_step(x, -error[6] / parts, -error[7] / parts, -error[8] / parts, 0.0, 0.0, 0.0)
+    norm = np.sqrt(x[6] ** 2 + x[7] ** 2 + x[8] ** 2 + x[9] ** 2)
+    for i in range(6, 10):
+        x[i] /= norm
     for i in range(SENSOR):
         correction[i] -= error[NAV + i]
 

@@ -137,7 +137,7 @@ def _integral(coefficient, channel, s):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _rate(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
+def quaternion_rate(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
     """Quaternion differential equation q' = 1/2 q (x) w (Groves 2013, eq. E6.38)."""
     return (
         -0.5 * (q1 * x + q2 * y + q3 * z),
@@ -148,7 +148,7 @@ def _rate(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _turned(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
+def turned(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
     """Rotate a vector by a quaternion and take the vector off: (C(q) - I) v, without cancellation."""
     tx, ty, tz = 2.0 * (q2 * z - q3 * y), 2.0 * (q3 * x - q1 * z), 2.0 * (q1 * y - q2 * x)
     return (
@@ -307,10 +307,10 @@ def increments(  # type: ignore[no-untyped-def]
                 dtheta[m, i] = _integral(coefficient, i, e) - _integral(coefficient, i, b)
                 dvel[m, i] = _integral(coefficient, i + 3, e) - _integral(coefficient, i + 3, b)
 
-        a0, a1, a2, a3 = _rate(1.0, 0.0, 0.0, 0.0, xb, yb, zb)
-        b0, b1, b2, b3 = _rate(1.0 + 0.5 * a0, 0.5 * a1, 0.5 * a2, 0.5 * a3, xm, ym, zm)
-        c0, c1, c2, c3 = _rate(1.0 + 0.5 * b0, 0.5 * b1, 0.5 * b2, 0.5 * b3, xm, ym, zm)
-        d0, d1, d2, d3 = _rate(1.0 + c0, c1, c2, c3, xe, ye, ze)
+        a0, a1, a2, a3 = quaternion_rate(1.0, 0.0, 0.0, 0.0, xb, yb, zb)
+        b0, b1, b2, b3 = quaternion_rate(1.0 + 0.5 * a0, 0.5 * a1, 0.5 * a2, 0.5 * a3, xm, ym, zm)
+        c0, c1, c2, c3 = quaternion_rate(1.0 + 0.5 * b0, 0.5 * b1, 0.5 * b2, 0.5 * b3, xm, ym, zm)
+        d0, d1, d2, d3 = quaternion_rate(1.0 + c0, c1, c2, c3, xe, ye, ze)
         q0 = 1.0 + (a0 + 2.0 * b0 + 2.0 * c0 + d0) / 6.0
         q1 = (a1 + 2.0 * b1 + 2.0 * c1 + d1) / 6.0
         q2 = (a2 + 2.0 * b2 + 2.0 * c2 + d2) / 6.0
@@ -332,8 +332,8 @@ def increments(  # type: ignore[no-untyped-def]
         coning[m, 1] = stretch * q2 - kept * ty
         coning[m, 2] = stretch * q3 - kept * tz
 
-        ux, uy, uz = _turned(m0, m1, m2, m3, fm, gm, hm)
-        wx, wy, wz = _turned(q0, q1, q2, q3, fe, ge, he)
+        ux, uy, uz = turned(m0, m1, m2, m3, fm, gm, hm)
+        wx, wy, wz = turned(q0, q1, q2, q3, fe, ge, he)
         vx, vy, vz = dvel[m, 0], dvel[m, 1], dvel[m, 2]
         f1, f2 = turn_factors(angle2)
         kx, ky, kz = ty * vz - tz * vy, tz * vx - tx * vz, tx * vy - ty * vx

@@ -1,6 +1,7 @@
 """One step, and a whole record, of the strapdown navigation equations in the local-level frame.
 
-State ``x``: latitude, longitude [rad], height [m], velocity North, East, Down [m/s], quaternion ``q_nb``.
+State ``x``: latitude, longitude [rad], height [m], velocity North, East, Down [m/s], quaternion ``q_nb``. Near a pole,
+where North turns as fast as one likes, a step is made in axes fixed to the Earth; the state stays what it is.
 """
 
 from __future__ import annotations
@@ -9,9 +10,11 @@ import numpy as np
 from numba import njit
 
 from insnav.kernels.earth import OMEGA, gravity_down, gravity_north, radii
-from insnav.kernels.increments import turn_factors
+from insnav.kernels.increments import turn_factors, turned
 
 TWO_PI = 2.0 * np.pi
+HALF_PI = 0.5 * np.pi
+POLAR_CAP = 0.02  # cosine of the latitude below which axes fixed to the Earth serve: 128 km around each pole
 
 
 @njit(cache=True)
@@ -43,6 +46,82 @@ def quaternion_step(x, rx, ry, rz, px, py, pz):  # type: ignore[no-untyped-def]
     x[7] = q1 + (c1 + (a0 * g1 + a1 * g0 + a2 * g3 - a3 * g2) + norm * q1)
     x[8] = q2 + (c2 + (a0 * g2 - a1 * g3 + a2 * g0 + a3 * g1) + norm * q2)
     x[9] = q3 + (c3 + (a0 * g3 + a1 * g2 - a2 * g1 + a3 * g0) + norm * q3)
+
+
+@njit(cache=True)
+def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # type: ignore[no-untyped-def]
+    """Advance the state by one interval in the axes that are North, East, Down at its start, held fixed to the Earth.
+
+    Parameters
+    ----------
+    x, dt, north, hold, height, v_down
+        As of `step`.
+    un, ue, ud : float
+        Velocity increment of the specific force along these axes [m/s].
+    px, py, pz : float
+        Rotation vector of the body over the interval [rad].
+
+    Notes
+    -----
+    Groves (2013) section 5.3, Earth-frame equations; there is no transport rate, and so no tangent of the latitude. At
+    the end the state is brought to North, East, Down there: latitude and height along the ellipsoid's normal half-way,
+    with which all errors are of third order in the angle travelled, longitude by an arctangent. The turn of the axes,
+    ``q_y(lat1 + pi/2) q_z(lon0 - lon1) q_y(-lat0 - pi/2)``, is written out, so that at rest it is exactly none.
+    """
+    lat, lon, h = x[0], x[1], x[2]
+    vn, ve, vd = x[3], x[4], x[5]
+    sin_lat, cos_lat = np.sin(lat), np.cos(lat)
+    rm, rn = radii(sin_lat)
+    tn, td = OMEGA * cos_lat * dt, -OMEGA * sin_lat * dt  # the Earth's turn
+    un, ue, ud = un + 0.5 * td * ue, ue - 0.5 * (td * un - tn * ud), ud - 0.5 * tn * ue
+    mn = vn + 0.5 * (un + north * gravity_north(sin_lat, cos_lat, h) * dt) + td * ve
+    me = ve + 0.5 * ue - (td * vn - tn * vd)
+    md = vd + 0.5 * (ud + gravity_down(sin_lat, h) * dt) - tn * ve
+    # Half-way: down has leaned back by the angle travelled, and the north component of gravity is along the distance
+    # from the axis, so it has an east component too.
+    an, ae, h_mid = 0.25 * dt * (vn + mn) / (rm + h), 0.25 * dt * (ve + me) / (rn + h), h - 0.25 * dt * (vd + md)
+    g = gravity_down(sin_lat + an * cos_lat, h_mid)
+    g_north = north * gravity_north(sin_lat, cos_lat - an * sin_lat, h_mid) - g * an
+    g_east = -north * gravity_north(1.0, ae, h_mid) - g * ae
+    v1n = vn + un + g_north * dt + 2.0 * td * me
+    v1e = ve + ue + g_east * dt - 2.0 * (td * mn - tn * md)
+    v1d = vd + ud + g * dt - 2.0 * tn * me
+    dn, de, dd = 0.5 * dt * (vn + v1n), 0.5 * dt * (ve + v1e), 0.5 * dt * (vd + v1d)
+
+    rho = (rn + h) * cos_lat  # distance from the axis
+    out, along = -sin_lat * dn - cos_lat * dd, cos_lat * dn - sin_lat * dd
+    turn = np.arctan2(de, rho + out)
+    out = ((2.0 * rho + out) * out + de * de) / (rho + np.sqrt((rho + out) * (rho + out) + de * de))
+    rise = (cos_lat * along - sin_lat * out) / (rm + h)
+    sin_mid, cos_mid = sin_lat + 0.5 * rise * cos_lat, cos_lat - 0.5 * rise * sin_lat
+    rm, rn = radii(sin_mid)
+    up = cos_mid * out + sin_mid * along
+    rise = (cos_mid * along - sin_mid * out) / (rm + h + 0.5 * up)
+    rise *= 1.0 + rise * rise / 24.0  # the chord to the arc
+    x[0] = min(max(lat + rise, -HALF_PI), HALF_PI)
+    lon += turn
+    if lon >= np.pi:
+        lon -= TWO_PI
+    elif lon < -np.pi:
+        lon += TWO_PI
+    x[1] = lon
+
+    quaternion_step(x, tn, 0.0, td, px, py, pz)
+    c, s = np.cos(0.5 * turn), np.sin(0.5 * turn)
+    a0, a1, a2, a3 = c * np.cos(0.5 * rise), -s * cos_mid, c * np.sin(0.5 * rise), s * sin_mid
+    wn, we, wd = turned(a0, a1, a2, a3, v1n, v1e, v1d)
+    x[2] = height if hold else h + up
+    x[3], x[4], x[5] = v1n + wn, v1e + we, v_down if hold else v1d + wd
+    q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
+    q0, q1, q2, q3 = (
+        a0 * q0 - a1 * q1 - a2 * q2 - a3 * q3,
+        a0 * q1 + a1 * q0 + a2 * q3 - a3 * q2,
+        a0 * q2 - a1 * q3 + a2 * q0 + a3 * q1,
+        a0 * q3 + a1 * q2 - a2 * q1 + a3 * q0,
+    )
+    norm = 1.5 - 0.5 * (q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
+    x[6], x[7], x[8], x[9] = norm * q0, norm * q1, norm * q2, norm * q3
+    return un, ue, ud
 
 
 @njit(cache=True)
@@ -96,6 +175,8 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, cx, cy, cz, sx, sy, sz, c, north, hold, 
     lat, lon, h = x[0], x[1], x[2]
     vn, ve, vd = x[3], x[4], x[5]
     sin_lat, cos_lat = np.sin(lat), np.cos(lat)
+    if cos_lat < POLAR_CAP:
+        return polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down)
     g = gravity_down(sin_lat, h)
     rm, rn = radii(sin_lat)
     # All that changes the velocity belongs to its extrapolation to the middle. The Earth's rotation of u left out would

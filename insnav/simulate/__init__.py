@@ -1,11 +1,12 @@
 """Simulated drives: exact truth over the rotating Earth, sensors that measure it, and the errors they make.
 
-    profile -> drive -> Truth -> imu_from_truth -> corrupt_imu -> write_imu
+    profile or track -> Truth -> imu_from_truth -> corrupt_imu -> write_imu
                               -> gps_from_truth -> corrupt_gps -> write_gps
                               -> reference                     -> write_reference
 
-`Truth` is made of two curves, position and attitude; everything else is derived from them. `straight` and
-`circle` are truths in closed form; `drive` makes one from a list of segments.
+A truth is made of two curves, position and attitude; everything else is derived from them. `straight` and `circle` are
+truths in closed form; `insnav.simulate.motion` makes them from motion profiles, `insnav.simulate.track` from recorded
+tracks, and `drive`, smaller, from a list of segments.
 """
 
 from __future__ import annotations
@@ -16,13 +17,14 @@ from insnav.simulate.measure import gps_from_truth, imu_from_truth, reference
 from insnav.simulate.profile import Profile, Segment
 from insnav.simulate.receiver import GpsErrors, corrupt_gps, without_fixes
 from insnav.simulate.sensors import ImuSimulation, corrupt_imu
-from insnav.simulate.truth import Kinematics, Truth
+from insnav.simulate.truth import Kinematics, LevelTruth, Truth
 from insnav.simulate.vehicle import Vehicle, drive
 
 __all__ = [
     "GpsErrors",
     "ImuSimulation",
     "Kinematics",
+    "LevelTruth",
     "Profile",
     "Segment",
     "Truth",

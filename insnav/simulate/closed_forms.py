@@ -9,7 +9,7 @@ import numpy as np
 from insnav.earth import gravity_n, radii
 from insnav.exceptions import ConfigError
 from insnav.simulate.curves import Harmonic
-from insnav.simulate.truth import Truth
+from insnav.simulate.truth import LevelTruth
 from insnav.types import FloatArray
 
 _ZERO = np.zeros(3)
@@ -25,7 +25,7 @@ def straight(
     roll: float = 0.0,
     pitch: float = 0.0,
     start: float = 0.0,
-) -> Truth:
+) -> LevelTruth:
     """Constant rates of latitude, longitude and height, constant attitude.
 
     Due east or west the speed is constant; else the radii change it by parts in 1e5 over 100 km. With zero
@@ -50,12 +50,12 @@ def straight(
 
     Returns
     -------
-    Truth
+    LevelTruth
         The motion.
     """
     along = np.array([speed * math.cos(heading), speed * math.sin(heading), climb])
     attitude = Harmonic(np.array([roll, pitch, heading]), _ZERO, _ZERO, _ZERO)
-    return Truth(
+    return LevelTruth(
         np.asarray(lla, dtype=np.float64),
         Harmonic(_ZERO, along / scale(lla), _ZERO, _ZERO),
         attitude,
@@ -72,7 +72,7 @@ def circle(
     *,
     heading: float = 0.0,
     start: float = 0.0,
-) -> Truth:
+) -> LevelTruth:
     """Constant turn at constant height, banked so that a plumb line stays in the plane of symmetry.
 
     Latitude and longitude are harmonic: a circle of radius ``speed / turn_rate`` as far as its part of the
@@ -95,7 +95,7 @@ def circle(
 
     Returns
     -------
-    Truth
+    LevelTruth
         The motion.
 
     Raises
@@ -109,7 +109,7 @@ def circle(
     radius, sin, cos = speed / turn_rate, math.sin(heading), math.cos(heading)
     cosine, sine = np.array([sin, -cos, 0.0]) * radius, np.array([cos, sin, 0.0]) * radius
     bank = math.atan2(speed * turn_rate, float(gravity_n(lla[0], lla[2])[2]))
-    return Truth(
+    return LevelTruth(
         np.asarray(lla, dtype=np.float64),
         Harmonic(_ZERO, _ZERO, cosine / scale(lla), sine / scale(lla), turn_rate),
         Harmonic(np.array([bank, 0.0, heading]), np.array([0.0, 0.0, turn_rate]), _ZERO, _ZERO),

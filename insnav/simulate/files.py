@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import gzip
 import io
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ import pyarrow as pa
 import pyarrow.csv
 
 from insnav.exceptions import OutputError
-from insnav.types import FloatArray, GpsData, ImuData, Trajectory
+from insnav.types import FloatArray, GpsData, ImuData, IntArray, Trajectory
 from insnav.units import DEG
 
 # Far below what any sensor resolves or any test looks at.
@@ -38,7 +39,8 @@ def write_imu(path: Path, imu: ImuData) -> None:
     path : Path
         The file; its folder must exist.
     imu : ImuData
-        Samples. Sampling and stamp are not in the file: they are options of whoever reads it.
+        Samples, and temperature and wheel speed if there are any. Sampling and stamp are not in the file: they are
+        options of whoever reads it.
 
     Raises
     ------
@@ -48,7 +50,11 @@ def write_imu(path: Path, imu: ImuData) -> None:
     increments = imu.sampling == "increment"
     names = _IMU_COLUMNS[increments]
     values = np.column_stack([imu.gyro, imu.accel])
-    write_table(path, imu.time, rounded(names, values, _INCREMENT if increments else _RATE))
+    columns = rounded(names, values, _INCREMENT if increments else _RATE)
+    for name, extra, decimals in (("temperature_c", imu.temperature, 3), ("odometer_m_s", imu.odometer, _METRE)):
+        if extra is not None:
+            columns |= known(((name, decimals),), extra[:, None])
+    write_table(path, {"time_s": np.round(imu.time, _TIME), **columns})
 
 
 def write_gps(path: Path, gps: GpsData) -> None:
@@ -69,7 +75,10 @@ def write_gps(path: Path, gps: GpsData) -> None:
     columns = position_columns(gps.lla) | known(_VELOCITY, gps.v_n)
     columns |= known(tuple((f"sd_{axis}_m", _METRE) for axis in "ned"), gps.position_sd)
     columns |= known(tuple((f"sd_v{axis}_m_s", _METRE) for axis in "ned"), gps.velocity_sd)
-    write_table(path, gps.time, columns)
+    if gps.heading is not None:
+        columns |= known((("heading_deg", 8),), gps.heading[:, None] / DEG)
+    fix = {} if gps.fix is None else {"fix": gps.fix}
+    write_table(path, {"time_s": np.round(gps.time, _TIME), **columns, **fix})
 
 
 def write_reference(path: Path, reference: Trajectory) -> None:
@@ -90,7 +99,7 @@ def write_reference(path: Path, reference: Trajectory) -> None:
     columns = position_columns(reference.lla) | known(_VELOCITY, reference.v_n)
     columns |= known(_ATTITUDE, reference.rph / DEG)
     columns["heading_deg"] %= 360.0  # rounding may have made it 360
-    write_table(path, reference.time, columns)
+    write_table(path, {"time_s": np.round(reference.time, _TIME), **columns})
 
 
 def position_columns(lla: FloatArray) -> dict[str, FloatArray]:
@@ -112,16 +121,21 @@ def rounded(names: tuple[str, ...], values: FloatArray, decimals: int) -> dict[s
     return known(tuple((name, decimals) for name in names), values)
 
 
-def write_table(path: Path, time: FloatArray, columns: dict[str, FloatArray]) -> None:
-    """Write a table whose first column is time [s].
+def write_table(path: Path, columns: Mapping[str, FloatArray | IntArray]) -> None:
+    """Write columns as csv, compressed if the name ends in ``.gz``; a NaN becomes an empty cell.
+
+    Parameters
+    ----------
+    path : Path
+        The file; its folder must exist.
+    columns : mapping of str to (n,) array
+        Already rounded.
 
     Raises
     ------
     OutputError
         The file cannot be written.
     """
-    columns = {"time_s": np.round(time, _TIME), **columns}
-    # from_pandas: a NaN becomes an empty cell.
     table = pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})
     text = io.BytesIO()
     text.write((",".join(table.column_names) + "\n").encode())

@@ -7,7 +7,7 @@ import numpy as np
 from insnav.attitude import dcm_from_rph
 from insnav.earth import earth_rate_n, lla_offset
 from insnav.exceptions import ConfigError
-from insnav.simulate.truth import Truth, sensed
+from insnav.simulate.truth import Truth
 from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
@@ -69,14 +69,14 @@ def integrate(truth: Truth, edges: FloatArray) -> FloatArray:
     edges : (n + 1,) array
         Times since its start [s], strictly increasing.
     """
-    breaks = pieces(edges, np.concatenate([truth.position.knots, truth.attitude.knots]))
+    breaks = pieces(edges, truth.knots)
     half = 0.5 * np.diff(breaks)
     middle = breaks[:-1] + half
     parts = np.empty((len(half), 6))
     for i in range(0, len(half), _CHUNK):
         part = slice(i, i + _CHUNK)
         nodes = middle[part, None] + half[part, None] * _NODES
-        w_ib_b, f_b, _ = sensed(truth, nodes.ravel())
+        w_ib_b, f_b = truth.sensed(nodes.ravel())
         for column, values in enumerate(w_ib_b + f_b):
             parts[part, column] = half[part] * (values.reshape(nodes.shape) @ _WEIGHTS)
     total: FloatArray = np.add.reduceat(parts, np.searchsorted(breaks, edges[:-1]), axis=0)

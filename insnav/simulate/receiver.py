@@ -1,4 +1,4 @@
-"""Errors of satellite receivers: noise that is white, noise that lasts, and outages."""
+"""Errors of satellite receivers: noise that is white and that lasts, multipath, outages, latency, float solutions."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ import numpy as np
 
 from insnav.earth import lla_offset
 from insnav.exceptions import ConfigError
+from insnav.simulate.measure import gps_from_truth
 from insnav.simulate.sensors import Seed, gauss_markov
-from insnav.types import FloatArray, GpsData
+from insnav.simulate.truth import Truth
+from insnav.types import BoolArray, FloatArray, GpsData
 
 Triple = tuple[float, float, float]
 
@@ -39,6 +41,173 @@ class GpsErrors:
     def position_sd(self) -> FloatArray:
         """Standard deviation of the whole position error North, East, Down ``(3,)`` [m]."""
         return np.hypot(self.position_noise, self.position_drift)
+
+
+@dataclass(frozen=True, slots=True)
+class Now:
+    """Something that happens now and then: exponential times between, exponential lengths (a Poisson process).
+
+    Attributes
+    ----------
+    every : float
+        Mean time from the end of one to the beginning of the next [s].
+    length : float
+        Mean length [s].
+    """
+
+    every: float
+    length: float
+
+
+@dataclass(frozen=True, slots=True)
+class GpsSpec:
+    """How good a receiver is and where its antenna sits.
+
+    Attributes
+    ----------
+    name : str
+    errors : GpsErrors
+        Errors of its fixes.
+    rate : float
+        [Hz]
+    lever_b : (3,) tuple
+        Antenna seen from the IMU, body axes [m].
+    velocities : bool
+        Whether it gives velocities.
+    latency, jitter : float
+        How much later than valid a fix is stamped: on average, and its standard deviation [s].
+    fix : int
+        Fix type it says (1 fixed, 2 float, 4 DGPS, 5 single).
+    multipath, multipath_size : Now or None, float
+        Jumps of the position, and their standard deviation on each axis [m]. The stated deviations do not tell.
+    degraded, degraded_noise : Now or None, float
+        Times of a worse kind of fix (an RTK float solution), type 2, and their white error on each axis [m]. Told.
+    outages : tuple of (float, float)
+        Begin, since the start of the motion, and length of outages [s].
+    outage_period : (float, float) or None
+        Period of regular outages, and the length of each, at the end of the period [s].
+    outage : Now or None
+        Random outages.
+    stated : float
+        Standard deviations stated, by the true ones.
+    source : str
+        Where the figures come from.
+    """
+
+    name: str
+    errors: GpsErrors
+    rate: float = 1.0
+    lever_b: Triple = (0.0, 0.0, 0.0)
+    velocities: bool = True
+    latency: float = 0.0
+    jitter: float = 0.0
+    fix: int = 5
+    multipath: Now | None = None
+    multipath_size: float = 0.0
+    degraded: Now | None = None
+    degraded_noise: float = 0.0
+    outages: tuple[tuple[float, float], ...] = ()
+    outage_period: tuple[float, float] | None = None
+    outage: Now | None = None
+    stated: float = 1.0
+    source: str = ""
+
+
+def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
+    """Let a receiver measure a motion.
+
+    Parameters
+    ----------
+    truth : Truth
+        The motion.
+    spec : GpsSpec
+        The receiver.
+    seed : int or tuple of int
+        The same seed gives the same fixes; every kind of error has a stream of its own, so that none changes when
+        another one is switched on.
+
+    Returns
+    -------
+    GpsData
+        Fixes with what the receiver says of them.
+
+    Raises
+    ------
+    ConfigError
+        A motion that is over before the first fix.
+    """
+    kept, jumps, floats, times, white = np.random.SeedSequence(seed).spawn(5)
+    count = int(np.floor(truth.duration * spec.rate * (1.0 + 1e-12)))
+    # a stamp is never earlier than the first instant that can be measured
+    stamp: FloatArray = truth.start + np.arange(1.0, count + 1.0) / spec.rate
+    late = spec.latency + spec.jitter * np.random.default_rng(times).standard_normal(count)
+    valid = stamp - late
+    inside = (valid >= truth.start) & (valid <= truth.start + truth.duration)
+    inside &= ~_outages(spec, stamp, truth, np.random.default_rng(kept))
+    stamp, valid = stamp[inside], valid[inside]
+    if not len(stamp):
+        raise ConfigError(
+            "the motion has no fix",
+            where="gps",
+            why=f"it lasts {truth.duration:g} s, at {spec.rate:g} Hz and with all outages",
+            fix="a longer motion, a higher rate, or fewer outages",
+        )
+    order = np.argsort(valid)  # jitter may be longer than the time between fixes
+    gps = gps_from_truth(truth, valid[order], np.asarray(spec.lever_b))
+    gps = corrupt_gps(replace(gps, time=stamp), spec.errors, white.generate_state(4).tolist())
+    position_sd = gps.position_sd.copy()
+    error = np.zeros_like(gps.lla)
+    fix = np.full(len(stamp), spec.fix, dtype=np.int64)
+    if spec.multipath is not None:
+        rng = np.random.default_rng(jumps)
+        for begin, end in _spells(spec.multipath, truth, rng):
+            error[(stamp >= begin) & (stamp < end)] += spec.multipath_size * rng.standard_normal(3)
+    if spec.degraded is not None:
+        rng = np.random.default_rng(floats)
+        worse = _within(stamp, _spells(spec.degraded, truth, rng))
+        error[worse] += spec.degraded_noise * rng.standard_normal((int(worse.sum()), 3))
+        position_sd[worse] = np.hypot(position_sd[worse], spec.degraded_noise)
+        fix[worse] = 2
+    unknown = np.full_like(gps.v_n, np.nan)
+    return replace(
+        gps,
+        lla=lla_offset(gps.lla, error),
+        v_n=gps.v_n if spec.velocities else unknown,
+        position_sd=spec.stated * position_sd,
+        velocity_sd=spec.stated * gps.velocity_sd if spec.velocities else unknown.copy(),
+        fix=fix,
+    )
+
+
+def _outages(spec: GpsSpec, time: FloatArray, truth: Truth, rng: np.random.Generator) -> BoolArray:
+    """Which fixes fall into an outage."""
+    since = time - truth.start
+    dark = _within(since, [(begin, begin + length) for begin, length in spec.outages])
+    if spec.outage_period is not None:
+        period, length = spec.outage_period
+        dark |= since % period >= period - length
+    if spec.outage is not None:
+        dark |= _within(time, _spells(spec.outage, truth, rng))
+    return dark
+
+
+def _spells(when: Now, truth: Truth, rng: np.random.Generator) -> list[tuple[float, float]]:
+    """Begin and end of each."""
+    spells: list[tuple[float, float]] = []
+    time = truth.start
+    while True:
+        begin = time + when.every * float(rng.exponential())
+        time = begin + when.length * float(rng.exponential())
+        if begin >= truth.start + truth.duration:
+            return spells
+        spells.append((begin, time))
+
+
+def _within(time: FloatArray, spells: list[tuple[float, float]]) -> BoolArray:
+    inside = np.zeros(len(time), dtype=np.bool_)
+    for begin, end in spells:
+        inside |= (time >= begin) & (time < end)
+    return inside
 
 
 def corrupt_gps(gps: GpsData, errors: GpsErrors, seed: Seed) -> GpsData:

@@ -1,4 +1,4 @@
-"""Errors of inertial sensors: a specimen drawn from a specification, its drift, noise and resolution."""
+"""Errors of inertial sensors: a specimen drawn from a specification, its drift, noise, resolution, range and clock."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
-from insnav.imu import ImuErrors, ImuSpec, SensorSpec, corrupt, draw_errors, sample_intervals
-from insnav.types import FloatArray, ImuData
+from insnav.imu import ClockSpec, ImuErrors, ImuSpec, SensorSpec, corrupt, draw_errors, sample_intervals
+from insnav.types import BoolArray, FloatArray, ImuData
+
+_FLICKER_RATIO = 3.0  # between the correlation times whose processes make flicker noise together
+_VIBRATION_WINDOW = 0.5  # in which the variance of the specific force is taken [s]
 
 Seed = int | tuple[int, ...]
 
@@ -39,12 +43,14 @@ def corrupt_imu(
     spec: ImuSpec,
     seed: Seed,
     *,
+    temperature: FloatArray | None = None,
     gyro_step: float = 0.0,
     accel_step: float = 0.0,
 ) -> ImuSimulation:
     """Draw an IMU from a specification and let it measure.
 
-    Constant errors come first (`insnav.imu.corrupt`), then in-run bias, white noise, rounding.
+    Constant errors come first (`insnav.imu.corrupt`), then in-run bias, white noise, quantisation, range, rounding,
+    time stamps. Every source has a stream of random numbers of its own: switching one on does not change the others.
 
     Parameters
     ----------
@@ -54,8 +60,10 @@ def corrupt_imu(
         Sizes of the errors.
     seed : int or tuple of int
         The same seed gives the same errors.
+    temperature : (n,) array, optional
+        Of the IMU at each sample [deg C].
     gyro_step, accel_step : float
-        Resolution, in the unit of the samples; zero for none.
+        Resolution of the samples as they are written, in their own unit; zero for none.
 
     Returns
     -------
@@ -65,20 +73,154 @@ def corrupt_imu(
     Raises
     ------
     InputError
-        Fewer than two samples.
+        Fewer than two samples, or terms that depend on the temperature without one.
     """
-    constant, gyro_seed, accel_seed = np.random.SeedSequence(seed).spawn(3)
-    errors = draw_errors(spec, np.random.default_rng(constant))
+    constant, gyro_seed, accel_seed, gyro_flicker, accel_flicker, clock = np.random.SeedSequence(seed).spawn(6)
+    drawn = np.random.default_rng(constant)
+    errors = draw_errors(spec, drawn)
+    if temperature is not None:
+        imu = replace(imu, temperature=np.asarray(temperature, dtype=np.float64))
     wrong = corrupt(imu, errors)
     dt = sample_intervals(imu)[:, None]
     gyro_drift, gyro_noise = drift_and_noise(imu.time, dt, spec.gyro, np.random.default_rng(gyro_seed))
     accel_drift, accel_noise = drift_and_noise(imu.time, dt, spec.accel, np.random.default_rng(accel_seed))
     # The noise of an instant is taken to be that of the mean: a sensor's bandwidth is about its rate.
     span = dt if imu.sampling == "increment" else 1.0
+    since = (imu.time - imu.time[0])[:, None]
+    ramps = drawn.standard_normal((2, 3)) * [spec.gyro.rate_ramp, spec.accel.rate_ramp]
+    gyro_drift += since * ramps[0] + flicker(gyro_flicker, imu.time, spec.gyro.flicker)
+    accel_drift += since * ramps[1] + flicker(accel_flicker, imu.time, spec.accel.flicker)
+    if np.any(spec.gyro.vibration_rectification) or np.any(spec.accel.vibration_rectification):
+        shaking = local_variance(np.asarray(imu.accel / span), float(np.median(dt)))
+        gyro_drift += spec.gyro.vibration_rectification * shaking
+        accel_drift += spec.accel.vibration_rectification * shaking
     gyro = wrong.gyro + (gyro_drift + gyro_noise) * span
     accel = wrong.accel + (accel_drift + accel_noise) * span
+    gyro, accel = shown(gyro, spec.gyro, dt, span), shown(accel, spec.accel, dt, span)
     wrong = replace(wrong, gyro=to_steps(gyro, gyro_step), accel=to_steps(accel, accel_step))
-    return ImuSimulation(wrong, errors, errors.gyro_bias + gyro_drift, errors.accel_bias + accel_drift)
+    gyro_bias, accel_bias = errors.gyro_bias + gyro_drift, errors.accel_bias + accel_drift
+    if spec.clock == ClockSpec():
+        return ImuSimulation(wrong, errors, gyro_bias, accel_bias)
+    stamped, kept = stamp(wrong, spec.clock, np.random.default_rng(clock))
+    return ImuSimulation(stamped, errors, gyro_bias[kept], accel_bias[kept])
+
+
+def shown(values: FloatArray, sensor: SensorSpec, dt: FloatArray, span: FloatArray | float) -> FloatArray:
+    """What is left of samples by quantisation of their integral, the end of the range, and resolution.
+
+    Parameters
+    ----------
+    values : (n, 3) array
+        Samples.
+    sensor : SensorSpec
+        Sizes.
+    dt : (n, 1) array
+        Intervals [s].
+    span : (n, 1) array or float
+        What makes a rate a sample: the intervals for increments, else 1.
+    """
+    step = math.sqrt(12.0) * sensor.quantisation
+    if np.any(step):
+        # counts of the integral: what is cut off one sample is in the next one
+        per_sample = dt / span
+        total = np.cumsum(values * per_sample, axis=0)
+        counted = np.where(step > 0.0, np.round(total / np.where(step > 0.0, step, 1.0)) * step, total)
+        values = np.asarray(np.diff(counted, axis=0, prepend=np.zeros((1, 3))) / per_sample)
+    if np.any(sensor.range):
+        limit = np.where(sensor.range > 0.0, sensor.range, np.inf)
+        values = np.asarray(np.clip(values / span, -limit, limit) * span)
+    if np.any(sensor.resolution):
+        fine = np.where(sensor.resolution > 0.0, sensor.resolution, 1.0)
+        rounded = np.round(values / span / fine) * fine * span
+        values = np.where(sensor.resolution > 0.0, rounded, values)
+    return values
+
+
+def flicker(seed: np.random.SeedSequence, time: FloatArray, size: FloatArray) -> FloatArray:
+    """Flicker noise as a sum of Gauss-Markov processes whose correlation times go in steps.
+
+    Parameters
+    ----------
+    seed : SeedSequence
+        Source of randomness.
+    time : (n,) array
+        Times [s], taken as evenly spaced.
+    size : (3,) array
+        Coefficient B of IEEE Std 952-1997, equation C.8: two-sided density ``B^2 / (2 pi f)``.
+
+    Returns
+    -------
+    (n, 3) array
+        In the unit of `size`.
+
+    Notes
+    -----
+    Processes of one variance v, correlation times in a ratio r, have together a two-sided density
+    ``v / (2 f ln r)`` between the inverse of the longest and of the shortest time (the integral of Lorentzians over the
+    logarithm of the time; van der Ziel, Physica 16 (1950) 359-372), and so ``v = B^2 ln(r) / pi``.
+    """
+    if not np.any(size):
+        return np.zeros((len(time), 3))
+    rng = np.random.default_rng(seed)
+    spacing = (time[-1] - time[0]) / (len(time) - 1)
+    sd = size * math.sqrt(math.log(_FLICKER_RATIO) / math.pi)
+    total = np.zeros((len(time), 3))
+    correlation_time = 0.3 * spacing
+    while correlation_time < 10.0 * (time[-1] - time[0]):
+        total += gauss_markov(rng, time, sd, correlation_time)
+        correlation_time *= _FLICKER_RATIO
+    return total
+
+
+def local_variance(force: FloatArray, dt: float) -> FloatArray:
+    """Variance of the specific force ``(n, 3)`` within half a second around each sample [(m/s^2)^2]."""
+    width = max(3, round(_VIBRATION_WINDOW / dt))
+    off = force - force.mean(axis=0)
+    mean = uniform_filter1d(off, width, axis=0, mode="nearest")
+    square = uniform_filter1d(off * off, width, axis=0, mode="nearest")
+    return np.asarray(np.maximum(square - mean * mean, 0.0))
+
+
+def stamp(imu: ImuData, clock: ClockSpec, rng: np.random.Generator) -> tuple[ImuData, BoolArray]:
+    """Give samples the times of a clock that is not right, and lose some.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Samples at true times.
+    clock : ClockSpec
+        Its errors. Jitter beyond 0.4 of an interval is cut there, so that the order stays.
+    rng : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    imu : ImuData
+    kept : (n,) array
+        Which of the samples are still there.
+    """
+    spacing = float(np.median(np.diff(imu.time)))
+    jitter = np.clip(clock.jitter * rng.standard_normal(len(imu.time)), -0.4 * spacing, 0.4 * spacing)
+    time = imu.time + clock.offset + clock.drift * (imu.time - imu.time[0]) + jitter
+    kept = np.ones(len(time), dtype=np.bool_)
+    begin = imu.time[0]
+    while clock.lost_every > 0.0:
+        begin += clock.lost_every * rng.exponential()
+        end = begin + clock.lost_length * rng.exponential()
+        if begin >= imu.time[-1]:
+            break
+        kept[(imu.time > begin) & (imu.time <= end)] = False
+        begin = end
+    return (
+        replace(
+            imu,
+            time=time[kept],
+            gyro=imu.gyro[kept],
+            accel=imu.accel[kept],
+            temperature=None if imu.temperature is None else imu.temperature[kept],
+        ),
+        kept,
+    )
 
 
 def drift_and_noise(

@@ -1,7 +1,9 @@
 """Exact motion over the rotating Earth: everything is an analytic function of position and attitude curves.
 
 Nothing is integrated to get from motion to sensors: velocity, angular rate and specific force are derivatives
-of the same curves, so they agree with each other to rounding at every instant.
+of the same curves, so they agree with each other to rounding at every instant. `Truth` is what every motion can tell;
+`LevelTruth` has curves of latitude, longitude, height and of roll, pitch, heading, which is what formulas are
+written in. `insnav.simulate.earthfixed.EarthTruth` has neither poles nor a pitch of 90 deg.
 
 References
 ----------
@@ -10,7 +12,9 @@ Groves, "Principles of GNSS, Inertial, and Multisensor Integrated Navigation Sys
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -20,6 +24,7 @@ from insnav.exceptions import ConfigError
 from insnav.simulate.curves import Curve
 from insnav.types import FloatArray
 
+Gravity = Literal["full", "plumb"]  # normal gravity, or normal gravity without its north component
 Vector = tuple[FloatArray, FloatArray, FloatArray]  # components apart: numpy is twice as fast on contiguous arrays
 
 
@@ -48,31 +53,55 @@ class Kinematics:
     f_b: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
+class Truth(ABC):
     """A motion known exactly at every instant between `start` and `start` + `duration`.
 
     Attributes
     ----------
-    origin : (3,) array
-        Latitude [rad], longitude [rad], height [m] that `position` counts from: small numbers keep digits.
-    position : Curve
-        Latitude [rad], longitude [rad] and height [m] minus `origin`, over the time since `start` [s]; smooth
-        in at least two derivatives.
-    attitude : Curve
-        Roll, pitch, heading [rad] over the time since `start` [s], heading without jumps; smooth in at least
-        one derivative.
     duration : float
         Length [s].
     start : float
         Time of the first instant [s].
+    gravity : {"full", "plumb"}
+        Normal gravity as it is, or without its north component above the ellipsoid (0.7 ug at 1 km): as most other
+        packages have it, for comparison with these.
     """
 
-    origin: FloatArray
-    position: Curve
-    attitude: Curve
+    __slots__ = ()
+
     duration: float
-    start: float = 0.0
+    start: float
+    gravity: Gravity
+
+    @property
+    @abstractmethod
+    def knots(self) -> FloatArray:
+        """Times since `start` at which some high derivative jumps [s]; quadrature stops there."""
+
+    @abstractmethod
+    def sensed(self, tau: FloatArray) -> tuple[Vector, Vector]:
+        """Angular rate against inertial space [rad/s] and specific force [m/s^2], components in body axes.
+
+        Parameters
+        ----------
+        tau : (n,) array
+            Times since `start` [s].
+        """
+
+    @abstractmethod
+    def evaluate(self, time: FloatArray) -> Kinematics:
+        """Motion at the given times.
+
+        Parameters
+        ----------
+        time : (n,) array
+            Times [s], in any order.
+
+        Raises
+        ------
+        ConfigError
+            A time outside the motion.
+        """
 
     def elapsed(self, time: FloatArray) -> FloatArray:
         """Time since `start` ``(n,)`` [s].
@@ -92,21 +121,46 @@ class Truth:
             )
         return tau
 
+
+@dataclass(frozen=True, slots=True)
+class LevelTruth(Truth):
+    """A motion in latitude, longitude, height and roll, pitch, heading: not at a pole, nor at a pitch of 90 deg.
+
+    Attributes
+    ----------
+    origin : (3,) array
+        Latitude [rad], longitude [rad], height [m] that `position` counts from: small numbers keep digits.
+    position : Curve
+        Latitude [rad], longitude [rad] and height [m] minus `origin`, over the time since `start` [s]; smooth
+        in at least two derivatives.
+    attitude : Curve
+        Roll, pitch, heading [rad] over the time since `start` [s], heading without jumps; smooth in at least
+        one derivative.
+    duration, start, gravity
+        See `Truth`.
+    """
+
+    origin: FloatArray
+    position: Curve
+    attitude: Curve
+    duration: float
+    start: float = 0.0
+    gravity: Gravity = "full"
+
+    @property
+    def knots(self) -> FloatArray:
+        """See `Truth`."""
+        return np.concatenate([self.position.knots, self.attitude.knots])
+
+    def sensed(self, tau: FloatArray) -> tuple[Vector, Vector]:
+        """See `Truth`."""
+        w_ib_b, f_b, _ = _sensed(self, tau)
+        return w_ib_b, f_b
+
     def evaluate(self, time: FloatArray) -> Kinematics:
-        """Motion at the given times.
-
-        Parameters
-        ----------
-        time : (n,) array
-            Times [s], in any order.
-
-        Raises
-        ------
-        ConfigError
-            A time outside the motion.
-        """
+        """See `Truth`."""
         tau = self.elapsed(time)
-        w_ib_b, f_b, v_n = sensed(self, tau)
+        w_ib_b, f_b, v_n = _sensed(self, tau)
         lla = self.position(tau) + self.origin
         lla[:, 1] = wrap_pi(lla[:, 1])
         rph = self.attitude(tau).copy()
@@ -114,12 +168,12 @@ class Truth:
         return Kinematics(lla, np.column_stack(v_n), rph, np.column_stack(w_ib_b), np.column_stack(f_b))
 
 
-def sensed(truth: Truth, tau: FloatArray) -> tuple[Vector, Vector, Vector]:
+def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]:
     """Angular rate [rad/s] and specific force [m/s^2] in body axes, and velocity North, East, Down [m/s].
 
     Parameters
     ----------
-    truth : Truth
+    truth : LevelTruth
         The motion.
     tau : (n,) array
         Times since its start [s].
@@ -146,6 +200,8 @@ def sensed(truth: Truth, tau: FloatArray) -> tuple[Vector, Vector, Vector]:
     turn_north, turn_east, turn_down = (OMEGA_EARTH + d_lon) * c, -d_lat, -(OMEGA_EARTH + d_lon) * s
     p_north, p_down = turn_north + OMEGA_EARTH * c, turn_down - OMEGA_EARTH * s
     g_north, _, g_down = components(gravity_n(lat, height))
+    if truth.gravity == "plumb":
+        g_north = np.zeros_like(g_north)
     f_n = (
         a_north + turn_east * v_down - p_down * v_east - g_north,
         a_east + p_down * v_north - p_north * v_down,

@@ -13,7 +13,7 @@ from insnav.exceptions import ConfigError
 from insnav.simulate.curves import Spline, spline_through
 from insnav.simulate.profile import Profile, commands
 from insnav.simulate.sensors import Seed
-from insnav.simulate.truth import Truth, components
+from insnav.simulate.truth import LevelTruth, components
 from insnav.types import FloatArray
 
 _TONES = 24
@@ -56,7 +56,7 @@ def drive(
     seed: Seed,
     start: float = 0.0,
     knot_spacing: float = 0.04,
-) -> Truth:
+) -> LevelTruth:
     """Exact motion of a car that drives a profile.
 
     The rates of position are splines through the commanded ones and are integrated as polynomials. What the
@@ -80,7 +80,7 @@ def drive(
 
     Returns
     -------
-    Truth
+    LevelTruth
         The motion, continuous in seven derivatives of position and six of attitude.
 
     Raises
@@ -110,7 +110,7 @@ def drive(
     climb = speed * np.sin(grade) - velocity_shake[:, 2]
     north = ahead * np.cos(heading) - right * np.sin(heading)
     east = ahead * np.sin(heading) + right * np.cos(heading)
-    return Truth(
+    return LevelTruth(
         np.asarray(lla, dtype=np.float64),
         position_curve(t, np.column_stack([north, east, climb]), lla),
         spline_through(t, attitude),

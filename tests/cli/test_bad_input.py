@@ -155,7 +155,7 @@ def test_only_one_file_comes_from_standard_input(drive: Path, cli: Cli):
 
 def test_all_errors_of_an_imu_file_are_told_at_once(drive: Path, cli: Cli):
     Path("bad.toml").write_text('[gyro]\nbias = "5 furlongs"\nbiass = "1 deg/h"\n[accel]\nbias = 3\n')
-    refused(cli("run", "imu.csv", "--gps", "gps.csv", "--imu", "bad.toml"), 2, "3 keys are wrong", "bad.toml")
+    refused(cli("run", "imu.csv", "--gps", "gps.csv", "--imu", "bad.toml"), 2, "3 things are wrong", "bad.toml")
     shown = cli("run", "imu.csv", "--gps", "gps.csv", "--imu", "bad.toml").err
     for word in ("gyro.bias", "furlongs", "did you mean 'bias'?", "accel.bias"):
         assert word in shown

@@ -183,7 +183,7 @@ def test_all_mistakes_are_told_at_once(load) -> None:
         "gyro.biass:",
         "accel.bias:",
         "initial.heading:",
-        "4 keys are wrong",
+        "4 things are wrong",
         "imu.toml",
     ):
         assert key in message

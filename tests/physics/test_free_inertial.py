@@ -8,7 +8,7 @@ import pytest
 from insnav import strapdown
 from insnav.attitude import dcm_from_rph
 from insnav.earth import gravity_n, ned_offset
-from insnav.simulate import Truth, circle, imu_from_truth, reference, straight
+from insnav.simulate import LevelTruth, Truth, circle, imu_from_truth, reference, straight
 from insnav.simulate.curves import Harmonic
 from insnav.types import ImuData, Increments, Trajectory
 from insnav.units import DEG
@@ -71,7 +71,7 @@ def test_standard_job_from_mean_rates(clean_job):
 def wobble(duration: float, place: np.ndarray = PLACE) -> Truth:
     """A ride on a swell: all three angles swing by degrees while the vehicle travels along a wave."""
     swing = np.array([3.0, 2.0, 4.0]) * DEG
-    return Truth(
+    return LevelTruth(
         place,
         Harmonic(np.zeros(3), np.array([2e-6, 3e-6, 0.0]), np.array([0, 0, 0.2]), np.array([2e-7, 0, 0.1]), 2.0),
         Harmonic(np.array([0.02, -0.01, 0.5]), np.zeros(3), 0.7 * swing, np.roll(swing, 1), 6.0),

@@ -12,6 +12,7 @@ from insnav.report.figures.style import (
     GREY,
     VERMILLION,
     Clock,
+    blank,
     broken_at_gaps,
     legend_above,
     line,
@@ -39,14 +40,13 @@ def draw_ensemble(found: Ensemble, runs: int) -> Figure:
     """
     clock = Clock.of(found.time)
     low, high = (np.sqrt(limit)[:, None] for limit in band(found.count))
-    figure, panels = stacked(
-        3,
+    figure = blank(
+        11.4,
+        7.4,
         f"Errors of {runs} simulated runs, and what the filter said of them",
         f"if the filter is right, {100 * BAND:.0f} % of the RMS errors lie within the band about its sd",
-        columns=3,
-        height=7.4,
     )
-    figure.subplots_adjust(wspace=0.34)
+    panels = figure.subplots(3, 3, sharex=True, squeeze=False, gridspec_kw={"hspace": 0.14, "wspace": 0.26})
     time, columns = broken_at_gaps(
         clock(found.time), np.column_stack((found.rms, found.sd, low * found.sd, high * found.sd))
     )
@@ -62,20 +62,29 @@ def draw_ensemble(found: Ensemble, runs: int) -> Figure:
             line(axes, time, error, VERMILLION, "RMS error")
             axes.set_yscale("log")
             logarithmic(axes.yaxis)
+            # by what the filter said: at rest before the start an error may be as good as none
+            axes.set_ylim(0.5 * np.nanmin(least), 1.5 * max(np.nanmax(most), np.nanmax(error)))
             axes.set_ylabel(label)
         panels[0][group].set_title(title)
         panels[-1][group].set_xlabel(clock.label)
-    legend_above(panels[0][2])
+    legend_above(panels[0][2], lift=1.1)
     return figure
 
 
-def draw_nees(found: Ensemble) -> Figure:
+def draw_nees(found: Ensemble) -> Figure | None:
     """Draw the mean normalised error squared of position, velocity and attitude over time.
 
     Parameters
     ----------
     found : Ensemble
+
+    Returns
+    -------
+    Figure or None
+        None if no run had a fix.
     """
+    if len(found.nees) == 0:
+        return None
     clock = Clock.of(found.nees_time)
     low, high = band(3 * found.nees_count)
     share = inside(found).mean(axis=0)

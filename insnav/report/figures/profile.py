@@ -6,8 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from insnav.earth import ned_offset
+from insnav.report.figures.states import readable_heading
 from insnav.report.figures.style import (
     AXIS_COLOURS,
     BLACK,
@@ -27,7 +29,6 @@ from insnav.types import FloatArray
 
 _MAP_WIDTH = 7.35  # [inch]
 _TRACK_POINTS = 4000
-_TURNS = 1.5  # a heading that turns more than this is drawn within 0..360 deg
 
 
 def draw_way(time: FloatArray, motion: Kinematics, name: str) -> Figure:
@@ -55,6 +56,7 @@ def draw_way(time: FloatArray, motion: Kinematics, name: str) -> Figure:
         f"Simulated motion {name}: {distance_text(way(time, motion))} in {duration_text(float(time[-1] - time[0]))}",
         f"start at latitude {lat:.5f}°, longitude {lon:.5f}°, height {motion.lla[0, 2]:.1f} m; exact, without errors",
     )
+    figure.subplots_adjust(right=1.0 - 0.75 / (_MAP_WIDTH + 1.9))
     axes = figure.subplots()
     axes.set_xlim(*x_limits)
     axes.set_ylim(*y_limits)
@@ -103,8 +105,10 @@ def draw_motion(time: FloatArray, motion: Kinematics, name: str) -> Figure:
     line(axes[1], x, motion.lla[:, 2], BLUE, "height")
     axes[1].set_ylabel("height [m]")
     _three(axes[2], x, np.degrees(motion.rph[:, :2]), ("roll", "pitch"), (BLUE, VERMILLION))
-    axes[2].set_ylabel("[deg]")
-    line(axes[3], x, _heading(motion.rph[:, 2]), GREEN, "heading")
+    axes[2].set_ylabel("tilt [deg]")
+    line(axes[3], x, readable_heading(motion.rph[:, 2])[0], GREEN, "heading")
+    axes[3].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value % 360.0:g}"))
+    axes[3].yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 3, 4.5, 6, 9, 10]))
     axes[3].set_ylabel("heading [deg]")
     _three(axes[4], x, np.degrees(motion.w_ib_b), ("x", "y", "z"), AXIS_COLOURS)
     axes[4].set_ylabel("rate [deg/s]")
@@ -112,8 +116,8 @@ def draw_motion(time: FloatArray, motion: Kinematics, name: str) -> Figure:
     axes[5].set_ylabel("force [m/s²]")
     for panel in (axes[2], axes[4], axes[5]):
         legend_above(panel)
-    for panel in axes:
-        _widened(panel)
+    for panel, least in zip(axes, (0.1, 0.1, 0.1, 0.1, 1e-3, 1e-2), strict=True):
+        _widened(panel, least)
     axes[-1].set_xlabel(clock.label)
     return figure
 
@@ -143,7 +147,7 @@ def draw_sketch(time: FloatArray, motion: Kinematics, name: str, purpose: str) -
     left.set_xlabel("East [m]")
     left.set_ylabel("North [m]")
     line(right, clock(time), np.linalg.norm(motion.v_n, axis=1), ORANGE, "speed")
-    _widened(right)
+    _widened(right, 0.1)
     right.set_xlabel(clock.label)
     right.set_ylabel("speed [m/s]")
     return figure
@@ -160,20 +164,9 @@ def _three(axes: Axes, x: FloatArray, values: FloatArray, labels: tuple[str, ...
         line(axes, x, values[:, column], colour, label, linewidth=0.9)
 
 
-def _heading(heading: FloatArray) -> FloatArray:
-    """Heading in degrees, without jumps if it turns little, else with breaks at north."""
-    smooth = np.degrees(np.unwrap(heading))
-    if np.ptp(smooth) <= 360.0 * _TURNS:
-        return np.asarray(smooth)
-    wrapped = np.degrees(heading) % 360.0
-    wrapped[np.flatnonzero(np.abs(np.diff(wrapped)) > 180.0)] = np.nan
-    return wrapped
-
-
-def _widened(axes: Axes) -> None:
-    """Do not blow up rounding: a constant is drawn as a constant."""
+def _widened(axes: Axes, least: float) -> None:
+    """Do not blow up rounding: what is constant is drawn as a constant."""
     low, high = axes.get_ylim()
-    middle = 0.5 * (low + high)
-    least = max(1e-3, 1e-6 * abs(middle))
     if high - low < least:
+        middle = 0.5 * (low + high)
         axes.set_ylim(middle - 0.5 * least, middle + 0.5 * least)

@@ -79,7 +79,7 @@ def draw_attitude(run: Run) -> Figure:
     spans = outages(run)
     figure, panels = stacked(3, "Attitude of the solution", "band: ±3 sd")
     degrees = np.degrees(solution.rph)
-    degrees[:, 2], unwrapped = _readable_heading(solution.rph[:, 2])
+    degrees[:, 2], unwrapped = readable_heading(solution.rph[:, 2])
     for axis, name in enumerate(("roll", "pitch", "heading")):
         axes = panels[axis][0]
         _state(axes, clock, solution, degrees[:, axis], 6 + axis, 180.0 / np.pi, None)
@@ -121,7 +121,7 @@ def _state(
     axes.set_ylim(middle - spread - 1.2 * typical, middle + spread + 1.2 * typical)
 
 
-def _readable_heading(heading: FloatArray) -> tuple[FloatArray, bool]:
+def readable_heading(heading: FloatArray) -> tuple[FloatArray, bool]:
     """Heading in degrees without jumps if it turns little, else within 0..360 with breaks at north."""
     smooth = np.degrees(np.unwrap(heading))
     if np.ptp(smooth) <= 360.0 * _MOST_TURNS:

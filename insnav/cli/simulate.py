@@ -1,0 +1,343 @@
+"""``insnav simulate``: recordings of a known motion, one or many."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from insnav.cli import options as opt
+from insnav.cli import parse
+from insnav.cli.console import Stages, note, result
+
+if TYPE_CHECKING:
+    from insnav.io.folder import RunFolder
+    from insnav.report.simulation import Plan
+
+SHORT_HELP = "IMU and GPS files of a motion that is exactly known; or hundreds of runs of it."
+HELP = """IMU and GPS files of a motion that is exactly known.
+
+The motion comes from a profile, by name or as a file, or from a recorded track. One IMU and one receiver are drawn from
+their specifications; out comes a folder with imu.csv, gps.csv, ref.csv, and the command that navigates them. With
+--runs every run draws its own, is navigated at once, and the errors are compared with what the filter says of them.
+
+\b
+Examples:
+  insnav simulate --list
+  insnav simulate city
+  insnav simulate city --imu tactical --gps rtk --seed 7 --out monday
+  insnav simulate drive.toml --imu mems.toml --rate 200 --sampling increment
+  insnav simulate city --fault gps-jump:60m@120s+8s --fault imu-gap@200s+1s
+  insnav simulate --from run --imu automotive --out twin
+  insnav simulate city --imu ideal --gps ideal
+  insnav simulate city --runs 500 --out ensemble
+
+The same options give the same bytes, for any number of workers. A stopped series of runs goes on with --resume.
+"""
+MOTION, RUNS = "Motion", "Many runs"
+
+
+def simulate(
+    profile: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="PROFILE", help="Name of a motion profile (see --list), or a .toml.", rich_help_panel=MOTION
+        ),
+    ] = None,
+    source: Annotated[
+        Path | None,
+        typer.Option(
+            "--from", metavar="TRACK", help="Run folder or reference file to make a twin of.", rich_help_panel=MOTION
+        ),
+    ] = None,
+    listed: Annotated[
+        bool,
+        typer.Option("--list", help="Show the profiles there are; with --out, draw them.", rich_help_panel=MOTION),
+    ] = False,
+    imu: Annotated[
+        str,
+        typer.Option(
+            metavar="MODEL",
+            help="How good the IMU is: consumer, automotive, industrial, tactical, navigation, ideal, or an imu.toml.",
+            rich_help_panel=opt.IMU,
+        ),
+    ] = "consumer",
+    rate: Annotated[float, typer.Option(metavar="HZ", help="Samples per second.", rich_help_panel=opt.IMU)] = 100.0,
+    sampling: Annotated[
+        opt.SamplingChoice,
+        typer.Option(metavar="HOW", help="What a sample is: mean, instant, increment.", rich_help_panel=opt.IMU),
+    ] = opt.SamplingChoice.mean,
+    temperature: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FROM:TO", help="Temperature of the IMU, from start to end, deg C.", rich_help_panel=opt.IMU
+        ),
+    ] = None,
+    gps: Annotated[
+        str,
+        typer.Option(
+            metavar="MODEL",
+            help="How good the receiver is: a preset such as single or rtk, ideal, or a gps.toml.",
+            rich_help_panel="GPS",
+        ),
+    ] = "single",
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FAULT", help="Something that goes wrong; repeatable.", rich_help_panel="Faults"),
+    ] = None,
+    seed: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Of everything random.", rich_help_panel=opt.RESULT)
+    ] = 1,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder to make. [sim]", rich_help_panel=opt.RESULT)
+    ] = None,
+    force: opt.Force = False,
+    as_json: opt.Json = False,
+    runs: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="Simulate and navigate so many.", rich_help_panel=RUNS),
+    ] = None,
+    run: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="Write the files of run N of --runs.", rich_help_panel=RUNS),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Processes. [one a processor]", rich_help_panel=RUNS)
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with a series that was stopped.", rich_help_panel=RUNS)
+    ] = False,
+) -> None:
+    """Simulate."""
+    if listed:
+        _list(out, force, as_json)
+        return
+    configuration = {
+        "profile": profile,
+        "from": None if source is None else str(source),
+        "imu": imu,
+        "rate_hz": rate,
+        "sampling": sampling.value,
+        "temperature_c": temperature,
+        "gps": gps,
+        "fault": fault or [],
+        "seed": seed,
+        "runs": runs,
+        "run": run,
+    }
+    _check(profile, source, runs, run, (imu, gps), resume)
+    target = out or Path("sim")
+    warming = _temperatures(temperature) if temperature else None
+    from insnav.io.folder import FACTS_FILE, RunFolder, read_facts
+
+    with RunFolder(target, force=force) as folder, Stages() as stage:
+        stage("motion")
+        plan = _plan(configuration, profile, source)
+        stage("simulating")
+        if runs is None:
+            where = _one(folder, plan, warming, stage)
+        else:
+            where = _many(folder, plan, runs, workers, resume, warming, stage)
+    if as_json:
+        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
+        return
+    from insnav.report.ensemble import ensemble_lines
+    from insnav.report.simulation import simulation_lines
+
+    lines = simulation_lines if runs is None else ensemble_lines
+    result("\n".join(lines(read_facts(where), target)))
+
+
+def _check(
+    profile: str | None, source: Path | None, runs: int | None, run: int | None, sensors: tuple[str, str], resume: bool
+) -> None:
+    """Refuse options that do not go together."""
+    from insnav.exceptions import ConfigError
+
+    if (profile is None) == (source is None):
+        raise ConfigError(
+            "a motion is needed: a profile, or a track with --from" if profile is None else "two motions were given",
+            where="PROFILE, --from",
+            fix="insnav simulate --list shows the profiles there are",
+        )
+    if runs is not None and run is not None:
+        raise ConfigError("either all runs or one of them", where="--runs, --run", fix="leave one of them out")
+    if runs is None and resume:
+        raise ConfigError("there is nothing to go on with", where="--resume", fix="it goes with --runs")
+    if runs is not None and "ideal" in sensors:
+        raise ConfigError(
+            "runs of ideal sensors are all the same", where="--imu, --gps", fix="give models that have errors"
+        )
+
+
+def _temperatures(text: str) -> tuple[float, float]:
+    """Temperature at the start and at the end [deg C], from ``FROM:TO`` or one number."""
+    from insnav.exceptions import ConfigError
+
+    try:
+        values = [parse.finite(float(part), "--temperature", largest=300.0) for part in text.split(":")]
+    except ValueError:
+        values = []
+    if len(values) not in (1, 2):
+        raise ConfigError(f"{text!r} is not a temperature", where="--temperature", fix="write it like 25 or -20:45")
+    return values[0], values[-1]
+
+
+def _plan(configuration: dict[str, Any], profile: str | None, source: Path | None) -> Plan:
+    from insnav.imu import load_imu
+    from insnav.report.simulation import IDEAL, Plan
+    from insnav.simulate.faults import parse_fault
+    from insnav.simulate.gps_config import load_gps
+    from insnav.simulate.montecarlo import run_seed
+
+    seed, run = configuration["seed"], configuration["run"]
+    imu, gps = configuration["imu"], configuration["gps"]
+    models = {
+        "imu": None if imu == IDEAL else load_imu(imu),
+        "gps": None if gps == IDEAL else load_gps(gps),
+        "faults": tuple(parse_fault(text) for text in configuration["fault"]),
+        "seed": seed if run is None else run_seed(seed, run),
+        "rate": configuration["rate_hz"],
+        "sampling": configuration["sampling"],
+        "configuration": configuration,
+    }
+    return Plan(**models, **(_twin(source) if source is not None else _profiled(str(profile), seed)))
+
+
+def _profiled(name: str, seed: int) -> dict[str, Any]:
+    """Motion of a profile."""
+    from insnav.simulate.motion import load_profile
+    from insnav.simulate.recording import MOTION_STREAM
+
+    profile = load_profile(name)
+    return {
+        "name": profile.name,
+        "purpose": profile.purpose,
+        "source": {},
+        "profile": profile.text,
+        "truth": profile.truth((seed, MOTION_STREAM)),
+    }
+
+
+def _twin(source: Path) -> dict[str, Any]:
+    """Motion of a recorded track: the smoothed solution of a run folder, or its solution, or a file."""
+    from insnav.cli.inputs import read_truth, say_reading
+    from insnav.exceptions import InputError
+    from insnav.simulate.track import truth_from_track
+
+    track = source
+    if source.is_dir():
+        names = [f"{stem}.{kind}" for stem in ("smoothed", "solution") for kind in ("csv", "parquet")]
+        found = next((source / name for name in names if (source / name).is_file()), None)
+        if found is None:
+            raise InputError(
+                "there is no solution in this folder",
+                where=str(source),
+                why=f"none of {', '.join(names)}",
+                fix="give a folder that `insnav run` has written, or a file",
+            )
+        track = found
+    reading = read_truth(track, None)
+    say_reading(reading.facts)
+    return {
+        "name": f"twin of {source.name or source.resolve().name}",
+        "purpose": "",
+        "source": {"track": str(track), "track_sha256": reading.facts.sha256},
+        "profile": "",
+        "truth": truth_from_track(reading.data),
+    }
+
+
+def _one(folder: RunFolder, plan: Plan, warming: tuple[float, float] | None, stage: Stages) -> Path:
+    from insnav.report.simulation import write_recording
+    from insnav.simulate.recording import perfect_imu, simulate_recording, warmed
+
+    perfect = perfect_imu(plan.truth, plan.rate, plan.sampling)
+    made = simulate_recording(
+        plan.truth,
+        plan.imu,
+        plan.gps,
+        plan.seed,
+        faults=plan.faults,
+        temperature=warmed(perfect, warming),
+        perfect=perfect,
+    )
+    stage("writing")
+    _quiet_figures()
+    return write_recording(folder, plan, made)
+
+
+def _many(
+    folder: RunFolder,
+    plan: Plan,
+    runs: int,
+    workers: int | None,
+    resume: bool,
+    warming: tuple[float, float] | None,
+    stage: Stages,
+) -> Path:
+    import joblib
+
+    from insnav.cli.signals import Stopped
+    from insnav.errors.ensemble import navigated_recording
+    from insnav.report.ensemble import write_runs
+    from insnav.report.simulation import plan_key
+    from insnav.simulate.checkpoint import Checkpoint
+    from insnav.simulate.montecarlo import monte_carlo
+    from insnav.simulate.recording import perfect_imu, warmed
+
+    assert plan.imu is not None
+    assert plan.gps is not None
+    place = folder.target.resolve()
+    checkpoint = Checkpoint(place.with_name(f".{place.name}.unfinished"), plan_key(plan))
+    if not resume:
+        checkpoint.remove()
+    perfect = perfect_imu(plan.truth, plan.rate, plan.sampling)
+    task = navigated_recording(plan.truth, plan.imu, plan.gps, perfect, plan.faults, warmed(perfect, warming))
+    try:
+        done = monte_carlo(
+            task,
+            runs,
+            plan.seed,
+            workers=workers or joblib.cpu_count(),
+            progress=lambda fraction: stage("navigating", fraction),
+            checkpoint=checkpoint,
+        )
+    except Stopped:
+        if checkpoint.path.exists():
+            note("the runs that have ended are kept: the same command with --resume goes on")
+        raise
+    stage("writing")
+    _quiet_figures()
+    where = write_runs(folder, plan, done)
+    checkpoint.remove()
+    return where
+
+
+def _quiet_figures() -> None:
+    import logging
+
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # its care for its own cache is nobody's concern
+
+
+def _list(out: Path | None, force: bool, as_json: bool) -> None:
+    """Show the library, and draw it into a folder if one is given."""
+    from insnav.simulate.motion import library, load_profile
+
+    profiles = [load_profile(path) for path in library()]
+    shown = [{"name": each.name, "duration_s": each.duration, "purpose": each.purpose} for each in profiles]
+    if out is not None:
+        from insnav.io.folder import RunFolder
+        from insnav.report.simulation import write_sketches
+
+        with RunFolder(out, force=force) as folder, Stages() as stage:
+            stage("drawing")
+            _quiet_figures()
+            write_sketches(folder, profiles, shown)
+    if as_json:
+        result(json.dumps(shown, indent=1, ensure_ascii=False))
+        return
+    width = max(len(str(each["name"])) for each in shown)
+    result("\n".join(f"{each['name']:<{width}}  {each['duration_s']:6.0f} s  {each['purpose']}" for each in shown))

@@ -1,0 +1,298 @@
+"""Many simulated recordings of one motion, all navigated: how large the errors are, and how large the filter says.
+
+Every recording has an IMU, fixes and noise of its own. Errors are squared and added up over the recordings at each
+second, beside the variances that the filter states, so that the two can be compared at every time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from insnav.attitude import dcm_from_quat, quat_conjugate, quat_from_rph, quat_multiply
+from insnav.earth import ned_offset
+from insnav.errors.metrics import position_errors
+from insnav.exceptions import InputError
+from insnav.filter.model import error_model
+from insnav.filter.recording import DELAY_SD, navigate_recording
+from insnav.filter.settings import FilterSettings
+from insnav.imu import ImuSpec
+from insnav.simulate.measure import reference
+from insnav.simulate.montecarlo import Runs, Sample
+from insnav.simulate.recording import simulate_recording
+from insnav.simulate.truth import Truth
+from insnav.types import BoolArray, Epochs, EventKind, FloatArray, ImuData, IntArray, Run
+
+if TYPE_CHECKING:
+    from insnav.simulate.faults import Fault
+    from insnav.simulate.receiver import GpsSpec
+
+STEP = 1.0  # between epochs of the ensemble [s]
+_STATES = 21  # of the filter
+COMPONENTS = ("north", "east", "down", "v_north", "v_east", "v_down", "roll", "pitch", "heading")
+GROUPS = ("position", "velocity", "attitude")
+BAND = 0.95  # probability of the band that a consistent filter stays in
+FIGURES = (
+    *(f"rms_{name}" for name in COMPONENTS),
+    "rms_horizontal",
+    "largest_horizontal",
+    *(f"nees_{name}" for name in GROUPS),
+    "positions",
+    "rejected",
+    "resets",
+)
+_EPOCH, _SQUARE, _VARIANCE, _FIX, _NEES = 0, slice(1, 10), slice(10, 19), 19, slice(20, 23)
+_WIDTH = 23
+
+
+@dataclass(frozen=True, slots=True)
+class NavigatedRecording:
+    """Simulate a recording and navigate it as a user would: the task of a Monte Carlo.
+
+    Attributes
+    ----------
+    truth : Truth
+        The motion.
+    imu_spec, gps_spec : ImuSpec, GpsSpec
+        How good the sensors are; the filter is told.
+    perfect : ImuData
+        What an IMU without errors measures.
+    settings : FilterSettings
+        Of the filter.
+    faults : tuple of Fault
+        What goes wrong in every recording.
+    temperature : (n,) array or None
+        Of the IMU [deg C].
+    """
+
+    truth: Truth
+    imu_spec: ImuSpec
+    gps_spec: GpsSpec
+    perfect: ImuData
+    settings: FilterSettings
+    faults: tuple[Fault, ...] = ()
+    temperature: FloatArray | None = None
+
+    def __call__(self, seed: int) -> Sample:
+        """Figures of one run, in the order of `FIGURES`, and its sums at each second."""
+        made = simulate_recording(
+            self.truth,
+            self.imu_spec,
+            self.gps_spec,
+            seed,
+            faults=self.faults,
+            temperature=self.temperature,
+            perfect=self.perfect,
+        )
+        run = navigate_recording(made.imu, made.gps, self.imu_spec, self.settings).run
+        return reduced(run, self.truth, error_model(self.imu_spec, _STATES).axes_sd)
+
+
+def navigated_recording(
+    truth: Truth,
+    imu_spec: ImuSpec,
+    gps_spec: GpsSpec,
+    perfect: ImuData,
+    faults: tuple[Fault, ...] = (),
+    temperature: FloatArray | None = None,
+) -> NavigatedRecording:
+    """Set up the task with the filter as ``insnav run`` sets it, the lever arm known and the delay estimated."""
+    settings = FilterSettings(lever_b=np.asarray(gps_spec.lever_b), delay_sd=DELAY_SD, smooth=False)
+    return NavigatedRecording(truth, imu_spec, gps_spec, perfect, settings, faults, temperature)
+
+
+def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
+    """Errors of a run against the truth: its figures, and what an ensemble adds up.
+
+    Parameters
+    ----------
+    run : Run
+    truth : Truth
+    axes_sd : (3,) array
+        How well the axes of the sensors are known in the body [rad]; see `insnav.filter.model.ErrorModel`.
+
+    Returns
+    -------
+    Sample
+        `figures` in the order of `FIGURES`, SI units and radians; `series` for `ensemble`.
+
+    Raises
+    ------
+    InputError
+        No row of the solution lies within the motion.
+    """
+    inside = _within(truth, run.solution.time)
+    time = run.solution.time[inside]
+    if len(time) == 0:
+        raise InputError("no row of the solution lies within the motion")
+    errors = position_errors(run.solution, reference(truth, time))
+    value = np.column_stack((errors.position, errors.velocity, errors.attitude))
+    sd = np.zeros_like(value) if errors.sd is None else errors.sd
+    series = np.zeros((epochs(truth), _WIDTH))
+    # one row an epoch: the first of its second, whatever the rate of the solution
+    at, first = np.unique(_row(truth, errors.time), return_index=True)
+    series[at, _EPOCH] = 1.0
+    series[at, _SQUARE], series[at, _VARIANCE] = value[first] ** 2, sd[first] ** 2
+    fixes = _within(truth, run.epochs.time)
+    nees = normalised(_rows(run.epochs, fixes), truth, axes_sd)
+    np.add.at(series[:, _FIX], _row(truth, run.epochs.time[fixes]), 1.0)
+    np.add.at(series[:, _NEES], _row(truth, run.epochs.time[fixes]), nees)
+    offered = np.isfinite(run.innovations.innovation[:, :3]).any(axis=1)
+    figures = [
+        *np.sqrt(np.mean(value**2, axis=0)),
+        np.sqrt(np.mean(errors.horizontal**2)),
+        np.max(errors.horizontal),
+        *(nees.mean(axis=0) / 3.0 if len(nees) else np.zeros(3)),
+        np.count_nonzero(offered),
+        np.count_nonzero(offered & ~run.innovations.used_position),
+        sum(event.kind is EventKind.RESET for event in run.events),
+    ]
+    return Sample(np.array(figures, dtype=np.float64), series)
+
+
+def normalised(state: Epochs, truth: Truth, axes_sd: FloatArray) -> FloatArray:
+    """Normalised estimation error squared of position, velocity and attitude, with the whole covariance of each.
+
+    Parameters
+    ----------
+    state : Epochs
+    truth : Truth
+    axes_sd : (3,) array
+        The covariance is that of the sensors' axes; the attitude of the body is known no better than these in it
+        [rad].
+
+    Returns
+    -------
+    (m, 3) array
+        ``e' P^-1 e``, three degrees of freedom each (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to
+        Tracking and Navigation, 2001, section 5.4.2).
+    """
+    true = reference(truth, state.time)
+    q_true = quat_from_rph(true.rph)
+    turn = quat_multiply(state.q_nb, quat_conjugate(q_true))
+    # C_hat = (I - [phi x]) C turns by -phi
+    phi = -2.0 * turn[:, 1:] * np.sign(turn[:, :1])
+    C_nb = dcm_from_quat(q_true)
+    C_bn = np.swapaxes(C_nb, 1, 2)
+    attitude = C_bn @ state.covariance[:, 6:9, 6:9] @ C_nb
+    axis = np.arange(3)
+    attitude[:, axis, axis] = np.maximum(attitude[:, axis, axis], axes_sd**2)
+    parts = (
+        (ned_offset(state.lla, true.lla), state.covariance[:, 0:3, 0:3]),
+        (state.v_n - true.v_n, state.covariance[:, 3:6, 3:6]),
+        ((C_bn @ phi[:, :, None])[:, :, 0], attitude),
+    )
+    return np.column_stack([(e * np.linalg.solve(p, e[:, :, None])[:, :, 0]).sum(axis=1) for e, p in parts])
+
+
+@dataclass(frozen=True, slots=True)
+class Ensemble:
+    """Errors of many runs at each second, and what the filter said of them.
+
+    Attributes
+    ----------
+    time : (m,) array
+        [s].
+    count : (m,) array
+        Runs that were navigating.
+    rms, sd : (m, 9) array
+        Root mean square error, and of the stated standard deviation, in the order of `COMPONENTS` [m], [m/s], [rad].
+    nees_time : (k,) array
+        Seconds with fixes [s].
+    nees_count : (k,) array
+        Number of epochs that `nees` is the mean of.
+    nees : (k, 3) array
+        Mean normalised error squared of position, velocity and attitude, by its three degrees of freedom: one if the
+        stated covariance is true.
+    """
+
+    time: FloatArray
+    count: IntArray
+    rms: FloatArray
+    sd: FloatArray
+    nees_time: FloatArray
+    nees_count: IntArray
+    nees: FloatArray
+
+
+def ensemble(runs: Runs, truth: Truth) -> Ensemble:
+    """Put together what `reduced` made of the runs.
+
+    Parameters
+    ----------
+    runs : Runs
+        At least one that ended well.
+    truth : Truth
+
+    Raises
+    ------
+    InputError
+        Every run failed.
+    """
+    if len(runs.number) == 0:
+        first = runs.failures[0]
+        raise InputError(
+            f"all {len(runs.failures)} runs failed",
+            where=f"run {first.number}, seed {first.seed}",
+            why=first.reason,
+            fix=f"make this one alone, with --run {first.number}, and navigate it",
+        )
+    time: FloatArray = truth.start + STEP * np.arange(epochs(truth), dtype=np.float64)
+    total = runs.total
+    known, fixed = total[:, _EPOCH] > 0.0, total[:, _FIX] > 0.0
+    count, fixes = total[known, _EPOCH], total[fixed, _FIX]
+    return Ensemble(
+        time[known],
+        count.astype(np.int64),
+        np.asarray(np.sqrt(total[known, _SQUARE] / count[:, None]), dtype=np.float64),
+        np.asarray(np.sqrt(total[known, _VARIANCE] / count[:, None]), dtype=np.float64),
+        time[fixed],
+        fixes.astype(np.int64),
+        np.asarray(total[fixed, _NEES] / fixes[:, None] / 3.0, dtype=np.float64),
+    )
+
+
+def band(degrees: FloatArray | IntArray) -> tuple[FloatArray, FloatArray]:
+    """Limits between which the mean of independent squared standard normal errors lies with probability `BAND`.
+
+    Parameters
+    ----------
+    degrees : (m,) array
+        How many: the mean times this is distributed as chi-square (Bar-Shalom, Li and Kirubarajan 2001, section
+        5.4.2).
+
+    Returns
+    -------
+    low, high : (m,) array
+    """
+    half = 0.5 * np.asarray(degrees, dtype=np.float64)
+    tail = 0.5 * (1.0 - BAND)
+    return gammaincinv(half, tail) / half, gammaincinv(half, 1.0 - tail) / half
+
+
+def inside(found: Ensemble) -> BoolArray:
+    """Whether the mean normalised error of each group was inside its band, (k, 3)."""
+    low, high = band(3 * found.nees_count)
+    return np.asarray((found.nees >= low[:, None]) & (found.nees <= high[:, None]))
+
+
+def epochs(truth: Truth) -> int:
+    """Number of seconds an ensemble of this motion has."""
+    return int(truth.duration / STEP + 0.5) + 1
+
+
+def _row(truth: Truth, time: FloatArray) -> IntArray:
+    """Number of the nearest epoch."""
+    return np.floor((time - truth.start) / STEP + 0.5).astype(np.int64)
+
+
+def _within(truth: Truth, time: FloatArray) -> BoolArray:
+    """Times that the truth covers: an estimated delay of the fixes may have moved a few out of it."""
+    return np.asarray((time >= truth.start) & (time <= truth.start + truth.duration))
+
+
+def _rows(state: Epochs, keep: BoolArray) -> Epochs:
+    return Epochs(state.time[keep], state.lla[keep], state.v_n[keep], state.q_nb[keep], state.covariance[keep])

@@ -1,0 +1,152 @@
+"""What bias and matrix leave out of the errors of a sensor: asymmetry, curvature, temperature, gravity, size.
+
+Of a value z that bias-free, matrix-bent sensors would show, the sensor shows
+
+    y = (1 + s dT) z + a |z| + q z^2 + b dT [+ G f for gyros],    dT = T - T_ref
+
+with everything by axis but the gravity-sensitivity ``G`` of gyros to the specific force ``f``. The accelerometers feel
+``f`` at the places where they sit: ``f + dw/dt x r + w x (w x r)`` (the size effect). IEEE Std 952-1997 section 1.3 and
+IEEE Std 1293-2018 annex A list these terms; Groves (2013), sections 4.4.3 to 4.4.6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from insnav.exceptions import ConfigError, InputError
+from insnav.types import FloatArray
+
+REFERENCE_TEMPERATURE = 25.0  # unless a calibration says another one [deg C]
+
+
+def _zeros() -> FloatArray:
+    return np.zeros(3)
+
+
+def _zero_matrix() -> FloatArray:
+    return np.zeros((3, 3))
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorTerms:
+    """Further errors of a sensor triad, none of them by default.
+
+    Attributes
+    ----------
+    asymmetry : (3,) array
+        Half of what the scale factor of positive values exceeds that of negative ones by [-].
+    quadratic : (3,) array
+        Second-order non-linearity [1/(rad/s)] or [1/(m/s^2)].
+    bias_slope : (3,) array
+        Bias by temperature [rad/s/K] or [m/s^2/K].
+    scale_slope : (3,) array
+        Scale factor by temperature [1/K].
+    g_sensitivity : (3, 3) array
+        Of gyros: rate by specific force [rad/s/(m/s^2)].
+    positions : (3, 3) array
+        Of accelerometers: row i is the place of accelerometer i from the point that is navigated, body axes [m].
+
+    Raises
+    ------
+    ConfigError
+        A value that is not finite, or terms so large that the sensor cannot be inverted.
+    """
+
+    asymmetry: FloatArray = field(default_factory=_zeros)
+    quadratic: FloatArray = field(default_factory=_zeros)
+    bias_slope: FloatArray = field(default_factory=_zeros)
+    scale_slope: FloatArray = field(default_factory=_zeros)
+    g_sensitivity: FloatArray = field(default_factory=_zero_matrix)
+    positions: FloatArray = field(default_factory=_zero_matrix)
+
+    def __post_init__(self) -> None:
+        for name in ("asymmetry", "quadratic", "bias_slope", "scale_slope", "g_sensitivity", "positions"):
+            value = np.asarray(getattr(self, name))
+            shape = (3, 3) if name in ("g_sensitivity", "positions") else (3,)
+            if value.shape != shape or not np.isfinite(value).all():
+                raise ConfigError(f"{name} must be {shape} finite numbers", where=name, why=f"it is {value.tolist()}")
+        if np.abs(self.asymmetry).max() > 0.5:
+            raise ConfigError("an asymmetry beyond 50 % is no sensor", where="asymmetry")
+
+    @property
+    def by_temperature(self) -> bool:
+        """Whether the temperature matters."""
+        return bool(np.any(self.bias_slope) or np.any(self.scale_slope))
+
+    def shown(self, z: FloatArray, warmer: FloatArray | None) -> FloatArray:
+        """What the sensor shows.
+
+        Parameters
+        ----------
+        z : (n, 3) array
+            Bent by the matrix, without bias [rad/s] or [m/s^2].
+        warmer : (n,) array or None
+            Temperature above the reference [K].
+
+        Returns
+        -------
+        (n, 3) array
+            Without bias and g-sensitivity.
+        """
+        y = z * self._gain(warmer) + self.asymmetry * np.abs(z) + self.quadratic * z * z
+        return np.asarray(y if warmer is None else y + warmer[:, None] * self.bias_slope)
+
+    def meant(self, y: FloatArray, warmer: FloatArray | None) -> FloatArray:
+        """Undo `shown`: the root of the quadratic on the side of the sign, in the form that keeps digits.
+
+        Parameters
+        ----------
+        y : (n, 3) array
+            Shown, bias and g-sensitivity taken off [rad/s] or [m/s^2].
+        warmer : (n,) array or None
+            Temperature above the reference [K].
+
+        Raises
+        ------
+        InputError
+            A value that the curvature never reaches.
+        """
+        if warmer is not None:
+            y = y - warmer[:, None] * self.bias_slope
+        side = np.where(y < 0.0, -1.0, 1.0)
+        slope = self._gain(warmer) + side * self.asymmetry
+        discriminant = slope * slope + 4.0 * self.quadratic * y
+        if np.any(discriminant < 0.0):
+            raise InputError(
+                "samples that a sensor of this non-linearity cannot show",
+                where="quadratic",
+                why=f"{int(np.sum(discriminant < 0.0))} values are beyond the vertex of its curve",
+                fix="check the sign and the unit of quadratic in the calibration",
+            )
+        return np.asarray(2.0 * y / (slope + np.sqrt(discriminant)))
+
+    def _gain(self, warmer: FloatArray | None) -> FloatArray:
+        return np.ones(3) if warmer is None else 1.0 + warmer[:, None] * self.scale_slope
+
+
+def size_effect(rate: FloatArray, dt: FloatArray, positions: FloatArray) -> FloatArray:
+    """What accelerometers feel because they do not sit in one point (Groves 2013, eq. 4.15 for each of them).
+
+    Parameters
+    ----------
+    rate : (n, 3) array
+        Angular rate [rad/s].
+    dt : (n,) array
+        Sampling intervals [s].
+    positions : (3, 3) array
+        Row i is the place of accelerometer i [m].
+
+    Returns
+    -------
+    (n, 3) array
+        [m/s^2]. Angular acceleration by differences of the rates: good for motion slow against the sampling.
+    """
+    time = np.cumsum(dt)
+    change = np.gradient(rate, time, axis=0)
+    felt = np.empty_like(rate)
+    for axis in range(3):
+        r = positions[axis]
+        felt[:, axis] = (np.cross(change, r) + np.cross(rate, np.cross(rate, r)))[:, axis]
+    return felt

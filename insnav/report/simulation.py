@@ -1,0 +1,342 @@
+"""What a simulated recording leaves on the disk: data files, the models behind them, figures, page, facts."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from insnav.imu import ImuErrors, ImuSpec, calibration_to_toml, to_toml
+from insnav.io.folder import RunFolder
+from insnav.report.facts import json_ready, versions
+from insnav.report.figures.profile import draw_motion, draw_sketch, draw_way, way
+from insnav.report.figures.style import drawing
+from insnav.report.labels import number
+from insnav.report.sheet import Picture, Sheet, Table, write_sheet
+from insnav.report.write import model_facts
+from insnav.simulate.files import write_gps, write_imu, write_reference
+from insnav.simulate.recording import Recording, times
+from insnav.simulate.truth import Kinematics, Truth
+from insnav.types import FloatArray, Sampling
+from insnav.units import DEG, DEG_PER_H, G0, PPM
+
+if TYPE_CHECKING:
+    from insnav.simulate.faults import Fault
+    from insnav.simulate.motion import MotionProfile
+    from insnav.simulate.receiver import GpsSpec
+
+IDEAL = "ideal"  # name of a sensor without errors
+_DRAWN = 20_000  # most instants of the motion that figures and facts look at
+_DRAWN_RATE = 50.0  # [Hz]
+_MARGIN = 12
+_SAMPLES = {"mean": "means over their interval", "instant": "values at an instant", "increment": "increments"}
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Everything a simulation is made from.
+
+    Attributes
+    ----------
+    name, purpose : str
+        Of the motion.
+    source : mapping
+        Where the motion comes from, for the facts.
+    profile : str
+        Text of the motion profile; empty if the motion is that of a recorded track.
+    truth : Truth
+        The motion.
+    imu, gps : ImuSpec, GpsSpec or None
+        Sensors; None for ideal ones.
+    seed : int
+        Of everything random.
+    rate : float
+        Of the IMU [Hz].
+    sampling : {"mean", "instant", "increment"}
+        What its samples are.
+    faults : tuple of Fault
+        What goes wrong.
+    configuration : mapping
+        Options as given.
+    """
+
+    name: str
+    purpose: str
+    source: Mapping[str, Any]
+    profile: str
+    truth: Truth
+    imu: ImuSpec | None
+    gps: GpsSpec | None
+    seed: int
+    rate: float
+    sampling: Sampling
+    faults: tuple[Fault, ...]
+    configuration: Mapping[str, Any]
+
+
+def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> Path:
+    """Write the whole folder and put it in its place.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        Entered, not committed.
+    plan : Plan
+        What was simulated.
+    made : Recording
+        The result.
+
+    Returns
+    -------
+    Path
+        The finished folder.
+    """
+    write_imu(folder.path("imu.csv"), made.imu)
+    write_gps(folder.path("gps.csv"), made.gps)
+    write_reference(folder.path("ref.csv"), made.reference)
+    texts = model_texts(plan)
+    if made.specimen is not None:
+        texts["specimen.toml"] = calibration_to_toml(made.specimen.errors)
+    time, motion = seen(plan.truth)
+    facts = {
+        **plan_facts(plan, time, motion),
+        "imu_samples": len(made.imu.time),
+        "gps_fixes": len(made.gps.time),
+        "lever_arm_m": made.lever_b,
+        "specimen": None if made.specimen is None else specimen_facts(made.specimen.errors),
+        "command": run_command(plan, made.lever_b),
+    }
+    ready = json_ready(facts)
+    sheet = Sheet(
+        f"Simulated recording of {plan.name}",
+        (*recording_lines(ready), _entry("next", ready["command"])),
+        tuple(table for table in (motion_table(ready["motion"]), _specimen_table(ready["specimen"])) if table),
+        motion_pictures(plan, time, motion),
+        _assumptions(plan),
+    )
+    return write_sheet(folder, sheet, ready, texts)
+
+
+def model_texts(plan: Plan) -> dict[str, str]:
+    """Text files with what was simulated: motion profile, IMU and receiver."""
+    texts = {}
+    if plan.profile:
+        texts["profile.toml"] = plan.profile
+    if plan.imu is not None:
+        texts["imu.toml"] = to_toml(plan.imu)
+    if plan.gps is not None:
+        from insnav.simulate import gps_config  # needs pydantic
+
+        texts["gps.toml"] = gps_config.to_toml(plan.gps)
+    return texts
+
+
+def plan_facts(plan: Plan, time: FloatArray, motion: Kinematics) -> dict[str, Any]:
+    """Facts of every simulation, not yet JSON-ready.
+
+    Parameters
+    ----------
+    plan : Plan
+        What was simulated.
+    time : (n,) array
+        Instants to look at [s].
+    motion : Kinematics
+        The motion at these.
+    """
+    lat, lon, height = plan.truth.evaluate(np.array([plan.truth.start])).lla[0]
+    speed = np.linalg.norm(motion.v_n, axis=1)
+    return {
+        "versions": versions(),
+        "configuration": plan.configuration,
+        "seed": plan.seed,
+        "motion": {
+            "name": plan.name,
+            "purpose": plan.purpose,
+            **plan.source,
+            "start_s": plan.truth.start,
+            "duration_s": plan.truth.duration,
+            "distance_m": way(time, motion),
+            "start_lat_deg": lat / DEG,
+            "start_lon_deg": lon / DEG,
+            "start_height_m": height,
+            "height_range_m": [motion.lla[:, 2].min(), motion.lla[:, 2].max()],
+            "max_speed_m_s": speed.max(),
+            "max_rate_deg_s": np.abs(motion.w_ib_b).max(axis=0) / DEG,
+            "max_specific_force_m_s2": np.abs(motion.f_b).max(axis=0),
+        },
+        "imu_rate_hz": plan.rate,
+        "imu_sampling": plan.sampling,
+        "imu_model": {"name": IDEAL} if plan.imu is None else model_facts(plan.imu, "simulated"),
+        "gps_model": IDEAL if plan.gps is None else plan.gps.name,
+        "faults": plan.configuration.get("fault", []),
+    }
+
+
+def plan_key(plan: Plan) -> str:
+    """Digest of everything the runs of a plan depend on: what was simulated, and the releases that do it."""
+    content = {
+        "versions": versions(),
+        "configuration": plan.configuration,
+        "source": plan.source,
+        "texts": model_texts(plan),
+        "seed": plan.seed,
+    }
+    return hashlib.sha256(json.dumps(json_ready(content), sort_keys=True).encode()).hexdigest()
+
+
+def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile], facts: Sequence[Mapping[str, Any]]) -> Path:
+    """Draw a sketch of every profile into a folder and put it in its place.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        Entered, not committed.
+    profiles : sequence of MotionProfile
+        What to draw.
+    facts : sequence of mapping
+        About each of them, for ``run.json``.
+    """
+    pictures = []
+    with drawing():
+        for profile in profiles:
+            figure = draw_sketch(*seen(profile.truth(0)), profile.name, profile.purpose)
+            pictures.append(Picture(profile.name, figure, profile.purpose))
+    rows = tuple((each["name"], f"{each['duration_s']:.0f}", each["purpose"]) for each in facts)
+    table = Table("Profiles", ("name", "duration [s]", "purpose"), rows)
+    return write_sheet(folder, Sheet("Motion profiles", (), (table,), tuple(pictures)), {"profiles": list(facts)})
+
+
+def seen(truth: Truth) -> tuple[FloatArray, Kinematics]:
+    """Instants that figures and facts of a motion look at, and the motion there."""
+    time = times(truth, min(_DRAWN_RATE, _DRAWN / truth.duration))
+    return time, truth.evaluate(time)
+
+
+def specimen_facts(errors: ImuErrors) -> dict[str, Any]:
+    """Constant errors of the IMU that was drawn, in field units; all of them are in ``specimen.toml``."""
+    return {
+        "gyro_bias_deg_h": errors.gyro_bias / DEG_PER_H,
+        "gyro_scale_ppm": (np.diag(errors.gyro_matrix) - 1.0) / PPM,
+        "accel_bias_mg": errors.accel_bias / (1e-3 * G0),
+        "accel_scale_ppm": (np.diag(errors.accel_matrix) - 1.0) / PPM,
+    }
+
+
+def run_command(plan: Plan, lever_b: FloatArray) -> str:
+    """Command that navigates the recording, said from inside its folder."""
+    words = ["insnav", "run", "imu.csv", "--gps", "gps.csv", "--ref", "ref.csv"]
+    if np.any(lever_b):
+        words += ["--lever-arm", ",".join(f"{length:g}" for length in lever_b)]
+    if plan.sampling == "instant":
+        words += ["--imu-sampling", "instant"]
+    # a filter needs some idea of noise, also for an IMU that has none
+    return " ".join([*words, "--imu", "navigation" if plan.imu is None else "imu.toml"])
+
+
+def in_folder(command: str, folder: Path) -> str:
+    """Command from `run_command`, said from where the folder is given from."""
+    names = {"imu.csv", "gps.csv", "ref.csv", "imu.toml"}
+    return shlex.join(str(folder / word) if word in names else word for word in command.split())
+
+
+def simulation_lines(facts: Mapping[str, Any], out: Path) -> list[str]:
+    """Say what was simulated and how to go on.
+
+    Parameters
+    ----------
+    facts : mapping
+        As in ``run.json``.
+    out : Path
+        The folder as the user gave it.
+    """
+    return [
+        *recording_lines(facts),
+        _entry("files", f"{out}: imu.csv, gps.csv, ref.csv, report.html, run.json, …"),
+        _entry("next", in_folder(facts["command"], out)),
+    ]
+
+
+def recording_lines(facts: Mapping[str, Any]) -> list[str]:
+    """Say what was simulated."""
+    samples = f"{facts['imu_samples']} samples at {facts['imu_rate_hz']:g} Hz, {_SAMPLES[facts['imu_sampling']]}"
+    return [
+        *motion_lines(facts),
+        _entry("IMU", f"{facts['imu_model']['name']}: {samples}"),
+        _entry("GPS", f"{facts['gps_model']}: {facts['gps_fixes']} fixes; seed {facts['seed']}"),
+        *(_entry("fault", text) for text in facts["faults"]),
+    ]
+
+
+def motion_lines(facts: Mapping[str, Any]) -> list[str]:
+    """One line about the motion."""
+    motion = facts["motion"]
+    return [
+        _entry(
+            "motion",
+            f"{motion['name']}: {motion['duration_s']:.1f} s, {number(motion['distance_m'])} m, up to "
+            f"{number(motion['max_speed_m_s'])} m/s",
+        )
+    ]
+
+
+def _entry(name: str, text: str) -> str:
+    return f"{name:<{_MARGIN}}{text}"
+
+
+def motion_table(motion: Mapping[str, Any]) -> Table:
+    """Rows about the motion.
+
+    Parameters
+    ----------
+    motion : mapping
+        ``motion`` of the facts.
+    """
+    low, high = motion["height_range_m"]
+    rows = (
+        ("duration [s]", f"{motion['duration_s']:.1f}"),
+        ("distance [m]", number(motion["distance_m"], 4)),
+        ("largest speed [m/s]", number(motion["max_speed_m_s"])),
+        ("height [m]", f"{low:.1f} to {high:.1f}"),
+        ("largest rate x, y, z [deg/s]", ", ".join(number(value) for value in motion["max_rate_deg_s"])),
+        (
+            "largest specific force x, y, z [m/s²]",
+            ", ".join(number(value) for value in motion["max_specific_force_m_s2"]),
+        ),
+    )
+    return Table(f"Motion: {motion['purpose'] or motion['name']}", ("", "value"), rows)
+
+
+def motion_pictures(plan: Plan, time: FloatArray, motion: Kinematics) -> tuple[Picture, ...]:
+    """Figures of the motion."""
+    with drawing():
+        return (
+            Picture("way", draw_way(time, motion, plan.name), "The way over the ground"),
+            Picture("motion", draw_motion(time, motion, plan.name), "What sensors without errors would feel"),
+        )
+
+
+def _specimen_table(specimen: Mapping[str, Any] | None) -> Table | None:
+    if specimen is None:
+        return None
+    rows = tuple(
+        (name, *(number(value) for value in specimen[key]))
+        for name, key in (
+            ("gyro bias [deg/h]", "gyro_bias_deg_h"),
+            ("gyro scale factor [ppm]", "gyro_scale_ppm"),
+            ("accelerometer bias [mg]", "accel_bias_mg"),
+            ("accelerometer scale factor [ppm]", "accel_scale_ppm"),
+        )
+    )
+    return Table("The IMU that was drawn", ("", "x", "y", "z"), rows, "constant errors; all of them: specimen.toml")
+
+
+def _assumptions(plan: Plan) -> tuple[str, ...]:
+    if plan.imu is None or not plan.imu.absent:
+        return ()
+    return (f"errors the IMU file does not give are zero: {', '.join(plan.imu.absent)}",)

@@ -1,0 +1,366 @@
+"""Faults put into data on purpose: what receivers, sensors and loggers do wrong, as pure functions and by name.
+
+A fault is written ``VERB[:SIZE][@TIME[+LENGTH]]``, times in seconds after the first sample:
+
+==================================  ==================================================================
+``gps-spike:60m@120s``              one fix off by so much, to the north-east
+``gps-jump:60m@120s+8s``            all fixes off for a while (multipath); without length for good
+``gps-drag:1m/s@120s+60s``          fixes dragged off, ever farther, then left there
+``gps-outage@120s+30s``             no fixes
+``gps-flap:50m@120s+60s``           four fixes of five off by so much
+``gps-latency:0.3s``                fixes stamped late
+``gps-sd:0.1``                      fixes that claim so many times their standard deviation
+``gps-duplicate@120s``              a fix twice, the second one elsewhere
+``gps-shuffle@120s+10s``            fixes of these seconds in reverse order
+``imu-gap@120s+0.5s``               samples missing
+``imu-nan@120s+0.05s``              samples that are not numbers
+``imu-clip:20deg/s@120s+2s``        gyros (or with ``g`` accelerometers) at the end of their range
+``imu-stuck:gyro-z@120s+2s``        an axis, or ``all``, that does not change
+``imu-spike:3rad/s@120s``           one sample of the z gyro (or with ``m/s^2`` x accelerometer) off
+``imu-units:deg/s``                 gyros in deg/s (or accelerometers in ``g``)
+``imu-axes:FLU``                    sensor axes that point elsewhere
+``imu-reverse@120s``                the clock goes back by a second
+``imu-duplicate@120s+0.1s``         samples twice
+==================================  ==================================================================
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import TypeVar
+
+import numpy as np
+
+from insnav.earth import lla_offset
+from insnav.exceptions import ConfigError
+from insnav.simulate.receiver import without_fixes
+from insnav.types import BoolArray, FloatArray, GpsData, ImuData
+from insnav.units import DEG, G0, UNITS, parse_quantity
+
+Data = TypeVar("Data", ImuData, GpsData)
+NORTH_EAST = np.array([0.6, 0.8, 0.0])
+_AXES = ("gyro-x", "gyro-y", "gyro-z", "accel-x", "accel-y", "accel-z")
+_DIRECTIONS = {"F": (0, 1.0), "B": (0, -1.0), "R": (1, 1.0), "L": (1, -1.0), "D": (2, 1.0), "U": (2, -1.0)}
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault.
+
+    Attributes
+    ----------
+    verb : str
+        What goes wrong; see the table of this module.
+    size : float or str or None
+        How much, in SI units; an axis, a unit or three directions for the faults that want them.
+    begin : float
+        When it begins, after the first sample [s].
+    length : float
+        How long it lasts [s]; infinite if not said.
+    """
+
+    verb: str
+    size: float | str | None = None
+    begin: float = 0.0
+    length: float = math.inf
+
+    def apply(self, imu: ImuData, gps: GpsData, start: float | None = None) -> tuple[ImuData, GpsData]:
+        """Put the fault into the data, which themselves stay as they are.
+
+        Parameters
+        ----------
+        imu : ImuData
+            Samples.
+        gps : GpsData
+            Fixes.
+        start : float, optional
+            Time that `begin` counts from [s]; that of the first sample by default.
+
+        Returns
+        -------
+        imu, gps
+            With the fault. Order and finiteness that these types promise may be what is wrong.
+        """
+        begin = self.begin + (float(imu.time[0]) if start is None else start)
+        span = begin, begin + self.length
+        verb = VERBS[self.verb]
+        if verb.gps is not None:
+            return imu, verb.gps(gps, self.size, span)
+        assert verb.imu is not None
+        return verb.imu(imu, self.size, span), gps
+
+
+def parse_fault(text: str) -> Fault:
+    """Read a fault as it is written on the command line.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``gps-jump:60m@120s+8s``.
+
+    Raises
+    ------
+    ConfigError
+        An unknown verb, or a size or time that is missing, not wanted or not understood.
+    """
+    found = re.fullmatch(r"([^:@]+)(?::([^@]+))?(?:@([^+]+)(?:\+(.+))?)?", text.strip())
+    name = found[1] if found else text.split(":")[0]
+    if found is None or name not in VERBS:
+        close = difflib.get_close_matches(name, VERBS, n=1)
+        raise ConfigError(
+            f"{text[:100]!r} is not a fault",
+            where="--fault",
+            fix=f"did you mean {VERBS[close[0]].example}?" if close else f"known are {', '.join(VERBS)}",
+        )
+    verb = VERBS[name]
+    fix = f"write it like {verb.example}"
+    if (found[2] is None) != (verb.size is None):
+        wrong = "needs a size" if verb.size is not None else "has no size"
+        raise ConfigError(f"{name} {wrong}", where=f"--fault {text}", fix=fix)
+    if found[3] is None and "@" in verb.example:
+        raise ConfigError(f"{name} needs a time", where=f"--fault {text}", fix=fix)
+    if found[4] is None and "+" in verb.example and name != "gps-jump":
+        raise ConfigError(f"{name} needs a length", where=f"--fault {text}", fix=fix)
+    try:
+        size = verb.size(found[2]) if verb.size is not None else None
+        begin = 0.0 if found[3] is None else _seconds(found[3])
+        length = math.inf if found[4] is None else _seconds(found[4])
+    except ConfigError as error:
+        raise ConfigError(error.what, where=f"--fault {text}", why=error.why, fix=fix) from None
+    if begin < 0.0 or length <= 0.0:
+        raise ConfigError("times are zero or more and lengths above zero", where=f"--fault {text}", fix=fix)
+    return Fault(name, size, begin, length)
+
+
+# --- receivers ---------------------------------------------------------------------------------------------
+
+
+def gps_spike(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
+    """Move the first fix at or after the begin of `span` by `size` [m]."""
+    rows = np.arange(gps.time.shape[0]) == int(np.searchsorted(gps.time, span[0] - 1e-6))
+    return _moved(gps, rows * float(size))
+
+
+def gps_jump(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
+    """Move the fixes in `span` by `size` [m]."""
+    return _moved(gps, _inside(gps.time, span) * float(size))
+
+
+def gps_drag(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
+    """Move the fixes by `size` [m/s] times the time since the begin of `span`, and leave them there after its end."""
+    return _moved(gps, float(size) * np.clip(gps.time - span[0], 0.0, span[1] - span[0]))
+
+
+def gps_outage(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
+    """Take out the fixes in `span`."""
+    return without_fixes(gps, span[0] - 1e-6, span[1] - 1e-6)
+
+
+def gps_flap(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
+    """Move four of five fixes in `span` by `size` [m], each in another direction."""
+    rows = np.flatnonzero(_inside(gps.time, span))
+    off = np.zeros((gps.time.shape[0], 3))
+    angle = 2.4 * np.arange(rows.shape[0])  # never the same direction twice in a row
+    off[rows] = float(size) * np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+    off[rows[::5]] = 0.0
+    return replace(gps, lla=lla_offset(gps.lla, off))
+
+
+def gps_latency(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
+    """Stamp the fixes late by `size` [s]."""
+    return replace(gps, time=gps.time + float(size))
+
+
+def gps_sd(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
+    """Multiply all standard deviations by `size`."""
+    return replace(gps, position_sd=gps.position_sd * float(size), velocity_sd=gps.velocity_sd * float(size))
+
+
+def gps_duplicate(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
+    """Repeat the fix at the begin of `span`, ten metres off."""
+    row = min(int(np.searchsorted(gps.time, span[0] - 1e-6)), gps.time.shape[0] - 1)
+    again = _rows(gps, np.insert(np.arange(gps.time.shape[0]), row + 1, row))
+    lla = again.lla.copy()
+    lla[row + 1] = lla_offset(lla[row + 1], 10.0 * NORTH_EAST)
+    return replace(again, lla=lla)
+
+
+def gps_shuffle(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
+    """Reverse the order of the rows in `span`."""
+    order = np.arange(gps.time.shape[0])
+    inside = _inside(gps.time, span)
+    order[inside] = order[inside][::-1]
+    return _rows(gps, order)
+
+
+# --- sensors -----------------------------------------------------------------------------------------------
+
+
+def imu_gap(imu: ImuData, size: None, span: tuple[float, float]) -> ImuData:
+    """Take out the samples in `span`."""
+    return _rows(imu, ~_inside(imu.time, span))
+
+
+def imu_nan(imu: ImuData, size: None, span: tuple[float, float]) -> ImuData:
+    """Make the samples in `span` not numbers."""
+    inside = _inside(imu.time, span)[:, None]
+    return replace(imu, gyro=np.where(inside, np.nan, imu.gyro), accel=np.where(inside, np.nan, imu.accel))
+
+
+def imu_clip(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
+    """Hold gyros or accelerometers in `span` within a range; increments by its share of an interval."""
+    dimension, limit = _sensor_quantity(str(size))
+    name = "gyro" if dimension == "rate" else "accel"
+    limit *= _scale(imu)
+    values = getattr(imu, name)
+    held = np.where(_inside(imu.time, span)[:, None], np.clip(values, -limit, limit), values)
+    return replace(imu, gyro=held) if name == "gyro" else replace(imu, accel=held)
+
+
+def imu_stuck(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
+    """Keep an axis, or ``all``, at its value at the begin of `span`."""
+    rows = np.flatnonzero(_inside(imu.time, span))
+    values = np.hstack([imu.gyro, imu.accel])
+    if rows.size:
+        columns = range(6) if size == "all" else [_AXES.index(str(size))]
+        for column in columns:
+            values[rows, column] = values[rows[0], column]
+    return replace(imu, gyro=values[:, :3].copy(), accel=values[:, 3:].copy())
+
+
+def imu_spike(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
+    """Add a spike to one sample, of the z gyro or of the x accelerometer."""
+    dimension, value = _sensor_quantity(str(size))
+    row = min(int(np.searchsorted(imu.time, span[0] - 1e-6)), imu.time.shape[0] - 1)
+    gyro, accel = imu.gyro.copy(), imu.accel.copy()
+    if dimension == "rate":
+        gyro[row, 2] += value * _scale(imu)
+    else:
+        accel[row, 0] += value * _scale(imu)
+    return replace(imu, gyro=gyro, accel=accel)
+
+
+def imu_units(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
+    """Give the gyros in deg/s, or the accelerometers in g."""
+    if size == "deg/s":
+        return replace(imu, gyro=imu.gyro / DEG)
+    return replace(imu, accel=imu.accel / G0)
+
+
+def imu_axes(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
+    """Turn the sensors so that their x, y, z point to the three directions."""
+    turn = np.zeros((3, 3))
+    for row, letter in enumerate(str(size)):
+        column, sign = _DIRECTIONS[letter]
+        turn[row, column] = sign
+    return replace(imu, gyro=imu.gyro @ turn.T, accel=imu.accel @ turn.T)
+
+
+def imu_reverse(imu: ImuData, size: None, span: tuple[float, float]) -> ImuData:
+    """Set the clock back by a second at the begin of `span`."""
+    return replace(imu, time=np.where(imu.time >= span[0] - 1e-6, imu.time - 1.0, imu.time))
+
+
+def imu_duplicate(imu: ImuData, size: None, span: tuple[float, float]) -> ImuData:
+    """Repeat every sample in `span`."""
+    return _rows(imu, np.repeat(np.arange(imu.time.shape[0]), 1 + _inside(imu.time, span)))
+
+
+# --- the table ---------------------------------------------------------------------------------------------
+
+
+def _seconds(text: str) -> float:
+    return parse_quantity(text if text.strip()[-1:].isalpha() else f"{text} s", "time")
+
+
+def _quantity(dimension: str) -> Callable[[str], float]:
+    return lambda text: parse_quantity(text, dimension)
+
+
+def _factor(text: str) -> float:
+    value = parse_quantity(f"{text} 1", "ratio")
+    if value <= 0.0:
+        raise ConfigError(f"{text!r} is not above zero")
+    return value
+
+
+def _one_of(*names: str) -> Callable[[str], str]:
+    def chosen(text: str) -> str:
+        if text not in names:
+            raise ConfigError(f"{text!r} is none of {', '.join(names)}")
+        return text
+
+    return chosen
+
+
+def _directions(text: str) -> str:
+    if len(text) != 3 or sorted(_DIRECTIONS.get(letter, (9, 0.0))[0] for letter in text) != [0, 1, 2]:
+        raise ConfigError(f"{text!r} is not three directions", why="one each of F/B, R/L and D/U is needed")
+    return text
+
+
+def _sensor_quantity(text: str) -> tuple[str, float]:
+    """Dimension and value of a rate or an acceleration."""
+    unit = re.sub(r"^[-+\d.eE\s]*", "", text)
+    dimension = UNITS.get(unit, ("rate", 1.0))[0]
+    return dimension, parse_quantity(text, dimension if dimension in ("rate", "acceleration") else "rate")
+
+
+def _sensor_text(text: str) -> str:
+    _sensor_quantity(text)
+    return text
+
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """How a fault is written and what it does."""
+
+    example: str
+    size: Callable[[str], float | str] | None
+    gps: Callable[..., GpsData] | None = None
+    imu: Callable[..., ImuData] | None = None
+
+
+VERBS: dict[str, Verb] = {
+    "gps-spike": Verb("gps-spike:60m@120s", _quantity("length"), gps=gps_spike),
+    "gps-jump": Verb("gps-jump:60m@120s+8s", _quantity("length"), gps=gps_jump),
+    "gps-drag": Verb("gps-drag:1m/s@120s+60s", _quantity("velocity"), gps=gps_drag),
+    "gps-outage": Verb("gps-outage@120s+30s", None, gps=gps_outage),
+    "gps-flap": Verb("gps-flap:50m@120s+60s", _quantity("length"), gps=gps_flap),
+    "gps-latency": Verb("gps-latency:0.3s", _quantity("time"), gps=gps_latency),
+    "gps-sd": Verb("gps-sd:0.1", _factor, gps=gps_sd),
+    "gps-duplicate": Verb("gps-duplicate@120s", None, gps=gps_duplicate),
+    "gps-shuffle": Verb("gps-shuffle@120s+10s", None, gps=gps_shuffle),
+    "imu-gap": Verb("imu-gap@120s+0.5s", None, imu=imu_gap),
+    "imu-nan": Verb("imu-nan@120s+0.05s", None, imu=imu_nan),
+    "imu-clip": Verb("imu-clip:20deg/s@120s+2s", _sensor_text, imu=imu_clip),
+    "imu-stuck": Verb("imu-stuck:gyro-z@120s+2s", _one_of(*_AXES, "all"), imu=imu_stuck),
+    "imu-spike": Verb("imu-spike:3rad/s@120s", _sensor_text, imu=imu_spike),
+    "imu-units": Verb("imu-units:deg/s", _one_of("deg/s", "g"), imu=imu_units),
+    "imu-axes": Verb("imu-axes:FLU", _directions, imu=imu_axes),
+    "imu-reverse": Verb("imu-reverse@120s", None, imu=imu_reverse),
+    "imu-duplicate": Verb("imu-duplicate@120s+0.1s", None, imu=imu_duplicate),
+}
+
+
+def _inside(time: FloatArray, span: tuple[float, float]) -> BoolArray:
+    return (time >= span[0] - 1e-6) & (time < span[1] - 1e-6)
+
+
+def _moved(gps: GpsData, metres: np.ndarray) -> GpsData:
+    return replace(gps, lla=lla_offset(gps.lla, metres[:, None] * NORTH_EAST))
+
+
+def _scale(imu: ImuData) -> float:
+    """What a rate of one is in a sample."""
+    return float(np.median(np.diff(imu.time))) if imu.sampling == "increment" else 1.0
+
+
+def _rows(data: Data, rows: np.ndarray) -> Data:
+    """Some rows of every array of the data."""
+    arrays = {f.name: getattr(data, f.name) for f in fields(data) if isinstance(getattr(data, f.name), np.ndarray)}
+    return replace(data, **{name: array[rows] for name, array in arrays.items()})

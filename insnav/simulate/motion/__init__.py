@@ -1,0 +1,12 @@
+"""Motion profiles: a file that says what a vehicle does becomes an exact motion.
+
+profile.toml -> segments -> moves -> commands -> Truth
+                waypoints -> way  -> commands
+"""
+
+from __future__ import annotations
+
+from insnav.simulate.motion.library import library
+from insnav.simulate.motion.profile import MotionProfile, load_profile
+
+__all__ = ["MotionProfile", "library", "load_profile"]

@@ -1,0 +1,249 @@
+"""From commanded speed, heading and grade to the exact motion of a body, in either kind of axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import PPoly
+
+from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat_multiply
+from insnav.earth import radii
+from insnav.simulate.curves import Spline, spline_of, spline_through
+from insnav.simulate.earthfixed import EarthTruth, earth_from_lla, quat_earth_from_level
+from insnav.simulate.motion.kinds import Kind
+from insnav.simulate.motion.moves import Move, State
+from insnav.simulate.motion.vibration import Vibration, shaken
+from insnav.simulate.motion.waypoints import Way
+from insnav.simulate.sensors import Seed
+from insnav.simulate.truth import LevelTruth, Truth
+from insnav.simulate.turns import Turns
+from insnav.simulate.vehicle import position_curve
+from insnav.types import FloatArray
+from insnav.units import G0
+
+_SPACINGS = (0.04, 0.02, 0.01, 0.005, 0.0025, 0.002, 0.001)  # of knots: round, so that samples fall on them [s]
+_PER_PERIOD = 20.0  # knots in the shortest period of a coning or sculling motion
+_POLAR = math.radians(80.0)  # from this latitude on, axes fixed to the Earth [rad]
+_DEGREE = 7
+_PASSES = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Where a motion starts.
+
+    Attributes
+    ----------
+    lla : (3,) array
+        Latitude [rad], longitude [rad], height [m].
+    heading, speed : float
+        [rad], [m/s].
+    roll, pitch : float
+        Of the IMU in the level vehicle [rad].
+    time : float
+        [s].
+    """
+
+    lla: FloatArray
+    heading: float
+    speed: float
+    roll: float
+    pitch: float
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class Commands:
+    """What the vehicle is to do, at evenly spaced instants.
+
+    Attributes
+    ----------
+    time : (n,) array
+        Since the start [s].
+    speed, heading, grade, right : (n,) array
+        Forward [m/s], [rad], [rad], to the right [m/s].
+    duration : float
+        [s].
+    """
+
+    time: FloatArray
+    speed: FloatArray
+    heading: FloatArray
+    grade: FloatArray
+    right: FloatArray
+    duration: float
+
+
+def spacing_of(moves: Sequence[Move], vibration: Vibration) -> float:
+    """Distance of knots that follows the fastest of all these motions [s]."""
+    fastest = max((move.frequency for move in moves), default=0.0)
+    needed = min(1.0 / (_PER_PERIOD * fastest) if fastest else 1.0, 0.25 / vibration.highest)
+    return next((spacing for spacing in _SPACINGS if spacing <= needed * (1.0 + 1e-9)), _SPACINGS[-1])
+
+
+def commands_of(moves: Sequence[Move], start: Start, spacing: float) -> Commands:
+    """Put the moves one after the other."""
+    edges = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
+    # knots on round times: those of the samples fall on them and quadrature has no slivers to do
+    t: FloatArray = spacing * np.arange(math.ceil(edges[-1] / spacing - 1e-9) + 1.0)
+    held = np.minimum(t, edges[-1])
+    first = np.searchsorted(held, edges, side="left")
+    first[-1] = len(t)
+    speed, heading, grade, right = (np.zeros(len(t)) for _ in range(4))
+    for move, begin, a, b in zip(moves, edges, first[:-1], first[1:], strict=False):
+        local = held[a:b] - begin
+        speed[a:b] = move.begin.speed if move.speed is None else move.speed(local)
+        heading[a:b] = move.begin.heading if move.heading is None else move.heading(local)
+        grade[a:b] = 0.0 if move.grade is None else move.grade(local)
+        right[a:b] = 0.0 if move.right is None else move.right(local)
+    return Commands(t, speed, heading, grade, right, float(edges[-1]))
+
+
+def commands_on(way: Way) -> Commands:
+    """The same of a way through points."""
+    return Commands(way.time, way.speed, way.heading, way.grade, np.zeros_like(way.time), float(way.time[-1]))
+
+
+def truth_of(
+    commands: Commands, moves: Sequence[Move], start: Start, vehicle: Kind, vibration: Vibration, seed: Seed
+) -> Truth:
+    """Make the exact motion.
+
+    The rates of position are splines through the commanded ones, integrated as polynomials; attitude is a spline too.
+    What the truth hands out are derivatives of these, so the knots decide how closely the commands are followed,
+    never how consistent the motion is.
+
+    Parameters
+    ----------
+    commands : Commands
+        What the vehicle does.
+    moves : sequence of Move
+        Those that turn the body in it.
+    start : Start
+        Where.
+    vehicle : Kind
+        How it leans.
+    vibration : Vibration
+        How it shakes.
+    seed : int or tuple of int
+        Of that.
+
+    Returns
+    -------
+    Truth
+        In latitude, longitude, height and roll, pitch, heading; beyond 80 deg of latitude, or where the body turns by
+        itself, in Earth-fixed axes, and then the heading counts from the great circle that went North at the start.
+    """
+    t = commands.time
+    rates = spline_through(t, np.column_stack([commands.speed, commands.heading, commands.grade]))(t, 1)
+    shake, rock = shaken(t, commands.speed, vehicle.body, vibration, seed)
+    sideways = commands.speed * rates[:, 1]
+    roll = np.arctan(sideways / G0) if vehicle.banks else -vehicle.body.lean * sideways
+    pitch = commands.grade + vehicle.body.squat * rates[:, 0]
+    rph = np.column_stack([start.roll + roll, start.pitch + pitch, commands.heading]) + rock
+    ahead = commands.speed * np.cos(commands.grade) + shake[:, 0]
+    right = commands.right + shake[:, 1]
+    climb = commands.speed * np.sin(commands.grade) - shake[:, 2]
+    cos, sin = np.cos(commands.heading), np.sin(commands.heading)
+    velocity = np.column_stack([ahead * cos - right * sin, ahead * sin + right * cos, climb])
+    if abs(start.lla[0]) < _POLAR and not any(move.body for move in moves) and np.abs(rph[:, 1]).max() < _POLAR:
+        curve = position_curve(t, velocity, start.lla)
+        return LevelTruth(start.lla, curve, spline_through(t, rph), commands.duration, start.time)
+    position, axes = earth_path(t, velocity, start.lla)
+    q_ev = quat_multiply(axes, quat_from_rph(rph))
+    turns = turns_of(moves, t[1] - t[0]) if any(move.body for move in moves) else None
+    origin = earth_from_lla(start.lla[None])[0]
+    return EarthTruth(origin, position, spline_through(t, q_ev), turns, commands.duration, start.time)
+
+
+def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Spline, FloatArray]:
+    """Integral of a velocity over the ellipsoid, in Earth-fixed axes, also over a pole.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Times [s].
+    velocity : (n, 3) array
+        Velocity along two level axes that are North and East at the start and turn with the vertical but not about
+        it, and up [m/s].
+    lla : (3,) array
+        Start: latitude [rad], longitude [rad], height [m].
+
+    Returns
+    -------
+    position : Spline
+        Earth-fixed position since the start [m].
+    axes : (n, 4) array
+        Quaternion of the level axes and down in Earth-fixed ones.
+    """
+    start = quat_earth_from_level(lla[None])[0]
+    axes = np.tile(start, (len(t), 1))
+    height = lla[2] + cumulative_trapezoid(velocity[:, 2], t, initial=0.0)
+    # In the moving axes the turn hangs on the place by the radii of curvature only: each pass gains two digits or more.
+    for _ in range(_PASSES):
+        north_axis, east_axis, down = _columns(axes)
+        sine = -down[:, 2]
+        meridian, transverse = radii(np.arcsin(np.clip(sine, -1.0, 1.0)))
+        # the ellipsoid is rounder along the parallel: radius of curvature by Euler's theorem
+        away = np.column_stack([-sine * -down[:, 0], -sine * -down[:, 1], 1.0 - sine**2])
+        away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
+        across = np.cross(down, away)
+        v_e = velocity[:, :1] * north_axis + velocity[:, 1:2] * east_axis
+        along = np.einsum("ij,ij->i", v_e, away) / (meridian + height)
+        aside = np.einsum("ij,ij->i", v_e, across) / (transverse + height)
+        tilt = along[:, None] * away + aside[:, None] * across  # of the upward normal a second
+        turn_e = np.cross(-down, tilt)
+        # the same in the moving axes: a rotation from the right, summed up as small turns
+        turn = np.column_stack([np.einsum("ij,ij->i", turn_e, axis) for axis in (north_axis, east_axis, down)])
+        angle = cumulative_trapezoid(turn, t, axis=0, initial=0.0)
+        axes = quat_multiply(np.tile(start, (len(t), 1)), _wound(angle))
+    north_axis, east_axis, down = _columns(axes)
+    v_e = velocity[:, :1] * north_axis + velocity[:, 1:2] * east_axis - velocity[:, 2:] * down
+    return spline_through(t, v_e).integral(), axes
+
+
+def _wound(angle: FloatArray) -> FloatArray:
+    """Quaternions after successive small turns, from their sums ``(n, 3)`` [rad]: a running product by doubling."""
+    steps = quat_from_rotvec(np.diff(angle, axis=0, prepend=angle[:1]))
+    reach = 1
+    while reach < len(steps):
+        steps[reach:] = quat_multiply(steps[:-reach], steps[reach:])
+        reach *= 2
+    return np.asarray(steps / np.linalg.norm(steps, axis=1, keepdims=True))
+
+
+def _columns(q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    C = dcm_from_quat(q)
+    return C[:, :, 0], C[:, :, 1], C[:, :, 2]
+
+
+def turns_of(moves: Sequence[Move], spacing: float) -> Turns:
+    """Turns of the body in the vehicle, one stretch a move."""
+    edges, base = [0.0], [np.array([1.0, 0.0, 0.0, 0.0])]
+    pieces, breaks = [], [np.zeros(1)]
+    for move in moves:
+        begin = edges[-1]
+        if move.body is None:
+            pieces.append(np.zeros((_DEGREE + 1, 1, 3)))
+            breaks.append(np.array([begin + move.duration]))
+            after = base[-1]
+        else:
+            count = max(_DEGREE + 2, math.ceil(move.duration / spacing) + 1)
+            local = np.linspace(0.0, move.duration, count)
+            polynomials = spline_through(local, move.body(local), _DEGREE).derivatives[0]
+            pieces.append(polynomials.c)
+            breaks.append(begin + polynomials.x[1:])
+            after = quat_multiply(base[-1][None], quat_from_rotvec(move.body(local[-1:])))[0]
+        edges.append(float(breaks[-1][-1]))
+        base.append(after)
+    polynomials = PPoly(np.concatenate(pieces, axis=1), np.concatenate(breaks))
+    return Turns(np.array(edges[:-1]), np.array(base[:-1]), spline_of(polynomials))
+
+
+def state_at(start: Start) -> State:
+    """State in which the first move begins."""
+    return State(start.speed, start.heading)

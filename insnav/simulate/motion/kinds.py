@@ -1,0 +1,81 @@
+"""Kinds of vehicles: what they can do, what they do unless told otherwise, how they lean."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from insnav.simulate.vehicle import Vehicle
+from insnav.units import G0
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """What a kind of vehicle can do.
+
+    Attributes
+    ----------
+    name : str
+    speed, forward, sideways : float
+        Largest speed [m/s] and accelerations along and across the way [m/s^2].
+    grade : float
+        Steepest climb [rad].
+    acceleration, jerk, bend : float
+        Unless told otherwise: along the way [m/s^2], of any force [m/s^3], of the path upwards [m/s^2].
+    banks : bool
+        Whether it banks into its turns so that nothing pulls sideways.
+    on_the_spot : bool
+        Whether it can turn without moving.
+    body : Vehicle
+        How the body leans and shakes on its wheels.
+    """
+
+    name: str
+    speed: float
+    forward: float
+    sideways: float
+    grade: float
+    acceleration: float
+    jerk: float
+    bend: float
+    banks: bool
+    on_the_spot: bool
+    body: Vehicle
+
+
+_RIGID = Vehicle(lean=0.0, squat=0.0, velocity_shake=(0.0, 0.0, 0.0), angle_shake=(0.0, 0.0, 0.0))
+HIGHEST = 100.0 * G0  # of a laboratory device; beyond it a motion is a slip of the pen
+FASTEST_SPIN = math.radians(4000.0)
+
+KINDS = {
+    kind.name: kind
+    for kind in (
+        Kind("car", 100.0, 10.0, 9.0, math.radians(25), 1.5, 2.0, 0.5, banks=False, on_the_spot=False, body=Vehicle()),
+        Kind(
+            "aircraft",
+            1000.0,
+            50.0,
+            G0 * math.tan(math.radians(75)),
+            math.radians(60),
+            2.0,
+            2.0,
+            2.0,
+            banks=True,
+            on_the_spot=False,
+            body=_RIGID,
+        ),
+        Kind(
+            "slide",
+            100.0,
+            HIGHEST,
+            HIGHEST,
+            math.radians(60),
+            0.5,
+            5.0,
+            1.0,
+            banks=False,
+            on_the_spot=True,
+            body=_RIGID,
+        ),
+    )
+}

@@ -1,0 +1,195 @@
+"""Moves of a vehicle: how speed, heading and grade go on, how it sways to the side, how the body turns in it.
+
+Everything changes smoothly: four derivatives of every quantity are continuous from one move to the next.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from insnav.simulate.motion.smooth import BUMP_AREA, STEEPEST, Rise, bump, step
+from insnav.types import FloatArray
+
+Course = Callable[[FloatArray], FloatArray]  # over the time since the beginning of the move [s]
+
+_FINE = 2001  # instants at which a height is summed up
+_TRANSITION = 0.5  # shortest time in which a turn begins or ends [s]
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """How a vehicle goes between two moves.
+
+    Attributes
+    ----------
+    speed : float
+        Forward [m/s].
+    heading : float
+        Not wrapped [rad].
+    """
+
+    speed: float = 0.0
+    heading: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """One move.
+
+    Attributes
+    ----------
+    duration : float
+        [s].
+    begin, end : State
+        How it begins and how it leaves the vehicle.
+    speed, heading, grade : function or None
+        Forward speed [m/s], heading [rad], climb angle [rad]; None where they stay.
+    right : function or None
+        Velocity to the right [m/s].
+    body : function or None
+        Rotation vector ``(n, 3)`` of the body in the vehicle since the beginning [rad].
+    frequency : float
+        Highest frequency in it, 0 if it has none [Hz].
+    """
+
+    duration: float
+    begin: State
+    end: State
+    speed: Course | None = None
+    heading: Course | None = None
+    grade: Course | None = None
+    right: Course | None = None
+    body: Course | None = None
+    frequency: float = 0.0
+
+
+def stay(state: State, duration: float) -> Move:
+    """Go on as before for a time [s]."""
+    return Move(duration, state, state)
+
+
+def change_speed(state: State, to: float, acceleration: float, jerk: float) -> Move:
+    """Change to another speed [m/s], with a largest acceleration [m/s^2] and jerk [m/s^3]."""
+    rise = Rise(to - state.speed, acceleration, STEEPEST * acceleration / jerk)
+    return Move(rise.duration, state, replace(state, speed=to), speed=lambda t: state.speed + rise(t))
+
+
+def turn(state: State, angle: float, rate: float, jerk: float) -> Move:
+    """Turn by an angle [rad] with a largest rate [rad/s]; `jerk` limits how fast the sideways force comes [m/s^3]."""
+    rise = _turning(state, angle, rate, jerk)
+    end = replace(state, heading=state.heading + angle)
+    return Move(rise.duration, state, end, heading=lambda t: state.heading + rise(t))
+
+
+def _turning(state: State, angle: float, rate: float, jerk: float) -> Rise:
+    return Rise(angle, rate, max(_TRANSITION, STEEPEST * rate * abs(state.speed) / jerk))
+
+
+def climb(state: State, height: float, angle: float, acceleration: float) -> Move:
+    """Climb by a height [m], or descend, at an angle [rad]; the path bends with this acceleration [m/s^2]."""
+    sign = math.copysign(1.0, height)
+
+    def bend(gamma: float) -> Rise:
+        rate = acceleration / state.speed
+        return Rise(sign * gamma, rate, STEEPEST * rate * 1.0)
+
+    def gained(gamma: float) -> float:
+        rise = bend(gamma)
+        t = np.linspace(0.0, rise.duration, _FINE)
+        return 2.0 * state.speed * float(np.trapezoid(np.sin(rise(t)), t))
+
+    if abs(gained(angle)) > abs(height):  # the bends alone are more than that: a flatter way
+        angle = float(brentq(lambda gamma: abs(gained(gamma)) - abs(height), 0.0, angle, xtol=1e-12))
+    rise = bend(angle)
+    held = rise.duration + max(0.0, (abs(height) - abs(gained(angle))) / (state.speed * math.sin(angle)))
+    return Move(held + rise.duration, state, state, grade=lambda t: rise(np.minimum(t, held)) - rise(t - held))
+
+
+def helix(state: State, angle: float, rate: float, height: float, jerk: float) -> Move:
+    """Turn by an angle [rad] and climb by a height [m] meanwhile."""
+    rise = _turning(state, angle, rate, jerk)
+    edge = min(0.25 * rise.duration, 5.0)
+
+    def grade(gamma: float) -> Course:
+        return lambda t: gamma * _envelope(t, rise.duration, edge)
+
+    t = np.linspace(0.0, rise.duration, _FINE)
+
+    def missing(gamma: float) -> float:
+        return state.speed * float(np.trapezoid(np.sin(grade(gamma)(t)), t)) - height
+
+    steep = math.radians(89.0)
+    gamma = float(brentq(missing, -steep, steep, xtol=1e-12)) if missing(-steep) * missing(steep) < 0.0 else math.nan
+    end = replace(state, heading=state.heading + angle)
+    return Move(rise.duration, state, end, heading=lambda t: state.heading + rise(t), grade=grade(gamma))
+
+
+def lane_change(state: State, offset: float, duration: float) -> Move:
+    """Drive to a lane `offset` [m] to the right, in a time [s], and on in the direction of before."""
+    size = offset / (duration * BUMP_AREA) / state.speed
+
+    def heading(t: FloatArray) -> FloatArray:
+        return np.asarray(state.heading + np.arcsin(np.clip(size * bump(t / duration), -1.0, 1.0)))
+
+    return Move(duration, state, state, heading=heading)
+
+
+def slide(state: State, length: float, speed: float, acceleration: float, jerk: float) -> Move:
+    """Move by a length [m], backwards if negative, from rest to rest: a trapezoid of speed with rounded corners."""
+    ramp = STEEPEST * acceleration / jerk
+
+    def least(v: float) -> float:
+        return v * Rise(v, acceleration, ramp).duration
+
+    distance = abs(length)
+    if least(speed) > distance:
+        speed = float(brentq(lambda v: least(v) - distance, 1e-9, speed, xtol=1e-15))
+    rise = Rise(speed, acceleration, ramp)
+    held = max(rise.duration, distance / speed)
+    sign = math.copysign(1.0, length)
+    return Move(held + rise.duration, state, state, speed=lambda t: sign * (rise(np.minimum(t, held)) - rise(t - held)))
+
+
+def spin(state: State, axis: FloatArray, angle: float, rate: float, acceleration: float) -> Move:
+    """Turn the body about an axis of its own by an angle [rad], at a rate [rad/s] reached with [rad/s^2]."""
+    rise = Rise(angle, rate, STEEPEST * rate / acceleration)
+    return Move(rise.duration, state, state, body=lambda t: np.asarray(rise(t)[:, None] * axis))
+
+
+def coning(state: State, angle: float, frequency: float, duration: float) -> Move:
+    """Let the x axis go round a cone of a half-angle [rad], for a time [s]; it comes and goes smoothly."""
+    omega = 2.0 * math.pi * frequency
+
+    def body(t: FloatArray) -> FloatArray:
+        size = angle * _swell(t, duration, frequency)
+        return np.column_stack([np.zeros_like(t), size * np.cos(omega * t), size * np.sin(omega * t)])
+
+    return Move(duration, state, state, body=body, frequency=frequency)
+
+
+def sculling(state: State, angle: float, acceleration: float, frequency: float, duration: float) -> Move:
+    """Roll by an angle [rad] and be pushed to the right with an acceleration [m/s^2], in phase, for a time [s]."""
+    omega = 2.0 * math.pi * frequency
+
+    def body(t: FloatArray) -> FloatArray:
+        roll = angle * _swell(t, duration, frequency) * np.sin(omega * t)
+        return np.column_stack([roll, np.zeros_like(t), np.zeros_like(t)])
+
+    def right(t: FloatArray) -> FloatArray:
+        return np.asarray(-acceleration / omega * _swell(t, duration, frequency) * np.cos(omega * t))
+
+    return Move(duration, state, state, right=right, body=body, frequency=frequency)
+
+
+def _swell(t: FloatArray, duration: float, frequency: float) -> FloatArray:
+    return _envelope(t, duration, min(0.25 * duration, max(1.0, 5.0 / frequency)))
+
+
+def _envelope(t: FloatArray, duration: float, edge: float) -> FloatArray:
+    """From 0 to 1 within `edge` [s], and back to 0 at the end."""
+    return step(t / edge) - step((t - duration + edge) / edge)

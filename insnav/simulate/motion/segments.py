@@ -1,0 +1,373 @@
+"""The segments of a motion profile as they stand in its file, and the moves they mean."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, PlainValidator, model_validator
+from pydantic_core import PydanticCustomError
+
+from insnav.imu.config import Axes, Table, scalar, signed_scalar
+from insnav.simulate.motion import moves
+from insnav.simulate.motion.kinds import FASTEST_SPIN, HIGHEST, Kind
+from insnav.simulate.motion.moves import Move, State
+
+Length = Annotated[float, scalar("length")]
+SignedLength = Annotated[float, signed_scalar("length")]
+Angle = Annotated[float, signed_scalar("angle")]
+Duration = Annotated[float, scalar("time")]
+Speed = Annotated[float, scalar("velocity")]
+Acceleration = Annotated[float | None, scalar("acceleration")]
+Jerk = Annotated[float | None, scalar("jerk")]
+Rate = Annotated[float, scalar("rate")]
+Frequency = Annotated[float, scalar("frequency")]
+
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+def _wrong(text: str) -> PydanticCustomError:
+    return PydanticCustomError("wrong_value", "{text}", {"text": text})
+
+
+def _axis(value: object) -> Axes:
+    if isinstance(value, str) and value.lstrip("-") in _AXES:
+        x, y, z = _AXES[value.lstrip("-")]
+        sign = -1.0 if value.startswith("-") else 1.0
+        return sign * x, sign * y, sign * z
+    if isinstance(value, list) and len(value) == 3 and all(isinstance(part, int | float) for part in value):
+        size = math.hypot(*value)
+        if size > 0.0 and math.isfinite(size):
+            return value[0] / size, value[1] / size, value[2] / size
+    raise _wrong('must be an axis: "x", "y", "z", "-x", …, or three numbers, not all zero')
+
+
+class Segment(Table):
+    """What all segments have in common."""
+
+    kind: str
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """Moves of the segment of a vehicle in this state.
+
+        Raises
+        ------
+        Impossible
+            The vehicle cannot do that.
+        """
+        raise NotImplementedError
+
+
+class Impossible(Exception):  # noqa: N818
+    """Why a segment cannot be driven."""
+
+
+def _above_zero(model: Segment, *names: str) -> None:
+    for name in names:
+        value = getattr(model, name)
+        if value is not None and not value > 0.0:
+            raise _wrong(f"{name} must be above zero")
+
+
+def _moving(state: State, vehicle: Kind) -> None:
+    if state.speed == 0.0:
+        raise Impossible(f"a {vehicle.name} at rest cannot do this: accelerate first")
+
+
+def _bearable(sideways: float, vehicle: Kind, hint: str) -> None:
+    if not sideways <= vehicle.sideways:
+        what = f"{sideways:.3g} m/s^2 across the way, and a {vehicle.name} bears {vehicle.sideways:.3g}: {hint}"
+        raise Impossible(what)
+
+
+class Static(Segment):
+    """Rest."""
+
+    duration: Duration
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """See `Segment`."""
+        if state.speed != 0.0:
+            raise Impossible(f"the speed is {state.speed:.3g} m/s: stop first, or cruise")
+        return [moves.stay(state, self.duration)]
+
+
+class ChangeSpeed(Segment):
+    """Accelerate or brake to a speed."""
+
+    to: Speed
+    acceleration: Acceleration = None
+    jerk: Jerk = None
+
+    @model_validator(mode="after")
+    def _can_be(self) -> ChangeSpeed:
+        _above_zero(self, "acceleration", "jerk")
+        return self
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """See `Segment`."""
+        acceleration = vehicle.acceleration if self.acceleration is None else self.acceleration
+        if acceleration > vehicle.forward:
+            raise Impossible(f"{acceleration:.4g} m/s^2 is more than a {vehicle.name} can: {vehicle.forward:.3g}")
+        if self.to > vehicle.speed:
+            raise Impossible(f"{self.to:.4g} m/s is faster than a {vehicle.name} goes: {vehicle.speed:.3g}")
+        slower, wanted = self.to < state.speed, self.kind
+        if (wanted == "accelerate" and slower) or (wanted in ("brake", "stop") and self.to > state.speed):
+            raise Impossible(f"the speed is {state.speed:.3g} m/s already, and {self.to:.3g} m/s is the other way")
+        if self.to == state.speed:
+            return []
+        jerk = max(vehicle.jerk, acceleration) if self.jerk is None else self.jerk
+        return [moves.change_speed(state, self.to, acceleration, jerk)]
+
+
+class Stop(ChangeSpeed):
+    """Brake to rest, and wait."""
+
+    to: Annotated[float, Field(ge=0.0, le=0.0)] = 0.0
+    wait: Duration = 0.0
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """See `Segment`."""
+        made = super().moves(state, vehicle)
+        if self.wait > 0.0:
+            made.append(moves.stay(replace(state, speed=0.0), self.wait))
+        return made
+
+
+class Cruise(Segment):
+    """Go on, for a time or a distance."""
+
+    duration: Annotated[float | None, scalar("time")] = None
+    distance: Annotated[float | None, scalar("length")] = None
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Cruise:
+        if (self.duration is None) == (self.distance is None):
+            raise _wrong("needs either duration or distance")
+        _above_zero(self, "duration", "distance")
+        return self
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """See `Segment`."""
+        _moving(state, vehicle)
+        return [moves.stay(state, self.duration or (self.distance or 0.0) / state.speed)]
+
+
+class Turn(Segment):
+    """Turn by an angle, positive to the right, at a rate or on a radius."""
+
+    angle: Angle
+    rate: Annotated[float | None, scalar("rate")] = None
+    radius: Annotated[float | None, scalar("length")] = None
+    jerk: Jerk = None
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Turn:
+        if (self.rate is None) == (self.radius is None):
+            raise _wrong("needs either rate or radius")
+        _above_zero(self, "rate", "radius", "jerk")
+        if self.angle == 0.0:
+            raise _wrong("angle must not be zero")
+        return self
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """See `Segment`."""
+        if self.radius is not None or not vehicle.on_the_spot:
+            _moving(state, vehicle)
+        rate = self.rate if self.radius is None else abs(state.speed) / self.radius
+        assert rate is not None
+        if rate > FASTEST_SPIN:
+            raise Impossible(f"{math.degrees(rate):.4g} deg/s is beyond {math.degrees(FASTEST_SPIN):.4g} deg/s")
+        _bearable(rate * abs(state.speed), vehicle, "turn slower, or brake before")
+        return [moves.turn(state, self.angle, rate, vehicle.jerk if self.jerk is None else self.jerk)]
+
+
+class Arc(Turn):
+    """A circular arc: a turn on a radius."""
+
+    radius: Length
+
+
+class Climb(Segment):
+    """Climb or descend by a height."""
+
+    height: Length
+    angle: Annotated[float | None, scalar("angle")] = None
+
+    @model_validator(mode="after")
+    def _can_be(self) -> Climb:
+        _above_zero(self, "height", "angle")
+        return self
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """See `Segment`."""
+        _moving(state, vehicle)
+        angle = math.radians(3.0) if self.angle is None else self.angle
+        if angle > vehicle.grade:
+            steep = f"{math.degrees(angle):.3g} deg is steeper than a {vehicle.name} climbs"
+            raise Impossible(f"{steep}: {math.degrees(vehicle.grade):.3g} deg")
+        height = -self.height if self.kind == "descend" else self.height
+        return [moves.climb(state, height, angle, vehicle.bend)]
+
+
+class Helix(Segment):
+    """Turns with a climb: round and round on a radius, to another height."""
+
+    radius: Length
+    turns: float
+    height: SignedLength
+
+    @model_validator(mode="after")
+    def _can_be(self) -> Helix:
+        _above_zero(self, "radius")
+        if self.turns == 0.0 or not math.isfinite(self.turns):
+            raise _wrong("turns must be a number that is not zero, negative to the left")
+        return self
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """See `Segment`."""
+        _moving(state, vehicle)
+        rate = abs(state.speed) / self.radius
+        _bearable(rate * abs(state.speed), vehicle, "a larger radius, or brake before")
+        move = moves.helix(state, 2.0 * math.pi * self.turns, rate, self.height, vehicle.jerk)
+        assert move.grade is not None
+        steepest = float(np.abs(move.grade(np.array([0.5 * move.duration])))[0])
+        if not steepest <= vehicle.grade:
+            raise Impossible(f"{self.height:.4g} m in so short a way is steeper than a {vehicle.name} climbs")
+        return [move]
+
+
+class LaneChange(Segment):
+    """Change to a lane at the side."""
+
+    offset: SignedLength
+    duration: Duration
+
+    @model_validator(mode="after")
+    def _can_be(self) -> LaneChange:
+        _above_zero(self, "duration")
+        return self
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """See `Segment`."""
+        _moving(state, vehicle)
+        # the largest slope of a bump is 3.2 of its height over its length
+        _bearable(8.0 * abs(self.offset) / self.duration**2, vehicle, "take more time")
+        return [moves.lane_change(state, self.offset, self.duration)]
+
+
+class Slide(Segment):
+    """A linear slide: a length from rest to rest, at a trapezoid of speed."""
+
+    length: Length
+    acceleration: Acceleration = None
+    speed: Speed = 1.0
+    jerk: Jerk = None
+    back: bool = False
+
+    @model_validator(mode="after")
+    def _can_be(self) -> Slide:
+        _above_zero(self, "length", "acceleration", "speed", "jerk")
+        return self
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """See `Segment`."""
+        if state.speed != 0.0:
+            raise Impossible("a slide starts from rest")
+        acceleration = vehicle.acceleration if self.acceleration is None else self.acceleration
+        if acceleration > vehicle.forward:
+            raise Impossible(f"{acceleration:.4g} m/s^2 is more than a {vehicle.name} can: {vehicle.forward:.4g}")
+        jerk = max(vehicle.jerk, 10.0 * acceleration) if self.jerk is None else self.jerk
+        return [moves.slide(state, -self.length if self.back else self.length, self.speed, acceleration, jerk)]
+
+
+class Spin(Segment):
+    """Turn the body about an axis of its own."""
+
+    axis: Annotated[Axes, PlainValidator(_axis)]
+    angle: Annotated[float | None, signed_scalar("angle")] = None
+    turns: float | None = None
+    rate: Rate
+    within: Duration = 0.5
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Spin:
+        if (self.angle is None) == (self.turns is None):
+            raise _wrong("needs either angle or turns")
+        _above_zero(self, "rate", "within")
+        return self
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """See `Segment`."""
+        _still(state, vehicle)
+        if self.rate > FASTEST_SPIN:
+            raise Impossible(f"{math.degrees(self.rate):.4g} deg/s is beyond {math.degrees(FASTEST_SPIN):.4g} deg/s")
+        angle = self.angle if self.angle is not None else 2.0 * math.pi * (self.turns or 0.0)
+        return [moves.spin(state, np.array(self.axis), angle, self.rate, self.rate / self.within)]
+
+
+class Coning(Segment):
+    """Coning: one axis goes round a cone."""
+
+    angle: Angle
+    frequency: Frequency
+    duration: Duration
+
+    @model_validator(mode="after")
+    def _can_be(self) -> Coning:
+        _above_zero(self, "angle", "frequency", "duration")
+        return self
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """See `Segment`."""
+        _still(state, vehicle)
+        if 2.0 * math.pi * self.frequency * self.angle > FASTEST_SPIN:
+            raise Impossible("such a cone turns faster than 4000 deg/s")
+        return [moves.coning(state, self.angle, self.frequency, self.duration)]
+
+
+class Sculling(Coning):
+    """Sculling: roll, and a push to the right in phase with it."""
+
+    acceleration: Annotated[float, scalar("acceleration")]
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """See `Segment`."""
+        _still(state, vehicle)
+        if self.acceleration > HIGHEST:
+            raise Impossible(f"{self.acceleration:.4g} m/s^2 is beyond {HIGHEST:.4g}")
+        return [moves.sculling(state, self.angle, self.acceleration, self.frequency, self.duration)]
+
+
+def _still(state: State, vehicle: Kind) -> None:
+    if vehicle.name != "slide":
+        raise Impossible(f'the body of a {vehicle.name} does not turn by itself: vehicle = "slide" can')
+
+
+class Repeat(Segment):
+    """The same segments several times."""
+
+    count: Annotated[int, Field(ge=1, le=10_000)]
+    segment: list[dict[str, Any]]
+
+
+SEGMENTS: dict[str, type[Segment]] = {
+    "static": Static,
+    "accelerate": ChangeSpeed,
+    "brake": ChangeSpeed,
+    "stop": Stop,
+    "cruise": Cruise,
+    "turn": Turn,
+    "arc": Arc,
+    "climb": Climb,
+    "descend": Climb,
+    "helix": Helix,
+    "lane_change": LaneChange,
+    "slide": Slide,
+    "spin": Spin,
+    "coning": Coning,
+    "sculling": Sculling,
+    "repeat": Repeat,
+}

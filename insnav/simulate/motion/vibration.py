@@ -1,0 +1,93 @@
+"""Vibration of a vehicle: of its suspension as it drives, of an engine and of anything else at any time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from insnav.simulate.sensors import Seed
+from insnav.simulate.vehicle import Vehicle, shake
+from insnav.types import FloatArray
+
+_TONES = 24  # of a band, on each axis
+_STREAM = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Vibration:
+    """What shakes.
+
+    Attributes
+    ----------
+    suspension : float
+        Size of the suspension's vibration by that of the vehicle; it is in proportion to the speed.
+    lines : tuple of (float, float)
+        Frequency [Hz] and amplitude [m/s^2] of each engine line, along all three axes, in phases drawn at random.
+    bands : tuple of (float, float, float)
+        Lowest and highest frequency [Hz], and one-sided density of the acceleration in between [(m/s^2)^2/Hz].
+    """
+
+    suspension: float = 1.0
+    lines: tuple[tuple[float, float], ...] = ()
+    bands: tuple[tuple[float, float, float], ...] = ()
+
+    @property
+    def highest(self) -> float:
+        """Highest frequency in it [Hz]."""
+        return max([6.25, *(line[0] for line in self.lines), *(band[1] for band in self.bands)])
+
+
+def shaken(
+    t: FloatArray, speed: FloatArray, body: Vehicle, vibration: Vibration, seed: Seed
+) -> tuple[FloatArray, FloatArray]:
+    """Vibration of velocity and attitude.
+
+    Parameters
+    ----------
+    t, speed : (n,) array
+        Times [s] and forward speed [m/s].
+    body : Vehicle
+        Suspension.
+    vibration : Vibration
+        What shakes.
+    seed : int or tuple of int
+        Of frequencies and phases.
+
+    Returns
+    -------
+    velocity : (n, 3) array
+        Forward, right, down [m/s].
+    angle : (n, 3) array
+        Roll, pitch, heading [rad].
+    """
+    scaled = replace(
+        body,
+        velocity_shake=_times(vibration.suspension, body.velocity_shake),
+        angle_shake=_times(vibration.suspension, body.angle_shake),
+    )
+    velocity, angle = shake(t, speed, scaled, seed)
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
+    for frequency, size in vibration.lines:
+        velocity += _tones(t, np.full((1, 3), frequency), size, rng)
+    for low, high, density in vibration.bands:
+        # tones drawn one to each slice of the band: each has its share of the power
+        slices = low + (high - low) * (np.arange(_TONES)[:, None] + rng.uniform(size=(_TONES, 3))) / _TONES
+        velocity += _tones(t, slices, math.sqrt(2.0 * density * (high - low) / _TONES), rng)
+    return velocity, angle
+
+
+def _tones(t: FloatArray, frequency: FloatArray, size: float, rng: np.random.Generator) -> FloatArray:
+    """Velocity of tones whose acceleration has amplitude `size` ``(n, 3)``; frequencies ``(m, 3)`` [Hz]."""
+    phase = rng.uniform(0.0, 2.0 * np.pi, frequency.shape)
+    total = np.zeros((len(t), 3))
+    for f, p in zip(frequency, phase, strict=True):
+        omega = 2.0 * np.pi * f
+        total += size / omega * np.sin(omega * t[:, None] + p)
+    return total
+
+
+def _times(factor: float, values: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = values
+    return factor * x, factor * y, factor * z

@@ -1,0 +1,155 @@
+"""One simulated recording: what an IMU and a receiver, drawn from their specifications, make of an exact motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from insnav.exceptions import ConfigError
+from insnav.imu import ImuSpec
+from insnav.simulate import receiver
+from insnav.simulate.measure import gps_from_truth, imu_from_truth, reference
+from insnav.simulate.sensors import ImuSimulation, corrupt_imu
+from insnav.simulate.truth import Truth
+from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
+
+if TYPE_CHECKING:
+    from insnav.simulate.faults import Fault
+    from insnav.simulate.receiver import GpsSpec
+
+REFERENCE_RATE = 10.0  # [Hz]
+IDEAL_GPS_RATE = 1.0  # of a receiver without errors [Hz]
+SLOWEST, FASTEST = 1.0, 10_000.0  # sampling rates that make sense [Hz]
+MOTION_STREAM, _IMU_STREAM, _GPS_STREAM = 0, 1, 2  # with the seed: one for each source of randomness
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """What was recorded, and the truth behind it.
+
+    Attributes
+    ----------
+    imu : ImuData
+        Samples with errors and faults.
+    gps : GpsData
+        Fixes with errors and faults.
+    reference : Trajectory
+        Exact motion of the IMU at `REFERENCE_RATE`.
+    specimen : ImuSimulation or None
+        The IMU that was drawn, and its errors, before faults; None if it has none.
+    lever_b : (3,) array
+        Antenna seen from the IMU, body axes [m].
+    """
+
+    imu: ImuData
+    gps: GpsData
+    reference: Trajectory
+    specimen: ImuSimulation | None
+    lever_b: FloatArray
+
+
+def simulate_recording(
+    truth: Truth,
+    imu_spec: ImuSpec | None,
+    gps_spec: GpsSpec | None,
+    seed: int,
+    *,
+    rate: float = 100.0,
+    sampling: Sampling = "mean",
+    faults: Sequence[Fault] = (),
+    temperature: FloatArray | None = None,
+    perfect: ImuData | None = None,
+) -> Recording:
+    """Measure a motion with sensors drawn at random.
+
+    Parameters
+    ----------
+    truth : Truth
+        The motion.
+    imu_spec, gps_spec : ImuSpec, GpsSpec or None
+        How good the sensors are; None for one without errors.
+    seed : int
+        The same seed gives the same recording; other seeds other specimens and other noise.
+    rate : float
+        Of the IMU [Hz].
+    sampling : {"mean", "instant", "increment"}
+        What a sample is.
+    faults : sequence of Fault
+        What goes wrong, applied one after the other.
+    temperature : (n,) array, optional
+        Of the IMU at each sample [deg C].
+    perfect : ImuData, optional
+        What `perfect_imu` gives for the same truth, rate and sampling: spares doing it again for every seed.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    ConfigError
+        A rate that makes no sense, or a motion shorter than two samples.
+    """
+    samples = perfect if perfect is not None else perfect_imu(truth, rate, sampling)
+    specimen = None
+    if imu_spec is not None:
+        specimen = corrupt_imu(samples, imu_spec, (seed, _IMU_STREAM), temperature=temperature)
+        samples = specimen.imu
+    if gps_spec is not None:
+        fixes, lever_b = receiver.measure_gps(truth, gps_spec, (seed, _GPS_STREAM)), np.asarray(gps_spec.lever_b)
+    else:
+        lever_b = np.zeros(3)
+        fixes = gps_from_truth(truth, times(truth, IDEAL_GPS_RATE)[1:], lever_b)
+    for fault in faults:
+        samples, fixes = fault.apply(samples, fixes, truth.start)
+    return Recording(samples, fixes, reference(truth, times(truth, REFERENCE_RATE)), specimen, lever_b)
+
+
+def perfect_imu(truth: Truth, rate: float = 100.0, sampling: Sampling = "mean") -> ImuData:
+    """Measure a motion with an IMU without errors; see `simulate_recording`."""
+    if not SLOWEST <= rate <= FASTEST:
+        raise ConfigError(f"{rate:g} Hz is no sampling rate", where="rate", fix=f"{SLOWEST:g} to {FASTEST:g} Hz are")
+    edges = times(truth, rate)
+    if len(edges) < 3:
+        raise ConfigError("the motion is too short to sample", where="rate", why=f"{truth.duration:g} s at {rate:g} Hz")
+    return imu_from_truth(truth, edges, sampling)
+
+
+def warmed(imu: ImuData, ends: tuple[float, float] | None) -> FloatArray | None:
+    """Temperature at each sample, evenly from the first to the last.
+
+    Parameters
+    ----------
+    imu : ImuData
+        n samples.
+    ends : tuple of float or None
+        Temperature of the first and of the last sample [deg C].
+
+    Returns
+    -------
+    (n,) array or None
+        [deg C]; None if there is no temperature.
+    """
+    return None if ends is None else np.linspace(*ends, len(imu.time))
+
+
+def times(truth: Truth, rate: float) -> FloatArray:
+    """Evenly spaced times of the whole motion, its start included.
+
+    Parameters
+    ----------
+    truth : Truth
+    rate : float
+        [Hz]
+
+    Returns
+    -------
+    (n,) array
+        [s]
+    """
+    count = math.floor(truth.duration * rate * (1.0 + 1e-12)) + 1
+    return truth.start + np.arange(count) / rate

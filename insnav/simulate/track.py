@@ -1,0 +1,186 @@
+"""From a recorded track to an exact motion: the simulated twin of a drive.
+
+Splines are fitted to position and velocity together, and to attitude. What is faster than their knots, vibration above
+all, is not in them; what they make of the rest is an exact motion close to the recorded one.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.interpolate import BSpline, PPoly
+from scipy.linalg import solveh_banded
+from scipy.sparse import csr_array, diags_array
+
+from insnav.earth import ned_offset, radii
+from insnav.exceptions import InputError
+from insnav.simulate.curves import Spline, spline_of
+from insnav.simulate.truth import LevelTruth, components
+from insnav.types import FloatArray, Trajectory
+
+_SPACING = 0.2  # of knots, unless the track has fewer than two rows in that [s]
+_DEGREE = 5
+# how closely positions and velocities are followed: only their ratio counts, and velocity is the smoother of the two
+_POSITION_SD, _VELOCITY_SD, _ANGLE_SD = 0.05, 0.02, 1e-3
+_STIFFNESS = 1e-3  # of the spline where there are no rows, far below the weight of any row
+_MOVING = 1.0  # speed from which on the course is the heading [m/s]
+_PASSES = 5
+_FAR = 3.0  # standard deviations at which a row has half its weight
+_FEWEST = 20
+_STEEPEST, _HIGHEST_LATITUDE = math.radians(80.0), math.radians(85.0)
+
+
+def truth_from_track(track: Trajectory) -> LevelTruth:
+    """Make an exact motion close to a track.
+
+    Parameters
+    ----------
+    track : Trajectory
+        Positions; velocities and attitudes where they are known. Where no attitude is, the heading is the course, the
+        pitch the climb, and there is no roll.
+
+    Returns
+    -------
+    LevelTruth
+        From the first row to the last one, continuous in four derivatives.
+
+    Raises
+    ------
+    InputError
+        Fewer than 20 rows, within 5 deg of a pole, or a pitch beyond 80 deg.
+
+    Notes
+    -----
+    A penalised spline (Eilers and Marx, "Flexible smoothing with B-splines and penalties", Statistical Science 11
+    (1996) 89-121) of degree five with knots every 0.2 s, by weighted least squares on positions and velocities; the
+    penalty only bridges what the rows leave open.
+    """
+    if len(track.time) < _FEWEST:
+        raise InputError(
+            "the track is too short for a twin", why=f"it has {len(track.time)} rows", fix=f"{_FEWEST} are needed"
+        )
+    if np.abs(track.lla[:, 0]).max() > _HIGHEST_LATITUDE:
+        raise InputError("the track is within 5 deg of a pole", fix="make a twin of a track at lower latitudes")
+    rph = _attitude(track)
+    if np.abs(rph[:, 1]).max() > _STEEPEST:
+        raise InputError("the track pitches beyond 80 deg", why="roll, pitch and heading are no smooth curves there")
+    start, duration = float(track.time[0]), float(track.time[-1] - track.time[0])
+    tau = track.time - start
+    origin = track.lla[0].copy()
+    meridian, transverse = radii(track.lla[:, 0])
+    scale = np.column_stack(
+        [
+            meridian + track.lla[:, 2],
+            (transverse + track.lla[:, 2]) * np.cos(track.lla[:, 0]),
+            np.ones(len(tau)),
+        ]
+    )
+    offset = track.lla - origin
+    offset[:, 1] = np.unwrap(track.lla[:, 1]) - origin[1]
+    rates = track.v_n * [1.0, 1.0, -1.0] / scale
+    spacing = max(_SPACING, 2.0 * float(np.median(np.diff(tau))))
+    size = scale.mean(axis=0)
+    position = [
+        _fitted(tau, duration, spacing, offset[:, i] * size[i], rates[:, i] * size[i]) / size[i] for i in range(3)
+    ]
+    attitude = [_fitted(tau, duration, spacing, rph[:, i] / _ANGLE_SD * _POSITION_SD, None) for i in range(3)]
+    return LevelTruth(
+        origin,
+        _curve(duration, spacing, np.column_stack(position)),
+        _curve(duration, spacing, np.column_stack(attitude) * (_ANGLE_SD / _POSITION_SD)),
+        duration,
+        start,
+    )
+
+
+def apart(truth: LevelTruth, track: Trajectory) -> tuple[float, float]:
+    """How far the motion is from the track it was made of: root mean square of position [m] and velocity [m/s]."""
+    at = truth.evaluate(track.time)
+    position = float(np.sqrt(np.mean(np.sum(ned_offset(track.lla, at.lla) ** 2, axis=1))))
+    known = np.isfinite(track.v_n).all(axis=1)
+    off = np.sum((track.v_n[known] - at.v_n[known]) ** 2, axis=1)
+    return position, float(np.sqrt(np.mean(off))) if len(off) else math.nan
+
+
+def _knots(duration: float, spacing: float) -> FloatArray:
+    """Knots of the basis, evenly spaced from the first instant to the last one, the outer ones repeated."""
+    inner = np.linspace(0.0, duration, max(2, math.ceil(duration / spacing) + 1))
+    return np.concatenate([np.zeros(_DEGREE), inner, np.full(_DEGREE, duration)])
+
+
+def _fitted(
+    t: FloatArray, duration: float, spacing: float, values: FloatArray, slopes: FloatArray | None
+) -> FloatArray:
+    """Coefficients of the spline that follows values [m] and, where they are known, slopes [m/s].
+
+    Rows far off the others lose weight (Cauchy's weights, Huber and Ronchetti, "Robust Statistics", 2009, chapter 7): a
+    receiver's track has jumps.
+    """
+    knots = _knots(duration, spacing)
+    count = len(knots) - _DEGREE - 1
+    t = np.clip(t, 0.0, duration)
+    basis = csr_array(BSpline.design_matrix(t, knots, _DEGREE))
+    ones = np.ones(count)
+    third = csr_array(
+        diags_array([-ones[3:], 3 * ones[3:], -3 * ones[3:], ones[3:]], offsets=[0, 1, 2, 3], shape=(count - 3, count))
+    )
+    rows = [(basis, values, _POSITION_SD)]
+    known = np.isfinite(slopes) if slopes is not None else np.zeros(len(t), dtype=np.bool_)
+    if slopes is not None and known.any():
+        span = knots[_DEGREE + 1 : _DEGREE + count] - knots[1:count]
+        ends = np.full(count - 1, float(_DEGREE)) / span
+        change = csr_array(diags_array([-ends, ends], offsets=[0, 1], shape=(count - 1, count)))
+        lower = csr_array(BSpline.design_matrix(t[known], knots[1:-1], _DEGREE - 1))
+        rows.append((csr_array(lower @ change), slopes[known], _VELOCITY_SD))
+    weights = [np.full(len(told), 1.0 / sd**2) for _, told, sd in rows]
+    found: FloatArray = np.zeros(count)
+    for _ in range(_PASSES):
+        normal = csr_array(_STIFFNESS / _POSITION_SD**2 * (third.T @ third))
+        right = np.zeros(count)
+        for (matrix, told, _), weight in zip(rows, weights, strict=True):
+            weighed = csr_array(matrix.T @ diags_array(weight))
+            normal = csr_array(normal + weighed @ matrix)
+            right += weighed @ told
+        bands = np.zeros((_DEGREE + 1, count))
+        for k in range(_DEGREE + 1):
+            bands[_DEGREE - k, k:] = normal.diagonal(k)
+        found = np.asarray(solveh_banded(bands, right))
+        for i, (matrix, told, least) in enumerate(rows):
+            off = told - matrix @ found
+            sd = max(least, 1.4826 * float(np.median(np.abs(off))))
+            weights[i] = 1.0 / (sd**2 + (off / _FAR) ** 2)
+    return found
+
+
+def _curve(duration: float, spacing: float, coefficients: FloatArray) -> Spline:
+    spline = BSpline(_knots(duration, spacing), coefficients, _DEGREE)
+    breaks = np.unique(spline.t)
+    taylor = [spline(breaks[:-1], nu=k) / math.factorial(k) for k in range(_DEGREE, -1, -1)]
+    return spline_of(PPoly(np.stack(taylor), breaks))
+
+
+def _attitude(track: Trajectory) -> FloatArray:
+    """Roll, pitch and heading without jumps; from the course where there are none."""
+    rph = track.rph.copy()
+    known = np.isfinite(rph).all(axis=1)
+    if not known.all():
+        v_north, v_east, v_down = components(_velocity(track))
+        over_ground = np.hypot(v_north, v_east)
+        moving = over_ground > _MOVING
+        rph[~known, 0] = 0.0
+        rph[~known, 1] = np.where(moving, np.arctan2(-v_down, np.maximum(over_ground, _MOVING)), 0.0)[~known]
+        told = known | moving
+        if not told.any():
+            rph[:, 2] = 0.0
+        else:
+            course = np.where(known, rph[:, 2], np.arctan2(v_east, v_north))
+            rph[:, 2] = np.interp(track.time, track.time[told], np.unwrap(course[told]))
+    rph[:, 2] = np.unwrap(rph[:, 2])
+    return rph
+
+
+def _velocity(track: Trajectory) -> FloatArray:
+    """Velocity where the track has it, else differences of position."""
+    ned = ned_offset(track.lla, track.lla[0])
+    return np.where(np.isfinite(track.v_n), track.v_n, np.gradient(ned, track.time, axis=0))

@@ -1,0 +1,229 @@
+"""What simulations leave behind: figures of any motion and any ensemble, a page, and facts with units."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from insnav.errors.ensemble import FIGURES, ensemble, epochs
+from insnav.imu import load_calibration, load_imu
+from insnav.io.folder import RunFolder, verify_folder
+from insnav.report.ensemble import ensemble_lines, write_runs
+from insnav.report.figures.ensemble import draw_ensemble, draw_nees
+from insnav.report.figures.profile import draw_motion, draw_sketch, draw_way, way
+from insnav.report.figures.style import drawing
+from insnav.report.simulation import (
+    Plan,
+    in_folder,
+    plan_key,
+    run_command,
+    seen,
+    simulation_lines,
+    write_recording,
+)
+from insnav.simulate import circle, corrupt_imu, gps_from_truth, imu_from_truth, reference, straight
+from insnav.simulate.montecarlo import Failure, Runs
+from insnav.simulate.recording import Recording, times
+from tests.simulate.motions import PLACE, town
+
+TOWN = town(start=1000.0)
+STILL = straight(PLACE, 0.0, 0.3, 60.0)
+ROUND = circle(PLACE, 20.0, 0.2, 120.0)  # almost four turns
+
+
+def plan_of(truth, **more) -> Plan:
+    values = {
+        "name": "town",
+        "purpose": "two minutes of a car",
+        "source": {},
+        "profile": "# as it was\n",
+        "truth": truth,
+        "imu": load_imu("automotive"),
+        "gps": None,
+        "seed": 7,
+        "rate": 20.0,
+        "sampling": "mean",
+        "faults": (),
+        "configuration": {"imu": "automotive"},
+    }
+    return Plan(**values | more)
+
+
+def recording_of(plan: Plan) -> Recording:
+    time = times(plan.truth, plan.rate)
+    specimen = corrupt_imu(imu_from_truth(plan.truth, time, plan.sampling), plan.imu, 1)
+    lever_b = np.array([0.5, 0.0, -1.25])
+    fixes = gps_from_truth(plan.truth, time[20::20], lever_b)
+    return Recording(specimen.imu, fixes, reference(plan.truth, time[::2]), specimen, lever_b)
+
+
+def runs_of(truth, count: int = 4) -> Runs:
+    """Runs with an error of the stated size in each, and one failure."""
+    rng = np.random.default_rng(3)
+    rows = epochs(truth)
+    total = np.zeros((rows, 23))
+    total[:, 0] = count
+    total[:, 1:10] = rng.chisquare(count, (rows, 9)) * 0.04
+    total[:, 10:19] = count * 0.04
+    total[5:, 19] = count
+    total[5:, 20:] = rng.chisquare(3 * count, (rows - 5, 3))
+    figures = np.abs(rng.standard_normal((count, len(FIGURES))))
+    figures[:, -3:] = (100.0, 2.0, 0.0)
+    number = np.array([1, 2, 4, 5])
+    return Runs(number, 1000 + number, figures, total, (Failure(3, 1003, "no fix"),))
+
+
+@pytest.mark.parametrize("truth", [TOWN, STILL, ROUND], ids=["town", "still", "round"])
+def test_every_motion_can_be_drawn(truth, tmp_path):
+    time, motion = seen(truth)
+    with drawing():
+        for figure in (
+            draw_way(time, motion, "any"),
+            draw_motion(time, motion, "any"),
+            draw_sketch(time, motion, "any", "to see"),
+        ):
+            figure.savefig(tmp_path / "figure.png")
+    assert len(time) <= 20_001
+    assert time[0] == truth.start
+
+
+def test_motion_is_drawn_in_the_units_of_its_labels():
+    time, motion = seen(ROUND)
+    with drawing():
+        figure = draw_motion(time, motion, "round")
+    by_label = {axes.get_ylabel(): axes for axes in figure.axes}
+    assert set(by_label) == {
+        "speed [m/s]", "height [m]", "tilt [deg]", "heading [deg]", "rate [deg/s]", "force [m/s²]",
+    }  # fmt: skip
+    assert by_label["speed [m/s]"].lines[0].get_ydata().max() == pytest.approx(20.0, rel=1e-3)
+    bank = np.degrees(np.arctan2(20.0 * 0.2, 9.81))
+    assert by_label["tilt [deg]"].lines[0].get_ydata()[0] == pytest.approx(bank, abs=0.05)
+    assert by_label["rate [deg/s]"].lines[2].get_ydata()[0] == pytest.approx(
+        np.degrees(0.2) * np.cos(np.radians(bank)), abs=0.05
+    )
+    heading = by_label["heading [deg]"].lines[0].get_ydata()
+    assert np.nanmax(heading) <= 360.0
+
+
+def test_length_of_the_way():
+    assert way(*seen(ROUND)) == pytest.approx(20.0 * 120.0, rel=1e-3)
+
+
+def test_a_recording_leaves_everything_behind(tmp_path):
+    plan = plan_of(TOWN)
+    with RunFolder(tmp_path / "sim", force=False) as folder:
+        where = write_recording(folder, plan, recording_of(plan))
+    verify_folder(where)
+    facts = json.loads((where / "run.json").read_text())
+    assert set(facts["files"]) == {
+        "imu.csv", "gps.csv", "ref.csv", "imu.toml", "profile.toml", "specimen.toml", "report.html",
+        "figures/way.png", "figures/motion.png",
+    }  # fmt: skip
+    assert facts["motion"]["start_lat_deg"] == pytest.approx(48.0)
+    assert facts["motion"]["max_specific_force_m_s2"][2] > 9.8
+    drawn = load_calibration(where / "specimen.toml")
+    assert facts["specimen"]["accel_bias_mg"] == pytest.approx(list(drawn.accel_bias / 9.80665e-3), rel=1e-9)
+    page = (where / "report.html").read_text()
+    assert "two minutes of a car" in page
+    assert facts["command"] in page
+
+
+def test_the_command_names_what_a_reader_cannot_know(tmp_path):
+    plan = plan_of(TOWN, sampling="instant")
+    command = run_command(plan, np.array([0.5, 0.0, -1.25]))
+    assert "--lever-arm 0.5,0,-1.25" in command
+    assert "--imu-sampling instant" in command
+    assert "--lever-arm" not in run_command(plan, np.zeros(3))
+    assert run_command(plan_of(TOWN, imu=None), np.zeros(3)).endswith("--imu navigation")
+    said = in_folder(command, tmp_path / "a b")
+    assert f"'{tmp_path}/a b/imu.csv'" in said
+    assert said.endswith("imu.toml'")
+
+
+def test_lines_say_what_was_simulated_and_how_to_go_on(tmp_path):
+    plan = plan_of(TOWN)
+    with RunFolder(tmp_path / "sim", force=False) as folder:
+        where = write_recording(folder, plan, recording_of(plan))
+    lines = simulation_lines(json.loads((where / "run.json").read_text()), where)
+    assert [line[:12].strip() for line in lines] == ["motion", "IMU", "GPS", "files", "next"]
+    assert "seed 7" in lines[2]
+
+
+def test_runs_leave_a_row_each_and_a_row_each_second(tmp_path):
+    runs = runs_of(TOWN)
+    with RunFolder(tmp_path / "ens", force=False) as folder:
+        where = write_runs(folder, plan_of(TOWN), runs)
+    verify_folder(where)
+    facts = json.loads((where / "run.json").read_text())
+    with (where / "runs.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["run"] for row in rows] == ["1", "2", "4", "5"]
+    assert [row["seed"] for row in rows] == ["1001", "1002", "1004", "1005"]
+    assert [row["rejected"] for row in rows] == ["2"] * 4
+    pitch = runs.figures[:, FIGURES.index("rms_pitch")]
+    np.testing.assert_allclose([float(row["rms_pitch_deg"]) for row in rows], np.degrees(pitch), atol=1e-6)
+    with (where / "ensemble.csv").open() as file:
+        seconds = list(csv.DictReader(file))
+    assert len(seconds) == epochs(TOWN)
+    assert float(seconds[0]["sd_v_north_m_s"]) == pytest.approx(0.2)
+    assert float(seconds[0]["sd_roll_deg"]) == pytest.approx(np.degrees(0.2), rel=1e-6)
+    assert float(seconds[7]["rms_down_m"]) == pytest.approx(np.sqrt(runs.total[7, 3] / 4), abs=1e-6)
+    assert seconds[0]["nees_position_per_axis"] == ""  # no fix yet
+    assert float(seconds[9]["nees_attitude_per_axis"]) == pytest.approx(runs.total[9, 22] / 12, abs=1e-6)
+    found = facts["ensemble"]
+    assert found["failed"] == [{"run": 3, "seed": 1003, "reason": "no fix"}]
+    assert (found["fixes"], found["rejected"], found["resets"]) == (400, 8, 0)
+    lines = "\n".join(ensemble_lines(facts, where))
+    assert "run 3 (seed 1003): no fix" in lines
+    assert "8 of 400 fixes" in lines
+    assert "run 3 (seed 1003): no fix" in (where / "report.html").read_text()
+
+
+def test_the_band_of_the_figure_is_about_the_stated_sd():
+    found = ensemble(runs_of(TOWN), TOWN)
+    with drawing():
+        figure, other = draw_ensemble(found, 4), draw_nees(found)
+    assert len(figure.axes) == 9
+    assert len(other.axes) == 3
+    lines = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines}
+    np.testing.assert_allclose(lines["stated sd"], 0.2, rtol=1e-9)
+    (band,) = figure.axes[0].collections
+    edges = band.get_paths()[0].vertices[:, 1]
+    assert edges.min() == pytest.approx(0.2 * np.sqrt(0.4844 / 4), rel=1e-3)  # chi-square of 4, 2.5 % and 97.5 %
+    assert edges.max() == pytest.approx(0.2 * np.sqrt(11.1433 / 4), rel=1e-3)
+
+
+def test_the_same_ensemble_gives_the_same_bytes(tmp_path):
+    for name in ("one", "two"):
+        with RunFolder(tmp_path / name, force=False) as folder:
+            write_runs(folder, plan_of(TOWN), runs_of(TOWN))
+    files = {name: {p.relative_to(tmp_path / name): p.read_bytes() for p in (tmp_path / name).rglob("*.*")}
+             for name in ("one", "two")}  # fmt: skip
+    assert files["one"] == files["two"]
+
+
+def test_runs_without_a_fix_are_told_as_such(tmp_path):
+    runs = runs_of(TOWN)
+    runs.total[:, 19:] = 0.0
+    with RunFolder(tmp_path / "ens", force=False) as folder:
+        where = write_runs(folder, plan_of(TOWN), runs)
+    facts = json.loads((where / "run.json").read_text())
+    assert facts["ensemble"]["nees_inside_band"] == {}
+    assert any("there was no fix" in line for line in ensemble_lines(facts, where))
+    assert draw_nees(ensemble(runs, TOWN)) is None
+
+
+def test_a_digest_stands_for_everything_that_matters():
+    plan = plan_of(TOWN)
+    assert plan_key(plan) == plan_key(plan_of(TOWN))
+    others = [
+        {"source": {"track_sha256": "a"}},
+        {"seed": 8},
+        {"profile": "# other\n"},
+        {"configuration": {"rate_hz": 5.0}},
+        {"imu": load_imu("tactical")},
+    ]
+    assert len({plan_key(plan), *(plan_key(plan_of(TOWN, **other)) for other in others)}) == 6
