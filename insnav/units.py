@@ -61,6 +61,10 @@ UNITS: dict[str, tuple[str, float]] = {
     "ms": ("time", 1e-3),
     "min": ("time", 60.0),
     "h": ("time", HOUR),
+    "V": ("signal", 1.0),  # what a sensor puts out before it is calibrated
+    "mV": ("signal", 1e-3),
+    "uV": ("signal", 1e-6),
+    "LSB": ("signal", 1.0),
     "m/s^3": ("jerk", 1.0),
     "g/s": ("jerk", G0),
     "rad/s^2": ("rate ramp", 1.0),

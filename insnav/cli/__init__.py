@@ -10,7 +10,7 @@ from typing import Any
 import typer
 from typer.main import get_command
 
-from insnav.cli import align, allan, compare, outage, run, signals, simulate
+from insnav.cli import align, allan, calibrate, compare, outage, run, signals, simulate
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand
 
@@ -42,6 +42,7 @@ for _module, _command in (
     (simulate, simulate.simulate),
 ):
     app.command(_command.__name__, cls=GroupedCommand, help=_module.HELP, short_help=_module.SHORT_HELP)(_command)
+app.add_typer(calibrate.app, name="calibrate", help=calibrate.HELP, short_help=calibrate.SHORT_HELP)
 
 
 def _version(value: bool) -> None:

@@ -72,7 +72,7 @@ def align(
         from insnav.report.alignment import alignment_facts, alignment_lines
         from insnav.strapdown import intervals
 
-        reading = inputs.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp)
+        reading = inputs.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp, calibration)
         inputs.say_reading(reading.facts)
         samples = inputs.calibrated(reading.data, calibration)
         stage("aligning")

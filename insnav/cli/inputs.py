@@ -48,10 +48,14 @@ def read_samples(
     units: str | None,
     sampling: SamplingChoice | None,
     stamp: StampChoice | None,
+    calibration: Path | None = None,
 ) -> Reading[ImuData]:
-    """Read the IMU file with the options every command shares."""
+    """Read the IMU file with the options every command shares; volts and counts by the lines of the calibration."""
+    from insnav.imu import load_calibration
     from insnav.io import read_imu
 
+    known = None if calibration is None else load_calibration(calibration)
+    scales = {} if known is None else {"gyro": known.gyro_raw, "accel": known.accel_raw}
     with named_options():
         return read_imu(
             path,
@@ -60,6 +64,7 @@ def read_samples(
             units=units,
             sampling=sampling.value if sampling else None,
             stamp=stamp.value if stamp else None,
+            raw_scales={triad: scale for triad, scale in scales.items() if scale is not None},
         )
 
 

@@ -108,7 +108,7 @@ def outage(
 
         fixes = inputs.read_fixes(gps, gps_columns, gps_height)
         better = inputs.read_fixes(ref, ref_columns, gps_height) if ref else None
-        reading = inputs.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp)
+        reading = inputs.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp, calibration)
         for each in (reading.facts, fixes.facts, better.facts if better else None):
             if each is not None:
                 inputs.say_reading(each)

@@ -166,7 +166,7 @@ def run(
         # The small files first: what is wrong with them is then known at once.
         fixes = inputs.read_fixes(gps, gps_columns, gps_height)
         reference = inputs.read_truth(ref, ref_columns) if ref else None
-        reading = inputs.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp)
+        reading = inputs.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp, calibration)
         for each in (reading.facts, fixes.facts, reference.facts if reference else None):
             if each is not None:
                 inputs.say_reading(each)

@@ -12,6 +12,20 @@ matrix = [[1.001, 0.0002, 0.0], [0.0, 0.9995, 0.0001], [0.0, 0.0, 1.0003]]
 bias = ["1.2 mg", "-0.4 mg", "3 mg"]
 matrix = [[1.0005, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.999]]
 
+A file whose samples are volts or counts needs a line for each sensor, value = (output - zero) / scale; bias and matrix
+are of what that makes:
+
+[gyro.raw]
+unit = "V"                                  # or mV, uV, LSB
+zero = [0.2, 0.19, 0.21]                    # in that unit
+scale_per_rad_s = [2.795, 2.8, 2.79]        # that unit per rad/s; scale_per_m_s2 in [accel.raw]
+
+What non-linear gyros leave after that is a piecewise-linear map, error = measured - true over the measured rate:
+
+[gyro.map.x]                                # and y, z
+rate_rad_s = [-5.2, 0.0, 5.2]
+error_rad_s = [-0.001, 0.0, 0.002]
+
 What bias and matrix leave out (see `insnav.imu.terms`) may follow in each table: asymmetry, quadratic, bias_slope,
 scale_slope, one value or three; g_sensitivity, three rows of three, in [gyro]; positions, three places, in [accel].
 """
@@ -30,7 +44,9 @@ from pydantic_core import PydanticCustomError
 
 from insnav.exceptions import ConfigError
 from insnav.imu.config import Axes, Table, axes, quantity, read_toml, validate
+from insnav.imu.dynamic_map import AxisMap, DynamicMap
 from insnav.imu.model import ImuErrors
+from insnav.imu.raw import RawScale
 from insnav.imu.terms import ErrorTerms
 from insnav.types import FloatArray
 
@@ -71,6 +87,35 @@ def _date(value: object) -> str:
     raise PydanticCustomError("wrong_value", "must be a date, like 2025-03-14")
 
 
+def _numbers(value: object) -> list[float]:
+    if not isinstance(value, list):
+        raise PydanticCustomError("wrong_value", "must be a list of numbers, […, …]")
+    return [_number(item) for item in value]
+
+
+class _GyroRaw(Table):
+    unit: str
+    zero: Annotated[list[float], PlainValidator(_numbers)]
+    scale_per_rad_s: Annotated[list[float], PlainValidator(_numbers)]
+
+
+class _AccelRaw(Table):
+    unit: str
+    zero: Annotated[list[float], PlainValidator(_numbers)]
+    scale_per_m_s2: Annotated[list[float], PlainValidator(_numbers)]
+
+
+class _AxisMap(Table):
+    rate_rad_s: Annotated[list[float], PlainValidator(_numbers)]
+    error_rad_s: Annotated[list[float], PlainValidator(_numbers)]
+
+
+class _Map(Table):
+    x: _AxisMap | None = None
+    y: _AxisMap | None = None
+    z: _AxisMap | None = None
+
+
 def _rows(dimension: str) -> PlainValidator:
     """Three rows of three quantities."""
 
@@ -95,6 +140,8 @@ class _Gyro(_Sensor):
     g_sensitivity: Annotated[Matrix | None, _rows("rate per acceleration")] = None
     bias: Annotated[Axes, axes("rate", signed=True)] = (0.0, 0.0, 0.0)
     matrix: Annotated[Matrix, PlainValidator(_matrix)] = _IDENTITY
+    raw: _GyroRaw | None = None
+    map: _Map | None = None
 
 
 class _Accel(_Sensor):
@@ -103,6 +150,7 @@ class _Accel(_Sensor):
     positions: Annotated[Matrix | None, _rows("length")] = None
     bias: Annotated[Axes, axes("acceleration", signed=True)] = (0.0, 0.0, 0.0)
     matrix: Annotated[Matrix, PlainValidator(_matrix)] = _IDENTITY
+    raw: _AccelRaw | None = None
 
 
 class _CalibrationFile(Table):
@@ -149,11 +197,26 @@ def load_calibration(path: str | Path) -> ImuErrors:
             name=file.name,
             date=file.date,
             temperature=file.temperature_c,
+            gyro_map=_gyro_map(gyro.map),
+            gyro_raw=_raw(gyro.raw.unit, gyro.raw.zero, gyro.raw.scale_per_rad_s) if gyro.raw else None,
+            accel_raw=_raw(accel.raw.unit, accel.raw.zero, accel.raw.scale_per_m_s2) if accel.raw else None,
             gyro_terms=_terms(gyro),
             accel_terms=_terms(accel),
         )
     except ConfigError as error:
         raise ConfigError(error.what, where=f"{path}: {error.where}", why=error.why, fix=error.fix) from None
+
+
+def _raw(unit: str, zero: list[float], scale: list[float]) -> RawScale:
+    return RawScale(unit, np.array(zero), np.array(scale))
+
+
+def _gyro_map(table: _Map | None) -> DynamicMap | None:
+    if table is None:
+        return None
+    axes_of = (table.x, table.y, table.z)
+    x, y, z = (None if a is None else AxisMap(np.array(a.rate_rad_s), np.array(a.error_rad_s)) for a in axes_of)
+    return DynamicMap(x, y, z)
 
 
 def _terms(table: _Sensor) -> ErrorTerms | None:
@@ -182,6 +245,18 @@ def calibration_to_toml(errors: ImuErrors) -> str:
     ):
         # SI units and the shortest text that is exact: a calibration must not change by being written
         content[name] = {"bias": [f"{float(item)!r} {unit}" for item in bias], "matrix": matrix.tolist()}
+    for name, key, raw in (
+        ("gyro", "scale_per_rad_s", errors.gyro_raw),
+        ("accel", "scale_per_m_s2", errors.accel_raw),
+    ):
+        if raw is not None:
+            content[name]["raw"] = {"unit": raw.unit, "zero": raw.zero.tolist(), key: raw.scale.tolist()}
+    if errors.gyro_map is not None:
+        content["gyro"]["map"] = {
+            axis: {"rate_rad_s": item.rate.tolist(), "error_rad_s": item.error.tolist()}
+            for axis, item in zip("xyz", errors.gyro_map.axes, strict=True)
+            if item is not None
+        }
     for index, (name, terms) in enumerate((("gyro", errors.gyro_terms), ("accel", errors.accel_terms))):
         for key, units in _TERM_UNITS.items():
             value = None if terms is None else getattr(terms, key)

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.imu.dynamic_map import DynamicMap
+from insnav.imu.raw import RawScale
 from insnav.imu.terms import REFERENCE_TEMPERATURE, ErrorTerms, size_effect
 from insnav.types import FloatArray, ImuData
 from insnav.units import G0
@@ -204,6 +206,11 @@ class ImuErrors:
         When.
     temperature : float or None
         At which temperature [deg C]; what depends on the temperature counts from it, or from 25 deg C.
+    gyro_map : DynamicMap or None
+        Error that non-linear gyros have left after all else is taken off.
+    gyro_raw, accel_raw : RawScale or None
+        How the volts or counts of a file become rates and specific forces, if they do; for the reader, not for
+        `correct`, which takes what the reader makes of them.
     gyro_terms, accel_terms : ErrorTerms or None
         What bias and matrix leave out.
 
@@ -220,6 +227,9 @@ class ImuErrors:
     name: str = ""
     date: str = ""
     temperature: float | None = None
+    gyro_map: DynamicMap | None = None
+    gyro_raw: RawScale | None = None
+    accel_raw: RawScale | None = None
     gyro_terms: ErrorTerms | None = None
     accel_terms: ErrorTerms | None = None
 
@@ -302,6 +312,8 @@ def corrupt(imu: ImuData, errors: ImuErrors) -> ImuData:
     if errors.gyro_terms is not None or errors.accel_terms is not None:
         return _bent(imu, errors)
     scale = _bias_scale(imu)
+    if errors.gyro_map is not None:
+        imu = replace(imu, gyro=errors.gyro_map.inverse(imu.gyro / scale) * scale)
     gyro = imu.gyro @ errors.gyro_matrix.T + errors.gyro_bias * scale
     accel = imu.accel @ errors.accel_matrix.T + errors.accel_bias * scale
     return replace(imu, gyro=gyro, accel=accel)
@@ -333,6 +345,8 @@ def correct(imu: ImuData, errors: ImuErrors) -> ImuData:
     scale = _bias_scale(imu)
     gyro = np.linalg.solve(errors.gyro_matrix, (imu.gyro - errors.gyro_bias * scale).T).T
     accel = np.linalg.solve(errors.accel_matrix, (imu.accel - errors.accel_bias * scale).T).T
+    if errors.gyro_map is not None:
+        gyro = errors.gyro_map.apply(np.asarray(gyro / scale)) * scale
     return replace(imu, gyro=np.ascontiguousarray(gyro), accel=np.ascontiguousarray(accel))
 
 
@@ -344,7 +358,8 @@ def _bent(imu: ImuData, errors: ImuErrors) -> ImuData:
     rate, force = np.asarray(imu.gyro / span), np.asarray(imu.accel / span)
     felt = force + size_effect(rate, dt, accel_terms.positions) if np.any(accel_terms.positions) else force
     accel = accel_terms.shown(felt @ errors.accel_matrix.T, warmer) + errors.accel_bias
-    gyro = gyro_terms.shown(rate @ errors.gyro_matrix.T, warmer) + errors.gyro_bias
+    turned = rate if errors.gyro_map is None else errors.gyro_map.inverse(rate)
+    gyro = gyro_terms.shown(turned @ errors.gyro_matrix.T, warmer) + errors.gyro_bias
     gyro = gyro + felt @ gyro_terms.g_sensitivity.T
     return replace(imu, gyro=np.ascontiguousarray(gyro * span), accel=np.ascontiguousarray(accel * span))
 
@@ -359,6 +374,7 @@ def _straight(imu: ImuData, errors: ImuErrors) -> ImuData:
     turning = np.asarray(imu.gyro / span - errors.gyro_bias - felt @ gyro_terms.g_sensitivity.T)
     rate = gyro_terms.meant(turning, warmer)
     rate = np.ascontiguousarray(np.linalg.solve(errors.gyro_matrix, rate.T).T)
+    rate = rate if errors.gyro_map is None else errors.gyro_map.apply(rate)
     force = felt - size_effect(rate, dt, accel_terms.positions) if np.any(accel_terms.positions) else felt
     return replace(imu, gyro=np.ascontiguousarray(rate * span), accel=np.ascontiguousarray(force * span))
 

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.imu.raw import RawScale
 from insnav.io.axes import axes_matrix
 from insnav.io.clean import IMU_KINDS, clean, cut_event
 from insnav.io.columns import Found, find_unit, require, understand
 from insnav.io.facts import Reading, ReadingFacts
 from insnav.io.physics import judge_accel, judge_axes, judge_gyro, judge_time, quiet_part, turn_ratio
-from insnav.io.schema import ALL_UNITS, IMU_SCHEMA
+from insnav.io.raw import SI_UNITS, from_outputs, raw_schema
+from insnav.io.schema import ALL_UNITS, IMU_SCHEMA, Quantity
 from insnav.io.table import Table, open_table, read_numbers
 from insnav.types import BoolArray, FloatArray, ImuData, Sampling, Stamp
 
@@ -35,6 +37,7 @@ def read_imu(
     units: Mapping[str, str] | str | None = None,
     sampling: Sampling | None = None,
     stamp: Stamp | None = None,
+    raw_scales: Mapping[str, RawScale] | None = None,
 ) -> Reading[ImuData]:
     """Read inertial data.
 
@@ -53,6 +56,8 @@ def read_imu(
         Default ``increment`` for columns so named, else ``mean``.
     stamp : {"start", "mid", "end"}, optional
         Default ``end``.
+    raw_scales : mapping of str to RawScale, optional
+        For ``gyro``, ``accel`` or both: the file holds volts or counts, and how they become rates and forces.
 
     Returns
     -------
@@ -69,8 +74,10 @@ def read_imu(
     told = parse_units(units)
     table = open_table(path)
     name = table.name
-    found, notes = understand(table.headers, table.units, IMU_SCHEMA, columns=columns, where=name)
-    increments = _choose(found, sampling, told, table)
+    scales = dict(raw_scales or {})
+    schema = raw_schema(scales)
+    found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)
+    increments = _choose(found, sampling, told, table, schema)
     gyro_keys, accel_keys = (_ANGLES, _VELOCITIES) if increments else (_RATES, _FORCES)
     stated = {
         "gyro": told.get("gyro") or _common_unit(found, gyro_keys, name),
@@ -81,6 +88,8 @@ def read_imu(
     keys = ["time", *gyro_keys, *accel_keys, *extras]
     numbers = read_numbers(table, [found[key].index for key in keys])
     raw = {key: numbers.columns[found[key].index] for key in keys}
+    raw_notes, raw_units = from_outputs(raw, found, scales, told, increments=increments, where=name)
+    stated |= {key: SI_UNITS[key] for key in scales}
     if numbers.n_rows > 1:
         time_unit, time_evidence = judge_time(raw["time"], stated["time"], slowest=_SLOWEST, where=name)
         raw["time"] = raw["time"] * ALL_UNITS[time_unit][1]
@@ -116,6 +125,7 @@ def read_imu(
         None if baro is None else baro * found["baro"].factor,
     )
     units_used = dict.fromkeys(gyro_keys, gyro_unit) | dict.fromkeys(accel_keys, accel_unit) | {"time": time_unit}
+    units_used |= raw_units
     events = cleaned.events
     if numbers.cut:
         events = (*events, cut_event(IMU_KINDS, float(time[-1]), numbers.cut))
@@ -133,6 +143,7 @@ def read_imu(
         columns={found[key].quantity.name: found[key].describe(units_used.get(key)) for key in keys},
         evidence=(
             time_evidence,
+            *raw_notes,
             gyro_evidence,
             accel_evidence,
             axes_evidence,
@@ -195,7 +206,13 @@ def _split(units: str) -> list[list[str]]:
     return [part.split("=", 1) for part in re.split(r"[,;]", units) if part.strip()]
 
 
-def _choose(found: dict[str, Found], sampling: Sampling | None, told: dict[str, str], table: Table) -> bool:
+def _choose(
+    found: dict[str, Found],
+    sampling: Sampling | None,
+    told: dict[str, str],
+    table: Table,
+    schema: Sequence[Quantity],
+) -> bool:
     """Whether to read increments; makes sure that all columns are there."""
     dims = {ALL_UNITS[told[key]][0] for key in ("gyro", "accel") if key in told}
     if sampling == "increment" or dims & {"angle", "velocity"}:
@@ -251,7 +268,7 @@ def _choose(found: dict[str, Found], sampling: Sampling | None, told: dict[str, 
     words = {header.lower()[:3] for header in table.headers}
     if {"lat", "lon"} <= words and not some_rates:
         hint = "this looks like a file of positions: give it with --gps or --ref"
-    require(found, ("time", *wanted), table.headers, IMU_SCHEMA, where=table.name, hint=hint)
+    require(found, ("time", *wanted), table.headers, schema, where=table.name, hint=hint)
     return increments
 
 

@@ -172,6 +172,7 @@ _MORE_UNITS: dict[str, tuple[str, float]] = {
     "us": ("time", 1e-6),
     "ns": ("time", 1e-9),
     "mdeg/s": ("rate", 1e-3 * DEG),
+    "r/min": ("rate", 6.0 * DEG),
     "urad": ("angle", 1e-6),
     "cm/s^2": ("acceleration", 1e-2),
     "mm/s^2": ("acceleration", 1e-3),
@@ -196,6 +197,7 @@ _UNIT_SPELLINGS = {
     "deg/s": "dps degsec degs1 degpers degpersec degps degreess degreessec degreespersecond degpersecond",
     "deg/h": "dph degph degperh deghr degperhr degperhour degreeshour degreesh",
     "mdeg/s": "mdps",
+    "r/min": "rpm revmin",
     "m/s^2": "mps2 mss msec2 mpers2 mperssq mssq ms2 mpss ms2sample meters2 mpersec2 meterpersecondsquared",
     "g": "gs gee",
     "mg": "millig",
@@ -208,6 +210,10 @@ _UNIT_SPELLINGS = {
     "m": "meter meters metre metres",
     "mm": "millimeter millimeters millimetre millimetres",
     "degC": "c celsius degcelsius",
+    "V": "volt volts",
+    "mV": "millivolt millivolts",
+    "uV": "microvolt microvolts",
+    "LSB": "count counts digit digits adc",
 }
 
 

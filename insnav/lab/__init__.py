@@ -1,1 +1,1 @@
-"""The inertial laboratory: bench data to calibrations and noise models."""
+"""The inertial laboratory: bench data to calibrations and noise models, each with its uncertainty."""

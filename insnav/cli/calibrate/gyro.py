@@ -1,0 +1,84 @@
+"""``insnav calibrate gyro``: scale factor and zero from a rate table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from insnav.cli import options as opt
+from insnav.cli import parse
+from insnav.cli.calibrate import common
+from insnav.cli.console import Stages
+
+SHORT_HELP = "Zero and scale factor of gyros from a rate table."
+HELP = """Zero and scale factor of gyros from a rate table.
+
+A file holds rate_deg_s and output_v (or output_lsb, output_deg_s): one row a dwell, or all its samples in successive
+rows, which are cleaned of spikes. Give the files of x, y, z, or one that stands for all three.
+Rates at which the output has left the straight line are found and left out.
+
+\b
+Examples:
+  insnav calibrate gyro rate_table.csv
+  insnav calibrate gyro rate_table.csv --range -90:80
+  insnav calibrate gyro x.csv y.csv z.csv --out gyros
+  insnav calibrate gyro x.csv y.csv z.csv --add accels/calibration.toml --out imu7
+"""
+
+
+def gyro(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE", help="Rate table of x, y, z, or one.", rich_help_panel=opt.FILES)
+    ],
+    columns: common.Columns = None,
+    keep: Annotated[
+        str | None,
+        typer.Option(
+            "--range",
+            metavar="FROM:TO",
+            help="Rates to use, deg/s. [all that are linear]",
+            rich_help_panel=common.METHOD,
+        ),
+    ] = None,
+    spike_limit: common.SpikeLimit = None,
+    add: common.Add = None,
+    name: common.Name = "",
+    out: common.Out = common.OUT,
+    force: opt.Force = False,
+    as_json: opt.Json = False,
+) -> None:
+    """Calibrate gyros on a rate table."""
+    from insnav.cli import inputs
+    from insnav.io.folder import RunFolder
+
+    span = parse.span(keep, "--range") if keep else None
+    with RunFolder(out, force=force) as folder, Stages() as stage:
+        stage("reading")
+        from insnav.lab import single
+        from insnav.units import DEG
+
+        with inputs.named_options():
+            records = [
+                single.read_record(
+                    file,
+                    single.RATE_TABLE,
+                    columns=parse.columns(columns, "--columns"),
+                    spike_limit=common.limit(spike_limit),
+                )
+                for file in files
+            ]
+        stage("fitting")
+        found = [single.calibrate_gyro(record, span) for record in records]
+        calibrated = single.single_uncertainty(single.gyro_errors(records, found, name), found, DEG)
+        stage("navigating")
+        from insnav.lab.effect import minute_effect
+
+        effects = minute_effect(calibrated)
+        stage("writing")
+        from insnav.report.calibration_single import gyro_report
+
+        sheet, facts = gyro_report(records, found, calibrated, effects)
+        errors = common.with_other(calibrated.errors, add, "accel")
+        common.finish(folder, out, sheet, facts, errors, as_json=as_json)

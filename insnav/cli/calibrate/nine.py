@@ -1,0 +1,70 @@
+"""``insnav calibrate nine``: three dual-axis modules on a position table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from insnav.cli import options as opt
+from insnav.cli import parse
+from insnav.cli.calibrate import common
+from insnav.cli.console import Stages
+
+SHORT_HELP = "Three dual-axis modules in nine positions, gyro misalignment without rotation."
+HELP = """Accelerometers, and the misalignment of gyros without any rotation, from nine positions of a position table.
+
+For three modules, each one gyro and the two accelerometers across its axis. The file holds roll_deg, pitch_deg and
+x_ay_g, x_az_g, y_az_g, y_ax_g, z_ax_g, z_ay_g (module, then axis; also in m/s2, mg): one row a position, or all its
+samples in successive rows. Positions: level; ± about x; ± about y; the four combinations; angles of 20 to 75 deg.
+Upright ones (180, ± 90 deg) may be added: biases then come from the two extremes of each axis.
+
+\b
+Examples:
+  insnav calibrate nine positions.csv
+  insnav calibrate nine positions.csv --gravity 9.7957 --out imu7
+"""
+
+
+def nine(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Table of positions.", rich_help_panel=opt.FILES)],
+    columns: common.Columns = None,
+    gravity: common.Gravity = 9.80665,
+    name: common.Name = "",
+    out: common.Out = common.OUT,
+    force: opt.Force = False,
+    as_json: opt.Json = False,
+) -> None:
+    """Calibrate dual-axis modules."""
+    from insnav.cli import inputs
+    from insnav.io.folder import RunFolder
+
+    common.gravity(gravity)
+    with RunFolder(out, force=force) as folder, Stages() as stage:
+        stage("reading")
+        from insnav.imu import ImuErrors
+        from insnav.lab.effect import Calibrated, minute_effect
+        from insnav.lab.nine import calibrate_nine, read_nine
+
+        with inputs.named_options():
+            table, dwells = read_nine(file, parse.columns(columns, "--columns"))
+        stage("fitting")
+        roll, pitch = dwells.setting.T
+        found = calibrate_nine(roll, pitch, dwells.value, gravity, where=table.name)
+        errors = ImuErrors(
+            gyro_matrix=found.gyro_matrix, accel_bias=found.accel_bias, accel_matrix=found.accel_matrix, name=name
+        )
+        calibrated = Calibrated(
+            errors,
+            gyro_matrix_sd=found.gyro_matrix_sd,
+            accel_bias_sd=found.accel_bias_sd,
+            accel_matrix_sd=found.accel_matrix_sd,
+        )
+        stage("navigating")
+        effects = minute_effect(calibrated)
+        stage("writing")
+        from insnav.report.calibration_nine import nine_report
+
+        sheet, facts = nine_report(table, dwells, found, calibrated, effects)
+        common.finish(folder, out, sheet, facts, errors, as_json=as_json)

@@ -1,0 +1,77 @@
+"""``insnav calibrate rotor``: moment of inertia of a gyroscope's rotor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from insnav.cli import options as opt
+from insnav.cli.calibrate import common
+from insnav.cli.console import Stages
+
+SHORT_HELP = "Moment of inertia of a rotor by a falling weight and by precession."
+HELP = """Moment of inertia of a gyroscope's rotor two ways, and whether they agree.
+
+FALL holds height_m and fall_time_s of a weight that spins the rotor up by a cord; PRECESSION holds
+precession_period_s and rotor_rate_rad_s (or rotor_rate_rpm) under a weight on an arm.
+
+\b
+Examples:
+  insnav calibrate rotor fall.csv precession.csv --fall-mass 0.06 --radius 0.0225 --mass 0.05 --arm 0.25
+"""
+
+
+def rotor(
+    fall: Annotated[Path, typer.Argument(metavar="FALL", help="Heights and times of fall.", rich_help_panel=opt.FILES)],
+    precession: Annotated[
+        Path, typer.Argument(metavar="PRECESSION", help="Periods and rotor rates.", rich_help_panel=opt.FILES)
+    ],
+    fall_mass: Annotated[
+        float, typer.Option(metavar="KG", help="Mass of the falling weight.", rich_help_panel=common.METHOD)
+    ],
+    radius: Annotated[
+        float, typer.Option(metavar="M", help="Radius the cord is wound on.", rich_help_panel=common.METHOD)
+    ],
+    mass: Annotated[
+        float, typer.Option(metavar="KG", help="Mass of the weight on the arm.", rich_help_panel=common.METHOD)
+    ],
+    arm: Annotated[
+        float, typer.Option(metavar="M", help="Its distance from the support.", rich_help_panel=common.METHOD)
+    ],
+    gravity: common.Gravity = 9.80665,
+    out: common.Out = common.OUT,
+    force: opt.Force = False,
+    as_json: opt.Json = False,
+) -> None:
+    """Measure a rotor."""
+    from insnav.exceptions import ConfigError
+    from insnav.io.folder import RunFolder
+
+    for value, option in ((fall_mass, "--fall-mass"), (radius, "--radius"), (mass, "--mass"), (arm, "--arm")):
+        if not 0.0 < value < 100.0:
+            raise ConfigError(f"{value:g} cannot be", where=option, fix="give kilograms or metres, above zero")
+    common.gravity(gravity)
+    with RunFolder(out, force=force) as folder, Stages() as stage:
+        stage("reading")
+        from insnav.lab import rotor as bench
+        from insnav.report.calibration_rotor import rotor_report
+
+        falls, turns = bench.read_fall(fall), bench.read_precession(precession)
+        stage("fitting")
+        time = falls.columns["fall_time" if "fall_time" in falls.columns else "time"]
+        first = bench.inertia_from_fall(falls.columns["height"], time, fall_mass, radius, gravity, where=falls.name)
+        second = bench.inertia_from_precession(
+            turns.columns["period"], turns.columns["rotor_rate"], mass, arm, gravity, where=turns.name
+        )
+        stage("writing")
+        given = {
+            "fall_mass_kg": fall_mass,
+            "radius_m": radius,
+            "mass_kg": mass,
+            "arm_m": arm,
+            "gravity_m_s2": gravity,
+        }
+        sheet, facts = rotor_report((falls, turns), first, second, bench.agreement(first, second), given)
+        common.finish(folder, out, sheet, facts, None, as_json=as_json)

@@ -1,0 +1,125 @@
+"""Dynamic compensation of gyros: what a matrix leaves of non-linearity, as a continuous piecewise-linear map.
+
+In each interval of the measured rate m the error is ``k m + b``, and the rate ``m - (k m + b)``. The lines meet at the
+borders, and every ``k`` is below 1, so the map is continuous and has exactly one inverse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import ConfigError
+from insnav.types import FloatArray
+
+SMALLEST_SLOPE = 0.1  # of the compensated over the measured rate; a gyro that needs more is broken, not non-linear
+
+
+@dataclass(frozen=True, slots=True)
+class AxisMap:
+    """Error of one gyro over its measured rate, straight between knots and beyond the outer ones.
+
+    Attributes
+    ----------
+    rate : (k,) array
+        Measured rates at the knots [rad/s], increasing, at least two.
+    error : (k,) array
+        Error there, measured minus true [rad/s].
+
+    Raises
+    ------
+    ConfigError
+        Not such arrays, or a map that cannot be inverted.
+    """
+
+    rate: FloatArray
+    error: FloatArray
+
+    def __post_init__(self) -> None:
+        rate, error = np.asarray(self.rate), np.asarray(self.error)
+        if rate.ndim != 1 or rate.size < 2 or rate.shape != error.shape:
+            raise ConfigError(
+                "a gyro map needs at least two rates, and as many errors",
+                where="gyro.map",
+                why=f"their shapes are {rate.shape} and {error.shape}",
+            )
+        if not (np.isfinite(rate).all() and np.isfinite(error).all() and (np.diff(rate) > 0.0).all()):
+            raise ConfigError("the rates of a gyro map must increase, and all values be finite", where="gyro.map")
+        steepest = float((np.diff(error) / np.diff(rate)).max())
+        if steepest > 1.0 - SMALLEST_SLOPE:
+            raise ConfigError(
+                "the gyro map cannot be inverted",
+                where="gyro.map",
+                why=f"the error grows by {steepest:.3g} of the rate in one interval; below {1.0 - SMALLEST_SLOPE:g} "
+                "the compensated rate still grows with the measured one",
+            )
+
+    def apply(self, measured: FloatArray) -> FloatArray:
+        """Rate without the error.
+
+        Parameters
+        ----------
+        measured : (...) array
+            [rad/s].
+        """
+        return _line(self.rate, self.rate - self.error, measured)
+
+    def inverse(self, compensated: FloatArray) -> FloatArray:
+        """Undo `apply`.
+
+        Parameters
+        ----------
+        compensated : (...) array
+            [rad/s].
+        """
+        return _line(self.rate - self.error, self.rate, compensated)
+
+
+@dataclass(frozen=True, slots=True)
+class DynamicMap:
+    """One map a gyro; None leaves an axis as it is.
+
+    Attributes
+    ----------
+    x, y, z : AxisMap or None
+    """
+
+    x: AxisMap | None = None
+    y: AxisMap | None = None
+    z: AxisMap | None = None
+
+    @property
+    def axes(self) -> tuple[AxisMap | None, AxisMap | None, AxisMap | None]:
+        """The three maps."""
+        return self.x, self.y, self.z
+
+    def apply(self, measured: FloatArray) -> FloatArray:
+        """Rates without the errors.
+
+        Parameters
+        ----------
+        measured : (n, 3) array
+            [rad/s].
+        """
+        columns = [c if a is None else a.apply(c) for a, c in zip(self.axes, measured.T, strict=True)]
+        return np.ascontiguousarray(np.column_stack(columns))
+
+    def inverse(self, compensated: FloatArray) -> FloatArray:
+        """Undo `apply`.
+
+        Parameters
+        ----------
+        compensated : (n, 3) array
+            [rad/s].
+        """
+        columns = [c if a is None else a.inverse(c) for a, c in zip(self.axes, compensated.T, strict=True)]
+        return np.ascontiguousarray(np.column_stack(columns))
+
+
+def _line(x: FloatArray, y: FloatArray, at: FloatArray) -> FloatArray:
+    """Straight lines through the points, the outer ones continued."""
+    at = np.asarray(at, dtype=np.float64)
+    piece = np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2)
+    slope = np.diff(y) / np.diff(x)
+    return np.asarray(y[piece] + slope[piece] * (at - x[piece]))

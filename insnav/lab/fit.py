@@ -1,0 +1,212 @@
+"""Linear least squares, the one every bench method uses: estimates, their uncertainty, and what is not determined.
+
+Sources: G. A. F. Seber and A. J. Lee, Linear Regression Analysis, 2nd ed. (2003), chapters 3 (estimation), 5
+(confidence intervals) and 10 (deleted residuals).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtrit
+
+from insnav.exceptions import InputError
+from insnav.types import FloatArray
+
+RANK_TOLERANCE = 1e-9  # singular values of the scaled design below this share of the largest count as zero
+LEVEL = 0.95  # of a printed interval, where nothing else is said
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """What linear least squares found.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the k parameters.
+    value : (k,) array
+        Estimates.
+    covariance : (k, k) array
+        Of the estimates, from the scatter of the residuals.
+    residual : (n,) array
+        Measured minus fitted, in the unit of what was measured.
+    sigma : float
+        Standard deviation of a measurement of weight 1: root of the weighted sum of squares over `dof`.
+    dof : int
+        Degrees of freedom, ``n - k``.
+    condition : float
+        Condition number of the design, each column scaled to length 1: what no choice of units can mend.
+    """
+
+    names: tuple[str, ...]
+    value: FloatArray
+    covariance: FloatArray
+    residual: FloatArray
+    sigma: float
+    dof: int
+    condition: float
+
+    @property
+    def sd(self) -> FloatArray:
+        """One standard deviation of each estimate, (k,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals: the sum of squares over n, not over `dof`."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+    @property
+    def worst(self) -> int:
+        """Row of the largest residual."""
+        return int(np.argmax(np.abs(self.residual)))
+
+    def half_width(self, level: float = LEVEL) -> FloatArray:
+        """Half width of the confidence interval of each estimate, (k,).
+
+        Parameters
+        ----------
+        level : float
+            Probability with which the interval holds the true value, normally distributed errors given.
+        """
+        return self.sd * coverage_factor(self.dof, level)
+
+
+def coverage_factor(dof: float, level: float = LEVEL) -> float:
+    """Half width of a confidence interval in standard deviations: Student's t for few degrees of freedom.
+
+    Parameters
+    ----------
+    dof : float
+        Degrees of freedom of the standard deviation, infinite if it is known.
+    level : float
+        Probability of the interval.
+    """
+    return float(stdtrit(min(dof, 1e9), 0.5 + 0.5 * level))
+
+
+def outliers(fit: Fit, design: FloatArray, probability: float = 0.05) -> tuple[int, ...]:
+    """Rows that do not belong to the others.
+
+    Each residual is compared with the scatter of all other rows (deleted residual: Seber and Lee, section 10.2), at a
+    level that lets all rows of a good fit pass except with the given probability.
+
+    Parameters
+    ----------
+    fit : Fit
+        Made with equal weights.
+    design : (n, k) array
+        Of that fit.
+    probability : float
+        Of any false alarm.
+    """
+    if fit.dof < 2 or fit.sigma <= 0.0:
+        return ()
+    leverage = np.sum((design @ (fit.covariance / fit.sigma**2)) * design, axis=1)
+    spare = np.maximum(fit.dof * fit.sigma**2 * (1.0 - leverage) - fit.residual**2, 1e-300)
+    deleted = np.abs(fit.residual) * np.sqrt((fit.dof - 1) / spare)
+    limit = coverage_factor(fit.dof - 1, 1.0 - probability / fit.residual.size)
+    return tuple(int(row) for row in np.flatnonzero(deleted > limit))
+
+
+def linear_fit(
+    design: FloatArray,
+    measured: FloatArray,
+    names: Sequence[str],
+    *,
+    weights: FloatArray | None = None,
+    where: str = "",
+) -> Fit:
+    """Fit ``measured = design @ parameters`` by least squares.
+
+    Parameters
+    ----------
+    design : (n, k) array
+        What each measurement is of each parameter.
+    measured : (n,) array
+        Measurements, errors independent.
+    names : sequence of str
+        Of the parameters, for the errors.
+    weights : (n,) array, optional
+        Inverse variances, up to a common factor; default all 1.
+    where : str
+        Place to name in the error.
+
+    Returns
+    -------
+    Fit
+        The uncertainty is that which the residuals show.
+
+    Raises
+    ------
+    InputError
+        A value that is not finite, a weight that is not positive, no more measurements than parameters, or
+        parameters that the measurements do not determine, by name.
+    """
+    design = np.asarray(design, dtype=np.float64)
+    measured = np.asarray(measured, dtype=np.float64)
+    n, k = design.shape
+    root = np.ones(n) if weights is None else _roots(np.asarray(weights, dtype=np.float64), where)
+    finite = np.isfinite(design).all(axis=1) & np.isfinite(measured)
+    if not finite.all():
+        raise InputError("a measurement is not a number", where=where, why=f"row {int(np.argmin(finite)) + 1} of {n}")
+    if n <= k:
+        raise InputError(
+            f"too few measurements for {', '.join(names)}",
+            where=where,
+            why=f"{n} measurements, {k} unknowns; at least {k + 1} show how good the fit is",
+            fix="measure at more positions or rates",
+        )
+    left, singular, right, lengths = _decompose(design * root[:, None], names, where)
+    scaled = right.T @ ((left.T @ (measured * root)) / singular)
+    value = scaled / lengths
+    residual = measured - design @ value
+    dof = n - k
+    sigma = float(np.sqrt(np.sum((residual * root) ** 2) / dof))
+    inverse = (right.T / singular) / lengths[:, None]
+    return Fit(
+        names=tuple(names),
+        value=value,
+        covariance=sigma**2 * inverse @ inverse.T,
+        residual=residual,
+        sigma=sigma,
+        dof=dof,
+        condition=float(singular[0] / singular[-1]),
+    )
+
+
+def _roots(weights: FloatArray, where: str) -> FloatArray:
+    if not (np.isfinite(weights).all() and (weights > 0.0).all()):
+        raise InputError(
+            "a weight is not a positive number", where=where, fix="weights are inverse variances; leave bad rows out"
+        )
+    return np.sqrt(weights)
+
+
+def _decompose(
+    design: FloatArray, names: Sequence[str], where: str
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Singular values of the design with columns of length 1, and these lengths; names what is not determined."""
+    lengths = np.linalg.norm(design, axis=0)
+    idle = [name for name, length in zip(names, lengths, strict=True) if not length > 0.0]
+    if idle:
+        raise _undetermined(idle, "no measurement depends on it", where)
+    left, singular, right = np.linalg.svd(design / lengths, full_matrices=False)
+    loose = singular <= RANK_TOLERANCE * singular[0]
+    if loose.any():
+        shares = np.sqrt(np.sum(right[loose] ** 2, axis=0))  # of each parameter in what leaves no trace
+        mixed = [name for name, share in zip(names, shares, strict=True) if share > 1e-6]
+        raise _undetermined(mixed, "only a combination of them shows in these measurements", where)
+    return left, singular, right, lengths
+
+
+def _undetermined(names: list[str], why: str, where: str) -> InputError:
+    return InputError(
+        f"the measurements do not determine {', '.join(names)}",
+        where=where,
+        why=why,
+        fix="add positions or rates at which these differ in their effect",
+    )

@@ -1,0 +1,163 @@
+"""Positions of a table for the nine-position method: which there must be, and which one to add."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.types import FloatArray
+from insnav.units import DEG
+
+STANDARD = ((0, 0), (45, 0), (-45, 0), (0, 45), (0, -45), (35, 35), (35, -35), (-35, 35), (-35, -35))  # [deg]
+SMALLEST, LARGEST = 20.0 * DEG, 75.0 * DEG  # of the angles that are not zero
+SAME = 0.5 * DEG  # angles closer than this are the same
+OPPOSITE = 1e-3  # forces this close to opposite, in g, are
+WORST_CONDITION = 50.0
+
+
+def ideal_force(roll: FloatArray, pitch: FloatArray, gravity: float) -> FloatArray:
+    """Specific force at rest, (n, 3) [m/s^2], Forward-Right-Down axes.
+
+    ``g [sin(pitch), -cos(pitch) sin(roll), -cos(pitch) cos(roll)]``: minus the third column of the transposed attitude
+    matrix times g; Groves (2013), eq. 5.98.
+
+    Parameters
+    ----------
+    roll, pitch : (n,) array
+        [rad].
+    gravity : float
+        [m/s^2].
+    """
+    cos = np.cos(pitch)
+    return gravity * np.column_stack((np.sin(pitch), -cos * np.sin(roll), -cos * np.cos(roll)))
+
+
+def opposite_pairs(force: FloatArray, gravity: float) -> tuple[tuple[int, int] | None, ...]:
+    """Two positions with x, y, z along the vertical, up and down; None for an axis that has no such two.
+
+    Parameters
+    ----------
+    force : (n, 3) array
+        Ideal forces [m/s^2].
+    gravity : float
+        [m/s^2].
+    """
+    pairs: list[tuple[int, int] | None] = []
+    for axis in range(3):
+        up, down = int(np.argmax(force[:, axis])), int(np.argmin(force[:, axis]))
+        along = min(force[up, axis], -force[down, axis]) > (1.0 - OPPOSITE) * gravity
+        pairs.append((up, down) if along else None)
+    return tuple(pairs)
+
+
+def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[str, ...]:
+    """Refuse positions that leave something undetermined or unbalanced, and say which one to add.
+
+    Parameters
+    ----------
+    roll, pitch : (n,) array
+        [rad].
+    where : str
+        File to name in errors.
+
+    Returns
+    -------
+    tuple of str
+        What is unusual but can be used.
+    """
+    here = {_key(r, p) for r, p in zip(roll, pitch, strict=True)}
+    force = ideal_force(roll, pitch, 1.0)
+    tilted = np.abs(force).max(axis=1) < 1.0 - OPPOSITE
+    angles = np.abs(np.concatenate((roll[tilted], pitch[tilted])))
+    bad = (angles > SAME) & ((angles < SMALLEST - SAME) | (angles > LARGEST + SAME))
+    if bad.any():
+        raise InputError(
+            "an angle of the table does not suit the method",
+            where=where,
+            why=f"{float(angles[bad][0]) / DEG:.4g} deg; angles that are not zero must be 20 to 75 deg",
+            fix="use level, ±45 deg about x, ±45 deg about y, and ±35 deg about both",
+        )
+    missing = sorted(
+        {
+            _key(a * r, b * p)
+            for r, p in zip(roll[tilted], pitch[tilted], strict=True)
+            for a in (1.0, -1.0)
+            for b in (1.0, -1.0)
+        }
+        - _nearby(here)
+    )
+    if missing:
+        raise InputError(
+            "the positions are not symmetric",
+            where=where,
+            why="the gyro misalignments are free of second-order terms only over positions ±roll, ±pitch",
+            fix=f"add the position {'; '.join(_words(*key) for key in missing[:4])}",
+        )
+    if not _determined(roll, pitch):
+        raise InputError(
+            "these positions do not determine everything",
+            where=where,
+            why=f"there are {len(here)} different ones, condition numbers {_conditions(roll, pitch)}",
+            fix=f"add the position {'; '.join(_words(*key) for key in _to_add(roll, pitch))}",
+        )
+    return () if len(here) >= 9 else (f"only {len(here)} positions; nine are usual",)
+
+
+def _key(roll: float, pitch: float) -> tuple[float, float]:
+    return round(float(roll / DEG), 1) + 0.0, round(float(pitch / DEG), 1) + 0.0
+
+
+def _nearby(keys: set[tuple[float, float]]) -> set[tuple[float, float]]:
+    """All keys within half a degree of one that is there, in steps of the key."""
+    steps = np.arange(-5, 6) / 10.0
+    return {(round(r + a, 1) + 0.0, round(p + b, 1) + 0.0) for r, p in keys for a in steps for b in steps}
+
+
+def _words(roll: float, pitch: float) -> str:
+    return f"roll {roll:g} deg, pitch {pitch:g} deg"
+
+
+def _condition(design: FloatArray) -> float:
+    lengths = np.linalg.norm(design, axis=0)
+    return float(np.linalg.cond(design / lengths)) if (lengths > 0.0).all() else float("inf")
+
+
+def _designs(roll: FloatArray, pitch: FloatArray) -> tuple[FloatArray, FloatArray]:
+    force = ideal_force(roll, pitch, 1.0)
+    products = np.column_stack((force[:, 1] * force[:, 2], force[:, 2] * force[:, 0], force[:, 0] * force[:, 1]))
+    return np.column_stack((force, np.ones(len(force)))), products
+
+
+def _worst(roll: FloatArray, pitch: FloatArray) -> float:
+    accel, gyro = _designs(roll, pitch)
+    return max(_condition(accel), _condition(gyro))
+
+
+def _determined(roll: FloatArray, pitch: FloatArray) -> bool:
+    return roll.size > 5 and _worst(roll, pitch) < WORST_CONDITION
+
+
+def _conditions(roll: FloatArray, pitch: FloatArray) -> str:
+    accel, gyro = _designs(roll, pitch)
+    return f"{_condition(accel):.3g} (accelerometers) and {_condition(gyro):.3g} (gyros)"
+
+
+def _to_add(roll: FloatArray, pitch: FloatArray) -> list[tuple[float, float]]:
+    """Standard positions that together make everything determined: groups of mirror images, the best first."""
+    groups = [STANDARD[5:], STANDARD[1:3], STANDARD[3:5], STANDARD[:1]]
+    added: list[tuple[float, float]] = []
+    while groups and not _determined(roll, pitch):
+        trials = [(_scored(roll, pitch, group), number) for number, group in enumerate(groups)]
+        group = groups.pop(min(trials)[1])
+        added += [(float(r), float(p)) for r, p in group if (float(r), float(p)) not in {*added}]
+        roll = np.concatenate((roll, [r * DEG for r, _ in group]))
+        pitch = np.concatenate((pitch, [p * DEG for _, p in group]))
+    return added
+
+
+def _scored(roll: FloatArray, pitch: FloatArray, group: tuple[tuple[int, int], ...]) -> float:
+    more = np.array(group) * DEG
+    accel, gyro = _designs(np.concatenate((roll, more[:, 0])), np.concatenate((pitch, more[:, 1])))
+    # infinite as long as one of the two is singular: count each by its rank first
+    lack = 7 - np.linalg.matrix_rank(accel) - np.linalg.matrix_rank(gyro)
+    return float(1e6 * lack + min(_condition(accel), 1e5) + min(_condition(gyro), 1e5))

@@ -1,0 +1,106 @@
+"""`insnav calibrate gyro` and `accel`: what they print and leave behind, and that `run` takes it for raw volts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav.imu import load_calibration
+from insnav.io.folder import read_facts, verify_folder
+from tests.cli.conftest import QUICK, Cli
+from tests.lab.published import lab_file
+
+RATES = np.arange(-80.0, 81.0, 20.0)
+ANGLES = np.arange(0.0, 360.0, 30.0)
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(1)
+    for i, axis in enumerate("xyz"):
+        volts = 0.1 * (i + 1) + (0.05 + 0.001 * i) * RATES + 1e-5 * rng.normal(size=RATES.size)
+        np.savetxt(
+            f"g{axis}.csv", np.column_stack((RATES, volts)), "%.9g", ",", header="rate_deg_s,output_v", comments=""
+        )
+        volts = 0.02 * i + (2.0 + 0.1 * i) * np.sin(np.radians(ANGLES)) + 1e-5 * rng.normal(size=ANGLES.size)
+        np.savetxt(
+            f"a{axis}.csv", np.column_stack((ANGLES, volts)), "%.9g", ",", header="angle_deg,output_v", comments=""
+        )
+    return tmp_path
+
+
+def test_published_rate_table_on_the_terminal(bench: Path, cli: Cli) -> None:
+    shown = cli("calibrate", "gyro", lab_file("gyro_rate_table.csv"))
+    assert shown.code == 0, shown.err
+    assert "zero U0 0.2000" in shown.out
+    assert "leaves out +80 deg/s: saturated" in shown.out
+    assert "20 sd of the fit; residual -0.0967 V, chance explains up to 0.021 V" in shown.out
+    assert shown.out.count("leaves out") == 2
+    verify_folder(Path("calibration"))
+    facts = read_facts(Path("calibration"))
+    assert [item["rate_deg_s"] for item in facts["dropped"]] == [80.0, 90.0]
+    assert Path("calibration/figures/residuals.png").stat().st_size > 5000
+    shown = cli("calibrate", "gyro", lab_file("gyro_rate_table.csv"), "--range", "-90:80", "--force", "--json")
+    values = [item["value"] for item in json.loads(shown.out)["parameters"]]
+    assert np.round(values, 4).tolist() == [0.1957, 0.0486]
+    assert "warning: one sensor was measured" in shown.err
+
+
+def test_published_tumble_on_the_terminal(bench: Path, cli: Cli) -> None:
+    shown = cli("calibrate", "accel", lab_file("accel_tumble_12.csv"))
+    assert shown.code == 0, shown.err
+    facts = read_facts(Path("calibration"))
+    assert np.round([p["value"] for p in facts["parameters"]], 4).tolist() == [-0.1847, -2.4121, 0.0113, -0.0211]
+    assert round(facts["fits"][0]["rms"], 4) == 0.0260
+    assert "RMS: root of the sum of squares over the number of points" in shown.out
+    assert "Effect of the calibration on navigation" in shown.out
+    assert all(e["with_m"] < e["without_m"] for e in facts["minute"])
+
+
+def test_run_takes_raw_volts_with_the_calibration(bench: Path, drive: Path, cli: Cli) -> None:
+    for command in (
+        ("gyro", *(bench / f"g{axis}.csv" for axis in "xyz"), "--out", "gyros"),
+        ("accel", *(bench / f"a{axis}.csv" for axis in "xyz"), "--gravity", 9.81, "--add", "gyros/calibration.toml"),
+    ):
+        shown = cli("calibrate", *command)
+        assert shown.code == 0, shown.err
+    known = load_calibration("calibration/calibration.toml")
+    assert known.gyro_raw is not None
+    assert known.accel_raw is not None
+    rows = np.genfromtxt("imu.csv", delimiter=",", skip_header=1)
+    rows[:, 1:4] = known.gyro_raw.zero + rows[:, 1:4] * known.gyro_raw.scale
+    rows[:, 4:7] = known.accel_raw.zero + rows[:, 4:7] * known.accel_raw.scale
+    header = "time_s,gyro_x_v,gyro_y_v,gyro_z_v,accel_x_v,accel_y_v,accel_z_v"
+    np.savetxt("raw.csv", rows[:, :7], "%.12g", ",", header=header, comments="")
+    plain = cli("run", *QUICK, "--out", "plain")
+    assert plain.code == 0, plain.err
+    raw = cli("run", "raw.csv", *QUICK[1:], "--out", "raw", "--calibration", "calibration/calibration.toml")
+    assert raw.code == 0, raw.err
+    assert "brought to rad/s by the zero and scale of the calibration" in raw.err
+    ends = [np.genfromtxt(f"{run}/solution.csv", delimiter=",", skip_header=1)[-1, :7] for run in ("plain", "raw")]
+    np.testing.assert_allclose(ends[1], ends[0], rtol=1e-6, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "word"),
+    [
+        (("gyro", "gx.csv", "gy.csv"), 3, "2 sensors are no triad"),
+        (("gyro", "gx.csv", "--range", "80:-80"), 2, "ends before it begins"),
+        (("gyro", "gx.csv", "--range", "0:20"), 3, "too few rates"),
+        (("gyro", "gx.csv", "--spike-limit", "0"), 2, "--spike-limit"),
+        (("gyro", "ax.csv"), 3, "no column for rate_deg_s"),
+        (("accel", "ax.csv", "--gravity", "1"), 2, "--gravity"),
+        (("accel", "none.csv"), 3, "none.csv"),
+        (("accel", "ax.csv", "--out", "no/such"), 4, "parent of the output folder"),
+    ],
+)
+def test_what_cannot_be_is_refused(bench: Path, cli: Cli, command: tuple[str, ...], code: int, word: str) -> None:
+    shown = cli("calibrate", *command)
+    assert shown.code == code, shown.err
+    assert shown.out == ""
+    assert word in shown.err
+    assert not Path("calibration").exists()

@@ -1,0 +1,53 @@
+"""`insnav calibrate nine`: the modules are recovered in the file, its limits are printed, bad positions are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav.imu import load_calibration
+from insnav.io.folder import read_facts
+from tests.cli.conftest import Cli
+from tests.lab.modules import NINE, UPRIGHT, Modules, make
+
+HEADER = "roll_deg,pitch_deg,x_ay_m_s2,x_az_m_s2,y_az_m_s2,y_ax_m_s2,z_ax_m_s2,z_ay_m_s2"
+
+
+def table(path: Path, positions: np.ndarray, samples: int = 1) -> Modules:
+    rng = np.random.default_rng(1)
+    modules = make(rng, 0.004, 0.003)
+    positions = np.repeat(positions, samples, axis=0)
+    rows = np.column_stack((np.degrees(positions), modules.measure(positions, 0.003, rng)))
+    np.savetxt(path, rows, "%.9g", ",", header=HEADER, comments="")
+    return modules
+
+
+@pytest.mark.parametrize(("positions", "samples"), [(NINE, 1), (np.vstack((NINE, UPRIGHT)), 200)])
+def test_modules_are_recovered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli, positions: np.ndarray, samples: int
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    modules = table(Path("p.csv"), positions, samples)
+    shown = cli("calibrate", "nine", "p.csv", "--gravity", 9.81)
+    assert shown.code == 0, shown.err
+    errors = load_calibration("calibration/calibration.toml")
+    truth = modules.gyro / np.diag(modules.gyro)[:, None]
+    assert np.abs(errors.gyro_matrix - truth).max() < 0.2 * np.abs(truth - np.eye(3)).max()
+    facts = read_facts(Path("calibration"))
+    biases = facts["parameters"][:6]
+    for item, true in zip(biases, modules.bias, strict=True):
+        assert item["value"] * 9.80665e-3 == pytest.approx(true, abs=5.0 * item["sd"] * 9.80665e-3)
+    for words in ("first order", "symmetric", "carries the scale of the accelerometers", "itself it would double"):
+        assert words in shown.out
+    assert ("extreme positions" in shown.out) == (samples > 1)
+
+
+def test_a_missing_position_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli) -> None:
+    monkeypatch.chdir(tmp_path)
+    table(Path("p.csv"), NINE[:-1])
+    shown = cli("calibrate", "nine", "p.csv", "--gravity", 9.81)
+    assert shown.code == 3
+    assert "add the position roll -35 deg, pitch -40 deg" in shown.err
+    assert not Path("calibration").exists()

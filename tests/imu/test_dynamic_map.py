@@ -1,0 +1,72 @@
+"""The piecewise map is continuous, has its exact inverse, and goes through correction, corruption and file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav.exceptions import ConfigError
+from insnav.imu import ImuErrors, calibration_to_toml, correct, corrupt, load_calibration
+from insnav.imu.dynamic_map import AxisMap, DynamicMap
+from insnav.types import ImuData
+
+BENT = AxisMap(np.array([-4.0, -1.0, 0.5, 3.0]), np.array([0.2, -0.1, 0.05, -0.3]))
+
+
+def test_error_is_straight_between_knots_and_beyond() -> None:
+    # by hand: at -2.5 the error is 0.05; at 4 it is -0.3 - 0.14
+    np.testing.assert_allclose(BENT.apply(np.array([-1.0, -2.5, 4.0])), [-0.9, -2.55, 4.44], atol=1e-12)
+
+
+def test_inverse_is_exact_and_the_map_continuous() -> None:
+    rate = np.linspace(-6.0, 6.0, 4001)
+    np.testing.assert_allclose(BENT.inverse(BENT.apply(rate)), rate, atol=1e-14)
+    np.testing.assert_allclose(BENT.apply(BENT.inverse(rate)), rate, atol=1e-14)
+    assert np.abs(np.diff(BENT.apply(rate))).max() < 1.4 * (rate[1] - rate[0])
+
+
+@pytest.mark.parametrize(
+    ("rate", "error", "why"),
+    [
+        ([0.0, 1.0], [0.0, 0.95], "cannot be inverted"),
+        ([0.0, 0.0], [0.0, 0.1], "must increase"),
+        ([0.0], [0.0], "at least two"),
+        ([0.0, 1.0], [0.0, np.nan], "finite"),
+    ],
+)
+def test_what_is_no_map_is_refused(rate: list[float], error: list[float], why: str) -> None:
+    with pytest.raises(ConfigError, match=why):
+        AxisMap(np.array(rate), np.array(error))
+
+
+@pytest.mark.parametrize("sampling", ["mean", "increment"])
+def test_correct_undoes_corrupt_also_from_the_file(tmp_path: Path, sampling: str) -> None:
+    rng = np.random.default_rng(3)
+    time = 0.01 * np.arange(1, 401)
+    scale = 0.01 if sampling == "increment" else 1.0
+    imu = ImuData(time, scale * 3.0 * rng.normal(size=(400, 3)), scale * rng.normal(size=(400, 3)), sampling)
+    errors = ImuErrors(np.full(3, 0.1), np.eye(3) + 0.05 * rng.normal(size=(3, 3)), gyro_map=DynamicMap(x=BENT, z=BENT))
+    (tmp_path / "calibration.toml").write_text(calibration_to_toml(errors))
+    again = load_calibration(tmp_path / "calibration.toml")
+    back = correct(corrupt(imu, errors), again)
+    np.testing.assert_allclose(back.gyro, imu.gyro, atol=1e-12)
+    without = correct(corrupt(imu, errors), ImuErrors(errors.gyro_bias, errors.gyro_matrix))
+    assert np.abs(without.gyro[:, [0, 2]] - imu.gyro[:, [0, 2]]).max() > 0.01 * scale
+    np.testing.assert_allclose(without.gyro[:, 1], imu.gyro[:, 1], atol=2e-2 * scale)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("[gyro.map.x]\nrate_rad_s = [0, 1]\nerror_rad_s = [0]", "at least two rates, and as many errors"),
+        ("[gyro.map.x]\nrate_rad_s = [0, 1]", "gyro.map.x.error_rad_s: is missing"),
+        ("[gyro.map.q]\nrate_rad_s = [0, 1]", "gyro.map.q: unknown key"),
+    ],
+)
+def test_mistakes_in_the_file_are_named(tmp_path: Path, text: str, expected: str) -> None:
+    (tmp_path / "calibration.toml").write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_calibration(tmp_path / "calibration.toml")
+    assert expected in str(caught.value)
