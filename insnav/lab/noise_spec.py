@@ -3,13 +3,16 @@
 A filter cannot hold flicker noise, so a first-order Gauss-Markov process stands for the bias instability. Its Allan
 deviation peaks at 1.89 correlation times with 0.617 of its standard deviation (0.437 q sqrt(T) with
 sd = q sqrt(T / 2); IEEE Std 952-1997, annex C, exponentially correlated noise). Where the fit found such a process its
-own figures are taken; where it found a flat floor the peak is put upon the floor.
+own figures are taken; where it found a flat floor the peak is put upon the floor. The floor itself is not written as
+flicker noise as well: a simulation from the file would have the bias instability twice.
+
+Quantisation and rate ramp go into the file for simulations; a filter takes no notice of them.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -77,8 +80,8 @@ def imu_spec(
     Returns
     -------
     spec : ImuSpec
-        Random walk, bias instability with its correlation time, rate random walk. Turn-on bias, scale factor and
-        misalignment are absent: one record at rest does not show them.
+        Random walk, bias instability with its correlation time, rate random walk, and to simulate quantisation and
+        rate ramp. Turn-on bias, scale factor and misalignment are absent: one record at rest does not show them.
     notes : tuple of str
         How each figure came about.
     """
@@ -99,39 +102,37 @@ def imu_spec(
 def _sensor(
     allan: AllanDeviation, models: tuple[NoiseModel | None, ...], first: int, sensor: str
 ) -> tuple[SensorSpec, list[str], list[str]]:
-    white, walk, instability = np.zeros(3), np.zeros(3), np.zeros(3)
+    instability = np.zeros(3)
     times, notes = [], []
     for axis, model in enumerate(models):
         if model is None:
             notes.append(f"{sensor} {'xyz'[axis]} shows no noise at all: its figures are zero")
             continue
-        white[axis], walk[axis] = _value(model, "N"), _value(model, "K")
         sd, time, how = _process(allan, first + axis, model)
         instability[axis] = sd
         if sd > 0.0:
             times.append(time)
         notes.append(f"{sensor} {'xyz'[axis]}: {how}")
-    missing = [] if white.any() else ["random_walk"]
-    if not instability.any():
-        return (
-            SensorSpec(random_walk=white, rate_random_walk=walk),
-            [
-                *missing,
-                "bias_instability",
-                "correlation_time",
-            ],
-            notes,
+    spec = SensorSpec(
+        random_walk=_values(models, "N"),
+        rate_random_walk=_values(models, "K"),
+        quantisation=_values(models, "Q"),
+        rate_ramp=_values(models, "R"),
+    )
+    if spec.rate_ramp.any():
+        notes.append(
+            f"{sensor}: a rate ramp is one slope of this one record; in imu.toml it is the standard deviation of the "
+            "slope, and only simulations use it"
         )
+    missing = [] if spec.random_walk.any() else ["random_walk"]
+    if not instability.any():
+        return spec, [*missing, "bias_instability", "correlation_time"], notes
     time = math.exp(float(np.mean(np.log(times))))
     notes.append(
         f"{sensor}: one correlation time for the three axes, the geometric mean of theirs, {time:.3g} s "
         f"({', '.join(f'{each:.3g}' for each in times)} s)"
     )
-    return (
-        SensorSpec(bias_instability=instability, correlation_time=time, random_walk=white, rate_random_walk=walk),
-        missing,
-        notes,
-    )
+    return replace(spec, bias_instability=instability, correlation_time=time), missing, notes
 
 
 def _process(allan: AllanDeviation, column: int, model: NoiseModel) -> tuple[float, float, str]:
@@ -160,8 +161,9 @@ def _process(allan: AllanDeviation, column: int, model: NoiseModel) -> tuple[flo
     )
 
 
-def _value(model: NoiseModel, name: str) -> float:
-    return model.coefficients[name].value if name in model.coefficients else 0.0
+def _values(models: tuple[NoiseModel | None, ...], name: str) -> FloatArray:
+    """A coefficient of three axes, zero where it was not found."""
+    return np.array([m.coefficients[name].value if m is not None and name in m.coefficients else 0.0 for m in models])
 
 
 def white_of_steps(step: float, interval: float) -> float:

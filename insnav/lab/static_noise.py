@@ -162,7 +162,7 @@ def _of_models(
                 "deviation (vibration, a filter in the sensor, temperature); intervals of coefficients allow for it"
             )
         if "R" in model.coefficients:
-            said.append(f"{AXES[i]} drifts steadily (rate ramp): warming up, mostly; imu.toml has no place for it")
+            said.append(f"{AXES[i]} drifts steadily (rate ramp): warming up, mostly; filters take no notice of it")
     return said
 
 

@@ -151,21 +151,25 @@ def _filter_figures(found: StaticNoise) -> Table:
     for first, sensor, units in ((0, found.spec.gyro, _GYRO), (3, found.spec.accel, _ACCEL)):
         for axis in range(3):
             cells = [
-                number(float(value[axis]) / units[term].factor)
+                number(float(value[axis]) / units[term].factor or None)
                 for term, value in (
                     ("N", sensor.random_walk),
                     ("B", sensor.bias_instability),
                     ("K", sensor.rate_random_walk),
+                    ("Q", sensor.quantisation),
+                    ("R", sensor.rate_ramp),
                 )
             ]
             time = sensor.correlation_time if np.isfinite(sensor.correlation_time) else None
-            named = "deg/√h, deg/h, deg/h/√h" if first == 0 else "m/s/√h, ug, ug/√h"
-            rows.append((AXES[first + axis], cells[0], cells[1], number(time), cells[2], named))
+            named = ", ".join(units[term].unit for term in "NBKQR")
+            rows.append((AXES[first + axis], cells[0], cells[1], number(time), *cells[2:], named))
+    columns = ("random walk", "bias instability, sd", "correlation time [s]", "rate random walk", "quantisation", "ramp")
     return Table(
-        "Figures for the filter (imu.toml)",
-        ("axis", "random walk", "bias instability, sd", "correlation time [s]", "rate random walk", "units"),
+        "Figures for filters and simulations (imu.toml)",
+        ("axis", *columns, "units"),
         tuple(rows),
-        "bias instability as the standard deviation of a Gauss-Markov process; use with insnav run --imu imu.toml",
+        "bias instability as the standard deviation of a Gauss-Markov process; quantisation and rate ramp are only "
+        "simulated; use with insnav run --imu imu.toml",
     )
 
 
