@@ -16,6 +16,7 @@ from insnav.types import FloatArray
 from insnav.units import DEG_PER_H, UG
 
 _GUIDES = ((-1.0, "Q  −1"), (-0.5, "N  −½"), (0.0, "B  0"), (0.5, "K  +½"), (1.0, "R  +1"))
+_TALL = 2.4  # the lines reach up and down by this factor at most
 _SENSORS = (("Allan deviation of the gyros [deg/h]", DEG_PER_H), ("Allan deviation of the accelerometers [ug]", UG))
 
 
@@ -69,19 +70,15 @@ def _finish(panel: Axes, label: str) -> None:
 
 
 def _guides(panel: Axes, tau: FloatArray, deviation: FloatArray) -> None:
-    """Short lines of every slope in the corner that the curves leave free."""
+    """Short lines of every slope through one point, in the corner that the curves leave free."""
     good = deviation[deviation > 0.0]
     low, high = float(good.min()), float(good.max())
-    panel.set_ylim(0.4 * low, 2.5 * high)
-    end = float(tau[-1])
-    begin = end / (end / float(tau[0])) ** 0.2
+    panel.set_ylim(0.4 * low, 5.0 * high)
+    half = (float(tau[-1]) / float(tau[0])) ** 0.1
+    x, y = float(tau[-1]) / half, 1.8 * high
     for slope, text in _GUIDES:
-        # from a common point to both sides, so that the angles can be compared
-        x = np.array([begin, end])
-        middle = np.sqrt(begin * end)
-        y = 1.1 * high * (x / middle) ** (0.35 * slope / 0.35)
-        inside = np.clip(y, 0.5 * low, 2.4 * high)
-        x = middle * (inside / (1.1 * high)) ** (1.0 / slope) if slope else x
-        panel.plot(x, inside, color=GREY, linewidth=0.8)
-        panel.annotate(text, (x[0], inside[0]), fontsize=7, color=GREY, ha="right", va="center")
+        reach = half if slope == 0.0 else min(half, _TALL ** (1.0 / abs(slope)))
+        ends = np.array([1.0 / reach, reach])
+        panel.plot(x * ends, y * ends**slope, color=GREY, linewidth=0.8)
+        panel.annotate(text, (x / reach, y * reach**-slope), fontsize=7, color=GREY, ha="right", va="center")
     panel.xaxis.set_minor_locator(NullLocator())
