@@ -163,7 +163,14 @@ def _filter_figures(found: StaticNoise) -> Table:
             time = sensor.correlation_time if np.isfinite(sensor.correlation_time) else None
             named = ", ".join(units[term].unit for term in "NBKQR")
             rows.append((AXES[first + axis], cells[0], cells[1], number(time), *cells[2:], named))
-    columns = ("random walk", "bias instability, sd", "correlation time [s]", "rate random walk", "quantisation", "ramp")
+    columns = (
+        "random walk",
+        "bias instability, sd",
+        "correlation time [s]",
+        "rate random walk",
+        "quantisation",
+        "ramp",
+    )
     return Table(
         "Figures for filters and simulations (imu.toml)",
         ("axis", *columns, "units"),
