@@ -10,7 +10,7 @@ from typing import Any
 import typer
 from typer.main import get_command
 
-from insnav.cli import acceptance, align, allan, calibrate, compare, outage, run, signals, simulate
+from insnav.cli import acceptance, align, allan, calibrate, compare, drift, outage, run, signals, simulate
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand
 
@@ -40,6 +40,7 @@ for _module, _command in (
     (outage, outage.outage),
     (allan, allan.allan),
     (acceptance, acceptance.acceptance),
+    (drift, drift.drift),
     (simulate, simulate.simulate),
 ):
     app.command(_command.__name__, cls=GroupedCommand, help=_module.HELP, short_help=_module.SHORT_HELP)(_command)

@@ -1,4 +1,4 @@
-"""Files of the acceptance test: what was set and what six sensors put out, in named columns with units.
+"""Files of acceptance and drift tests: what was set and what sensors put out, in named columns with units.
 
 A file holds as many of the sensors gyro x, y, z, accelerometer x, y, z as were measured. Outputs are rates or specific
 forces (``gyro_x_deg_s``, ``accel_x_g``), volts or counts (``gyro_x_v``, ``accel_x_lsb``).
@@ -16,6 +16,7 @@ from insnav.exceptions import InputError
 from insnav.io.schema import Quantity
 from insnav.io.table import open_table
 from insnav.lab.allan import AXES
+from insnav.lab.drift import DriftRecord
 from insnav.lab.dwells import LIMIT_V, dwell_warnings, reduce_dwells
 from insnav.lab.tables import BenchTable, read_bench
 from insnav.types import FloatArray
@@ -177,6 +178,46 @@ def read_powerups(path: str | Path, columns: Mapping[str, str] | None = None) ->
             channels[axis] = Channel(axis, np.empty(0), table.columns[known["bias"].key], unit)
     channels |= _channels(table, settings=True)
     return BenchRecord(table, None, table.columns["powerup"], channels)
+
+
+def read_drift(path: str | Path, columns: Mapping[str, str] | None = None) -> tuple[DriftRecord, BenchTable]:
+    """Read gyros at rest and turning: ``time_s``, ``gyro_x_deg_s`` …, and whatever their drift may depend on.
+
+    That is ``rate_x_deg_s`` … (true rates; without them everything is at rest), ``temperature_c``, ``accel_x_g`` ….
+
+    Parameters
+    ----------
+    path : str or Path
+    columns : mapping of str to str, optional
+        As in `read_static`.
+
+    Raises
+    ------
+    InputError
+        No gyro, outputs in volts, or whatever `read_bench` finds.
+    """
+    table = _read(path, ("setting", "raw", "sensed"), ("time",), columns)
+    values: dict[str, dict[str, FloatArray]] = {"sensed": {}, "setting": {}}
+    force: dict[str, FloatArray] = {}
+    for axis, known in _EVERY.items():
+        sensor, letter = axis.split()
+        if known["raw"].key in table.columns:
+            raise InputError(
+                f"{axis} is in {table.units[known['raw'].key]}",
+                where=table.name,
+                why="drift is a rate",
+                fix=f"calibrate first (insnav calibrate), and give {known['sensed'].name}",
+            )
+        for kind, into in values.items():
+            if known[kind].key in table.columns:
+                (into if sensor == "gyro" else force)[letter] = table.columns[known[kind].key]
+    gyro = values["sensed"]
+    if not gyro:
+        raise InputError("the record has no gyro", where=table.name, fix="name its column like gyro_x_deg_s")
+    record = DriftRecord(
+        table.name, table.columns["time"], tuple(gyro), gyro, values["setting"], force, table.get("temperature")
+    )
+    return record, table
 
 
 def _read(

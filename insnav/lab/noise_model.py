@@ -199,14 +199,14 @@ def _chosen(allan: AllanDeviation) -> IntArray:
 
 
 @dataclass(frozen=True, slots=True)
-class _Weights:
+class Weights:
     """Inverse of a root of a covariance, and the logarithm of its determinant."""
 
     inverse: FloatArray
     logarithm: float
 
     @classmethod
-    def of(cls, own: FloatArray, misfit: FloatArray) -> _Weights:
+    def of(cls, own: FloatArray, misfit: FloatArray) -> Weights:
         """Of a covariance and the standard deviations of a misfit."""
         size = np.sqrt(np.diag(own) + misfit**2)
         value, vector = np.linalg.eigh((own + np.diag(misfit**2)) / np.outer(size, size))
@@ -275,7 +275,7 @@ class _Fitter:
         own, model = self._own(squares, time), self._basis(time) @ squares
 
         def excess(misfit: float) -> float:
-            return _Weights.of(own, misfit * model).chi(self.seen - model) - float(spare)
+            return Weights.of(own, misfit * model).chi(self.seen - model) - float(spare)
 
         if spare <= 0 or (self.misfit == 0.0 and excess(0.0) + spare < chi2.ppf(0.99, spare)):
             return False
@@ -308,7 +308,7 @@ class _Fitter:
     def _start(self, allowed: BoolArray) -> tuple[FloatArray, float]:
         """With errors as large as the values, which lets every part of the curve speak."""
         middle = float(self.times[self.times.size // 2])
-        return self._solve(allowed, _Weights(np.diag(1.0 / self.seen), 0.0), middle)
+        return self._solve(allowed, Weights(np.diag(1.0 / self.seen), 0.0), middle)
 
     def _own(self, squares: FloatArray, time: float) -> FloatArray:
         """Covariance of what was seen, if the model holds."""
@@ -323,10 +323,10 @@ class _Fitter:
         own += np.outer(slope, slope)
         return np.asarray(own + np.diag((NEGLIGIBLE * model) ** 2))
 
-    def _weights(self, squares: FloatArray, time: float) -> _Weights:
-        return _Weights.of(self._own(squares, time), self.misfit * (self._basis(time) @ squares))
+    def _weights(self, squares: FloatArray, time: float) -> Weights:
+        return Weights.of(self._own(squares, time), self.misfit * (self._basis(time) @ squares))
 
-    def _solve(self, allowed: BoolArray, weights: _Weights, time: float) -> tuple[FloatArray, float]:
+    def _solve(self, allowed: BoolArray, weights: Weights, time: float) -> tuple[FloatArray, float]:
         """Squares, none negative, and correlation time of least chi-square."""
         seen = weights.inverse @ self.seen
 

@@ -30,7 +30,7 @@ class _Unit:
     si: str  # key of the fact in SI
 
 
-_GYRO = {
+GYRO_UNITS = {
     "Q": _Unit("quantisation_arcsec", "arcsec", DEG / 3600.0, "quantisation_rad"),
     "N": _Unit("random_walk_deg_sqrt_h", "deg/√h", DEG_PER_SQRT_H, "random_walk_rad_sqrt_s"),
     "B": _Unit("bias_instability_deg_h", "deg/h", DEG_PER_H, "bias_instability_rad_s"),
@@ -38,7 +38,7 @@ _GYRO = {
     "GM": _Unit("gauss_markov_deg_h", "deg/h", DEG_PER_H, "gauss_markov_rad_s"),
     "R": _Unit("rate_ramp_deg_h_h", "deg/h/h", DEG_PER_H / HOUR, "rate_ramp_rad_s2"),
 }
-_ACCEL = {
+ACCEL_UNITS = {
     "Q": _Unit("quantisation_mm_s", "mm/s", 1e-3, "quantisation_m_s"),
     "N": _Unit("random_walk_m_s_sqrt_h", "m/s/√h", M_S_PER_SQRT_H, "random_walk_m_s_sqrt_s"),
     "B": _Unit("bias_instability_ug", "ug", UG, "bias_instability_m_s2"),
@@ -65,7 +65,7 @@ ASSUMPTIONS = (
 
 
 def _units(column: int) -> Mapping[str, _Unit]:
-    return _GYRO if column < 3 else _ACCEL
+    return GYRO_UNITS if column < 3 else ACCEL_UNITS
 
 
 def noise_sheet(found: StaticNoise, name: str) -> Sheet:
@@ -148,7 +148,7 @@ def _deviations(found: StaticNoise) -> Table:
 
 def _filter_figures(found: StaticNoise) -> Table:
     rows = []
-    for first, sensor, units in ((0, found.spec.gyro, _GYRO), (3, found.spec.accel, _ACCEL)):
+    for first, sensor, units in ((0, found.spec.gyro, GYRO_UNITS), (3, found.spec.accel, ACCEL_UNITS)):
         for axis in range(3):
             cells = [
                 number(float(value[axis]) / units[term].factor or None)
