@@ -231,7 +231,8 @@ def _read(
     headers = open_table(path).headers if columns else ()
     told = {name: header for name, header in (columns or {}).items() if header in headers}
     table = read_bench(path, (*schema, *more), needed, columns=told)
-    if not set(table.columns) - {"time", "temperature", "powerup"}:
+    outputs = {known[kind].key for known in _EVERY.values() for kind in ("raw", "sensed", "bias")}
+    if not outputs & set(table.columns):
         example = "gyro_x_deg_s, accel_x_g, gyro_x_v, accel_x_lsb"
         raise InputError("the file has no sensor", where=table.name, fix=f"name the columns of outputs like {example}")
     return table

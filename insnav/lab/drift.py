@@ -24,6 +24,7 @@ TERMS = ("A", "B", "c_T", "c_g")
 SHOWS = {"B": 1.0 * DEG, "c_T": 0.5, "c_g": 0.05 * G0}
 _CAUSES = {"B": "rate", "c_T": "temperature", "c_g": "specific force along the axis"}
 FEWEST = 100  # samples
+LARGEST_B = 0.5  # of a gyro in the unit of its header
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,11 +138,19 @@ def drift_model(record: DriftRecord, axis: str) -> DriftModel:
             columns.append(cause)
     drift = record.gyro[axis] - record.true_rate(axis)
     fit = linear_fit(np.column_stack(columns), drift, names, where=f"{record.name}, gyro {axis}")
+    value = dict(zip(names, fit.value.tolist(), strict=True))
+    if abs(value.get("B", 0.0)) > LARGEST_B:
+        raise InputError(
+            f"gyro {axis} does not show the rate: it shows {1.0 + value['B']:.3g} times as much",
+            where=record.name,
+            why="a wrong unit in a header, another axis, or the other sense of rotation",
+            fix="check the units and signs of gyro and rate",
+        )
     inflation = correlation_sum(fit.residual)
     sd = fit.sd * np.sqrt(inflation)
     return DriftModel(
         axis,
-        dict(zip(names, fit.value.tolist(), strict=True)),
+        value,
         dict(zip(names, sd.tolist(), strict=True)),
         left_out,
         fit,

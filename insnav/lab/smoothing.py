@@ -180,11 +180,11 @@ def computed_ramp(smoother: Smoother) -> RampAnswer:
     ----------
     smoother : Smoother
     """
-    time: FloatArray = smoother.interval * np.arange(round(2.0 * RAMP_TIME / smoother.interval) + 1)
-    rate = RAMP_RATE * np.minimum(time / RAMP_TIME, 1.0)
+    time = smoother.interval * np.arange(round(2.0 * RAMP_TIME / smoother.interval) + 1, dtype=np.float64)
+    rate = np.asarray(RAMP_RATE * np.minimum(time / RAMP_TIME, 1.0), dtype=np.float64)
     keep = 1.0 - smoother.gain
     settled = np.asarray(lfilter([smoother.gain], [1.0, -keep], rate))  # has stood at zero for long
-    return _answer(time, rate, settled, slice(0, round(RAMP_TIME / smoother.interval) + 1), measured=False)
+    return _answer(np.asarray(time), rate, settled, slice(0, round(RAMP_TIME / smoother.interval) + 1), measured=False)
 
 
 def recorded_ramp(time: FloatArray, rate: FloatArray, smoothed: FloatArray) -> RampAnswer | None:

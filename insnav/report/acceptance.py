@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from insnav.lab.acceptance import BENCH_UNIT, Acceptance, Accepted, Spread, Stability
+from insnav.lab.acceptance import Acceptance, Accepted
+from insnav.lab.acceptance_figures import BENCH_UNIT, Spread, Stability
 from insnav.lab.bench_records import SI, BenchRecord
 from insnav.lab.fit import Fit
 from insnav.report.calibration import condition_warnings, fit_facts, quality_table, rounded

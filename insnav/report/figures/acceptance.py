@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
-from insnav.lab.acceptance import Stability
+from insnav.lab.acceptance_figures import Stability
 from insnav.report.figures.style import AXIS_COLOURS, BLACK, GREY, Clock, legend_above, line, stacked
 
 

@@ -66,11 +66,6 @@ def _ramp(axes: Axes, each: GyroDrift, colour: str) -> None:
     kind = "of the record" if answer.measured else "computed"
     at = answer.time - answer.time[0]
     axes.axhline(0.0, color=GREY, linewidth=0.8)
-    line(
-        axes,
-        at,
-        (answer.smoothed - answer.rate) / DEG,
-        colour,
-        f"smoothed less true rate, {kind}: lag {answer.lag:.2g} s",
-    )
+    name = f"smoothed less true rate, {kind}: lag {answer.lag:.3g} s"
+    line(axes, at, (answer.smoothed - answer.rate) / DEG, colour, name)
     axes.set_ylabel("error on the ramp [deg/s]")
