@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 
 from insnav.exceptions import InputError
 from insnav.imu.model import ImuErrors, correct
@@ -24,6 +23,7 @@ TERMS = ("A", "B", "c_T", "c_g")
 SHOWS = {"B": 1.0 * DEG, "c_T": 0.5, "c_g": 0.05 * G0}
 _CAUSES = {"B": "rate", "c_T": "temperature", "c_g": "specific force along the axis"}
 FEWEST = 100  # samples
+PARTS = (12, 24, 48, 96, 192)  # of a record, whose means tell how long residuals last
 LARGEST_B = 0.5  # of a gyro in the unit of its header
 
 
@@ -82,12 +82,12 @@ class DriftModel:
         Its letter.
     value, sd : dict of str to float
         Terms found: A [rad/s], B [-], c_T [rad/s/K], c_g [rad/s/(m/s^2)], and their standard deviations, with what the
-        residuals have in common from sample to sample.
+        residuals have in common from sample to sample (`lasting`).
     left_out : dict of str to str
         Terms that the record does not show, and why.
     fit : Fit
-    inflation : float
-        Factor by which the sum of the residuals scatters more than that of independent ones, in variance.
+    freedom : float
+        Degrees of freedom with which these standard deviations are known.
     """
 
     axis: str
@@ -95,11 +95,11 @@ class DriftModel:
     sd: Mapping[str, float]
     left_out: Mapping[str, str]
     fit: Fit
-    inflation: float
+    freedom: float
 
     def half_width(self, term: str) -> float:
         """Half width of the 95 % interval of a term."""
-        return self.sd[term] * coverage_factor(max(1.0, self.fit.dof / self.inflation))
+        return self.sd[term] * coverage_factor(self.freedom)
 
 
 def drift_model(record: DriftRecord, axis: str) -> DriftModel:
@@ -146,7 +146,7 @@ def drift_model(record: DriftRecord, axis: str) -> DriftModel:
             why="a wrong unit in a header, another axis, or the other sense of rotation",
             fix="check the units and signs of gyro and rate",
         )
-    inflation = correlation_sum(fit.residual)
+    inflation, freedom = lasting(fit.residual, len(names))
     sd = fit.sd * np.sqrt(inflation)
     return DriftModel(
         axis,
@@ -154,7 +154,7 @@ def drift_model(record: DriftRecord, axis: str) -> DriftModel:
         dict(zip(names, sd.tolist(), strict=True)),
         left_out,
         fit,
-        inflation,
+        freedom,
     )
 
 
@@ -178,26 +178,39 @@ def _size(term: str, value: float) -> str:
     return f"{value / factor:.2g} {unit}"
 
 
-def correlation_sum(residual: FloatArray) -> float:
-    """Factor by which the variance of a mean is larger than that of independent samples, at least 1.
+def lasting(residual: FloatArray, fitted: int) -> tuple[float, float]:
+    """How much more the means of residuals scatter than those of independent ones.
 
-    Sum of the autocorrelation over all lags, cut where the sum of two neighbouring ones is no longer positive
-    (C. J. Geyer, Practical Markov chain Monte Carlo, Statistical Science 7 (1992), initial positive sequence).
+    The variance of the means of equal parts, times their length, is that of a sample if samples are independent. It is
+    taken for several lengths up to a twelfth of the record, and the largest counts: what lasts longer than the parts
+    does not show in them (method of batch means; J. M. Flegal and G. L. Jones, Annals of Statistics 38 (2010) 1034).
 
     Parameters
     ----------
     residual : (n,) array
-        Zero mean.
+        Of a fit.
+    fitted : int
+        Number of its parameters, which take as many degrees of freedom from the means.
+
+    Returns
+    -------
+    inflation : float
+        Of the variance of a mean, at least 1.
+    freedom : float
+        Degrees of freedom with which it is known.
     """
     n = residual.size
-    size = next_fast_len(2 * n)
-    covariance = irfft(np.abs(rfft(residual, size)) ** 2, size)[:n]
-    if not covariance[0] > 0.0:
-        return 1.0
-    correlation = covariance / covariance[0]
-    pairs = correlation[: 2 * (n // 2)].reshape(-1, 2).sum(axis=1)
-    end = int(np.argmax(pairs <= 0.0)) if np.any(pairs <= 0.0) else pairs.size
-    return float(max(1.0, 2.0 * pairs[:end].sum() - 1.0))
+    variance = float(residual @ residual) / max(1, n - fitted)
+    best = (1.0, float(max(1, n - fitted)))
+    for parts in PARTS:
+        length = n // parts
+        if length < 2 or not variance > 0.0:
+            continue
+        means = residual[: parts * length].reshape(parts, length).mean(axis=1)
+        inflation = length * float(means @ means) / (parts - fitted) / variance
+        if inflation > best[0]:
+            best = inflation, float(parts - fitted)
+    return best
 
 
 def drift_errors(models: Mapping[str, DriftModel], name: str = "") -> ImuErrors:

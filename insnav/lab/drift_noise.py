@@ -87,12 +87,10 @@ class GyroDrift:
     smoother : Smoother
     rest : slice
         Samples at rest before any rotation.
-    raw, corrected, smoothed : (n,) array
-        Rate as measured, without the modelled drift, and of the filter [rad/s].
-    before, after : Curve
-        Of the raw drift and of the smoothed random part, at rest.
-    corrected_deviation : (k,) array
-        Of the corrected drift, not smoothed [rad/s].
+    measured_rate, corrected_rate, smoothed_rate : (n,) array
+        Rate as it came, without the modelled drift, and of the filter [rad/s].
+    measured, corrected, smoothed : Curve
+        Of the drift as it came, of what the model leaves of it, and of that smoothed, at rest.
     computed : RampAnswer
         The filter on a ramp without noise.
     recorded : RampAnswer or None
@@ -102,20 +100,20 @@ class GyroDrift:
     model: DriftModel
     smoother: Smoother
     rest: slice
-    raw: FloatArray
-    corrected: FloatArray
-    smoothed: FloatArray
-    before: Curve
-    after: Curve
-    corrected_deviation: FloatArray
+    measured_rate: FloatArray
+    corrected_rate: FloatArray
+    smoothed_rate: FloatArray
+    measured: Curve
+    corrected: Curve
+    smoothed: Curve
     computed: RampAnswer
     recorded: RampAnswer | None
 
     @property
     def helped_until(self) -> float:
         """Longest averaging time at which smoothing lowers the deviation, zero if none [s]."""
-        lower = np.flatnonzero(self.after.deviation < SAME * self.corrected_deviation)
-        return float(self.before.allan.tau[lower[-1]]) if lower.size else 0.0
+        lower = np.flatnonzero(self.smoothed.deviation < SAME * self.corrected.deviation)
+        return float(self.corrected.allan.tau[lower[-1]]) if lower.size else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,22 +194,28 @@ def _factors(n: int, interval: float) -> tuple[IntArray, tuple[str, ...]]:
     return np.unique(np.rint(wanted[held]).astype(np.int64)), said
 
 
-def _one(record: DriftRecord, rest: slice, model: DriftModel, corrected: FloatArray, factors: IntArray) -> GyroDrift:
-    raw = record.gyro[model.axis]
-    random = corrected[rest] - corrected[rest].mean()
-    smoother = choose_smoother(random, record.interval)
-    smoothed = smooth(corrected, smoother)
-    white, walk = smoother.r * record.interval, smoother.q / record.interval
+def _one(record: DriftRecord, rest: slice, model: DriftModel, rate: FloatArray, factors: IntArray) -> GyroDrift:
+    measured, interval = record.gyro[model.axis], record.interval
+    random = rate[rest] - rate[rest].mean()
+    smoother = choose_smoother(random, interval)
+    smoothed = smooth(rate, smoother)
+    white, walk = smoother.r * interval, smoother.q / interval
+    noise = np.array([0.0, white, 0.0, walk, 0.0])
     # smoothed white noise is a Gauss-Markov process; a walk stays one
     left = smoother.r * smoother.gain / (2.0 - smoother.gain)
-    before = _curve(raw[rest], record.interval, factors, np.array([0.0, white, 0.0, walk, 0.0]), math.inf)
-    after_noise = np.array([0.0, 0.0, 0.0, walk, left])
-    after = _curve(smooth(random, smoother), record.interval, factors, after_noise, smoother.time_constant)
-    unsmoothed = allan_deviation(random[:, None], record.interval, factors).deviation[:, 0]
-    rate = record.true_rate(model.axis)
-    answer = recorded_ramp(record.time, rate, smoothed)
+    smooth_noise = np.array([0.0, 0.0, 0.0, walk, left])
     return GyroDrift(
-        model, smoother, rest, raw, corrected, smoothed, before, after, unsmoothed, computed_ramp(smoother), answer
+        model,
+        smoother,
+        rest,
+        measured,
+        rate,
+        smoothed,
+        _curve(measured[rest], interval, factors, noise, math.inf),
+        _curve(random, interval, factors, noise, math.inf),
+        _curve(smooth(random, smoother), interval, factors, smooth_noise, smoother.time_constant),
+        computed_ramp(smoother),
+        recorded_ramp(record.time, record.true_rate(model.axis), smoothed),
     )
 
 

@@ -28,7 +28,7 @@ _TERMS = {
 }
 ASSUMPTIONS = (
     "drift = A + B rate + c_T (T - 25 C) + c_g a by least squares over the whole record; standard deviations with what "
-    "the residuals have in common from sample to sample (initial positive sequence, Geyer 1992)",
+    "the residuals have in common from sample to sample (means of parts of the record, up to a twelfth of it)",
     "the true rate is that of the columns rate_x_deg_s …, zero without them; A has the Earth's rotation along the axis "
     "in it, at most 0.0042 deg/s, and so has it whatever a term that is left out makes in this record",
     "scalar Kalman filter: transition 1, observation 1, initial state 0 with variance 1 (deg/s)²; Q and R are those of "
@@ -84,17 +84,16 @@ def drift_report(found: DriftStudy, table: BenchTable) -> tuple[Sheet, dict[str,
 
 
 def _plainly(each: GyroDrift) -> tuple[str, ...]:
-    name, lag = f"gyro {each.model.axis}", each.smoother.lag
-    longest = float(each.before.allan.tau[-1])
-    ratio = float(each.after.deviation[-1] / each.corrected_deviation[-1])
-    degrees = float(each.before.freedom[-1])
-    short = float(each.corrected_deviation[0] / each.after.deviation[0])
+    name, corrected, smoothed = f"gyro {each.model.axis}", each.corrected, each.smoothed
+    shortest, longest = float(corrected.allan.tau[0]), float(corrected.allan.tau[-1])
+    lower = float(corrected.deviation[0] / smoothed.deviation[0])
+    ratio = float(smoothed.deviation[-1] / corrected.deviation[-1])
     return (
-        f"{name}: smoothing lowers the Allan deviation at {each.before.allan.tau[0]:g} s by a factor of "
-        f"{number(short, 2)}, and up to {each.helped_until:g} s; at {longest:g} s "
-        f"({number(degrees, 2)} degrees of freedom) it is {number(ratio, 2)} times that of the corrected rate.",
-        f"{name}: it delays the rate by {number(lag)} s. It cannot remove bias instability: whatever changes more "
-        "slowly than the filter passes through it.",
+        f"{name}: smoothing lowers the Allan deviation at {shortest:g} s by a factor of {number(lower, 2)}, and up to "
+        f"{each.helped_until:g} s; at {longest:g} s ({number(float(corrected.freedom[-1]), 2)} degrees of freedom) it "
+        f"is {number(ratio, 2)} times that of the corrected rate.",
+        f"{name}: it delays the rate by {number(each.smoother.lag)} s. It cannot remove bias instability: whatever "
+        "changes more slowly than the filter passes through it.",
     )
 
 
@@ -132,18 +131,19 @@ def _filters(gyros: Sequence[GyroDrift]) -> Table:
 
 def _curves(each: GyroDrift) -> Table:
     rows = []
-    for k, tau in enumerate(each.before.allan.tau):
-        cells = [number(float(each.corrected_deviation[k]) / DEG_PER_H)]
-        for curve in (each.before, each.after):
+    for k, tau in enumerate(each.measured.allan.tau):
+        cells = []
+        for curve in (each.measured, each.corrected, each.smoothed):
             low, value, high = (float(x[k]) / DEG_PER_H for x in (curve.low, curve.deviation, curve.high))
-            cells += [number(value), f"{number(low)} .. {number(high)}", number(float(curve.freedom[k]), 2)]
-        rows.append((f"{tau:g}", *cells[1:4], cells[0], *cells[4:]))
-    columns = ("tau [s]", "before", "95 %", "freedom", "corrected", "smoothed", "95 %", "freedom")
-    longest = each.before
+            cells += [number(value), f"{number(low)} .. {number(high)}"]
+        degrees = (number(float(curve.freedom[k]), 2) for curve in (each.corrected, each.smoothed))
+        rows.append((f"{tau:g}", *cells, " / ".join(degrees)))
+    columns = ("tau [s]", "before", "95 %", "corrected", "95 %", "smoothed", "95 %", "freedom corr. / smoothed")
+    longest = each.corrected.allan
     note = (
         f"before: as measured; corrected: drift model taken off; smoothed: that after the filter. "
-        f"{longest.allan.tau[-1]:g} s out of {longest.allan.n * longest.allan.interval:g} s have "
-        f"{number(float(longest.freedom[-1]), 2)} equivalent degrees of freedom"
+        f"{longest.tau[-1]:g} s out of {longest.n * longest.interval:g} s have "
+        f"{number(float(each.corrected.freedom[-1]), 2)} equivalent degrees of freedom"
     )
     return Table(f"Allan deviation of gyro {each.model.axis} at rest [deg/h]", columns, tuple(rows), note)
 
@@ -151,18 +151,16 @@ def _curves(each: GyroDrift) -> Table:
 def _coefficients(gyros: Sequence[GyroDrift]) -> Table:
     rows = []
     for each in gyros:
-        for name in POWERS if each.before.coefficients else ():
+        for name in POWERS if each.corrected.coefficients else ():
             cells = []
-            for curve in (each.before, each.after):
+            for curve in (each.measured, each.corrected, each.smoothed):
                 found, factor = curve.coefficients[name], GYRO_UNITS[name].factor
                 cells.append(number(found.value / factor) if found.value > 0.0 else "–")
                 cells.append(_interval(found.low / factor, found.high / factor))
             rows.append((f"gyro {each.model.axis} {name}", *cells, GYRO_UNITS[name].unit))
-    columns = ("coefficient", "before", "95 %", "smoothed", "95 %", "unit")
-    note = (
-        "An interval from 0: not told from none. Intervals allow for what the sum misses of the curve; a smoothed gyro "
-    )
-    note += "is no sum of these noises, look at the deviations"
+    columns = ("coefficient", "before", "95 %", "corrected", "95 %", "smoothed", "95 %", "unit")
+    note = "An interval from 0: not told from none. Intervals allow for what the sum misses of the curve; drift that "
+    note += "follows something and a smoothed gyro are no sums of these noises, look at the deviations"
     return Table("Coefficients of sigma²(tau) = sum of A_m tau^m", columns, tuple(rows), note)
 
 
@@ -219,10 +217,10 @@ def _facts(found: DriftStudy, table: BenchTable, fits: dict[str, Any], warnings:
                 "lag_s": each.smoother.lag,
                 "smallest_q": each.smoother.bounded,
             },
-            "tau_s": each.before.allan.tau.tolist(),
-            "corrected_deg_h": (each.corrected_deviation / DEG_PER_H).tolist(),
-            "before": _curve_facts(each.before),
-            "after": _curve_facts(each.after),
+            "tau_s": each.corrected.allan.tau.tolist(),
+            "before": _curve_facts(each.measured),
+            "corrected": _curve_facts(each.corrected),
+            "smoothed": _curve_facts(each.smoothed),
             "ramp_computed": _ramp_facts(each.computed),
             "ramp_recorded": None if each.recorded is None else _ramp_facts(each.recorded),
         }
@@ -276,8 +274,8 @@ def rates_csv(found: DriftStudy) -> str:
     columns = [("time_s", found.record.time)]
     for each in found.gyros:
         columns += [
-            (f"gyro_{each.model.axis}_corrected_deg_s", each.corrected / DEG),
-            (f"gyro_{each.model.axis}_smoothed_deg_s", each.smoothed / DEG),
+            (f"gyro_{each.model.axis}_corrected_deg_s", each.corrected_rate / DEG),
+            (f"gyro_{each.model.axis}_smoothed_deg_s", each.smoothed_rate / DEG),
         ]
     lines = [",".join(name for name, _ in columns)]
     rows = np.column_stack([values for _, values in columns])

@@ -37,24 +37,24 @@ def draw_drift(found: DriftStudy) -> Figure:
 
 def _rest(axes: Axes, time: FloatArray, each: GyroDrift, colour: str) -> None:
     at = time[each.rest] - time[0]
-    raw, corrected = each.raw[each.rest], each.corrected[each.rest]
-    line(axes, at, raw / DEG, GREY, "measured", alpha=0.6, linewidth=0.7)
+    measured, corrected = each.measured_rate[each.rest], each.corrected_rate[each.rest]
+    line(axes, at, measured / DEG, GREY, "measured", alpha=0.6, linewidth=0.7)
     line(axes, at, corrected / DEG, BLACK, "corrected", alpha=0.6, linewidth=0.7)
-    line(axes, at, each.smoothed[each.rest] / DEG, colour, "smoothed", linewidth=1.6)
+    line(axes, at, each.smoothed_rate[each.rest] / DEG, colour, "smoothed", linewidth=1.6)
     axes.set_ylabel(f"gyro {each.model.axis} at rest [deg/s]")
 
 
 def _allan(axes: Axes, each: GyroDrift, colour: str) -> None:
-    tau, before, after = each.before.allan.tau, each.before, each.after
+    tau, before, after = each.measured.allan.tau, each.measured, each.smoothed
     axes.set_xscale("log")
     axes.set_yscale("log")
     spread = [(before.deviation - before.low) / DEG_PER_H, (before.high - before.deviation) / DEG_PER_H]
     axes.errorbar(tau, before.deviation / DEG_PER_H, spread, fmt="o-", color=GREY, markersize=4, capsize=2)
-    axes.plot(tau, each.corrected_deviation / DEG_PER_H, color=BLACK, linewidth=0.9)
+    axes.plot(tau, each.corrected.deviation / DEG_PER_H, color=BLACK, linewidth=0.9)
     axes.fill_between(tau, after.low / DEG_PER_H, after.high / DEG_PER_H, color=colour, alpha=0.2, linewidth=0.0)
     axes.plot(tau, after.deviation / DEG_PER_H, "o-", color=colour, markersize=4)
     # an interval of one degree of freedom has no end: it would push everything else together
-    largest = max(float(before.deviation.max()), float(after.deviation.max()), float(each.corrected_deviation.max()))
+    largest = max(float(before.deviation.max()), float(after.deviation.max()), float(each.corrected.deviation.max()))
     axes.set_ylim(top=4.0 * largest / DEG_PER_H)
     for axis in (axes.xaxis, axes.yaxis):
         logarithmic(axis)
