@@ -35,10 +35,10 @@ def running_sum(values, mean, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
-def _square_sum(x, first, last, m):  # type: ignore[no-untyped-def]
+def _square_sum(near, middle, far):  # type: ignore[no-untyped-def]
     total = 0.0
-    for k in range(first, last):
-        z = x[k + 2 * m] - 2.0 * x[k + m] + x[k]
+    for k in range(near.shape[0]):  # counts from zero: an index that might be negative would keep it from SIMD
+        z = far[k] - 2.0 * middle[k] + near[k]
         total += z * z
     return total
 
@@ -62,7 +62,8 @@ def mean_square_second_difference(x, factors, out):  # type: ignore[no-untyped-d
         count = n - 2 * m
         total = 0.0
         for first in range(0, count, BLOCK):
-            total += _square_sum(x, first, min(first + BLOCK, count), m)
+            last = min(first + BLOCK, count)
+            total += _square_sum(x[first:last], x[first + m : last + m], x[first + 2 * m : last + 2 * m])
         out[j] = total / count
 
 
