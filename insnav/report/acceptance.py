@@ -156,7 +156,7 @@ def _k_unit(item: Accepted) -> str:
 
 
 def _shown(spread: Spread, factor: float) -> str:
-    return f"{number(spread.sd / factor)} ({number(spread.low / factor, 2)} .. {number(spread.high / factor, 2)})"
+    return f"{number(spread.sd / factor)} ({number(spread.low / factor)} .. {number(spread.high / factor)})"
 
 
 def _pictures(found: Acceptance) -> list[Picture]:
