@@ -15,7 +15,8 @@ from insnav.cli.console import result
 SHORT_HELP = "Accuracy of several runs against one reference, side by side."
 HELP = """Accuracy of several runs against one reference, side by side.
 
-Only epochs of the reference that every run covers are counted, so that the rows can be compared.
+Every run has a row for the filter's solution and one for the smoothed solution, if it has that. Only epochs of the
+reference that every run covers are counted, so that the rows can be compared.
 
 \b
 Examples:

@@ -20,6 +20,9 @@ TIMES = np.geomspace(3.0, 300.0, 25)  # correlation times tried [s]
 WORTH = 0.1  # a smaller share of the variance is not modelled [-]
 FEWEST = 100  # fixes needed
 ROUGH = 0.05  # largest error of the integrated velocity between fixes, by the sd of a fix [-]
+CLAIMED = 0.7  # a smaller variance than this part of the claimed one has not been seen whole [-]
+WORTH_CLAIM = 0.3  # what must be missing from the claimed variance before it is taken to last [-]
+SHORTEST_CLAIM = 10.0  # shorter correlation times would have been seen [s]
 TOO_MUCH = 3.0  # a larger variance, by the claimed one, is something else than the error of the fixes [-]
 
 
@@ -35,14 +38,17 @@ class CorrelatedNoise:
         Correlation time [s].
     sd : (3,) array
         Standard deviation of that part, North, East, Down [m].
+    by_claim : bool
+        Seen only as what the variance claimed by the fixes lacks from one fix to the next.
     """
 
     share: float
     time: float
     sd: FloatArray
+    by_claim: bool = False
 
 
-def correlated_noise(gps: GpsData, lag: float) -> CorrelatedNoise | None:
+def correlated_noise(gps: GpsData, lag: float, *, claimed: bool = True) -> CorrelatedNoise | None:
     """Find the part of the position error that lasts.
 
     Position change minus integrated velocity over m fixes is the difference of two position errors plus the sum of m
@@ -55,6 +61,9 @@ def correlated_noise(gps: GpsData, lag: float) -> CorrelatedNoise | None:
         Fixes with standard deviations.
     lag : float
         How much older than positions velocities are [s].
+    claimed : bool
+        The standard deviations are the receiver's own, and may be believed where a drive is too short to show by itself
+        how far the errors go.
 
     Returns
     -------
@@ -96,20 +105,41 @@ def correlated_noise(gps: GpsData, lag: float) -> CorrelatedNoise | None:
     scale = np.array(weight) / (y + 0.05)
     ones = np.ones_like(x)
     white_only = nnls(np.column_stack([ones, x]) * scale[:, None], y * scale)[1]
-    best: tuple[float, float, FloatArray] | None = None
-    for time in TIMES:
-        terms = np.column_stack([ones, 1.0 - np.exp(-x / time), x])
-        parts, rest = nnls(terms * scale[:, None], y * scale)
-        if best is None or rest < best[0]:
-            best = float(rest), float(time), parts
-    assert best is not None
-    rest, time, (white, lasting, _) = best
-    if time == TIMES[0] or 5.0 * time > x[-1] or white + lasting > TOO_MUCH:
-        return None
-    share = float(lasting / (white + lasting)) if white + lasting > 0 else 0.0
-    # the third term must earn its place, and be a visible part of what the fixes claim
+    rest, time, (white, lasting, _) = min(
+        (_fit(x, y, scale, float(each)) for each in TIMES), key=lambda found: found[0]
+    )
+    total = white + lasting
+    # the lasting term must earn its place, be a visible part of what the fixes claim, and have been seen to its end
+    seen = TIMES[0] < time <= x[-1] / 5.0 and CLAIMED < total <= TOO_MUCH
+    by_claim = not (seen and rest <= 0.8 * white_only and lasting >= 0.05 and lasting >= WORTH * total)
+    if by_claim:
+        share, time = _by_claim(x, y, scale) if claimed else (0.0, 0.0)
+        if share < WORTH_CLAIM:
+            return None
+    else:
+        share = lasting / total
+    share = min(float(share), 0.95)
+    return CorrelatedNoise(share, time, np.sqrt(share) * np.median(sd, axis=0), by_claim)
 
-    if share < WORTH or rest > 0.8 * white_only or lasting < 0.05:
-        return None
-    share = min(share, 0.95)
-    return CorrelatedNoise(share, time, np.sqrt(share) * np.median(sd, axis=0))
+
+def _fit(x: FloatArray, y: FloatArray, scale: FloatArray, time: float) -> tuple[float, float, FloatArray]:
+    """Misfit, correlation time, and the parts: white, lasting, growing with time."""
+    terms = np.column_stack([np.ones_like(x), 1.0 - np.exp(-x / time), x])
+    parts, rest = nnls(terms * scale[:, None], y * scale)
+    return float(rest), time, parts
+
+
+def _by_claim(x: FloatArray, y: FloatArray, scale: FloatArray) -> tuple[float, float]:
+    """Share and correlation time of what lasts, if the variance that the fixes claim is right.
+
+    A drive that is short by the correlation time shows the white part only. Fixes that scatter less than they claim
+    from one to the next have the rest of their error in common, or are better than they say; the first is believed.
+    """
+    best = np.inf, 0.0, 0.0
+    for time in TIMES[TIMES >= SHORTEST_CLAIM]:
+        fading = np.exp(-x / time)  # white + (1 - white) (1 - fading) + slope x
+        (white, _), rest = nnls(
+            np.column_stack([fading, x]) * scale[:, None], np.maximum(y - 1.0 + fading, 0.0) * scale
+        )
+        best = min(best, (float(rest), 1.0 - float(white), float(time)))
+    return best[1], best[2]

@@ -13,45 +13,28 @@ from collections.abc import Container
 import numpy as np
 
 from insnav import strapdown
-from insnav.exceptions import ConfigError, DivergenceError
+from insnav.exceptions import ConfigError
 from insnav.filter import gates as gate
-from insnav.filter.aiding import INTERVAL, Aiding
-from insnav.filter.begin import first_state, layout, set_lasting, tie
-from insnav.filter.engine import Engine
+from insnav.filter.aiding import INTERVAL
+from insnav.filter.begin import first_state
+from insnav.filter.estimate import Estimate
+from insnav.filter.helper import Helper
 from insnav.filter.model import ErrorModel, FilterState, InitialState
 from insnav.filter.record import Record
 from insnav.filter.settings import FilterSettings
-from insnav.filter.smoother import History, SmoothedErrors
-from insnav.kernels import errorstate
-from insnav.kernels.aiding import course, innovation, still
-from insnav.kernels.aiding import wheels as kernel_wheels
+from insnav.filter.smoother import SmoothedErrors
 from insnav.kernels.increments import LOOKAHEAD
 from insnav.kernels.measurement import assess
-from insnav.types import (
-    Alignment,
-    Event,
-    EventKind,
-    FloatArray,
-    GpsData,
-    ImuData,
-    Increments,
-    Run,
-)
+from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData, Increments, Run
 
 POSITION = (EventKind.GATE_POSITION, EventKind.SOFT_POSITION)
 VELOCITY = (EventKind.GATE_VELOCITY, EventKind.SOFT_VELOCITY)
 SOFT = (EventKind.SOFT_POSITION, EventKind.SOFT_VELOCITY)
 MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # samples behind the newest that can be processed
 CONTEXT = 2 * MARGIN  # samples kept before the first unprocessed one
-SUBSTEP = 0.1  # longest sub-step of transition and noise [s]
 COAST = 1.0  # longest time between filter epochs [s]
-# unseen change of rate [rad/s^2] and specific force [m/s^3] in a hole, and the most assumed of it [rad], [m/s]
-HOLE_NOISE = np.array([0.1, 0.5, 0.3, 20.0])
 BROKEN = 3.0  # a longer time without a rejected fix ends a row of rejections, if fixes come more often [s]
 FEWEST_REJECTIONS = 5  # fixes that must have been rejected before a reset
-NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame is no use [rad]
-ATTITUDE_RESET_SD = np.deg2rad([1.0, 1.0, 5.0])  # added at a reset [rad]
-VELOCITY_RESET_SD = 5.0  # velocity of a reset by fixes without velocity [m/s]
 
 
 class Navigator:
@@ -93,24 +76,17 @@ class Navigator:
         settings = settings or FilterSettings()
         if isinstance(start, InitialState):
             start = first_state(start, settings)
-        self._at = layout(settings)
-        n = self._at.states
         later = gps.time - settings.delay > start.time + strapdown.TIME_TOLERANCE
         self._gps = gps
         self._fix = np.flatnonzero(later)
         self._fix_time = gps.time[later] - settings.delay
         self._settings, self._model, self._nominal, self._alignment = settings, model, nominal, alignment
         self._marks, self.kept = marks, dict[int, FilterState]()
-        self._engine = Engine(start.covariance)
-        self._x, self._correction = start.x.copy(), start.correction.copy()
-        self._delay, self._lasting, self._lever = start.delay, start.lasting.copy(), start.lever_b.copy()
-        self._motion, self._sums, self._span = start.motion.copy(), np.zeros(errorstate.SUMS), np.zeros(1)
-        self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
-        self._work = errorstate.scratch(n)
-        self._aiding = settings.aiding
-        self._coast = COAST if self._aiding is None else INTERVAL
-        self._limit = np.array([SUBSTEP, self._coast])
-        self._turned, self._aided = np.zeros(4), start.time
+        self._coast = COAST if settings.aiding is None else INTERVAL
+        self._record = Record(self._fix.shape[0])
+        self._estimate = Estimate(start, model, settings, self._record, self._coast)
+        self._helper = Helper(self._estimate, settings, self._record, start.time)
+        n = self._estimate.at.states
         self._z, self._h, self._sd = np.zeros(6), np.zeros((6, n)), np.zeros(6)
         self._r, self._s = np.zeros((6, 6)), np.zeros((6, 6))
         every = settings.output_interval
@@ -122,10 +98,6 @@ class Navigator:
         self._broken = max(BROKEN, 2.5 * often)
         self._rejections: list[float] = []  # times of an unbroken row of rejected positions
         self._tail: ImuData | None = None
-        self._record = Record(self._fix.shape[0])
-        self._history = History(n) if settings.smooth else None
-        if self._history is not None:
-            self._history.epoch(start.time, self._x, self._correction, self._phi, self._engine.covariance)
 
     def feed(self, imu: ImuData) -> None:
         """Take the next block of samples; what needs later neighbours waits for the next call.
@@ -141,35 +113,24 @@ class Navigator:
         """Process the samples still waiting and return the result."""
         if self._tail is not None:
             self._advance(None, last=True)
+        estimate = self._estimate
         return self._record.finish(
             self._alignment,
             self._settings,
-            self._lever,
+            estimate.lever,
             self._model.axes_sd,
-            self._delay,
-            self._engine.covariance,
-            self._history.smooth() if self._history is not None else None,
+            estimate.delay,
+            estimate.covariance,
+            estimate.history.smooth() if estimate.history is not None else None,
         )
 
     def offered(self) -> SmoothedErrors:
         """Process the samples still waiting and tell what filter and smoother make of every fix, used or not."""
         if self._tail is not None:
             self._advance(None, last=True)
-        if self._history is None:
+        if self._estimate.history is None:
             raise ConfigError("only a filter that smooths compares fixes", where="settings.smooth")
-        return self._history.smooth()
-
-    def _state(self, time: float) -> FilterState:
-        return FilterState(
-            time,
-            self._x.copy(),
-            self._correction.copy(),
-            self._delay,
-            self._lasting.copy(),
-            self._lever.copy(),
-            self._motion.copy(),
-            self._engine.covariance.copy(),
-        )
+        return self._estimate.history.smooth()
 
     def _advance(self, imu: ImuData | None, *, last: bool) -> None:
         buffer = _join(self._tail, imu)
@@ -204,161 +165,35 @@ class Navigator:
                 self._next += 1
                 continue
             k = self._run(inc, hole, k, int(i) + 1, True, out)
-            self._update(inc.time[i], out)
-            self._steer(inc.time[i], int(self._fix[self._next]))
-            if self._aiding is not None:
-                self._aid(inc.time[i], self._aiding)
+            self._update(inc.time[i])
             row = int(self._fix[self._next])
+            if self._gps.heading is not None:
+                self._helper.steer(inc.time[i], float(self._gps.heading[row]))
+            self._helper.use(inc.time[i])
+            self._show(inc.time[i], out)
             if row in self._marks:
-                self.kept[row] = self._state(inc.time[i])
+                self.kept[row] = self._estimate.kept(inc.time[i])
             self._next += 1
         self._run(inc, hole, k, inc.time.shape[0], False, out)
         self._record.keep(out)
 
     def _run(self, inc: Increments, hole: FloatArray, first: int, last: int, close: bool, out: Record.Rows) -> int:
         """Carry on to `last`; a filter epoch there if `close`, and in between wherever the next fix is far."""
-        k, begin, done = first, out.used, first
+        estimate, k, begin = self._estimate, first, out.used
         while k < last:
-            k, out.used = errorstate.propagate(
-                k,
-                last,
-                close,
-                inc.time,
-                inc.dt,
-                inc.dtheta,
-                inc.dvel,
-                inc.coning,
-                inc.sculling,
-                hole,
-                self._x,
-                self._correction,
-                self._motion,
-                self._sums,
-                self._span,
-                self._limit,
-                self._model.noise,
-                HOLE_NOISE,
-                self._model.decay,
-                self._phi,
-                self._q,
-                self._engine.covariance,
-                self._grid,
-                out.time,
-                out.state,
-                out.variance,
-                out.used,
-                self._work,
-            )
-            if self._aiding is not None:
-                self._turned[:3] += inc.dtheta[done:k].sum(axis=0)
-                self._turned[3] += inc.dt[done:k].sum()
-                done = k
-            if self._span[0] >= self._coast - 1e-9 and not (close and k == last):
-                self._predict(inc.time[k - 1])
-                if self._aiding is not None:
-                    self._aid(inc.time[k - 1], self._aiding)
-        out.delay[begin : out.used] = self._delay
+            done = k
+            k = estimate.propagate(inc, hole, k, last, close, self._grid, out)
+            self._helper.turned(inc, done, k)
+            if estimate.span[0] >= self._coast - 1e-9 and not (close and k == last):
+                estimate.predict(inc.time[k - 1])
+                self._helper.use(inc.time[k - 1])
+                self._show(inc.time[k - 1], out)
+        out.delay[begin : out.used] = estimate.delay
         return k
 
-    def _predict(self, time: float) -> None:
-        if abs(self._x[0]) > NEXT_TO_POLE:
-            raise DivergenceError(
-                "the track comes within a kilometre of a pole",
-                where=f"time {time:.3f} s",
-                why="heading and longitude have no meaning there",
-                fix="cut the recording before it",
-            )
-        lasting = self._settings.correlated
-        if lasting is not None:
-            fade = float(np.exp(-self._span[0] / lasting.time))
-            self._lasting *= fade
-            for i in range(3):
-                at = self._at.lasting + i
-                self._phi[at, at] = fade
-                self._q[at, at] = (1.0 - fade**2) * lasting.sd[i] ** 2
-        self._note_repair(time, self._engine.predict(self._phi, self._q, time))
-        if self._history is not None:
-            self._history.epoch(time, self._x, self._correction, self._phi, self._engine.covariance)
-        errorstate.reset_transition(self._phi, self._q, self._span)
-
-    def _aid(self, time: float, aiding: Aiding) -> None:
-        """Use what is known besides fixes, at most once in `INTERVAL`."""
-        begin, span = self._aided, self._turned[3]
-        if time - begin < 0.9 * INTERVAL:
-            return
-        rate = self._turned[:3] / span
-        self._turned[:] = 0.0
-        self._aided = time
-        z, h = self._z, self._h
-        if aiding.height is not None:
-            h[0] = 0.0
-            h[0, 2] = -1.0  # the error of position is down
-            z[0] = self._x[2] - float(np.interp(time, aiding.height.time, aiding.height.height))
-            self._use_aid(time, 0, 1, np.array([aiding.height.sd]), (EventKind.GATE_HEIGHT, "m"))
-        if aiding.resting(begin, time):
-            still(self._x, self._correction[:3], rate, z, h)
-            sd = np.concatenate([np.full(3, aiding.rest_velocity_sd), aiding.rest_rate_sd])
-            self._use_aid(time, 0, 6 if np.isfinite(sd).all() else 3, sd, (EventKind.GATE_REST, "m/s, rad/s"))
-            return
-        wheels = aiding.wheels
-        if wheels is None or float(np.hypot(self._x[3], self._x[4])) < wheels.slowest:
-            return
-        odometer = aiding.odometer
-        speed = np.nan if odometer is None else float(np.interp(time, odometer.time, odometer.speed))
-        kernel_wheels(self._x, self._motion[:3], wheels.to_vehicle, wheels.lever_b, speed, z, h)
-        sd = np.array([odometer.sd if odometer is not None else np.inf, *wheels.sd])
-        if np.isfinite(speed):
-            self._use_aid(time, 0, 1, sd, (EventKind.GATE_ODOMETER, "m/s"))
-            kernel_wheels(self._x, self._motion[:3], wheels.to_vehicle, wheels.lever_b, speed, z, h)
-        self._use_aid(time, 1, 3, sd, (EventKind.GATE_WHEELS, "m/s"))
-
-    def _steer(self, time: float, row: int) -> None:
-        """Use the heading of a fix, if it has one and it is wanted."""
-        heading, sd = self._gps.heading, self._settings.heading_sd
-        if heading is not None and sd > 0.0 and np.isfinite(heading[row]):
-            course(self._x, heading[row], self._z, self._h)
-            self._use_aid(time, 0, 1, np.array([sd]), (EventKind.GATE_HEADING, "rad"))
-
-    def _use_aid(self, time: float, first: int, last: int, sd: FloatArray, what: tuple[EventKind, str]) -> None:
-        z, h, r = self._z, self._h, self._r
-        variance = np.zeros(6)
-        variance[: sd.shape[0]] = sd**2
-        m = last - first
-        nis = innovation(self._engine.covariance, z, h, variance, first, last, np.empty((m, m)))
-        limit = self._settings.gates.limit(m)
-        self._record.aid(what[0], z[first:last], nis, nis <= limit)
-        if nis > limit:
-            self._record.event(Event(time, what[0], nis, limit, f"NIS ({m} dof)", gate.REJECTED, "wheels or rest"))
-            return
-        r[:] = 0.0
-        np.fill_diagonal(r, np.where(variance > 0.0, variance, 1.0))
-        part = slice(first, last)
-        if self._history is not None:
-            self._history.epoch(time, self._x, self._correction, self._unity, self._engine.covariance)
-            self._history.aid(first, last, z, h, r)
-        error, repaired = self._engine.update(z[part], h[part], r[part, part], time)
-        self._take(error)
-        self._note_repair(time, repaired)
-        if self._history is not None:
-            self._history.updated(self._x, self._correction)
-
-    def _take(self, error: FloatArray) -> None:
-        """Take an estimated error off the state."""
-        errorstate.feed_back(self._x, self._correction, error)
-        at = self._at
-        if at.delay >= 0:
-            self._delay -= error[at.delay]
-        if at.lasting >= 0:
-            self._lasting -= error[at.lasting : at.lasting + 3]
-        if at.lever >= 0:
-            self._lever -= error[at.lever : at.lever + 3]
-
-    def _note_repair(self, time: float, repaired: bool) -> None:
-        if repaired:
-            self._record.event(Event(time, EventKind.REPAIR, 1.0, 0.0, "count", "negative variance set to zero"))
-
-    def _update(self, time: float, out: Record.Rows) -> None:
-        self._predict(time)
+    def _update(self, time: float) -> None:
+        estimate = self._estimate
+        estimate.predict(time)
         row = self._fix[self._next]
         z, h, r = self._z, self._h, self._r
         nis_position, nis_velocity, distance, change = self._assess(row)
@@ -367,12 +202,10 @@ class Navigator:
         fix = int(self._gps.fix[row]) if self._gps.fix is not None else None
         quality = gate.quality(self._settings.gates, time, fix, self._gps.position_sd[row])
         if quality is not None and fix == 0:  # no fix at all, and no velocity either
-            if self._history is not None:
-                self._history.measurement(False, False, z, h, r)
+            if estimate.history is not None:
+                estimate.history.measurement(False, False, z, h, r)
             self._record.event(quality)
-            self._record.fix(
-                time, z, self._sd, nis, [False, False], self._x, self._correction, self._engine.covariance, self._delay
-            )
+            self._note_fix(time, nis, [False, False])
             return
         for half, event in enumerate(self._judge(time, row, nis, distance, change, quality)):
             if event is None:
@@ -386,46 +219,51 @@ class Navigator:
                 use[half] = False
         if use[0] or use[1]:
             part = slice(0 if use[0] else 3, 6 if use[1] else 3)
-            if self._history is not None:
-                self._history.measurement(use[0], use[1], z, h, r)
-            error, repaired = self._engine.update(z[part], h[part], r[part, part], time)
-            self._take(error)
-            self._note_repair(time, repaired)
-            if self._history is not None:
-                self._history.updated(self._x, self._correction)
+            if estimate.history is not None:
+                estimate.history.measurement(use[0], use[1], z, h, r)
+            estimate.correct(time, z[part], h[part], r[part, part])
         if use[0]:
             self._last_good = time
             self._rejections.clear()
         elif quality is None:
             self._consider_reset(time, row)
-        p = self._engine.covariance
-        self._record.fix(time, z, self._sd, nis, use, self._x, self._correction, p, self._delay)
+        self._note_fix(time, nis, use)
+
+    def _show(self, time: float, out: Record.Rows) -> None:
+        """Let the row of the solution at an epoch, if there is one, hold what came of its measurements."""
         if out.used and out.time[out.used - 1] >= time - strapdown.TIME_TOLERANCE:
-            out.state[out.used - 1] = self._x
-            out.delay[out.used - 1] = self._delay
+            p = self._estimate.covariance
+            out.state[out.used - 1] = self._estimate.x
+            out.delay[out.used - 1] = self._estimate.delay
             variance = out.variance[out.used - 1]
             variance[:9] = p.diagonal()[:9]
             variance[9], variance[10], variance[11] = p[6, 7], p[6, 8], p[7, 8]
 
+    def _note_fix(self, time: float, nis: tuple[float, float], use: list[bool]) -> None:
+        estimate = self._estimate
+        self._record.fix(
+            time, self._z, self._sd, nis, use, estimate.x, estimate.correction, estimate.covariance, estimate.delay
+        )
+
     def _assess(self, row: int) -> tuple[float, float, float, float]:
         """Innovation of a fix, its covariance, NIS of position and velocity, and their lengths."""
-        gps, settings = self._gps, self._settings
+        gps, settings, estimate = self._gps, self._settings, self._estimate
         found: tuple[float, float, float, float] = assess(
-            self._x,
-            self._motion,
-            self._lever,
-            self._delay,
+            estimate.x,
+            estimate.motion,
+            estimate.lever,
+            estimate.delay,
             settings.velocity_lag,
             settings.jitter,
-            self._at.lasting,
-            self._at.lever,
-            self._lasting,
+            estimate.at.lasting,
+            estimate.at.lever,
+            estimate.lasting,
             settings.correlated.share if settings.correlated is not None else 0.0,
             gps.lla[row],
             gps.v_n[row],
             gps.position_sd[row],
             gps.velocity_sd[row],
-            self._engine.covariance,
+            estimate.covariance,
             self._z,
             self._h,
             self._r,
@@ -467,27 +305,8 @@ class Navigator:
             return
         self._assess(row)  # anew: the velocity of this fix may have been used already
         z = self._z
-        p = self._engine.covariance.copy()
-        error = np.zeros(p.shape[0])
-        error[:3] = z[:3]
-        p[:6, :] = p[:, :6] = 0.0
-        p[:3, :3] = np.diag((3.0 * gps.position_sd[row]) ** 2)
-        if np.isfinite(z[3:]).all() and gate.physical_velocity(gates, time, gps.v_n[row]) is None:
-            error[3:6] = z[3:]
-            p[3:6, 3:6] = np.diag((3.0 * gps.velocity_sd[row]) ** 2)
-        else:
-            p[3:6, 3:6] += VELOCITY_RESET_SD**2 * np.eye(3)
-        # whatever led here has probably spoilt the attitude as well
-        p[6:9, 6:9] += np.diag(ATTITUDE_RESET_SD**2)
-        lasting = self._settings.correlated
-        if lasting is not None:
-            set_lasting(p, self._at.lasting, lasting.sd)
-            tie(p, self._at.lasting, lasting.sd)
-            self._lasting[:] = 0.0
-        errorstate.feed_back(self._x, self._correction, error)
-        self._engine.replace_covariance(p)
-        if self._history is not None:
-            self._history.restart(time, self._x, self._correction, p)
+        with_velocity = np.isfinite(z[3:]).all() and gate.physical_velocity(gates, time, gps.v_n[row]) is None
+        self._estimate.restart(time, z, gps.position_sd[row], gps.velocity_sd[row] if with_velocity else None)
         self._record.event(
             Event(
                 time,

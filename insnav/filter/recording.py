@@ -253,17 +253,19 @@ def prepare(
     """Find out from a recording what the filter must know, and align; see `navigate_recording`."""
     imu, faults = inspect(imu)
     _check(imu, gps, start)
+    claimed = bool(np.isfinite(gps.position_sd).all())
     gps, notes = with_sd(gps)
     lag, lag_sd = velocity_lag(gps)
     if abs(lag) > max(LAG_WORTH, 5.0 * lag_sd):
         settings = replace(settings, velocity_lag=lag)
         notes += (f"GPS velocity is {lag:.3f} s older than position, by the fixes themselves: taken into account",)
-    lasting = correlated_noise(gps, settings.velocity_lag)
+    lasting = correlated_noise(gps, settings.velocity_lag, claimed=claimed)
     if lasting is not None:
         settings = replace(settings, correlated=lasting)
+        seen = "since from fix to fix they scatter less than the fixes claim" if lasting.by_claim else "as seen in them"
         notes += (
             f"GPS position errors last: {100 * lasting.share:.0f} % of their variance has a correlation time of about "
-            f"{lasting.time:.0f} s, by positions and velocities; estimated as states",
+            f"{lasting.time:.0f} s, {seen} beside the velocities; estimated as states",
         )
     step = np.diff(imu.time[: 1 << 16])
     jitter = float(np.std(step[step < strapdown.GAP * np.median(step)]))

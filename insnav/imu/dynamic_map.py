@@ -65,6 +65,16 @@ class AxisMap:
         """
         return _line(self.rate, self.rate - self.error, measured)
 
+    def rate_error(self, measured: FloatArray) -> FloatArray:
+        """Error that `apply` takes off.
+
+        Parameters
+        ----------
+        measured : (...) array
+            [rad/s].
+        """
+        return _line(self.rate, self.error, measured)
+
     def inverse(self, compensated: FloatArray) -> FloatArray:
         """Undo `apply`.
 

@@ -242,12 +242,20 @@ def write_kml(folder: Path, solution: Trajectory, name: str) -> Path:
     return path
 
 
-def read_solution(folder: Path) -> Trajectory:
+def has_smoothed(folder: Path) -> bool:
+    """Whether a run folder holds a smoothed solution."""
+    return any((folder / f"smoothed.{kind}").is_file() for kind in ("parquet", "csv"))
+
+
+def read_solution(folder: Path, name: str = "solution") -> Trajectory:
     """Read the solution of a run folder, csv or parquet.
 
     Parameters
     ----------
     folder : Path
+        The folder.
+    name : {"solution", "smoothed"}
+        Which of its solutions.
 
     Returns
     -------
@@ -258,12 +266,12 @@ def read_solution(folder: Path) -> Trajectory:
     InputError
         No solution in the folder, or not one written by insnav.
     """
-    path = next((p for p in (folder / f"solution.{kind}" for kind in ("parquet", "csv")) if p.is_file()), None)
+    path = next((p for p in (folder / f"{name}.{kind}" for kind in ("parquet", "csv")) if p.is_file()), None)
     if path is None:
         raise InputError(
-            "there is no solution in this folder",
+            f"there is no {'smoothed ' if name == 'smoothed' else ''}solution in this folder",
             where=str(folder),
-            why="neither solution.csv nor solution.parquet",
+            why=f"neither {name}.csv nor {name}.parquet",
             fix="give a folder that `insnav run` has written",
         )
     try:

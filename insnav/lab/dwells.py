@@ -13,6 +13,7 @@ from numpy.polynomial import Polynomial
 
 from insnav.exceptions import InputError
 from insnav.types import FloatArray
+from insnav.units import UNITS
 
 ORDER = 7  # of the polynomial
 LIMIT_V = 0.005  # samples further from it are dropped [V]
@@ -49,6 +50,18 @@ class Dwells:
     def raw(self) -> bool:
         """Whether there were samples to clean, not one mean a dwell."""
         return bool((self.count > 1).any())
+
+
+def default_limit(unit: str) -> float:
+    """Distance from the polynomial beyond which samples are dropped, in their unit: none but of volts.
+
+    Parameters
+    ----------
+    unit : str
+        Of the samples.
+    """
+    dimension, factor = UNITS[unit]
+    return LIMIT_V / factor if dimension == "signal" and unit != "LSB" else float("inf")
 
 
 def clean_mean(time: FloatArray, samples: FloatArray, limit: float, *, where: str = "") -> tuple[float, float, int]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from insnav.earth import radii
+from insnav.imu.dynamic_map import AxisMap, DynamicMap
 from insnav.imu.model import ImuErrors, correct, corrupt
 from insnav.simulate.closed_forms import circle, straight
 from insnav.simulate.measure import imu_from_truth, reference
@@ -42,6 +43,10 @@ class Calibrated:
         [rad/s], [m/s^2].
     gyro_matrix_sd, accel_matrix_sd : (3, 3) array
         [-].
+    g_sensitivity_sd : (3, 3) array
+        [rad/s/(m/s^2)].
+    gyro_map_covariance : tuple of (k, k) array or None
+        Of the errors at the knots of the map of each gyro [rad^2/s^2].
     """
 
     errors: ImuErrors
@@ -49,6 +54,34 @@ class Calibrated:
     gyro_matrix_sd: FloatArray = field(default_factory=_none)
     accel_bias_sd: FloatArray = field(default_factory=_zeros)
     accel_matrix_sd: FloatArray = field(default_factory=_none)
+    g_sensitivity_sd: FloatArray = field(default_factory=_none)
+    gyro_map_covariance: tuple[FloatArray | None, ...] = (None, None, None)
+
+    def corrected_sd(self, rate: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Uncertainty of corrected rates and specific forces that comes from the calibration alone.
+
+        Parameters
+        ----------
+        rate, force : (n, 3) array
+            True ones [rad/s], [m/s^2].
+
+        Returns
+        -------
+        rate_sd, force_sd : (n, 3) array
+            One standard deviation, bias and each element of the matrix taken as independent, sensors as nearly those
+            of a perfect triad [rad/s], [m/s^2].
+        """
+        of_rate = rate**2 @ self.gyro_matrix_sd.T**2 + force**2 @ self.g_sensitivity_sd.T**2 + self.gyro_bias_sd**2
+        known = (
+            ()
+            if self.errors.gyro_map is None
+            else zip(self.errors.gyro_map.axes, self.gyro_map_covariance, strict=True)
+        )
+        for axis, (item, spread) in enumerate(known):
+            if item is not None and spread is not None:
+                share = np.column_stack([np.interp(rate[:, axis], item.rate, row) for row in np.eye(item.rate.size)])
+                of_rate[:, axis] += np.sum((share @ spread) * share, axis=1)
+        return np.sqrt(of_rate), np.sqrt(force**2 @ self.accel_matrix_sd.T**2 + self.accel_bias_sd**2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,13 +157,28 @@ def minute_effect(calibrated: Calibrated, *, seed: int = 1) -> tuple[Effect, ...
 
 
 def _drawn(known: ImuErrors, calibrated: Calibrated, rng: np.random.Generator) -> ImuErrors:
+    gyro_map, terms = known.gyro_map, known.gyro_terms
+    if gyro_map is not None:
+        maps = zip(gyro_map.axes, calibrated.gyro_map_covariance, strict=True)
+        gyro_map = DynamicMap(*(_drawn_map(item, spread, rng) for item, spread in maps))
+    if terms is not None:
+        drawn = calibrated.g_sensitivity_sd * rng.standard_normal((3, 3))
+        terms = replace(terms, g_sensitivity=terms.g_sensitivity + drawn)
     return replace(
         known,
         gyro_bias=known.gyro_bias + calibrated.gyro_bias_sd * rng.standard_normal(3),
         gyro_matrix=known.gyro_matrix + calibrated.gyro_matrix_sd * rng.standard_normal((3, 3)),
         accel_bias=known.accel_bias + calibrated.accel_bias_sd * rng.standard_normal(3),
         accel_matrix=known.accel_matrix + calibrated.accel_matrix_sd * rng.standard_normal((3, 3)),
+        gyro_map=gyro_map,
+        gyro_terms=terms,
     )
+
+
+def _drawn_map(item: AxisMap | None, spread: FloatArray | None, rng: np.random.Generator) -> AxisMap | None:
+    if item is None or spread is None:
+        return item
+    return replace(item, error=item.error + np.linalg.cholesky(spread) @ rng.standard_normal(item.rate.size))
 
 
 def _error(path: Trajectory, imu: ImuData) -> float:

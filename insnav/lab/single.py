@@ -16,14 +16,16 @@ from insnav.exceptions import InputError
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw import RawScale
 from insnav.io.schema import Quantity
-from insnav.lab.dwells import LIMIT_V, Dwells, dwell_warnings, reduce_dwells
+from insnav.lab.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
 from insnav.lab.effect import Calibrated
 from insnav.lab.rate_table import RateTable, calibrate_rate_table
 from insnav.lab.tables import BenchTable, read_bench
 from insnav.lab.tumble import USUAL, Tumble, calibrate_tumble
 from insnav.types import FloatArray
-from insnav.units import DEG, UNITS
+from insnav.units import DEG, G0, UNITS
 
+WRONG_UNIT = 0.25  # scale factor error that no sensor with a digital output has
+USUAL_RATES = 10  # ± 10, 20, 40, 60, 80 deg/s
 _OUTPUT = ("output", "voltage", "volts", "u", "signal", "measured")
 RATE_TABLE = (
     Quantity("rate", "rate_deg_s", "rate", "deg/s", ("rate", "tablerate", "angularrate", "omega", "w")),
@@ -104,8 +106,7 @@ def read_record(
     key = "output" if "output" in table.columns else "sensed"
     unit = table.units[key] if key == "output" else schema[2].unit
     values = table.columns[key] / (1.0 if key == "output" else UNITS[unit][1])
-    volts = unit != "LSB" and UNITS[unit][0] == "signal"
-    limit = spike_limit if spike_limit is not None else LIMIT_V / UNITS[unit][1] if volts else np.inf
+    limit = spike_limit if spike_limit is not None else default_limit(unit)
     dwells = reduce_dwells(table.columns[setting][:, None], values[:, None], limit, table.get("time"), where=table.name)
     said = dwell_warnings(dwells, ("output",), table.get("temperature"))
     return Record(table, dwells, unit, said)
@@ -124,11 +125,13 @@ def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> R
     Raises
     ------
     InputError
-        See `calibrate_rate_table`.
+        See `calibrate_rate_table`; or a digital output in another unit than its column says.
     """
     # the table's rates are round numbers in deg/s: keep them so
     rate = np.round(record.setting / DEG, 9)
-    return calibrate_rate_table(rate, record.output, keep, where=record.table.name)
+    found = calibrate_rate_table(rate, record.output, keep, where=record.table.name)
+    _refuse_unit(record, float(found.fit.value[1]))
+    return found
 
 
 def calibrate_accel(record: Record) -> Tumble:
@@ -142,9 +145,38 @@ def calibrate_accel(record: Record) -> Tumble:
     Raises
     ------
     InputError
-        See `calibrate_tumble`.
+        See `calibrate_tumble`; or a digital output in another unit than its column says.
     """
-    return calibrate_tumble(record.setting, record.output, where=record.table.name)
+    found = calibrate_tumble(record.setting, record.output, where=record.table.name)
+    _refuse_unit(record, float(found.fit.value[1]) / G0)
+    return found
+
+
+def _refuse_unit(record: Record, scale: float) -> None:
+    """Refuse a digital output that is not in the unit of its column; volts and counts may have any scale."""
+    if not record.raw and abs(scale - 1.0) > WRONG_UNIT:
+        raise InputError(
+            "the output is not in the unit of its column",
+            where=record.table.name,
+            why=f"its scale factor comes out as {scale:.4g}, for {record.unit}",
+            fix="turn the sign of the table or of the sensor" if scale < 0.0 else "check the units in the headers",
+        )
+
+
+def rate_table_warnings(found: RateTable) -> tuple[str, ...]:
+    """Say what is wrong with a rate table that could still be used."""
+    said = []
+    used = np.unique(found.rate[found.used])
+    left = [item for item in found.dropped if np.isfinite(item.limit) and not item.reason.startswith("outside")]
+    if left:
+        said.append(
+            f"{len(left)} of {found.rate.size} rates were left out: the output has left the straight line there"
+        )
+    if used.size < USUAL_RATES:
+        said.append(f"only {used.size} different rates; {USUAL_RATES} or more are usual")
+    if used[0] >= 0.0 or used[-1] <= 0.0:
+        said.append("one sense of rotation only: a scale factor that differs between the senses is in the zero")
+    return tuple(said)
 
 
 def tumble_warnings(found: Tumble) -> tuple[str, ...]:

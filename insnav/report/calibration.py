@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from insnav.imu.model import ImuErrors
-from insnav.lab.effect import Effect
+from insnav.lab.effect import Calibrated, Effect
 from insnav.lab.fit import Fit
 from insnav.lab.tables import BenchTable
 from insnav.report.labels import number
 from insnav.report.sheet import Table
+from insnav.units import DEG, G0
 
 COLUMNS = ("parameter", "value", "1 sd", "95 % interval ±", "unit")
 BADLY_CONDITIONED = 30.0  # beyond it the parameters are hardly told apart
@@ -87,7 +88,9 @@ def rounded(value: float, sd: float) -> str:
     return text.rstrip(".")
 
 
-def quality_table(fits: Mapping[str, Fit], unit: str, settings: Mapping[str, Sequence[str]]) -> Table:
+def quality_table(
+    fits: Mapping[str, Fit], unit: str, settings: Mapping[str, Sequence[str]], factor: float = 1.0
+) -> Table:
     """How well each fit holds: scatter, worst residual, condition.
 
     Parameters
@@ -98,15 +101,17 @@ def quality_table(fits: Mapping[str, Fit], unit: str, settings: Mapping[str, Seq
         Of the residuals.
     settings : mapping of str to sequence of str
         What was set in each row of each fit, in words.
+    factor : float
+        From the unit of the fits to that shown.
     """
     rows = tuple(
         (
             name,
             str(fit.residual.size),
             str(fit.dof),
-            number(fit.rms),
-            number(fit.sigma),
-            f"{number(abs(float(fit.residual[fit.worst])))} at {settings[name][fit.worst]}",
+            number(fit.rms * factor),
+            number(fit.sigma * factor),
+            f"{number(abs(float(fit.residual[fit.worst])) * factor)} at {settings[name][fit.worst]}",
             number(fit.condition),
         )
         for name, fit in fits.items()
@@ -153,6 +158,39 @@ def effect_table(effects: Sequence[Effect], note: str = "") -> Table:
     return Table("Effect of the calibration on navigation", columns, rows, (told + note).rstrip())
 
 
+def corrected_table(calibrated: Calibrated) -> Table:
+    """How sure corrected rates and specific forces are, as far as the calibration goes.
+
+    Parameters
+    ----------
+    calibrated : Calibrated
+    """
+    still, x, g = np.zeros((1, 3)), np.array([[1.0, 1.0, 1.0]]), np.array([[0.0, 0.0, -G0]])
+    rows = []
+    rest, up = calibrated.corrected_sd(still, g)
+    turning, _ = calibrated.corrected_sd(100.0 * DEG * x / np.sqrt(3.0), g)
+    cases = [
+        ("rate at rest, z down", rest / DEG, "deg/s"),
+        ("rate at 100 deg/s about (1, 1, 1)", turning / DEG, "deg/s"),
+        ("specific force at rest, z down", up / (1e-3 * G0), "mg"),
+    ]
+    for what, sd, unit in cases:
+        if np.any(sd):
+            rows.append((what, *(number(float(value), 2) for value in sd[0]), unit))
+    note = "1 sd from the uncertainty of the calibration alone, without noise and drift after it"
+    return Table("Corrected data", ("", "x", "y", "z", "unit"), tuple(rows), note)
+
+
+def minute_facts(effects: Sequence[Effect]) -> list[dict[str, Any]]:
+    """What the calibration is worth, for ``run.json``.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+    """
+    return [{"motion": e.motion, "without_m": e.without, "with_m": e.corrected} for e in effects]
+
+
 def base_facts(
     method: str,
     tables: Sequence[BenchTable],
@@ -177,12 +215,12 @@ def base_facts(
         "parameters": [
             {"name": p.name, "value": p.value, "sd": p.sd, "half_width_95": p.half_width, "unit": p.unit} for p in items
         ],
-        "minute": [{"motion": e.motion, "without_m": e.without, "with_m": e.corrected} for e in effects],
+        "minute": minute_facts(effects),
         "warnings": list(warnings),
     }
 
 
-def fit_facts(fits: Mapping[str, Fit], unit: str) -> list[dict[str, Any]]:
+def fit_facts(fits: Mapping[str, Fit], unit: str, factor: float = 1.0) -> list[dict[str, Any]]:
     """Scatter and condition of fits for ``run.json``.
 
     Parameters
@@ -190,15 +228,17 @@ def fit_facts(fits: Mapping[str, Fit], unit: str) -> list[dict[str, Any]]:
     fits : mapping of str to Fit
     unit : str
         Of the residuals.
+    factor : float
+        From the unit of the fits to that shown.
     """
     return [
         {
             "name": name,
             "points": fit.residual.size,
             "degrees_of_freedom": fit.dof,
-            "rms": fit.rms,
-            "sd": fit.sigma,
-            "worst": float(np.abs(fit.residual).max()),
+            "rms": fit.rms * factor,
+            "sd": fit.sigma * factor,
+            "worst": float(np.abs(fit.residual).max()) * factor,
             "unit": unit,
             "condition": fit.condition,
         }

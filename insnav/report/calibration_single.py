@@ -10,7 +10,7 @@ import numpy as np
 from insnav.lab.effect import Calibrated, Effect
 from insnav.lab.fit import Fit
 from insnav.lab.rate_table import RateTable
-from insnav.lab.single import Record, tumble_warnings
+from insnav.lab.single import Record, rate_table_warnings, tumble_warnings
 from insnav.lab.tumble import Tumble
 from insnav.report.calibration import (
     base_facts,
@@ -60,6 +60,9 @@ def gyro_report(
         name: [f"{rate:+g} deg/s" for rate in item.rate[item.used]] for name, item in zip(names, found, strict=True)
     }
     warnings = _common_warnings(records, names, fits)
+    warnings += tuple(
+        f"{name}: {line}" for name, item in zip(names, found, strict=True) for line in rate_table_warnings(item)
+    )
     if len(records) == 1:
         warnings += (_ONE_FOR_ALL,)
     dropped = [(name, drop) for name, item in zip(names, found, strict=True) for drop in item.dropped]
@@ -68,7 +71,7 @@ def gyro_report(
         f"chance explains up to {number(drop.limit, 2)} {unit}"
         for name, drop in dropped
     ]
-    summary = [f"{p.name} {number(p.value, 4)} ± {number(p.sd, 2)} {p.unit}" for p in items]
+    summary = [f"{p.name} {_short(p.value)} ± {number(p.sd, 2)} {p.unit}" for p in items]
     tables = [
         parameter_table("Output = U0 + K rate", items),
         *_senses(names, found, units),
@@ -168,7 +171,7 @@ def accel_report(
     facts |= {"fits": fit_facts(fits, unit), "gravity_m_s2": gravity}
     sheet = Sheet(
         "Accelerometers tumbled in gravity",
-        tuple(f"{p.name} {number(p.value, 4)} ± {number(p.sd, 2)} {p.unit}" for p in items),
+        tuple(f"{p.name} {_short(p.value)} ± {number(p.sd, 2)} {p.unit}" for p in items),
         (
             parameter_table("Output = K0 + K1 ai + K2 ai² + K3 ai ao", items, "ai = sin, ao = cos of the angle, in g"),
             quality_table(fits, unit, settings),
@@ -183,6 +186,12 @@ def accel_report(
         warnings,
     )
     return sheet, facts
+
+
+def _short(value: float) -> str:
+    """Four digits, and four decimals as such calibrations are published."""
+    size = abs(value)
+    return number(value, 4) if size < 0.1 or size >= 1000.0 else f"{value:.4f}"
 
 
 def _names(count: int) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 from insnav.errors.metrics import accuracy, nees, position_errors
 from insnav.exceptions import InputError
 from insnav.io.text import plain_text
-from insnav.io.write import read_solution
+from insnav.io.write import has_smoothed, read_solution
 from insnav.report.labels import number
 from insnav.types import BoolArray, FloatArray, Trajectory
 
@@ -48,8 +48,9 @@ def compare(runs: Sequence[Path], reference: Trajectory, *, lever_b: FloatArray 
     Returns
     -------
     list of dict
-        For each run its ``run`` (name of the folder), ``accuracy`` as of `insnav.errors.metrics.accuracy`,
-        and ``consistency`` as of `insnav.errors.metrics.nees`.
+        For each run, and again for its smoothed solution if there is one: ``run`` (name of the folder), ``solution``
+        (``filter`` or ``smoothed``), ``accuracy`` as of `insnav.errors.metrics.accuracy`, and ``consistency`` as of
+        `insnav.errors.metrics.nees`.
 
     Raises
     ------
@@ -57,9 +58,10 @@ def compare(runs: Sequence[Path], reference: Trajectory, *, lever_b: FloatArray 
         A folder without a solution, or no epoch that all runs and the reference share.
     """
     errors = []
-    for run in runs:
+    wanted = [(run, which) for run in runs for which in ("solution", *(("smoothed",) if has_smoothed(run) else ()))]
+    for run, which in wanted:
         try:
-            errors.append(position_errors(read_solution(run), reference, lever_b=lever_b))
+            errors.append(position_errors(read_solution(run, which), reference, lever_b=lever_b))
         except InputError as error:
             error.where = error.where or plain_text(run)
             raise
@@ -69,16 +71,17 @@ def compare(runs: Sequence[Path], reference: Trajectory, *, lever_b: FloatArray 
             "these runs have no time in common",
             why="; ".join(
                 f"{run.name}: {each.time[0]:.1f} to {each.time[-1]:.1f} s"
-                for run, each in zip(runs, errors, strict=True)
+                for (run, _), each in zip(wanted, errors, strict=True)
             ),
             fix="compare runs of the same recording",
         )
     rows = []
-    for run, each in zip(runs, errors, strict=True):
+    for (run, which), each in zip(wanted, errors, strict=True):
         counted: BoolArray = np.isin(each.time, shared)
         rows.append(
             {
                 "run": plain_text(run.resolve().name),
+                "solution": "smoothed" if which == "smoothed" else "filter",
                 "accuracy": accuracy(each, counted),
                 "consistency": nees(each, counted),
             }
@@ -99,11 +102,12 @@ def comparison_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
         A heading, one line a run, and what the columns are; what the reference does not know is left out.
     """
     columns = [column for column in _COLUMNS if rows[0]["accuracy"][column[1]] is not None]
-    name = max(len("run"), *(len(row["run"]) for row in rows))
+    names = ["  smoothed" if row["solution"] == "smoothed" else row["run"] for row in rows]
+    name = max(len("run"), *map(len, names))
     lines = [f"{'run':<{name}}" + "".join(f"{heading:>9}" for heading, _, _ in columns) + f"{'in 3 sd':>10}"]
-    for row in rows:
+    for text, row in zip(names, rows, strict=True):
         cells = "".join(f"{number(row['accuracy'][quantity][figure]):>9}" for _, quantity, figure in columns)
-        lines.append(f"{row['run']:<{name}}{cells}{_inside(row['consistency']):>10}")
+        lines.append(f"{text:<{name}}{cells}{_inside(row['consistency']):>10}")
     return [
         *lines,
         f"{rows[0]['accuracy']['n']} epochs of the reference that every run covers; RMS, and of the",

@@ -40,6 +40,7 @@ def test_published_rate_table_on_the_terminal(bench: Path, cli: Cli) -> None:
     assert "leaves out +80 deg/s: saturated" in shown.out
     assert "20 sd of the fit; residual -0.0967 V, chance explains up to 0.021 V" in shown.out
     assert shown.out.count("leaves out") == 2
+    assert "2 of 27 rates were left out" in shown.out
     verify_folder(Path("calibration"))
     facts = read_facts(Path("calibration"))
     assert [item["rate_deg_s"] for item in facts["dropped"]] == [80.0, 90.0]
@@ -56,6 +57,8 @@ def test_published_tumble_on_the_terminal(bench: Path, cli: Cli) -> None:
     facts = read_facts(Path("calibration"))
     assert np.round([p["value"] for p in facts["parameters"]], 4).tolist() == [-0.1847, -2.4121, 0.0113, -0.0211]
     assert round(facts["fits"][0]["rms"], 4) == 0.0260
+    for printed in ("K0 -0.1847 ", "K1 -2.4121 ", "K2 0.01127 ", "K3 -0.02113 "):
+        assert printed in shown.out
     assert "RMS: root of the sum of squares over the number of points" in shown.out
     assert "Effect of the calibration on navigation" in shown.out
     assert all(e["with_m"] < e["without_m"] for e in facts["minute"])

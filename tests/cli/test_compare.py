@@ -21,9 +21,10 @@ def two_runs(drive: Path, cli: Cli) -> Path:
 def test_one_line_a_run_with_the_figures_of_the_run_itself(two_runs: Path, cli: Cli):
     shown = cli("compare", "right", "wrong", "--ref", "ref.csv")
     assert shown.code == 0, shown.err
-    heading, *rows = shown.out.splitlines()[:3]
+    heading, *lines = shown.out.splitlines()[:5]
     assert heading.split()[0] == "run"
-    assert [row.split()[0] for row in rows] == ["right", "wrong"]
+    assert [line.split()[0] for line in lines] == ["right", "smoothed", "wrong", "smoothed"]
+    rows = lines[::2]
     for row in rows:
         accuracy = read_facts(Path(row.split()[0]))["accuracy"]["all"]
         expected = [accuracy[name]["rms"] for name in ("north_m", "east_m", "down_m", "horizontal_m")]
@@ -37,7 +38,10 @@ def test_json_holds_the_same_figures(two_runs: Path, cli: Cli):
     shown = cli("compare", "right", "wrong", "--ref", "ref.csv", "--json")
     assert shown.err == ""
     rows = json.loads(shown.out)
-    assert [row["run"] for row in rows] == ["right", "wrong"]
+    assert [(row["run"], row["solution"]) for row in rows] == [
+        (name, which) for name in ("right", "wrong") for which in ("filter", "smoothed")
+    ]
+    assert rows[1]["accuracy"]["horizontal_m"]["rms"] < rows[0]["accuracy"]["horizontal_m"]["rms"]
     own = read_facts(Path("right"))["accuracy"]["all"]["horizontal_m"]["rms"]
     # the table rounds times to a microsecond, 20 um at 20 m/s
     assert rows[0]["accuracy"]["horizontal_m"]["rms"] == pytest.approx(own, abs=2e-5)

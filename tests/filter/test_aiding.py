@@ -9,6 +9,7 @@ import pytest
 
 from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_multiply
 from insnav.earth import lla_offset, ned_offset
+from insnav.filter import FilterSettings, Navigator
 from insnav.filter.aiding import Aiding, Wheels
 from insnav.filter.correlation import CorrelatedNoise
 from insnav.filter.learn import learn, rests
@@ -282,3 +283,21 @@ def test_a_barometer_holds_the_height_without_fixes():
     print("height error after 59 s:", errors, "sd", second.solution.sd[row, 2])
     assert errors[1] < max(0.3 * errors[0], 0.5)
     assert errors[1] < 4.0 * second.solution.sd[row, 2]
+
+
+def test_rows_at_the_epochs_hold_what_came_of_them():
+    """Where fix and rest are used at the same time, too: the smoother counts on it."""
+    _, fixes, start = recording(3)
+    imu = drives.perfect_imu(100.0)  # rest is used four times a second: at every fix, too
+    stretches, rate_sd, _ = rests(imu, fixes, drives.SPEC)
+    settings = FilterSettings(aiding=Aiding(None, None, stretches, 0.02, rate_sd), lever_b=drives.LEVER_B)
+    every = range(fixes.time.shape[0])
+    navigator = Navigator(start.initial, drives.MODEL, fixes, start.alignment, 0.01, settings, marks=every)
+    navigator.feed(imu)
+    solution = navigator.finish().solution
+    kept = list(navigator.kept.values())
+    rows = np.searchsorted(solution.time, [state.time - 1e-6 for state in kept])
+    assert len(kept) > 200
+    np.testing.assert_allclose(solution.time[rows], [state.time for state in kept], rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(solution.v_n[rows], [state.x[3:6] for state in kept])
+    np.testing.assert_array_equal(solution.lla[rows], [state.x[:3] for state in kept])

@@ -46,3 +46,22 @@ def test_white_errors_do_not_last(interval, errors):
 def test_nor_do_those_of_an_aircraft():
     gps = aircraft()
     assert [correlated_noise(corrupt_gps(gps, WHITE, seed), 0.0) for seed in SEEDS] == [None] * len(SEEDS)
+
+
+@pytest.mark.parametrize(("lasting", "time"), [(1.3, 100.0), (2.5, 60.0)])
+def test_on_a_short_drive_what_the_claimed_variance_lacks_is_taken_to_last(lasting, time):
+    gps = drives.perfect_gps(1.0, laps=6)  # seven and a half minutes
+    white = 0.55 * lasting
+    errors = GpsErrors((white, white, 2 * white), (lasting, lasting, 2 * lasting), time, (0.05, 0.05, 0.1))
+    found = [correlated_noise(corrupt_gps(gps, errors, seed), 0.0) for seed in SEEDS]
+    assert None not in found
+    share = [each.share for each in found if each]
+    np.testing.assert_allclose(share, lasting**2 / (lasting**2 + white**2), atol=0.08)
+    assert np.median([each.time for each in found if each]) == pytest.approx(time, rel=0.5)
+
+
+def test_a_variance_that_nobody_claims_tells_nothing():
+    gps = drives.perfect_gps(1.0, laps=4)
+    errors = GpsErrors((0.7, 0.7, 1.4), (1.3, 1.3, 2.6), 100.0, (0.05, 0.05, 0.1))
+    assert correlated_noise(corrupt_gps(gps, errors, 1), 0.0) is not None
+    assert correlated_noise(corrupt_gps(gps, errors, 1), 0.0, claimed=False) is None

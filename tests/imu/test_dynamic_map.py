@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuErrors, calibration_to_toml, correct, corrupt, load_calibration
 from insnav.imu.dynamic_map import AxisMap, DynamicMap
+from insnav.imu.terms import ErrorTerms
 from insnav.types import ImuData
 
 BENT = AxisMap(np.array([-4.0, -1.0, 0.5, 3.0]), np.array([0.2, -0.1, 0.05, -0.3]))
@@ -41,18 +43,30 @@ def test_what_is_no_map_is_refused(rate: list[float], error: list[float], why: s
         AxisMap(np.array(rate), np.array(error))
 
 
+TERMS = ErrorTerms(asymmetry=np.array([1e-3, -2e-3, 0.0]), g_sensitivity=1e-4 * np.arange(9.0).reshape(3, 3))
+SIZE = ErrorTerms(positions=np.array([[0.0, 0.1, 0.0], [0.2, 0.0, 0.1], [0.0, 0.0, 0.3]]))
+
+
 @pytest.mark.parametrize("sampling", ["mean", "increment"])
-def test_correct_undoes_corrupt_also_from_the_file(tmp_path: Path, sampling: str) -> None:
+@pytest.mark.parametrize("terms", [(None, None), (TERMS, None), (TERMS, SIZE)])
+def test_correct_undoes_corrupt_also_from_the_file(
+    tmp_path: Path, sampling: str, terms: tuple[ErrorTerms | None, ErrorTerms | None]
+) -> None:
     rng = np.random.default_rng(3)
     time = 0.01 * np.arange(1, 401)
     scale = 0.01 if sampling == "increment" else 1.0
     imu = ImuData(time, scale * 3.0 * rng.normal(size=(400, 3)), scale * rng.normal(size=(400, 3)), sampling)
-    errors = ImuErrors(np.full(3, 0.1), np.eye(3) + 0.05 * rng.normal(size=(3, 3)), gyro_map=DynamicMap(x=BENT, z=BENT))
+    matrix = np.eye(3) + 0.05 * rng.normal(size=(3, 3))
+    gyro_terms, accel_terms = terms
+    errors = ImuErrors(
+        np.full(3, 0.1), matrix, gyro_map=DynamicMap(x=BENT, z=BENT), gyro_terms=gyro_terms, accel_terms=accel_terms
+    )
     (tmp_path / "calibration.toml").write_text(calibration_to_toml(errors))
     again = load_calibration(tmp_path / "calibration.toml")
     back = correct(corrupt(imu, errors), again)
     np.testing.assert_allclose(back.gyro, imu.gyro, atol=1e-12)
-    without = correct(corrupt(imu, errors), ImuErrors(errors.gyro_bias, errors.gyro_matrix))
+    np.testing.assert_allclose(back.accel, imu.accel, atol=1e-12)
+    without = correct(corrupt(imu, errors), replace(errors, gyro_map=None))
     assert np.abs(without.gyro[:, [0, 2]] - imu.gyro[:, [0, 2]]).max() > 0.01 * scale
     np.testing.assert_allclose(without.gyro[:, 1], imu.gyro[:, 1], atol=2e-2 * scale)
 

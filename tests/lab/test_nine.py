@@ -29,11 +29,13 @@ def true_gyro(modules: Modules) -> np.ndarray:
     return modules.gyro / np.diag(modules.gyro)[:, None]
 
 
-@pytest.mark.parametrize("positions", [NINE, np.vstack((NINE, UPRIGHT))], ids=["nine", "nine and upright"])
-def test_everything_is_recovered_within_the_printed_interval(positions: np.ndarray) -> None:
+@pytest.mark.parametrize(
+    ("positions", "seeds"), [(NINE, SEEDS), (np.vstack((NINE, UPRIGHT)), SEEDS // 2)], ids=["nine", "nine and upright"]
+)
+def test_everything_is_recovered_within_the_printed_interval(positions: np.ndarray, seeds: int) -> None:
     rng = np.random.default_rng(1)
     inside = {"bias": [], "accel": [], "gyro": []}
-    for _ in range(SEEDS):
+    for _ in range(seeds):
         modules = make(rng, 0.002, 0.002)
         found = solve(modules, 0.005, rng, positions)
         inside["bias"].append(np.abs(found.bias - modules.bias) < found.half_width(found.bias_sd, first_order=False))
@@ -43,8 +45,9 @@ def test_everything_is_recovered_within_the_printed_interval(positions: np.ndarr
         inside["gyro"].append((np.abs(error) < found.half_width(found.gyro_matrix_sd, first_order=True))[OFF])
     for name, hits in inside.items():
         share = np.mean(hits, axis=0)
-        assert np.mean(share) == pytest.approx(0.95, abs=0.025), name  # neither too narrow nor too wide
-        assert share.min() > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / SEEDS), name
+        # neither too narrow nor too wide; the mean scatters with the number of seeds
+        assert np.mean(share) == pytest.approx(0.95, abs=0.025 * np.sqrt(SEEDS / seeds)), name
+        assert share.min() > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / seeds), name
 
 
 def test_large_misalignments_stay_within_the_interval_for_second_order() -> None:

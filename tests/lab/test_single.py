@@ -18,6 +18,7 @@ from insnav.lab.single import (
     calibrate_gyro,
     carried_over,
     gyro_errors,
+    rate_table_warnings,
     read_record,
     tumble_warnings,
 )
@@ -91,6 +92,17 @@ def test_raw_dwells_are_cleaned_of_drift_and_spikes(tmp_path: Path) -> None:
     assert calibrate_gyro(kept).fit.value[0] - 0.2 > 1e-3  # the spikes all go one way
 
 
+def test_what_is_unusual_about_a_rate_table_is_told(tmp_path: Path) -> None:
+    usual = calibrate_gyro(published("gyro_rate_table.csv", RATE_TABLE), (-75.0, 75.0))
+    assert rate_table_warnings(usual) == ()
+    (line,) = rate_table_warnings(calibrate_gyro(published("gyro_rate_table.csv", RATE_TABLE)))
+    assert line.startswith("2 of 27 rates were left out")
+    path = table(tmp_path / "x.csv", "rate_deg_s,output_v", RATES[5:], 0.2 + 0.05 * RATES[5:])
+    few, one_sense = rate_table_warnings(calibrate_gyro(read_record(path, RATE_TABLE)))
+    assert "only 6 different rates" in few
+    assert "one sense of rotation only" in one_sense
+
+
 def test_published_tumble() -> None:
     found = calibrate_accel(published("accel_tumble_12.csv", TUMBLE))
     assert np.round(found.fit.value, 4).tolist() == [-0.1847, -2.4121, 0.0113, -0.0211]
@@ -151,6 +163,8 @@ def test_both_triads_fit_into_one_file(tmp_path: Path) -> None:
         ("output_v,rate_deg_s", (RATES, 0.2137 + 0.04877 * RATES), "seem to be exchanged"),
         ("rate_deg_s,output", (RATES, RATES), "no unit"),
         ("rate_deg_s,output_m", (RATES, RATES), "no column for output"),
+        ("rate_deg_s,output_deg_s", (RATES, np.radians(RATES)), "not in the unit of its column"),
+        ("rate_deg_s,output_deg_s", (RATES, -RATES), "turn the sign"),
         ("rate_deg_s,output_v", (RATES[:4], RATES[:4]), "too few rates"),
         ("rate_deg_s,output_v", (RATES, 0.01 * np.cos(RATES)), "does not follow the rate"),
         ("rate_deg_s,output_v", (RATES, np.where(RATES == 20.0, np.nan, RATES)), "a value is missing"),
@@ -172,6 +186,7 @@ VOLTS = 2.0 * np.sin(np.radians(ANGLES))
         ("angle_deg,output_v", (np.radians(ANGLES), VOLTS), "these angles are not degrees"),
         ("output_v,angle_deg", (ANGLES, VOLTS), "not degrees"),
         ("angle_deg,output_v", (ANGLES, np.cos(np.radians(ANGLES))), "does not follow gravity"),
+        ("angle_deg,output_m_s2", (ANGLES, np.sin(np.radians(ANGLES))), "not in the unit of its column"),
         ("angle_deg,output_v", (ANGLES[::3], VOLTS[::3]), "too few positions"),
     ],
 )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import typer
 
-from insnav.cli.calibrate import accel, gyro, nine, rotor
+from insnav.cli.calibrate import accel, gyro, imu, nine, poses, rotor
 from insnav.cli.help import GroupedCommand
 
 SHORT_HELP = "Bench data to a calibration file: gyro, accel, imu, nine, poses, rotor."
 HELP = """Bench data to a calibration file, with the uncertainty of everything in it.
 
-Every method writes a folder with calibration.toml, for insnav run --calibration, and report.html.
+Every method writes a folder with report.html and, but for rotor, calibration.toml for insnav run --calibration.
 """
 
 app = typer.Typer(
@@ -22,5 +22,12 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-for _module, _command in ((gyro, gyro.gyro), (accel, accel.accel), (nine, nine.nine), (rotor, rotor.rotor)):
+for _module, _command in (
+    (gyro, gyro.gyro),
+    (accel, accel.accel),
+    (imu, imu.imu),
+    (nine, nine.nine),
+    (poses, poses.poses),
+    (rotor, rotor.rotor),
+):
     app.command(_command.__name__, cls=GroupedCommand, help=_module.HELP, short_help=_module.SHORT_HELP)(_command)

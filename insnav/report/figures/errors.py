@@ -88,7 +88,7 @@ def draw_errors(
                 fontsize=8.0,
                 color="#444444",
             )
-    legend_above(panels[0][0])
+    legend_above(panels[0][0], lift=1.0 if smoothed is None else 1.09)  # more entries than fit beside the title
     panels[-1][0].set_xlabel(clock.label)
     return figure
 

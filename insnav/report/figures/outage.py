@@ -31,7 +31,7 @@ def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], judge: str) 
     figure, panels = stacked(
         2,
         f"Error without GPS: {len(chosen)} windows of {longest:g} s",
-        f"against {judge}; thin: each window; the smoothed error is the largest in windows of 5 s and so on",
+        f"against {judge}, whose own error is in all lines; smoothed: the largest in windows of each length",
         height=7.2,
     )
     for (axes,), name, columns in zip(panels, ("horizontal", "vertical"), ((0, 1), (2,)), strict=True):
@@ -41,7 +41,9 @@ def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], judge: str) 
         time, rms, high, predicted = _over_time(chosen, columns)
         axes.plot(time, high, color=SKY, linewidth=1.4, label="95 %")
         axes.plot(time, rms, color=BLUE, linewidth=2.0, label="RMS")
-        axes.plot(time, predicted, color=BLACK, linewidth=1.4, linestyle="--", label="predicted sd")
+        axes.plot(
+            time, predicted, color=BLACK, linewidth=1.4, linestyle="--", label="predicted: sd of solution and judge"
+        )
         axes.plot(
             [each.length for each in sums],
             [each.quantities[f"smoothed {name}"][0] for each in sums],
@@ -65,11 +67,13 @@ def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], judge: str) 
 def _over_time(
     windows: Sequence[Outage], columns: tuple[int, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """RMS, 95 % quantile and predicted sd of the error at logarithmically spaced times."""
+    """RMS, 95 % quantile and predicted sd of the error, the judge's part in all, at logarithmically spaced times."""
     first = max(float(window.elapsed[0]) for window in windows)
     time = np.geomspace(max(first, 0.2), windows[0].length, _POINTS)
     size, sd = np.empty((len(windows), _POINTS)), np.empty((len(windows), _POINTS))
     for row, window in enumerate(windows):
         size[row] = np.interp(time, window.elapsed, np.linalg.norm(window.error[:, columns], axis=1))
-        sd[row] = np.interp(time, window.elapsed, np.linalg.norm(window.sd[:, columns], axis=1))
+        sd[row] = np.interp(
+            time, window.elapsed, np.linalg.norm(np.hypot(window.sd, window.judge_sd)[:, columns], axis=1)
+        )
     return time, np.sqrt(np.mean(size**2, axis=0)), np.quantile(size, 0.95, axis=0), np.sqrt(np.mean(sd**2, axis=0))

@@ -1,0 +1,66 @@
+"""``insnav calibrate imu``: three gyros swept over rates about three axes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from insnav.cli import options as opt
+from insnav.cli import parse
+from insnav.cli.calibrate import common
+from insnav.cli.console import Stages
+
+SHORT_HELP = "Gyro matrix and bias from rate sweeps, then compensation of what is left over the rate."
+HELP = """Full matrix and bias of three gyros from rate sweeps about three axes, then a piecewise-linear compensation.
+
+Three files, the table turned about x, about y, about z, each with rate_deg_s and the outputs of all three gyros,
+gyro_x_deg_s, gyro_y_deg_s, gyro_z_deg_s (or gyro_x_v, gyro_x_lsb …); or one file with rate_x_deg_s, rate_y_deg_s,
+rate_z_deg_s. One row a dwell, or all its samples in successive rows, for example -300 to 300 deg/s in steps of 10.
+Saturated rates are found and left out, and the borders of the pieces are found.
+
+\b
+Examples:
+  insnav calibrate imu about_x.csv about_y.csv about_z.csv
+  insnav calibrate imu sweeps.csv --add accels/calibration.toml --out imu7
+  insnav run drive.csv --gps gps.csv --calibration calibration/calibration.toml
+"""
+
+
+def imu(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE", help="Sweeps about x, y, z, or one.", rich_help_panel=opt.FILES)
+    ],
+    columns: common.Columns = None,
+    spike_limit: common.SpikeLimit = None,
+    add: common.Add = None,
+    name: common.Name = "",
+    out: common.Out = common.OUT,
+    force: opt.Force = False,
+    as_json: opt.Json = False,
+) -> None:
+    """Calibrate three gyros by sweeps."""
+    from insnav.cli import inputs
+    from insnav.io.folder import RunFolder
+
+    with RunFolder(out, force=force) as folder, Stages() as stage:
+        stage("reading")
+        from insnav.lab.effect import minute_effect
+        from insnav.lab.sweep import calibrate_sweeps, sweep_uncertainty
+        from insnav.lab.sweep_files import read_sweeps
+
+        with inputs.named_options():
+            record = read_sweeps(
+                files, columns=parse.columns(columns, "--columns"), spike_limit=common.limit(spike_limit)
+            )
+        stage("fitting")
+        found = calibrate_sweeps(record.rate, record.output, record.sd, raw=record.raw, where=record.name)
+        calibrated = sweep_uncertainty(found, record.unit, name)
+        stage("navigating")
+        effects = minute_effect(calibrated)
+        stage("writing")
+        from insnav.report.calibration_sweep import sweep_report
+
+        sheet, facts = sweep_report(record, found, calibrated, effects)
+        common.finish(folder, out, sheet, facts, common.with_other(calibrated.errors, add, "accel"), as_json=as_json)

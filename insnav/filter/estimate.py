@@ -1,0 +1,206 @@
+"""State, covariance and what the smoother is left, changed only together: predict, correct, restart."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insnav.exceptions import DivergenceError
+from insnav.filter.begin import layout, set_lasting, tie
+from insnav.filter.engine import Engine
+from insnav.filter.model import ErrorModel, FilterState
+from insnav.filter.record import Record
+from insnav.filter.settings import FilterSettings
+from insnav.filter.smoother import History
+from insnav.kernels import errorstate
+from insnav.types import Event, EventKind, FloatArray, Increments
+
+SUBSTEP = 0.1  # longest sub-step of transition and noise [s]
+# unseen change of rate [rad/s^2] and specific force [m/s^3] in a hole, and the most assumed of it [rad], [m/s]
+HOLE_NOISE = np.array([0.1, 0.5, 0.3, 20.0])
+NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame is no use [rad]
+ATTITUDE_RESET_SD = np.deg2rad([1.0, 1.0, 5.0])  # added at a reset [rad]
+VELOCITY_RESET_SD = 5.0  # velocity of a reset by fixes without velocity [m/s]
+
+
+class Estimate:
+    """What the filter believes.
+
+    Parameters
+    ----------
+    start : FilterState
+        Where to begin.
+    model : ErrorModel
+        Noise of the sensors.
+    settings : FilterSettings
+        Which states there are.
+    record : Record
+        Told of repairs.
+    coast : float
+        Longest time between filter epochs [s].
+
+    Attributes
+    ----------
+    x, correction, delay, lasting, lever, motion
+        See `insnav.filter.model.FilterState`.
+    at : Layout
+        Where the states stand.
+    span : (1,) array
+        Time since the last filter epoch [s].
+    history : History or None
+        For the smoother.
+    """
+
+    def __init__(
+        self, start: FilterState, model: ErrorModel, settings: FilterSettings, record: Record, coast: float
+    ) -> None:
+        self.at = layout(settings)
+        n = self.at.states
+        self.x, self.correction = start.x.copy(), start.correction.copy()
+        self.delay, self.lasting, self.lever = start.delay, start.lasting.copy(), start.lever_b.copy()
+        self.motion, self.span = start.motion.copy(), np.zeros(1)
+        self.history = History(n) if settings.smooth else None
+        self._engine = Engine(start.covariance)
+        self._model, self._correlated, self._record = model, settings.correlated, record
+        self._sums = np.zeros(errorstate.SUMS)
+        self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
+        self._work = errorstate.scratch(n)
+        self._limit = np.array([SUBSTEP, coast])
+        if self.history is not None:
+            self.history.epoch(start.time, self.x, self.correction, self._phi, self.covariance)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the error states, (n, n); do not change it."""
+        return self._engine.covariance
+
+    def kept(self, time: float) -> FilterState:
+        """Everything, to go on from another time."""
+        return FilterState(
+            time,
+            self.x.copy(),
+            self.correction.copy(),
+            self.delay,
+            self.lasting.copy(),
+            self.lever.copy(),
+            self.motion.copy(),
+            self.covariance.copy(),
+        )
+
+    def propagate(
+        self, inc: Increments, hole: FloatArray, first: int, last: int, close: bool, grid: FloatArray, out: Record.Rows
+    ) -> int:
+        """Carry the state over increments from `first`, at most to `last`; see `errorstate.propagate`."""
+        k: int
+        k, out.used = errorstate.propagate(
+            first,
+            last,
+            close,
+            inc.time,
+            inc.dt,
+            inc.dtheta,
+            inc.dvel,
+            inc.coning,
+            inc.sculling,
+            hole,
+            self.x,
+            self.correction,
+            self.motion,
+            self._sums,
+            self.span,
+            self._limit,
+            self._model.noise,
+            HOLE_NOISE,
+            self._model.decay,
+            self._phi,
+            self._q,
+            self.covariance,
+            grid,
+            out.time,
+            out.state,
+            out.variance,
+            out.used,
+            self._work,
+        )
+        return k
+
+    def predict(self, time: float) -> None:
+        """Carry the covariance to `time`: a filter epoch."""
+        if abs(self.x[0]) > NEXT_TO_POLE:
+            raise DivergenceError(
+                "the track comes within a kilometre of a pole",
+                where=f"time {time:.3f} s",
+                why="heading and longitude have no meaning there",
+                fix="cut the recording before it",
+            )
+        if self._correlated is not None:
+            fade = float(np.exp(-self.span[0] / self._correlated.time))
+            self.lasting *= fade
+            for i in range(3):
+                at = self.at.lasting + i
+                self._phi[at, at] = fade
+                self._q[at, at] = (1.0 - fade**2) * self._correlated.sd[i] ** 2
+        self._note_repair(time, self._engine.predict(self._phi, self._q, time))
+        if self.history is not None:
+            self.history.epoch(time, self.x, self.correction, self._phi, self.covariance)
+        errorstate.reset_transition(self._phi, self._q, self.span)
+
+    def epoch(self, time: float) -> None:
+        """Another epoch at the time of the last, for one more measurement."""
+        if self.history is not None:
+            self.history.epoch(time, self.x, self.correction, self._unity, self.covariance)
+
+    def correct(self, time: float, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
+        """Use a measurement: predicted minus measured, its derivative by the error states, its covariance."""
+        error, repaired = self._engine.update(z, h, r, time)
+        self._take(error)
+        self._note_repair(time, repaired)
+        if self.history is not None:
+            self.history.updated(self.x, self.correction)
+
+    def restart(self, time: float, z: FloatArray, position_sd: FloatArray, velocity_sd: FloatArray | None) -> None:
+        """Set position, and velocity if its standard deviation is given, to a fix, and say how little is known then.
+
+        Parameters
+        ----------
+        time : float
+            [s]
+        z : (6,) array
+            Predicted minus measured position [m] and velocity [m/s].
+        position_sd, velocity_sd : (3,) array
+            Standard deviation of the fix [m], [m/s].
+        """
+        p = self.covariance.copy()
+        error = np.zeros(p.shape[0])
+        error[:3] = z[:3]
+        p[:6, :] = p[:, :6] = 0.0
+        p[:3, :3] = np.diag((3.0 * position_sd) ** 2)
+        if velocity_sd is not None:
+            error[3:6] = z[3:]
+            p[3:6, 3:6] = np.diag((3.0 * velocity_sd) ** 2)
+        else:
+            p[3:6, 3:6] += VELOCITY_RESET_SD**2 * np.eye(3)
+        # whatever led here has probably spoilt the attitude as well
+        p[6:9, 6:9] += np.diag(ATTITUDE_RESET_SD**2)
+        if self._correlated is not None:
+            set_lasting(p, self.at.lasting, self._correlated.sd)
+            tie(p, self.at.lasting, self._correlated.sd)
+            self.lasting[:] = 0.0
+        errorstate.feed_back(self.x, self.correction, error)
+        self._engine.replace_covariance(p)
+        if self.history is not None:
+            self.history.restart(time, self.x, self.correction, p)
+
+    def _take(self, error: FloatArray) -> None:
+        """Take an estimated error off the state."""
+        errorstate.feed_back(self.x, self.correction, error)
+        at = self.at
+        if at.delay >= 0:
+            self.delay -= error[at.delay]
+        if at.lasting >= 0:
+            self.lasting -= error[at.lasting : at.lasting + 3]
+        if at.lever >= 0:
+            self.lever -= error[at.lever : at.lever + 3]
+
+    def _note_repair(self, time: float, repaired: bool) -> None:
+        if repaired:
+            self._record.event(Event(time, EventKind.REPAIR, 1.0, 0.0, "count", "negative variance set to zero"))

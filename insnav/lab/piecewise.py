@@ -1,0 +1,172 @@
+"""A line of straight pieces through points, borders and their number found from the points.
+
+A border is put where it takes most off the sum of squares, then all are moved in turn until none moves any more: the
+forward selection of hinges of J. H. Friedman, Multivariate Adaptive Regression Splines, Annals of Statistics 19
+(1991), section 3. How many there are is decided by an information criterion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.types import FloatArray, IntArray
+
+MOST = 12  # pieces
+FEWEST_POINTS = 3  # in a piece
+PENALTY = 3.0  # times log n for a border: in noise alone fewer than 1 in 100 records get one
+_ROUNDS = 20  # of moving borders
+_EXACT = 1e-9  # share of the spread of the points that counts as no misfit
+
+
+@dataclass(frozen=True, slots=True)
+class Pieces:
+    """Straight pieces that meet at their borders.
+
+    Attributes
+    ----------
+    knot : (k,) array
+        The two ends and the borders between, increasing.
+    value : (k,) array
+        Of the line at the knots.
+    covariance : (k, k) array
+        Of these, borders taken as known.
+    residual : (n,) array
+        Points minus line.
+    left_out : (n,) array
+        The same, each by a line fitted without that point, borders kept.
+    sigma : float
+        Standard deviation of a point of weight 1 about the line.
+    """
+
+    knot: FloatArray
+    value: FloatArray
+    covariance: FloatArray
+    residual: FloatArray
+    left_out: FloatArray
+    sigma: float
+
+    @property
+    def straight(self) -> bool:
+        """Whether there is no border."""
+        return self.knot.size == 2
+
+    @property
+    def slope_sd(self) -> FloatArray:
+        """Standard deviations of the slopes, (k - 1,)."""
+        c = self.covariance
+        variance = np.diag(c)[1:] + np.diag(c)[:-1] - 2.0 * np.diag(c, 1)
+        return np.asarray(np.sqrt(variance) / np.diff(self.knot))
+
+    @property
+    def slope(self) -> FloatArray:
+        """Of each piece, (k - 1,)."""
+        return np.diff(self.value) / np.diff(self.knot)
+
+
+def fit_pieces(x: FloatArray, y: FloatArray, weight: FloatArray | None = None) -> Pieces:
+    """Fit as many straight pieces as the points bear.
+
+    Parameters
+    ----------
+    x, y : (n,) array
+        Points, in any order; at least six different x.
+    weight : (n,) array, optional
+        How many points each stands for; default one.
+
+    Returns
+    -------
+    Pieces
+        Its ends are the outermost points.
+    """
+    order = np.argsort(x, kind="stable")
+    root = np.ones(x.size) if weight is None else np.sqrt(weight[order])
+    x, y = x[order], y[order]
+    points = _Points(x, root, root * y)
+    candidates = x[FEWEST_POINTS : x.size - FEWEST_POINTS]
+    floor = float(np.sum((_EXACT * root * np.ptp(y)) ** 2)) + 1e-300
+    borders = best = np.empty(0)
+    lowest = _criterion(points, borders, floor)
+    while borders.size + 1 < MOST:
+        added = _best_border(points, borders, candidates)
+        if added is None:
+            break
+        borders = _moved(points, np.sort(np.append(borders, added)), candidates)
+        criterion = _criterion(points, borders, floor)
+        if criterion < lowest:
+            best, lowest = borders, criterion
+    back = np.argsort(order)
+    return _fitted(points, np.concatenate((x[:1], best, x[-1:])), back)
+
+
+@dataclass(frozen=True, slots=True)
+class _Points:
+    """Increasing x, roots of the weights, and y times these."""
+
+    x: FloatArray
+    root: FloatArray
+    y: FloatArray
+
+
+def _hinges(points: _Points, borders: FloatArray) -> FloatArray:
+    """Functions that are zero up to a border and rise beyond it, weighted, (n, borders)."""
+    return np.asarray(np.maximum(points.x[:, None] - borders, 0.0) * points.root[:, None])
+
+
+def _rest(points: _Points, borders: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Orthonormal columns that span all lines with these borders, and what the best of these leaves."""
+    straight = np.column_stack((points.root, points.root * points.x))
+    q = np.linalg.qr(np.hstack((straight, _hinges(points, borders))))[0]
+    return q, np.asarray(points.y - q @ (q.T @ points.y))
+
+
+def _criterion(points: _Points, borders: FloatArray, floor: float) -> float:
+    n = points.x.size
+    squares = max(float(np.sum(_rest(points, borders)[1] ** 2)), floor)
+    return float(n * np.log(squares / n) + PENALTY * borders.size * np.log(n))
+
+
+def _best_border(points: _Points, borders: FloatArray, candidates: FloatArray) -> float | None:
+    """Candidate that takes most off the sum of squares, with enough points between it and its neighbours."""
+    place = np.searchsorted(points.x, candidates)
+    free = np.ones(candidates.size, dtype=np.bool_)
+    for other in np.searchsorted(points.x, borders):
+        free &= np.abs(place - other) >= FEWEST_POINTS
+    if not free.any():
+        return None
+    q, rest = _rest(points, borders)
+    hinges = _hinges(points, candidates[free])
+    new = hinges - q @ (q.T @ hinges)
+    length = np.sum(new**2, axis=0)
+    real = length > 1e-12 * np.sum(hinges**2, axis=0)
+    gain = np.where(real, (rest @ new) ** 2 / np.maximum(length, 1e-300), 0.0)
+    return float(candidates[free][int(np.argmax(gain))])
+
+
+def _moved(points: _Points, borders: FloatArray, candidates: FloatArray) -> FloatArray:
+    """Each border in turn to where it is best given the others, until none moves."""
+    for _ in range(_ROUNDS):
+        before = borders
+        for i in range(borders.size):
+            others = np.delete(borders, i)
+            found = _best_border(points, others, candidates)
+            if found is not None:
+                borders = np.sort(np.append(others, found))
+        if np.array_equal(before, borders):
+            break
+    return borders
+
+
+def _fitted(points: _Points, knot: FloatArray, back: IntArray) -> Pieces:
+    """Values at the knots; residuals in the order in which the points were given."""
+    line = np.column_stack([np.interp(points.x, knot, row) for row in np.eye(knot.size)])
+    design = line * points.root[:, None]
+    value = np.asarray(np.linalg.lstsq(design, points.y, rcond=None)[0], dtype=np.float64)
+    residual = points.y - design @ value
+    sigma = float(np.sqrt(np.sum(residual**2) / max(points.x.size - knot.size, 1)))
+    inverse = np.asarray(np.linalg.inv(design.T @ design), dtype=np.float64)
+    leverage = np.sum((design @ inverse) * design, axis=1)
+    residual = residual / points.root
+    left_out = residual / np.maximum(1.0 - leverage, 1e-9)
+    return Pieces(knot, value, sigma**2 * inverse, residual[back], left_out[back], sigma)

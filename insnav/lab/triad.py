@@ -1,0 +1,122 @@
+"""Three sensors calibrated by least squares: the result with its uncertainty, and what poses are missing."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.types import FloatArray
+
+AXES = ("x", "y", "z")
+WEAK = 0.35  # share of a parameter in the weakest direction from which it is named
+
+
+@dataclass(frozen=True, slots=True)
+class Triad:
+    """Bias and sensitivity of three sensors, ``measured = matrix @ true + bias``, and their standard deviations.
+
+    Attributes
+    ----------
+    bias, bias_sd : (3,) array
+        In the unit of the record.
+    matrix, matrix_sd : (3, 3) array
+        Unit of the record per m/s^2 or rad/s; a standard deviation of zero where the value is a definition.
+    condition : float
+        Condition number of the problem with its columns scaled to unit length.
+    """
+
+    bias: FloatArray
+    matrix: FloatArray
+    bias_sd: FloatArray
+    matrix_sd: FloatArray
+    condition: float
+
+
+def corrected(triad: Triad, measured: FloatArray) -> FloatArray:
+    """True values of measured ones: ``inverse(matrix) @ (measured - bias)``.
+
+    Parameters
+    ----------
+    triad : Triad
+    measured : (n, 3) array
+        In the unit of the record.
+
+    Returns
+    -------
+    (n, 3) array
+        In SI units.
+    """
+    return np.ascontiguousarray(np.linalg.solve(triad.matrix, (measured - triad.bias).T).T)
+
+
+@dataclass(frozen=True, slots=True)
+class Normal:
+    """What the Jacobian of a least-squares problem says.
+
+    Attributes
+    ----------
+    inverse : (p, p) array
+        Inverse of the normal matrix; the covariance of the parameters for residuals of unit variance.
+    leverage : (m,) array
+        Share of each residual in its own prediction; the sum is the number of parameters.
+    condition : float
+        Condition number with columns of unit length; infinite if singular.
+    weak : tuple of int
+        Parameters that make up the least determined combination.
+    direction : (p,) array
+        That combination, in scaled parameters.
+    scale : (p,) array
+        Lengths of the columns.
+    """
+
+    inverse: FloatArray
+    leverage: FloatArray
+    condition: float
+    weak: tuple[int, ...]
+    direction: FloatArray
+    scale: FloatArray
+
+
+def normal(jacobian: FloatArray) -> Normal:
+    """Judge a least-squares problem by the singular values of its scaled Jacobian.
+
+    Parameters
+    ----------
+    jacobian : (m, p) array
+        Derivative of the residuals by the parameters.
+    """
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale = np.where(scale > 0.0, scale, 1.0)
+    left, size, right = np.linalg.svd(jacobian / scale, full_matrices=False)
+    full = jacobian.shape[0] >= jacobian.shape[1]
+    condition = float(size[0] / size[-1]) if full and size[-1] > 1e-12 * size[0] else np.inf
+    share = np.abs(right[-1])
+    weak = tuple(int(i) for i in np.argsort(-share) if share[i] > WEAK)
+    safe = np.maximum(size, 1e-12 * size[0])
+    inverse = (right.T / safe**2) @ right / np.outer(scale, scale)
+    return Normal(inverse, np.sum(left**2, axis=1), condition, weak, right[-1], scale)
+
+
+def directions() -> FloatArray:
+    """26 directions evenly over the sphere: axes, halfway between two, halfway between three, (26, 3)."""
+    points = np.array([point for point in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(point)])
+    return np.asarray(points / np.linalg.norm(points, axis=1)[:, None])
+
+
+def pose_text(direction: FloatArray) -> str:
+    """Describe the pose in which the specific force points along a direction.
+
+    Parameters
+    ----------
+    direction : (3,) array
+        One of `directions`.
+
+    Examples
+    --------
+    >>> pose_text(np.array([0.0, 0.7, -0.7]))
+    'halfway between y up and z down'
+    """
+    parts = [f"{axis} {'up' if d > 0 else 'down'}" for axis, d in zip(AXES, direction, strict=True) if abs(d) > 1e-6]
+    return parts[0] if len(parts) == 1 else f"halfway between {', '.join(parts[:-1])} and {parts[-1]}"

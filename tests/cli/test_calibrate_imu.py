@@ -1,0 +1,91 @@
+"""`insnav calibrate imu`: what it prints and writes, and that `run` takes the file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav.imu import corrupt, load_calibration
+from insnav.io.folder import verify_folder
+from insnav.types import ImuData
+from tests.cli.conftest import QUICK, Cli
+from tests.lab.sweeps import asymmetric, cubic, gyros, straight, write
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(1)
+    write(tmp_path, gyros(rng, (cubic, straight, asymmetric)), 0.005, rng)
+    return tmp_path
+
+
+FILES = ("about_x.csv", "about_y.csv", "about_z.csv")
+
+
+def test_sweeps_on_the_terminal_and_in_the_folder(bench: Path, cli: Cli) -> None:
+    shown = cli("calibrate", "imu", *FILES)
+    assert shown.code == 0, shown.err
+    for words in (
+        "gyro x senses y",
+        "matrix and pieces",
+        "Pieces: error = k rate + b'",
+        "condition",
+        "Effect of the calibration on navigation",
+        "Corrected data",
+        "times smaller",
+    ):
+        assert words in shown.out
+    verify_folder(Path("calibration"))
+    assert Path("calibration/figures/rate_errors.png").stat().st_size > 20_000
+    known = load_calibration("calibration/calibration.toml")
+    assert known.gyro_map is not None
+    assert known.gyro_map.y is None
+    facts = json.loads(Path("calibration/run.json").read_text())
+    assert facts["rate_error_deg_s"]["map"] < 0.2 * facts["rate_error_deg_s"]["matrix"]
+    assert set(facts["pieces"]) == {"x", "z"}
+    assert all(item["with_m"] < 0.2 * item["without_m"] for item in facts["minute"])
+
+
+def test_run_takes_the_file_with_its_pieces(bench: Path, drive: Path, cli: Cli) -> None:
+    """A drive as gyros of such a matrix and shape show it, run with the calibration, ends where the true one does."""
+    shown = cli("calibrate", "imu", *(bench / name for name in FILES))
+    assert shown.code == 0, shown.err
+    known = load_calibration("calibration/calibration.toml")
+    rows = np.genfromtxt("imu.csv", delimiter=",", skip_header=1)
+    header = Path("imu.csv").read_text().split("\n", 1)[0]
+    bent = corrupt(ImuData(rows[:, 0], rows[:, 1:4], rows[:, 4:7]), known)
+    rows[:, 1:4] = bent.gyro
+    np.savetxt("bent.csv", rows, "%.12g", ",", header=header, comments="")
+    ends = []
+    for arguments in (QUICK, ("bent.csv", *QUICK[1:], "--calibration", "calibration/calibration.toml")):
+        shown = cli("run", *arguments, "--out", "run", "--force")
+        assert shown.code == 0, shown.err
+        ends.append(np.genfromtxt("run/solution.csv", delimiter=",", skip_header=1)[-1, :7])
+    np.testing.assert_allclose(ends[1], ends[0], rtol=1e-6, atol=1e-3)
+
+
+def test_json_is_the_same_as_the_file(bench: Path, cli: Cli) -> None:
+    shown = cli("calibrate", "imu", *FILES, "--json", "--out", "c")
+    assert json.loads(shown.out) == json.loads(Path("c/run.json").read_text())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "word"),
+    [
+        (("about_x.csv",), 3, "no column for rate_x"),
+        (("about_x.csv", "about_y.csv"), 3, "2 files are not three sweeps"),
+        (("about_y.csv", "about_x.csv", "about_z.csv"), 3, "columns or files exchanged?"),
+        ((*FILES, "--spike-limit", "-1"), 2, "--spike-limit"),
+        ((*FILES, "--out", "no/such"), 4, "parent"),
+    ],
+)
+def test_what_cannot_be_is_refused(bench: Path, cli: Cli, arguments: tuple[str, ...], code: int, word: str) -> None:
+    shown = cli("calibrate", "imu", *arguments)
+    assert shown.code == code, shown.err
+    assert shown.out == ""
+    assert word in shown.err
+    assert not Path("calibration").exists()

@@ -1,0 +1,61 @@
+"""A drive whose record begins in motion: after smoothing, its first minute is as good as the rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insnav.attitude import wrap_pi
+from insnav.earth import ned_offset
+from insnav.filter import FilterSettings
+from insnav.filter.recording import navigate_recording
+from insnav.simulate import reference
+from insnav.types import GpsData, ImuData, Trajectory
+from tests.filter import drives
+
+LAPS = 4
+FIRST = 60.0  # [s]
+
+
+def begun_in_motion(seed: int) -> tuple[ImuData, GpsData]:
+    """Record of a drive from the middle of a stretch at 14 to 19 m/s on."""
+    rng = np.random.default_rng([17, seed])
+    imu = drives.noisy_imu(drives.perfect_imu(laps=LAPS), drives.MODEL, rng)
+    gps = drives.noisy_gps(drives.perfect_gps(laps=LAPS), rng)
+    begin = imu.time[0] + 12.0 + 2.0 * seed
+    i, g = np.searchsorted(imu.time, begin), gps.time > begin
+    imu = ImuData(imu.time[i:], imu.gyro[i:], imu.accel[i:], imu.sampling, imu.stamp)
+    return imu, GpsData(gps.time[g], gps.lla[g], gps.v_n[g], gps.position_sd[g], gps.velocity_sd[g])
+
+
+def squares(solution: Trajectory) -> np.ndarray:
+    """Mean squared horizontal and heading error, of the first minute and of the rest, and of heading by its sd."""
+    true = reference(drives.truth(LAPS), solution.time)
+    heading = wrap_pi(solution.rph[:, 2] - true.rph[:, 2])
+    assert solution.sd is not None
+    found = np.column_stack(
+        [
+            np.sum(ned_offset(solution.lla, true.lla)[:, :2] ** 2, axis=1),
+            heading**2,
+            (heading / solution.sd[:, 8]) ** 2,
+        ]
+    )
+    early = solution.time < solution.time[0] + FIRST
+    return np.array([found[early].mean(axis=0), found[~early].mean(axis=0)])
+
+
+def test_the_first_minute_of_a_moving_start_is_as_good_as_the_rest_after_smoothing():
+    forward, smoothed = [], []
+    for seed in range(6):
+        imu, gps = begun_in_motion(seed)
+        run = navigate_recording(imu, gps, drives.SPEC, FilterSettings(lever_b=drives.LEVER_B, delay_sd=0.0)).run
+        assert run.alignment.static is None
+        assert run.smoothed is not None
+        forward.append(squares(run.solution))
+        smoothed.append(squares(run.smoothed.solution))
+    early, rest = np.sqrt(np.mean(forward, axis=0))
+    early_smoothed, rest_smoothed = np.sqrt(np.mean(smoothed, axis=0))
+    print("filter, horizontal [m], heading [rad]:", early, rest, "smoothed:", early_smoothed, rest_smoothed)
+    assert early[1] > 3.0 * rest[1]  # otherwise there is nothing to show
+    assert early_smoothed[0] < 1.2 * rest_smoothed[0]
+    assert early_smoothed[1] < 1.2 * rest_smoothed[1]
+    assert early_smoothed[2] < 1.5
