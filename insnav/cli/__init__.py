@@ -10,7 +10,20 @@ from typing import Any
 import typer
 from typer.main import get_command
 
-from insnav.cli import align, calibrate, compare, outage, platform_command, run, signals, simulate, verify
+from insnav.cli import (
+    acceptance,
+    align,
+    allan,
+    calibrate,
+    compare,
+    drift,
+    outage,
+    platform_command,
+    run,
+    signals,
+    simulate,
+    verify,
+)
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand
 
@@ -38,6 +51,9 @@ for _module, _command in (
     (align, align.align),
     (compare, compare.compare),
     (outage, outage.outage),
+    (allan, allan.allan),
+    (acceptance, acceptance.acceptance),
+    (drift, drift.drift),
     (simulate, simulate.simulate),
     (platform_command, platform_command.platform),
     (verify, verify.verify),

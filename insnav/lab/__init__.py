@@ -1,1 +1,1 @@
-"""The bench: from what is measured in the laboratory to known errors of sensors, each with its uncertainty."""
+"""The inertial laboratory: bench data to calibrations and noise models, each with its uncertainty."""

@@ -1,0 +1,98 @@
+"""``insnav allan``: noise of an IMU from a record at rest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from insnav.cli import options as opt
+from insnav.cli import parse
+from insnav.cli.console import Stages, note, result
+
+SHORT_HELP = "Noise of an IMU from a record at rest: Allan deviation and imu.toml."
+HELP = """Noise of an IMU from a record at rest: Allan deviation and imu.toml.
+
+Overlapping Allan deviation of all axes with 95 % intervals, the noise coefficients that the record supports
+(quantisation, random walk, bias instability, rate random walk, rate ramp), and imu.toml for run, simulate and budget.
+Turn-on bias, scale factor and misalignment cannot be seen in one record at rest: they stay absent.
+
+\b
+Examples:
+  insnav allan static.csv
+  insnav allan static.csv --taus octave --out bench/imu7
+  insnav allan static.csv --taus 0.1,1,10,100
+  insnav allan static.csv --json | jq .axes.gyro_x.random_walk_deg_sqrt_h
+  insnav run drive.csv --gps gps.csv --imu allan/imu.toml
+"""
+
+IMU_TOML = "imu.toml"
+
+
+def allan(
+    imu_file: opt.ImuFile,
+    calibration: opt.Calibration = None,
+    imu_axes: opt.Axes = None,
+    imu_units: opt.Units = None,
+    columns: opt.Columns = None,
+    imu_sampling: opt.SamplingOption = None,
+    imu_stamp: opt.StampOption = None,
+    static: Annotated[
+        str | None, typer.Option(metavar="FROM:TO", help="Part to use, s. [all]", rich_help_panel=opt.START)
+    ] = None,
+    taus: Annotated[
+        str,
+        typer.Option(metavar="S,S,…", help="Averaging times, s; log (about 90), octave.", rich_help_panel=opt.START),
+    ] = "log",
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", help="Threads. [processors]", rich_help_panel=opt.RESULT)
+    ] = None,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)] = Path(
+        "allan"
+    ),
+    force: opt.Force = False,
+    as_json: opt.Json = False,
+) -> None:
+    """Analyse the noise of a static record."""
+    from insnav.cli import inputs
+    from insnav.exceptions import ConfigError
+    from insnav.io.folder import FACTS_FILE, RunFolder
+
+    if workers is not None and workers < 1:
+        raise ConfigError(f"{workers} threads cannot work", where="--workers", fix="give 1 or more")
+    wanted: Any = taus if taus in ("log", "octave") else parse.positive_numbers(taus, "--taus", "0.1,1,10")
+    span = parse.span(static, "--static") if static else None
+    with RunFolder(out, force=force) as folder, Stages() as stage:
+        stage("reading")
+        reading = inputs.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp)
+        inputs.say_reading(reading.facts)
+        samples = inputs.calibrated(reading.data, calibration)
+        from insnav.lab.allan import between
+
+        samples = between(samples, *span) if span else samples
+        stage("noise")
+        from insnav.imu import to_toml
+        from insnav.lab.static_noise import static_noise
+        from insnav.report.lab_noise import deviations_csv, noise_facts, noise_sheet
+        from insnav.report.sheet import sheet_text, write_sheet
+
+        name = Path(reading.facts.path).name
+        found = static_noise(
+            samples,
+            wanted,
+            name=f"from {name}",
+            source=f"Allan deviation of {name}, {samples.time[-1] - samples.time[0]:.0f} s at rest",
+            workers=workers,
+            progress=lambda fraction: stage("noise", fraction),
+        )
+        for text in found.warnings:
+            note(text)
+        stage("writing")
+        sheet = noise_sheet(found, name)
+        texts = {IMU_TOML: to_toml(found.spec), "allan.csv": deviations_csv(found)}
+        where = write_sheet(folder, sheet, noise_facts(found, reading.facts.as_dict()), texts)
+    if as_json:
+        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
+    else:
+        result(f"{sheet_text(sheet)}\n\nfiles       {out}: imu.toml, allan.csv, report.html, figures, run.json")

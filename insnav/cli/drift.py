@@ -1,0 +1,74 @@
+"""``insnav drift``: what the drift of a gyro depends on, and what smoothing it does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from insnav.cli import options as opt
+from insnav.cli import parse
+from insnav.cli.calibrate import common
+from insnav.cli.console import Stages, note, result
+
+SHORT_HELP = "Drift of MEMS gyros: model, Kalman smoothing, and what both do to the noise."
+HELP = """Drift of MEMS gyros: model, Kalman smoothing, and what both do to the noise.
+
+The drift is fitted by bias, rate, temperature and specific force, and taken off; what is left is smoothed by a scalar
+Kalman filter and judged by Allan deviations before and after, and by a rate ramp.
+Smoothing lowers the Allan deviation at short times. It delays the rate, and cannot remove bias instability.
+
+\b
+Columns: time_s, gyro_x_deg_s, gyro_y_deg_s, … and what there is of
+  rate_x_deg_s …   true rates, of the table; zero at the beginning, at best a slow ramp later [at rest]
+  temperature_c    of the gyros
+  accel_x_g …      specific force along the axes
+A term whose cause does not change in the record is named and left out.
+
+\b
+Examples:
+  insnav drift record.csv
+  insnav drift record.csv --out bench/drift7 --json
+  insnav run drive.csv --gps gps.csv --calibration drift/calibration.toml
+"""
+
+
+def drift(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Record of the bench.", rich_help_panel=opt.FILES)],
+    columns: common.Columns = None,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)] = Path(
+        "drift"
+    ),
+    force: opt.Force = False,
+    as_json: opt.Json = False,
+) -> None:
+    """Study the drift of gyros."""
+    from insnav.cli import inputs
+    from insnav.io.folder import FACTS_FILE, RunFolder
+
+    with RunFolder(out, force=force) as folder, Stages() as stage:
+        stage("reading")
+        from insnav.lab.bench_records import read_drift
+
+        with inputs.named_options():
+            record, table = read_drift(file, parse.columns(columns, "--columns"))
+        stage("fitting")
+        from insnav.lab.drift_noise import drift_study
+
+        found = drift_study(record)
+        stage("writing")
+        from insnav.imu import calibration_to_toml
+        from insnav.report.drift import drift_report, rates_csv
+        from insnav.report.sheet import sheet_text, write_sheet
+
+        sheet, facts = drift_report(found, table)
+        for text in sheet.warnings:
+            note(text)
+        texts = {"calibration.toml": calibration_to_toml(found.errors), "rates.csv": rates_csv(found)}
+        where = write_sheet(folder, sheet, facts, texts)
+    if as_json:
+        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
+    else:
+        names = "calibration.toml, rates.csv, report.html, figures, run.json"
+        result(f"{sheet_text(sheet)}\n\nfiles       {out}: {names}")

@@ -1,0 +1,178 @@
+"""Sums behind the overlapping Allan variance and behind the covariance of its estimates."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+BLOCK = 2048  # terms added up before the sum joins the others: keeps rounding small, and the block in the cache
+FAR = 30.0  # lags beyond so many times both averaging times: differences as derivatives, as they would cancel
+SHORT = 8  # segments with fewer lags are summed lag by lag
+
+# nodes and weights of Gauss and Legendre's rule on (-1, 1)
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+
+
+@njit(cache=True, nogil=True)
+def running_sum(values, mean, out):  # type: ignore[no-untyped-def]
+    """Running sum of values less their mean, starting at zero, compensated (W. Kahan, CACM 8 (1965) 40).
+
+    Parameters
+    ----------
+    values : (n,) array
+    mean : float
+    out : (n + 1,) array
+        Filled.
+    """
+    total, lost = 0.0, 0.0
+    out[0] = 0.0
+    for k in range(values.shape[0]):
+        term = (values[k] - mean) - lost
+        new = total + term
+        lost = (new - total) - term
+        total = new
+        out[k + 1] = total
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
+def _square_sum(near, middle, far):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for k in range(near.shape[0]):  # counts from zero: an index that might be negative would keep it from SIMD
+        z = far[k] - 2.0 * middle[k] + near[k]
+        total += z * z
+    return total
+
+
+@njit(cache=True, nogil=True)
+def mean_square_second_difference(x, factors, out):  # type: ignore[no-untyped-def]
+    """Mean of the squared second differences of `x` over each distance.
+
+    Parameters
+    ----------
+    x : (n,) array
+        From `running_sum`.
+    factors : (k,) array of int
+        Distances m [samples], 2 m < n.
+    out : (k,) array
+        Filled with the mean of ``(x[i + 2m] - 2 x[i + m] + x[i])^2`` over all i.
+    """
+    n = x.shape[0]
+    for j in range(factors.shape[0]):
+        m = factors[j]
+        count = n - 2 * m
+        total = 0.0
+        for first in range(0, count, BLOCK):
+            last = min(first + BLOCK, count)
+            total += _square_sum(x[first:last], x[first + m : last + m], x[first + 2 * m : last + 2 * m])
+        out[j] = total / count
+
+
+@njit(cache=True)
+def _phase_covariance(t, theta, time):  # type: ignore[no-untyped-def]
+    """Generalised autocovariance of the integral of the noise at lag t >= 0, up to even polynomials of degree 2.
+
+    theta: Q^2, N^2, B^2, K^2, variance of a Gauss-Markov process; `time` is the correlation time of the latter.
+    """
+    if t < 0.5:
+        return theta[0]
+    value = -0.5 * theta[1] * t
+    if theta[2] > 0.0:
+        value += theta[2] / (2.0 * np.pi) * t * t * np.log(t)
+    value += theta[3] / 12.0 * t * t * t
+    if theta[4] > 0.0:
+        u = t / time
+        if u < 0.05:  # its leading terms, which cancel in the closed form
+            f = -u * u * u * (1.0 / 6.0 - u / 24.0 + u * u / 120.0 - u * u * u / 720.0)
+        else:
+            f = np.exp(-u) + u - 1.0 - 0.5 * u * u
+        value -= theta[4] * time * time * f
+    return value
+
+
+@njit(cache=True)
+def _square(d, mi, mj, theta, time, ni, nj):  # type: ignore[no-untyped-def]
+    """Square of the covariance of second differences d apart, times the number of pairs so far apart."""
+    pairs = min(ni, nj - d) - max(0.0, -d)
+    if pairs <= 0.0:
+        return 0.0
+    centre = abs(d + mj - mi)
+    if centre > FAR * (mi + mj):  # the fourth derivative; that of the other terms is zero
+        r = -theta[2] / (np.pi * centre * centre)
+        if theta[4] > 0.0:
+            r -= theta[4] / (time * time) * np.exp(-centre / time)
+        r *= mi * mi * mj * mj
+        return pairs * r * r
+    r = 0.0
+    for a in range(3):
+        for b in range(3):
+            r += (
+                (-2.0 if a == 1 else 1.0)
+                * (-2.0 if b == 1 else 1.0)
+                * _phase_covariance(abs(d + b * mj - a * mi), theta, time)
+            )
+    return pairs * r * r
+
+
+@njit(cache=True)
+def _pair(mi, mj, n, theta, time):  # type: ignore[no-untyped-def]
+    ni, nj = float(n - 2 * mi), float(n - 2 * mj)
+    low, high = 1.0 - ni, nj - 1.0
+    span = 2.0 * (mi + mj)
+    edges = np.empty(19)
+    edges[0], edges[1] = low, high
+    for a in range(3):
+        for b in range(3):
+            edges[2 + 3 * a + b] = a * mi - b * mj
+    first, last = -2.0 * mj, 2.0 * mi
+    edges[11], edges[12], edges[13] = first - 0.5 * span, first - 2.0 * span, first - 8.0 * span
+    edges[14], edges[15], edges[16] = last + 0.5 * span, last + 2.0 * span, last + 8.0 * span
+    edges[17], edges[18] = 0.0, nj - ni
+    for i in range(19):
+        edges[i] = np.floor(min(max(edges[i], low), high))
+    edges.sort()
+    total = _square(edges[0], mi, mj, theta, time, ni, nj)
+    for i in range(18):
+        begin, end = edges[i], edges[i + 1]
+        if end == begin:
+            continue
+        total += _square(end, mi, mj, theta, time, ni, nj)
+        inside = end - begin - 1.0
+        if inside <= SHORT:
+            d = begin + 1.0
+            while d < end:
+                total += _square(d, mi, mj, theta, time, ni, nj)
+                d += 1.0
+        else:  # the sum over the lags between as an integral: each lag stands for half a lag to either side
+            half = 0.5 * inside
+            for q in range(_NODES.shape[0]):
+                d = 0.5 * (begin + end) + half * _NODES[q]
+                total += half * _WEIGHTS[q] * _square(d, mi, mj, theta, time, ni, nj)
+    return total / (ni * nj)
+
+
+@njit(cache=True)
+def variance_covariance(factors, n, theta, time, diagonal, out):  # type: ignore[no-untyped-def]
+    """Covariance of overlapping Allan variances of one Gaussian record, in sample units.
+
+    Parameters
+    ----------
+    factors : (k,) array of int
+        Averaging times m [samples].
+    n : int
+        Number of points of the integral, one more than samples.
+    theta : (5,) array
+        Q^2, N^2, B^2, K^2 and Gauss-Markov variance with one sample as the unit of time.
+    time : float
+        Correlation time [samples].
+    diagonal : bool
+        Compute the variances only.
+    out : (k, k) array
+        Filled.
+    """
+    for i in range(factors.shape[0]):
+        mi = float(factors[i])
+        for j in range(i, i + 1 if diagonal else factors.shape[0]):
+            mj = float(factors[j])
+            value = 2.0 * _pair(mi, mj, n, theta, time) / (4.0 * mi * mi * mj * mj)
+            out[i, j] = value
+            out[j, i] = value

@@ -1,0 +1,278 @@
+"""Overlapping Allan deviation of a static record, all axes at once.
+
+``sigma^2(tau) = < (x[k + 2m] - 2 x[k + m] + x[k])^2 > / (2 tau^2)`` with x the integral of the signal and tau = m tau0
+(W. J. Riley, Handbook of Frequency Stability Analysis, NIST Special Publication 1065 (2008), section 5.2.5).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from insnav.exceptions import ConfigError, InputError
+from insnav.imu.model import sample_intervals
+from insnav.kernels.allan import mean_square_second_difference, running_sum
+from insnav.types import BoolArray, FloatArray, ImuData, IntArray
+
+AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
+TAUS = 90
+LONGEST_PART = 3  # the longest averaging time is this part of the record: beyond it hardly a degree of freedom is left
+FEWEST = 100  # samples that make a record
+GAP = 1.5  # a step longer than this many intervals lacks samples
+FILLED = 10  # holes of up to so many samples are filled ...
+FILLED_PART = 1e-3  # ... if they are not more than this part of all
+JITTER = 0.1  # unevenness of the stamps beyond which it is pointed out [intervals]
+
+
+@dataclass(frozen=True, slots=True)
+class EvenRecord:
+    """Rates and specific forces at even steps, and how they became even.
+
+    Attributes
+    ----------
+    values : (n, 6) array
+        Gyro x, y, z [rad/s], accelerometer x, y, z [m/s^2].
+    interval : float
+        Step [s].
+    start : float
+        Time of the first sample [s].
+    notes : tuple of str
+        What was left out, filled or taken as even.
+    """
+
+    values: FloatArray
+    interval: float
+    start: float
+    notes: tuple[str, ...]
+
+    @property
+    def length(self) -> float:
+        """Length of the record [s]."""
+        return self.interval * len(self.values)
+
+
+@dataclass(frozen=True, slots=True)
+class AllanDeviation:
+    """Overlapping Allan deviation.
+
+    Attributes
+    ----------
+    tau : (k,) array
+        Averaging times [s].
+    factors : (k,) array of int
+        The same in samples.
+    deviation : (k, c) array
+        One column for each signal, in its unit.
+    n : int
+        Number of samples.
+    interval : float
+        Sampling interval [s].
+    """
+
+    tau: FloatArray
+    factors: IntArray
+    deviation: FloatArray
+    n: int
+    interval: float
+
+
+def between(imu: ImuData, start: float, end: float) -> ImuData:
+    """Cut a part out of a record.
+
+    Parameters
+    ----------
+    imu : ImuData
+    start, end : float
+        Both included [s].
+
+    Raises
+    ------
+    InputError
+        Hardly a sample in it.
+    """
+    kept = (imu.time >= start) & (imu.time <= end)
+    if np.count_nonzero(kept) < 2:
+        raise InputError(
+            "there are no samples in that part of the record",
+            where=f"{start:g} s to {end:g} s",
+            why=f"the record goes from {imu.time[0]:.3f} s to {imu.time[-1]:.3f} s",
+            fix="give times of the record",
+        )
+    return replace(
+        imu,
+        time=imu.time[kept],
+        gyro=imu.gyro[kept],
+        accel=imu.accel[kept],
+        temperature=None if imu.temperature is None else imu.temperature[kept],
+        odometer=None if imu.odometer is None else imu.odometer[kept],
+        baro=None if imu.baro is None else imu.baro[kept],
+    )
+
+
+def even_record(imu: ImuData) -> EvenRecord:
+    """Bring a record to even steps, as the Allan deviation needs it.
+
+    Short holes are filled by straight lines if there are few of them, else the longest stretch without one is taken.
+    Within it the samples are taken as even, at the mean step: loggers stamp late more often than sensors sample late.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Rates, means or increments.
+
+    Returns
+    -------
+    EvenRecord
+
+    Raises
+    ------
+    InputError
+        Fewer than 100 samples, or no stretch of them.
+    """
+    _refuse_short(imu.time.size, "the record")
+    step = sample_intervals(imu)
+    values = np.hstack([imu.gyro, imu.accel])
+    if imu.sampling == "increment":
+        values /= step[:, None]
+    time, notes = imu.time, []
+    usual = float(np.median(step))
+    after = np.flatnonzero(step > GAP * usual)
+    if after.size:
+        lost = np.rint(step[after] / usual).astype(np.int64) - 1
+        if lost.max() <= FILLED and lost.sum() <= FILLED_PART * time.size:
+            values, time = _filled(values, time, after, lost)
+            notes.append(f"{lost.sum()} lost samples in {after.size} holes were filled by straight lines")
+        else:
+            edges = np.concatenate([[0], after, [time.size]])
+            longest = int(np.argmax(np.diff(edges)))
+            part = slice(int(edges[longest]), int(edges[longest + 1]))
+            notes.append(
+                f"the record has {after.size} gaps: its longest stretch without one is used, "
+                f"{time[part][0]:.2f} s to {time[part][-1]:.2f} s, "
+                f"{np.diff(edges).max() / time.size:.0%} of the samples"
+            )
+            values, time = values[part], time[part]
+            _refuse_short(time.size, "the longest stretch without a gap")
+    interval = float((time[-1] - time[0]) / (time.size - 1))
+    uneven = float(np.std(np.diff(time)) / interval)
+    if uneven > JITTER:
+        notes.append(
+            f"the time stamps are uneven by {uneven:.0%} of an interval (1 sd): the samples are taken as even, "
+            "deviations at the shortest times depend on that"
+        )
+    return EvenRecord(np.ascontiguousarray(values), interval, float(time[0]), tuple(notes))
+
+
+def _refuse_short(count: int, what: str) -> None:
+    if count < FEWEST:
+        raise InputError(
+            f"{what} is too short for an Allan deviation",
+            why=f"it has {count} samples; {FEWEST} are needed, and hours to see a bias instability",
+            fix="record longer at rest",
+        )
+
+
+def _filled(values: FloatArray, time: FloatArray, after: IntArray, lost: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Samples and times with straight lines over the holes before rows `after`."""
+    place = np.arange(time.size, dtype=np.float64)
+    place += np.cumsum(np.bincount(after, lost, time.size))
+    every = np.arange(place[-1] + 1.0)
+    columns = [np.interp(every, place, column) for column in values.T]
+    return np.column_stack(columns), np.interp(every, place, time)
+
+
+def averaging_factors(n: int, interval: float, taus: Sequence[float] | Literal["log", "octave"] = "log") -> IntArray:
+    """Averaging times in samples.
+
+    Parameters
+    ----------
+    n : int
+        Number of samples.
+    interval : float
+        Between them [s].
+    taus : sequence of float, "log" or "octave"
+        Averaging times [s], rounded to samples; about 90 evenly on the logarithmic axis; or powers of two. The last two
+        end at a third of the record.
+
+    Raises
+    ------
+    ConfigError
+        A time that is not positive, shorter than the interval, or longer than half of the record.
+    """
+    if isinstance(taus, str):
+        largest = max(1, n // LONGEST_PART)
+        if taus == "octave":
+            return 2 ** np.arange(int(np.log2(largest)) + 1, dtype=np.int64)
+        return np.unique(np.rint(np.geomspace(1.0, largest, TAUS)).astype(np.int64))
+    times = np.asarray(taus, dtype=np.float64)
+    factors = np.rint(times / interval)
+    wrong = times[~((factors >= 1) & (2 * factors <= n))]
+    if wrong.size or not times.size:
+        raise ConfigError(
+            f"{', '.join(f'{tau:g}' for tau in wrong) or 'nothing'} is no averaging time for this record",
+            where="taus",
+            why=f"it is {n * interval:.6g} s long, sampled every {interval:.6g} s",
+            fix="give times from one interval to half of the record",
+        )
+    return np.unique(factors.astype(np.int64))
+
+
+def allan_deviation(
+    values: FloatArray, interval: float, factors: IntArray, workers: int | None = None
+) -> AllanDeviation:
+    """Compute the overlapping Allan deviation of each column.
+
+    Parameters
+    ----------
+    values : (n, c) array
+        Rates or specific forces at even steps; constant parts do not matter.
+    interval : float
+        Step [s].
+    factors : (k,) array of int
+        Averaging times in samples, at most n / 2.
+    workers : int, optional
+        Threads; one for each column at most, by default as many as there are processors.
+
+    Returns
+    -------
+    AllanDeviation
+    """
+    n, count = values.shape
+    deviation = np.empty((factors.size, count))
+
+    def one(column: int) -> None:
+        signal = np.ascontiguousarray(values[:, column])
+        total, square = np.empty(n + 1), np.empty(factors.size)
+        running_sum(signal, float(signal.mean()), total)
+        mean_square_second_difference(total, factors, square)
+        deviation[:, column] = np.sqrt(0.5 * square) / factors
+
+    with ThreadPoolExecutor(min(count, workers or os.cpu_count() or 1)) as pool:
+        list(pool.map(one, range(count)))
+    return AllanDeviation(np.asarray(factors * interval, dtype=np.float64), factors, deviation, n, interval)
+
+
+def smallest_step(values: FloatArray) -> FloatArray:
+    """Resolution of each column: the smallest difference between values that occur, zero if there is none to see.
+
+    Parameters
+    ----------
+    values : (n, c) array
+    """
+    steps = np.zeros(values.shape[1])
+    for column in range(values.shape[1]):
+        different = np.unique(values[: 1 << 17, column])
+        if 1 < different.size < 0.5 * min(len(values), 1 << 17):  # else every sample is another: no steps
+            gaps = np.diff(different)
+            steps[column] = float(np.min(gaps[gaps > 1e-6 * gaps.max()]))
+    return steps
+
+
+def silent(values: FloatArray) -> BoolArray:
+    """Columns that never change."""
+    return np.asarray(np.ptp(values, axis=0) == 0.0)

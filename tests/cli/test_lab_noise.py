@@ -1,0 +1,118 @@
+"""`insnav allan`, `acceptance` and `drift`: what they print and leave behind, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav.imu import load_calibration, load_imu
+from insnav.io.folder import read_facts, verify_folder
+from insnav.units import DEG
+from tests.cli.conftest import Cli
+from tests.lab.published import lab_file
+
+IMU = "time_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2"
+RATES = np.array([0.0, 10.0, 20.0, 40.0, 60.0, 80.0, -10.0, -20.0, -40.0, -60.0, -80.0])
+
+
+def saved(name: str, header: str, *columns: object) -> None:
+    rows = np.column_stack([np.broadcast_to(column, np.shape(columns[0])) for column in columns])
+    np.savetxt(name, rows, "%.10g", ",", header=header, comments="")
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(1)
+    n = 20_000
+    force = np.array([0.0, 0.0, -9.8]) + 0.01 * rng.standard_normal((n, 3))
+    saved("static.csv", IMU, 0.01 * np.arange(n), *(1e-3 * rng.standard_normal((3, n))), *force.T)
+    saved("rates.csv", "rate_x_deg_s,gyro_x_deg_s", RATES, 0.9901 * RATES + 0.0358 + 0.002 * rng.standard_normal(11))
+    powerup, sense = np.repeat(np.arange(1, 7), 2), np.tile([1.0, -1.0], 6)
+    bias = np.repeat(0.03 + 0.01 * rng.standard_normal(6), 2)
+    saved("powerups.csv", "powerup,rate_x_deg_s,gyro_x_deg_s", powerup, 40.0 * sense, bias + 39.6 * sense)
+    saved("positions.csv", "force_x_g,accel_x_g", [1.0, -1.0, 0.0, 0.0], [1.012, -0.988, 0.011, 0.012])
+    time = 0.1 * np.arange(1, 2501)
+    rate = 60.0 * np.clip((time - 100.0) / 100.0, 0.0, 1.0)
+    warm = 25.0 + 0.02 * time + np.sin(time / 20.0)
+    output = 1.003 * rate + 0.4 + 0.1 * (warm - 25.0) + 0.05 * rng.standard_normal(time.size)
+    saved("drift.csv", "time_s,gyro_z_deg_s,rate_z_deg_s,temperature_c", time, output, rate, warm)
+    return tmp_path
+
+
+def test_allan_writes_an_imu_file_that_can_be_used(bench: Path, cli: Cli) -> None:
+    shown = cli("allan", "static.csv", "--taus", "octave")
+    assert shown.code == 0, shown.err
+    assert "Noise coefficients" in shown.out
+    verify_folder(Path("allan"))
+    np.testing.assert_allclose(load_imu("allan/imu.toml").gyro.random_walk, 1e-4, rtol=0.05)
+    assert Path("allan/allan.csv").read_text().startswith("tau_s,gyro_x_deg_h")
+    assert Path("allan/figures/allan.png").stat().st_size > 5000
+
+
+def test_acceptance_on_one_page(bench: Path, cli: Cli) -> None:
+    files = ("--rates", "rates.csv", "--positions", "positions.csv", "--static", "static.csv")
+    shown = cli("acceptance", *files, "--powerups", "powerups.csv")
+    assert shown.code == 0, shown.err
+    for words in ("scale factor K", "K forward", "K reverse", "bias stability, 100 s", "bias repeatability"):
+        assert words in shown.out
+    verify_folder(Path("acceptance"))
+    facts = read_facts(Path("acceptance"))["sensors"]
+    assert facts["gyro_x"]["scale_factor"]["value"] == pytest.approx(0.9901, abs=5e-4)
+    assert [each["n"] for each in facts["gyro_x"]["bias_stability_deg_s"]] == [200, 20, 2]
+    assert facts["accel_x"]["bias_ug"]["value"] == pytest.approx((12e3 + 12e3 + 11.5e3) / 3, rel=1e-6)
+    assert facts["gyro_y"].keys() == {"output_unit", "bias_stability_deg_s"}
+    for name in ("residuals_gyro", "residuals_accel", "stability"):
+        assert Path(f"acceptance/figures/{name}.png").stat().st_size > 5000
+
+
+def test_acceptance_of_published_powerups_says_what_they_are(bench: Path, cli: Cli) -> None:
+    named = ("--columns", "gyro_x_bias_deg_s=published_value_dps")
+    shown = cli("acceptance", "--powerups", lab_file("gyro_bias_repeatability.csv"), *named, "--json")
+    assert shown.code == 0, shown.err
+    found = json.loads(shown.out)["sensors"]["gyro_x"]["bias_repeatability_deg_s"]
+    assert round(found["sd"], 5) == 0.00931
+    assert round(found["variance"] * 1e5, 3) == 8.666
+    assert "make none" in shown.err
+
+
+def test_drift_before_and_after(bench: Path, cli: Cli) -> None:
+    shown = cli("drift", "drift.csv")
+    assert shown.code == 0, shown.err
+    assert "It cannot remove bias instability" in shown.out
+    assert "1.0 equivalent degrees of freedom" in shown.out
+    assert "c_g is left out: the record has no column of the specific force" in shown.err
+    verify_folder(Path("drift"))
+    gyro = read_facts(Path("drift"))["gyros"]["gyro_z"]
+    assert gyro["tau_s"] == pytest.approx([0.1, 0.2, 0.4, 1.0, 2.0, 4.0, 10.0, 50.0])
+    assert gyro["drift"]["c_T"]["value"] == pytest.approx(0.1, abs=5 * gyro["drift"]["c_T"]["sd"])
+    assert gyro["ramp_recorded"]["lag_s"] == pytest.approx(gyro["filter"]["lag_s"], rel=0.03)
+    known = load_calibration("drift/calibration.toml")
+    assert known.gyro_matrix[2, 2] == pytest.approx(1.003, abs=5e-4)
+    assert known.gyro_bias[2] / DEG == pytest.approx(0.4, abs=0.03)
+    assert np.genfromtxt("drift/rates.csv", delimiter=",", skip_header=1).shape == (2500, 3)
+    assert Path("drift/figures/drift.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "word"),
+    [
+        (("allan", "static.csv", "--taus", "0.001"), 2, "no averaging time"),
+        (("allan", "static.csv", "--workers", "0"), 2, "--workers"),
+        (("allan", "none.csv"), 3, "none.csv"),
+        (("acceptance",), 2, "nothing to accept"),
+        (("acceptance", "--rates", "static.csv"), 3, "no column of what was set"),
+        (("acceptance", "--rates", "rates.csv", "--lengths", "0"), 2, "above zero"),
+        (("acceptance", "--rates", "rates.csv", "--out", "no/such"), 4, "parent of the output folder"),
+        (("drift", "rates.csv"), 3, "no column for time_s"),
+        (("drift", "positions.csv"), 3, "no column for time_s"),
+    ],
+)
+def test_what_cannot_be_is_refused(bench: Path, cli: Cli, command: tuple[str, ...], code: int, word: str) -> None:
+    shown = cli(*command)
+    assert shown.code == code, shown.err
+    assert shown.out == ""
+    assert word in shown.err
