@@ -138,8 +138,7 @@ def scale_of(channel: Channel, *, where: str = "") -> Scale:
         fit = linear_fit(np.column_stack((np.ones_like(setting), setting)), output, NAMES, where=where)
         table = RateTable(setting, output, np.ones(setting.size, dtype=np.bool_), fit, None, None, ())
     average = table.average
-    zero, k = table.fit.value if average is None else average[0]
-    zero_sd, k_sd = table.fit.sd if average is None else _average_sd(table)
+    (zero, k), (zero_sd, k_sd) = (table.fit.value, table.fit.sd) if average is None else average
     if channel.unit in SI.values() and not 1.0 / LARGEST_K < k < LARGEST_K:
         raise InputError(
             f"a scale factor of {k:.3g} is not that of a sensor that shows what it senses",
@@ -151,17 +150,6 @@ def scale_of(channel: Channel, *, where: str = "") -> Scale:
     # the zero is measured about as well as the line; how the scale factor errs matters for large biases only
     bias_sd = float(np.hypot(zero_sd, bias * k_sd)) / abs(k)
     return Scale(table, float(k), float(k_sd), float(bias * factor), bias_sd * factor)
-
-
-def _average_sd(table: RateTable) -> FloatArray:
-    """Standard deviation of the means of zero and scale factor, (2,): dwells at rest are in both senses."""
-    weights, squares, dof = np.zeros((2, table.rate.size)), 0.0, 0
-    for fit, sense in ((table.forward, table.rate >= 0.0), (table.reverse, table.rate <= 0.0)):
-        assert fit is not None
-        rows = table.used & sense
-        weights[:, rows] += 0.5 * np.linalg.pinv(np.column_stack((np.ones(rows.sum()), table.rate[rows])))
-        squares, dof = squares + fit.dof * fit.sigma**2, dof + fit.dof
-    return np.asarray(np.sqrt(squares / dof) * np.linalg.norm(weights, axis=1))
 
 
 def _refuse_few(setting: FloatArray, where: str) -> None:

@@ -70,11 +70,19 @@ class RateTable:
 
     @property
     def average(self) -> tuple[FloatArray, FloatArray] | None:
-        """Mean of the zero and scale factor of both senses of rotation and its standard deviation, (2,) each."""
+        """Mean of the zero and scale factor of both senses of rotation and its standard deviation, (2,) each.
+
+        Dwells at rest are in both senses, so that the two are not independent.
+        """
         if self.forward is None or self.reverse is None:
             return None
+        weights, squares, dof = np.zeros((2, self.rate.size)), 0.0, 0
+        for fit, sense in ((self.forward, self.rate >= 0.0), (self.reverse, self.rate <= 0.0)):
+            rows = self.used & sense
+            weights[:, rows] += 0.5 * np.linalg.pinv(np.column_stack((np.ones(rows.sum()), self.rate[rows])))
+            squares, dof = squares + fit.dof * fit.sigma**2, dof + fit.dof
         mean = 0.5 * (self.forward.value + self.reverse.value)
-        return mean, 0.5 * np.hypot(self.forward.sd, self.reverse.sd)
+        return mean, np.asarray(np.sqrt(squares / dof) * np.linalg.norm(weights, axis=1))
 
     @property
     def asymmetry(self) -> float | None:
