@@ -34,7 +34,7 @@ def _transition(x, f_n, dt, hold, f, a):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _entering(f, dt, hold, given, out):  # type: ignore[no-untyped-def]
-    """What a disturbance of velocity and attitude rates, integrated over a step, is at its end: ``(I + F dt / 2) u``."""
+    """What a disturbance of attitude and velocity, integrated over a step, is at its end: ``(I + F dt / 2) u``."""
     for i in range(3):
         out[i] = 0.0
         out[3 + i], out[6 + i] = given[3 + i], given[i]

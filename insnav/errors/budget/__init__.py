@@ -1,5 +1,32 @@
 """The error budget of free-inertial navigation: how much, after how long, from what.
 
-sources -> analytic (short forms on paper) | covariance (the whole linear model) | montecarlo (what really happens)
+sources -> analytic (short laws on paper) | covariance (the whole linear model) | montecarlo (what really happens)
         -> Budget
 """
+
+from __future__ import annotations
+
+from insnav.errors.budget.budget import Budget, Column, RecordedColumn, SimulatedColumn, budget
+from insnav.errors.budget.covariance import Covariance, covariance
+from insnav.errors.budget.montecarlo import Runs, free_runs
+from insnav.errors.budget.motion import SampledMotion, at_rest, first_movement, sampled
+from insnav.errors.budget.sources import Source, families, sources_of
+
+__all__ = [
+    "Budget",
+    "Column",
+    "Covariance",
+    "RecordedColumn",
+    "Runs",
+    "SampledMotion",
+    "SimulatedColumn",
+    "Source",
+    "at_rest",
+    "budget",
+    "covariance",
+    "families",
+    "first_movement",
+    "free_runs",
+    "sampled",
+    "sources_of",
+]

@@ -17,7 +17,7 @@ from insnav.kernels import budget as _kernel
 from insnav.simulate.sensors import flicker_processes
 from insnav.types import FloatArray, IntArray
 
-STEP = 0.05  # of the propagation [s]
+STEP = 0.02  # of the propagation [s]
 _CONSTANT = ("constant", "ramp")
 
 
@@ -200,7 +200,7 @@ def _add_noises(
     at: IntArray,
     hold: bool,
 ) -> None:
-    unit = [Source(group, "bias", axis, "constant", 1.0) for group in ("gyro", "accel") for axis in BODY]  # type: ignore[arg-type]
+    unit = [Source(group, "bias", axis, "constant", 1.0) for group in ("gyro", "accel") for axis in BODY]
     given = np.stack([_integrated(disturbance(each, motion), motion, steps) for each in unit], axis=1)
     owner, axis, numbers = [], [], []
     for i in noisy:

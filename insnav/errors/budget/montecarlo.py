@@ -1,6 +1,6 @@
 """The budget by experiment: free-inertial runs of IMUs drawn from a specification, on one motion.
 
-Every run draws its constant errors as `insnav.imu.draw_errors` does, its noise as `insnav.simulate.corrupt_imu` does, and
+Every run draws its constant errors with `insnav.imu.draw_errors`, its noise as `insnav.simulate.corrupt_imu` does, and
 is integrated by the step that navigates recordings. What a compiled loop over all of it leaves out is the change that
 sensor errors make in coning and sculling, which is of second order.
 """
@@ -147,7 +147,7 @@ def runs_by_family(
     return found
 
 
-def _of_errors(errors: ImuErrors) -> tuple[FloatArray, ...]:
+def _of_errors(errors: ImuErrors) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Bias, matrices, bends and g-sensitivity as the kernel takes them."""
     terms = [errors.gyro_terms or ErrorTerms(), errors.accel_terms or ErrorTerms()]
     return (
@@ -158,7 +158,7 @@ def _of_errors(errors: ImuErrors) -> tuple[FloatArray, ...]:
     )
 
 
-def _of_spec(spec: ImuSpec) -> tuple[FloatArray, ...]:
+def _of_spec(spec: ImuSpec) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Noise, in-run bias, decay and random walk as the kernel takes them."""
 
     def both(key: str) -> FloatArray:
@@ -186,7 +186,7 @@ def _late(spec: ImuSpec) -> bool:
 def _changes(motion: SampledMotion, n: int) -> FloatArray:
     """How fast the true samples change, ``(n, 6)``: what a clock that is late does is this times the delay."""
     middle = motion.elapsed - 0.5 * motion.dt
-    return np.gradient(np.concatenate([motion.rate, motion.force], axis=1), middle, axis=0)[:n]
+    return np.asarray(np.gradient(np.concatenate([motion.rate, motion.force], axis=1), middle, axis=0)[:n])
 
 
 def _more(spec: ImuSpec, elapsed: FloatArray, rng: np.random.Generator, changes: FloatArray | None) -> FloatArray:

@@ -59,7 +59,7 @@ class SampledMotion:
     @property
     def force_n(self) -> FloatArray:
         """Specific force North, East, Down, ``(n, 3)`` [m/s^2]."""
-        return np.einsum("kij,kj->ki", self.C_nb, self.force)
+        return np.asarray(np.einsum("kij,kj->ki", self.C_nb, self.force))
 
 
 def sampled(truth: Truth, begin: float, duration: float, words: str = "", rate: float = RATE) -> SampledMotion:
