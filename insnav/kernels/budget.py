@@ -230,10 +230,15 @@ def corrupted_run(  # type: ignore[no-untyped-def]
     for i in range(6):
         wandering[i] = drift[i] * rng.standard_normal() if drift[i] > 0.0 else 0.0
     y, c = np.empty(6), np.empty(9)
-    row = 0
+    fade, kick = np.empty(2), np.empty(2)
+    row, last, root = 0, 0.0, 0.0
     for k in range(dt.shape[0]):
         h = dt[k]
-        root = np.sqrt(h)
+        if h != last:
+            last, root = h, np.sqrt(h)
+            for sensor in range(2):
+                fade[sensor] = np.exp(-h * decay[sensor])
+                kick[sensor] = np.sqrt(-np.expm1(-2.0 * h * decay[sensor]))
         for sensor in range(2):
             for i in range(3):
                 m = matrix[sensor, i]
@@ -247,9 +252,8 @@ def corrupted_run(  # type: ignore[no-untyped-def]
             y[i] += g[0] * force[k, 0] + g[1] * force[k, 1] + g[2] * force[k, 2]
         for i in range(6):
             if drift[i] > 0.0 and k > 0:
-                fade = np.exp(-h * decay[i // 3])
-                kick = np.sqrt(-np.expm1(-2.0 * h * decay[i // 3]))
-                wandering[i] = fade * wandering[i] + kick * drift[i] * rng.standard_normal()
+                sensor = i // 3
+                wandering[i] = fade[sensor] * wandering[i] + kick[sensor] * drift[i] * rng.standard_normal()
             if walk[i] > 0.0:
                 walking[i] += walk[i] * root * rng.standard_normal()
             y[i] += bias[i] + wandering[i] + walking[i]
