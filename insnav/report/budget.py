@@ -64,7 +64,7 @@ def budget_sheet(budget: Budget) -> Sheet:
     """
     columns, sources = columns_table(budget), sources_table(budget)
     title = f"Error budget of {budget.imu}: {budget.time[budget.chosen[-1]]:g} s of free-inertial navigation"
-    note = f"Motion: {budget.motion}. Errors are one standard deviation (1 sd) unless said otherwise."
+    note = textwrap.fill(f"Motion: {budget.motion}. Errors are one standard deviation (1 sd) unless said.", 125)
     notes = [line for text in assumptions(budget) for line in textwrap.wrap(text, _NOTE_WIDTH, subsequent_indent="   ")]
     with drawing():
         figure = draw_budget(budget, title, note, columns, sources, notes)
@@ -157,10 +157,10 @@ def assumptions(budget: Budget) -> tuple[str, ...]:
         + (f"; beyond {SHORT:g} s the closed Schuler forms are used." if last > SHORT else "."),
         "The vertical channel is held to the reference: no error down."
         if budget.hold
-        else "The vertical channel is free: its own instability makes errors down grow by e every 570 s. North and east "
-        "hardly notice that within minutes.",
-        "The biases are those of turn-on: nothing was calibrated by an alignment or a filter. After an alignment at rest "
-        "the tilt hides the accelerometer bias, and a good part of both cancels; that is not counted here.",
+        else "The vertical channel is free: its own instability makes errors down grow by e every 570 s. North and "
+        "east hardly notice that within minutes.",
+        "The biases are those of turn-on: nothing was calibrated by an alignment or a filter. After an alignment at "
+        "rest the tilt hides the accelerometer bias, and a good part of both cancels; that is not counted here.",
     ]
     if not any(source.sd > 0.0 for source in budget.sources if source.group == "gravity"):
         lines.append("Gravity is taken as that of the model (WGS-84 normal gravity); see --deflection.")
@@ -170,8 +170,8 @@ def assumptions(budget: Budget) -> tuple[str, ...]:
         lines.append(f"In the IMU file, but not in this budget: {', '.join(budget.ignored)}.")
     if budget.simulated is not None:
         lines.append(
-            f"Bars of simulated errors: {100 * BAND:.0f} % bounds of the sd by the number of runs. Seed "
-            f"{budget.simulated.seed}."
+            f"Bars of simulated errors: {100 * BAND:.0f} % bounds of the sd by the number of runs. Each source alone was "
+            f"simulated in {budget.simulated.alone} runs. Seed {budget.simulated.seed}."
         )
     return tuple(lines)
 
@@ -309,7 +309,12 @@ def budget_facts(budget: Budget, configuration: Mapping[str, Any]) -> dict[str, 
         "budget": times,
         "runs": None
         if simulated is None
-        else {"count": simulated.runs, "seed": simulated.seed, "band": simulated.band},
+        else {
+            "count": simulated.runs,
+            "of_each_source": simulated.alone,
+            "seed": simulated.seed,
+            "rms_by_sd_95": simulated.band,
+        },
         "recorded": None
         if recorded is None
         else {

@@ -33,7 +33,7 @@ _BY_TERM = {"scale factor": "ppm", "misalignment": "mrad", "asymmetry": "ppm"}
 _WALKS = {"gyro": ("deg/h/sqrt(h)", DEG / 3600.0 / _ROOT_HOUR), "accel": ("ug/sqrt(h)", UNITS["ug"][1] / _ROOT_HOUR)}
 # by family: how often it is integrated to position
 _INTEGRALS = {"initial position": 0, "initial velocity": 1, "initial tilt": 2, "initial heading": 2}
-_POWERS = {0.0: "–", 1.0: "t", 1.5: "t^1.5", 2.0: "t²", 2.5: "t^2.5", 3.0: "t³", 3.5: "t^3.5", 4.0: "t⁴"}
+_POWERS = {0.0: "stays", 1.0: "t", 1.5: "t¹·⁵", 2.0: "t²", 2.5: "t²·⁵", 3.0: "t³", 3.5: "t³·⁵", 4.0: "t⁴"}
 
 EFFECTS = {
     "initial position": "stays what it is",
@@ -53,7 +53,7 @@ EFFECTS = {
     "gyro g-sensitivity": "specific force shows as a rate; at rest a bias of one g",
     "accel bias": "is taken for motion: B t² / 2",
     "accel bias instability": "as a bias that wanders with its correlation time (Gauss-Markov)",
-    "accel white noise": "velocity random walk N: N t^1.5 / √3",
+    "accel white noise": "velocity random walk N: N √(t³ / 3)",
     "accel scale factor": "a part of gravity is missed in the vertical, and a part of accelerations in the level",
     "accel misalignment": "gravity shows in the level axes as a bias of m g",
     "accel rate random walk": "the bias walks at random, K: K √(t⁵ / 20)",

@@ -67,7 +67,7 @@ def draw_budget(budget: Budget, title: str, note: str, columns: Table, sources: 
         Validity and assumptions, one line each.
     """
     heights = [_CURVES, _ROW * (len(columns.rows) + 3), _ROW * (len(sources.rows) + 3), _NOTE * (len(notes) + 2)]
-    height = _TOP + sum(heights) + _GAP * (len(heights) - 1) + 0.3
+    height = _TOP + sum(heights) + _GAP + 0.2
     figure = blank(WIDTH, height, title, note)
     width = WIDTH - _LEFT - _RIGHT
     low = height - _TOP - _CURVES
@@ -81,10 +81,10 @@ def draw_budget(budget: Budget, title: str, note: str, columns: Table, sources: 
     _draw_growth(growth, budget)
     low -= _GAP + heights[1]
     _write_table(place(0.2, WIDTH - 0.4, low, heights[1]), columns, (1.0,) + (1.15,) * (len(columns.columns) - 1))
-    low -= 0.25 + heights[2]
+    low -= heights[2]
     widths = (3.2, 2.5, *(1.35,) * (len(sources.columns) - 3), 2.6)
     _write_table(place(0.2, WIDTH - 0.4, low, heights[2]), sources, widths, shares(budget)[ranked(budget)])
-    low -= 0.2 + heights[3]
+    low -= heights[3]
     _write_notes(place(0.2, WIDTH - 0.4, low, heights[3]), notes)
     return figure
 
@@ -148,7 +148,7 @@ def _draw_growth(axes: Axes, budget: Budget) -> None:
     bottom = max(min(float(total[0]), 1e-3 * float(total[-1])), 1e-6 * float(total[-1]))
     axes.set_xlim(left, 1.05 * time[-1])
     axes.set_ylim(bottom, top)
-    anchor = 0.35 * float(total[-1])
+    anchor = 0.06 * float(total[-1])
     for power, words in ((1, "t"), (2, "t²"), (3, "t³")):
         guide = anchor * (time / time[-1]) ** power
         axes.plot(time, guide, color=GREY, linewidth=0.8, linestyle=":", zorder=1.0)
@@ -189,9 +189,11 @@ def _write_table(axes: Axes, table: Table, widths: Sequence[float], bars: FloatA
             x = edges[0] if first else edges[column + 1] - 0.004
             style = "#444444" if number == 0 else BLACK
             axes.text(x, y, text, fontsize=7.2, color=style, ha="left" if first else "right", va="center")
-        if number % 2 and number:
+        if number % 2:
             axes.axhspan(y - 0.5, y + 0.5, color="#F2F2F2", linewidth=0.0, zorder=0.0)
     if bars is not None:
+        under = 2.1 + len(bars)
+        axes.plot([0.0, 1.0], [under, under], color=GREY, linewidth=0.8)
         left, wide = edges[-2] + 0.01, 0.68 * (edges[-1] - edges[-2])
         for number, share in enumerate(bars):
             axes.barh(2.6 + number, wide * float(share), height=0.62, left=left, color=SKY, zorder=1.5)
