@@ -120,8 +120,10 @@ def budget(
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("motion")
         from insnav.errors.budget import budget as drawn_up
+        from insnav.errors.budget import check_times
         from insnav.imu import load_imu
 
+        check_times(wanted)
         spec = load_imu(imu)
         motion = _motion(profile, begin, max(wanted), seed)
         note(f"motion: {motion.words}")

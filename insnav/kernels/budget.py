@@ -38,7 +38,7 @@ def _entering(f, dt, hold, given, out):  # type: ignore[no-untyped-def]
     for i in range(3):
         out[i] = 0.0
         out[3 + i], out[6 + i] = given[3 + i], given[i]
-    for i in range(6):
+    for i in range(NAV):
         total = 0.0
         for k in range(3):
             total += f[i, 3 + k] * given[3 + k] + f[i, 6 + k] * given[k]
@@ -135,11 +135,13 @@ def noises(x, f_n, dt, given, axis, white, drive, decay, first, hold, rows, out)
                 c[i, 5] = 0.0
         for s in range(n):
             q, u = p[s], b[axis[s]]
-            d = np.exp(-dt[k] * decay[s])
+            gone = dt[k] * decay[s]
+            d = np.exp(-gone)
+            g = -np.expm1(-gone) / gone if gone > 0.0 else 1.0  # mean of a process that decays over the step
             _half(q, c[axis[s]], white[s], drive[s], dt[k])
             for i in range(NAV):
                 for j in range(WIDTH):
-                    w[i, j] = u[i] * q[NAV, j]
+                    w[i, j] = g * u[i] * q[NAV, j]
                 for m in range(NAV):
                     share = a[i, m]
                     if share != 0.0:
@@ -149,7 +151,7 @@ def noises(x, f_n, dt, given, axis, white, drive, decay, first, hold, rows, out)
                 w[NAV, j] = d * q[NAV, j]
             for i in range(WIDTH):
                 for j in range(NAV):
-                    total = w[i, NAV] * u[j]
+                    total = w[i, NAV] * g * u[j]
                     for m in range(NAV):
                         total += w[i, m] * a[j, m]
                     q[i, j] = total

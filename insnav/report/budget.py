@@ -170,8 +170,8 @@ def assumptions(budget: Budget) -> tuple[str, ...]:
         lines.append(f"In the IMU file, but not in this budget: {', '.join(budget.ignored)}.")
     if budget.simulated is not None:
         lines.append(
-            f"Bars of simulated errors: {100 * BAND:.0f} % bounds of the sd by the number of runs. Each source alone was "
-            f"simulated in {budget.simulated.alone} runs. Seed {budget.simulated.seed}."
+            f"Bars of simulated errors: {100 * BAND:.0f} % bounds of the sd by the number of runs. Each source alone "
+            f"was simulated in {budget.simulated.alone} runs. Seed {budget.simulated.seed}."
         )
     return tuple(lines)
 

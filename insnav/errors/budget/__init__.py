@@ -6,7 +6,7 @@ sources -> analytic (short laws on paper) | covariance (the whole linear model) 
 
 from __future__ import annotations
 
-from insnav.errors.budget.budget import Budget, Column, RecordedColumn, SimulatedColumn, budget
+from insnav.errors.budget.budget import Budget, Column, RecordedColumn, SimulatedColumn, budget, check_times
 from insnav.errors.budget.covariance import Covariance, covariance
 from insnav.errors.budget.montecarlo import Runs, free_runs
 from insnav.errors.budget.motion import SampledMotion, at_rest, first_movement, sampled
@@ -23,6 +23,7 @@ __all__ = [
     "Source",
     "at_rest",
     "budget",
+    "check_times",
     "covariance",
     "families",
     "first_movement",

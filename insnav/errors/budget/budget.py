@@ -250,16 +250,34 @@ def budget(
     return replace(found, simulated=simulated)
 
 
-def _rows(motion: SampledMotion, times: Sequence[float]) -> tuple[IntArray, IntArray]:
-    """Samples after which the curves have points, and which of them are the wanted times."""
-    elapsed = motion.elapsed
-    wrong = [time for time in times if not SHORTEST <= time <= min(LONGEST, float(elapsed[-1]) + 1e-6)]
+def check_times(times: Sequence[float], longest: float = LONGEST) -> None:
+    """Refuse times that a budget is not for.
+
+    Parameters
+    ----------
+    times : sequence of float
+        [s].
+    longest : float
+        End of the motion [s].
+
+    Raises
+    ------
+    ConfigError
+        There are none, or some are too short or too long.
+    """
+    wrong = [time for time in times if not SHORTEST <= time <= longest + 1e-6]
     if wrong or not times:
         raise ConfigError(
             f"{', '.join(f'{time:g}' for time in wrong) or 'nothing'} is no time for this budget",
             where="--times",
-            why=f"it reaches from {SHORTEST:g} s to {min(LONGEST, float(elapsed[-1])):g} s",
+            why=f"it reaches from {SHORTEST:g} s to {longest:g} s",
         )
+
+
+def _rows(motion: SampledMotion, times: Sequence[float]) -> tuple[IntArray, IntArray]:
+    """Samples after which the curves have points, and which of them are the wanted times."""
+    elapsed = motion.elapsed
+    check_times(times, min(LONGEST, float(elapsed[-1])))
     wanted = np.unique(np.searchsorted(elapsed, np.array(times) - 1e-6) + 1)
     last = int(wanted[-1])
     first = max(1, min(int(wanted[0]), last // _CURVE))
