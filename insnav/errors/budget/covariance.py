@@ -17,7 +17,8 @@ from insnav.kernels import budget as _kernel
 from insnav.simulate.sensors import flicker_processes
 from insnav.types import FloatArray, IntArray
 
-STEP = 0.02  # of the propagation [s]
+SHORTEST, LONGEST = 0.02, 0.1  # steps of the propagation [s]
+_STEPS = 3000  # so many, if they may be as long as that
 _CONSTANT = ("constant", "ramp")
 
 
@@ -66,7 +67,7 @@ class Steps:
 
 
 def steps_of(motion: SampledMotion, rows: IntArray) -> Steps:
-    """Join samples to steps of `STEP` that end where results are wanted.
+    """Join samples to steps that end where results are wanted.
 
     Parameters
     ----------
@@ -74,7 +75,8 @@ def steps_of(motion: SampledMotion, rows: IntArray) -> Steps:
     rows : (r,) array of int
         Samples after which results are wanted, increasing.
     """
-    size = max(1, round(STEP / float(np.median(motion.dt))))
+    step = min(max(float(motion.elapsed[rows[-1] - 1]) / _STEPS, SHORTEST), LONGEST)
+    size = max(1, round(step / float(np.median(motion.dt))))
     edges = np.union1d(np.arange(0, rows[-1], size), np.append(0, rows)).astype(np.int64)
     count = np.diff(edges)[:, None]
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from insnav.attitude import dcm_from_rph
 from insnav.exceptions import ConfigError
+from insnav.kernels.mechanization import POLAR_CAP
 from insnav.simulate.closed_forms import straight
 from insnav.simulate.measure import imu_from_truth, reference
 from insnav.simulate.truth import Truth
@@ -85,7 +86,7 @@ def sampled(truth: Truth, begin: float, duration: float, words: str = "", rate: 
     Raises
     ------
     ConfigError
-        The motion ends before, or the stretch begins before it.
+        The motion ends before, the stretch begins before it, or comes close to a pole.
     """
     if begin < 0.0 or begin + duration > truth.duration + 1e-6:
         raise ConfigError(
@@ -98,6 +99,12 @@ def sampled(truth: Truth, begin: float, duration: float, words: str = "", rate: 
     time[-1] = min(time[-1], truth.start + truth.duration)
     samples = imu_from_truth(truth, time, "mean")
     middle = truth.evaluate(time[:-1] + 0.5 * np.diff(time))
+    if float(np.cos(middle.lla[:, 0]).min()) < POLAR_CAP:
+        raise ConfigError(
+            "a budget North and East has no meaning so close to a pole",
+            why="within 128 km of it North turns too fast for a linear model in these axes",
+            fix="choose a stretch of the motion that keeps away from the poles",
+        )
     return SampledMotion(
         reference(truth, time),
         np.diff(time),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from insnav.earth import ned_offset
 from insnav.errors.budget.analytic import analytic
 from insnav.errors.budget.covariance import Covariance, covariance, disturbance, initial_state, processes, steps_of
 from insnav.errors.budget.motion import SampledMotion, at_rest, first_movement, sampled
@@ -209,6 +210,25 @@ def test_scale_factor_of_a_gyro_counts_turns():
     assert sd[8] == pytest.approx(scale * 0.1 * 60.0, rel=0.02)
 
 
+def test_late_samples_are_late_motion(driving):
+    """All that is sensed comes late: so does the velocity, and the position by as much as that has changed."""
+    sources = (Source("timing", "offset", "t", "constant", 1e-3), Source("timing", "drift", "t", "constant", 1e-4))
+    rows = np.array([600, 1000, 1400, 1800, 2600])  # straight, and in both bends
+    found, true = covariance(sources, driving, rows), driving.truth
+    for row, k in enumerate(rows):
+        gained = true.v_n[k] - true.v_n[0]
+        wanted = 1e-3 * np.abs(gained[:2])
+        np.testing.assert_allclose(
+            sd_of(found, sources, "timing offset", row)[:2], wanted, atol=0.03 * wanted.max() + 1e-4
+        )
+    # a clock that gains: what comes later and later, and is integrated over intervals that are too long
+    k = 700
+    way = ned_offset(true.lla[k], true.lla[0]) - 7.0 * true.v_n[0]
+    wanted = 1e-4 * np.abs(7.0 * (true.v_n[k] - true.v_n[0]) - 2.0 * way)[:2]
+    sd = sd_of(covariance(sources, driving, np.array([k])), sources, "timing drift")
+    np.testing.assert_allclose(sd[:2], wanted, atol=0.05 * wanted.max())
+
+
 def test_a_held_vertical_has_no_error_and_hardly_changes_the_others():
     motion, rows = at_rest(60.0), np.array([6000])
     sources = sources_of(plain())
@@ -225,6 +245,11 @@ def test_a_motion_that_is_too_short_is_refused():
         sampled(truth, 10.0, 21.0)
     with pytest.raises(ConfigError, match="not long enough"):
         sampled(truth, -1.0, 10.0)
+
+
+def test_a_pole_is_no_place_for_north_and_east():
+    with pytest.raises(ConfigError, match="pole"):
+        sampled(straight(np.array([np.radians(89.5), 0.0, 0.0]), 10.0, 0.3, 30.0), 0.0, 10.0)
 
 
 def test_the_first_movement_is_found():

@@ -125,6 +125,32 @@ def test_each_family_alone_is_as_predicted(driving):
         assert np.all((ratio > low - slack) & (ratio < high + slack)), (family, ratio)
 
 
+def test_what_comes_late_moves_as_much_as_predicted(driving):
+    """Run by run: one number drawn, and every error is that times the sensitivity."""
+    row, spec = np.array([1000]), only(whole(), "timing offset")
+    error = free_runs(spec, driving, row, 300, 6).error[:, 0]
+    sd = np.sqrt(np.diagonal(covariance(sources_of(spec), driving, row).parts[0].sum(axis=0)))
+    along = error[:, :2] @ (sd[:2] * np.sign(error[0, :2])) / np.sum(sd[:2] ** 2)
+    low, high = chi2.ppf([1e-5, 1 - 1e-5], 300) / 300
+    assert low < np.mean(along**2) < high
+    np.testing.assert_allclose(
+        np.abs(along[:, None] * sd[:2]), np.abs(error[:, :2]), atol=0.05 * np.abs(error[:, :2]).max()
+    )
+
+
+def test_in_run_bias_and_gravity_are_as_large_as_predicted():
+    """Many short runs at rest: a process that forgets within the run, and gravity that is not that of the model."""
+    motion, row, runs = at_rest(6.0), np.array([600]), 1500
+    sensor = SensorSpec(bias_instability=np.full(3, 1e-3), correlation_time=0.5)
+    bare = ImuSpec("forgets", SensorSpec(), sensor)
+    low, high = chi2.ppf([1e-5, 1 - 1e-5], runs) / runs
+    for spec, slope in ((bare, 0.0), (ImuSpec("right", SensorSpec(), SensorSpec()), 1e-4)):
+        error = free_runs(spec, motion, row, runs, 7, deflection=slope).error[:, 0]
+        wanted = np.diagonal(covariance(sources_of(spec, slope), motion, row).parts[0].sum(axis=0))
+        ratio = np.mean(error[:, :6] ** 2, axis=0) / wanted[:6]
+        assert np.all((ratio > low) & (ratio < high)), ratio
+
+
 def test_the_first_runs_do_not_depend_on_how_many_follow(driving):
     rows = np.array([300])
     few, many = (free_runs(whole(), driving, rows, runs, 8).error for runs in (3, 6))
