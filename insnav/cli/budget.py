@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,7 +28,7 @@ Examples:
   insnav budget --imu mems.toml
   insnav budget --imu tactical --times 10,60,300
   insnav budget --imu mems.toml --profile city --runs 500
-  insnav budget --imu mems.toml --profile drive.toml --begin 120 --hold-height
+  insnav budget --imu mems.toml --profile drive.toml --begin 120 --height held
   insnav budget --imu mems.toml --json | jq '.budget[-1].covariance.horizontal_m'
 
 Without a profile the IMU is at rest, level, heading north, at a latitude of 45 deg: what turns and accelerations make
@@ -35,6 +36,14 @@ of heading, scale factors and misalignment shows with a profile. What the IMU fi
 said.
 """
 MOTION = "Motion"
+LONGEST_FREE = 300.0  # up to here the instability of the vertical channel does no harm [s]
+
+
+class Vertical(StrEnum):
+    """What becomes of the vertical channel."""
+
+    free = "free"
+    held = "held"
 
 
 def budget(
@@ -75,10 +84,14 @@ def budget(
     times: Annotated[
         str, typer.Option(metavar="S,S,…", help="When the errors are told, s.", rich_help_panel=MOTION)
     ] = "10,20,30,40,50,60",
-    hold_height: Annotated[
-        bool,
-        typer.Option("--hold-height", help="Hold the vertical channel to the reference.", rich_help_panel=MOTION),
-    ] = False,
+    height: Annotated[
+        Vertical | None,
+        typer.Option(
+            metavar="HOW",
+            help="The vertical channel is free, or held to the reference: free, held. [free up to 300 s, else held]",
+            rich_help_panel=MOTION,
+        ),
+    ] = None,
     runs: Annotated[
         int,
         typer.Option(
@@ -101,7 +114,7 @@ def budget(
         "profile": profile,
         "begin_s": begin,
         "times_s": times,
-        "hold_height": hold_height,
+        "height": height,
         "runs": runs,
         "seed": seed,
     }
@@ -116,6 +129,7 @@ def budget(
     if runs == 1:
         raise ConfigError("one run has no spread", where="--runs", fix="give 2 or more, better 500")
     wanted = parse.positive_numbers(times, "--times", "10,60")
+    hold = max(wanted) > LONGEST_FREE if height is None else height is Vertical.held
     slope = parse.not_negative(deflection, "--deflection", largest=3600.0) * UNITS["arcsec"][1]
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("motion")
@@ -135,7 +149,7 @@ def budget(
             runs=runs,
             seed=seed,
             deflection=slope,
-            hold=hold_height,
+            hold=hold,
             progress=lambda fraction: stage("simulating", fraction),
         )
         for text in (f"not given, taken as zero: {', '.join(found.absent)}",) if found.absent else ():

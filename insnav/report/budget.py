@@ -65,7 +65,8 @@ def budget_sheet(budget: Budget) -> Sheet:
     columns, sources = columns_table(budget), sources_table(budget)
     title = f"Error budget of {budget.imu}: {budget.time[budget.chosen[-1]]:g} s of free-inertial navigation"
     note = textwrap.fill(f"Motion: {budget.motion}. Errors are one standard deviation (1 sd) unless said.", 125)
-    notes = [line for text in assumptions(budget) for line in textwrap.wrap(text, _NOTE_WIDTH, subsequent_indent="   ")]
+    said = [*(f"Mind: {text}" for text in warnings(budget)), *assumptions(budget)]
+    notes = [line for text in said for line in textwrap.wrap(text, _NOTE_WIDTH, subsequent_indent="   ")]
     with drawing():
         figure = draw_budget(budget, title, note, columns, sources, notes)
     return Sheet(
@@ -164,10 +165,6 @@ def assumptions(budget: Budget) -> tuple[str, ...]:
     ]
     if not any(source.sd > 0.0 for source in budget.sources if source.group == "gravity"):
         lines.append("Gravity is taken as that of the model (WGS-84 normal gravity); see --deflection.")
-    if budget.absent:
-        lines.append(f"Not given in the IMU file, counted as zero: {', '.join(budget.absent)}.")
-    if budget.ignored:
-        lines.append(f"In the IMU file, but not in this budget: {', '.join(budget.ignored)}.")
     if budget.simulated is not None:
         lines.append(
             f"Bars of simulated errors: {100 * BAND:.0f} % bounds of the sd by the number of runs. Each source alone "

@@ -63,6 +63,19 @@ def test_profile_and_runs(cli: Cli):
     assert Path("again/budget.pdf").read_bytes() == Path("budget/budget.pdf").read_bytes()
 
 
+def test_long_budgets_hold_the_height_and_say_so(cli: Cli):
+    for options, held in (
+        (("--times", "30"), False),
+        (("--times", "30", "--height", "held"), True),
+        (("--times", "301"), True),
+        (("--times", "301", "--height", "free"), False),
+    ):
+        shown = cli("budget", "--imu", "mems.toml", *options, "--force")
+        assert shown.code == 0, shown.err
+        assert read_facts(Path("budget"))["vertical_held"] is held
+        assert ("held to the reference" in shown.out) is held
+
+
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [

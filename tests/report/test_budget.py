@@ -122,6 +122,7 @@ def test_what_is_missing_or_too_large_is_said(found):
     assert "quantisation" in warnings(bare)[1]
     wrong = replace(found, simulated=replace(found.simulated, nees=2.0 * found.simulated.nees))
     assert "trust the simulated" in warnings(wrong)[0]
+    assert any(text.startswith("Mind: Not given") for text in texts(budget_sheet(bare).pictures[0].figure))
     consumer = budget(load_imu("consumer"), at_rest(60.0), (60.0,))
     assert any("too much for the linear model" in text for text in warnings(consumer))
 

@@ -25,7 +25,7 @@ from insnav.report.sheet import Table
 from insnav.types import FloatArray
 
 WIDTH = 8.27  # A4 [inch]
-_LEFT, _RIGHT = 0.55, 0.25  # margins [inch]
+_LEFT, _RIGHT = 0.7, 0.22  # margins [inch]
 _TOP, _CURVES, _ROW, _NOTE, _GAP = 0.9, 2.75, 0.158, 0.142, 0.5  # heights [inch]
 _SHOWN = 5  # families with a line of their own
 _COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY)
@@ -75,8 +75,8 @@ def draw_budget(budget: Budget, title: str, note: str, columns: Table, sources: 
     def place(left: float, wide: float, bottom: float, high: float) -> Axes:
         return figure.add_axes((left / WIDTH, bottom / height, wide / WIDTH, high / height))
 
-    linear = place(_LEFT, 0.44 * width, low, _CURVES - 0.15)
-    growth = place(_LEFT + 0.555 * width, 0.445 * width, low, _CURVES - 0.15)
+    linear = place(_LEFT, 0.43 * width, low, _CURVES - 0.15)
+    growth = place(_LEFT + 0.56 * width, 0.44 * width, low, _CURVES - 0.15)
     _draw_linear(linear, budget)
     _draw_growth(growth, budget)
     low -= _GAP + heights[1]
