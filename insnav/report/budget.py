@@ -124,7 +124,7 @@ def warnings(budget: Budget) -> tuple[str, ...]:
     if attitude > _LINEAR:
         found.append(
             f"The attitude is off by {attitude / DEG:.0f} deg in the end: too much for the linear model, so that the "
-            "larger figures of analytic and covariance are rough; those of --runs are right."
+            "larger figures of analytic and covariance are rough; trust those that --runs simulates."
         )
     elif budget.simulated is not None and not _true(budget, budget.simulated):
         found.append("The simulated errors are not as large as the covariance says: trust the simulated ones.")

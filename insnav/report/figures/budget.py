@@ -194,7 +194,7 @@ def _write_table(axes: Axes, table: Table, widths: Sequence[float], bars: FloatA
     if bars is not None:
         under = 2.1 + len(bars)
         axes.plot([0.0, 1.0], [under, under], color=GREY, linewidth=0.8)
-        left, wide = edges[-2] + 0.01, 0.68 * (edges[-1] - edges[-2])
+        left, wide = edges[-2] + 0.01, 0.6 * (edges[-1] - edges[-2])
         for number, share in enumerate(bars):
             axes.barh(2.6 + number, wide * float(share), height=0.62, left=left, color=SKY, zorder=1.5)
 
