@@ -162,14 +162,36 @@ def flicker(seed: np.random.SeedSequence, time: FloatArray, size: FloatArray) ->
     if not np.any(size):
         return np.zeros((len(time), 3))
     rng = np.random.default_rng(seed)
-    spacing = (time[-1] - time[0]) / (len(time) - 1)
-    sd = size * math.sqrt(math.log(_FLICKER_RATIO) / math.pi)
+    share, correlation_times = flicker_processes((time[-1] - time[0]) / (len(time) - 1), time[-1] - time[0])
     total = np.zeros((len(time), 3))
-    correlation_time = 0.3 * spacing
-    while correlation_time < 10.0 * (time[-1] - time[0]):
-        total += gauss_markov(rng, time, sd, correlation_time)
-        correlation_time *= _FLICKER_RATIO
+    for correlation_time in correlation_times:
+        total += gauss_markov(rng, time, size * share, correlation_time)
     return total
+
+
+def flicker_processes(spacing: float, length: float) -> tuple[float, list[float]]:
+    """Gauss-Markov processes that together are flicker noise; see `flicker`.
+
+    Parameters
+    ----------
+    spacing : float
+        From one sample to the next [s].
+    length : float
+        From the first sample to the last [s].
+
+    Returns
+    -------
+    share : float
+        Standard deviation of each, in coefficients of the flicker noise.
+    correlation_times : list of float
+        [s].
+    """
+    found = []
+    correlation_time = 0.3 * spacing
+    while correlation_time < 10.0 * length:
+        found.append(correlation_time)
+        correlation_time *= _FLICKER_RATIO
+    return math.sqrt(math.log(_FLICKER_RATIO) / math.pi), found
 
 
 def local_variance(force: FloatArray, dt: float) -> FloatArray:

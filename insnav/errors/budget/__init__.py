@@ -1,0 +1,33 @@
+"""The error budget of free-inertial navigation: how much, after how long, from what.
+
+sources -> analytic (short laws on paper) | covariance (the whole linear model) | montecarlo (what really happens)
+        -> Budget
+"""
+
+from __future__ import annotations
+
+from insnav.errors.budget.budget import Budget, Column, RecordedColumn, SimulatedColumn, budget, check_times
+from insnav.errors.budget.covariance import Covariance, covariance
+from insnav.errors.budget.montecarlo import Runs, free_runs
+from insnav.errors.budget.motion import SampledMotion, at_rest, first_movement, sampled
+from insnav.errors.budget.sources import Source, families, sources_of
+
+__all__ = [
+    "Budget",
+    "Column",
+    "Covariance",
+    "RecordedColumn",
+    "Runs",
+    "SampledMotion",
+    "SimulatedColumn",
+    "Source",
+    "at_rest",
+    "budget",
+    "check_times",
+    "covariance",
+    "families",
+    "first_movement",
+    "free_runs",
+    "sampled",
+    "sources_of",
+]

@@ -1,0 +1,246 @@
+"""The covariance budget: every source carried alone along the motion through the whole linear error model.
+
+Nothing is assumed to be small but the errors: Earth rate, curvature, Coriolis, turns and accelerations all count. The
+model is linear, so the covariance of everything together is the sum of those of the sources.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.errors.budget.motion import SampledMotion
+from insnav.errors.budget.sources import BODY, LOCAL, Source
+from insnav.kernels import budget as _kernel
+from insnav.simulate.sensors import flicker_processes
+from insnav.types import FloatArray, IntArray
+
+SHORTEST, LONGEST = 0.02, 0.1  # steps of the propagation [s]
+_STEPS = 3000  # so many, if they may be as long as that
+_CONSTANT = ("constant", "ramp")
+
+
+@dataclass(frozen=True, slots=True)
+class Covariance:
+    """Covariance that each source makes alone.
+
+    Attributes
+    ----------
+    time : (m,) array
+        Since the start [s].
+    parts : (m, s, 9, 9) array
+        Of the errors of position N, E, D [m], velocity [m/s] and attitude [rad] by each source; the attitude error is
+        that of ``C_hat = (I - [phi x]) C``.
+    """
+
+    time: FloatArray
+    parts: FloatArray
+
+    @property
+    def total(self) -> FloatArray:
+        """Of all sources together, ``(m, 9, 9)``."""
+        return np.asarray(self.parts.sum(axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """A motion in steps of several samples.
+
+    Attributes
+    ----------
+    state : (m, 10) array
+        In the middle of each step; see `insnav.kernels.mechanization`.
+    force_n : (m, 3) array
+        Mean specific force North, East, Down [m/s^2].
+    dt : (m,) array
+        [s].
+    edges : (m + 1,) array of int
+        Numbers of the samples they begin with.
+    """
+
+    state: FloatArray
+    force_n: FloatArray
+    dt: FloatArray
+    edges: IntArray
+
+
+def steps_of(motion: SampledMotion, rows: IntArray) -> Steps:
+    """Join samples to steps that end where results are wanted.
+
+    Parameters
+    ----------
+    motion : SampledMotion
+    rows : (r,) array of int
+        Samples after which results are wanted, increasing.
+    """
+    step = min(max(float(motion.elapsed[rows[-1] - 1]) / _STEPS, SHORTEST), LONGEST)
+    size = max(1, round(step / float(np.median(motion.dt))))
+    edges = np.union1d(np.arange(0, rows[-1], size), np.append(0, rows)).astype(np.int64)
+    count = np.diff(edges)[:, None]
+
+    def mean(values: FloatArray) -> FloatArray:
+        return np.asarray(np.add.reduceat(values[: rows[-1]], edges[:-1], axis=0) / count)
+
+    # neither the longitude, of which a mean across the date line is nonsense, nor the attitude enters what follows
+    state = np.concatenate([mean(motion.lla), mean(motion.v_n), np.zeros((len(count), 4))], axis=1)
+    return Steps(state, mean(motion.force_n), mean(motion.dt[:, None])[:, 0] * count[:, 0], edges)
+
+
+def disturbance(source: Source, motion: SampledMotion) -> FloatArray:
+    """What a source does to attitude and velocity, by its unit.
+
+    Parameters
+    ----------
+    source : Source
+        Any but those of the initial state.
+    motion : SampledMotion
+
+    Returns
+    -------
+    (n, 6) array
+        Rate of the attitude error [rad/s] and of the velocity error [m/s^2], North, East, Down, in every sample:
+        ``phi' = ... - C e_gyro``, ``dv' = ... + C e_accel`` (compare Groves 2013, section 14.2.4).
+    """
+    out = np.zeros((len(motion.dt), 6))
+    if source.group == "gravity":
+        out[:, 3 + LOCAL.index(source.axis)] = 1.0
+        return out
+    gyro, accel = _sensed(source, motion)
+    if gyro is not None:
+        out[:, :3] = -np.einsum("kij,kj->ki", motion.C_nb, gyro)
+    if accel is not None:
+        out[:, 3:] = np.einsum("kij,kj->ki", motion.C_nb, accel)
+    return out
+
+
+def _sensed(source: Source, motion: SampledMotion) -> tuple[FloatArray | None, FloatArray | None]:
+    """Errors of the gyros and of the accelerometers, body axes, ``(n, 3)``; None where there is none."""
+    since = motion.elapsed - 0.5 * motion.dt
+    if source.group == "timing":
+        # late by tau, or by a growing part of the time: what is shown is what was true before
+        late = np.ones_like(since) if source.term == "offset" else since
+        middle = since + motion.truth.time[0]
+        return tuple(-late[:, None] * np.gradient(value, middle, axis=0) for value in (motion.rate, motion.force))  # type: ignore[return-value]
+    error = np.zeros((len(motion.dt), 3))
+    axis = BODY.index(source.axis[0])
+    of = motion.rate if source.group == "gyro" else motion.force
+    if source.term in ("scale factor", "misalignment"):
+        error[:, axis] = of[:, BODY.index(source.axis[1])]
+    elif source.term == "asymmetry":
+        error[:, axis] = np.abs(of[:, axis])
+    elif source.term == "non-linearity":
+        error[:, axis] = of[:, axis] ** 2
+    elif source.term == "g-sensitivity":
+        error[:, axis] = motion.force[:, BODY.index(source.axis[1])]
+    else:
+        error[:, axis] = since if source.kind == "ramp" else 1.0
+    return (error, None) if source.group == "gyro" else (None, error)
+
+
+def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray, *, hold: bool = False) -> Covariance:
+    """Carry each source alone along a motion.
+
+    Parameters
+    ----------
+    sources : tuple of Source
+        See `insnav.errors.budget.sources.sources_of`; those of size zero cost nothing.
+    motion : SampledMotion
+    rows : (m,) array of int
+        Samples after which results are wanted, increasing.
+    hold : bool
+        Hold the vertical channel to the reference, the free-inertial convention: the errors down are none. Otherwise it
+        is free, and its error grows by e every 570 s.
+
+    Returns
+    -------
+    Covariance
+    """
+    steps = steps_of(motion, rows)
+    at = np.searchsorted(steps.edges, rows)
+    parts = np.zeros((len(rows), len(sources), 9, 9))
+    here = [i for i, source in enumerate(sources) if source.sd > 0.0]
+    constant = [i for i in here if sources[i].kind in _CONSTANT]
+    noisy = [i for i in here if sources[i].kind not in _CONSTANT]
+    if constant:
+        first, given = np.zeros((len(constant), 9)), np.zeros((len(steps.dt), len(constant), 6))
+        for k, i in enumerate(constant):
+            source = sources[i]
+            if source.group == "initial":
+                first[k, initial_state(source)] = source.sd
+            else:
+                given[:, k] = source.sd * _integrated(disturbance(source, motion), motion, steps)
+        if hold:
+            first[:, [2, 5]] = 0.0
+        found = np.empty((len(rows), len(constant), 9))
+        _kernel.sensitivities(steps.state, steps.force_n, steps.dt, given, first, hold, at, found)
+        parts[:, constant] = found[..., :, None] * found[..., None, :]
+    if noisy:
+        _add_noises(parts, sources, noisy, motion, steps, at, hold)
+    return Covariance(motion.elapsed[rows - 1], parts)
+
+
+def initial_state(source: Source) -> int:
+    """Number of the state that an initial error is."""
+    group = {"position": 0, "velocity": 3, "tilt": 6, "heading": 6}[source.term]
+    return group + LOCAL.index(source.axis)
+
+
+def _integrated(values: FloatArray, motion: SampledMotion, steps: Steps) -> FloatArray:
+    """Integral of rates of samples over steps."""
+    values = (values * motion.dt[:, None])[: steps.edges[-1]]
+    return np.asarray(np.add.reduceat(values, steps.edges[:-1], axis=0))
+
+
+def _add_noises(
+    parts: FloatArray,
+    sources: tuple[Source, ...],
+    noisy: list[int],
+    motion: SampledMotion,
+    steps: Steps,
+    at: IntArray,
+    hold: bool,
+) -> None:
+    unit = [Source(group, "bias", axis, "constant", 1.0) for group in ("gyro", "accel") for axis in BODY]
+    given = np.stack([_integrated(disturbance(each, motion), motion, steps) for each in unit], axis=1)
+    owner, axis, numbers = [], [], []
+    for i in noisy:
+        for process in processes(sources[i], motion):
+            owner.append(i)
+            axis.append(BODY.index(sources[i].axis) + (3 if sources[i].group == "accel" else 0))
+            numbers.append(process)
+    white, drive, decay, first = np.array(numbers).T.copy()
+    found = np.empty((len(at), len(owner), 9, 9))
+    _kernel.noises(
+        steps.state, steps.force_n, steps.dt, given, np.array(axis), white, drive, decay, first, hold, at, found
+    )
+    for k, i in enumerate(owner):
+        parts[:, i] += found[:, k]
+
+
+def processes(source: Source, motion: SampledMotion) -> list[tuple[float, float, float, float]]:
+    """Processes that make up a noise: density of its white part, density that drives it, decay [1/s], first variance.
+
+    Parameters
+    ----------
+    source : Source
+        Of one of the kinds that are not constant.
+    motion : SampledMotion
+        Its length and sampling tell which processes make flicker noise.
+    """
+    variance = source.sd**2
+    if source.kind == "white":
+        return [(variance, 0.0, 0.0, 0.0)]
+    if source.kind == "random walk":
+        return [(0.0, variance, 0.0, 0.0)]
+    if source.kind == "Gauss-Markov":
+        return [_markov(variance, source.correlation_time)]
+    spacing = float(np.median(motion.dt))
+    # as it is drawn: the first sample of a record has no spacing before it
+    share, times = flicker_processes(spacing, motion.elapsed[-1] - spacing)
+    return [_markov(variance * share**2, tau) for tau in times]
+
+
+def _markov(variance: float, tau: float) -> tuple[float, float, float, float]:
+    return 0.0, (2.0 * variance / tau if math.isfinite(tau) else 0.0), 1.0 / tau, variance

@@ -1,0 +1,300 @@
+"""Error budgets: every source carried alone through the linear error dynamics, and free-inertial runs with errors.
+
+Error = estimate - truth; the nine states are those of `insnav.kernels.dynamics`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from insnav.kernels.dynamics import NAV, system_matrix
+from insnav.kernels.mechanization import step
+
+WIDTH = NAV + 1  # a process and what it has done so far
+
+
+@njit(cache=True)
+def _transition(x, f_n, dt, hold, f, a):  # type: ignore[no-untyped-def]
+    """``a = I + F dt + (F dt)^2 / 2``; held vertical errors stay zero."""
+    system_matrix(x, f_n, f)
+    for i in range(NAV):
+        for j in range(NAV):
+            a[i, j] = dt * f[i, j]
+        for k in range(NAV):
+            share = 0.5 * dt * dt * f[i, k]
+            if share != 0.0:
+                for j in range(NAV):
+                    a[i, j] += share * f[k, j]
+        a[i, i] += 1.0
+    if hold:
+        for j in range(NAV):
+            a[2, j] = a[5, j] = 0.0
+
+
+@njit(cache=True)
+def _entering(f, dt, hold, given, out):  # type: ignore[no-untyped-def]
+    """What a disturbance of attitude and velocity, integrated over a step, is at its end: ``(I + F dt / 2) u``."""
+    for i in range(3):
+        out[i] = 0.0
+        out[3 + i], out[6 + i] = given[3 + i], given[i]
+    for i in range(NAV):
+        total = 0.0
+        for k in range(3):
+            total += f[i, 3 + k] * given[3 + k] + f[i, 6 + k] * given[k]
+        out[i] += 0.5 * dt * total
+    if hold:
+        out[2] = out[5] = 0.0
+
+
+@njit(cache=True)
+def sensitivities(x, f_n, dt, given, state, hold, rows, out):  # type: ignore[no-untyped-def]
+    """Carry errors that are one constant times a known disturbance.
+
+    Parameters
+    ----------
+    x : (m, 10) array
+        Navigation state in the middle of each step.
+    f_n : (m, 3) array
+        Mean specific force in n [m/s^2].
+    dt : (m,) array
+        Steps [s].
+    given : (m, s, 6) array
+        Disturbance of each of s sources, integrated over the step: of the rate of attitude [rad], of velocity [m/s].
+    state : (s, 9) array
+        Errors at the start; changed.
+    hold : bool
+        The vertical channel has no error.
+    rows : (r,) array of int
+        Steps after which the errors are wanted, increasing.
+    out : (r, s, 9) array
+        Errors there.
+    """
+    f, a, b, w = np.empty((NAV, NAV)), np.empty((NAV, NAV)), np.empty(NAV), np.empty(NAV)
+    row = 0
+    for k in range(dt.shape[0]):
+        _transition(x[k], f_n[k], dt[k], hold, f, a)
+        for s in range(state.shape[0]):
+            _entering(f, dt[k], hold, given[k, s], b)
+            for i in range(NAV):
+                total = b[i]
+                for j in range(NAV):
+                    total += a[i, j] * state[s, j]
+                w[i] = total
+            for i in range(NAV):
+                state[s, i] = w[i]
+        if row < rows.shape[0] and k + 1 == rows[row]:
+            for s in range(state.shape[0]):
+                for i in range(NAV):
+                    out[row, s, i] = state[s, i]
+            row += 1
+
+
+@njit(cache=True)
+def _half(p, b, white, drive, dt):  # type: ignore[no-untyped-def]
+    """Add half of the noise of a step: one half enters before the transition, one after it."""
+    for i in range(3, NAV):
+        share = 0.5 * white / dt * b[i]
+        for j in range(3, NAV):
+            p[i, j] += share * b[j]
+    p[NAV, NAV] += 0.5 * drive * dt
+
+
+@njit(cache=True)
+def noises(x, f_n, dt, given, axis, white, drive, decay, first, hold, rows, out):  # type: ignore[no-untyped-def]
+    """Carry the covariance of each noise alone: white noise, or a process that white noise drives.
+
+    Parameters
+    ----------
+    x, f_n, dt, hold, rows
+        As of `sensitivities`.
+    given : (m, 6, 6) array
+        Disturbance by a unit error of gyros x, y, z and accelerometers x, y, z.
+    axis : (s,) array of int
+        Which of these six each noise is an error of.
+    white, drive, decay, first : (s,) array
+        Spectral density of the noise itself, of what drives the process; inverse correlation time [1/s]; variance at
+        the start.
+    out : (r, s, 9, 9) array
+        Covariances.
+    """
+    n = axis.shape[0]
+    f, a = np.empty((NAV, NAV)), np.empty((NAV, NAV))
+    b, c = np.empty((6, NAV)), np.zeros((6, NAV))
+    p, w = np.zeros((n, WIDTH, WIDTH)), np.empty((WIDTH, WIDTH))
+    for s in range(n):
+        p[s, NAV, NAV] = first[s]
+    row = 0
+    for k in range(dt.shape[0]):
+        _transition(x[k], f_n[k], dt[k], hold, f, a)
+        for i in range(6):
+            _entering(f, dt[k], hold, given[k, i], b[i])
+            for j in range(3):
+                c[i, 3 + j], c[i, 6 + j] = given[k, i, 3 + j], given[k, i, j]
+            if hold:
+                c[i, 5] = 0.0
+        for s in range(n):
+            q, u = p[s], b[axis[s]]
+            gone = dt[k] * decay[s]
+            d = np.exp(-gone)
+            g = -np.expm1(-gone) / gone if gone > 0.0 else 1.0  # mean of a process that decays over the step
+            _half(q, c[axis[s]], white[s], drive[s], dt[k])
+            for i in range(NAV):
+                for j in range(WIDTH):
+                    w[i, j] = g * u[i] * q[NAV, j]
+                for m in range(NAV):
+                    share = a[i, m]
+                    if share != 0.0:
+                        for j in range(WIDTH):
+                            w[i, j] += share * q[m, j]
+            for j in range(WIDTH):
+                w[NAV, j] = d * q[NAV, j]
+            for i in range(WIDTH):
+                for j in range(NAV):
+                    total = w[i, NAV] * g * u[j]
+                    for m in range(NAV):
+                        total += w[i, m] * a[j, m]
+                    q[i, j] = total
+                q[i, NAV] = w[i, NAV] * d
+            _half(q, c[axis[s]], white[s], drive[s], dt[k])
+        if row < rows.shape[0] and k + 1 == rows[row]:
+            for s in range(n):
+                for i in range(NAV):
+                    for j in range(NAV):
+                        out[row, s, i, j] = p[s, i, j]
+            row += 1
+
+
+@njit(cache=True)
+def corrupted_run(  # type: ignore[no-untyped-def]
+    rng,
+    x,
+    dt,
+    rate,
+    force,
+    coning,
+    sculling,
+    more,
+    bias,
+    matrix,
+    bend,
+    g_sensitivity,
+    noise,
+    drift,
+    decay,
+    walk,
+    gravity,
+    hold,
+    height,
+    v_down,
+    rows,
+    out,
+):
+    """Let one IMU measure a motion and navigate with it.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Of noise and in-run bias.
+    x : (10,) array
+        State at the start, with its errors; see `insnav.kernels.mechanization`. Changed.
+    dt : (n,) array
+        Samples [s].
+    rate, force : (n, 3) array
+        True means of each sample [rad/s], [m/s^2].
+    coning, sculling : (n, 3) array
+        Of the true samples: what errors change in them is of second order.
+    more : (n, 6) array
+        Errors of gyros and accelerometers that were made elsewhere; or none, (0, 6).
+    bias : (6,) array
+        Of gyros and accelerometers.
+    matrix : (2, 3, 3) array
+        Sensitivities, near the identity.
+    bend : (2, 2, 3) array
+        Asymmetry and quadratic non-linearity.
+    g_sensitivity : (3, 3) array
+        Rate by specific force.
+    noise, drift, walk : (6,) array
+        Root density of white noise, standard deviation of the Gauss-Markov process, root density of what drives the
+        random walk.
+    decay : (2,) array
+        Inverse correlation times of gyros and accelerometers [1/s].
+    gravity : (3,) array
+        What the gravity model says too much, North, East, Down [m/s^2].
+    hold : bool
+        The vertical channel is held to `height` (n,) [m] and `v_down` (n,) [m/s].
+    rows : (r,) array of int
+        Samples after which the state is wanted, increasing.
+    out : (r, 10) array
+        States there.
+    """
+    wandering, walking = np.empty(6), np.zeros(6)
+    for i in range(6):
+        wandering[i] = drift[i] * rng.standard_normal() if drift[i] > 0.0 else 0.0
+    y, c = np.empty(6), np.empty(9)
+    fade, kick = np.empty(2), np.empty(2)
+    row, last, root = 0, 0.0, 0.0
+    for k in range(dt.shape[0]):
+        h = dt[k]
+        if h != last:
+            last, root = h, np.sqrt(h)
+            for sensor in range(2):
+                fade[sensor] = np.exp(-h * decay[sensor])
+                kick[sensor] = np.sqrt(-np.expm1(-2.0 * h * decay[sensor]))
+        for sensor in range(2):
+            for i in range(3):
+                m = matrix[sensor, i]
+                if sensor == 0:
+                    z = m[0] * rate[k, 0] + m[1] * rate[k, 1] + m[2] * rate[k, 2]
+                else:
+                    z = m[0] * force[k, 0] + m[1] * force[k, 1] + m[2] * force[k, 2]
+                y[3 * sensor + i] = z + bend[sensor, 0, i] * abs(z) + bend[sensor, 1, i] * z * z
+        for i in range(3):
+            g = g_sensitivity[i]
+            y[i] += g[0] * force[k, 0] + g[1] * force[k, 1] + g[2] * force[k, 2]
+        for i in range(6):
+            if drift[i] > 0.0 and k > 0:
+                sensor = i // 3
+                wandering[i] = fade[sensor] * wandering[i] + kick[sensor] * drift[i] * rng.standard_normal()
+            if walk[i] > 0.0:
+                walking[i] += walk[i] * root * rng.standard_normal()
+            y[i] += bias[i] + wandering[i] + walking[i]
+            if noise[i] > 0.0:
+                y[i] += noise[i] / root * rng.standard_normal()
+        if more.shape[0] > 0:
+            for i in range(6):
+                y[i] += more[k, i]
+        # what is wrong with gravity, half of it before the step and half after it
+        x[3] += 0.5 * h * gravity[0]
+        x[4] += 0.5 * h * gravity[1]
+        if not hold:
+            x[5] += 0.5 * h * gravity[2]
+        step(
+            x,
+            h,
+            h * y[0],
+            h * y[1],
+            h * y[2],
+            h * y[3],
+            h * y[4],
+            h * y[5],
+            coning[k, 0],
+            coning[k, 1],
+            coning[k, 2],
+            sculling[k, 0],
+            sculling[k, 1],
+            sculling[k, 2],
+            c,
+            1.0,
+            hold,
+            height[k],
+            v_down[k],
+        )
+        x[3] += 0.5 * h * gravity[0]
+        x[4] += 0.5 * h * gravity[1]
+        if not hold:
+            x[5] += 0.5 * h * gravity[2]
+        if row < rows.shape[0] and k + 1 == rows[row]:
+            for i in range(10):
+                out[row, i] = x[i]
+            row += 1

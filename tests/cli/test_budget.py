@@ -1,0 +1,101 @@
+"""``insnav budget`` from an IMU file to a folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from insnav.io.folder import read_facts, verify_folder
+from tests.cli.conftest import Cli
+
+MEMS = """
+name = "mems"
+[gyro]
+bias = "10 deg/h"
+random_walk = "0.24 deg/sqrt(h)"
+[accel]
+bias = "1 mg"
+random_walk = "0.1 m/s/sqrt(h)"
+[initial]
+tilt = "0.03 deg"
+"""
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mems.toml").write_text(MEMS, encoding="utf-8")
+
+
+def test_imu_alone(cli: Cli):
+    shown = cli("budget", "--imu", "mems.toml", "--times", "10,60")
+    assert shown.code == 0, shown.err
+    verify_folder(Path("budget"))
+    facts = read_facts(Path("budget"))
+    parts = facts["budget"][-1]["analytic"]["sources"]
+    assert parts["accel bias"]["position_m"][0] == pytest.approx(0.5 * 9.80665e-3 * 3600.0, rel=1e-6)
+    assert parts["gyro bias"]["position_m"][1] == pytest.approx(9.806 * 4.8481e-5 * 60.0**3 / 6.0, rel=1e-4)
+    assert Path("budget/budget.pdf").read_bytes().startswith(b"%PDF")
+    assert Path("budget/figures/budget.png").stat().st_size > 20_000
+    assert "at rest, level, heading north" in shown.out
+    # what the file does not give is said, on the screen and in the folder
+    assert "accel.scale_factor" in shown.err
+    assert "initial.heading" in shown.out
+    assert {"accel.scale_factor", "gyro.misalignment", "initial.velocity"} <= set(facts["not_given"])
+    assert "-0.046 %" in shown.out
+    assert facts["runs"] is None
+
+
+def test_profile_and_runs(cli: Cli):
+    options = ("--profile", "city", "--runs", "20", "--times", "10,20", "--seed", "3")
+    shown = cli("budget", "--imu", "mems.toml", *options, "--json")
+    assert shown.code == 0, shown.err
+    facts = json.loads(shown.out)
+    assert facts == read_facts(Path("budget"))
+    assert "city, from 60 s on" in facts["motion"]
+    last = facts["budget"][-1]
+    ratio = last["simulated"]["horizontal_m"] / last["covariance"]["horizontal_m"]
+    assert 0.6 < ratio < 1.5
+    again = cli("budget", "--imu", "mems.toml", *options, "--json", "--out", "again")
+    assert json.loads(again.out)["budget"] == facts["budget"]
+    assert Path("again/budget.pdf").read_bytes() == Path("budget/budget.pdf").read_bytes()
+
+
+def test_long_budgets_hold_the_height_and_say_so(cli: Cli):
+    for options, held in (
+        (("--times", "30"), False),
+        (("--times", "30", "--height", "held"), True),
+        (("--times", "301"), True),
+        (("--times", "301", "--height", "free"), False),
+    ):
+        shown = cli("budget", "--imu", "mems.toml", *options, "--force")
+        assert shown.code == 0, shown.err
+        assert read_facts(Path("budget"))["vertical_held"] is held
+        assert ("held to the reference" in shown.out) is held
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        ((), 2, "--imu"),
+        (("--imu", "nothing.toml"), 2, "neither an IMU preset nor a file"),
+        (("--imu", "empty.toml"), 2, "no errors"),
+        (("--imu", "mems.toml", "--times", "10,x"), 2, "--times"),
+        (("--imu", "mems.toml", "--times", "5000"), 2, "--times"),
+        (("--imu", "mems.toml", "--times", "0.01"), 2, "--times"),
+        (("--imu", "mems.toml", "--runs", "1"), 2, "--runs"),
+        (("--imu", "mems.toml", "--begin", "5"), 2, "--profile"),
+        (("--imu", "mems.toml", "--profile", "town"), 2, "no motion profile"),
+        (("--imu", "mems.toml", "--profile", "city", "--begin", "5000"), 2, "not long enough"),
+        (("--imu", "mems.toml", "--profile", "city", "--times", "3000"), 2, "not long enough"),
+        (("--imu", "mems.toml", "--deflection", "-1"), 2, "--deflection"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(cli: Cli, options: tuple[str, ...], code: int, words: str):
+    Path("empty.toml").write_text('name = "nothing"\n[gyro]\nbias = "0 deg/h"\n[accel]\n', encoding="utf-8")
+    shown = cli("budget", *options)
+    assert shown.code == code, shown.err
+    assert words in shown.err
+    assert not Path("budget").exists()

@@ -1,0 +1,114 @@
+"""The laws on paper, derived once more by computer algebra."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from insnav.errors.budget import laws
+from insnav.units import DEG, DEG_PER_H
+
+T, U, V, TAU, W = sp.symbols("t u v T w", positive=True)
+TIMES = np.array([0.5, 10.0, 60.0, 300.0, 4000.0])
+G = 9.7803
+
+
+def value(expression: sp.Expr, t: float, **others: float) -> float:
+    known = {T: sp.Float(t, 60)} | {{"tau": TAU, "w": W}[name]: sp.Float(number, 60) for name, number in others.items()}
+    return float(sp.N(expression.subs(known), 30, maxn=200))
+
+
+def kernel(order: int, age: sp.Expr) -> sp.Expr:
+    """What is left of a pulse in the n-fold integral after some time."""
+    return age ** (order - 1) / sp.factorial(order - 1)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_constant_ramp_white_noise_and_random_walk(order):
+    wanted = {
+        "constant": sp.integrate(kernel(order, T - U), (U, 0, T)),
+        "ramp": sp.integrate(kernel(order, T - U) * U, (U, 0, T)),
+        "white": sp.sqrt(sp.integrate(kernel(order, T - U) ** 2, (U, 0, T))),
+        # a random walk is white noise integrated once more: a pulse is a step from then on
+        "random walk": sp.sqrt(sp.integrate(sp.integrate(kernel(order, T - V), (V, U, T)) ** 2, (U, 0, T))),
+    }
+    for kind, expression in wanted.items():
+        np.testing.assert_allclose(laws.integral(kind, order, TIMES), [value(expression, t) for t in TIMES], rtol=1e-13)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_gauss_markov_process(order):
+    product = kernel(order, T - U) * kernel(order, T - V) * sp.exp(-(U - V) / TAU)
+    inner = sp.integrate(sp.expand(product), (V, 0, U))
+    variance = 2 * sp.integrate(sp.expand(inner), (U, 0, T))
+    for tau in (0.02, 5.0, 130.0, 3600.0, 1e6):
+        wanted = [np.sqrt(value(variance, t, tau=tau)) for t in TIMES]
+        np.testing.assert_allclose(laws.integral("Gauss-Markov", order, TIMES, tau), wanted, rtol=1e-9)
+
+
+def test_a_process_that_hardly_changes_is_a_bias():
+    for order in (1, 2, 3):
+        bias = laws.integral("constant", order, TIMES)
+        np.testing.assert_allclose(laws.integral("Gauss-Markov", order, TIMES, 1e12), bias, rtol=1e-8)
+        np.testing.assert_array_equal(laws.integral("Gauss-Markov", order, TIMES), bias)
+
+
+# answers of the loop p'' + w^2 p = what drives it; a gyro bias drives it with g eps t
+LOOP = {
+    "constant": {1: sp.sin(W * T) / W, 2: (1 - sp.cos(W * T)) / W**2, 3: (W * T - sp.sin(W * T)) / W**3},
+    "ramp": {2: (W * T - sp.sin(W * T)) / W**3, 3: (W**2 * T**2 / 2 - 1 + sp.cos(W * T)) / W**4},
+}
+
+
+def test_the_answers_solve_the_equation_of_the_loop():
+    drive = {("constant", 1): 0, ("constant", 2): 1, ("constant", 3): T, ("ramp", 2): T, ("ramp", 3): T**2 / 2}
+    for (kind, order), given in drive.items():
+        p = LOOP[kind][order]
+        assert sp.simplify(sp.diff(p, T, 2) + W**2 * p - given) == 0
+        assert p.subs(T, 0) == 0
+        assert sp.diff(p, T).subs(T, 0) == (1 if (kind, order) == ("constant", 1) else 0)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_closed_schuler_forms(order):
+    rate = 1.24e-3
+    pulse = {1: sp.cos(W * U), 2: sp.sin(W * U) / W, 3: (1 - sp.cos(W * U)) / W**2}[order]
+    step = {1: sp.sin(W * U) / W, 2: (1 - sp.cos(W * U)) / W**2, 3: (W * U - sp.sin(W * U)) / W**3}[order]
+    forms = {
+        "white": sp.sqrt(sp.integrate(sp.expand(pulse**2), (U, 0, T))),
+        "random walk": sp.sqrt(sp.integrate(sp.expand(step**2), (U, 0, T))),
+        "constant": LOOP["constant"][order],
+    }
+    if order > 1:
+        forms["ramp"] = LOOP["ramp"][order]
+    late = TIMES[TIMES > laws.SHORT]
+    for kind, form in forms.items():
+        found = laws.schuler(kind, order, late, rate) * laws.integral(kind, order, late)
+        np.testing.assert_allclose(found, [value(form, t, w=rate) for t in late], rtol=1e-6)
+
+
+def test_short_forms_are_what_the_schuler_forms_begin_with():
+    for kind in ("constant", "ramp", "white", "random walk"):
+        for order in (1, 2, 3):
+            assert laws.schuler(kind, order, 60.0, 1.24e-3) == pytest.approx(1.0, abs=2e-3)
+
+
+def test_one_minute_on_paper():
+    bias, drift = 50e-6 * G, 0.00806 * DEG_PER_H
+    terms = [laws.accel_bias(bias, 60.0), laws.tilt(0.003 * DEG, 60.0, G), laws.gyro_bias(drift, 60.0, G)]
+    assert [round(float(term), 4) for term in terms] == [0.8802, 0.9218, 0.0138]
+    assert round(float(sum(terms)), 3) == 1.816
+
+
+def test_named_laws():
+    t = 60.0
+    assert laws.velocity(0.1, t) == pytest.approx(6.0)
+    assert laws.heading(0.01, 20.0, t) == pytest.approx(0.5 * 0.01 * 20.0 / t * t**2)
+    assert laws.gyro_scale_factor(1e-3, 0.5, t, G) == pytest.approx(laws.gyro_bias(1e-3 * 0.5 / t, t, G))
+    assert laws.velocity_random_walk(0.002, t) == pytest.approx(0.002 * t**1.5 / np.sqrt(3))
+    assert laws.angle_random_walk(2e-5, t, G) == pytest.approx(G * 2e-5 * np.sqrt(t**5 / 20))
+    assert laws.accel_rate_random_walk(1e-4, t) == pytest.approx(1e-4 * np.sqrt(t**5 / 20))
+    assert laws.gyro_rate_random_walk(1e-7, t, G) == pytest.approx(G * 1e-7 * np.sqrt(t**7 / 252))
+    assert laws.accel_instability(1e-3, t, 3600.0) == pytest.approx(0.5e-3 * t**2, rel=5e-3)
+    assert laws.gyro_instability(1e-6, t, 3600.0, G) == pytest.approx(G * 1e-6 * t**3 / 6, rel=6e-3)

@@ -1,0 +1,133 @@
+"""Page and facts of an error budget."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from insnav.errors.budget import Budget, RecordedColumn, at_rest, budget
+from insnav.errors.budget.sources import families, sources_of
+from insnav.imu import load_imu
+from insnav.report.budget import budget_facts, budget_sheet, columns_table, sources_table, warnings
+from insnav.report.budget_words import EFFECTS, growth, size
+from insnav.report.figures.budget import ranked, shares
+from insnav.report.sheet import sheet_text
+from tests.errors.budget.imus import plain, whole
+
+
+@pytest.fixture(scope="module")
+def found() -> Budget:
+    return budget(plain(), at_rest(20.0), (5.0, 10.0, 20.0), runs=30)
+
+
+def cells(table, name: str) -> dict[str, str]:
+    row = next(row for row in table.rows if row[0] == name)
+    return dict(zip(table.columns, row, strict=True))
+
+
+def texts(figure: Figure) -> list[str]:
+    return [text.get_text() for axes in figure.axes for text in axes.texts]
+
+
+def test_columns_are_the_errors_at_the_times(found):
+    table = columns_table(found)
+    assert [row[0] for row in table.rows] == ["5", "10", "20"]
+    assert len(table.columns) == 1 + 4 * 3
+    at = found.chosen[2]
+    row = cells(table, "20")
+    assert float(row["covar. N"]) == pytest.approx(found.covariance.total[at, 0], rel=5e-3)
+    assert float(row["analytic E"]) == pytest.approx(found.analytic.total[at, 1], rel=5e-3)
+    assert float(row["simul. D"]) == pytest.approx(found.simulated.total[at, 2], rel=5e-3)
+    assert float(row["worst N"]) > float(row["covar. N"])
+
+
+def test_sources_are_ranked_and_sum_up(found):
+    table = sources_table(found)
+    values = [float(row[table.columns.index("covariance")]) for row in table.rows[:-2]]
+    assert values == sorted(values, reverse=True)
+    assert float(cells(table, "together (RSS)")["covariance"]) == pytest.approx(
+        np.sqrt(np.sum(np.square(values))), rel=0.01
+    )
+    assert shares(found).sum() == pytest.approx(1.0)
+    percent = [float(row[-1].rstrip(" %")) for row in table.rows[:-2]]
+    assert sum(percent) == pytest.approx(100.0, abs=0.06 * len(percent))
+    assert {row[0] for row in table.rows[:-2]} == set(found.families)
+
+
+def test_every_family_has_words_a_unit_and_a_law():
+    sources = sources_of(whole(), 1e-5)
+    every = replace(budget(plain(), at_rest(5.0), (5.0,)), sources=sources)
+    for family in families(sources):
+        assert EFFECTS[family]
+        assert size(every, family).split()[0][0].isdigit()
+        assert growth(every, family)
+    assert size(every, "gyro bias") == "1.6 to 2.4 deg/h"
+    assert size(every, "initial tilt") == "0.02 deg"
+    laws = {"gyro bias": "t³", "accel bias": "t²", "gyro white noise": "t²·⁵", "accel white noise": "t¹·⁵"}
+    laws |= {"gyro rate random walk": "t³·⁵", "initial velocity": "t", "initial tilt": "t²", "gyro bias ramp": "t⁴"}
+    assert {family: growth(every, family) for family in laws} == laws
+
+
+def test_facts_are_complete_and_json(found):
+    facts = json.loads(json.dumps(budget_facts(found, {"imu": "plain"})))
+    assert [entry["time_s"] for entry in facts["budget"]] == pytest.approx([5.0, 10.0, 20.0])
+    last = facts["budget"][-1]
+    assert last["covariance"]["position_m"] == pytest.approx(list(found.covariance.total[found.chosen[-1], :3]))
+    assert set(last["simulated"]["sources"]) == set(found.families)
+    assert len(last["analytic"]["worst_position_m"]) == 3
+    assert facts["runs"]["count"] == 30
+    assert len(facts["sources"]) == 89
+    assert facts["recorded"] is None
+    assert facts["short_form_error"]["bias_and_tilt"] == pytest.approx(-5.1e-5, rel=0.05)
+
+
+def test_page_shows_curves_tables_and_assumptions(found):
+    sheet = budget_sheet(found)
+    figure = sheet.pictures[0].figure
+    written = texts(figure)
+    for family in found.families:
+        assert family in written
+    assert any("Schuler" in text or "Validity of the short forms" in text for text in written)
+    linear, growth_axes = figure.axes[:2]
+    labels = [text.get_text() for text in linear.get_legend().get_texts()]
+    assert labels == ["up to the worst case", "covariance, 1 sd", "analytic", "simulated, 30 runs"]
+    assert (growth_axes.get_xscale(), growth_axes.get_yscale()) == ("log", "log")
+    assert {"t", "t²", "t³"} <= {text.get_text() for text in growth_axes.texts}
+    shown = sheet_text(sheet)
+    assert "1 if the covariance is true" in shown
+    assert found.families[ranked(found)[0]] in sheet.summary[3]
+
+
+def test_a_recorded_column_has_its_place(found):
+    recorded = RecordedColumn(
+        np.array([10.0, 20.0]), np.array([1.5, 6.25]), np.ones(2), np.ones(2), np.ones((2, 3)), 12, "a drive"
+    )
+    joined = replace(found, recorded=recorded)
+    table = columns_table(joined)
+    assert cells(table, "20")["record. N"] == "6.25"
+    assert cells(table, "5")["record. N"] == "–"
+    labels = [t.get_text() for t in budget_sheet(joined).pictures[0].figure.axes[0].get_legend().get_texts()]
+    assert "recorded, 12 windows" in labels
+    assert budget_facts(joined, {})["recorded"]["windows"] == 12
+
+
+def test_what_is_missing_or_too_large_is_said(found):
+    assert warnings(found) == ()
+    bare = replace(found, absent=("gyro.bias",), ignored=("gyro quantisation",))
+    assert "gyro.bias" in warnings(bare)[0]
+    assert "quantisation" in warnings(bare)[1]
+    wrong = replace(found, simulated=replace(found.simulated, nees=2.0 * found.simulated.nees))
+    assert "trust the simulated" in warnings(wrong)[0]
+    assert any(text.startswith("Mind: Not given") for text in texts(budget_sheet(bare).pictures[0].figure))
+    consumer = budget(load_imu("consumer"), at_rest(60.0), (60.0,))
+    assert any("too much for the linear model" in text for text in warnings(consumer))
+
+
+def test_a_held_vertical_is_said():
+    sheet = budget_sheet(budget(plain(), at_rest(10.0), (10.0,), hold=True))
+    assert "down: held to the reference" in sheet.summary[1]
+    assert any("held to the reference" in text for text in sheet.assumptions)
