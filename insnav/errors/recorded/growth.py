@@ -25,6 +25,8 @@ class Growth:
         [s]
     count : int
         Number of windows.
+    judged : (k,) array
+        Number of them whose error is known at each time.
     effective : float
         How many that do not overlap they amount to.
     rms : (k, 6) array
@@ -43,6 +45,7 @@ class Growth:
 
     times: FloatArray
     count: int
+    judged: IntArray
     effective: float
     rms: FloatArray
     judged_rms: FloatArray
@@ -113,6 +116,7 @@ def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
     return Growth(
         windows.grid[at],
         windows.count,
+        known[..., 5].sum(axis=0),
         effective_count(windows.start, windows.length),
         rms(np.arange(windows.count)[None])[0],
         np.sqrt(_mean(error**2, 0)),

@@ -29,7 +29,7 @@ SETTLED = 60.0  # no window begins earlier after the start, if the drive is long
 COUNT = 60  # windows that are to fit
 CLOSEST = 2.0  # least distance of two windows [s]
 TURNED = np.deg2rad(15.0)  # a window whose heading stays within this is straight [rad]
-HOLE = 2.0  # without anything to judge by for longer than this, and than three intervals of it, is a gap [s]
+HOLE = 10.0  # without anything to judge by for longer than this, and than three intervals of it, is a gap [s]
 LOST = 6  # samples in a row that make a gap of the IMU record
 _SOLUTION = 0.1  # of the whole drive, for speed and course, and for its twin [s]
 _UNDER_WAY = 1.0  # course is the direction of the velocity above this [m/s]
@@ -50,7 +50,8 @@ class Windows:
     elapsed : (n, k) array
         Times since the start of the epochs that stand for them [s].
     error : (n, k, 6) array
-        Navigated minus judged position North, East, Down [m] and velocity [m/s]; ``NaN`` where the judge has none.
+        Navigated minus judged position North, East, Down [m] and velocity [m/s]; ``NaN`` where there is nothing to
+        judge by.
     covariance : (n, k, 6, 6) array
         Predicted, of position and velocity.
     judge_sd : (n, k, 6) array
@@ -229,8 +230,7 @@ def free_windows(
     """
     ready, delay = drive.ready, drive.ready.settings.delay
     settings = alone(ready.settings, withheld=judge.withheld)
-    step = float(np.median(np.diff(judge.fixes.time)))
-    spread = max(1.0, step)
+    spread = max(1.0, float(np.median(np.diff(judge.fixes.time))))
     grid: FloatArray = np.arange(1, int(length / spread + 1e-6) + 1) * spread
     gaps = _gaps(ready, judge)
     course = _course(drive)
@@ -239,20 +239,19 @@ def free_windows(
     for number, state in enumerate(drive.states):
         begin = state.time + delay
         reason = _touches(gaps, begin, begin + length)
-        at = _epochs(judge.fixes.time, begin, grid, step) if reason is None else None
-        if reason is None and at is None:
-            reason = "nothing to judge by at some of its times"
+        shown, known = _shown(judge.fixes, begin + grid, 0.5 * spread)
+        if reason is None and not known[-1]:
+            reason = "nothing to judge by at its end"
         first = forward_start(state, settings, judge.lever_b)
         if start == "smoothed" and reason is None:
             seen = smoothed_start(first, drive.run, drive.clock)
             reason = "no fix was used at its start" if seen is None else None
             first = first if seen is None else seen
-        if reason is not None or at is None:
-            dropped[str(reason)] = dropped.get(str(reason), 0) + 1
+        if reason is not None:
+            dropped[reason] = dropped.get(reason, 0) + 1
             continue
         first = uncalibrated(first, ready.model) if raw else first
-        shown = shown_only(selected(judge.fixes, at))
-        found.append(_navigated(part_of(ready, first, length), first, shown, settings, course))
+        found.append(_navigated(part_of(ready, first, length), first, shown, known, settings, course))
         if progress is not None:
             progress((number + 1) / len(drive.states))
     if not found:
@@ -287,6 +286,7 @@ def _navigated(
     part: Prepared,
     first: FilterState,
     shown: GpsData,
+    known: BoolArray,
     settings: FilterSettings,
     course: tuple[FloatArray, FloatArray, FloatArray],
 ) -> _Window:
@@ -309,7 +309,7 @@ def _navigated(
     return _Window(
         begin,
         shown.time - begin,
-        -seen.innovation,
+        np.where(known[:, None], -seen.innovation, np.nan),
         covariance,
         judge_sd,
         np.interp(shown.time, time, direction) if motion != "static" else np.full(len(shown.time), np.nan),
@@ -327,13 +327,15 @@ def _motion(speed: FloatArray, heading: FloatArray) -> Motion:
     return "straight" if float(np.ptp(np.unwrap(heading))) <= TURNED else "turning"
 
 
-def _epochs(time: FloatArray, begin: float, grid: FloatArray, step: float) -> np.ndarray | None:
-    """Rows of the judge nearest to each time of the grid; None if one is too far off."""
-    wanted = begin + grid
-    after = np.clip(np.searchsorted(time, wanted), 1, len(time) - 1)
-    at = np.where(wanted - time[after - 1] < time[after] - wanted, after - 1, after)
-    close = np.abs(time[at] - wanted) <= 0.5 * step + 1e-6
-    return at if close.all() and (np.diff(at) > 0).all() else None
+def _shown(judge: GpsData, wanted: FloatArray, close: float) -> tuple[GpsData, BoolArray]:
+    """What a window is compared with at the times of the grid, and whether there is anything so close to each."""
+    after = np.clip(np.searchsorted(judge.time, wanted), 1, len(judge.time) - 1)
+    at = np.where(wanted - judge.time[after - 1] < judge.time[after] - wanted, after - 1, after)
+    nearest = judge.time[at]
+    known: BoolArray = np.asarray(np.abs(nearest - wanted) <= close + 1e-6)
+    known[1:] &= nearest[1:] > nearest[:-1]
+    # the filter tells its state at all of them
+    return shown_only(replace(selected(judge, at), time=np.where(known, nearest, wanted))), known
 
 
 def _gaps(ready: Prepared, judge: Judge) -> list[tuple[FloatArray, FloatArray, str]]:
@@ -344,8 +346,9 @@ def _gaps(ready: Prepared, judge: Judge) -> list[tuple[FloatArray, FloatArray, s
     stamps = judge.fixes.time
     step = np.diff(stamps)
     dark = np.flatnonzero(step > max(HOLE, 3.0 * float(np.median(step))))
-    begin, end = np.concatenate([[-np.inf], stamps[dark], stamps[-1:]]), np.concatenate(
-        [stamps[:1], stamps[dark + 1], [np.inf]]
+    begin, end = (
+        np.concatenate([[-np.inf], stamps[dark], stamps[-1:]]),
+        np.concatenate([stamps[:1], stamps[dark + 1], [np.inf]]),
     )
     return [
         (time[lost] + delay, time[lost + 1] + delay, "hole in the IMU record"),
