@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from insnav.types import FloatArray, IntArray
+from insnav.types import FloatArray
 
 DRAWS = 1000
 CONFIDENCE = 0.95
@@ -40,8 +40,8 @@ def effective_count(start: FloatArray, length: float) -> float:
     return covered / length
 
 
-def block_rows(start: FloatArray, length: float, draws: int = DRAWS) -> IntArray:
-    """Rows of windows drawn in blocks that are as long as the overlap.
+def block_weights(start: FloatArray, length: float, draws: int = DRAWS) -> FloatArray:
+    """How often each window is in each draw of blocks that are as long as the overlap.
 
     Parameters
     ----------
@@ -54,18 +54,42 @@ def block_rows(start: FloatArray, length: float, draws: int = DRAWS) -> IntArray
     Returns
     -------
     (draws, n) array
-        Always the same for the same windows.
+        Always the same for the same windows; each row has the sum n.
     """
     n = len(start)
     size = min(n, max(1, int(np.ceil(n / effective_count(start, length)))))
     rng = np.random.default_rng(_SEED)
     first = rng.integers(0, n, size=(draws, -(-n // size)))
-    rows = (first[:, :, None] + np.arange(size)) % n
-    return np.asarray(rows.reshape(draws, -1)[:, :n], dtype=np.int64)
+    rows = ((first[:, :, None] + np.arange(size)) % n).reshape(draws, -1)[:, :n]
+    flat = np.bincount((rows + n * np.arange(draws)[:, None]).ravel(), minlength=draws * n)
+    return np.asarray(flat.reshape(draws, n), dtype=np.float64)
+
+
+def means(values: FloatArray, weights: FloatArray) -> FloatArray:
+    """Mean over the windows in each draw of what is known.
+
+    Parameters
+    ----------
+    values : (n, ...) array
+        ``NaN`` where not known.
+    weights : (draws, n) array
+        From `block_weights`.
+
+    Returns
+    -------
+    (draws, ...) array
+        ``NaN`` where nothing is known.
+    """
+    known = np.isfinite(values)
+    shape = values.shape[1:]
+    total = weights @ np.where(known, values, 0.0).reshape(len(values), -1)
+    count = weights @ known.reshape(len(values), -1).astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        return np.asarray((total / np.where(count > 0.0, count, np.nan)).reshape(-1, *shape))
 
 
 def interval(
-    start: FloatArray, length: float, statistic: Callable[[IntArray], FloatArray]
+    start: FloatArray, length: float, statistic: Callable[[FloatArray], FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
     """Interval of a figure that holds with 95 %.
 
@@ -76,14 +100,14 @@ def interval(
     length : float
         Of each [s].
     statistic : callable
-        Given the rows ``(draws, n)``, the figure of each draw ``(draws, ...)``.
+        Given the weights ``(draws, n)``, the figure of each draw ``(draws, ...)``.
 
     Returns
     -------
     low, high : array
         Quantiles of the draws; ``NaN`` where there are fewer than `FEWEST` independent windows.
     """
-    found = statistic(block_rows(start, length))
+    found = statistic(block_weights(start, length))
     tail = 0.5 * (1.0 - CONFIDENCE)
     low, high = np.quantile(found, [tail, 1.0 - tail], axis=0)
     if effective_count(start, length) < FEWEST:

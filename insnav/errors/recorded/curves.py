@@ -178,7 +178,7 @@ def about_the_curve(
         total[k:, :k] += mixed.T
         total[k:, k:] += density * (v_i * v_j * weight).sum(axis=-1)
     total[:k, :k] += start_variance
-    return total + np.diag(np.where(np.isfinite(judge_variance), judge_variance, 1.0))
+    return np.asarray(total + np.diag(np.where(np.isfinite(judge_variance), judge_variance, 1.0)))
 
 
 def _solve(

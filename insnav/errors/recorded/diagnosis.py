@@ -176,7 +176,8 @@ def _axis(
     grown = value * position_terms(windows.elapsed[:, -1])
     part = np.mean(grown**2, axis=0)
     units = np.array([1.0, 1.0, 1.0 / gravity])  # jerk is told as drift
-    limit = float(chi2.ppf(0.5 + 0.5 * CONFIDENCE, count) / count)
+    draws = 1.0 if windows.raw else max(count, 1.0)  # turn-on errors are the same in all windows
+    limit = float(chi2.ppf(0.5 + 0.5 * CONFIDENCE, draws) / draws)
     causes = []
     for k in range(3):
         square, noise = float(np.mean(value[:, k] ** 2)), float(np.mean(fit[:, k] ** 2))

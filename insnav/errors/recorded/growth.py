@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from insnav.errors.recorded.bootstrap import effective_count, interval
+from insnav.errors.recorded.bootstrap import effective_count, interval, means
 from insnav.errors.recorded.windows import MOTIONS, Windows
 from insnav.types import FloatArray, IntArray
 
@@ -106,26 +106,26 @@ def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
     error, variance, judge = (values[:, at] for values in components(windows))
     size = np.abs(error)
 
-    def rms(rows: IntArray) -> FloatArray:
-        return np.sqrt(np.maximum(_mean(error[rows] ** 2 - judge[rows], -3), 0.0))
+    def rms(weights: FloatArray) -> FloatArray:
+        return np.sqrt(np.maximum(means(error**2 - judge, weights), 0.0))
 
     low, high = interval(windows.start, windows.length, rms)
     inside = size <= 3.0 * np.sqrt(variance + judge)
     inside[..., 5] = inside[..., :2].mean(axis=-1)
-    known = np.isfinite(error)
+    known, once = np.isfinite(error), np.ones((1, windows.count))
     return Growth(
         windows.grid[at],
         windows.count,
         known[..., 5].sum(axis=0),
         effective_count(windows.start, windows.length),
-        rms(np.arange(windows.count)[None])[0],
-        np.sqrt(_mean(error**2, 0)),
+        rms(once)[0],
+        np.sqrt(means(error**2, once)[0]),
         low,
         high,
         _quantile(size, 0.95),
         _quantile(size, 1.0),
-        np.sqrt(_mean(np.where(known, variance, np.nan), 0)),
-        _mean(np.where(known, inside, np.nan), 0),
+        np.sqrt(means(np.where(known, variance, np.nan), once)[0]),
+        means(np.where(known, inside, np.nan), once)[0],
     )
 
 
@@ -136,14 +136,6 @@ def by_motion(windows: Windows, times: FloatArray | None = None) -> dict[str, Gr
         chosen = windows.motion == motion
         found[motion] = growth(windows.only(chosen), times) if chosen.any() else None
     return found
-
-
-def _mean(values: FloatArray, axis: int) -> FloatArray:
-    """Mean of what is known; ``NaN`` where nothing is."""
-    known = np.isfinite(values)
-    count = known.sum(axis=axis)
-    total = np.where(known, values, 0.0).sum(axis=axis)
-    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
 
 
 def _quantile(values: FloatArray, share: float) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 from insnav.errors.recorded.bootstrap import interval
 from insnav.errors.recorded.growth import columns_at, components, table_times
 from insnav.errors.recorded.windows import Windows
-from insnav.types import FloatArray, IntArray
+from insnav.types import FloatArray
 
 _MEAN_SIZE = np.sqrt(2.0 / np.pi)  # of a normal number, by its standard deviation
 
@@ -54,12 +54,14 @@ def regression(windows: Windows) -> Regression:
     predicted = np.sqrt(variance + judge)
     recorded = np.abs(error) / _MEAN_SIZE
 
-    def slope(rows: IntArray) -> FloatArray:
-        return np.asarray(np.nanmean(recorded[rows] / predicted[rows], axis=(-3, -2, -1)))
+    ratio, known = recorded / predicted, np.isfinite(recorded)
+    total, count = np.where(known, ratio, 0.0).sum(axis=(1, 2)), known.sum(axis=(1, 2))
+
+    def slope(weights: FloatArray) -> FloatArray:
+        return np.asarray((weights @ total) / (weights @ count))
 
     low, high = interval(windows.start, windows.length, slope)
-    found = float(slope(np.arange(windows.count)[None])[0])
-    known = np.isfinite(recorded)
+    found = float(np.mean(ratio[known]))
     x, y = predicted[known], recorded[known]
     left = float(np.sum((y - found * x) ** 2 / x**2))
     mean = float(np.sum(y / x**2) / np.sum(1.0 / x**2))

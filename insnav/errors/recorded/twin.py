@@ -69,6 +69,12 @@ class Twins:
         """(k, 6) array: whether the recorded RMS lies in the band; false where it is not known."""
         return np.asarray((self.recorded >= self.low) & (self.recorded <= self.high))
 
+    @property
+    def agree(self) -> bool:
+        """Recorded North, East and Down are in the band at all times."""
+        known = np.isfinite(self.recorded[:, :3]) & np.isfinite(self.low[:, :3])
+        return bool(self.inside[:, :3][known].all())
+
 
 @dataclass(frozen=True, slots=True)
 class TwinTask:

@@ -231,7 +231,7 @@ def free_windows(
     ready, delay = drive.ready, drive.ready.settings.delay
     settings = alone(ready.settings, withheld=judge.withheld)
     spread = max(1.0, float(np.median(np.diff(judge.fixes.time))))
-    grid: FloatArray = np.arange(1, int(length / spread + 1e-6) + 1) * spread
+    grid: FloatArray = np.arange(1.0, int(length / spread + 1e-6) + 1.0) * spread
     gaps = _gaps(ready, judge)
     course = _course(drive)
     found: list[_Window] = []
