@@ -230,12 +230,14 @@ def _cause_table(kind: str, diagnosis: Diagnosis) -> Table:
             )
     which = "windows at rest or straight" if diagnosis.steady else "windows, turns and all"
     note = (
-        "1 mg of acceleration is 0.98 mg/g, about 1 mrad, of tilt; the two cannot be told apart in a straight window"
+        "1 mg of acceleration is what 1 mrad of tilt makes; the two cannot be told apart in a straight window"
         if diagnosis.steady
         else "too few windows are straight; in a turn a sensor's error follows no curve, so these are averages only"
-    ).replace("is 0.98 mg/g, about 1 mrad, of tilt", "is what 1 mrad of tilt makes")
+    )
+    if diagnosis.rough:
+        note += f"; set aside: {diagnosis.rough} windows whose error is no such curve, as if what judges them jumped"
     return Table(
-        f"What {diagnosis.count} {which} err by, {kind}",
+        f"What {diagnosis.windows.count} {which} err by, {kind}",
         ("", "RMS", "mean", "sd of one fit", "filter's sd", "IMU's figure", "share of the end", "verdict"),
         tuple(rows),
         note,
@@ -314,25 +316,24 @@ def _regressed(part: RecordedPart) -> str:
 
 
 def _against_twins(made: Twins) -> str:
-    count = len(made.rms)
+    count, last = len(made.rms), made.times[-1]
     if made.agree:
         return (
-            f"Recorded error lies in the 95 % band of {count} simulated twins at all times: the IMU file describes "
-            "this recording."
+            f"Recorded error after {last:g} s lies in the 95 % band of {count} simulated twins: the stated IMU and fixes "
+            "describe this recording."
         )
-    outside = []
+    outside, larger = [], False
     for i, name in enumerate(COMPONENTS[:3]):
-        beyond = ~made.inside[:, i]
-        if beyond.any():
-            k = int(np.flatnonzero(beyond)[-1])
-            outside.append(
-                f"{name} {number(float(made.recorded[k, i]))} m after {made.times[k]:g} s, band "
-                f"{_interval(float(made.low[k, i]), float(made.high[k, i]))} m"
-            )
-    larger = bool((made.recorded[:, :3] > made.high[:, :3]).any())
+        if not made.inside[-1, i]:
+            larger |= bool(made.recorded[-1, i] > made.high[-1, i])
+            band = _interval(float(made.low[-1, i]), float(made.high[-1, i]))
+            outside.append(f"{name} {number(float(made.recorded[-1, i]))} m, band {band} m")
     why = (
-        "the IMU file, or what the fixes state, is better than this recording (vibration and mounting are in no file)"
+        "this recording is worse than what is stated of IMU and fixes; vibration and mounting, for two, are in no file"
         if larger
-        else "the IMU file is worse than this recording"
+        else "this recording is better than what is stated of IMU and fixes"
     )
-    return f"Recorded error lies outside the 95 % band of {count} simulated twins: {'; '.join(outside)}: {why}."
+    return (
+        f"Recorded error after {last:g} s lies outside the 95 % band of {count} simulated twins: {'; '.join(outside)}: "
+        f"{why}."
+    )

@@ -59,7 +59,8 @@ def _part_facts(part: RecordedPart) -> dict[str, Any]:
             for each in part.verdicts
         },
         "diagnosis": {
-            "windows": part.diagnosis.count,
+            "windows": part.diagnosis.windows.count,
+            "set_aside": part.diagnosis.rough,
             "steady": part.diagnosis.steady,
             **{axis.axis: _axis_facts(axis) for axis in part.diagnosis.axes},
         },

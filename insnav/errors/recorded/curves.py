@@ -43,6 +43,9 @@ class Curve:
     misfit : float
         Probability of a larger misfit of the simple curve, were it the true one [-]; ``NaN`` if it goes through all
         points.
+    roughness : float
+        What is left by all three terms, squared, by its expectation [-]: about one if the error is such a curve and
+        its noise is known; ``NaN`` if three terms go through all points.
     """
 
     value: FloatArray
@@ -52,6 +55,7 @@ class Curve:
     simple: FloatArray
     simple_sd: FloatArray
     misfit: float
+    roughness: float
 
 
 def curve_of_end(position: float, velocity: float, elapsed: float, *, position_sd: float, velocity_sd: float) -> Curve:
@@ -105,8 +109,10 @@ def fit_curve(elapsed: FloatArray, position: FloatArray, velocity: FloatArray, c
             best, best_covariance = _placed(estimate, spread, part)
             probability = float(chi2.sf(misfit, m - size)) if m > size else np.nan
             break
+    roughness = np.nan
     if m >= 3:
-        value, spread, _ = _solve(design, observed, factor)
+        value, spread, left = _solve(design, observed, factor)
+        roughness = left / (m - 3) if m > 3 else np.nan
     else:
         value, spread = best, np.full((3, 3), np.inf)
     return Curve(
@@ -117,6 +123,7 @@ def fit_curve(elapsed: FloatArray, position: FloatArray, velocity: FloatArray, c
         best,
         np.sqrt(np.diag(best_covariance)),
         probability,
+        roughness,
     )
 
 

@@ -18,6 +18,7 @@ from insnav.types import FloatArray
 
 AXES = ("north", "east")
 CAUSES = ("velocity", "acceleration", "drift")
+ROUGH = 10.0  # a window that is this much rougher than noise follows no curve [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +97,11 @@ class Diagnosis:
         North, then East.
     gravity : float
         By which acceleration is tilt and jerk is drift [m/s^2].
-    count : int
-        Number of windows that were fitted.
+    windows : Windows
+        Those that count, in the order of the curves.
+    rough : int
+        Number of windows set aside because their error is no curve of t, t² and t³: what they are judged by jumps, or
+        the sensors do.
     steady : bool
         They are at rest or straight, and tilt and bias cannot be told apart in any; else there were too few of these,
         all windows were taken, and in a turn no error of a sensor follows a curve.
@@ -105,7 +109,8 @@ class Diagnosis:
 
     axes: tuple[AxisDiagnosis, ...]
     gravity: float
-    count: int
+    windows: Windows
+    rough: int
     steady: bool
 
 
@@ -122,34 +127,30 @@ def diagnose(windows: Windows, model: ErrorModel) -> Diagnosis:
     steady = effective_count(windows.start[calm], windows.length) >= FEWEST
     windows = windows.only(calm) if steady else windows
     gravity = float(np.mean([gravity_n(lla[0], lla[2])[2] for lla in windows.lla]))
-    accel_noise, gyro_noise = float(model.noise[3:6].mean()), float(model.noise[:3].mean())
+    curves = [[_fitted(windows, i, axis, model, gravity) for i in range(windows.count)] for axis in (0, 1)]
+    smooth = np.array([not (a.roughness > ROUGH or b.roughness > ROUGH) for a, b in zip(*curves, strict=True)])
+    if not steady or effective_count(windows.start[smooth], windows.length) < FEWEST:
+        smooth[:] = True
+    windows = windows.only(smooth)
     predicted = _predicted(windows)
     C_nb = dcm_from_quat(windows.q_nb[:, 0])
     found = []
     for axis, name in enumerate(AXES):
-        curves = []
-        for i in range(windows.count):
-            judge = np.concatenate([windows.judge_sd[i, :, axis], windows.judge_sd[i, :, 3 + axis]]) ** 2
-            noise = about_the_curve(
-                windows.elapsed[i],
-                judge,
-                float(windows.start_covariance[i, axis, axis]),
-                accel_noise,
-                gyro_noise,
-                gravity,
-            )
-            error = windows.error[i]
-            curves.append(fit_curve(windows.elapsed[i], error[:, axis], error[:, 3 + axis], noise))
         # North tilts about East, and East about North
-        spec = np.array(
-            [
-                np.nan,
-                _rms(np.linalg.norm(C_nb[:, axis] * model.sd[3:6], axis=-1)),
-                _rms(np.linalg.norm(C_nb[:, 1 - axis] * model.sd[:3], axis=-1)),
-            ]
-        )
-        found.append(_axis(name, curves, predicted[:, axis], spec, windows, gravity))
-    return Diagnosis(tuple(found), gravity, windows.count, steady)
+        accel, gyro = C_nb[:, axis] * model.sd[3:6], C_nb[:, 1 - axis] * model.sd[:3]
+        spec = np.array([np.nan, _rms(np.linalg.norm(accel, axis=-1)), _rms(np.linalg.norm(gyro, axis=-1))])
+        kept = [curve for curve, keep in zip(curves[axis], smooth, strict=True) if keep]
+        found.append(_axis(name, kept, predicted[:, axis], spec, windows, gravity))
+    return Diagnosis(tuple(found), gravity, windows, int((~smooth).sum()), steady)
+
+
+def _fitted(windows: Windows, i: int, axis: int, model: ErrorModel, gravity: float) -> Curve:
+    """Curve of one window on one axis."""
+    judge = np.concatenate([windows.judge_sd[i, :, axis], windows.judge_sd[i, :, 3 + axis]]) ** 2
+    at_start = float(windows.start_covariance[i, axis, axis])
+    accel_noise, gyro_noise = float(model.noise[3:6].mean()), float(model.noise[:3].mean())
+    noise = about_the_curve(windows.elapsed[i], judge, at_start, accel_noise, gyro_noise, gravity)
+    return fit_curve(windows.elapsed[i], windows.error[i, :, axis], windows.error[i, :, 3 + axis], noise)
 
 
 def _predicted(windows: Windows) -> FloatArray:

@@ -203,6 +203,7 @@ def free_windows(
     *,
     raw: bool = False,
     start: StartChoice = "forward",
+    times: FloatArray | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Windows:
     """Navigate windows without any fix.
@@ -220,6 +221,8 @@ def free_windows(
         figures of the IMU.
     start : {"forward", "smoothed"}
         A smoothed start knows the fixes in and after the window: it is not independent of them.
+    times : (k,) array, optional
+        Since the start, at which to compare [s]; by default every second, or as often as there is something.
     progress : callable, optional
         Called with the fraction done.
 
@@ -231,7 +234,7 @@ def free_windows(
     ready, delay = drive.ready, drive.ready.settings.delay
     settings = alone(ready.settings, withheld=judge.withheld)
     spread = max(1.0, float(np.median(np.diff(judge.fixes.time))))
-    grid: FloatArray = np.arange(1.0, int(length / spread + 1e-6) + 1.0) * spread
+    grid: FloatArray = np.arange(1.0, int(length / spread + 1e-6) + 1.0) * spread if times is None else times
     gaps = _gaps(ready, judge)
     course = _course(drive)
     found: list[_Window] = []

@@ -63,6 +63,8 @@ def draw_growth(part: RecordedPart, kind: str, judge: str) -> Figure:
                 label="" if number else "each window",
             )
         _curves(panel, part, i, both_sides=name != "horizontal")
+        largest = 1.1 * float(np.nanmax([np.nanmax(np.abs(error[:, :, i])), np.nanmax(curve.predicted[:, i])]))
+        panel.set_ylim(-largest if name != "horizontal" else 0.0, largest)  # the band of few twins is wide
         panel.set_ylabel(f"{name} error [m]")
         panel.set_xlabel("time without GPS [s]")
     last = axes[1, 1]
@@ -78,6 +80,7 @@ def draw_growth(part: RecordedPart, kind: str, judge: str) -> Figure:
 def _curves(panel: Axes, part: RecordedPart, i: int, *, both_sides: bool) -> None:
     """RMS with its interval, predicted, and the band of the twins; of an axis to both sides of zero."""
     curve = part.curve
+    rms = np.where(curve.rms[:, i] > 0.0, curve.rms[:, i], np.nan)  # nothing is left where the judge is the error
     for sign in (1.0, -1.0) if both_sides else (1.0,):
         first = sign > 0.0
         if part.twins is not None:
@@ -100,9 +103,7 @@ def _curves(panel: Axes, part: RecordedPart, i: int, *, both_sides: bool) -> Non
                 alpha=0.25,
                 linewidth=0.0,
             )
-        panel.plot(
-            curve.times, sign * curve.rms[:, i], color=BLUE, linewidth=2.0, label="recorded RMS" if first else ""
-        )
+        panel.plot(curve.times, sign * rms, color=BLUE, linewidth=2.0, label="recorded RMS" if first else "")
         panel.plot(
             curve.times,
             sign * curve.predicted[:, i],
@@ -130,7 +131,7 @@ def _guides(panel: Axes, times: FloatArray, rms: FloatArray) -> None:
             va="bottom",
         )
     positive = rms[rms > 0.0]
-    panel.set_ylim(bottom=max(0.1 * float(positive.min()), 1e-3 * end))
+    panel.set_ylim(bottom=max(0.2 * float(positive.min()), 1e-4 * end))
 
 
 def draw_causes(part: RecordedPart, kind: str) -> Figure:
@@ -142,9 +143,8 @@ def draw_causes(part: RecordedPart, kind: str) -> Figure:
     kind : str
         Of windows, in words.
     """
-    windows, diagnosis = part.windows, part.diagnosis
-    if diagnosis.steady:
-        windows = windows.only(windows.motion != "turning")
+    diagnosis = part.diagnosis
+    windows = diagnosis.windows
     figure, panels = stacked(
         3,
         f"What each of {windows.count} windows errs by, {kind}",
