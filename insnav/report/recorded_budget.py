@@ -319,8 +319,8 @@ def _against_twins(made: Twins) -> str:
     count, last = len(made.rms), made.times[-1]
     if made.agree:
         return (
-            f"Recorded error after {last:g} s lies in the 95 % band of {count} simulated twins: the stated IMU and fixes "
-            "describe this recording."
+            f"Recorded error after {last:g} s lies in the 95 % band of {count} simulated twins: what is stated of "
+            "IMU and fixes describes this recording."
         )
     outside, larger = [], False
     for i, name in enumerate(COMPONENTS[:3]):
