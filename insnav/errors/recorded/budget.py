@@ -10,13 +10,14 @@ from scipy.stats import chi2
 
 from insnav.errors.recorded.bootstrap import CONFIDENCE
 from insnav.errors.recorded.diagnosis import Diagnosis, diagnose
+from insnav.errors.recorded.drive import Driven, driven, starts
 from insnav.errors.recorded.growth import COMPONENTS, Growth, by_motion, growth, table_times
 from insnav.errors.recorded.judge import Judge, judged_by_fixes
 from insnav.errors.recorded.predict import StartChoice
 from insnav.errors.recorded.regression import Regression, regression
 from insnav.errors.recorded.sensors import SensorFit, fit_sensors
 from insnav.errors.recorded.twin import FEWEST, Twins, twins
-from insnav.errors.recorded.windows import Driven, Windows, driven, free_windows, starts
+from insnav.errors.recorded.windows import Windows, free_windows
 from insnav.exceptions import ConfigError
 from insnav.filter.recording import Prepared
 from insnav.imu import ImuSpec

@@ -14,9 +14,10 @@ from scipy.stats import t as student
 from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import lla_offset
 from insnav.errors.recorded.bootstrap import CONFIDENCE
+from insnav.errors.recorded.drive import Driven, driven
 from insnav.errors.recorded.growth import growth
 from insnav.errors.recorded.judge import Judge
-from insnav.errors.recorded.windows import Driven, Windows, driven, free_windows
+from insnav.errors.recorded.windows import Windows, free_windows
 from insnav.errors.withheld import selected
 from insnav.exceptions import InputError
 from insnav.filter.correlation import CorrelatedNoise

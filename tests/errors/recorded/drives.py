@@ -7,8 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from insnav.errors.recorded.drive import driven, starts
 from insnav.errors.recorded.judge import judged_by_fixes
-from insnav.errors.recorded.windows import Windows, driven, free_windows, starts
+from insnav.errors.recorded.windows import Windows, free_windows
 from insnav.filter import FilterSettings
 from insnav.filter.recording import Prepared, prepare
 from insnav.imu import ImuErrors, ImuSpec, SensorSpec, corrupt

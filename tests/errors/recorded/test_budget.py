@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from insnav.errors.recorded.budget import RecordedSettings, recorded_budget, verdicts
-from insnav.errors.recorded.growth import COMPONENTS, growth
-from insnav.errors.recorded.judge import judged_by_reference
+from insnav.errors.recorded.drive import driven, starts
+from insnav.errors.recorded.growth import COMPONENTS, components, growth
+from insnav.errors.recorded.judge import judged_by_fixes, judged_by_reference
+from insnav.errors.recorded.twin import twin_task
+from insnav.errors.recorded.windows import free_windows
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec
 from insnav.simulate import reference
@@ -38,6 +41,24 @@ def test_a_right_imu_file_agrees_with_its_twins():
         assert made.apart[0] < 0.05
         assert made.apart[1] < 0.1
     assert all(agreed)
+
+
+def test_twins_err_as_their_filter_predicts_and_their_fixes_as_stated():
+    ready = drives.injected()
+    stamps = starts(ready, 30.0, spacing=20.0)
+    drive, judge = driven(ready, stamps), judged_by_fixes(ready)
+    windows = free_windows(drive, judge, 30.0, 20.0)
+    task = twin_task(drive, judge, drives.SPEC, windows, np.array([1.0, 10.0, 20.0, 30.0]))
+    square, first = [], []
+    for seed in range(8):
+        made = task.windows(seed)
+        np.testing.assert_array_equal(made.start, windows.start)
+        error, variance, own = components(made)
+        square.append(np.mean(error[:, :, :2] ** 2 / (variance + own)[:, :, :2]))
+        first.append(np.sqrt(np.mean(error[:, 0, :2] ** 2 / own[:, 0, :2])))
+    print(f"mean square by prediction {np.mean(square):.2f}; after 1 s by the sd of a fix {np.mean(first):.2f}")
+    assert 0.6 < np.mean(square) < 1.6
+    assert 0.9 < np.mean(first) < 1.5
 
 
 def test_an_imu_much_worse_than_its_file_does_not():

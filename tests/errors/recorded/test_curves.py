@@ -38,6 +38,16 @@ def test_each_pure_curve_is_named(term: int, coefficient: float):
     np.testing.assert_allclose(curve.value, value, atol=1e-9)
 
 
+def test_coefficients_have_their_meaning():
+    # 10 deg/h about a level axis are 17.1 m after a minute, 1 mg of bias 17.65 m, 0.1 m/s 6 m
+    drift, bias, speed = 10.0 * DEG / 3600.0, 1e-3 * G0, 0.1
+    position = speed * TIME + bias * TIME**2 / 2.0 + GRAVITY * drift * TIME**3 / 6.0
+    velocity = speed + bias * TIME + GRAVITY * drift * TIME**2 / 2.0
+    assert position[-1] == pytest.approx(6.0 + 17.65 + 17.10, abs=0.01)
+    found = fit_curve(TIME, position, velocity, np.diag(np.full(2 * len(TIME), 0.01**2)))
+    np.testing.assert_allclose(found.value, [speed, bias, GRAVITY * drift], rtol=1e-8)
+
+
 def test_a_mixture_needs_all_its_terms():
     curve = made(np.array([0.2, -5e-3, 3e-4]))
     assert curve.terms == ("t", "t²", "t³")

@@ -11,6 +11,7 @@ from insnav import strapdown
 from insnav.attitude import dcm_from_rph, quat_from_rph, rph_from_quat
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.outage import outages
+from insnav.errors.recorded.drive import driven, starts
 from insnav.errors.recorded.growth import COMPONENTS, components, growth, table_times
 from insnav.errors.recorded.judge import (
     at_rest,
@@ -20,7 +21,7 @@ from insnav.errors.recorded.judge import (
     never_moves,
 )
 from insnav.errors.recorded.predict import alone, effective, forward_start, uncalibrated
-from insnav.errors.recorded.windows import Windows, driven, free_windows, starts
+from insnav.errors.recorded.windows import Windows, free_windows
 from insnav.exceptions import ConfigError, InputError
 from insnav.simulate import reference
 from insnav.types import ImuData, Trajectory
