@@ -188,7 +188,8 @@ def _against_predicted(found: Growth, i: int, made: Twins | None) -> tuple[str, 
         f"{100.0 * found.inside[-1, i]:.0f} %",
     ]
     if made is not None:
-        cells.append(_interval(float(made.low[-1, i]), float(made.high[-1, i])))
+        low, high = made.band
+        cells.append(_interval(float(low[-1, i]), float(high[-1, i])))
     return tuple(cells)
 
 

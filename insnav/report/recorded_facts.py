@@ -89,6 +89,7 @@ def _growth_facts(found: Growth) -> dict[str, Any]:
         "rms_high_m": named(found.high),
         "p95_m": named(found.p95),
         "max_m": named(found.largest),
+        "judge_sd_m": named(found.judge),
         "predicted_m": named(found.predicted),
         "inside_3_sd": named(found.inside),
     }

@@ -34,7 +34,16 @@ def with_twins(budget: RecordedBudget, factor: float) -> RecordedBudget:
     part = budget.calibrated
     recorded = part.growth.judged_rms
     rms = recorded * factor * np.array([0.8, 0.9, 1.0, 1.1, 1.2])[:, None, None]
-    made = Twins(part.growth.times, rms, 0.7 * factor * recorded, 1.3 * factor * recorded, recorded, (0.01, 0.02), ())
+    made = Twins(
+        part.growth.times,
+        rms,
+        0.7 * factor * recorded,
+        1.3 * factor * recorded,
+        recorded,
+        part.growth.judge,
+        (0.01, 0.02),
+        (),
+    )
     return replace(budget, calibrated=replace(part, twins=made))
 
 

@@ -33,6 +33,8 @@ class Growth:
         Root mean square error, less what is the uncertainty of the judge: `COMPONENTS` [m]; ``NaN`` where not known.
     judged_rms : (k, 6) array
         The same with that uncertainty in it [m].
+    judge : (k, 6) array
+        RMS of that uncertainty [m].
     low, high : (k, 6) array
         Interval of `rms` that holds with 95 % [m]; ``NaN`` if too few windows are independent.
     p95, largest : (k, 6) array
@@ -49,6 +51,7 @@ class Growth:
     effective: float
     rms: FloatArray
     judged_rms: FloatArray
+    judge: FloatArray
     low: FloatArray
     high: FloatArray
     p95: FloatArray
@@ -120,6 +123,7 @@ def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
         effective_count(windows.start, windows.length),
         rms(once)[0],
         np.sqrt(means(error**2, once)[0]),
+        np.sqrt(means(np.where(known, judge, np.nan), once)[0]),
         low,
         high,
         _quantile(size, 0.95),

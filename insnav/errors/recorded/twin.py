@@ -51,6 +51,8 @@ class Twins:
         Band that holds one more twin with 95 %, all three axes of it together [m].
     recorded : (k, 6) array
         RMS of the recorded windows, also with the judge's uncertainty in it [m].
+    judge : (k, 6) array
+        RMS of that uncertainty [m].
     apart : tuple of float
         How far the twin's motion is from the recorded track, RMS [m], [m/s].
     failures : tuple of str
@@ -62,6 +64,7 @@ class Twins:
     low: FloatArray
     high: FloatArray
     recorded: FloatArray
+    judge: FloatArray
     apart: tuple[float, float]
     failures: tuple[str, ...]
 
@@ -69,6 +72,12 @@ class Twins:
     def inside(self) -> np.ndarray:
         """(k, 6) array: whether the recorded RMS lies in the band; false where it is not known."""
         return np.asarray((self.recorded >= self.low) & (self.recorded <= self.high))
+
+    @property
+    def band(self) -> tuple[FloatArray, FloatArray]:
+        """(k, 6) arrays: `low` and `high` with the uncertainty of the judge taken off [m]."""
+        low, high = (np.sqrt(np.maximum(each**2 - self.judge**2, 0.0)) for each in (self.low, self.high))
+        return np.asarray(low), np.asarray(high)
 
     @property
     def agree(self) -> bool:
@@ -235,12 +244,14 @@ def twins(
     certain = 1.0 - 0.5 * (1.0 - CONFIDENCE) / 3.0
     half = float(student.ppf(certain, n - 1)) * np.std(size, axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / n)
     middle = size.mean(axis=0)
+    summed = growth(windows, times)
     return Twins(
         times,
         rms,
         np.exp(middle - half),
         np.exp(middle + half),
-        growth(windows, times).judged_rms,
+        summed.judged_rms,
+        summed.judge,
         apart(task.truth, drive.run.smoothed.solution),
         failures,
     )

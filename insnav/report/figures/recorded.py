@@ -87,8 +87,8 @@ def _curves(panel: Axes, part: RecordedPart, i: int, *, both_sides: bool) -> Non
             made = part.twins
             panel.fill_between(
                 made.times,
-                sign * made.low[:, i],
-                sign * made.high[:, i],
+                sign * made.band[0][:, i],
+                sign * made.band[1][:, i],
                 color=ORANGE,
                 alpha=0.25,
                 linewidth=0.0,
