@@ -87,6 +87,8 @@ def test_a_bench_needs_no_fixes(at_rest: Path):
         ({"window": 5.0}, ConfigError, "make no budget"),
         ({"window": 290.0}, InputError, "too short for windows"),
         ({"spacing": -3.0}, ConfigError, "apart"),
+        ({"spacing": 1e-9}, ConfigError, "apart"),
+        ({"first": -3.0}, ConfigError, "first window"),
         ({"workers": 0}, ConfigError, "processes"),
         ({"twins": 1}, ConfigError, "make no band"),
         ({"ref_sd": "0"}, ConfigError, "above zero"),

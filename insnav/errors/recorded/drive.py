@@ -16,7 +16,7 @@ from insnav.types import FloatArray, Run
 SHORTEST, LONGEST = 10.0, 300.0  # windows [s]
 SETTLED = 60.0  # no window begins earlier after the start, if the drive is long enough [s]
 COUNT = 60  # windows that are to fit
-CLOSEST = 2.0  # least distance of two windows [s]
+CLOSEST, LEAST = 2.0, 0.1  # distance of two windows unless told otherwise, and the least to be told [s]
 _SOLUTION = 0.1  # of the whole drive, for speed and course, and for its twin [s]
 
 
@@ -57,7 +57,7 @@ def starts(ready: Prepared, length: float, first: float | None = None, spacing: 
     Raises
     ------
     ConfigError
-        A length outside 10 to 300 s, or a spacing that is not above zero.
+        A length outside 10 to 300 s, a spacing of less than 0.1 s, or a negative `first`.
     InputError
         The drive is too short.
     """
@@ -67,8 +67,10 @@ def starts(ready: Prepared, length: float, first: float | None = None, spacing: 
             why="below 10 s the uncertainty of the positions is all there is; beyond 300 s errors no longer grow alike",
             fix=f"give a length of {SHORTEST:g} to {LONGEST:g} s",
         )
-    if spacing is not None and not 0.0 < spacing < np.inf:
-        raise ConfigError(f"windows cannot be {spacing:g} s apart", fix="give a spacing above zero")
+    if spacing is not None and not LEAST <= spacing < np.inf:
+        raise ConfigError(f"windows cannot be {spacing:g} s apart", fix=f"give a spacing of {LEAST:g} s or more")
+    if first is not None and not 0.0 <= first < np.inf:
+        raise ConfigError(f"the first window cannot begin {first:g} s after the start", fix="give zero or more")
     stamps = ready.gps.time[good(ready.gps)]
     delay = ready.settings.delay
     begin, end = ready.initial.time, float(min(ready.imu.time[-1], stamps[-1] - delay))
