@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from insnav.errors.recorded.bootstrap import CONFIDENCE
 from insnav.errors.recorded.diagnosis import Diagnosis, diagnose
-from insnav.errors.recorded.drive import Driven, driven, starts
+from insnav.errors.recorded.drive import driven, starts
 from insnav.errors.recorded.growth import COMPONENTS, Growth, by_motion, growth, table_times
 from insnav.errors.recorded.judge import Judge, judged_by_fixes
 from insnav.errors.recorded.predict import StartChoice
@@ -19,9 +19,9 @@ from insnav.errors.recorded.sensors import SensorFit, fit_sensors
 from insnav.errors.recorded.twin import FEWEST, Twins, twins
 from insnav.errors.recorded.windows import Windows, free_windows
 from insnav.exceptions import ConfigError
+from insnav.filter.model import ErrorModel
 from insnav.filter.recording import Prepared
 from insnav.imu import ImuSpec
-from insnav.types import FloatArray
 
 MINUTE = 60.0  # [s]
 _JUDGED = ("north", "east", "down", "horizontal")
@@ -183,11 +183,37 @@ def recorded_budget(
     judge = judge or judged_by_fixes(ready)
     stamps = starts(ready, settings.length, settings.first, settings.spacing)
     drive = driven(ready, stamps, _share(progress, 0.0, 0.15))
+    spacing = float(np.median(np.diff(stamps))) if len(stamps) > 1 else settings.length
     kinds = (False, True) if settings.raw else (False,)
-    parts: list[RecordedPart] = []
-    for number, raw in enumerate(kinds):
-        begin = 0.15 + 0.85 * number / len(kinds)
-        parts.append(_part(drive, judge, spec, settings, stamps, raw, _share(progress, begin, 0.85 / len(kinds))))
+    share = 0.1 if settings.twins else 0.8
+    windows = [
+        free_windows(
+            drive,
+            judge,
+            settings.length,
+            spacing,
+            raw=raw,
+            start=settings.start,
+            progress=_share(progress, 0.15 + share * number / len(kinds), share / len(kinds)),
+        )
+        for number, raw in enumerate(kinds)
+    ]
+    made: tuple[Twins | None, ...] = (None,) * len(kinds)
+    if settings.twins and settings.start == "forward":
+        made = twins(
+            drive,
+            judge,
+            spec,
+            windows,
+            table_times(windows[0]),
+            settings.twins,
+            seed=settings.seed,
+            workers=settings.workers,
+            progress=_share(progress, 0.15 + share, 0.8 - share),
+        )
+    parts = [_part(each, ready.model, theirs) for each, theirs in zip(windows, made, strict=True)]
+    if progress is not None:
+        progress(1.0)
     solution = drive.run.solution
     return RecordedBudget(
         settings,
@@ -200,34 +226,8 @@ def recorded_budget(
     )
 
 
-def _part(
-    drive: Driven,
-    judge: Judge,
-    spec: ImuSpec,
-    settings: RecordedSettings,
-    stamps: FloatArray,
-    raw: bool,
-    progress: Callable[[float], None] | None,
-) -> RecordedPart:
-    spacing = float(np.median(np.diff(stamps))) if len(stamps) > 1 else settings.length
-    share = 0.2 if settings.twins else 0.9
-    windows = free_windows(
-        drive, judge, settings.length, spacing, raw=raw, start=settings.start, progress=_share(progress, 0.0, share)
-    )
-    model, times = drive.ready.model, table_times(windows)
-    made = None
-    if settings.twins and settings.start == "forward":
-        made = twins(
-            drive,
-            judge,
-            spec,
-            windows,
-            times,
-            settings.twins,
-            seed=settings.seed,
-            workers=settings.workers,
-            progress=_share(progress, share, 0.9 - share),
-        )
+def _part(windows: Windows, model: ErrorModel, made: Twins | None) -> RecordedPart:
+    times = table_times(windows)
     summed = growth(windows, times)
     return RecordedPart(
         windows,
@@ -238,7 +238,7 @@ def _part(
         fit_sensors(windows, model),
         regression(windows),
         made,
-        verdicts(summed, one_specimen=raw),
+        verdicts(summed, one_specimen=windows.raw),
     )
 
 

@@ -5,7 +5,7 @@ If the figures of the IMU and of the fixes are right, the recorded drive is one 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -107,8 +107,8 @@ class TwinTask:
         Where windows begin [s].
     length, spacing : float
         Of the windows [s].
-    raw : bool
-        Sensor errors are not taken off.
+    kinds : tuple of bool
+        For each kind of windows whether sensor errors are left in.
     times : (k,) array
         Of the tables [s].
     """
@@ -122,15 +122,15 @@ class TwinTask:
     stamps: FloatArray
     length: float
     spacing: float
-    raw: bool
+    kinds: tuple[bool, ...]
     times: FloatArray
 
     def __call__(self, seed: int) -> Sample:
-        """RMS of its windows at the times of the tables, (k * 6,)."""
-        found = growth(self.windows(seed), self.times)
-        return Sample(found.judged_rms.ravel(), np.zeros(1))
+        """RMS of its windows of each kind at the times of the tables, one after the other."""
+        found = [growth(windows, self.times).judged_rms for windows in self.windows(seed)]
+        return Sample(np.concatenate([each.ravel() for each in found]), np.zeros(1))
 
-    def windows(self, seed: int) -> Windows:
+    def windows(self, seed: int) -> tuple[Windows, ...]:
         """Simulate, navigate, cut."""
         specimen = corrupt_imu(self.perfect, self.spec, (seed, _IMU))
         lasting = self.ready.settings.correlated
@@ -147,10 +147,12 @@ class TwinTask:
         else:
             judge = replace(self.judge, fixes=_measured(self.judge.fixes, (seed, _JUDGE), None))
         drive = driven(ready, self.stamps, smooth=False)
-        return free_windows(drive, judge, self.length, self.spacing, raw=self.raw, times=self.times)
+        return tuple(
+            free_windows(drive, judge, self.length, self.spacing, raw=raw, times=self.times) for raw in self.kinds
+        )
 
 
-def twin_task(drive: Driven, judge: Judge, spec: ImuSpec, windows: Windows, times: FloatArray) -> TwinTask:
+def twin_task(drive: Driven, judge: Judge, spec: ImuSpec, windows: Sequence[Windows], times: FloatArray) -> TwinTask:
     """Make the twin's motion from the smoothed drive, and what perfect sensors measure of it.
 
     Parameters
@@ -160,8 +162,8 @@ def twin_task(drive: Driven, judge: Judge, spec: ImuSpec, windows: Windows, time
     judge : Judge
     spec : ImuSpec
         The stated IMU.
-    windows : Windows
-        The recorded ones.
+    windows : sequence of Windows
+        The recorded ones, of each kind.
     times : (k,) array
         Of the tables [s].
     """
@@ -182,10 +184,10 @@ def twin_task(drive: Driven, judge: Judge, spec: ImuSpec, windows: Windows, time
             judge,
             fixes=_perfect_fixes(truth, judge.fixes, drive.run.lever_b if judge.lever_b is None else judge.lever_b),
         ),
-        windows.start,
-        windows.length,
-        windows.spacing,
-        windows.raw,
+        windows[0].start,
+        windows[0].length,
+        windows[0].spacing,
+        tuple(each.raw for each in windows),
         times,
     )
 
@@ -194,15 +196,15 @@ def twins(
     drive: Driven,
     judge: Judge,
     spec: ImuSpec,
-    windows: Windows,
+    windows: Sequence[Windows],
     times: FloatArray,
     count: int,
     *,
     seed: int = 0,
     workers: int = 1,
     progress: Callable[[float], None] | None = None,
-) -> Twins:
-    """Make some twins and look where the recorded windows lie among them.
+) -> tuple[Twins, ...]:
+    """Make some twins and look where the recorded windows of each kind lie among them.
 
     Parameters
     ----------
@@ -238,13 +240,21 @@ def twins(
             why=f"{n} of {count} could be navigated" + (f"; {failures[0]}" if failures else ""),
             fix=f"ask for {FEWEST} or more",
         )
-    rms = runs.figures.reshape(n, len(times), -1)
+    rms = runs.figures.reshape(n, len(windows), len(times), -1)
+    far = apart(task.truth, drive.run.smoothed.solution)
+    return tuple(_among(each, rms[:, kind], times, far, failures) for kind, each in enumerate(windows))
+
+
+def _among(
+    windows: Windows, rms: FloatArray, times: FloatArray, far: tuple[float, float], failures: tuple[str, ...]
+) -> Twins:
+    """Recorded windows among those of their twins."""
+    n = len(rms)
     size = np.log(np.maximum(rms, 1e-12))
     # a third of what may be missed for each axis, so that together they miss it no more often
     certain = 1.0 - 0.5 * (1.0 - CONFIDENCE) / 3.0
     half = float(student.ppf(certain, n - 1)) * np.std(size, axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / n)
-    middle = size.mean(axis=0)
-    summed = growth(windows, times)
+    middle, summed = size.mean(axis=0), growth(windows, times)
     return Twins(
         times,
         rms,
@@ -252,7 +262,7 @@ def twins(
         np.exp(middle + half),
         summed.judged_rms,
         summed.judge,
-        apart(task.truth, drive.run.smoothed.solution),
+        far,
         failures,
     )
 
