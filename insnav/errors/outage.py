@@ -12,16 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insnav.attitude import rph_from_quat, wrap_pi
+from insnav.errors.withheld import good, part_of, selected
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.model import FilterState
 from insnav.filter.navigator import Navigator
 from insnav.filter.recording import Prepared, feed
-from insnav.types import FloatArray, GpsData, ImuData
+from insnav.types import FloatArray, GpsData
 
 RECOVERY = 60.0  # time after the window whose fixes the smoother gets [s]
 SETTLED = 60.0  # no window begins earlier after the start, if the drive is long enough [s]
 LENGTHS = (5.0, 10.0, 15.0, 30.0, 60.0, 120.0)  # [s]
-_LEAD = 2.0  # samples before the window, for the polynomials at its first interval [s]
 _COURSE = 0.1  # interval of the smoothed heading [s]
 _JUDGED = 0.25  # a truth that comes more often is thinned to this interval [s]
 
@@ -149,7 +149,7 @@ def outages(
         from joblib import Parallel, delayed
 
         results = Parallel(n_jobs=workers, return_as="generator")(
-            delayed(_window)(_part(ready, *task[1:]), truth, course, *task) for task in tasks
+            delayed(_window)(part_of(ready, task[1], task[2] + RECOVERY), truth, course, *task) for task in tasks
         )
         found = []
         for number, each in enumerate(results, start=1):
@@ -234,15 +234,6 @@ def _figures(error: FloatArray, sd: FloatArray, judge: FloatArray) -> tuple[floa
     )
 
 
-def _part(ready: Prepared, state: FilterState, length: float) -> Prepared:
-    """Only the samples that a window needs, to be sent to another process."""
-    time = ready.imu.time
-    first, last = np.searchsorted(time, [state.time - _LEAD, state.time + length + RECOVERY + _LEAD])
-    imu = ready.imu
-    part = ImuData(time[first:last], imu.gyro[first:last], imu.accel[first:last], imu.sampling, imu.stamp)
-    return replace(ready, imu=part)
-
-
 def _window(
     ready: Prepared, truth: GpsData | None, course: FloatArray, row: int, state: FilterState, length: float
 ) -> Outage | None:
@@ -255,7 +246,7 @@ def _window(
         return None
     # no longer output than needed: only the epochs count
     settings = replace(ready.settings, output_interval=1.0, smooth=True)
-    part = _part(ready, state, length)
+    part = part_of(ready, state, length + RECOVERY)
     navigator = Navigator(state, ready.model, gps, ready.alignment, ready.nominal, settings)
     feed(navigator, part.imu)
     offered = navigator.offered()
@@ -283,18 +274,18 @@ def _judged(gps: GpsData, truth: GpsData | None, start: float, stop: float, end:
     """Fixes from `start` to `end`, those until `stop` marked as none; they, or the truth instead, are only compared."""
     later = (gps.time > start + 1e-6) & (gps.time <= end)
     inside = later & (gps.time <= stop + 1e-6)
-    good = np.ones(gps.time.shape[0], dtype=np.int64) if gps.fix is None else gps.fix
     if truth is None:
-        withheld = _rows(gps, inside & (good != 0))
+        withheld = selected(gps, inside & good(gps))
     else:
         time = truth.time
         chosen = (time > start + 1e-6) & (time <= stop + 1e-6)
         step = float(np.median(np.diff(time))) if time.shape[0] > 1 else _JUDGED
         stride = max(1, round(_JUDGED / step))
         chosen &= (np.arange(time.shape[0]) - int(np.searchsorted(time, stop + 1e-6)) + 1) % stride == 0
-        withheld = _rows(truth, chosen)
-    after = _rows(gps, later & ~inside)
-    fixes = np.concatenate([np.zeros(withheld.time.shape[0], dtype=np.int64), good[later & ~inside]])
+        withheld = selected(truth, chosen)
+    after = selected(gps, later & ~inside)
+    kinds = np.ones(gps.time.shape[0], dtype=np.int64) if gps.fix is None else gps.fix
+    fixes = np.concatenate([np.zeros(withheld.time.shape[0], dtype=np.int64), kinds[later & ~inside]])
     return GpsData(
         np.concatenate([withheld.time, after.time]),
         np.concatenate([withheld.lla, after.lla]),
@@ -303,7 +294,3 @@ def _judged(gps: GpsData, truth: GpsData | None, start: float, stop: float, end:
         np.concatenate([withheld.velocity_sd, after.velocity_sd]),
         fixes,
     )
-
-
-def _rows(gps: GpsData, chosen: FloatArray | np.ndarray) -> GpsData:
-    return GpsData(gps.time[chosen], gps.lla[chosen], gps.v_n[chosen], gps.position_sd[chosen], gps.velocity_sd[chosen])

@@ -1,0 +1,209 @@
+"""Which curve an error follows: t of a wrong velocity, t^2 of a tilt or a bias, t^3 of a drift.
+
+Over a minute or two, on a vehicle that is about level and does not turn, the horizontal error is
+``p0 + v t + a t^2 / 2 + j t^3 / 6``: `v` the velocity error at the start, ``a = g phi`` of a tilt or the bias of a
+level accelerometer, ``j = g w`` of the drift of a level gyro (Titterton and Weston, "Strapdown Inertial Navigation
+Technology", 2nd ed., 2004, chapter 12). The velocity error is its derivative and says the same once more.
+
+The fit is weighted: white noise of the sensors, integrated two and three times, makes neighbouring errors alike, and
+the uncertainty of the coefficients would be far too small without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.stats import chi2
+
+from insnav.types import FloatArray
+
+TERMS = ("t", "t²", "t³")
+FITS = 0.95  # a curve fits if its misfit is not larger than that of so many true ones
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact for the polynomials of the kernels
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Error of one axis as a curve.
+
+    Attributes
+    ----------
+    value, sd : (3,) array
+        Velocity [m/s], acceleration [m/s^2], jerk [m/s^3], all three fitted together; standard deviation as far as
+        noise and judge make it. Infinite where the points do not tell.
+    covariance : (3, 3) array
+        Of these.
+    terms : tuple of str
+        The fewest of `TERMS` that fit.
+    simple, simple_sd : (3,) array
+        The same with these terms alone, the others zero.
+    misfit : float
+        Probability of a larger misfit of the simple curve, were it the true one [-]; ``NaN`` if it goes through all
+        points.
+    roughness : float
+        What is left by all three terms, squared, by its expectation [-]: about one if the error is such a curve and
+        its noise is known; ``NaN`` if three terms go through all points.
+    """
+
+    value: FloatArray
+    sd: FloatArray
+    covariance: FloatArray
+    terms: tuple[str, ...]
+    simple: FloatArray
+    simple_sd: FloatArray
+    misfit: float
+    roughness: float
+
+
+def curve_of_end(position: float, velocity: float, elapsed: float, *, position_sd: float, velocity_sd: float) -> Curve:
+    """Curve that ends in one position and one velocity error, and began in none.
+
+    Parameters
+    ----------
+    position, velocity : float
+        Error at the end [m], [m/s].
+    elapsed : float
+        How long it grew [s].
+    position_sd, velocity_sd : float
+        How well they are known [m], [m/s].
+
+    Notes
+    -----
+    ``velocity * elapsed / position`` is the exponent of a pure curve: two for a tilt.
+    """
+    noise = np.diag([position_sd**2, velocity_sd**2])
+    return fit_curve(np.array([elapsed]), np.array([position]), np.array([velocity]), noise)
+
+
+def fit_curve(elapsed: FloatArray, position: FloatArray, velocity: FloatArray, covariance: FloatArray) -> Curve:
+    """Fit position and velocity errors of one axis by generalised least squares.
+
+    Parameters
+    ----------
+    elapsed : (k,) array
+        Time since the start [s].
+    position : (k,) array
+        Error [m].
+    velocity : (k,) array
+        Error [m/s]; ``NaN`` where not known.
+    covariance : (2 k, 2 k) array
+        Of all positions, then all velocities, about the curve; see `about_the_curve`.
+    """
+    observed = np.concatenate([position, velocity])
+    known = np.isfinite(observed)
+    design = np.vstack([position_terms(elapsed), velocity_terms(elapsed)])[known]
+    observed = observed[known]
+    factor = cho_factor(covariance[np.ix_(known, known)], lower=True)
+    m = len(observed)
+    chosen: tuple[int, ...] = (0, 1, 2)
+    best, probability = np.zeros(3), np.nan
+    best_covariance = np.full((3, 3), np.nan)
+    for size in (1, 2, 3):
+        tries = [(*_solve(design[:, list(part)], observed, factor), part) for part in combinations(range(3), size)]
+        estimate, spread, misfit, part = min(tries, key=lambda each: each[2])
+        if size >= m or misfit <= chi2.ppf(FITS, m - size) or size == 3:
+            chosen = part
+            best, best_covariance = _placed(estimate, spread, part)
+            probability = float(chi2.sf(misfit, m - size)) if m > size else np.nan
+            break
+    roughness = np.nan
+    if m >= 3:
+        value, spread, left = _solve(design, observed, factor)
+        roughness = left / (m - 3) if m > 3 else np.nan
+    else:
+        value, spread = best, np.full((3, 3), np.inf)
+    return Curve(
+        value,
+        np.sqrt(np.diag(spread)),
+        spread,
+        tuple(TERMS[i] for i in chosen),
+        best,
+        np.sqrt(np.diag(best_covariance)),
+        probability,
+        roughness,
+    )
+
+
+def position_terms(elapsed: FloatArray) -> FloatArray:
+    """Position by velocity, acceleration and jerk, (k, 3)."""
+    return np.column_stack([elapsed, elapsed**2 / 2.0, elapsed**3 / 6.0])
+
+
+def velocity_terms(elapsed: FloatArray) -> FloatArray:
+    """Velocity by velocity, acceleration and jerk, (k, 3)."""
+    return np.column_stack([np.ones_like(elapsed), elapsed, elapsed**2 / 2.0])
+
+
+def about_the_curve(
+    elapsed: FloatArray,
+    judge_variance: FloatArray,
+    start_variance: float,
+    accel_noise: float,
+    gyro_noise: float,
+    gravity: float,
+) -> FloatArray:
+    """Covariance of positions and velocities about their curve.
+
+    Parameters
+    ----------
+    elapsed : (k,) array
+        Time since the start [s].
+    judge_variance : (2 k,) array
+        Of what the positions, then the velocities, are judged by; anything where it is not known [m^2], [m^2/s^2].
+    start_variance : float
+        Of the position at the start, common to all positions [m^2].
+    accel_noise, gyro_noise : float
+        Spectral densities of the white noise [m^2/s^3], [rad^2/s].
+    gravity : float
+        [m/s^2]
+
+    Returns
+    -------
+    (2 k, 2 k) array
+
+    Notes
+    -----
+    Acceleration noise that enters at s has made ``t - s`` times itself of position and itself of velocity at t; a turn
+    that enters at s, ``g (t - s)^2 / 2`` and ``g (t - s)``. Products of these, integrated over s, are the covariances
+    (Maybeck, "Stochastic Models, Estimation, and Control", vol. 1, 1979, section 4.9).
+    """
+    common = np.minimum(elapsed[:, None], elapsed)
+    s = common[..., None] * 0.5 * (1.0 + _NODES)
+    weight = common[..., None] * 0.5 * _WEIGHTS
+    since_i, since_j = elapsed[:, None, None] - s, elapsed[None, :, None] - s
+    total = np.zeros((2 * len(elapsed), 2 * len(elapsed)))
+    k = len(elapsed)
+    for density, order, size in ((accel_noise, 1, 1.0), (gyro_noise, 2, 0.5 * gravity)):
+        p_i, p_j = size * since_i**order, size * since_j**order
+        v_i, v_j = order * size * since_i ** (order - 1), order * size * since_j ** (order - 1)
+        total[:k, :k] += density * (p_i * p_j * weight).sum(axis=-1)
+        mixed = density * (p_i * v_j * weight).sum(axis=-1)
+        total[:k, k:] += mixed
+        total[k:, :k] += mixed.T
+        total[k:, k:] += density * (v_i * v_j * weight).sum(axis=-1)
+    total[:k, :k] += start_variance
+    return np.asarray(total + np.diag(np.where(np.isfinite(judge_variance), judge_variance, 1.0)))
+
+
+def _solve(
+    design: FloatArray, observed: FloatArray, factor: tuple[FloatArray, bool]
+) -> tuple[FloatArray, FloatArray, float]:
+    """Estimate, its covariance, and the weighted sum of squared residuals."""
+    weighted = cho_solve(factor, design)
+    # terms of very different size: scaled to one, so that the normal matrix can be inverted
+    scale = np.linalg.norm(design, axis=0)
+    normal = (weighted / scale).T @ (design / scale)
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    estimate = inverse @ ((weighted / scale).T @ observed) / scale
+    left = observed - design @ estimate
+    return estimate, inverse / np.outer(scale, scale), float(left @ cho_solve(factor, left))
+
+
+def _placed(estimate: FloatArray, spread: FloatArray, part: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    value, covariance = np.zeros(3), np.zeros((3, 3))
+    value[list(part)] = estimate
+    covariance[np.ix_(part, part)] = spread
+    return value, covariance

@@ -1,0 +1,148 @@
+"""Recorded windows of real drives and of a bench: as large as predicted, or said why not."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from insnav.errors.recorded.budget import RecordedBudget, RecordedSettings, recorded_budget
+from insnav.errors.recorded.growth import COMPONENTS
+from insnav.errors.recorded.judge import Judge, at_rest, judged_by_reference
+from insnav.filter import FilterSettings
+from insnav.filter.recording import DELAY_SD, prepare
+from insnav.imu import load_imu
+from insnav.io import read_imu, read_reference
+from insnav.report.recorded_budget import recorded_sentences, recorded_warnings
+from insnav.types import FloatArray, GpsData, ImuData, Trajectory
+from tests.recorded.recording import imu_model, recording
+from tests.shared import recorded
+
+AT = {name: i for i, name in enumerate(COMPONENTS)}
+
+
+def cut(imu: ImuData, length: float) -> ImuData:
+    """The first seconds of a recording."""
+    keep = imu.time < imu.time[0] + length
+    return ImuData(imu.time[keep], imu.gyro[keep], imu.accel[keep], imu.sampling, imu.stamp)
+
+
+def say(found: RecordedBudget) -> None:
+    print("", *recorded_sentences(found), *recorded_warnings(found), sep="\n")
+
+
+@lru_cache(maxsize=1)
+def bench() -> RecordedBudget:
+    folder = recorded("psins_rlg_static")
+    imu = read_imu(folder / "imu.csv.gz").data
+    lla = read_reference(folder / "ref.csv").data.lla[0]
+    spec = load_imu("navigation")
+    fixes = at_rest(lla, float(imu.time[0]), float(imu.time[-1]), 0.01, 0.005)
+    ready = prepare(imu, fixes, spec, FilterSettings())
+    return recorded_budget(ready, spec, None, RecordedSettings(spacing=45.0, raw=True))
+
+
+def test_ring_laser_gyros_at_rest_err_by_decimetres_in_a_minute():
+    found = bench()
+    say(found)
+    for part in (found.calibrated, found.raw):
+        assert part is not None
+        assert part.windows.count >= 20
+        assert (part.windows.motion == "static").all()
+        assert part.windows.dropped == {}
+        # nothing of a navigation grade moves a metre in a minute, and no error is larger than predicted
+        assert part.growth.largest[-1, AT["horizontal"]] < 1.5
+        assert all(each.explained for each in part.verdicts), part.verdicts
+        assert part.growth.inside[-1, AT["horizontal"]] > 0.95
+    # 100 ug alone, levelled by themselves: 1.8 m would be the error of accelerometers that are not
+    assert found.raw is not None
+    assert found.raw.growth.rms[-1, AT["horizontal"]] < 0.5
+    assert found.calibrated.growth.rms[-1, AT["along"]] != found.calibrated.growth.rms[-1, AT["along"]]  # no course
+
+
+@lru_cache(maxsize=1)
+def consumer() -> RecordedBudget:
+    imu, gps = recording("rtklib_drive_20250708")
+    spec = imu_model(imu, gps)
+    ready = prepare(imu, gps, spec, FilterSettings(lever_b=np.array([0.0, -0.05, 0.0]), delay_sd=DELAY_SD))
+    return recorded_budget(ready, spec, None, RecordedSettings(spacing=20.0, twins=3))
+
+
+def test_consumer_mems_in_town_is_worse_than_its_noise_at_rest_says():
+    found = consumer()
+    say(found)
+    part = found.calibrated
+    horizontal = part.growth.rms[:, AT["horizontal"]]
+    assert 1.5 < horizontal[0] < 6.0  # after 10 s
+    assert 25.0 < horizontal[2] < 80.0  # after 30 s
+    assert part.growth.times[-1] == 60.0
+    # turns and vibration are in no figure of the noise at rest: the report must say that these do not explain it
+    assert 1.2 < part.regression.slope < 2.6
+    assert part.regression.low > 1.0
+    assert not {each.component: each.explained for each in part.verdicts}["east"]
+    assert part.twins is not None
+    assert not part.twins.agree
+    assert any("outside the band" in text for text in recorded_warnings(found))
+    assert not part.diagnosis.steady
+
+
+@lru_cache(maxsize=1)
+def tokyo() -> RecordedBudget:
+    imu, gps = recording("ixr_tsukishima_20210412")
+    spec = imu_model(imu, gps)
+    read = read_reference(recorded("ixr_tsukishima_20210412") / "ref.csv")
+    ready = prepare(imu, gps, spec, FilterSettings(lever_b=np.array([0.0, 0.3, 0.0]), delay_sd=DELAY_SD))
+    return recorded_budget(ready, spec, fixed(read.data, read.fix), RecordedSettings())
+
+
+def fixed(data: Trajectory, fix: FloatArray | None) -> Judge:
+    """Epochs with fixed ambiguities; the velocities are those of the receiver that is navigated with."""
+    keep = fix == 1
+    unknown = np.full((int(keep.sum()), 3), np.nan)
+    rows = Trajectory(data.time[keep], data.lla[keep], unknown, data.rph[keep])
+    lever = np.array([0.0, 0.3, 0.0])
+    return judged_by_reference(rows, "fixed positions", position_sd=0.05, velocity_sd=1.0, lever_b=lever)
+
+
+def test_tokyo_by_a_fixed_reference_with_holes():
+    found = tokyo()
+    say(found)
+    part = found.calibrated
+    assert part.windows.dropped["gap in what it is judged by"] > 10
+    assert part.windows.count >= 20
+    # a false fix here and there makes an error that is no curve
+    assert part.diagnosis.steady
+    assert 1 <= part.diagnosis.rough <= 6
+    verdict = {each.component: each for each in part.verdicts}
+    assert verdict["horizontal"].explained
+    for axis in part.diagnosis.axes:
+        assert axis.causes[1].explained, axis
+        assert axis.causes[2].explained, axis
+    straight, turning = part.motions["straight"], part.motions["turning"]
+    assert straight is not None
+    assert turning is not None
+    assert straight.rms[-1, AT["horizontal"]] < turning.rms[-1, AT["horizontal"]]
+
+
+def test_a_drive_without_its_rest_says_what_was_assumed():
+    imu, gps = recording("rtklib_drive_20250708")
+    keep = imu.time > imu.time[0] + 60.0
+    later = ImuData(imu.time[keep], imu.gyro[keep], imu.accel[keep], imu.sampling, imu.stamp)
+    fixes = gps.time > later.time[0]
+    some = GpsData(gps.time[fixes], gps.lla[fixes], gps.v_n[fixes], gps.position_sd[fixes], gps.velocity_sd[fixes])
+    spec = load_imu("consumer")
+    ready = prepare(cut(later, 150.0), some, spec, FilterSettings(delay_sd=DELAY_SD))
+    found = recorded_budget(ready, spec, None, RecordedSettings(length=30.0, spacing=10.0))
+    assert any("No window is at rest" in note for note in found.notes)
+    assert any("withheld fixes" in note for note in found.notes)
+    assert found.calibrated.windows.count >= 3
+
+
+@pytest.mark.parametrize("which", ["calibrated", "raw"])
+def test_the_bench_shows_no_velocity_nor_drift(which: str):
+    part = getattr(bench(), which)
+    assert part.diagnosis.steady
+    for axis in part.diagnosis.axes:
+        assert all(cause.explained for cause in axis.causes), axis
+    assert not part.sensors.level_told
