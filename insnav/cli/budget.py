@@ -5,18 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
+from insnav.cli.budget_recorded import REFERENCE_SD, RecordedOptions, StartFrom, recorded
 from insnav.cli.console import Stages, note, note_more, result
 
 if TYPE_CHECKING:
-    from insnav.errors.budget import SampledMotion
+    from insnav.errors.budget import SampledMotion, Source
 
-SHORT_HELP = "How much error an IMU makes in a minute, from what: analytic, covariance, simulated."
+SHORT_HELP = "How much error an IMU makes in a minute, from what: analytic, simulated, recorded."
 HELP = """How much error an IMU makes in a minute without aid, and from what.
 
 Every source of error in the IMU file (and of the start, in its table [initial]) is followed to position, velocity and
@@ -29,13 +30,19 @@ Examples:
   insnav budget --imu tactical --times 10,60,300
   insnav budget --imu mems.toml --profile city --runs 500
   insnav budget --imu mems.toml --profile drive.toml --begin 120 --height held
+  insnav budget imu.csv --gps gps.csv --imu mems.toml --raw
+  insnav budget imu.csv --gps gps.csv --lever-arm 0.8,-0.3,-1.2 --ref ref.csv --ref-sd 0.05,0.02
   insnav budget --imu mems.toml --json | jq '.budget[-1].covariance.horizontal_m'
 
-Without a profile the IMU is at rest, level, heading north, at a latitude of 45 deg: what turns and accelerations make
-of heading, scale factors and misalignment shows with a profile. What the IMU file does not give counts as zero, and is
-said.
+With a recorded drive, windows without GPS are slid along it, each begun with the state of the filter; their errors
+stand beside the three others, are taken apart (t, t², t³: which tilt, bias, drift), and compared with simulated twins
+of the drive. Windows are as long as the last of --times.
+
+Without a profile or a drive the IMU is at rest, level, heading north, at a latitude of 45 deg: what turns and
+accelerations make of heading, scale factors and misalignment shows with a profile. What the IMU file does not give
+counts as zero, and is said.
 """
-MOTION = "Motion"
+MOTION, WINDOWS = "Motion", "Windows of the recorded drive"
 LONGEST_FREE = 300.0  # up to here the instability of the vertical channel does no harm [s]
 
 
@@ -49,7 +56,17 @@ class Vertical(StrEnum):
 def budget(
     drive: Annotated[
         Path | None,
-        typer.Argument(metavar="DRIVE", help="Recorded IMU data, for the recorded column.", rich_help_panel=opt.FILES),
+        typer.Argument(metavar="DRIVE", help="Recorded IMU data.", rich_help_panel=opt.FILES),
+    ] = None,
+    gps: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Its fixes.", rich_help_panel=opt.FILES),
+    ] = None,
+    ref: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Reference to judge the windows by. [the withheld fixes]", rich_help_panel=opt.FILES
+        ),
     ] = None,
     imu: Annotated[
         str | None,
@@ -59,6 +76,55 @@ def budget(
             rich_help_panel=opt.IMU,
         ),
     ] = None,
+    calibration: opt.Calibration = None,
+    imu_axes: opt.Axes = None,
+    imu_units: opt.Units = None,
+    columns: opt.Columns = None,
+    imu_sampling: opt.SamplingOption = None,
+    imu_stamp: opt.StampOption = None,
+    lever_arm: opt.LeverArm = None,
+    lever_arm_sd: opt.LeverArmSd = 0.0,
+    gps_height: opt.GpsHeight = None,
+    gps_delay: opt.GpsDelay = None,
+    gps_columns: opt.GpsColumns = None,
+    ref_lever_arm: opt.ReferenceLeverArm = None,
+    ref_columns: opt.RefColumns = None,
+    ref_sd: Annotated[
+        str,
+        typer.Option(
+            metavar="M[,M/S]",
+            help="Uncertainty of the reference; its velocities count only if theirs is given.",
+            rich_help_panel=opt.GPS,
+        ),
+    ] = REFERENCE_SD,
+    raw: Annotated[
+        bool,
+        typer.Option(
+            "--raw",
+            help="Also windows with the sensors as they were turned on, beside the paper.",
+            rich_help_panel=WINDOWS,
+        ),
+    ] = False,
+    start: Annotated[
+        StartFrom,
+        typer.Option(
+            metavar="HOW",
+            help="Windows begin with the state of the forward filter, or (not independent) smoothed.",
+            rich_help_panel=WINDOWS,
+        ),
+    ] = StartFrom.forward,
+    first: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="Where the first begins, s after the start. [60]", rich_help_panel=WINDOWS),
+    ] = None,
+    spacing: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="From one to the next. [so that about 60 fit]", rich_help_panel=WINDOWS),
+    ] = None,
+    twins: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Simulated twins of the drive.", rich_help_panel=WINDOWS)
+    ] = 20,
+    workers: Annotated[int, typer.Option(metavar="N", help="Processes.", rich_help_panel=WINDOWS)] = 2,
     deflection: Annotated[
         float,
         typer.Option(
@@ -108,23 +174,18 @@ def budget(
     as_json: opt.Json = False,
 ) -> None:
     """Draw up a budget."""
-    configuration = {
-        "imu": imu,
-        "deflection_arcsec": deflection,
-        "profile": profile,
-        "begin_s": begin,
-        "times_s": times,
-        "height": height,
-        "runs": runs,
-        "seed": seed,
-    }
+    configuration = _configuration(locals())
     from insnav.exceptions import ConfigError
     from insnav.io.folder import FACTS_FILE, RunFolder
     from insnav.units import UNITS
 
-    if drive is not None:
-        raise ConfigError("recorded drives have no column yet", where="DRIVE", fix="leave it out, or give --profile")
-    if imu is None:
+    if drive is not None and (profile is not None or begin is not None):
+        raise ConfigError("a drive has its own motion", where="--profile", fix="leave out the drive, or the profile")
+    if drive is None and (gps is not None or ref is not None or raw):
+        raise ConfigError(
+            "there is no drive for these fixes", where="DRIVE", fix="give the IMU file of the drive first"
+        )
+    if imu is None and drive is None:
         raise ConfigError("a budget is of an IMU", where="--imu", fix="give an imu.toml, or a preset such as tactical")
     if runs == 1:
         raise ConfigError("one run has no spread", where="--runs", fix="give 2 or more, better 500")
@@ -132,14 +193,53 @@ def budget(
     hold = max(wanted) > LONGEST_FREE if height is None else height is Vertical.held
     slope = parse.not_negative(deflection, "--deflection", largest=3600.0) * UNITS["arcsec"][1]
     with RunFolder(out, force=force) as folder, Stages() as stage:
-        stage("motion")
         from insnav.errors.budget import budget as drawn_up
         from insnav.errors.budget import check_times
         from insnav.imu import load_imu
 
         check_times(wanted)
-        spec = load_imu(imu)
-        motion = _motion(profile, begin, max(wanted), seed)
+        windows = None
+        known: tuple[Source, ...] = ()
+        if drive is not None:
+            from insnav.errors.recorded.beside import spec_in_windows, start_sources, window_motion
+
+            windows = recorded(
+                RecordedOptions(
+                    drive,
+                    gps,
+                    ref,
+                    imu,
+                    calibration,
+                    imu_axes,
+                    imu_units,
+                    columns,
+                    imu_sampling,
+                    imu_stamp,
+                    lever_arm,
+                    lever_arm_sd,
+                    gps_height,
+                    gps_delay,
+                    gps_columns,
+                    ref_lever_arm,
+                    ref_columns,
+                    ref_sd,
+                    max(wanted),
+                    first,
+                    spacing,
+                    start,
+                    raw,
+                    twins,
+                    seed,
+                    workers,
+                ),
+                stage,
+            )
+            spec, motion = spec_in_windows(windows.budget), window_motion(windows.budget, max(wanted))
+            known = start_sources(windows.budget)
+        else:
+            stage("motion")
+            assert imu is not None
+            spec, motion = load_imu(imu), _motion(profile, begin, max(wanted), seed)
         note(f"motion: {motion.words}")
         stage("computing")
         found = drawn_up(
@@ -150,6 +250,7 @@ def budget(
             seed=seed,
             deflection=slope,
             hold=hold,
+            known=known,
             progress=lambda fraction: stage("simulating", fraction),
         )
         for text in (f"not given, taken as zero: {', '.join(found.absent)}",) if found.absent else ():
@@ -159,11 +260,16 @@ def budget(
         from insnav.report.budget import write_budget
         from insnav.report.sheet import sheet_text
 
-        where, sheet = write_budget(folder, found, configuration)
+        if windows is not None:
+            from insnav.errors.recorded.beside import with_recorded
+
+            found = with_recorded(found, windows.budget)
+            configuration["input"] = windows.readings
+        where, sheet = write_budget(folder, found, configuration, None if windows is None else windows.budget)
     if as_json:
         result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
     else:
-        shown = replace(sheet, tables=sheet.tables[:2])
+        shown = replace(sheet, tables=sheet.tables[: 2 if windows is None else -2])
         result(f"{sheet_text(shown)}\n\nfiles       {out}: report.html, budget.pdf, figures/budget.png, run.json")
 
 
@@ -186,3 +292,8 @@ def _motion(profile: str | None, begin: float | None, duration: float, seed: int
     start = first_movement(truth) if begin is None else begin
     words = f"{chosen.name}, from {start:g} s on ({chosen.purpose.rstrip('.')})"
     return sampled(truth, start, duration, words)
+
+
+def _configuration(options: dict[str, Any]) -> dict[str, Any]:
+    kept = {name: value for name, value in options.items() if name not in ("out", "force", "as_json", "workers")}
+    return {name: str(value) if isinstance(value, Path | StrEnum) else value for name, value in kept.items()}

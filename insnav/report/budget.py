@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,21 @@ import numpy as np
 from insnav.errors.budget import Budget, Column, SimulatedColumn
 from insnav.errors.budget.budget import BAND
 from insnav.errors.budget.laws import SHORT
+from insnav.errors.recorded.budget import RecordedBudget
 from insnav.io.folder import RunFolder
 from insnav.report.budget_words import EFFECTS, growth, size
 from insnav.report.facts import json_ready, versions
 from insnav.report.figures.budget import draw_budget, horizontal, ranked, shares
 from insnav.report.figures.style import drawing, save
 from insnav.report.labels import number
+from insnav.report.recorded_budget import (
+    recorded_assumptions,
+    recorded_pictures,
+    recorded_sentences,
+    recorded_tables,
+    recorded_warnings,
+)
+from insnav.report.recorded_facts import recorded_facts
 from insnav.report.sheet import Picture, Sheet, Table, write_sheet
 from insnav.types import FloatArray
 from insnav.units import DEG
@@ -26,7 +36,9 @@ _NOTE_WIDTH = 150  # characters in a line of the page's notes
 _LINEAR = 5.0 * DEG  # attitude errors up to here are small
 
 
-def write_budget(folder: RunFolder, budget: Budget, configuration: Mapping[str, Any]) -> tuple[Path, Sheet]:
+def write_budget(
+    folder: RunFolder, budget: Budget, configuration: Mapping[str, Any], windows: RecordedBudget | None = None
+) -> tuple[Path, Sheet]:
     """Write page, figure (PNG and PDF) and facts into a folder and put it in its place.
 
     Parameters
@@ -36,6 +48,8 @@ def write_budget(folder: RunFolder, budget: Budget, configuration: Mapping[str, 
     budget : Budget
     configuration : mapping
         Options in force.
+    windows : RecordedBudget, optional
+        Of the recorded drive.
 
     Returns
     -------
@@ -49,10 +63,33 @@ def write_budget(folder: RunFolder, budget: Budget, configuration: Mapping[str, 
     OutputError
         The folder cannot be written.
     """
-    sheet = budget_sheet(budget)
+    sheet, facts = budget_sheet(budget), budget_facts(budget, configuration)
+    if windows is not None:
+        sheet, facts["recorded_windows"] = beside_windows(sheet, windows), recorded_facts(windows)
     with drawing():
         save(sheet.pictures[0].figure, folder.path("budget"), "pdf")
-    return write_sheet(folder, sheet, budget_facts(budget, configuration)), sheet
+    return write_sheet(folder, sheet, facts), sheet
+
+
+def beside_windows(sheet: Sheet, windows: RecordedBudget) -> Sheet:
+    """Add all about the windows of a recorded drive to the page.
+
+    Parameters
+    ----------
+    sheet : Sheet
+        From `budget_sheet`.
+    windows : RecordedBudget
+    """
+    with drawing():
+        pictures = recorded_pictures(windows)
+    return replace(
+        sheet,
+        summary=(*sheet.summary, *recorded_sentences(windows)),
+        tables=(*sheet.tables[:2], *recorded_tables(windows), *sheet.tables[2:]),
+        pictures=(*sheet.pictures, *pictures),
+        assumptions=(*sheet.assumptions, *recorded_assumptions(windows)),
+        warnings=(*sheet.warnings, *recorded_warnings(windows)),
+    )
 
 
 def budget_sheet(budget: Budget) -> Sheet:
@@ -105,6 +142,10 @@ def summary(budget: Budget) -> tuple[str, ...]:
             f"Simulated, {simulated.runs} runs: {level} m horizontally; mean normalised squared error "
             f"{simulated.nees[last]:.3g}, which is 1 if the covariance is true."
         )
+    recorded = budget.recorded
+    if recorded is not None:
+        level = number(float(np.hypot(recorded.rms_n[-1], recorded.rms_e[-1])))
+        lines.append(f"Recorded: {level} m horizontally, RMS of {recorded.words}.")
     return tuple(lines)
 
 
@@ -161,8 +202,15 @@ def assumptions(budget: Budget) -> tuple[str, ...]:
         else "The vertical channel is free: its own instability makes errors down grow by e every 570 s. North and "
         "east hardly notice that within minutes.",
         "The biases are those of turn-on: nothing was calibrated by an alignment or a filter. After an alignment at "
-        "rest the tilt hides the accelerometer bias, and a good part of both cancels; that is not counted here.",
+        "rest the tilt hides the accelerometer bias, and a good part of both cancels; that is not counted here."
+        if budget.recorded is None
+        else "Start and biases of analytic, covariance and simulated are those of the window with the median "
+        "prediction, as the filter knows them there (sensors as turned on: as the IMU file says). They go together: a "
+        "bias brings the tilt that hides it, and initial tilt is only what is left when the biases are known. "
+        "Misalignment of accelerometers shows in gravity as a bias, and is counted there.",
     ]
+    if budget.recorded is not None:
+        lines.append(f"recorded: {budget.recorded.words}.")
     if not any(source.sd > 0.0 for source in budget.sources if source.group == "gravity"):
         lines.append("Gravity is taken as that of the model (WGS-84 normal gravity); see --deflection.")
     if budget.simulated is not None:
@@ -188,13 +236,16 @@ def columns_table(budget: Budget) -> Table:
     if recorded is not None:
         errors = np.stack([recorded.rms_n, recorded.rms_e, recorded.rms_d], axis=1)
         groups.append(("record.", _at(recorded.time, errors, budget.time[at])))
-    groups.append(("worst", budget.covariance.worst[at, :3]))
+        groups.append(("filter", _at(recorded.time, recorded.predicted, budget.time[at])))
+    else:
+        groups.append(("worst", budget.covariance.worst[at, :3]))
     headings = ["time [s]"] + [f"{name} {axis}" for name, _ in groups for axis in "NED"]
     rows = [
         (f"{budget.time[k]:g}", *(number(_known(value)) for _, values in groups for value in values[row]))
         for row, k in enumerate(at)
     ]
-    return Table("Position error North, East, Down, 1 sd [m]; worst: sum of all families", tuple(headings), tuple(rows))
+    last = "worst: sum of all families" if recorded is None else "record.: RMS; filter: predicted by its covariance"
+    return Table(f"Position error North, East, Down, 1 sd [m]; {last}", tuple(headings), tuple(rows))
 
 
 def _at(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:

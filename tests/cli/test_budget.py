@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from insnav.io.folder import read_facts, verify_folder
-from tests.cli.conftest import Cli
+from tests.cli.conftest import SAMPLE, Cli
 
 MEMS = """
 name = "mems"
@@ -76,6 +76,25 @@ def test_long_budgets_hold_the_height_and_say_so(cli: Cli):
         assert ("held to the reference" in shown.out) is held
 
 
+def test_a_recorded_drive_stands_beside_the_paper(cli: Cli):
+    drive = (SAMPLE / "imu.csv.gz", "--gps", SAMPLE / "gps.csv", "--imu", SAMPLE / "imu.toml")
+    options = ("--lever-arm", "0.8,-0.3,-1.2", "--times", "10,30", "--twins", "0", "--runs", "100", "--raw")
+    shown = cli("budget", *drive, *options, "--ref", SAMPLE / "ref.csv", "--ref-sd", "0.02")
+    assert shown.code == 0, shown.err
+    verify_folder(Path("budget"))
+    facts = read_facts(Path("budget"))
+    last, recorded = facts["budget"][-1], facts["recorded"]
+    predicted = [recorded["predicted_m"][-1][i] for i in range(2)]
+    # one window by its sources, all of them by the filter
+    assert last["covariance"]["position_m"][:2] == pytest.approx(predicted, rel=0.25)
+    assert last["simulated"]["horizontal_m"] == pytest.approx(last["covariance"]["horizontal_m"], rel=0.2)
+    assert facts["recorded_windows"]["raw"]["windows"] == recorded["windows"] > 20
+    assert "record. N" in shown.out
+    assert "Sensors as turned on" in shown.out
+    names = {path.name for path in Path("budget/figures").iterdir()}
+    assert names >= {"budget.png", "recorded_growth.png", "recorded_causes.png", "recorded_regression.png"}
+
+
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [
@@ -91,6 +110,11 @@ def test_long_budgets_hold_the_height_and_say_so(cli: Cli):
         (("--imu", "mems.toml", "--profile", "city", "--begin", "5000"), 2, "not long enough"),
         (("--imu", "mems.toml", "--profile", "city", "--times", "3000"), 2, "not long enough"),
         (("--imu", "mems.toml", "--deflection", "-1"), 2, "--deflection"),
+        (("--imu", "mems.toml", "--gps", "gps.csv"), 2, "DRIVE"),
+        (("--imu", "mems.toml", "--raw"), 2, "DRIVE"),
+        (("imu.csv", "--profile", "city"), 2, "--profile"),
+        (("imu.csv", "--imu", "mems.toml"), 3, "imu.csv"),
+        ((SAMPLE / "imu.csv.gz", "--imu", "mems.toml"), 2, "--gps"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(cli: Cli, options: tuple[str, ...], code: int, words: str):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from insnav.errors.budget.budget import Budget, Column, RecordedColumn, SimulatedColumn, budget, check_times
 from insnav.errors.budget.covariance import Covariance, covariance
+from insnav.errors.budget.known import beside_known, known_sources
 from insnav.errors.budget.montecarlo import Runs, free_runs
 from insnav.errors.budget.motion import SampledMotion, at_rest, first_movement, sampled
 from insnav.errors.budget.sources import Source, families, sources_of
@@ -22,12 +23,14 @@ __all__ = [
     "SimulatedColumn",
     "Source",
     "at_rest",
+    "beside_known",
     "budget",
     "check_times",
     "covariance",
     "families",
     "first_movement",
     "free_runs",
+    "known_sources",
     "sampled",
     "sources_of",
 ]

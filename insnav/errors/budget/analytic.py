@@ -14,7 +14,7 @@ import numpy as np
 
 from insnav.earth import gravity_n, radii
 from insnav.errors.budget import laws
-from insnav.errors.budget.covariance import disturbance, initial_state, processes
+from insnav.errors.budget.covariance import at_start, disturbance, processes
 from insnav.errors.budget.motion import SampledMotion
 from insnav.errors.budget.sources import BODY, Source
 from insnav.types import FloatArray, IntArray
@@ -83,12 +83,7 @@ def _constant(source: Source, motion: SampledMotion, force_n: FloatArray) -> Flo
     ``phi' = -C e_gyro``, ``dv' = f x phi + C e_accel``, ``dp' = dv``.
     """
     dt = motion.dt[:, None]
-    state = np.zeros((len(dt) + 1, 9))
-    if source.group == "initial":
-        state[:, initial_state(source)] = 1.0
-        given = np.zeros((len(dt), 6))
-    else:
-        given = disturbance(source, motion)
+    state, given = np.tile(at_start(source), (len(dt) + 1, 1)), disturbance(source, motion)
     phi, velocity, position = state[:, 6:], state[:, 3:6], state[:, :3]
     phi[1:] += np.cumsum(given[:, :3] * dt, axis=0)
     push = np.cross(force_n, 0.5 * (phi[1:] + phi[:-1])) + given[:, 3:]

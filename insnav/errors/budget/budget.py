@@ -170,6 +170,7 @@ def budget(
     seed: int = 1,
     deflection: float = 0.0,
     hold: bool = False,
+    known: tuple[Source, ...] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Budget:
     """Draw up the budget.
@@ -190,6 +191,8 @@ def budget(
         Deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`.
     hold : bool
         Hold the vertical channel to the reference; see `insnav.errors.budget.covariance.covariance`.
+    known : tuple of Source
+        Errors of start and sensors that go together, beside those of `spec`; see `insnav.errors.budget.known`.
     progress : callable, optional
         Called with the fraction of the simulation that is done.
 
@@ -202,7 +205,7 @@ def budget(
     ConfigError
         An IMU without errors, or times that are not those of the motion.
     """
-    sources = sources_of(spec, deflection)
+    sources = (*known, *sources_of(spec, deflection))
     names = families(sources)
     if not names:
         raise ConfigError(
@@ -238,11 +241,27 @@ def budget(
             progress(of + width * share)
 
     together = free_runs(
-        spec, motion, rows, runs, (seed, 0), deflection=deflection, hold=hold, progress=lambda x: done(x, 0.0, 0.3)
+        spec,
+        motion,
+        rows,
+        runs,
+        (seed, 0),
+        deflection=deflection,
+        hold=hold,
+        known=known,
+        progress=lambda x: done(x, 0.0, 0.3),
     )
     fewer = min(runs, _ALONE)
     alone = runs_by_family(
-        spec, motion, rows, fewer, seed, deflection=deflection, hold=hold, progress=lambda x: done(x, 0.3, 0.7)
+        spec,
+        motion,
+        rows,
+        fewer,
+        seed,
+        deflection=deflection,
+        hold=hold,
+        known=known,
+        progress=lambda x: done(x, 0.3, 0.7),
     )
     parts = np.stack([alone[name] for name in names], axis=1)
     nees = _normalised(together.error, predicted.total)

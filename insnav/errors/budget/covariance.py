@@ -94,7 +94,6 @@ def disturbance(source: Source, motion: SampledMotion) -> FloatArray:
     Parameters
     ----------
     source : Source
-        Any but those of the initial state.
     motion : SampledMotion
 
     Returns
@@ -104,6 +103,8 @@ def disturbance(source: Source, motion: SampledMotion) -> FloatArray:
         ``phi' = ... - C e_gyro``, ``dv' = ... + C e_accel`` (compare Groves 2013, section 14.2.4).
     """
     out = np.zeros((len(motion.dt), 6))
+    if source.group == "initial" and not source.joint:
+        return out
     if source.group == "gravity":
         out[:, 3 + LOCAL.index(source.axis)] = 1.0
         return out
@@ -117,6 +118,10 @@ def disturbance(source: Source, motion: SampledMotion) -> FloatArray:
 
 def _sensed(source: Source, motion: SampledMotion) -> tuple[FloatArray | None, FloatArray | None]:
     """Errors of the gyros and of the accelerometers, body axes, ``(n, 3)``; None where there is none."""
+    if source.joint:
+        # what was taken for an error of the sensor was taken off
+        sensors = np.array(source.joint)[9:].reshape(4, 3)
+        return -(sensors[0] + sensors[2] * motion.rate), -(sensors[1] + sensors[3] * motion.force)
     since = motion.elapsed - 0.5 * motion.dt
     if source.group == "timing":
         # late by tau, or by a growing part of the time: what is shown is what was true before
@@ -167,10 +172,8 @@ def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArra
         first, given = np.zeros((len(constant), 9)), np.zeros((len(steps.dt), len(constant), 6))
         for k, i in enumerate(constant):
             source = sources[i]
-            if source.group == "initial":
-                first[k, initial_state(source)] = source.sd
-            else:
-                given[:, k] = source.sd * _integrated(disturbance(source, motion), motion, steps)
+            first[k] = source.sd * at_start(source)
+            given[:, k] = source.sd * _integrated(disturbance(source, motion), motion, steps)
         if hold:
             first[:, [2, 5]] = 0.0
         found = np.empty((len(rows), len(constant), 9))
@@ -181,8 +184,17 @@ def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArra
     return Covariance(motion.elapsed[rows - 1], parts)
 
 
-def initial_state(source: Source) -> int:
-    """Number of the state that an initial error is."""
+def at_start(source: Source) -> FloatArray:
+    """Errors of position, velocity and attitude at the start by a unit of a source, ``(9,)``."""
+    if source.joint:
+        return np.array(source.joint[:9])
+    out = np.zeros(9)
+    if source.group == "initial":
+        out[_initial_state(source)] = 1.0
+    return out
+
+
+def _initial_state(source: Source) -> int:
     group = {"position": 0, "velocity": 3, "tilt": 6, "heading": 6}[source.term]
     return group + LOCAL.index(source.axis)
 

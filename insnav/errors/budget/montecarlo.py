@@ -14,8 +14,9 @@ import numpy as np
 
 from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_from_rph, quat_multiply, rotvec_from_quat
 from insnav.earth import lla_offset, ned_offset
+from insnav.errors.budget.known import STATES
 from insnav.errors.budget.motion import SampledMotion
-from insnav.errors.budget.sources import families, only, sources_of
+from insnav.errors.budget.sources import Source, families, only, sources_of
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, draw_errors
 from insnav.kernels import budget as _kernel
 from insnav.simulate.sensors import flicker
@@ -54,6 +55,7 @@ def free_runs(
     *,
     deflection: float = 0.0,
     hold: bool = False,
+    known: tuple[Source, ...] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Runs:
     """Navigate without aiding, many times, each time with another IMU and another start.
@@ -74,6 +76,8 @@ def free_runs(
         Deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`.
     hold : bool
         Hold the vertical channel to the truth.
+    known : tuple of Source
+        Errors of start and sensors that go together, beside those of `spec`; see `insnav.errors.budget.known`.
     progress : callable, optional
         Called with the fraction done.
 
@@ -86,11 +90,13 @@ def free_runs(
     start_q = quat_from_rph(truth.rph[0])
     states = np.empty((runs, len(rows), 10))
     base = (motion.rate[:n], motion.force[:n], inc.coning[:n], inc.sculling[:n])
+    carried = np.array([source.sd * np.array(source.joint) for source in known]).reshape(len(known), STATES)
     dt, changes = motion.dt[:n], _changes(motion, n) if _late(spec) else None
     for run in range(runs):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,)))
         errors = draw_errors(spec, rng)
-        x = _start(spec.initial or InitialSpec(), motion, start_q, rng, hold)
+        together = rng.standard_normal(len(known)) @ carried if known else np.zeros(STATES)
+        x = _start(spec.initial or InitialSpec(), motion, start_q, rng, hold, together[:9])
         more = _more(spec, motion.elapsed[:n], rng, changes)
         gravity = -deflection * G0 * rng.standard_normal(3)
         _kernel.corrupted_run(
@@ -99,7 +105,7 @@ def free_runs(
             dt,
             *base,
             more,
-            *_of_errors(errors),
+            *_of_errors(errors, together[9:].reshape(4, 3)),
             *_of_spec(spec),
             gravity,
             hold,
@@ -122,13 +128,14 @@ def runs_by_family(
     *,
     deflection: float = 0.0,
     hold: bool = False,
+    known: tuple[Source, ...] = (),
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, FloatArray]:
     """Let one family of sources act at a time.
 
     Parameters
     ----------
-    spec, motion, rows, runs, seed, deflection, hold, progress
+    spec, motion, rows, runs, seed, deflection, hold, known, progress
         As of `free_runs`.
 
     Returns
@@ -136,23 +143,26 @@ def runs_by_family(
     dict
         RMS error ``(m, 9)`` by the name of the family.
     """
-    names = families(sources_of(spec, deflection))
+    names = families((*known, *sources_of(spec, deflection)))
     found = {}
     for number, name in enumerate(names):
         slope = deflection if name.startswith("gravity") else 0.0
-        alone = free_runs(only(spec, name), motion, rows, runs, (seed, 1 + number), deflection=slope, hold=hold)
+        mine = tuple(source for source in known if source.family == name)
+        alone = free_runs(
+            only(spec, name), motion, rows, runs, (seed, 1 + number), deflection=slope, hold=hold, known=mine
+        )
         found[name] = alone.rms
         if progress is not None:
             progress((number + 1) / len(names))
     return found
 
 
-def _of_errors(errors: ImuErrors) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Bias, matrices, bends and g-sensitivity as the kernel takes them."""
+def _of_errors(errors: ImuErrors, taken_off: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Bias, matrices, bends and g-sensitivity as the kernel takes them, less what was taken for errors and is none."""
     terms = [errors.gyro_terms or ErrorTerms(), errors.accel_terms or ErrorTerms()]
     return (
-        np.concatenate([errors.gyro_bias, errors.accel_bias]),
-        np.stack([errors.gyro_matrix, errors.accel_matrix]),
+        np.concatenate([errors.gyro_bias - taken_off[0], errors.accel_bias - taken_off[1]]),
+        np.stack([errors.gyro_matrix - np.diag(taken_off[2]), errors.accel_matrix - np.diag(taken_off[3])]),
         np.array([[each.asymmetry, each.quadratic] for each in terms]),
         np.asarray(terms[0].g_sensitivity),
     )
@@ -169,12 +179,18 @@ def _of_spec(spec: ImuSpec) -> tuple[FloatArray, FloatArray, FloatArray, FloatAr
 
 
 def _start(
-    initial: InitialSpec, motion: SampledMotion, q_nb: FloatArray, rng: np.random.Generator, hold: bool
+    initial: InitialSpec,
+    motion: SampledMotion,
+    q_nb: FloatArray,
+    rng: np.random.Generator,
+    hold: bool,
+    together: FloatArray,
 ) -> FloatArray:
-    """Draw an initial state."""
+    """Draw an initial state; `together` are errors of it drawn elsewhere, (9,)."""
     free = np.array([1.0, 1.0, 0.0 if hold else 1.0])
-    position, velocity = (free * sd * rng.standard_normal(3) for sd in (initial.position, initial.velocity))
-    phi = rng.standard_normal(3) * [initial.tilt, initial.tilt, initial.heading]
+    drawn = [sd * rng.standard_normal(3) for sd in (initial.position, initial.velocity)]
+    position, velocity = free * (drawn[0] + together[:3]), free * (drawn[1] + together[3:6])
+    phi = rng.standard_normal(3) * [initial.tilt, initial.tilt, initial.heading] + together[6:]
     q_hat = quat_multiply(quat_from_rotvec(-phi), q_nb)
     return np.concatenate([lla_offset(motion.truth.lla[0], position), motion.truth.v_n[0] + velocity, q_hat])
 

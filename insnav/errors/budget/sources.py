@@ -66,6 +66,8 @@ class Source:
         flicker noise. SI units and radians.
     correlation_time : float
         Of a Gauss-Markov process [s].
+    joint : tuple of float
+        What a unit of it carries along, in 21 states; see `insnav.errors.budget.known`.
     """
 
     group: Group
@@ -74,6 +76,7 @@ class Source:
     kind: Kind
     sd: float
     correlation_time: float = math.inf
+    joint: tuple[float, ...] = ()
 
     @property
     def family(self) -> str:

@@ -22,6 +22,7 @@ from insnav.exceptions import ConfigError
 from insnav.filter.model import ErrorModel
 from insnav.filter.recording import Prepared
 from insnav.imu import ImuSpec
+from insnav.types import Trajectory
 
 MINUTE = 60.0  # [s]
 _JUDGED = ("north", "east", "down", "horizontal")
@@ -136,6 +137,8 @@ class RecordedBudget:
         None taken off.
     spec : ImuSpec
         The stated IMU.
+    track : Trajectory
+        The smoothed drive.
     notes : tuple of str
         What was assumed and found.
     """
@@ -146,6 +149,7 @@ class RecordedBudget:
     calibrated: RecordedPart
     raw: RecordedPart | None
     spec: ImuSpec
+    track: Trajectory
     notes: tuple[str, ...]
 
 
@@ -215,6 +219,7 @@ def recorded_budget(
     if progress is not None:
         progress(1.0)
     solution = drive.run.solution
+    assert drive.run.smoothed is not None
     return RecordedBudget(
         settings,
         judge.name,
@@ -222,6 +227,7 @@ def recorded_budget(
         parts[0],
         parts[1] if settings.raw else None,
         spec,
+        drive.run.smoothed.solution,
         (*ready.notes, *_notes(judge, spec, settings, parts[0])),
     )
 
