@@ -225,7 +225,8 @@ def _twin(source: Path) -> dict[str, Any]:
     """Motion of a recorded track: the smoothed solution of a run folder, or its solution, or a file."""
     from insnav.cli.inputs import read_truth, say_reading
     from insnav.exceptions import InputError
-    from insnav.simulate.track import truth_from_track
+    from insnav.report.simulation import twin_facts
+    from insnav.simulate.track import apart, truth_from_track
 
     track = source
     if source.is_dir():
@@ -241,12 +242,18 @@ def _twin(source: Path) -> dict[str, Any]:
         track = found
     reading = read_truth(track, None)
     say_reading(reading.facts)
+    truth = truth_from_track(reading.data)
+    twin = twin_facts(apart(truth, reading.data))
     return {
         "name": f"twin of {source.name or source.resolve().name}",
         "purpose": "",
-        "source": {"track": str(track), "track_sha256": reading.facts.sha256},
+        "source": {
+            "track": str(track),
+            "track_sha256": reading.facts.sha256,
+            "twin": twin_facts(apart(truth, reading.data)),
+        },
         "profile": "",
-        "truth": truth_from_track(reading.data),
+        "truth": truth,
     }
 
 

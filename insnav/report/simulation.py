@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from insnav.simulate.faults import Fault
     from insnav.simulate.motion import MotionProfile
     from insnav.simulate.receiver import GpsSpec
+    from insnav.simulate.track import Residual
 
 IDEAL = "ideal"  # name of a sensor without errors
 _DRAWN = 20_000  # most instants of the motion that figures and facts look at
@@ -178,6 +179,20 @@ def plan_facts(plan: Plan, time: FloatArray, motion: Kinematics) -> dict[str, An
     }
 
 
+def twin_facts(residual: Residual) -> dict[str, Any]:
+    """How far a twin is from its track, and why it may be none."""
+    return {
+        "position_rms_m": residual.position,
+        "velocity_rms_m_s": residual.velocity,
+        "farthest_m": residual.farthest,
+        "farthest_time_s": residual.farthest_time,
+        "max_acceleration_m_s2": residual.acceleration,
+        "max_acceleration_time_s": residual.acceleration_time,
+        "longest_gap_s": residual.gap,
+        "doubts": list(residual.doubts),
+    }
+
+
 def plan_key(plan: Plan) -> str:
     """Digest of everything the runs of a plan depend on: what was simulated, and the releases that do it."""
     content = {
@@ -274,15 +289,21 @@ def recording_lines(facts: Mapping[str, Any]) -> list[str]:
 
 
 def motion_lines(facts: Mapping[str, Any]) -> list[str]:
-    """One line about the motion."""
+    """Lines about the motion."""
     motion = facts["motion"]
-    return [
+    lines = [
         _entry(
             "motion",
             f"{motion['name']}: {motion['duration_s']:.1f} s, {number(motion['distance_m'])} m, up to "
             f"{number(motion['max_speed_m_s'])} m/s",
         )
     ]
+    if "twin" not in motion:
+        return lines
+    twin = motion["twin"]
+    velocity = "" if twin["velocity_rms_m_s"] is None else f" and {number(twin['velocity_rms_m_s'])} m/s"
+    apart = f"{number(twin['position_rms_m'])} m{velocity} RMS from its track, at most {number(twin['farthest_m'])} m"
+    return [*lines, _entry("twin", apart), *(_entry("doubt", text) for text in twin["doubts"])]
 
 
 def _entry(name: str, text: str) -> str:
