@@ -250,7 +250,7 @@ def _twin(source: Path) -> dict[str, Any]:
         "source": {
             "track": str(track),
             "track_sha256": reading.facts.sha256,
-            "twin": twin_facts(apart(truth, reading.data)),
+            "twin": twin,
         },
         "profile": "",
         "truth": truth,

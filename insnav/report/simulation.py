@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 IDEAL = "ideal"  # name of a sensor without errors
 _DRAWN = 20_000  # most instants of the motion that figures and facts look at
-_DRAWN_RATE = 50.0  # [Hz]
+_DRAWN_RATE = 97.0  # no multiple of what people make motions of, whose peaks would all be missed [Hz]
 _MARGIN = 12
 _SAMPLES = {"mean": "means over their interval", "instant": "values at an instant", "increment": "increments"}
 

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline, PPoly
+from scipy.interpolate import BSpline, PchipInterpolator, PPoly
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array, diags_array
 
@@ -32,6 +32,7 @@ _FEWEST = 20
 _FAR_OFF = 1.0  # root mean square of position from which on a twin is doubted [m]
 _WILD = 10.0  # acceleration over ground from which on it is [m/s^2]
 _LONG_GAP = 3.0  # and time without a row [s]
+_GAP = 1.0  # time without a row that is bridged [s]
 _LOOK = 0.05  # between the instants whose acceleration is looked at [s]
 _STEEPEST, _HIGHEST_LATITUDE = math.radians(80.0), math.radians(85.0)
 
@@ -43,7 +44,7 @@ def truth_from_track(track: Trajectory) -> LevelTruth:
     ----------
     track : Trajectory
         Positions; velocities and attitudes where they are known. Where no attitude is, the heading is the course, the
-        pitch the climb, and there is no roll.
+        pitch the climb, and there is no roll. Gaps are bridged without overshoot.
 
     Returns
     -------
@@ -68,6 +69,7 @@ def truth_from_track(track: Trajectory) -> LevelTruth:
     if np.abs(track.lla[:, 0]).max() > _HIGHEST_LATITUDE:
         raise InputError("the track is within 5 deg of a pole", fix="make a twin of a track at lower latitudes")
     rph = _attitude(track)
+    track, rph = _bridged(track, rph)
     if np.abs(rph[:, 1]).max() > _STEEPEST:
         raise InputError("the track pitches beyond 80 deg", why="roll, pitch and heading are no smooth curves there")
     start, duration = float(track.time[0]), float(track.time[-1] - track.time[0])
@@ -247,6 +249,27 @@ def _attitude(track: Trajectory) -> FloatArray:
             rph[:, 2] = np.interp(track.time, track.time[told], np.unwrap(course[told]))
     rph[:, 2] = np.unwrap(rph[:, 2])
     return rph
+
+
+def _bridged(track: Trajectory, rph: FloatArray) -> tuple[Trajectory, FloatArray]:
+    """Track and attitude with rows in the gaps: a smooth spline alone would swing out there.
+
+    Shape-preserving cubics (Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238-246) never leave the range of the
+    rows on either side.
+    """
+    steps = np.diff(track.time)
+    usual = float(np.median(steps))
+    wide = np.flatnonzero(steps > max(_GAP, 3.0 * usual))
+    if not len(wide):
+        return track, rph
+    spacing = max(_SPACING, usual)
+    new = np.concatenate([np.arange(track.time[i] + spacing, track.time[i + 1] - 0.5 * spacing, spacing) for i in wide])
+    time = np.concatenate([track.time, new])
+    order = np.argsort(time)
+    place = np.column_stack([track.lla[:, 0], np.unwrap(track.lla[:, 1]), track.lla[:, 2]])
+    lla, rph = (np.concatenate([rows, PchipInterpolator(track.time, rows)(new)])[order] for rows in (place, rph))
+    v_n = np.concatenate([track.v_n, np.full((len(new), 3), np.nan)])[order]
+    return Trajectory(time[order], lla, v_n, rph), rph
 
 
 def _velocity(track: Trajectory) -> FloatArray:

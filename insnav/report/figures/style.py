@@ -94,7 +94,8 @@ class Clock:
         """
         start = float(time[0]) if len(time) else 0.0
         long = len(time) > 0 and float(time[-1]) - start > 900.0
-        return cls(start, 60.0 if long else 1.0, f"time since {start:.1f} s [{'min' if long else 's'}]")
+        since = f" since {start:.1f} s" if start else ""
+        return cls(start, 60.0 if long else 1.0, f"time{since} [{'min' if long else 's'}]")
 
     def __call__(self, time: Any) -> Any:
         """Return times of the data as places on the axis.
