@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -87,6 +88,14 @@ def simulate(
         list[str] | None,
         typer.Option(metavar="FAULT", help="Something that goes wrong; repeatable.", rich_help_panel="Faults"),
     ] = None,
+    gravity: Annotated[
+        opt.GravityChoice,
+        typer.Option(
+            metavar="HOW",
+            help="full; plumb: without its north component; linear: as in packages to compare with.",
+            rich_help_panel=MOTION,
+        ),
+    ] = opt.GravityChoice.full,
     seed: Annotated[
         int, typer.Option(metavar="N", min=0, help="Of everything random.", rich_help_panel=opt.RESULT)
     ] = 1,
@@ -123,6 +132,7 @@ def simulate(
         "temperature_c": temperature,
         "gps": gps,
         "fault": fault or [],
+        "gravity": gravity.value,
         "seed": seed,
         "runs": runs,
         "run": run,
@@ -203,7 +213,8 @@ def _plan(configuration: dict[str, Any], profile: str | None, source: Path | Non
         "sampling": configuration["sampling"],
         "configuration": configuration,
     }
-    return Plan(**models, **(_twin(source) if source is not None else _profiled(str(profile), seed)))
+    motion = _twin(source) if source is not None else _profiled(str(profile), seed)
+    return Plan(**models, **motion | {"truth": replace(motion["truth"], gravity=configuration["gravity"])})
 
 
 def _profiled(name: str, seed: int) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from insnav.alignment.align import GYROCOMPASS_SD
+from insnav.alignment.motion import SLOWEST
+from insnav.earth import OMEGA_EARTH
 from insnav.imu import ImuErrors, ImuSpec, calibration_to_toml, to_toml
+from insnav.imu.model import gyro_bias_sd
 from insnav.io.folder import RunFolder
 from insnav.report.facts import json_ready, versions
 from insnav.report.figures.profile import draw_motion, draw_sketch, draw_way, way
@@ -36,6 +41,10 @@ IDEAL = "ideal"  # name of a sensor without errors
 _DRAWN = 20_000  # most instants of the motion that figures and facts look at
 _DRAWN_RATE = 97.0  # no multiple of what people make motions of, whose peaks would all be missed [Hz]
 _MARGIN = 12
+_GRAVITY = {
+    "plumb": "without its north component: for comparison with packages that leave it out",
+    "linear": "without its north component, and linear in height: for comparison with packages that have it so",
+}
 _SAMPLES = {"mean": "means over their interval", "instant": "values at an instant", "increment": "increments"}
 
 
@@ -111,7 +120,7 @@ def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> Path:
         "gps_fixes": len(made.gps.time),
         "lever_arm_m": made.lever_b,
         "specimen": None if made.specimen is None else specimen_facts(made.specimen.errors),
-        "command": run_command(plan, made.lever_b),
+        "command": run_command(plan, made.lever_b, motion),
     }
     ready = json_ready(facts)
     sheet = Sheet(
@@ -162,6 +171,7 @@ def plan_facts(plan: Plan, time: FloatArray, motion: Kinematics) -> dict[str, An
             **plan.source,
             "start_s": plan.truth.start,
             "duration_s": plan.truth.duration,
+            "gravity": plan.truth.gravity,
             "distance_m": way(time, motion),
             "start_lat_deg": lat / DEG,
             "start_lon_deg": lon / DEG,
@@ -243,15 +253,37 @@ def specimen_facts(errors: ImuErrors) -> dict[str, Any]:
     }
 
 
-def run_command(plan: Plan, lever_b: FloatArray) -> str:
-    """Command that navigates the recording, said from inside its folder."""
+def run_command(plan: Plan, lever_b: FloatArray, motion: Kinematics) -> str:
+    """Command that navigates the recording, said from inside its folder.
+
+    Parameters
+    ----------
+    plan : Plan
+        What was simulated.
+    lever_b : (3,) array
+        Antenna seen from the IMU, body axes [m].
+    motion : Kinematics
+        The motion, from its start on.
+    """
     words = ["insnav", "run", "imu.csv", "--gps", "gps.csv", "--ref", "ref.csv"]
     if np.any(lever_b):
         words += ["--lever-arm", ",".join(f"{length:g}" for length in lever_b)]
     if plan.sampling == "instant":
         words += ["--imu-sampling", "instant"]
+    if _hides_heading(plan, motion):
+        words += ["--heading", f"{motion.rph[0, 2] / DEG:.1f}"]
     # a filter needs some idea of noise, also for an IMU that has none
     return " ".join([*words, "--imu", "navigation" if plan.imu is None else "imu.toml"])
+
+
+def _hides_heading(plan: Plan, motion: Kinematics) -> bool:
+    """Whether neither the course nor a gyrocompass can tell the heading."""
+    # twice that speed: a course that is there for moments only tells nothing
+    moves = float(np.linalg.norm(motion.v_n[:, :2], axis=1).max()) > 2.0 * SLOWEST
+    if moves or plan.imu is None:
+        return False
+    earth = OMEGA_EARTH * max(math.cos(motion.lla[0, 0]), 1e-9)
+    return bool(gyro_bias_sd(plan.imu.gyro).max() > GYROCOMPASS_SD * earth)
 
 
 def in_folder(command: str, folder: Path) -> str:
@@ -298,6 +330,8 @@ def motion_lines(facts: Mapping[str, Any]) -> list[str]:
             f"{number(motion['max_speed_m_s'])} m/s",
         )
     ]
+    if motion["gravity"] != "full":
+        lines.append(_entry("gravity", _GRAVITY[motion["gravity"]]))
     if "twin" not in motion:
         return lines
     twin = motion["twin"]

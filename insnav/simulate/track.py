@@ -159,7 +159,7 @@ def apart(truth: Truth, track: Trajectory) -> Residual:
     off = np.linalg.norm(ned_offset(track.lla, at.lla), axis=1)
     known = np.isfinite(track.v_n).all(axis=1)
     slip = np.linalg.norm((track.v_n - at.v_n)[known], axis=1)
-    time = truth.start + np.arange(math.floor(truth.duration / _LOOK) + 1) * _LOOK
+    time: FloatArray = truth.start + np.arange(math.floor(truth.duration / _LOOK) + 1.0) * _LOOK
     felt = np.linalg.norm(np.gradient(truth.evaluate(time).v_n, _LOOK, axis=0), axis=1)
     far, wild, gap = int(np.argmax(off)), int(np.argmax(felt)), int(np.argmax(np.diff(track.time)))
     return Residual(

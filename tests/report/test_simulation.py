@@ -133,11 +133,15 @@ def test_a_recording_leaves_everything_behind(tmp_path):
 
 def test_the_command_names_what_a_reader_cannot_know(tmp_path):
     plan = plan_of(TOWN, sampling="instant")
-    command = run_command(plan, np.array([0.5, 0.0, -1.25]))
+    command = run_command(plan, np.array([0.5, 0.0, -1.25]), seen(TOWN)[1])
     assert "--lever-arm 0.5,0,-1.25" in command
     assert "--imu-sampling instant" in command
-    assert "--lever-arm" not in run_command(plan, np.zeros(3))
-    assert run_command(plan_of(TOWN, imu=None), np.zeros(3)).endswith("--imu navigation")
+    assert "--lever-arm" not in run_command(plan, np.zeros(3), seen(TOWN)[1])
+    assert run_command(plan_of(TOWN, imu=None), np.zeros(3), seen(TOWN)[1]).endswith("--imu navigation")
+    at_rest = seen(STILL)[1]
+    assert "--heading 17.2" in run_command(plan, np.zeros(3), at_rest)  # 0.3 rad, and nothing else can tell it
+    assert "--heading" not in run_command(plan_of(STILL, imu=load_imu("navigation")), np.zeros(3), at_rest)
+    assert "--heading" not in command
     said = in_folder(command, tmp_path / "a b")
     assert f"'{tmp_path}/a b/imu.csv'" in said
     assert said.endswith("imu.toml'")
