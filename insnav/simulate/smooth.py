@@ -76,6 +76,11 @@ class Rise:
         """Time of the whole change [s]."""
         return self.total / self.rate + self.ramp if self.total else 0.0
 
+    @property
+    def frequency(self) -> float:
+        """One over the shortest time in which something changes [Hz]; 0 if nothing does."""
+        return 1.0 / self.ramp if self.total and self.ramp else 0.0
+
     def __call__(self, t: FloatArray) -> FloatArray:
         """Change since the beginning at times ``(n,)`` since then [s]."""
         if not self.total:
