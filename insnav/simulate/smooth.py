@@ -78,8 +78,8 @@ class Rise:
 
     @property
     def frequency(self) -> float:
-        """One over the shortest time in which something changes [Hz]; 0 if nothing does."""
-        return 1.0 / self.ramp if self.total and self.ramp else 0.0
+        """Of an oscillation as sharp as the ramps, each three quarters of its period; 0 if there are none [Hz]."""
+        return 0.75 / self.ramp if self.total and self.ramp else 0.0
 
     def __call__(self, t: FloatArray) -> FloatArray:
         """Change since the beginning at times ``(n,)`` since then [s]."""

@@ -136,8 +136,8 @@ def test_a_climb_has_its_height_and_its_angle(tmp_path, line, height, angle):
     assert m.at.lla[-1, 2] - 100.0 == pytest.approx(height, abs=1e-4)
     up = np.degrees(np.arcsin(-m.at.v_n[:, 2] / m.speed)) * np.sign(height)
     assert up.max() == pytest.approx(angle, rel=1e-5)
-    assert up[-1] == pytest.approx(0.0, abs=1e-6)
-    assert up.min() > -1e-6
+    assert up[-1] == pytest.approx(0.0, abs=1e-5)
+    assert up.min() > -1e-5
     np.testing.assert_allclose(m.speed, 20.0, rtol=1e-5)
     across = np.linalg.norm(m.acceleration, axis=1)
     assert across.max() == pytest.approx(0.5, rel=0.01)  # how a car takes the bend of a hill
@@ -324,9 +324,10 @@ POINTS = [(0.0, 0.0, 0.0, 0.0), (200.0, 0.0, 2.0, 12.0), (350.0, 150.0, 4.0, 10.
 
 def way(tmp_path, points=POINTS, vehicle: str = "car"):
     scale = float(np.degrees(1.0)) / 6378137.0
+    wide = float(np.cos(np.radians(45.0)))
     text = f'purpose = "to test"\nvehicle = "{vehicle}"\n[vibration]\nsuspension = 0\n'
     for north, east, height, speed in points:
-        text += f'[[waypoint]]\nlat = "{45 + north * scale!r} deg"\nlon = "{9 + east * scale / float(np.cos(np.radians(45)))!r} deg"\n'
+        text += f'[[waypoint]]\nlat = "{45 + north * scale!r} deg"\nlon = "{9 + east * scale / wide!r} deg"\n'
         text += f'height = "{height} m"\nspeed = "{speed} m/s"\n'
     (tmp_path / "way.toml").write_text(text)
     return load_profile(tmp_path / "way.toml")

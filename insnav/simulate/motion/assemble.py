@@ -26,7 +26,7 @@ from insnav.types import FloatArray
 from insnav.units import G0
 
 _SPACINGS = (0.04, 0.02, 0.01, 0.005, 0.0025, 0.002, 0.001)  # of knots: round, so that samples fall on them [s]
-_PER_PERIOD = 20.0  # knots in the shortest period of a coning or sculling motion, and in the shortest change
+_PER_PERIOD = 20.0  # knots in the shortest period of a coning or sculling motion
 _POLAR = math.radians(80.0)  # from this latitude on, axes fixed to the Earth [rad]
 _DEGREE = 7
 _PASSES = 4

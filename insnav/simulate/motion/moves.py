@@ -54,7 +54,7 @@ class Move:
     body : function or None
         Rotation vector ``(n, 3)`` of the body in the vehicle since the beginning [rad].
     frequency : float
-        Highest frequency in it, 0 if it has none [Hz]: of an oscillation, or one over the time of its shortest change.
+        Highest frequency in it, of an oscillation or one as sharp as its changes, 0 if it has none [Hz].
     """
 
     duration: float
@@ -127,7 +127,7 @@ def helix(state: State, angle: float, rate: float, height: float, jerk: float) -
     steep = math.radians(89.0)
     gamma = float(brentq(missing, -steep, steep, xtol=1e-12)) if missing(-steep) * missing(steep) < 0.0 else math.nan
     end = replace(state, heading=state.heading + angle)
-    frequency = max(rise.frequency, 1.0 / edge)
+    frequency = max(rise.frequency, 0.75 / edge)
     return Move(
         rise.duration, state, end, heading=lambda t: state.heading + rise(t), grade=grade(gamma), frequency=frequency
     )
