@@ -137,7 +137,7 @@ def test_another_package_agrees_on_the_same_file_under_its_own_gravity(tmp_path,
     """1 km up, where the two kinds of gravity are 0.5 ug apart downwards and 0.7 ug northwards."""
     off = {}
     for gravity in ("linear", "full"):
-        truth = replace(smooth, gravity=gravity, origin=smooth.origin + [0.0, 0.0, 900.0])
+        truth = replace(smooth, gravity=gravity, origin=smooth.origin + np.array([0.0, 0.0, 900.0]))
         write_imu(tmp_path / "imu.csv", imu_from_truth(truth, 125.0 + np.arange(600 * 100 + 1) / 100))
         imu = read_imu(tmp_path / "imu.csv").data
         end, true = by_pyins(imu, reference(truth, imu.time[:1])), reference(truth, imu.time[-1:])
