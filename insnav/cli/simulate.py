@@ -35,6 +35,10 @@ Examples:
   insnav simulate city --imu ideal --gps ideal
   insnav simulate city --runs 500 --out ensemble
 
+A fault is VERB[:SIZE][@TIME[+LENGTH]], times since the first sample: gps-spike, gps-jump, gps-drag, gps-outage,
+gps-flap, gps-latency, gps-sd, gps-duplicate, gps-shuffle; imu-gap, imu-nan, imu-clip, imu-stuck, imu-spike, imu-units,
+imu-axes, imu-reverse, imu-duplicate.
+
 The same options give the same bytes, for any number of workers. A stopped series of runs goes on with --resume.
 """
 MOTION, RUNS = "Motion", "Many runs"

@@ -177,6 +177,34 @@ def test_faults_are_applied_and_told(prepared: Path, here: Path, cli: Cli):
     assert gaps[1] > 0.9 > gaps[2]
 
 
+def test_every_fault_is_named_in_the_help_and_in_the_readme():
+    from insnav.cli.simulate import HELP
+    from insnav.simulate.faults import VERBS
+
+    readme = (ROOT / "trajectories" / "README.md").read_text()
+    for name, verb in VERBS.items():
+        assert name in HELP
+        assert f"`{verb.example}`" in readme
+
+
+def test_the_profile_of_the_readme_can_be_driven_and_every_segment_is_told(here: Path):
+    from insnav.simulate.gps_config import load_gps
+    from insnav.simulate.motion.segments import SEGMENTS
+
+    readme = (ROOT / "trajectories" / "README.md").read_text()
+    drive, receiver = (block.split("```")[0] for block in readme.split("```toml\n")[1:])
+    for name, text in (("bridge.toml", drive), ("gps.toml", receiver)):
+        (here / name).write_text(text)
+    assert load_profile("bridge.toml").truth(0).duration > 100.0
+    assert load_gps("gps.toml").outages == ((120.0, 30.0),)
+    table = readme.split("| kind | keys")[1].split("\n\n")[0].splitlines()
+    for kind, segment in SEGMENTS.items():
+        (row,) = [line for line in table if f"`{kind}`" in line.split("|")[1]]
+        for key in set(segment.model_fields) - {"kind"} - ({"to"} if kind == "stop" else set()):
+            if (kind, key) != ("arc", "rate"):
+                assert f"`{key}`" in row
+
+
 def test_gravity_can_be_that_of_other_packages(prepared: Path, here: Path, cli: Cli):
     shown = cli("simulate", *QUICK, "--gravity", "linear", "--imu", "ideal")
     assert shown.code == 0, shown.err
