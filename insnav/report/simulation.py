@@ -34,7 +34,7 @@ from insnav.units import DEG, DEG_PER_H, G0, PPM
 if TYPE_CHECKING:
     from insnav.simulate.faults import Fault
     from insnav.simulate.motion import MotionProfile
-    from insnav.simulate.receiver import GpsSpec
+    from insnav.simulate.receiver import GpsErrors, GpsSpec
     from insnav.simulate.track import Residual
 
 IDEAL = "ideal"  # name of a sensor without errors
@@ -185,8 +185,15 @@ def plan_facts(plan: Plan, time: FloatArray, motion: Kinematics) -> dict[str, An
         "imu_sampling": plan.sampling,
         "imu_model": {"name": IDEAL} if plan.imu is None else model_facts(plan.imu, "simulated"),
         "gps_model": IDEAL if plan.gps is None else plan.gps.name,
+        "gps_lasting": None if plan.gps is None else _lasting(plan.gps.errors),
         "faults": plan.configuration.get("fault", []),
     }
+
+
+def _lasting(errors: GpsErrors) -> dict[str, float]:
+    """Share of the variance of a receiver's horizontal errors that lasts, and for how long."""
+    drift, whole = np.array(errors.position_drift[:2]), errors.position_sd[:2]
+    return {"share": float(np.sum(drift**2) / np.sum(whole**2)), "correlation_time_s": errors.correlation_time}
 
 
 def twin_facts(residual: Residual) -> dict[str, Any]:
