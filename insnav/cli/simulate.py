@@ -327,13 +327,13 @@ def _many(
             progress=lambda fraction: stage("navigating", fraction),
             checkpoint=checkpoint,
         )
+        stage("writing")
+        _quiet_figures()
+        where = write_runs(folder, plan, done)
     except Stopped:
         if checkpoint.path.exists():
             note("the runs that have ended are kept: the same command with --resume goes on")
         raise
-    stage("writing")
-    _quiet_figures()
-    where = write_runs(folder, plan, done)
     checkpoint.remove()
     return where
 

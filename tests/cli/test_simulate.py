@@ -356,6 +356,22 @@ def test_a_series_that_ended_early_is_gone_on_with(here: Path, cli: Cli, monkeyp
     assert not (here / ".sim.unfinished").exists()
 
 
+def test_a_series_stopped_while_it_is_written_is_kept_too(here: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch):
+    from insnav.cli.signals import Stopped
+    from insnav.report import ensemble
+
+    def stopped(*_: object) -> None:
+        raise Stopped(signal.SIGINT)
+
+    options = ("simulate", *QUICK, "--runs", 2, "--workers", 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(ensemble, "write_runs", stopped)
+        shown = cli(*options)
+    assert shown.code == 128 + signal.SIGINT
+    assert "--resume" in shown.err
+    assert made(here) == [".sim.unfinished"]
+
+
 def test_a_run_that_fails_is_named(here: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch):
     from insnav.errors import ensemble
 
