@@ -11,6 +11,14 @@ import typer
 FILES, IMU, GPS, START, RESULT = "Files", "IMU", "GPS and reference", "Start", "Result"
 
 
+class GravityChoice(StrEnum):
+    """How gravity is simulated."""
+
+    full = "full"
+    plumb = "plumb"
+    linear = "linear"
+
+
 class SamplingChoice(StrEnum):
     """What an IMU sample is."""
 

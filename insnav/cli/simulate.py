@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,6 +34,10 @@ Examples:
   insnav simulate --from run --imu automotive --out twin
   insnav simulate city --imu ideal --gps ideal
   insnav simulate city --runs 500 --out ensemble
+
+A fault is VERB[:SIZE][@TIME[+LENGTH]], times since the first sample: gps-spike, gps-jump, gps-drag, gps-outage,
+gps-flap, gps-latency, gps-sd, gps-duplicate, gps-shuffle; imu-gap, imu-nan, imu-clip, imu-stuck, imu-spike, imu-units,
+imu-axes, imu-reverse, imu-duplicate.
 
 The same options give the same bytes, for any number of workers. A stopped series of runs goes on with --resume.
 """
@@ -87,6 +92,14 @@ def simulate(
         list[str] | None,
         typer.Option(metavar="FAULT", help="Something that goes wrong; repeatable.", rich_help_panel="Faults"),
     ] = None,
+    gravity: Annotated[
+        opt.GravityChoice,
+        typer.Option(
+            metavar="HOW",
+            help="full; plumb: without its north component; linear: as in packages to compare with.",
+            rich_help_panel=MOTION,
+        ),
+    ] = opt.GravityChoice.full,
     seed: Annotated[
         int, typer.Option(metavar="N", min=0, help="Of everything random.", rich_help_panel=opt.RESULT)
     ] = 1,
@@ -123,6 +136,7 @@ def simulate(
         "temperature_c": temperature,
         "gps": gps,
         "fault": fault or [],
+        "gravity": gravity.value,
         "seed": seed,
         "runs": runs,
         "run": run,
@@ -203,7 +217,8 @@ def _plan(configuration: dict[str, Any], profile: str | None, source: Path | Non
         "sampling": configuration["sampling"],
         "configuration": configuration,
     }
-    return Plan(**models, **(_twin(source) if source is not None else _profiled(str(profile), seed)))
+    motion = _twin(source) if source is not None else _profiled(str(profile), seed)
+    return Plan(**models, **motion | {"truth": replace(motion["truth"], gravity=configuration["gravity"])})
 
 
 def _profiled(name: str, seed: int) -> dict[str, Any]:
@@ -225,7 +240,8 @@ def _twin(source: Path) -> dict[str, Any]:
     """Motion of a recorded track: the smoothed solution of a run folder, or its solution, or a file."""
     from insnav.cli.inputs import read_truth, say_reading
     from insnav.exceptions import InputError
-    from insnav.simulate.track import truth_from_track
+    from insnav.report.simulation import twin_facts
+    from insnav.simulate.track import apart, truth_from_track
 
     track = source
     if source.is_dir():
@@ -241,12 +257,18 @@ def _twin(source: Path) -> dict[str, Any]:
         track = found
     reading = read_truth(track, None)
     say_reading(reading.facts)
+    truth = truth_from_track(reading.data)
+    twin = twin_facts(apart(truth, reading.data))
     return {
         "name": f"twin of {source.name or source.resolve().name}",
         "purpose": "",
-        "source": {"track": str(track), "track_sha256": reading.facts.sha256},
+        "source": {
+            "track": str(track),
+            "track_sha256": reading.facts.sha256,
+            "twin": twin,
+        },
         "profile": "",
-        "truth": truth_from_track(reading.data),
+        "truth": truth,
     }
 
 
@@ -305,13 +327,13 @@ def _many(
             progress=lambda fraction: stage("navigating", fraction),
             checkpoint=checkpoint,
         )
+        stage("writing")
+        _quiet_figures()
+        where = write_runs(folder, plan, done)
     except Stopped:
         if checkpoint.path.exists():
             note("the runs that have ended are kept: the same command with --resume goes on")
         raise
-    stage("writing")
-    _quiet_figures()
-    where = write_runs(folder, plan, done)
     checkpoint.remove()
     return where
 

@@ -102,7 +102,7 @@ def refuse(problems: list[str], where: str) -> NoReturn:
     """Say everything that is wrong with a file at once."""
     if len(problems) == 1:
         raise ConfigError(problems[0], where=where)
-    raise ConfigError(f"{len(problems)} things are wrong", where=where, why="; ".join(problems))
+    raise ConfigError(f"{len(problems)} things are wrong", where=where, why="\n".join(problems))
 
 
 def scalar(dimension: str) -> PlainValidator:
@@ -187,7 +187,7 @@ def quantity(value: object, dimension: str, *, signed: bool, per_root_time: bool
     except ConfigError as error:
         raise _wrong(", ".join(part for part in (error.what, error.why, error.fix) if part)) from None
     if number < 0.0 and not signed:
-        raise _wrong(f"{value!r} is negative; it is a standard deviation or a density")
+        raise _wrong(f"{value!r} is negative, and must not be")
     return number
 
 
@@ -212,7 +212,7 @@ def _kind(value: object) -> str:
 def _problem(model: type[Table], details: ErrorDetails) -> str:
     """One error of pydantic in our words."""
     path, kind = details["loc"], details["type"]
-    key = ".".join(str(part) for part in path)
+    key = "".join(f" {part + 1}" if isinstance(part, int) else f".{part}" for part in path).lstrip(". ")
     if kind == "extra_forbidden":
         known = _keys(model, path[:-1])
         close = difflib.get_close_matches(str(path[-1]), known, n=1)
@@ -224,7 +224,7 @@ def _problem(model: type[Table], details: ErrorDetails) -> str:
         return f"{key}: must be a text in quotes"
     if kind == "missing":
         return f"{key}: is missing"
-    return f"{key}: {details['msg']}"
+    return f"{key}: {details['msg']}" if key else details["msg"]
 
 
 def _keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:

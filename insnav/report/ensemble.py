@@ -31,6 +31,7 @@ from insnav.units import DEG
 
 _UNITS = (*("m",) * 3, *("m_s",) * 3, *("deg",) * 3)
 _FACTORS = np.array([1.0] * 6 + [1.0 / DEG] * 3)
+_MUCH, _TOO_GOOD = 0.3, 2.0  # of lasting errors, and of NEES, for one to explain the other
 _SHOWN = 5  # failures that are told one by one
 _COUNTS = ("positions", "rejected", "resets")
 
@@ -138,7 +139,19 @@ def runs_lines(facts: Mapping[str, Any]) -> list[str]:
         f"{'':<12}per axis: 1 if the stated sd is true (share of the fixes inside the {100.0 * BAND:.0f} % band)",
         f"{'rejected':<12}{found['rejected']} of {found['fixes']} fixes, {found['resets']} resets",
     ]
-    return lines + [f"{'failed':<12}{text}" for text in _failure_lines(found)]
+    return lines + _lasting_lines(facts) + [f"{'failed':<12}{text}" for text in _failure_lines(found)]
+
+
+def _lasting_lines(facts: Mapping[str, Any]) -> list[str]:
+    """Why the stated position is too good, if it is and the receiver is to blame."""
+    lasting, nees = facts["gps_lasting"], facts["ensemble"]["nees_per_axis"].get("position", 1.0)
+    if lasting is None or lasting["share"] < _MUCH or nees < _TOO_GOOD:
+        return []
+    return [
+        f"{'note':<12}{100.0 * lasting['share']:.0f} % of the position variance of {facts['gps_model']} lasts for "
+        f"about {lasting['correlation_time_s']:g} s; a filter that takes",
+        f"{'':<12}it for white, as it must on a short drive, states its position too well",
+    ]
 
 
 def _failure_lines(found: Mapping[str, Any]) -> list[str]:

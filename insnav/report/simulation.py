@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,7 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from insnav.alignment.align import GYROCOMPASS_SD
+from insnav.alignment.motion import SLOWEST
+from insnav.earth import OMEGA_EARTH
 from insnav.imu import ImuErrors, ImuSpec, calibration_to_toml, to_toml
+from insnav.imu.model import gyro_bias_sd
 from insnav.io.folder import RunFolder
 from insnav.report.facts import json_ready, versions
 from insnav.report.figures.profile import draw_motion, draw_sketch, draw_way, way
@@ -29,12 +34,17 @@ from insnav.units import DEG, DEG_PER_H, G0, PPM
 if TYPE_CHECKING:
     from insnav.simulate.faults import Fault
     from insnav.simulate.motion import MotionProfile
-    from insnav.simulate.receiver import GpsSpec
+    from insnav.simulate.receiver import GpsErrors, GpsSpec
+    from insnav.simulate.track import Residual
 
 IDEAL = "ideal"  # name of a sensor without errors
 _DRAWN = 20_000  # most instants of the motion that figures and facts look at
-_DRAWN_RATE = 50.0  # [Hz]
+_DRAWN_RATE = 97.0  # no multiple of what people make motions of, whose peaks would all be missed [Hz]
 _MARGIN = 12
+_GRAVITY = {
+    "plumb": "without its north component: for comparison with packages that leave it out",
+    "linear": "without its north component, and linear in height: for comparison with packages that have it so",
+}
 _SAMPLES = {"mean": "means over their interval", "instant": "values at an instant", "increment": "increments"}
 
 
@@ -110,7 +120,7 @@ def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> Path:
         "gps_fixes": len(made.gps.time),
         "lever_arm_m": made.lever_b,
         "specimen": None if made.specimen is None else specimen_facts(made.specimen.errors),
-        "command": run_command(plan, made.lever_b),
+        "command": run_command(plan, made.lever_b, motion),
     }
     ready = json_ready(facts)
     sheet = Sheet(
@@ -161,6 +171,7 @@ def plan_facts(plan: Plan, time: FloatArray, motion: Kinematics) -> dict[str, An
             **plan.source,
             "start_s": plan.truth.start,
             "duration_s": plan.truth.duration,
+            "gravity": plan.truth.gravity,
             "distance_m": way(time, motion),
             "start_lat_deg": lat / DEG,
             "start_lon_deg": lon / DEG,
@@ -174,7 +185,28 @@ def plan_facts(plan: Plan, time: FloatArray, motion: Kinematics) -> dict[str, An
         "imu_sampling": plan.sampling,
         "imu_model": {"name": IDEAL} if plan.imu is None else model_facts(plan.imu, "simulated"),
         "gps_model": IDEAL if plan.gps is None else plan.gps.name,
+        "gps_lasting": None if plan.gps is None else _lasting(plan.gps.errors),
         "faults": plan.configuration.get("fault", []),
+    }
+
+
+def _lasting(errors: GpsErrors) -> dict[str, float]:
+    """Share of the variance of a receiver's horizontal errors that lasts, and for how long."""
+    drift, whole = np.array(errors.position_drift[:2]), errors.position_sd[:2]
+    return {"share": float(np.sum(drift**2) / np.sum(whole**2)), "correlation_time_s": errors.correlation_time}
+
+
+def twin_facts(residual: Residual) -> dict[str, Any]:
+    """How far a twin is from its track, and why it may be none."""
+    return {
+        "position_rms_m": residual.position,
+        "velocity_rms_m_s": residual.velocity,
+        "farthest_m": residual.farthest,
+        "farthest_time_s": residual.farthest_time,
+        "max_acceleration_m_s2": residual.acceleration,
+        "max_acceleration_time_s": residual.acceleration_time,
+        "longest_gap_s": residual.gap,
+        "doubts": list(residual.doubts),
     }
 
 
@@ -228,15 +260,37 @@ def specimen_facts(errors: ImuErrors) -> dict[str, Any]:
     }
 
 
-def run_command(plan: Plan, lever_b: FloatArray) -> str:
-    """Command that navigates the recording, said from inside its folder."""
+def run_command(plan: Plan, lever_b: FloatArray, motion: Kinematics) -> str:
+    """Command that navigates the recording, said from inside its folder.
+
+    Parameters
+    ----------
+    plan : Plan
+        What was simulated.
+    lever_b : (3,) array
+        Antenna seen from the IMU, body axes [m].
+    motion : Kinematics
+        The motion, from its start on.
+    """
     words = ["insnav", "run", "imu.csv", "--gps", "gps.csv", "--ref", "ref.csv"]
     if np.any(lever_b):
         words += ["--lever-arm", ",".join(f"{length:g}" for length in lever_b)]
     if plan.sampling == "instant":
         words += ["--imu-sampling", "instant"]
+    if _hides_heading(plan, motion):
+        words += ["--heading", f"{motion.rph[0, 2] / DEG:.1f}"]
     # a filter needs some idea of noise, also for an IMU that has none
     return " ".join([*words, "--imu", "navigation" if plan.imu is None else "imu.toml"])
+
+
+def _hides_heading(plan: Plan, motion: Kinematics) -> bool:
+    """Whether neither the course nor a gyrocompass can tell the heading."""
+    # twice that speed: a course that is there for moments only tells nothing
+    moves = float(np.linalg.norm(motion.v_n[:, :2], axis=1).max()) > 2.0 * SLOWEST
+    if moves or plan.imu is None:
+        return False
+    earth = OMEGA_EARTH * max(math.cos(motion.lla[0, 0]), 1e-9)
+    return bool(gyro_bias_sd(plan.imu.gyro).max() > GYROCOMPASS_SD * earth)
 
 
 def in_folder(command: str, folder: Path) -> str:
@@ -274,15 +328,23 @@ def recording_lines(facts: Mapping[str, Any]) -> list[str]:
 
 
 def motion_lines(facts: Mapping[str, Any]) -> list[str]:
-    """One line about the motion."""
+    """Lines about the motion."""
     motion = facts["motion"]
-    return [
+    lines = [
         _entry(
             "motion",
             f"{motion['name']}: {motion['duration_s']:.1f} s, {number(motion['distance_m'])} m, up to "
             f"{number(motion['max_speed_m_s'])} m/s",
         )
     ]
+    if motion["gravity"] != "full":
+        lines.append(_entry("gravity", _GRAVITY[motion["gravity"]]))
+    if "twin" not in motion:
+        return lines
+    twin = motion["twin"]
+    velocity = "" if twin["velocity_rms_m_s"] is None else f" and {number(twin['velocity_rms_m_s'])} m/s"
+    apart = f"{number(twin['position_rms_m'])} m{velocity} RMS from its track, at most {number(twin['farthest_m'])} m"
+    return [*lines, _entry("twin", apart), *(_entry("doubt", text) for text in twin["doubts"])]
 
 
 def _entry(name: str, text: str) -> str:

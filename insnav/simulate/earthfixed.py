@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.attitude import quat_conjugate, quat_multiply, rph_from_quat, wrap_pi
-from insnav.earth import E2, OMEGA_EARTH, A, F, gravity_n, radii
+from insnav.earth import E2, OMEGA_EARTH, A, F, radii
 from insnav.simulate.curves import Spline
-from insnav.simulate.truth import Gravity, Kinematics, Truth, Vector, components
+from insnav.simulate.truth import Gravity, Kinematics, Truth, Vector, components, gravity_of
 from insnav.simulate.turns import Quaternion, Turns
 from insnav.types import FloatArray
 
@@ -145,17 +145,14 @@ def gravity_e(x: FloatArray, y: FloatArray, z: FloatArray, gravity: Gravity) -> 
     ----------
     x, y, z : (n,) array
         Position [m].
-    gravity : {"full", "plumb"}
+    gravity : {"full", "plumb", "linear"}
         See `Truth`.
     """
     p, lat, height = _geodetic(x, y, z)
-    north, _, down = components(gravity_n(lat, height))
+    north, down = gravity_of(gravity, lat, height)
     s, c = np.sin(lat), np.cos(lat)
-    outward = -c * down
-    along = -s * down
-    if gravity == "full":
-        outward -= s * north
-        along += c * north
+    outward = -c * down - s * north
+    along = -s * down + c * north
     outward /= np.maximum(p, 1e-9)  # on the axis x and y are zero
     return x * outward, y * outward, along
 

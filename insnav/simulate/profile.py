@@ -10,11 +10,9 @@ from scipy.interpolate import PPoly
 
 from insnav.exceptions import ConfigError
 from insnav.simulate.curves import Spline, spline_of
+from insnav.simulate.smooth import STEP
 from insnav.types import FloatArray
 
-# x^5 … x^9 of the polynomial that rises from 0 to 1 on [0, 1] with four derivatives zero at both ends: the
-# integral of x^4 (1 - x)^4, made 1 at x = 1.
-_STEP = np.array([126.0, -420.0, 540.0, -315.0, 70.0])
 _DEGREE = 9
 MAX_GRADE = math.radians(60.0)
 
@@ -114,7 +112,7 @@ def commands(profile: Profile) -> Spline:
     for i, segment in enumerate(profile.segments):
         after = target(state, segment)
         powers = segment.duration ** -np.arange(5.0, _DEGREE + 1)
-        coefficients[: len(_STEP), i] = (_STEP * powers)[::-1, None] * (after - state)
+        coefficients[: len(STEP), i] = (np.array(STEP) * powers)[::-1, None] * (after - state)
         coefficients[-1, i] = state
         state = after
         breaks.append(breaks[-1] + segment.duration)

@@ -141,19 +141,18 @@ def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
     # a stamp is never earlier than the first instant that can be measured
     stamp: FloatArray = truth.start + np.arange(1.0, count + 1.0) / spec.rate
     late = spec.latency + spec.jitter * np.random.default_rng(times).standard_normal(count)
-    valid = stamp - late
+    valid = np.sort(stamp - late)  # jitter may be longer than the time between fixes
     inside = (valid >= truth.start) & (valid <= truth.start + truth.duration)
     inside &= ~_outages(spec, stamp, truth, np.random.default_rng(kept))
-    stamp, valid = stamp[inside], valid[inside]
-    if not len(stamp):
+    if not inside.any():
         raise ConfigError(
             "the motion has no fix",
             where="gps",
             why=f"it lasts {truth.duration:g} s, at {spec.rate:g} Hz and with all outages",
             fix="a longer motion, a higher rate, or fewer outages",
         )
-    order = np.argsort(valid)  # jitter may be longer than the time between fixes
-    gps = gps_from_truth(truth, valid[order], np.asarray(spec.lever_b))
+    # errors go on while there are no fixes
+    gps = gps_from_truth(truth, np.clip(valid, truth.start, truth.start + truth.duration), np.asarray(spec.lever_b))
     gps = corrupt_gps(replace(gps, time=stamp), spec.errors, white.generate_state(4).tolist())
     position_sd = gps.position_sd.copy()
     error = np.zeros_like(gps.lla)
@@ -169,7 +168,7 @@ def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
         position_sd[worse] = np.hypot(position_sd[worse], spec.degraded_noise)
         fix[worse] = 2
     unknown = np.full_like(gps.v_n, np.nan)
-    return replace(
+    whole = replace(
         gps,
         lla=lla_offset(gps.lla, error),
         v_n=gps.v_n if spec.velocities else unknown,
@@ -177,6 +176,7 @@ def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
         velocity_sd=spec.stated * gps.velocity_sd if spec.velocities else unknown.copy(),
         fix=fix,
     )
+    return _chosen(whole, inside)
 
 
 def _outages(spec: GpsSpec, time: FloatArray, truth: Truth, rng: np.random.Generator) -> BoolArray:
@@ -255,7 +255,10 @@ def corrupt_gps(gps: GpsData, errors: GpsErrors, seed: Seed) -> GpsData:
 
 def without_fixes(gps: GpsData, begin: float, end: float) -> GpsData:
     """Take out the fixes of an outage, at ``begin < time <= end`` [s]."""
-    kept = ~((gps.time > begin) & (gps.time <= end))
+    return _chosen(gps, ~((gps.time > begin) & (gps.time <= end)))
+
+
+def _chosen(gps: GpsData, kept: BoolArray) -> GpsData:
     return replace(
         gps,
         time=gps.time[kept],

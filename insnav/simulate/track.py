@@ -7,16 +7,17 @@ all, is not in them; what they make of the rest is an exact motion close to the 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline, PPoly
+from scipy.interpolate import BSpline, PchipInterpolator, PPoly
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array, diags_array
 
 from insnav.earth import ned_offset, radii
 from insnav.exceptions import InputError
 from insnav.simulate.curves import Spline, spline_of
-from insnav.simulate.truth import LevelTruth, components
+from insnav.simulate.truth import LevelTruth, Truth, components
 from insnav.types import FloatArray, Trajectory
 
 _SPACING = 0.2  # of knots, unless the track has fewer than two rows in that [s]
@@ -28,6 +29,11 @@ _MOVING = 1.0  # speed from which on the course is the heading [m/s]
 _PASSES = 5
 _FAR = 3.0  # standard deviations at which a row has half its weight
 _FEWEST = 20
+_FAR_OFF = 1.0  # root mean square of position from which on a twin is doubted [m]
+_WILD = 10.0  # acceleration over ground from which on it is [m/s^2]
+_LONG_GAP = 3.0  # and time without a row [s]
+_GAP = 1.0  # time without a row that is bridged [s]
+_LOOK = 0.05  # between the instants whose acceleration is looked at [s]
 _STEEPEST, _HIGHEST_LATITUDE = math.radians(80.0), math.radians(85.0)
 
 
@@ -38,7 +44,7 @@ def truth_from_track(track: Trajectory) -> LevelTruth:
     ----------
     track : Trajectory
         Positions; velocities and attitudes where they are known. Where no attitude is, the heading is the course, the
-        pitch the climb, and there is no roll.
+        pitch the climb, and there is no roll. Gaps are bridged without overshoot.
 
     Returns
     -------
@@ -63,6 +69,7 @@ def truth_from_track(track: Trajectory) -> LevelTruth:
     if np.abs(track.lla[:, 0]).max() > _HIGHEST_LATITUDE:
         raise InputError("the track is within 5 deg of a pole", fix="make a twin of a track at lower latitudes")
     rph = _attitude(track)
+    track, rph = _bridged(track, rph)
     if np.abs(rph[:, 1]).max() > _STEEPEST:
         raise InputError("the track pitches beyond 80 deg", why="roll, pitch and heading are no smooth curves there")
     start, duration = float(track.time[0]), float(track.time[-1] - track.time[0])
@@ -94,13 +101,77 @@ def truth_from_track(track: Trajectory) -> LevelTruth:
     )
 
 
-def apart(truth: LevelTruth, track: Trajectory) -> tuple[float, float]:
-    """How far the motion is from the track it was made of: root mean square of position [m] and velocity [m/s]."""
+@dataclass(frozen=True, slots=True)
+class Residual:
+    """How far a motion is from the track it was made of, and how wild it is.
+
+    Attributes
+    ----------
+    position, velocity : float
+        Root mean square of the differences [m], [m/s]; NaN for velocities that the track does not have.
+    farthest, farthest_time : float
+        Largest difference of position [m], and when [s].
+    acceleration, acceleration_time : float
+        Largest acceleration over ground of the motion [m/s^2], and when [s].
+    gap, gap_time : float
+        Longest time without a row [s], and when it begins [s].
+    """
+
+    position: float
+    velocity: float
+    farthest: float
+    farthest_time: float
+    acceleration: float
+    acceleration_time: float
+    gap: float
+    gap_time: float
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the motion may be no twin of what was driven."""
+        found = []
+        if not self.position <= _FAR_OFF:
+            found.append(
+                f"the twin is {self.position:.2f} m RMS from the track, {self.farthest:.1f} m at "
+                f"{self.farthest_time:.1f} s: the track has jumps, or was too sparse"
+            )
+        if not self.acceleration <= _WILD:
+            found.append(
+                f"the twin accelerates with {self.acceleration:.0f} m/s^2 at {self.acceleration_time:.1f} s, more than "
+                "a vehicle on wheels can: the track is rough there"
+            )
+        if not self.gap <= _LONG_GAP:
+            found.append(f"the track has no row for {self.gap:.1f} s from {self.gap_time:.1f} s on: a guessed way")
+        return tuple(found)
+
+
+def apart(truth: Truth, track: Trajectory) -> Residual:
+    """Compare a motion with the track it was made of.
+
+    Parameters
+    ----------
+    truth : Truth
+        The motion.
+    track : Trajectory
+        Where it should have been.
+    """
     at = truth.evaluate(track.time)
-    position = float(np.sqrt(np.mean(np.sum(ned_offset(track.lla, at.lla) ** 2, axis=1))))
+    off = np.linalg.norm(ned_offset(track.lla, at.lla), axis=1)
     known = np.isfinite(track.v_n).all(axis=1)
-    off = np.sum((track.v_n[known] - at.v_n[known]) ** 2, axis=1)
-    return position, float(np.sqrt(np.mean(off))) if len(off) else math.nan
+    slip = np.linalg.norm((track.v_n - at.v_n)[known], axis=1)
+    time: FloatArray = truth.start + np.arange(math.floor(truth.duration / _LOOK) + 1.0) * _LOOK
+    felt = np.linalg.norm(np.gradient(truth.evaluate(time).v_n, _LOOK, axis=0), axis=1)
+    far, wild, gap = int(np.argmax(off)), int(np.argmax(felt)), int(np.argmax(np.diff(track.time)))
+    return Residual(
+        float(np.sqrt(np.mean(off**2))),
+        float(np.sqrt(np.mean(slip**2))) if len(slip) else math.nan,
+        float(off[far]),
+        float(track.time[far]),
+        float(felt[wild]),
+        float(time[wild]),
+        float(track.time[gap + 1] - track.time[gap]),
+        float(track.time[gap]),
+    )
 
 
 def _knots(duration: float, spacing: float) -> FloatArray:
@@ -178,6 +249,27 @@ def _attitude(track: Trajectory) -> FloatArray:
             rph[:, 2] = np.interp(track.time, track.time[told], np.unwrap(course[told]))
     rph[:, 2] = np.unwrap(rph[:, 2])
     return rph
+
+
+def _bridged(track: Trajectory, rph: FloatArray) -> tuple[Trajectory, FloatArray]:
+    """Track and attitude with rows in the gaps: a smooth spline alone would swing out there.
+
+    Shape-preserving cubics (Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238-246) never leave the range of the
+    rows on either side.
+    """
+    steps = np.diff(track.time)
+    usual = float(np.median(steps))
+    wide = np.flatnonzero(steps > max(_GAP, 3.0 * usual))
+    if not len(wide):
+        return track, rph
+    spacing = max(_SPACING, usual)
+    new = np.concatenate([np.arange(track.time[i] + spacing, track.time[i + 1] - 0.5 * spacing, spacing) for i in wide])
+    time = np.concatenate([track.time, new])
+    order = np.argsort(time)
+    place = np.column_stack([track.lla[:, 0], np.unwrap(track.lla[:, 1]), track.lla[:, 2]])
+    lla, rph = (np.concatenate([rows, PchipInterpolator(track.time, rows)(new)])[order] for rows in (place, rph))
+    v_n = np.concatenate([track.v_n, np.full((len(new), 3), np.nan)])[order]
+    return Trajectory(time[order], lla, v_n, rph), rph
 
 
 def _velocity(track: Trajectory) -> FloatArray:

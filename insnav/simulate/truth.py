@@ -19,12 +19,12 @@ from typing import Literal
 import numpy as np
 
 from insnav.attitude import wrap_pi, wrap_two_pi
-from insnav.earth import E2, OMEGA_EARTH, gravity_n, radii
+from insnav.earth import E2, OMEGA_EARTH, A, gravity_n, radii
 from insnav.exceptions import ConfigError
 from insnav.simulate.curves import Curve
 from insnav.types import FloatArray
 
-Gravity = Literal["full", "plumb"]  # normal gravity, or normal gravity without its north component
+Gravity = Literal["full", "plumb", "linear"]  # see `Truth`
 Vector = tuple[FloatArray, FloatArray, FloatArray]  # components apart: numpy is twice as fast on contiguous arrays
 
 
@@ -62,9 +62,9 @@ class Truth(ABC):
         Length [s].
     start : float
         Time of the first instant [s].
-    gravity : {"full", "plumb"}
-        Normal gravity as it is, or without its north component above the ellipsoid (0.7 ug at 1 km): as most other
-        packages have it, for comparison with these.
+    gravity : {"full", "plumb", "linear"}
+        Normal gravity as it is; without its north component above the ellipsoid (0.7 ug at 1 km); or also falling with
+        height in a straight line (0.5 ug off at 1 km): as most other packages have it, for comparison with these.
     """
 
     __slots__ = ()
@@ -199,9 +199,7 @@ def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]
     # Earth rate plus transport rate (eq. 2.123, 5.44) in rates of latitude and longitude, and 2 w_ie + w_en.
     turn_north, turn_east, turn_down = (OMEGA_EARTH + d_lon) * c, -d_lat, -(OMEGA_EARTH + d_lon) * s
     p_north, p_down = turn_north + OMEGA_EARTH * c, turn_down - OMEGA_EARTH * s
-    g_north, _, g_down = components(gravity_n(lat, height))
-    if truth.gravity == "plumb":
-        g_north = np.zeros_like(g_north)
+    g_north, g_down = gravity_of(truth.gravity, lat, height)
     f_n = (
         a_north + turn_east * v_down - p_down * v_east - g_north,
         a_east + p_down * v_north - p_north * v_down,
@@ -220,6 +218,27 @@ def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]
         w_z - d_pitch * s_roll + d_heading * c_roll * c_pitch,
     )
     return w_ib_b, to_body(trig, f_n), (v_north, v_east, v_down)
+
+
+def gravity_of(model: Gravity, lat: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """North and Down component of gravity.
+
+    Parameters
+    ----------
+    model : {"full", "plumb", "linear"}
+        See `Truth`.
+    lat, height : (n,) array
+        [rad], [m].
+
+    Returns
+    -------
+    north, down : (n,) array
+        [m/s^2].
+    """
+    north, _, down = components(gravity_n(lat, height if model != "linear" else np.zeros_like(height)))
+    if model == "full":
+        return north, down
+    return np.zeros_like(down), down if model == "plumb" else down * (1.0 - 2.0 * height / A)
 
 
 def components(rows: FloatArray) -> Vector:

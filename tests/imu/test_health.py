@@ -77,6 +77,17 @@ def test_a_stuck_axis_is_taken_out_and_named(imu, axis):
     assert found.time.shape[0] == imu.time.shape[0] - 61
 
 
+def test_a_rest_without_noise_is_no_fault(imu):
+    """Simulated sensors without errors: one comes to rest after the other."""
+    rows = slice(5000, 6000)
+    data = np.hstack([imu.gyro, imu.accel])
+    data[rows] = data[5000]
+    data[5000:5010, 1] += 1e-6 * np.arange(10, 0, -1)
+    found, events = inspect(replace(imu, gyro=data[:, :3].copy(), accel=data[:, 3:].copy()))
+    assert events == []
+    assert len(found.time) == len(imu.time)
+
+
 def test_coarse_steps_at_rest_are_no_fault(imu):
     rng = np.random.default_rng(3)
     n = 20000

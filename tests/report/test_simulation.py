@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,13 +12,15 @@ import pytest
 from insnav.errors.ensemble import FIGURES, ensemble, epochs
 from insnav.imu import load_calibration, load_imu
 from insnav.io.folder import RunFolder, verify_folder
-from insnav.report.ensemble import ensemble_lines, write_runs
+from insnav.report.ensemble import ensemble_facts, ensemble_lines, runs_lines, write_runs
+from insnav.report.facts import json_ready
 from insnav.report.figures.ensemble import draw_ensemble, draw_nees
 from insnav.report.figures.profile import draw_motion, draw_sketch, draw_way, way
 from insnav.report.figures.style import drawing
 from insnav.report.simulation import (
     Plan,
     in_folder,
+    plan_facts,
     plan_key,
     run_command,
     seen,
@@ -25,6 +28,7 @@ from insnav.report.simulation import (
     write_recording,
 )
 from insnav.simulate import circle, corrupt_imu, gps_from_truth, imu_from_truth, reference, straight
+from insnav.simulate.gps_config import load_gps
 from insnav.simulate.montecarlo import Failure, Runs
 from insnav.simulate.recording import Recording, times
 from tests.simulate.motions import PLACE, town
@@ -133,11 +137,15 @@ def test_a_recording_leaves_everything_behind(tmp_path):
 
 def test_the_command_names_what_a_reader_cannot_know(tmp_path):
     plan = plan_of(TOWN, sampling="instant")
-    command = run_command(plan, np.array([0.5, 0.0, -1.25]))
+    command = run_command(plan, np.array([0.5, 0.0, -1.25]), seen(TOWN)[1])
     assert "--lever-arm 0.5,0,-1.25" in command
     assert "--imu-sampling instant" in command
-    assert "--lever-arm" not in run_command(plan, np.zeros(3))
-    assert run_command(plan_of(TOWN, imu=None), np.zeros(3)).endswith("--imu navigation")
+    assert "--lever-arm" not in run_command(plan, np.zeros(3), seen(TOWN)[1])
+    assert run_command(plan_of(TOWN, imu=None), np.zeros(3), seen(TOWN)[1]).endswith("--imu navigation")
+    at_rest = seen(STILL)[1]
+    assert "--heading 17.2" in run_command(plan, np.zeros(3), at_rest)  # 0.3 rad, and nothing else can tell it
+    assert "--heading" not in run_command(plan_of(STILL, imu=load_imu("navigation")), np.zeros(3), at_rest)
+    assert "--heading" not in command
     said = in_folder(command, tmp_path / "a b")
     assert f"'{tmp_path}/a b/imu.csv'" in said
     assert said.endswith("imu.toml'")
@@ -214,6 +222,17 @@ def test_runs_without_a_fix_are_told_as_such(tmp_path):
     assert facts["ensemble"]["nees_inside_band"] == {}
     assert any("there was no fix" in line for line in ensemble_lines(facts, where))
     assert draw_nees(ensemble(runs, TOWN)) is None
+
+
+def test_lasting_errors_of_the_receiver_explain_a_position_that_is_stated_too_well():
+    plan = plan_of(TOWN, gps=load_gps("single"))
+    white = replace(plan.gps, errors=replace(plan.gps.errors, position_drift=(0.0, 0.0, 0.0)))
+    found = ensemble_facts(ensemble(runs_of(TOWN), TOWN), runs_of(TOWN))
+    for gps, nees, said in ((plan.gps, 9.0, True), (plan.gps, 1.0, False), (white, 9.0, False)):
+        facts = json_ready(plan_facts(replace(plan, gps=gps), *seen(TOWN)))
+        facts["ensemble"] = found | {"nees_per_axis": found["nees_per_axis"] | {"position": nees}}
+        text = "\n".join(runs_lines(facts))
+        assert ("78 % of the position variance of single lasts for about 100 s" in text) == said
 
 
 def test_a_digest_stands_for_everything_that_matters():

@@ -8,7 +8,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from insnav.earth import ned_offset
+from insnav.attitude import dcm_from_quat
 from insnav.report.figures.states import readable_heading
 from insnav.report.figures.style import (
     AXIS_COLOURS,
@@ -25,11 +25,13 @@ from insnav.report.figures.style import (
     widened,
 )
 from insnav.report.figures.track import distance_text, duration_text, map_limits, north_arrow, scale_bar
+from insnav.simulate.earthfixed import earth_from_lla, quat_earth_from_level
 from insnav.simulate.truth import Kinematics
 from insnav.types import FloatArray
 
 _MAP_WIDTH = 7.35  # [inch]
 _TRACK_POINTS = 4000
+_AT_REST = 0.01  # largest speed of a motion whose sketch shows rates instead [m/s]
 
 
 def draw_way(time: FloatArray, motion: Kinematics, name: str) -> Figure:
@@ -46,7 +48,7 @@ def draw_way(time: FloatArray, motion: Kinematics, name: str) -> Figure:
     """
     step = max(1, len(time) // _TRACK_POINTS)
     rows = np.unique(np.append(np.arange(0, len(time), step), len(time) - 1))
-    north, east = ned_offset(motion.lla[rows], motion.lla[0])[:, :2].T
+    north, east = _on_map(motion.lla[rows])
     speed = np.linalg.norm(motion.v_n[rows], axis=1)
     x_limits, y_limits = map_limits(east, north)
     height = _MAP_WIDTH * (y_limits[1] - y_limits[0]) / (x_limits[1] - x_limits[0])
@@ -138,7 +140,7 @@ def draw_sketch(time: FloatArray, motion: Kinematics, name: str, purpose: str) -
     clock = Clock.of(time)
     figure = blank(8.4, 3.2, name, purpose)
     left, right = figure.subplots(1, 2, gridspec_kw={"wspace": 0.3})
-    north, east = ned_offset(motion.lla, motion.lla[0])[:, :2].T
+    north, east = _on_map(motion.lla)
     x_limits, y_limits = map_limits(east, north)
     left.set_xlim(*x_limits)
     left.set_ylim(*y_limits)
@@ -147,10 +149,15 @@ def draw_sketch(time: FloatArray, motion: Kinematics, name: str, purpose: str) -
     left.set_aspect("equal")
     left.set_xlabel("East [m]")
     left.set_ylabel("North [m]")
-    line(right, clock(time), np.linalg.norm(motion.v_n, axis=1), ORANGE, "speed")
+    speed = np.linalg.norm(motion.v_n, axis=1)
+    if speed.max() > _AT_REST:
+        line(right, clock(time), speed, ORANGE, "speed")
+        right.set_ylabel("speed [m/s]")
+    else:
+        line(right, clock(time), np.degrees(np.linalg.norm(motion.w_ib_b, axis=1)), ORANGE, "rate")
+        right.set_ylabel("angular rate [deg/s]")
     widened(right, 0.1)
     right.set_xlabel(clock.label)
-    right.set_ylabel("speed [m/s]")
     return figure
 
 
@@ -158,6 +165,13 @@ def way(time: FloatArray, motion: Kinematics) -> float:
     """Length of the way [m], by the trapezoidal rule."""
     speed = np.linalg.norm(motion.v_n, axis=1)
     return float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time)))
+
+
+def _on_map(lla: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """North and East of the first place, on the plane that touches the Earth there [m]: no pole is special on it."""
+    r_e = earth_from_lla(lla)
+    north, east, _ = dcm_from_quat(quat_earth_from_level(lla[:1]))[0].T @ (r_e - r_e[0]).T
+    return north, east
 
 
 def _three(axes: Axes, x: FloatArray, values: FloatArray, labels: tuple[str, ...], colours: tuple[str, ...]) -> None:

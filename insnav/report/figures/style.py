@@ -95,7 +95,8 @@ class Clock:
         start = float(time[0]) if len(time) else 0.0
         length = float(time[-1]) - start if len(time) else 0.0
         unit_s, unit = (3600.0, "h") if length > 6 * 3600.0 else (60.0, "min") if length > 900.0 else (1.0, "s")
-        return cls(start, unit_s, f"time since {start:.1f} s [{unit}]")
+        since = f" since {start:.1f} s" if start else ""
+        return cls(start, unit_s, f"time{since} [{unit}]")
 
     def __call__(self, time: Any) -> Any:
         """Return times of the data as places on the axis.

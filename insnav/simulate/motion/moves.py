@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from insnav.simulate.motion.smooth import BUMP_AREA, STEEPEST, Rise, bump, step
+from insnav.simulate.smooth import BUMP_AREA, STEEPEST, Rise, bump, step
 from insnav.types import FloatArray
 
 Course = Callable[[FloatArray], FloatArray]  # over the time since the beginning of the move [s]
@@ -54,7 +54,7 @@ class Move:
     body : function or None
         Rotation vector ``(n, 3)`` of the body in the vehicle since the beginning [rad].
     frequency : float
-        Highest frequency in it, 0 if it has none [Hz].
+        Highest frequency in it, of an oscillation or one as sharp as its changes, 0 if it has none [Hz].
     """
 
     duration: float
@@ -76,27 +76,28 @@ def stay(state: State, duration: float) -> Move:
 def change_speed(state: State, to: float, acceleration: float, jerk: float) -> Move:
     """Change to another speed [m/s], with a largest acceleration [m/s^2] and jerk [m/s^3]."""
     rise = Rise(to - state.speed, acceleration, STEEPEST * acceleration / jerk)
-    return Move(rise.duration, state, replace(state, speed=to), speed=lambda t: state.speed + rise(t))
+    end = replace(state, speed=to)
+    return Move(rise.duration, state, end, speed=lambda t: state.speed + rise(t), frequency=rise.frequency)
 
 
 def turn(state: State, angle: float, rate: float, jerk: float) -> Move:
     """Turn by an angle [rad] with a largest rate [rad/s]; `jerk` limits how fast the sideways force comes [m/s^3]."""
     rise = _turning(state, angle, rate, jerk)
     end = replace(state, heading=state.heading + angle)
-    return Move(rise.duration, state, end, heading=lambda t: state.heading + rise(t))
+    return Move(rise.duration, state, end, heading=lambda t: state.heading + rise(t), frequency=rise.frequency)
 
 
 def _turning(state: State, angle: float, rate: float, jerk: float) -> Rise:
     return Rise(angle, rate, max(_TRANSITION, STEEPEST * rate * abs(state.speed) / jerk))
 
 
-def climb(state: State, height: float, angle: float, acceleration: float) -> Move:
-    """Climb by a height [m], or descend, at an angle [rad]; the path bends with this acceleration [m/s^2]."""
+def climb(state: State, height: float, angle: float, acceleration: float, jerk: float) -> Move:
+    """Climb by a height [m], or descend, at an angle [rad]; the path bends with this acceleration [m/s^2] and jerk."""
     sign = math.copysign(1.0, height)
 
     def bend(gamma: float) -> Rise:
         rate = acceleration / state.speed
-        return Rise(sign * gamma, rate, STEEPEST * rate * 1.0)
+        return Rise(sign * gamma, rate, STEEPEST * acceleration / jerk)
 
     def gained(gamma: float) -> float:
         rise = bend(gamma)
@@ -107,7 +108,7 @@ def climb(state: State, height: float, angle: float, acceleration: float) -> Mov
         angle = float(brentq(lambda gamma: abs(gained(gamma)) - abs(height), 0.0, angle, xtol=1e-12))
     rise = bend(angle)
     held = rise.duration + max(0.0, (abs(height) - abs(gained(angle))) / (state.speed * math.sin(angle)))
-    return Move(held + rise.duration, state, state, grade=lambda t: rise(np.minimum(t, held)) - rise(t - held))
+    return Move(held + rise.duration, state, state, grade=_up_and_down(rise, held), frequency=rise.frequency)
 
 
 def helix(state: State, angle: float, rate: float, height: float, jerk: float) -> Move:
@@ -126,7 +127,10 @@ def helix(state: State, angle: float, rate: float, height: float, jerk: float) -
     steep = math.radians(89.0)
     gamma = float(brentq(missing, -steep, steep, xtol=1e-12)) if missing(-steep) * missing(steep) < 0.0 else math.nan
     end = replace(state, heading=state.heading + angle)
-    return Move(rise.duration, state, end, heading=lambda t: state.heading + rise(t), grade=grade(gamma))
+    frequency = max(rise.frequency, 0.75 / edge)
+    return Move(
+        rise.duration, state, end, heading=lambda t: state.heading + rise(t), grade=grade(gamma), frequency=frequency
+    )
 
 
 def lane_change(state: State, offset: float, duration: float) -> Move:
@@ -136,7 +140,7 @@ def lane_change(state: State, offset: float, duration: float) -> Move:
     def heading(t: FloatArray) -> FloatArray:
         return np.asarray(state.heading + np.arcsin(np.clip(size * bump(t / duration), -1.0, 1.0)))
 
-    return Move(duration, state, state, heading=heading)
+    return Move(duration, state, state, heading=heading, frequency=2.0 / duration)
 
 
 def slide(state: State, length: float, speed: float, acceleration: float, jerk: float) -> Move:
@@ -152,13 +156,18 @@ def slide(state: State, length: float, speed: float, acceleration: float, jerk: 
     rise = Rise(speed, acceleration, ramp)
     held = max(rise.duration, distance / speed)
     sign = math.copysign(1.0, length)
-    return Move(held + rise.duration, state, state, speed=lambda t: sign * (rise(np.minimum(t, held)) - rise(t - held)))
+    pace = _up_and_down(rise, held)
+    return Move(held + rise.duration, state, state, speed=lambda t: sign * pace(t), frequency=rise.frequency)
 
 
 def spin(state: State, axis: FloatArray, angle: float, rate: float, acceleration: float) -> Move:
     """Turn the body about an axis of its own by an angle [rad], at a rate [rad/s] reached with [rad/s^2]."""
     rise = Rise(angle, rate, STEEPEST * rate / acceleration)
-    return Move(rise.duration, state, state, body=lambda t: np.asarray(rise(t)[:, None] * axis))
+
+    def body(t: FloatArray) -> FloatArray:
+        return np.asarray(rise(t)[:, None] * axis)
+
+    return Move(rise.duration, state, state, body=body, frequency=rise.frequency)
 
 
 def coning(state: State, angle: float, frequency: float, duration: float) -> Move:
@@ -184,6 +193,11 @@ def sculling(state: State, angle: float, acceleration: float, frequency: float, 
         return np.asarray(-acceleration / omega * _swell(t, duration, frequency) * np.cos(omega * t))
 
     return Move(duration, state, state, right=right, body=body, frequency=frequency)
+
+
+def _up_and_down(rise: Rise, held: float) -> Course:
+    """Go up, and from `held` [s] on down again."""
+    return lambda t: np.asarray(rise(np.minimum(t, held)) - rise(t - held))
 
 
 def _swell(t: FloatArray, duration: float, frequency: float) -> FloatArray:

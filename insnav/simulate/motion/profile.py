@@ -27,6 +27,7 @@ from insnav.types import FloatArray
 _LONGEST = 48.0 * 3600.0  # [s]
 _MAX_MOVES = 20_000
 _HIGHEST_VIBRATION = 100.0  # [Hz]
+_NEEDED = (("start", "[start] with lat and lon"), ("segment", "[[segment]], or [[waypoint]]"))
 
 
 def _latitude(value: object) -> float:
@@ -150,6 +151,8 @@ def load_profile(name_or_path: str | Path, library: Path | None = None) -> Motio
     if isinstance(listed, list):
         segments, wrong = _read(listed, "segment")
         problems += wrong
+    if not data.get("waypoint"):
+        problems += [f"{key}: is missing; a motion needs {what}" for key, what in _NEEDED if not data.get(key)]
     if file is None or problems:
         refuse(problems, str(path))
     vehicle, vibration = KINDS[file.vehicle], _vibration(file.vibration, problems)
@@ -185,10 +188,11 @@ def _read(listed: list[Any], path: str) -> tuple[list[tuple[str, Segment]], list
         place = f"{place} ({kind})"
         segment, wrong = checked(SEGMENTS[kind], data)
         problems += [f"{place}: {text}" for text in wrong]
-        if isinstance(segment, Repeat):
-            inner, wrong = _read(segment.segment, f"{place}, segment")
+        if kind == "repeat":
+            listed_inside = data.get("segment")
+            inner, wrong = _read(listed_inside if isinstance(listed_inside, list) else [], f"{place}, segment")
             problems += wrong
-            segments += inner * segment.count
+            segments += inner * (segment.count if isinstance(segment, Repeat) else 0)
         elif segment is not None:
             segments.append((place, segment))
     return segments, problems
@@ -198,11 +202,7 @@ def _segments(
     file: _ProfileFile, segments: list[tuple[str, Segment]], vehicle: Kind, problems: list[str]
 ) -> tuple[Start, list[Move], None]:
     given = file.start
-    if given is None:
-        problems.append("start: is missing; a motion needs [start] with lat and lon")
-        given = _Start.model_validate({"lat": "0 deg", "lon": "0 deg"})
-    if not segments:
-        problems.append("segment: is missing; a motion needs [[segment]], or [[waypoint]]")
+    assert given is not None
     if given.speed > vehicle.speed:
         problems.append(f"start.speed: {given.speed:.4g} m/s is faster than a {vehicle.name} goes")
     place = np.array([given.lat, given.lon, given.height])

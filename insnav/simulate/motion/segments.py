@@ -209,7 +209,7 @@ class Climb(Segment):
             steep = f"{math.degrees(angle):.3g} deg is steeper than a {vehicle.name} climbs"
             raise Impossible(f"{steep}: {math.degrees(vehicle.grade):.3g} deg")
         height = -self.height if self.kind == "descend" else self.height
-        return [moves.climb(state, height, angle, vehicle.bend)]
+        return [moves.climb(state, height, angle, vehicle.bend, vehicle.jerk)]
 
 
 class Helix(Segment):

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from insnav.earth import ned_offset
 from insnav.errors.budget.analytic import analytic
-from insnav.errors.budget.covariance import Covariance, covariance, disturbance, initial_state, processes, steps_of
+from insnav.errors.budget.covariance import Covariance, at_start, covariance, disturbance, processes, steps_of
 from insnav.errors.budget.motion import SampledMotion, at_rest, first_movement, sampled
 from insnav.errors.budget.sources import Source, families, only, sources_of
 from insnav.exceptions import ConfigError
@@ -44,7 +44,7 @@ def all_at_once(sources: tuple[Source, ...], motion: SampledMotion, rows: np.nda
     p = np.zeros((n, n))
     for s in sources:
         if s.group == "initial":
-            p[initial_state(s), initial_state(s)] += s.sd**2
+            p[:9, :9] += s.sd**2 * np.diag(at_start(s))
     p[range(9, n), range(9, n)] = [s.sd**2 for s in constants] + [q[3] for _, q in noises]
     found, f9 = [], np.empty((9, 9))
     for k, dt in enumerate(steps.dt):
@@ -99,7 +99,7 @@ def test_at_rest_the_parts_are_those_of_the_matrix_exponential():
             f, q, first = np.zeros((10, 10)), np.zeros((10, 10)), np.zeros((10, 10))
             f[:9, :9] = f9
             if source.group == "initial":
-                first[initial_state(source), initial_state(source)] = source.sd**2
+                first[:9, :9] = source.sd**2 * np.diag(at_start(source))
             else:
                 unit = replace(source, kind="constant", term="bias") if source.kind != "constant" else source
                 u = disturbance(unit, motion)[0]

@@ -12,7 +12,7 @@ from insnav.types import FloatArray
 
 # x^5 … x^9 of the polynomial that rises from 0 to 1 on [0, 1] with four derivatives zero at both ends: the
 # integral of x^4 (1 - x)^4, made 1 at x = 1.
-_STEP = (126.0, -420.0, 540.0, -315.0, 70.0)
+STEP = (126.0, -420.0, 540.0, -315.0, 70.0)
 STEEPEST = 315.0 / 128.0  # slope in its middle
 BUMP_AREA = 128.0 / 315.0  # integral of `bump`
 
@@ -20,7 +20,7 @@ BUMP_AREA = 128.0 / 315.0  # integral of `bump`
 def step(x: FloatArray) -> FloatArray:
     """Rise from 0 to 1 on [0, 1], four derivatives zero at both ends; constant outside."""
     x = np.clip(x, 0.0, 1.0)
-    value: FloatArray = x**5 * np.polyval(_STEP[::-1], x)
+    value: FloatArray = x**5 * np.polyval(STEP[::-1], x)
     return value
 
 
@@ -28,7 +28,7 @@ def step_area(x: FloatArray) -> FloatArray:
     """Integral of `step` from 0."""
     inside = np.clip(x, 0.0, 1.0)
     area: FloatArray = inside**6 * np.polyval(
-        [c / k for k, c in zip(range(10, 5, -1), _STEP[::-1], strict=True)], inside
+        [c / k for k, c in zip(range(10, 5, -1), STEP[::-1], strict=True)], inside
     )
     return area + np.maximum(x - 1.0, 0.0)
 
@@ -75,6 +75,11 @@ class Rise:
     def duration(self) -> float:
         """Time of the whole change [s]."""
         return self.total / self.rate + self.ramp if self.total else 0.0
+
+    @property
+    def frequency(self) -> float:
+        """Of an oscillation as sharp as the ramps, each three quarters of its period; 0 if there are none [Hz]."""
+        return 0.75 / self.ramp if self.total and self.ramp else 0.0
 
     def __call__(self, t: FloatArray) -> FloatArray:
         """Change since the beginning at times ``(n,)`` since then [s]."""
