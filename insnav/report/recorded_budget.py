@@ -93,6 +93,9 @@ def recorded_warnings(budget: RecordedBudget) -> tuple[str, ...]:
             )
         if part.twins is not None and not part.twins.agree:
             lines.append(f"{kind}: recorded error outside the band of the simulated twins: see the summary")
+    made = budget.calibrated.twins
+    if made is not None:
+        lines += made.apart.doubts
     return tuple(lines)
 
 

@@ -131,7 +131,7 @@ def _twin_facts(made: Twins) -> dict[str, Any]:
         "low_m": {name: made.low[:, i] for i, name in enumerate(COMPONENTS)},
         "high_m": {name: made.high[:, i] for i, name in enumerate(COMPONENTS)},
         "recorded_m": {name: made.recorded[:, i] for i, name in enumerate(COMPONENTS)},
-        "track_apart_m": made.apart[0],
-        "track_apart_m_s": made.apart[1],
+        "track_apart_m": made.apart.position,
+        "track_apart_m_s": made.apart.velocity,
         "failures": list(made.failures),
     }

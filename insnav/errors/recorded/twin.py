@@ -28,7 +28,7 @@ from insnav.simulate.measure import gps_from_truth
 from insnav.simulate.montecarlo import Sample, monte_carlo
 from insnav.simulate.recording import perfect_imu
 from insnav.simulate.sensors import ImuSimulation, corrupt_imu, gauss_markov
-from insnav.simulate.track import apart, truth_from_track
+from insnav.simulate.track import Residual, apart, truth_from_track
 from insnav.simulate.truth import LevelTruth, Truth
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 
@@ -53,8 +53,8 @@ class Twins:
         RMS of the recorded windows, also with the judge's uncertainty in it [m].
     judge : (k, 6) array
         RMS of that uncertainty [m].
-    apart : tuple of float
-        How far the twin's motion is from the recorded track, RMS [m], [m/s].
+    apart : Residual
+        How far the twin's motion is from the recorded track.
     failures : tuple of str
         Twins that could not be navigated, and why.
     """
@@ -65,7 +65,7 @@ class Twins:
     high: FloatArray
     recorded: FloatArray
     judge: FloatArray
-    apart: tuple[float, float]
+    apart: Residual
     failures: tuple[str, ...]
 
     @property
@@ -245,9 +245,7 @@ def twins(
     return tuple(_among(each, rms[:, kind], times, far, failures) for kind, each in enumerate(windows))
 
 
-def _among(
-    windows: Windows, rms: FloatArray, times: FloatArray, far: tuple[float, float], failures: tuple[str, ...]
-) -> Twins:
+def _among(windows: Windows, rms: FloatArray, times: FloatArray, far: Residual, failures: tuple[str, ...]) -> Twins:
     """Recorded windows among those of their twins."""
     n = len(rms)
     size = np.log(np.maximum(rms, 1e-12))

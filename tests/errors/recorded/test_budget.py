@@ -50,8 +50,8 @@ def test_a_right_imu_file_agrees_with_its_twins():
         assert not made.failures
         print(f"recorded {made.recorded[-1, :3].round(3)} m, band {made.low[-1, :3].round(3)} to {made.high[-1, :3]}")
         agreed.append(made.agree)
-        assert made.apart[0] < 0.05
-        assert made.apart[1] < 0.1
+        assert made.apart.position < 0.05
+        assert made.apart.velocity < 0.1
     assert all(agreed)
 
 
