@@ -21,6 +21,7 @@ from insnav.report.recorded_budget import (
 )
 from insnav.report.recorded_facts import recorded_facts
 from insnav.report.sheet import sheet_text
+from insnav.simulate.track import Residual
 from tests.errors.recorded import drives
 
 
@@ -41,7 +42,7 @@ def with_twins(budget: RecordedBudget, factor: float) -> RecordedBudget:
         1.3 * factor * recorded,
         recorded,
         part.growth.judge,
-        (0.01, 0.02),
+        Residual(0.01, 0.02, 0.05, 1.0, 2.0, 1.0, 0.1, 0.0),
         (),
     )
     return replace(budget, calibrated=replace(part, twins=made))
