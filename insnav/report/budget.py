@@ -33,6 +33,7 @@ from insnav.types import FloatArray
 from insnav.units import DEG
 
 _NOTE_WIDTH = 150  # characters in a line of the page's notes
+_SHORT = {"analytic": "anal.", "covar.": "cov.", "simul.": "sim.", "record.": "rec.", "filter": "filt."}
 _LINEAR = 5.0 * DEG  # attitude errors up to here are small
 
 
@@ -237,6 +238,7 @@ def columns_table(budget: Budget) -> Table:
         errors = np.stack([recorded.rms_n, recorded.rms_e, recorded.rms_d], axis=1)
         groups.append(("record.", _at(recorded.time, errors, budget.time[at])))
         groups.append(("filter", _at(recorded.time, recorded.predicted, budget.time[at])))
+        groups = [(_SHORT[name], values) for name, values in groups]
     else:
         groups.append(("worst", budget.covariance.worst[at, :3]))
     headings = ["time [s]"] + [f"{name} {axis}" for name, _ in groups for axis in "NED"]
@@ -244,8 +246,12 @@ def columns_table(budget: Budget) -> Table:
         (f"{budget.time[k]:g}", *(number(_known(value)) for _, values in groups for value in values[row]))
         for row, k in enumerate(at)
     ]
-    last = "worst: sum of all families" if recorded is None else "record.: RMS; filter: predicted by its covariance"
-    return Table(f"Position error North, East, Down, 1 sd [m]; {last}", tuple(headings), tuple(rows))
+    last = (
+        "1 sd [m]; worst: sum of all families"
+        if recorded is None
+        else "1 sd [m]: analytic, covariance, simulated; RMS recorded; predicted by the filter"
+    )
+    return Table(f"Position error North, East, Down, {last}", tuple(headings), tuple(rows))
 
 
 def _at(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:

@@ -108,8 +108,8 @@ def test_a_recorded_column_has_its_place(found):
     )
     joined = replace(found, recorded=recorded)
     table = columns_table(joined)
-    assert cells(table, "20")["record. N"] == "6.25"
-    assert cells(table, "5")["record. N"] == "–"
+    assert cells(table, "20")["rec. N"] == "6.25"
+    assert cells(table, "5")["rec. N"] == "–"
     labels = [t.get_text() for t in budget_sheet(joined).pictures[0].figure.axes[0].get_legend().get_texts()]
     assert "recorded, 12 windows" in labels
     assert budget_facts(joined, {})["recorded"]["windows"] == 12

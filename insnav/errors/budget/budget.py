@@ -157,6 +157,11 @@ class Budget:
         return bias - 1.0, drift - 1.0
 
 
+def _is_known(key: str) -> bool:
+    """Whether a key of the IMU file is for something that the start says already."""
+    return key.startswith("initial.") or key.endswith((".bias", ".scale_factor"))
+
+
 def _tails() -> tuple[float, float]:
     return 0.5 * (1.0 - BAND), 0.5 * (1.0 + BAND)
 
@@ -230,7 +235,7 @@ def budget(
         hold=hold,
         gravity=gravity_of(motion),
         schuler_rate=schuler_rate(motion),
-        absent=not_given(spec),
+        absent=tuple(key for key in not_given(spec) if not (known and _is_known(key))),
         ignored=left_out(spec),
     )
     if runs == 0:
