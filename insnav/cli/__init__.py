@@ -10,7 +10,7 @@ from typing import Any
 import typer
 from typer.main import get_command
 
-from insnav.cli import align, compare, outage, run, signals, simulate
+from insnav.cli import align, compare, outage, regress, run, signals, simulate
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand
 
@@ -39,6 +39,7 @@ for _module, _command in (
     (compare, compare.compare),
     (outage, outage.outage),
     (simulate, simulate.simulate),
+    (regress, regress.regress),
 ):
     app.command(_command.__name__, cls=GroupedCommand, help=_module.HELP, short_help=_module.SHORT_HELP)(_command)
 
