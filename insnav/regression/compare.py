@@ -10,12 +10,12 @@ import numpy as np
 from insnav.regression.baseline import Baseline, Stored
 from insnav.regression.metrics import METRICS, Metric
 from insnav.regression.run import CaseResult, Result
-from insnav.regression.statistics import ALPHA, SMALLEST, Shift, holm, shift
+from insnav.regression.statistics import ALPHA, FEWEST, SMALLEST, Shift, holm, shift
 from insnav.types import FloatArray
 
 Verdict = Literal["better", "same", "worse"]
 FAILS_FROM = 0.05  # worsening that fails, if it is significant
-CPU_FAILS_FROM = 3.0  # times the baseline's, the smallest of all drives of a case; below, CPU time is only shown
+CPU_FAILS_FROM = 3.0  # times the baseline's, in the median over five drives or more; else CPU time is only shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class Change:
     case : str
     metric : Metric
     old, new : float
-        Geometric mean over the drives, or pieces, that both have; of CPU time the smallest.
+        Geometric mean over the drives, or pieces, that both have; of CPU time the median.
     shift : Shift
         Paired change and its p-value.
     adjusted : float
@@ -113,10 +113,17 @@ def _shifts(name: str, now: CaseResult, then: Stored) -> list[tuple[str, Metric,
         if metric.key not in now.measured.values or metric.key not in then.values:
             continue
         old, new = _both(then.values[metric.key], now.measured.values[metric.key])
-        change = shift(old, new, metric, pieces=now.pieces)
+        change = _cpu(old, new) if metric.kind == "cpu" else shift(old, new, metric, pieces=now.pieces)
         if np.isfinite(change.change):
             found.append((name, metric, metric.typical(old), metric.typical(new), change))
     return found
+
+
+def _cpu(old: FloatArray, new: FloatArray) -> Shift:
+    """Change of CPU time: the median over the drives, which a busy computer or the first call do not change."""
+    change = float(np.median(new / old)) - 1.0 if len(old) and (old > 0.0).all() else float("nan")
+    few = len(old) < FEWEST
+    return Shift(change, -1.0 if few else change, float("inf") if few else change, 1.0)
 
 
 def _both(old: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -128,10 +135,8 @@ def _both(old: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _judged(case: str, metric: Metric, old: float, new: float, change: Shift, adjusted: float) -> Change:
     if metric.kind == "cpu":
-        fails = new > CPU_FAILS_FROM * old
-        factor = new / old - 1.0 if old > 0.0 else 0.0
-        only = Shift(factor, factor, factor, 1.0)
-        return Change(case, metric, old, new, only, 1.0, "worse" if fails else "same", fails)
+        fails = change.low > CPU_FAILS_FROM - 1.0
+        return Change(case, metric, old, new, change, 1.0, "worse" if fails else "same", fails)
     certain = adjusted < ALPHA and abs(change.change) >= SMALLEST
     verdict: Verdict = "same" if not certain else "worse" if change.change > 0.0 else "better"
     return Change(case, metric, old, new, change, adjusted, verdict, verdict == "worse" and change.change >= FAILS_FROM)

@@ -103,8 +103,8 @@ def rules() -> tuple[str, ...]:
         "simulated case, a standard error by moving-block bootstrap over the pieces of a recorded drive.",
         f"Holm's correction holds the probability of any false call over all figures of all cases to {ALPHA:g}.",
         f"Better and worse are significant changes of 1 % and more; {100 * FAILS_FROM:g} % worse fails.",
-        f"CPU time fails only from {CPU_FAILS_FROM:g} times the baseline's on, as other work on the computer adds to "
-        "it; it is the smallest of all drives of a case, over that of a fixed loop beside it.",
+        f"CPU time is that of a sample over that of a turn of a fixed loop beside it. It is noisy: it fails only from "
+        f"{CPU_FAILS_FROM:g} times the baseline's on, in the median over five drives or more of a case.",
         "NEES and NIS are judged by the factor by which they are off one, either way.",
     )
 
