@@ -23,6 +23,8 @@ Examples:
   insnav regress                       compares with reports/baseline.json
   insnav regress --quick               a part of it, in less than a minute
   insnav regress --update-baseline     what later versions are compared with
+  insnav regress --plot                plots over versions, and a page
+  insnav regress --peers --plot        beside other programs, for the README
   insnav regress --json | jq .changes
 """
 
@@ -49,6 +51,14 @@ def regress(
     update_baseline: Annotated[
         bool,
         typer.Option("--update-baseline", help="Make this version the baseline.", rich_help_panel=opt.RESULT),
+    ] = False,
+    plot: Annotated[
+        bool,
+        typer.Option("--plot", help="Draw plots, accuracy.html and accuracy.md.", rich_help_panel=opt.RESULT),
+    ] = False,
+    peers: Annotated[
+        bool,
+        typer.Option("--peers", help="Also run pyins and GTSAM, where installed; minutes.", rich_help_panel=opt.RESULT),
     ] = False,
     out: Annotated[
         Path | None,
@@ -83,29 +93,48 @@ def regress(
 
         from insnav.regression.run import run_corpus
 
+        recorded = data or project.parent / "shared" / "data"
+        processes = workers or joblib.cpu_count()
         found = run_corpus(
             drives,
-            data or project.parent / "shared" / "data",
+            recorded,
             quick=quick,
-            workers=workers or joblib.cpu_count(),
+            workers=processes,
             progress=lambda fraction: stage("navigating", fraction),
         )
         stage("comparing")
         from insnav.regression.compare import compare
+        from insnav.regression.history import HISTORY_FILE, entry, read_history, with_entry, write_history
         from insnav.regression.origin import origin
-        from insnav.report.regression import regression_facts, regression_lines
+        from insnav.report.regression import peer_lines, regression_facts, regression_lines
 
         for name, why in found.skipped.items():
             if not quick:
                 note(f"skipped: {name}: {why}")
         now = origin(file.parent)
         comparison = None if baseline is None else compare(found, baseline)
+        if not quick:
+            history = with_entry(read_history(folder / HISTORY_FILE), entry(found, comparison, now))
+            write_history(folder / HISTORY_FILE, history)
+        rows = []
+        if peers:
+            stage("peers")
+            from insnav.regression.peers import run_peers
+
+            rows = run_peers(drives, recorded, workers=processes, progress=lambda fraction: stage("peers", fraction))
+        if plot:
+            stage("drawing")
+            from insnav.report.regression_page import write_pages
+
+            shown = read_history(folder / HISTORY_FILE)
+            files = write_pages(folder, found, shown, baseline, comparison, now, rows)
+            note(f"drawn: {len(files)} files in {folder}")
         if update_baseline:
             write_baseline(folder / BASELINE_FILE, renewed(baseline, found, now))
             note(f"baseline: {folder / BASELINE_FILE}")
     if as_json:
         result(json.dumps(regression_facts(found, comparison, now, baseline), indent=1, ensure_ascii=False))
     else:
-        result("\n".join(regression_lines(found, comparison, baseline)))
+        result("\n".join([*regression_lines(found, comparison, baseline), *peer_lines(rows)]))
     if comparison is not None and not comparison.passed and not update_baseline:
         raise typer.Exit(1)

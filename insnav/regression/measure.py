@@ -65,15 +65,15 @@ def measure(material: Material) -> Measured:
     done = navigate_recording(material.imu, material.gps, material.spec, material.settings)
     cpu = clock.process_time() - begin
     values = {"cpu_ratio": np.array([cpu / len(material.imu.time) / loop])}
-    settled = _settled(done.run, material)
+    time = settled(done.run.solution, material)
     spread = np.full((SLICES, 9, 2), np.nan)
-    if len(settled):
-        errors = _judged(done.run.solution, settled, material)
-        edges = _edges(settled, material.block)
+    if len(time):
+        errors = judged(done.run.solution, time, material)
+        edges = _edges(time, material.block)
         values |= _accuracy(errors, edges)
         spread = _spread(errors)
         if done.run.smoothed is not None:
-            values |= _smoothed(_judged(done.run.smoothed.solution, settled, material), edges)
+            values |= _smoothed(judged(done.run.smoothed.solution, time, material), edges)
         values |= _fixes(done.run, edges)
     windows, growth = without_gps(material)
     values |= windows
@@ -99,14 +99,14 @@ def loop_time() -> float:
     return float(best)
 
 
-def _settled(run: Run, material: Material) -> FloatArray:
+def settled(solution: Trajectory, material: Material) -> FloatArray:
     """Times of the truth that count."""
-    begin = max(run.solution.time[0], material.gps.time[0]) + material.settle
+    begin = max(solution.time[0], material.gps.time[0]) + material.settle
     time = material.truth.time
-    return np.asarray(time[(time >= begin) & (time <= run.solution.time[-1])])
+    return np.asarray(time[(time >= begin) & (time <= solution.time[-1])])
 
 
-def _judged(solution: Trajectory, time: FloatArray, material: Material) -> TrajectoryErrors:
+def judged(solution: Trajectory, time: FloatArray, material: Material) -> TrajectoryErrors:
     """Errors at the times that count; NaN in what the truth is not good for."""
     first, last = np.searchsorted(material.truth.time, [time[0], time[-1] + 1e-9])
     truth = material.truth

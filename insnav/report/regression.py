@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from insnav.regression.baseline import Baseline
 from insnav.regression.compare import CPU_FAILS_FROM, FAILS_FROM, Change, Comparison
 from insnav.regression.origin import Origin
+from insnav.regression.peers import PeerRow
 from insnav.regression.run import Result
 from insnav.regression.statistics import ALPHA
 from insnav.report.facts import json_ready
@@ -58,6 +60,31 @@ def _counts(name: str, comparison: Comparison | None) -> tuple[str, str, str]:
         str(sum(change.verdict == verdict for change in changes)) for verdict in ("better", "same", "worse")
     )
     return better, same, worse
+
+
+def peer_table(peers: Sequence[PeerRow]) -> Table:
+    """Other programs on the same drives, in one table."""
+    rows = tuple(
+        (
+            row.case,
+            row.program,
+            *(number(value) for value in row.rms),
+            number(row.attitude_deg[0]),
+            number(row.attitude_deg[1]),
+            number(row.cpu_us),
+            row.remark,
+        )
+        for row in peers
+    )
+    columns = ("case", "program", "N [m]", "E [m]", "D [m]", "tilt [deg]", "heading [deg]", "CPU a sample [us]", "")
+    return Table(
+        "The same drives by other programs", columns, rows, "RMS; same samples, fixes, start and sensor figures"
+    )
+
+
+def peer_lines(peers: Sequence[PeerRow]) -> list[str]:
+    """Write the table of the other programs for the terminal; nothing without them."""
+    return ["", *table_text(peer_table(peers)).splitlines()] if peers else []
 
 
 def regression_lines(result: Result, comparison: Comparison | None, baseline: Baseline | None) -> list[str]:

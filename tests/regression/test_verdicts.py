@@ -55,7 +55,12 @@ def test_the_same_version_is_the_same(result: Result, baseline: Baseline, corpus
 def test_a_worse_filter_is_caught(how: str, case: str, metric: str, corpus: Corpus, baseline: Baseline, spoil: Spoil):
     spoil(how)
     found = compare(run_corpus(only(corpus, case), NOWHERE), baseline)
-    print(*(f"{change.metric.key} {change.old:.4g} {change.new:.4g} {change.adjusted:.1e}" for change in sorted(found.changes, key=lambda c: c.shift.p)[:8]))
+    print(
+        *(
+            f"{change.metric.key} {change.old:.4g} {change.new:.4g} {change.adjusted:.1e}"
+            for change in sorted(found.changes, key=lambda c: c.shift.p)[:8]
+        )
+    )
     assert not found.passed
     assert metric in {change.metric.key for change in found.failing}
     assert all(change.case == case for change in found.failing)
