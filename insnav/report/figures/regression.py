@@ -67,8 +67,8 @@ def draw_history(history: Sequence[Entry], baseline: Baseline | None, metric: Me
         names,
         f"{metric.label}{f' [{metric.unit}]' if metric.unit else ''}: {len(history)} "
         f"version{'s' * (len(history) > 1)}, {last.origin.version} the last",
-        f"with 95 % intervals; grey: the baseline and {100 * FAILS_FROM:g} % about it; triangles: better (down) or "
-        "worse (up) than the baseline of that time; breaks: the case had changed",
+        f"with 95 % intervals; grey: the baseline and {100 * FAILS_FROM:g} % about it; triangles: from here on better "
+        "(down) or worse (up) than the baseline of its time; breaks: the case had changed",
     )
     for name, axes in zip(names, panels, strict=True):
         _versions(axes, history, name, metric)
@@ -101,8 +101,9 @@ def _versions(axes: Axes, history: Sequence[Entry], name: str, metric: Metric) -
         else:
             axes.fill_between(place[rows], value[rows, 1], value[rows, 2], color=BLUE, alpha=0.2, linewidth=0.0)
     for verdict, marker, colour in (("better", "v", GREEN), ("worse", "^", VERMILLION)):
-        told = [i for i, each in enumerate(history) if each.verdicts.get(name, {}).get(metric.key) == verdict]
-        axes.plot(place[told], value[told, 0], marker, color=colour, markersize=7.0, zorder=4.0)
+        said = [each.verdicts.get(name, {}).get(metric.key) == verdict for each in history]
+        begun = [i for i, now in enumerate(said) if now and not (i and said[i - 1])]
+        axes.plot(place[begun], value[begun, 0], marker, color=colour, markersize=6.5, zorder=4.0)
 
 
 def _name_versions(panels: Sequence[Axes], history: Sequence[Entry]) -> None:
