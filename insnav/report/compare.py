@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from insnav.errors.metrics import accuracy, nees, position_errors
+from insnav.errors.metrics import TrajectoryErrors, accuracy, nees, position_errors
 from insnav.exceptions import InputError
 from insnav.io.text import plain_text
 from insnav.io.write import read_solution
@@ -56,6 +56,14 @@ def compare(runs: Sequence[Path], reference: Trajectory, *, lever_b: FloatArray 
     InputError
         A folder without a solution, or no epoch that all runs and the reference share.
     """
+    shared = shared_errors(runs, reference, lever_b=lever_b)
+    return [{"run": name, "accuracy": accuracy(each), "consistency": nees(each)} for name, each in shared]
+
+
+def shared_errors(
+    runs: Sequence[Path], reference: Trajectory, *, lever_b: FloatArray | None = None
+) -> list[tuple[str, TrajectoryErrors]]:
+    """Name and errors of each run, all at the same epochs; see `compare`."""
     errors = []
     for run in runs:
         try:
@@ -73,17 +81,17 @@ def compare(runs: Sequence[Path], reference: Trajectory, *, lever_b: FloatArray 
             ),
             fix="compare runs of the same recording",
         )
-    rows = []
-    for run, each in zip(runs, errors, strict=True):
-        counted: BoolArray = np.isin(each.time, shared)
-        rows.append(
-            {
-                "run": plain_text(run.resolve().name),
-                "accuracy": accuracy(each, counted),
-                "consistency": nees(each, counted),
-            }
-        )
-    return rows
+    return [
+        (plain_text(run.resolve().name), _at(each, np.isin(each.time, shared)))
+        for run, each in zip(runs, errors, strict=True)
+    ]
+
+
+def _at(errors: TrajectoryErrors, rows: BoolArray) -> TrajectoryErrors:
+    sd = None if errors.sd is None else errors.sd[rows]
+    return TrajectoryErrors(
+        errors.time[rows], errors.position[rows], errors.velocity[rows], errors.attitude[rows], sd, errors.speed[rows]
+    )
 
 
 def comparison_lines(rows: Sequence[dict[str, Any]]) -> list[str]:
