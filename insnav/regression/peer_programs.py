@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time as clock
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -102,8 +103,10 @@ def run_pyins(task: Task) -> PeerRun:
     ----------
     task : Task
     """
-    _pyins(task, task.time + _WARM)
-    return _pyins(task, float("inf"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what it still uses of pandas is its own affair
+        _pyins(task, task.time + _WARM)
+        return _pyins(task, float("inf"))
 
 
 def _pyins(task: Task, end: float) -> PeerRun:
