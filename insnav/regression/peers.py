@@ -22,8 +22,8 @@ from insnav.simulate.montecarlo import run_seed
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 from insnav.units import DEG
 
-LONGEST = 200.0  # of a drive: pyins needs half a minute for it [s]
-_LATEST = 100.0  # errors count from here on at the latest [s]
+LONGEST = 150.0  # of a drive: pyins needs a quarter of a minute for it [s]
+LATEST = 80.0  # errors count from here on at the latest [s]
 _SPARSE = 0.5  # a solution with longer steps is judged at its own epochs, not between them [s]
 _SAME = 5e-3  # as far from an epoch at most [s]
 
@@ -62,7 +62,7 @@ def installed() -> dict[str, Callable[[Task], PeerRun]]:
 def run_peers(
     corpus: Corpus, data: Path, *, workers: int = 1, progress: Callable[[float], None] | None = None
 ) -> list[PeerRow]:
-    """Give the first drive of every case, at most ten minutes of it, to insnav and to every peer.
+    """Give the first drive of every case, its first part, to insnav and to every peer.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def shortened(material: Material, seconds: float) -> Material:
     part = ImuData(imu.time[:n], imu.gyro[:n], imu.accel[:n], imu.sampling, imu.stamp)
     fix = None if gps.fix is None else gps.fix[:m]
     fixes = GpsData(gps.time[:m], gps.lla[:m], gps.v_n[:m], gps.position_sd[:m], gps.velocity_sd[:m], fix)
-    return replace(material, imu=part, gps=fixes, settle=min(material.settle, _LATEST))
+    return replace(material, imu=part, gps=fixes, settle=min(material.settle, LATEST))
 
 
 def task_of(material: Material, ready: Prepared) -> Task:

@@ -8,13 +8,17 @@ from typing import Any
 from insnav.regression.baseline import Baseline
 from insnav.regression.compare import CPU_FAILS_FROM, FAILS_FROM, Change, Comparison
 from insnav.regression.origin import Origin
-from insnav.regression.peers import PeerRow
+from insnav.regression.peers import LATEST, LONGEST, PeerRow
 from insnav.regression.run import Result
 from insnav.regression.statistics import ALPHA
 from insnav.report.facts import json_ready
 from insnav.report.labels import number
 from insnav.report.sheet import Table, table_text
 
+_PEER_NOTE = (
+    f"RMS over the first {LONGEST:g} s of the first drive of each case, from {LATEST:g} s on at the latest; same samples, "
+    "fixes, start and sensor figures; gtsam at the fixes alone"
+)
 HEADLINES = ("north_rms_m", "east_rms_m", "down_rms_m", "roll_pitch_rms_deg", "heading_rms_deg", "outage_60s_m")
 
 
@@ -77,9 +81,7 @@ def peer_table(peers: Sequence[PeerRow]) -> Table:
         for row in peers
     )
     columns = ("case", "program", "N [m]", "E [m]", "D [m]", "tilt [deg]", "heading [deg]", "CPU a sample [us]", "")
-    return Table(
-        "The same drives by other programs", columns, rows, "RMS; same samples, fixes, start and sensor figures"
-    )
+    return Table("The same drives by other programs", columns, rows, _PEER_NOTE)
 
 
 def peer_lines(peers: Sequence[PeerRow]) -> list[str]:
