@@ -161,6 +161,9 @@ class RecordedSource:
         self._case = case
         folder = data / case.data
         names = [case.imu_file, *([] if case.fixes else [case.gps_file]), *filter(None, [case.reference])]
+        missing = [name for name in names if not (folder / name).is_file()]
+        if missing:
+            raise InputError(f"a file of the recorded drive {case.name!r} is missing", where=str(folder / missing[0]))
         self.files = {name: file_sha256(folder / name) for name in names}
         self._imu = read_imu(folder / case.imu_file).data
         reference = read_reference(folder / case.reference) if case.reference else None

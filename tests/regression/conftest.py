@@ -11,7 +11,7 @@ import pytest
 
 from insnav import strapdown
 from insnav.regression import run
-from insnav.regression.baseline import BASELINE_FILE, Baseline, renewed, write_baseline
+from insnav.regression.baseline import Baseline, renewed
 from insnav.regression.cases import Material
 from insnav.regression.corpus import Corpus, load_corpus
 from insnav.regression.origin import Origin
@@ -96,13 +96,6 @@ def result(corpus: Corpus) -> Result:
 @pytest.fixture(scope="session")
 def baseline(result: Result) -> Baseline:
     return renewed(None, result, THEN)
-
-
-@pytest.fixture
-def reports(baseline: Baseline, tmp_path: Path) -> Path:
-    """Folder with the baseline."""
-    write_baseline(tmp_path / "reports" / BASELINE_FILE, baseline)
-    return tmp_path / "reports"
 
 
 Spoil = Callable[[str], None]

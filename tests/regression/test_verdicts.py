@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,23 +69,27 @@ def test_a_worse_filter_is_caught(how: str, case: str, metric: str, corpus: Corp
 
 def test_the_command_names_what_is_worse_and_ends_with_1(
     corpus_file: Path,
-    reports: Path,
     tmp_path: Path,
     spoil: Spoil,
     cli: Cli,  # noqa: F811
 ):
-    (tmp_path / "trajectories").mkdir()
-    for file in corpus_file.parent.iterdir():
-        (tmp_path / "trajectories" / file.name).write_text(file.read_text())
-    text = corpus_file.read_text().split("[[")
-    file = tmp_path / "trajectories" / "corpus.toml"
-    file.write_text("[[".join([text[0], text[2], text[3]]))
+    folder, reports = tmp_path / "trajectories", tmp_path / "reports"
+    shutil.copytree(corpus_file.parent, folder)
+    head, _, sculling, recorded = corpus_file.read_text().split("[[")
+    (folder / "corpus.toml").write_text("[[".join([head, sculling, recorded]))
+    options = ("regress", "--corpus", folder / "corpus.toml", "--workers", 1)
+    first = cli(*options, "--update-baseline", "--plot")
+    assert first.code == 0, first.err
+    assert "no baseline" in first.out
+    assert "skipped: far away" in first.err
+    made = {path.name for path in reports.iterdir()}
+    assert {BASELINE_FILE, "history.jsonl", "accuracy.html", "accuracy.md", "accuracy_growth.png"} <= made
     before = (reports / BASELINE_FILE).read_bytes()
-    good = cli("regress", "--corpus", file, "--workers", 1, "--quick", "--json")
+    good = cli(*options, "--quick", "--json")
     assert good.code == 0
     assert json.loads(good.out)["passed"]
     spoil("no sculling")
-    done = cli("regress", "--corpus", file, "--workers", 1, "--quick")
+    done = cli(*options, "--quick")
     assert done.code == 1
     (line,) = (line for line in done.out.splitlines() if line.startswith("FAILS") and "velocity, RMS" in line)
     assert "sculling" in line
