@@ -28,8 +28,8 @@ imu = "tactical"
 gps = "dgps"
 lever_arm = ["0.3 m", "0.0 m", "-2.0 m"]
 settle = "70 s"
-seeds = 10
-quick = 10
+seeds = 8
+quick = 8
 
 [[simulated]]
 name = "sculling"

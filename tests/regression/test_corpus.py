@@ -29,7 +29,7 @@ def test_the_corpus_of_the_project_can_be_read_and_all_its_files_are_there():
     [
         ('profile = "short.toml"', 'profil = "short.toml"', "did you mean 'profile'"),
         ('settle = "70 s"', 'settle = "70 m"', "settle"),
-        ("seeds = 10", "seeds = 0", "seeds"),
+        ("seeds = 8", "seeds = 0", "seeds"),
         ('name = "sculling"', 'name = "short drive"', "two cases have this name"),
         ('data = "not_here"', 'data = "not_here"\nseeds = 3', "need fixes"),
     ],

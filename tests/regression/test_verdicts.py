@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -50,7 +49,6 @@ def test_the_same_version_is_the_same(result: Result, baseline: Baseline, corpus
     [
         ("gyro noise", "short drive", "velocity_rms_m_s"),
         ("lever arm", "short drive", "velocity_rms_m_s"),
-        ("no sculling", "sculling", "velocity_rms_m_s"),
     ],
 )
 def test_a_worse_filter_is_caught(how: str, case: str, metric: str, corpus: Corpus, baseline: Baseline, spoil: Spoil):
@@ -85,9 +83,6 @@ def test_the_command_names_what_is_worse_and_ends_with_1(
     made = {path.name for path in reports.iterdir()}
     assert {BASELINE_FILE, "history.jsonl", "accuracy.html", "accuracy.md", "accuracy_growth.png"} <= made
     before = (reports / BASELINE_FILE).read_bytes()
-    good = cli(*options, "--quick", "--json")
-    assert good.code == 0
-    assert json.loads(good.out)["passed"]
     spoil("no sculling")
     done = cli(*options, "--quick")
     assert done.code == 1
