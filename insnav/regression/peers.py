@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from insnav.exceptions import InsnavError
+from insnav.exceptions import AlignmentError, InsnavError
 from insnav.filter.recording import Prepared, navigate_recording, prepare
 from insnav.regression.cases import Material, source_of
 from insnav.regression.corpus import Corpus, RecordedCase
@@ -88,14 +88,14 @@ def run_peers(
 
 def _beside(case: Any, data: Path) -> list[PeerRow]:
     """Every program on one case."""
-    material = shortened(source_of(case, data).material(run_seed(SERIES, 1)), LONGEST)
+    whole = source_of(case, data).material(run_seed(SERIES, 1))
     rows = []
     try:
+        material, ready = _begun(whole)
         navigate_recording(material.imu, material.gps, material.spec, material.settings)  # compiles
         begin = clock.process_time()
         done = navigate_recording(material.imu, material.gps, material.spec, material.settings)
         cpu = clock.process_time() - begin
-        ready = prepare(material.imu, material.gps, material.spec, material.settings)
     except InsnavError as error:
         return [_failed(case.name, "insnav", error)]
     per_sample = 1e6 * cpu / len(material.imu.time)
@@ -137,6 +137,23 @@ def _row(case: str, program: str, solution: Trajectory, material: Material, cpu_
 
 def _rms(error: FloatArray) -> float | None:
     return float(np.sqrt(np.mean(error**2))) if error.size else None
+
+
+def _begun(whole: Material) -> tuple[Material, Prepared]:
+    """As short a first part of a drive as it can be aligned by, and with something to judge it by."""
+    seconds = LONGEST
+    while True:
+        part = shortened(whole, seconds)
+        last = whole.imu.time[0] + seconds > whole.imu.time[-1]
+        try:
+            ready = prepare(part.imu, part.gps, part.spec, part.settings)
+            moving = part.gps.v_n[part.gps.time > ready.initial.time + LATEST]
+            if last or part.min_speed == 0.0 or (np.linalg.norm(moving, axis=1) > part.min_speed).sum() >= LATEST:
+                return part, ready
+        except AlignmentError:
+            if last:
+                raise
+        seconds *= 2.0
 
 
 def shortened(material: Material, seconds: float) -> Material:

@@ -16,8 +16,8 @@ from insnav.report.labels import number
 from insnav.report.sheet import Table, table_text
 
 _PEER_NOTE = (
-    f"RMS over the first {LONGEST:g} s of the first drive of each case, from {LATEST:g} s on at the latest; "
-    "same samples, fixes, start and sensor figures; gtsam at the fixes alone"
+    f"RMS over the first {LONGEST:g} s of the first drive of each case (more where the heading needs it), from "
+    f"{LATEST:g} s on at the latest; same samples, fixes, start and sensor figures; gtsam at the fixes alone"
 )
 HEADLINES = ("north_rms_m", "east_rms_m", "down_rms_m", "roll_pitch_rms_deg", "heading_rms_deg", "outage_60s_m")
 
