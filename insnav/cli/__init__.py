@@ -20,6 +20,7 @@ from insnav.cli import (
     drift,
     outage,
     platform_command,
+    regress,
     run,
     signals,
     simulate,
@@ -59,6 +60,7 @@ for _module, _command in (
     (drift, drift.drift),
     (platform_command, platform_command.platform),
     (verify, verify.verify),
+    (regress, regress.regress),
 ):
     app.command(_command.__name__, cls=GroupedCommand, help=_module.HELP, short_help=_module.SHORT_HELP)(_command)
 app.add_typer(calibrate.app, name="calibrate", help=calibrate.HELP, short_help=calibrate.SHORT_HELP)

@@ -22,6 +22,7 @@ reference that every run covers are counted, so that the rows can be compared.
 Examples:
   insnav compare run1 run2 --ref ref.csv
   insnav compare run1 --ref rtk.csv --ref-lever-arm 0.8,-0.3,-1.2
+  insnav compare run1 --ref ref.csv --tum tum   # files for evo_ape
   insnav compare run1 run2 --ref ref.csv --json | jq '.[].accuracy'
 """
 
@@ -36,6 +37,15 @@ def compare(
             metavar="NAME=HEADER,…", help="Headers that are not understood by themselves.", rich_help_panel=opt.GPS
         ),
     ] = None,
+    tum: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Also write the compared epochs for evo: a .tum file of each run, and of the reference.",
+            rich_help_panel=opt.RESULT,
+        ),
+    ] = None,
+    force: opt.Force = False,
     as_json: opt.Json = False,
 ) -> None:
     """Compare runs."""
@@ -45,7 +55,14 @@ def compare(
     from insnav.report.facts import json_ready
 
     lever_b = parse.vector(ref_lever_arm, "--ref-lever-arm") if ref_lever_arm else None
-    rows = table(runs, read_truth(ref, ref_columns).data, lever_b=lever_b)
+    truth = read_truth(ref, ref_columns).data
+    rows = table(runs, truth, lever_b=lever_b)
+    if tum is not None:
+        from insnav.io.folder import RunFolder
+        from insnav.report.tum import write_tum
+
+        with RunFolder(tum, force=force) as folder:
+            write_tum(folder, runs, truth, lever_b)
     if as_json:
         result(json.dumps(json_ready(rows), indent=1, ensure_ascii=False))
     else:

@@ -230,6 +230,8 @@ def _problem(model: type[Table], details: ErrorDetails) -> str:
 def _keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
     """Known keys of the table at `path`."""
     for part in path:
+        if isinstance(part, int):  # a row of a list of tables
+            continue
         annotation = model.model_fields[str(part)].annotation
         candidates = (annotation, *getattr(annotation, "__args__", ()))
         model = next(item for item in candidates if isinstance(item, type) and issubclass(item, BaseModel))

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from insnav.errors.metrics import accuracy, nees, position_errors
+from insnav.errors.metrics import TrajectoryErrors, accuracy, nees, position_errors
 from insnav.exceptions import InputError
 from insnav.io.text import plain_text
 from insnav.io.write import has_smoothed, read_solution
@@ -29,6 +29,24 @@ _COLUMNS = (
     ("pitch °", "pitch_deg", "rms"),
     ("head °", "heading_deg", "rms"),
 )
+
+
+class Compared(NamedTuple):
+    """Errors of one solution of one run.
+
+    Attributes
+    ----------
+    run : str
+        Name of the folder.
+    solution : {"filter", "smoothed"}
+        Which of its solutions.
+    errors : TrajectoryErrors
+        At the epochs that all runs share.
+    """
+
+    run: str
+    solution: str
+    errors: TrajectoryErrors
 
 
 def compare(runs: Sequence[Path], reference: Trajectory, *, lever_b: FloatArray | None = None) -> list[dict[str, Any]]:
@@ -57,6 +75,19 @@ def compare(runs: Sequence[Path], reference: Trajectory, *, lever_b: FloatArray 
     InputError
         A folder without a solution, or no epoch that all runs and the reference share.
     """
+    return [
+        {
+            "run": each.run,
+            "solution": each.solution,
+            "accuracy": accuracy(each.errors),
+            "consistency": nees(each.errors),
+        }
+        for each in shared_errors(runs, reference, lever_b=lever_b)
+    ]
+
+
+def shared_errors(runs: Sequence[Path], reference: Trajectory, *, lever_b: FloatArray | None = None) -> list[Compared]:
+    """Errors of each run, all at the same epochs; see `compare`."""
     errors = []
     wanted = [(run, which) for run in runs for which in ("solution", *(("smoothed",) if has_smoothed(run) else ()))]
     for run, which in wanted:
@@ -75,18 +106,21 @@ def compare(runs: Sequence[Path], reference: Trajectory, *, lever_b: FloatArray 
             ),
             fix="compare runs of the same recording",
         )
-    rows = []
-    for (run, which), each in zip(wanted, errors, strict=True):
-        counted: BoolArray = np.isin(each.time, shared)
-        rows.append(
-            {
-                "run": plain_text(run.resolve().name),
-                "solution": "smoothed" if which == "smoothed" else "filter",
-                "accuracy": accuracy(each, counted),
-                "consistency": nees(each, counted),
-            }
+    return [
+        Compared(
+            plain_text(run.resolve().name),
+            "smoothed" if which == "smoothed" else "filter",
+            _at(each, np.isin(each.time, shared)),
         )
-    return rows
+        for (run, which), each in zip(wanted, errors, strict=True)
+    ]
+
+
+def _at(errors: TrajectoryErrors, rows: BoolArray) -> TrajectoryErrors:
+    sd = None if errors.sd is None else errors.sd[rows]
+    return TrajectoryErrors(
+        errors.time[rows], errors.position[rows], errors.velocity[rows], errors.attitude[rows], sd, errors.speed[rows]
+    )
 
 
 def comparison_lines(rows: Sequence[dict[str, Any]]) -> list[str]:

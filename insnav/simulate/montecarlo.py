@@ -239,12 +239,12 @@ def _in_processes(task: Task, numbers: _Dispatched, seed: int, workers: int) -> 
 
     with parallel_config(backend="loky", inner_max_num_threads=1):
         pool = Parallel(
-            n_jobs=workers, return_as="generator", idle_worker_timeout=IDLE, initializer=_serve, initargs=(os.getpid(),)
+            n_jobs=workers, return_as="generator", idle_worker_timeout=IDLE, initializer=serve, initargs=(os.getpid(),)
         )
         yield from pool(delayed(_attempt)(task, run_seed(seed, number)) for number in numbers)
 
 
-def _serve(parent: int) -> None:
+def serve(parent: int) -> None:
     """Set up a worker: Ctrl-C is for the first process to decide about, and nobody works on when that is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()

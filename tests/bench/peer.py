@@ -1,17 +1,16 @@
-"""pyins on the same data: same noise figures, start and lever arm, and its own default step."""
+"""pyins and GTSAM on the standard job: same noise figures, start and lever arm, positions only."""
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
-from pyins import filters, inertial_sensor, measurements, strapdown
-from pyins.util import ACCEL_COLS, GYRO_COLS, LLA_COLS, RPH_COLS, VEL_COLS
 
+from insnav.imu import ImuSpec, SensorSpec
+from insnav.regression import peer_programs
+from insnav.regression.peer_programs import Task
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, MGAL, PPM
 
@@ -28,58 +27,50 @@ class PeerRun:
 
 def run_pyins(imu: ImuData, gps: GpsData, start: dict[str, Any], seconds: float) -> PeerRun:
     """Filter the first `seconds` after the start state; compiling its integrator is not counted."""
-    tables = [_tables(imu, gps, start, span) for span in (2.0, seconds)]
-    _navigate(*tables[0], start)
-    begin = time.process_time()
-    trajectory = _navigate(*tables[1], start)
-    cpu = time.process_time() - begin
-    lla_deg = trajectory[LLA_COLS].to_numpy()
-    return PeerRun(cpu, len(tables[1][0]), trajectory.index.to_numpy(), lla_deg)
+    return _positions(peer_programs.run_pyins(_task(imu, gps, start, seconds)))
 
 
-def _tables(
-    imu: ImuData, gps: GpsData, start: dict[str, Any], seconds: float
-) -> tuple[pd.DataFrame, list[measurements.Measurement]]:
-    """Increments with pyins' own coning and sculling, and positions; making them is not counted either."""
-    begin, end = start["time_s"], start["time_s"] + seconds
-    rows = (imu.time > begin - 1e-6) & (imu.time < end + 1e-6)  # pyins wants one sample before
-    table = pd.DataFrame(np.hstack([imu.gyro, imu.accel])[rows], index=imu.time[rows], columns=GYRO_COLS + ACCEL_COLS)
-    increments = strapdown.compute_increments_from_imu(table, "increment")
-    rows = (gps.time > begin + 1e-6) & (gps.time < end + 1e-6)
-    lla_deg = np.column_stack([gps.lla[rows, :2] / DEG, gps.lla[rows, 2]])
-    fixes = pd.DataFrame(lla_deg, index=gps.time[rows], columns=LLA_COLS)
-    position = measurements.Position(fixes, 1.0, np.array(start["lever_b_m"]))
-    position.R = np.diag(start["imu"]["gps"]) ** 2  # the constructor takes one figure for all axes
-    return increments, [position]
+def run_gtsam(imu: ImuData, gps: GpsData, start: dict[str, Any], seconds: float) -> PeerRun:
+    """Smooth the first `seconds` after the start state."""
+    return _positions(peer_programs.run_gtsam(_task(imu, gps, start, seconds)))
 
 
-def _navigate(increments: pd.DataFrame, fixes: list[measurements.Measurement], start: dict[str, Any]) -> pd.DataFrame:
-    figures = start["imu"]
-    wander = np.sqrt(2.0 / (3600.0 * figures["corr_h"]))  # driving noise of a Gauss-Markov process of unit variance
-    gyro_bias, accel_bias = figures["gb"] * DEG_PER_H, figures["ab"] * MGAL
-    gyro = inertial_sensor.EstimationModel(
-        gyro_bias, figures["arw"] * DEG_PER_SQRT_H, gyro_bias * wander, np.eye(3) * figures["gs"] * PPM
+def _positions(run: peer_programs.PeerRun) -> PeerRun:
+    return PeerRun(run.cpu_s, run.samples, run.solution.time, run.solution.lla / [DEG, DEG, 1.0])
+
+
+def _task(imu: ImuData, gps: GpsData, start: dict[str, Any], seconds: float) -> Task:
+    figures, begin = start["imu"], start["time_s"]
+    n = int(np.searchsorted(imu.time, begin + seconds + 1e-6))
+    part = ImuData(imu.time[:n], imu.gyro[:n], imu.accel[:n], imu.sampling, imu.stamp)
+    rows = (gps.time > begin + 0.5) & (gps.time < begin + seconds + 1e-6)
+    unknown = np.full((int(rows.sum()), 3), np.nan)
+    sd = np.broadcast_to(np.array(figures["gps"], dtype=np.float64), unknown.shape)
+    fixes = GpsData(gps.time[rows], gps.lla[rows], unknown, sd, unknown)
+
+    def sensor(bias: float, walk: float, scale: float) -> SensorSpec:
+        return SensorSpec(
+            bias_instability=np.full(3, bias),
+            correlation_time=3600.0 * figures["corr_h"],
+            random_walk=np.full(3, walk),
+            scale_factor=np.full(3, scale),
+        )
+
+    spec = ImuSpec(
+        "job",
+        sensor(figures["gb"] * DEG_PER_H, figures["arw"] * DEG_PER_SQRT_H, figures["gs"] * PPM),
+        sensor(figures["ab"] * MGAL, figures["vrw"] * M_S_PER_SQRT_H, figures["as_"] * PPM),
     )
-    accel = inertial_sensor.EstimationModel(
-        accel_bias, figures["vrw"] * M_S_PER_SQRT_H, accel_bias * wander, np.eye(3) * figures["as_"] * PPM
+    return Task(
+        part,
+        fixes,
+        begin,
+        np.array([start["lat_deg"] * DEG, start["lon_deg"] * DEG, start["height_m"]]),
+        np.array(start["v_n_m_s"]),
+        np.array(start["roll_pitch_heading_deg"]) * DEG,
+        np.array(start["sd_position_m"]),
+        np.array(start["sd_velocity_m_s"]),
+        np.array(start["sd_attitude_deg"]) * DEG,
+        np.array(start["lever_b_m"]),
+        spec,
     )
-    pva = pd.Series(
-        [
-            start["lat_deg"],
-            start["lon_deg"],
-            start["height_m"],
-            *start["v_n_m_s"],
-            *start["roll_pitch_heading_deg"],
-        ],
-        index=LLA_COLS + VEL_COLS + RPH_COLS,
-        name=start["time_s"],
-    )
-    position_sd, velocity_sd = (
-        float(np.sqrt(np.mean(np.square(start[k])))) for k in ("sd_position_m", "sd_velocity_m_s")
-    )
-    level_sd, heading_sd = float(np.mean(start["sd_attitude_deg"][:2])), start["sd_attitude_deg"][2]
-    result = filters.run_feedback_filter(
-        pva, position_sd, velocity_sd, level_sd, heading_sd, increments, gyro, accel, fixes
-    )
-    trajectory: pd.DataFrame = result.trajectory
-    return trajectory

@@ -28,7 +28,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
 def test_smoother_is_neither_slower_nor_less_accurate_than_the_peer(job: Job) -> None:
     from tests.bench.accuracy import Truth
     from tests.bench.filtering import best_cpu, read_recording
-    from tests.bench.gtsam_peer import run_gtsam
+    from tests.bench.peer import run_gtsam
 
     part = read_recording(job).first(SECONDS).at_interval(0.1)
     peer = run_gtsam(part.imu, part.gps, job.start, SECONDS)

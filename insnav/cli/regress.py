@@ -1,0 +1,140 @@
+"""``insnav regress``: is this version better or worse than the last, and where."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from insnav.cli import options as opt
+from insnav.cli.console import Stages, note, result
+
+SHORT_HELP = "Accuracy of this version on the corpus of drives against the baseline."
+HELP = """Accuracy of this version on the corpus of drives, against the baseline.
+
+Simulated drives are made again with fixed seeds, recorded ones are read from a folder beside the project and left out
+by name where it is absent. Figures of merit are compared with those of the baseline by paired tests, not by equality;
+one that is significantly worse by 5 % or more ends with exit code 1 and its name.
+
+\b
+Examples:
+  insnav regress                       compares with reports/baseline.json
+  insnav regress --quick               a part of it, in less than a minute
+  insnav regress --update-baseline     what later versions are compared with
+  insnav regress --plot                plots over versions, and a page
+  insnav regress --peers --plot        beside other programs, for the README
+  insnav regress --json | jq .changes
+"""
+
+
+def regress(
+    corpus: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="The drives. [trajectories/corpus.toml of insnav]", rich_help_panel=opt.FILES
+        ),
+    ] = None,
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Recorded drives. [shared/data beside the project]",
+            rich_help_panel=opt.FILES,
+        ),
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Only some cases.", rich_help_panel=opt.START)] = False,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Processes. [one a processor]", rich_help_panel=opt.START)
+    ] = None,
+    update_baseline: Annotated[
+        bool,
+        typer.Option("--update-baseline", help="Make this version the baseline.", rich_help_panel=opt.RESULT),
+    ] = False,
+    plot: Annotated[
+        bool,
+        typer.Option("--plot", help="Draw plots, accuracy.html and accuracy.md.", rich_help_panel=opt.RESULT),
+    ] = False,
+    peers: Annotated[
+        bool,
+        typer.Option("--peers", help="Also run pyins and GTSAM, where installed; minutes.", rich_help_panel=opt.RESULT),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder of baseline and reports. [reports beside the corpus' folder]",
+            rich_help_panel=opt.RESULT,
+        ),
+    ] = None,
+    as_json: opt.Json = False,
+) -> None:
+    """Compare with the baseline."""
+    from insnav.exceptions import ConfigError
+    from insnav.regression.baseline import BASELINE_FILE, read_baseline, renewed, write_baseline
+    from insnav.regression.corpus import default_corpus, load_corpus
+
+    if quick and update_baseline:
+        raise ConfigError(
+            "a quick run is no baseline",
+            where="--quick, --update-baseline",
+            why="it leaves out cases and seeds that later runs are compared by",
+            fix="leave --quick out",
+        )
+    file = (corpus or default_corpus()).resolve()
+    drives = load_corpus(file)
+    project = file.parent.parent
+    folder = out or project / "reports"
+    baseline = read_baseline(folder / BASELINE_FILE)
+    with Stages() as stage:
+        stage("navigating")
+        import joblib
+
+        from insnav.regression.run import run_corpus
+
+        recorded = data or project.parent / "shared" / "data"
+        processes = workers or joblib.cpu_count()
+        found = run_corpus(
+            drives,
+            recorded,
+            quick=quick,
+            workers=processes,
+            progress=lambda fraction: stage("navigating", fraction),
+        )
+        stage("comparing")
+        from insnav.regression.compare import compare
+        from insnav.regression.history import HISTORY_FILE, entry, read_history, with_entry, write_history
+        from insnav.regression.origin import origin
+        from insnav.report.regression import peer_lines, regression_facts, regression_lines
+
+        for name, why in found.skipped.items():
+            if not quick:
+                note(f"skipped: {name}: {why}")
+        now = origin(file.parent)
+        comparison = None if baseline is None else compare(found, baseline)
+        if not quick:
+            history = with_entry(read_history(folder / HISTORY_FILE), entry(found, comparison, now))
+            write_history(folder / HISTORY_FILE, history)
+        rows = []
+        if peers:
+            stage("peers")
+            from insnav.regression.peers import run_peers
+
+            rows = run_peers(drives, recorded, workers=processes, progress=lambda fraction: stage("peers", fraction))
+        if plot:
+            stage("drawing")
+            from insnav.report.regression_page import write_pages
+
+            shown = read_history(folder / HISTORY_FILE)
+            files = write_pages(folder, found, shown, baseline, comparison, now, rows)
+            note(f"drawn: {len(files)} files in {folder}")
+        if update_baseline:
+            write_baseline(folder / BASELINE_FILE, renewed(baseline, found, now))
+            note(f"baseline: {folder / BASELINE_FILE}")
+    if as_json:
+        result(json.dumps(regression_facts(found, comparison, now, baseline), indent=1, ensure_ascii=False))
+    else:
+        result("\n".join([*regression_lines(found, comparison, baseline), *peer_lines(rows)]))
+    if comparison is not None and not comparison.passed and not update_baseline:
+        raise typer.Exit(1)

@@ -1,0 +1,200 @@
+"""The baseline (``baseline.json``): what every drive came to in the version that later ones are compared with."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from insnav.exceptions import InputError, OutputError
+from insnav.regression.metrics import BY_KEY
+from insnav.regression.origin import Origin
+from insnav.regression.run import CaseResult, Result
+from insnav.types import FloatArray
+
+BASELINE_FILE = "baseline.json"
+FORMAT = 1
+_DIGITS = 5  # of the values kept: a relative rounding of 1e-5, far below any change that counts
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """One case as it was.
+
+    Attributes
+    ----------
+    digest : str
+        Of the case and the files behind it.
+    pieces : bool
+        Values are those of successive pieces of one drive.
+    values : dict of str to (n,) array
+        By metric, one for each drive or piece; NaN where not known.
+    growth : (6, 3) array
+        As in `insnav.regression.measure.Measured`.
+    failed : tuple of int
+        Numbers of the drives that ended in an error.
+    """
+
+    digest: str
+    pieces: bool
+    values: dict[str, FloatArray]
+    growth: FloatArray
+    failed: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """All cases as they were, and where the figures are from."""
+
+    origin: Origin
+    cases: dict[str, Stored]
+
+
+def stored(result: CaseResult) -> Stored:
+    """Keep what a case has come to.
+
+    Parameters
+    ----------
+    result : CaseResult
+        With at least one drive that ended well.
+    """
+    assert result.measured is not None
+    return Stored(
+        result.digest,
+        result.pieces,
+        result.measured.values,
+        result.measured.growth,
+        tuple(sorted(result.failures)),
+    )
+
+
+def renewed(old: Baseline | None, result: Result, origin: Origin) -> Baseline:
+    """Make a baseline of a result; cases that were skipped stay as they were.
+
+    Parameters
+    ----------
+    old : Baseline or None
+    result : Result
+    origin : Origin
+    """
+    kept = {} if old is None else {name: case for name, case in old.cases.items() if name in result.skipped}
+    made = {name: stored(case) for name, case in result.cases.items() if case.measured is not None}
+    return Baseline(origin, kept | made)
+
+
+def read_baseline(path: Path) -> Baseline | None:
+    """Read a baseline.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    Baseline or None
+        None if there is no such file.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or of another format.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise InputError("the baseline cannot be read", where=str(path), why=str(error)) from None
+    try:
+        content = json.loads(text)
+        if content["format"] != FORMAT:
+            raise ValueError(f"its format is {content['format']}, this version reads {FORMAT}")
+        cases = {name: _case(case) for name, case in content["cases"].items()}
+        return Baseline(Origin(**content["origin"]), cases)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            "the baseline is damaged",
+            where=str(path),
+            why=f"{type(error).__name__}: {error}",
+            fix="take it from the last commit, or make it again with --update-baseline",
+        ) from None
+
+
+def write_baseline(path: Path, baseline: Baseline) -> None:
+    """Write a baseline, one metric a line, so that differences can be read.
+
+    Parameters
+    ----------
+    path : Path
+    baseline : Baseline
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    lines = ["{", f' "format": {FORMAT},', f' "origin": {json.dumps(asdict(baseline.origin))},', ' "cases": {']
+    for number, (name, case) in enumerate(baseline.cases.items(), start=1):
+        head = {"digest": case.digest, "pieces": case.pieces, "failed": list(case.failed)}
+        rows = [f"   {json.dumps(key)}: {json.dumps(value)}" for key, value in head.items()]
+        rows.append(f'   "growth": {json.dumps(_short(case.growth))}')
+        values = ",\n".join(f"    {json.dumps(key)}: {json.dumps(_short(value))}" for key, value in case.values.items())
+        rows.append(f'   "values": {{\n{values}\n   }}')
+        comma = "," if number < len(baseline.cases) else ""
+        lines.append(f"  {json.dumps(name)}: {{\n" + ",\n".join(rows) + f"\n  }}{comma}")
+    write_text(path, "\n".join([*lines, " }", "}"]) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file aside and move it into its place.
+
+    Parameters
+    ----------
+    path : Path
+        Its folder is made if need be.
+    text : str
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    aside = path.with_name(f".{path.name}.tmp-{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        aside.write_text(text, encoding="utf-8", newline="\n")
+        aside.replace(path)
+    except OSError as error:
+        aside.unlink(missing_ok=True)
+        raise OutputError(
+            "the report cannot be written",
+            where=str(path),
+            why=error.strerror or str(error),
+            fix="choose another folder with --out",
+        ) from error
+
+
+def _short(value: FloatArray) -> Any:
+    if value.ndim > 1:
+        return [_short(row) for row in value]
+    return [float(f"{number:.{_DIGITS}g}") if np.isfinite(number) else None for number in value]
+
+
+def _case(content: Mapping[str, Any]) -> Stored:
+    values = {
+        key: np.array([np.nan if number is None else number for number in value], dtype=np.float64)
+        for key, value in content["values"].items()
+        if key in BY_KEY
+    }
+    return Stored(
+        content["digest"],
+        content["pieces"],
+        values,
+        np.array(content["growth"], dtype=np.float64),
+        tuple(content["failed"]),
+    )

@@ -1,0 +1,243 @@
+"""The corpus file (``corpus.toml``): the drives by which accuracy is judged, with everything they need.
+
+[[simulated]]                 # a motion profile with sensors drawn from the models, once a seed
+name = "city"
+profile = "city"              # name in the library beside the file, or a file
+imu = "consumer"
+gps = "single"                # preset or file
+lever_arm = ["0.8 m", "-0.3 m", "-1.2 m"]
+fault = ["gps-outage@220s+60s"]
+seeds = 16
+quick = 6                     # of these in a quick run
+
+[[recorded]]                  # a drive in the folder of recorded data; skipped where that is absent
+name = "tokyo"
+data = "ixr_tsukishima_20210412"
+reference = "ref.csv"
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, PrivateAttr, model_validator
+from pydantic_core import PydanticCustomError
+
+from insnav.exceptions import ConfigError
+from insnav.imu.config import Axes, Table, axes, read_toml, refuse, scalar, validate
+
+Group = Literal["position", "velocity", "attitude", "heading"]
+AT_REST = "at rest"  # IMU model by the noise at rest
+CORPUS_FILE = "corpus.toml"
+
+
+def _everything() -> list[Group]:
+    return ["position", "velocity", "attitude", "heading"]
+
+
+class Case(Table):
+    """What simulated and recorded drives have in common.
+
+    Attributes
+    ----------
+    name : str
+        By which a regression is told.
+    imu : str
+        Preset or file; ``at rest`` for the preset nearest to the noise at rest.
+    lever_arm : (3,) tuple
+        Antenna seen from the IMU, body axes [m].
+    settle : float
+        Errors count from so long after the first fix [s].
+    seeds : int
+        Repetitions with other noise.
+    quick : int
+        How many of them a quick run makes; none leaves the case out of it.
+    """
+
+    name: str
+    imu: str
+    lever_arm: Annotated[Axes, axes("length", signed=True)] = (0.0, 0.0, 0.0)
+    settle: Annotated[float, scalar("time")] = 60.0
+    seeds: Annotated[int, Field(ge=1, le=1000)] = 16
+    quick: Annotated[int, Field(ge=0, le=1000)] = 0
+    _folder: Path = PrivateAttr(default=Path())
+
+    @property
+    def folder(self) -> Path:
+        """Where the corpus file is."""
+        return self._folder
+
+    def model(self, name: str) -> str:
+        """Name of a preset, or path of a file beside the corpus."""
+        return str(self._folder / name) if name.endswith(".toml") else name
+
+
+class SimulatedCase(Case):
+    """A motion profile with sensors drawn at random.
+
+    Attributes
+    ----------
+    profile : str
+        Name in the folder of the corpus file.
+    gps : str
+        Receiver: preset or file.
+    rate : float
+        Of the IMU [Hz].
+    fault : list of str
+        What goes wrong, as for ``insnav simulate --fault``.
+    """
+
+    profile: str
+    gps: str
+    rate: Annotated[float, scalar("frequency")] = 100.0
+    fault: list[str] = Field(default_factory=list)
+
+
+class MadeFixes(Table):
+    """Fixes made from the reference, with noise.
+
+    Attributes
+    ----------
+    sd : float
+        White noise on each axis [m].
+    interval : float
+        Between fixes [s].
+    """
+
+    sd: Annotated[float, scalar("length")]
+    interval: Annotated[float, scalar("time")] = 1.0
+
+
+class RecordedCase(Case):
+    """A recorded drive.
+
+    Attributes
+    ----------
+    data : str
+        Name of its folder.
+    imu_file, gps_file : str
+        In the folder.
+    fixes : MadeFixes or None
+        Make the fixes from the reference instead.
+    reference : str
+        File with the reference, which is of the antenna; without it the fixes that are not used.
+    use_every : int
+        Only every so-manieth fix is used, and the others are a reference of position: for receivers better than the
+        rest of the system.
+    judge : list of str
+        What the reference is good for.
+    min_speed : float
+        Slower epochs of the reference do not count [m/s].
+    remove_offset : bool
+        A constant difference of position is no error: reference and fixes have base stations of their own.
+    mounting : (3,) tuple
+        Rotation vector from the axes of the reference to those of the IMU, body axes [rad].
+    block : float
+        The drive is judged in pieces of this length [s].
+    """
+
+    data: str
+    imu_file: str = "imu.csv.gz"
+    gps_file: str = "gps.csv"
+    fixes: MadeFixes | None = None
+    reference: str = ""
+    use_every: Annotated[int, Field(ge=1, le=100)] = 1
+    judge: list[Group] = Field(default_factory=_everything)
+    min_speed: Annotated[float, scalar("velocity")] = 0.0
+    remove_offset: bool = False
+    mounting: Annotated[Axes, axes("angle", signed=True)] = (0.0, 0.0, 0.0)
+    block: Annotated[float, scalar("time")] = 60.0
+    seeds: Annotated[int, Field(ge=1, le=1000)] = 1
+
+    @model_validator(mode="after")
+    def _sound(self) -> RecordedCase:
+        if self.fixes is not None and not self.reference:
+            raise PydanticCustomError("wrong_value", "fixes are made from a reference, which is not given")
+        if self.seeds > 1 and self.fixes is None:
+            raise PydanticCustomError("wrong_value", "seeds above 1 need fixes made from the reference")
+        return self
+
+
+class Corpus(Table):
+    """All drives.
+
+    Attributes
+    ----------
+    simulated, recorded : list
+        The cases.
+    """
+
+    simulated: list[SimulatedCase] = Field(default_factory=list)
+    recorded: list[RecordedCase] = Field(default_factory=list)
+
+    @property
+    def cases(self) -> list[SimulatedCase | RecordedCase]:
+        """All of them, in order."""
+        return [*self.simulated, *self.recorded]
+
+
+def load_corpus(path: Path) -> Corpus:
+    """Read a corpus file.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    Corpus
+
+    Raises
+    ------
+    ConfigError
+        No such file, no TOML, unknown or wrong keys, two cases of one name: all of it at once.
+    """
+    corpus = validate(Corpus, read_toml(path), str(path))
+    names = [case.name for case in corpus.cases]
+    if not names:
+        raise ConfigError("the corpus has no cases", where=str(path), fix="give [[simulated]] or [[recorded]] tables")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        refuse([f"{name}: two cases have this name" for name in twice], str(path))
+    for case in corpus.cases:
+        case._folder = path.resolve().parent
+    return corpus
+
+
+def default_corpus() -> Path:
+    """Find the corpus file of the library of profiles.
+
+    Raises
+    ------
+    ConfigError
+        It is not here.
+    """
+    from insnav.simulate.motion.library import library
+
+    profiles = library()
+    path = profiles[0].parent / CORPUS_FILE if profiles else Path(CORPUS_FILE)
+    if not path.is_file():
+        raise ConfigError(
+            "the accuracy corpus is not here",
+            where=str(path),
+            why="it comes with the source of insnav, beside the motion profiles",
+            fix="give it with --corpus",
+        )
+    return path
+
+
+def digest(case: Case, parts: Mapping[str, str]) -> str:
+    """Short digest of a case and of all files behind it: figures of other cases are not comparable.
+
+    Parameters
+    ----------
+    case : Case
+    parts : mapping of str to str
+        Text or digest of the files.
+    """
+    content: dict[str, Any] = case.model_dump(exclude={"seeds", "quick"}, warnings=False)
+    text = "\n".join(f"{key}={value!r}" for key, value in sorted({**content, **parts}.items()))
+    return hashlib.sha256(text.encode()).hexdigest()[:12]

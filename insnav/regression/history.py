@@ -1,0 +1,165 @@
+"""The history (``history.jsonl``): what every version came to, one line each."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.regression.baseline import write_text
+from insnav.regression.compare import Comparison, Verdict
+from insnav.regression.metrics import BY_KEY, METRICS
+from insnav.regression.origin import Origin
+from insnav.regression.run import Result
+from insnav.regression.statistics import interval
+
+HISTORY_FILE = "history.jsonl"
+
+Value = tuple[float, float, float]  # typical, and its 95 % interval
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One version.
+
+    Attributes
+    ----------
+    origin : Origin
+    digests : dict of str to str
+        Of every case and the files behind it.
+    data : dict of str to dict
+        For each recorded case the digests of its files.
+    metrics : dict of str to dict
+        For each case its metrics: typical value and 95 % interval, NaN where not known.
+    verdicts : dict of str to dict
+        For each case the metrics that were better or worse than in the baseline of that time.
+    """
+
+    origin: Origin
+    digests: dict[str, str]
+    data: dict[str, dict[str, str]]
+    metrics: dict[str, dict[str, Value]]
+    verdicts: dict[str, dict[str, Verdict]]
+
+
+def entry(result: Result, comparison: Comparison | None, origin: Origin) -> Entry:
+    """Sum up a run of the whole corpus.
+
+    Parameters
+    ----------
+    result : Result
+    comparison : Comparison or None
+    origin : Origin
+    """
+    metrics = {
+        name: {key: interval(value, BY_KEY[key], pieces=case.pieces) for key, value in case.measured.values.items()}
+        for name, case in result.cases.items()
+        if case.measured is not None
+    }
+    verdicts: dict[str, dict[str, Verdict]] = {}
+    for change in () if comparison is None else comparison.changes:
+        if change.verdict != "same":
+            verdicts.setdefault(change.case, {})[change.metric.key] = change.verdict
+    digests = {name: case.digest for name, case in result.cases.items()}
+    data = {name: case.files for name, case in result.cases.items() if case.files}
+    return Entry(origin, digests, data, metrics, verdicts)
+
+
+def read_history(path: Path) -> list[Entry]:
+    """Read all versions, oldest first.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    list of Entry
+        None if there is no such file.
+
+    Raises
+    ------
+    InputError
+        A line is damaged.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return []
+    except (OSError, ValueError) as error:
+        raise InputError("the history cannot be read", where=str(path), why=str(error)) from None
+    found = []
+    for row, line in enumerate(text.splitlines(), start=1):
+        if not line.strip():
+            continue
+        try:
+            found.append(_entry(json.loads(line)))
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(
+                "a line of the history is damaged",
+                where=f"{path}:{row}",
+                why=f"{type(error).__name__}: {error}",
+                fix="take the file from the last commit",
+            ) from None
+    return found
+
+
+def with_entry(history: list[Entry], new: Entry) -> list[Entry]:
+    """Add a version at the end, or in the place of the same version and commit.
+
+    Parameters
+    ----------
+    history : list of Entry
+    new : Entry
+    """
+    mark = (new.origin.version, new.origin.commit)
+    marks = [(each.origin.version, each.origin.commit) for each in history]
+    if mark not in marks:
+        return [*history, new]
+    return [new if here == mark else each for here, each in zip(marks, history, strict=True)]
+
+
+def write_history(path: Path, history: list[Entry]) -> None:
+    """Write all versions, one a line.
+
+    Parameters
+    ----------
+    path : Path
+    history : list of Entry
+
+    Raises
+    ------
+    OutputError
+        It cannot be written.
+    """
+    lines = []
+    for each in history:
+        content = asdict(each)
+        content["metrics"] = {
+            name: {key: [_short(number) for number in value] for key, value in metrics.items()}
+            for name, metrics in each.metrics.items()
+        }
+        lines.append(json.dumps(content, ensure_ascii=False, separators=(",", ":")))
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def _short(number: float) -> float | None:
+    return float(f"{number:.4g}") if np.isfinite(number) else None
+
+
+def _entry(content: dict[str, Any]) -> Entry:
+    known = {metric.key for metric in METRICS}
+    metrics = {
+        name: {key: _value(value) for key, value in metrics.items() if key in known}
+        for name, metrics in content["metrics"].items()
+    }
+    return Entry(Origin(**content["origin"]), content["digests"], content["data"], metrics, content["verdicts"])
+
+
+def _value(numbers: list[float | None]) -> Value:
+    middle, low, high = (np.nan if number is None else float(number) for number in numbers)
+    return middle, low, high

@@ -1,0 +1,95 @@
+"""The figures of merit: their names, units, and when two values of one are the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from insnav.types import FloatArray
+
+Kind = Literal["size", "ratio", "cpu"]
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """One figure of merit.
+
+    Attributes
+    ----------
+    key : str
+        Its name in files, unit included.
+    label : str
+        Its name in words.
+    unit : str
+    floor : float
+        Smaller values are as good as none [`unit`]: added to every value before ratios are taken, so that rounding
+        on another computer is no change.
+    kind : {"size", "ratio", "cpu"}
+        A size is better the smaller it is, a ratio the nearer to one; CPU time has a rule of its own.
+    """
+
+    key: str
+    label: str
+    unit: str
+    floor: float
+    kind: Kind = "size"
+
+    def scored(self, value: FloatArray) -> FloatArray:
+        """Logarithm of how bad values are: smaller is better.
+
+        Parameters
+        ----------
+        value : (n,) array
+        """
+        if self.kind == "ratio":
+            return np.abs(np.log(np.maximum(value, 1e-6)))
+        return np.log(value + self.floor)
+
+    def typical(self, value: FloatArray) -> float:
+        """Geometric mean of the values known, on which the score is built, of CPU time the median; NaN without any.
+
+        Parameters
+        ----------
+        value : (n,) array
+        """
+        known = value[np.isfinite(value)]
+        if not known.size:
+            return float("nan")
+        if self.kind == "cpu":
+            return float(np.median(known))
+        floor = 1e-6 if self.kind == "ratio" else self.floor
+        return float(max(np.exp(np.mean(np.log(known + floor))) - floor, 0.0))
+
+
+STATISTICS = (("rms", "RMS"), ("p95", "95 %"), ("max", "max"))
+OUTAGES = (30.0, 60.0)  # [s]
+FREE = 60.0  # [s]
+
+
+def _sizes(name: str, words: str, suffix: str, unit: str, floor: float) -> tuple[Metric, ...]:
+    return tuple(Metric(f"{name}_{key}_{suffix}", f"{words}, {text}", unit, floor) for key, text in STATISTICS)
+
+
+METRICS: tuple[Metric, ...] = (
+    *_sizes("north", "north", "m", "m", 1e-3),
+    *_sizes("east", "east", "m", "m", 1e-3),
+    *_sizes("down", "down", "m", "m", 1e-3),
+    Metric("cep50_m", "horizontal, CEP50", "m", 1e-3),
+    *_sizes("velocity", "velocity", "m_s", "m/s", 1e-4),
+    *_sizes("roll_pitch", "roll, pitch", "deg", "deg", 1e-4),
+    *_sizes("heading", "heading", "deg", "deg", 1e-3),
+    Metric("smoothed_horizontal_rms_m", "smoothed, horizontal, RMS", "m", 1e-3),
+    Metric("smoothed_heading_rms_deg", "smoothed, heading, RMS", "deg", 1e-3),
+    *(Metric(f"outage_{t:.0f}s_m", f"{t:.0f} s without GPS", "m", 1e-2) for t in OUTAGES),
+    Metric("free_inertial_60s_m", "free inertial, one minute", "m", 1e-2),
+    Metric("nees_position", "NEES / 3, position", "", 0.0, "ratio"),
+    Metric("nees_velocity", "NEES / 3, velocity", "", 0.0, "ratio"),
+    Metric("nees_attitude", "NEES / 3, attitude", "", 0.0, "ratio"),
+    Metric("nis_position", "NIS / 3, position", "", 0.0, "ratio"),
+    Metric("nis_velocity", "NIS / 3, velocity", "", 0.0, "ratio"),
+    Metric("rejected_fixes", "rejected fixes", "", 1.0),
+    Metric("cpu_ratio", "CPU a sample / calibration loop", "", 0.0, "cpu"),
+)
+BY_KEY = {metric.key: metric for metric in METRICS}

@@ -1,0 +1,231 @@
+"""pyins, a filter, and GTSAM, a batch smoother, on the data of a drive: same start and sensor figures as insnav."""
+
+from __future__ import annotations
+
+import time as clock
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pymap3d
+
+from insnav.attitude import dcm_from_rph
+from insnav.earth import OMEGA_EARTH, gravity_n
+from insnav.imu import ImuSpec
+from insnav.imu.model import SensorSpec, sample_intervals
+from insnav.types import FloatArray, GpsData, ImuData, Trajectory
+from insnav.units import DEG
+
+_WARM = 2.0  # of the drive, to compile by [s]
+_INTEGRATION = 1e-8  # covariance of GTSAM's integration of position, as in its examples [m^2/s]
+_DEGREES = np.array([DEG, DEG, 1.0])
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What a peer is given.
+
+    Attributes
+    ----------
+    imu : ImuData
+        Mean rates and specific forces, stamped at the end.
+    gps : GpsData
+        Fixes after the start, with the standard deviation of each.
+    time : float
+        Of the start [s].
+    lla, v_n, rph : (3,) array
+        Latitude, longitude [rad], height [m]; velocity [m/s]; roll, pitch, heading [rad] at the start.
+    position_sd, velocity_sd, attitude_sd : (3,) array
+        Their standard deviations [m], [m/s], [rad].
+    lever_b : (3,) array
+        Antenna seen from the IMU, body axes [m].
+    spec : ImuSpec
+        Sensor figures.
+    """
+
+    imu: ImuData
+    gps: GpsData
+    time: float
+    lla: FloatArray
+    v_n: FloatArray
+    rph: FloatArray
+    position_sd: FloatArray
+    velocity_sd: FloatArray
+    attitude_sd: FloatArray
+    lever_b: FloatArray
+    spec: ImuSpec
+
+
+@dataclass(frozen=True, slots=True)
+class PeerRun:
+    """What a peer made of it.
+
+    Attributes
+    ----------
+    cpu_s : float
+        CPU time of the filter alone [s].
+    samples : int
+        Filtered.
+    solution : Trajectory
+        Without standard deviations.
+    """
+
+    cpu_s: float
+    samples: int
+    solution: Trajectory
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _bias_sd(sensor: SensorSpec) -> FloatArray:
+    return np.hypot(sensor.bias, sensor.bias_instability)
+
+
+def _bias_walk(sensor: SensorSpec) -> FloatArray:
+    """Driving noise of the Gauss-Markov process of the in-run bias, which the peers take for a random walk."""
+    return np.asarray(sensor.bias_instability * np.sqrt(2.0 / sensor.correlation_time))
+
+
+def _increments(imu: ImuData) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Length of each sampling interval, and angle and velocity increment over it."""
+    step = sample_intervals(imu)
+    scale = 1.0 if imu.sampling == "increment" else step[:, None]
+    return step, imu.gyro * scale, imu.accel * scale
+
+
+def run_pyins(task: Task) -> PeerRun:
+    """Filter with pyins; compiling its integrator, and making its tables, are not counted.
+
+    Parameters
+    ----------
+    task : Task
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what it still uses of pandas is its own affair
+        _pyins(task, task.time + _WARM)
+        return _pyins(task, float("inf"))
+
+
+def _pyins(task: Task, end: float) -> PeerRun:
+    import pandas as pd
+    from pyins import filters, inertial_sensor, measurements, strapdown
+    from pyins.util import ACCEL_COLS, GYRO_COLS, LLA_COLS, RPH_COLS, VEL_COLS
+
+    imu, gps = task.imu, task.gps
+    rows = (imu.time > task.time - 1e-6) & (imu.time < end)  # pyins wants one sample before
+    _, dtheta, dvel = _increments(imu)
+    table = pd.DataFrame(np.hstack([dtheta, dvel])[rows], index=imu.time[rows], columns=GYRO_COLS + ACCEL_COLS)
+    increments = strapdown.compute_increments_from_imu(table, "increment")
+    inside = (gps.time > task.time + 1e-6) & (gps.time <= increments.index[-1])
+    used: list[measurements.Measurement] = []
+    for kind, value, sd, columns in (
+        (measurements.Position, gps.lla / _DEGREES, gps.position_sd, LLA_COLS),
+        (measurements.NedVelocity, gps.v_n, gps.velocity_sd, VEL_COLS),
+    ):
+        known = inside & np.isfinite(value).all(axis=1)
+        if known.any():
+            measured = kind(pd.DataFrame(value[known], index=gps.time[known], columns=columns), 1.0, task.lever_b)
+            measured.R = np.diag(np.mean(sd[known] ** 2, axis=0))  # the constructor takes one figure for all axes
+            used.append(measured)
+    gyro, accel = (
+        inertial_sensor.EstimationModel(_bias_sd(s), s.random_walk, _bias_walk(s), np.diag(s.scale_factor))
+        for s in (task.spec.gyro, task.spec.accel)
+    )
+    start = np.concatenate([task.lla / _DEGREES, task.v_n, task.rph / DEG])
+    pva = pd.Series(start, index=LLA_COLS + VEL_COLS + RPH_COLS, name=task.time)
+    level, heading = _rms(task.attitude_sd[:2]) / DEG, float(task.attitude_sd[2]) / DEG
+    begin = clock.process_time()
+    result = filters.run_feedback_filter(
+        pva, _rms(task.position_sd), _rms(task.velocity_sd), level, heading, increments, gyro, accel, used
+    )
+    cpu = clock.process_time() - begin
+    found = result.trajectory
+    solution = Trajectory(
+        found.index.to_numpy(dtype=np.float64),
+        found[LLA_COLS].to_numpy() * _DEGREES,
+        found[VEL_COLS].to_numpy(),
+        found[RPH_COLS].to_numpy() * DEG,
+    )
+    return PeerRun(cpu, len(increments), solution)
+
+
+def run_gtsam(task: Task) -> PeerRun:
+    """Smooth with GTSAM, in the tangent plane at the start (North, East, Down).
+
+    Preintegrated IMU factors between the fixes, a factor for each position, biases as a walk. Velocities of the fixes
+    are not used: it has no factor for them at a lever arm.
+
+    Parameters
+    ----------
+    task : Task
+
+    Returns
+    -------
+    PeerRun
+        With a row at each fix.
+    """
+    origin = task.lla / _DEGREES
+    inside = (task.gps.time > task.time + 1e-6) & (task.gps.time <= task.imu.time[-1])
+    fixes, sd = task.gps.time[inside], task.gps.position_sd[inside]
+    ned = np.column_stack(pymap3d.geodetic2ned(*(task.gps.lla[inside] / _DEGREES).T, *origin))
+    edges = np.searchsorted(task.imu.time, np.concatenate([[task.time], fixes]) + 1e-6)
+    begin = clock.process_time()
+    states = _gtsam(task, ned, sd, edges)
+    cpu = clock.process_time() - begin
+    position, v_n, rph = (np.array(part) for part in zip(*states, strict=True))
+    lla = np.column_stack(pymap3d.ned2geodetic(*position.T, *origin)) * _DEGREES
+    rph[:, 2] %= 2.0 * np.pi
+    return PeerRun(cpu, int(edges[-1] - edges[0]), Trajectory(fixes, lla, v_n, rph))
+
+
+def _gtsam(task: Task, ned: FloatArray, sd: FloatArray, edges: Any) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Position, velocity and attitude at each fix."""
+    import gtsam
+    from gtsam.symbol_shorthand import B, V, X
+
+    step, dtheta, dvel = _increments(task.imu)
+    gyro, accel = dtheta / step[:, None], dvel / step[:, None]
+    params = gtsam.PreintegrationParams.MakeSharedD(float(gravity_n(task.lla[0], task.lla[2])[2]))
+    params.setGyroscopeCovariance(np.diag(task.spec.gyro.random_walk**2))
+    params.setAccelerometerCovariance(np.diag(task.spec.accel.random_walk**2))
+    params.setIntegrationCovariance(_INTEGRATION * np.eye(3))
+    params.setOmegaCoriolis(OMEGA_EARTH * np.array([np.cos(task.lla[0]), 0.0, -np.sin(task.lla[0])]))
+    sensors = (task.spec.accel, task.spec.gyro)  # in this order
+    bias_sd = np.concatenate([_bias_sd(sensor) for sensor in sensors])
+    walk = np.concatenate([_bias_walk(sensor) for sensor in sensors])
+
+    def noise(sigmas: FloatArray) -> Any:
+        return gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    pose = gtsam.Pose3(gtsam.Rot3(dcm_from_rph(task.rph)), np.zeros(3))
+    state = gtsam.NavState(pose, task.v_n)
+    zero = gtsam.imuBias.ConstantBias()
+    pose_sd = np.concatenate([task.attitude_sd, task.position_sd])
+    graph.add(gtsam.PriorFactorPose3(X(0), state.pose(), noise(pose_sd)))
+    graph.add(gtsam.PriorFactorVector(V(0), state.velocity(), noise(task.velocity_sd)))
+    graph.add(gtsam.PriorFactorConstantBias(B(0), zero, noise(bias_sd)))
+    values.insert(X(0), state.pose())
+    values.insert(V(0), state.velocity())
+    values.insert(B(0), zero)
+    measured = gtsam.PreintegratedImuMeasurements(params, zero)
+    for k in range(len(edges) - 1):
+        measured.resetIntegration()
+        for i in range(edges[k], edges[k + 1]):
+            measured.integrateMeasurement(accel[i], gyro[i], step[i])
+        interval = float(step[edges[k] : edges[k + 1]].sum())
+        graph.add(gtsam.ImuFactor(X(k), V(k), X(k + 1), V(k + 1), B(k), measured))
+        graph.add(gtsam.BetweenFactorConstantBias(B(k), B(k + 1), zero, noise(walk * np.sqrt(interval))))
+        graph.add(gtsam.GPSFactorArm(X(k + 1), ned[k], task.lever_b, noise(sd[k])))
+        state = measured.predict(state, zero)
+        # the fix is the better guess of the position: without it the first linearization is kilometres off
+        state = gtsam.NavState(gtsam.Pose3(state.attitude(), ned[k]), state.velocity())
+        values.insert(X(k + 1), state.pose())
+        values.insert(V(k + 1), state.velocity())
+        values.insert(B(k + 1), zero)
+    found = gtsam.LevenbergMarquardtOptimizer(graph, values, gtsam.LevenbergMarquardtParams()).optimize()
+    poses = [found.atPose3(X(k + 1)) for k in range(len(edges) - 1)]
+    return [(pose.translation(), found.atVector(V(k + 1)), pose.rotation().rpy()) for k, pose in enumerate(poses)]

@@ -1,0 +1,118 @@
+"""History and plots: with one version, and with fifty."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav.exceptions import InputError
+from insnav.regression.baseline import Baseline
+from insnav.regression.compare import compare
+from insnav.regression.history import Entry, entry, read_history, with_entry, write_history
+from insnav.regression.metrics import BY_KEY
+from insnav.regression.origin import origin
+from insnav.regression.peers import PeerRow
+from insnav.regression.run import Result
+from insnav.report.figures.regression import draw_history, fitted
+from insnav.report.figures.style import drawing
+from insnav.report.regression_page import PAGE, SECTION, write_pages
+from tests.regression.conftest import LIBRARY, THEN
+
+
+def versions(result: Result, baseline: Baseline, count: int) -> list[Entry]:
+    """A history in which errors halve, and the heading gets worse for a while from version 30 on."""
+    rng = np.random.default_rng(1)
+    history: list[Entry] = []
+    for k in range(count):
+        cases = {}
+        for name, case in result.cases.items():
+            worse = 1.5 if 30 <= k < 36 else 1.0
+            values = {
+                key: value * (1.0 + np.exp(-k / 8)) * (worse if key == "heading_rms_deg" else 1.0)
+                * np.exp(0.01 * rng.standard_normal(len(value)))
+                for key, value in case.measured.values.items()
+            }  # fmt: skip
+            cases[name] = replace(case, measured=replace(case.measured, values=values))
+        now = replace(result, cases=cases)
+        made = entry(now, compare(now, baseline), replace(THEN, version=f"0.{k // 4}.{k % 4}", commit=f"c{k}"))
+        if k < 20:
+            made.digests["sculling"] = "an older one"
+        if 0 < k < 10:
+            made.metrics.pop("short drive")
+        history = with_entry(history, made)
+    return history
+
+
+@pytest.mark.parametrize("count", [1, 50])
+def test_everything_is_drawn(count: int, result: Result, baseline: Baseline, tmp_path: Path):
+    history = versions(result, baseline, count)
+    peer = PeerRow("sculling", "another", (0.1, 0.2, None), (0.01, 0.02), 12.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        files = write_pages(tmp_path, result, history, baseline, compare(result, baseline), THEN, [peer])
+    assert len([file for file in files if file.suffix == ".png"]) == 9
+    page = (tmp_path / PAGE).read_text()
+    assert page.count("data:image/png;base64,") == 9
+    assert "0.0.9" in page
+    text = (tmp_path / SECTION).read_text()
+    assert "| sculling | another | 0.100 | 0.200 | – |" in text
+    assert THEN.computer in text
+    assert all((tmp_path / name).is_file() for name in ("accuracy_cep50_m.png", "accuracy_growth.png"))
+
+
+def test_fifty_versions_can_be_read(result: Result, baseline: Baseline):
+    history = versions(result, baseline, 50)
+    with drawing():
+        figure = draw_history(history, baseline, BY_KEY["heading_rms_deg"])
+        figure.canvas.draw()
+        for axes in [axes for axes in figure.axes if axes.get_title()]:
+            labels = [label.get_window_extent() for label in axes.get_xticklabels() if label.get_text()]
+            assert 2 <= len(labels) <= 6
+            assert all(a.x1 < b.x0 for a, b in pairwise(labels))
+            begun = [line for line in axes.lines if line.get_marker() == "^"]
+            assert 30 in np.concatenate([line.get_xdata() for line in begun])  # the change is marked where it begins
+            assert 31 not in np.concatenate([line.get_xdata() for line in begun])
+
+
+def test_a_line_a_version_and_commit(result: Result, baseline: Baseline, tmp_path: Path):
+    history = versions(result, baseline, 3)
+    path = tmp_path / "history.jsonl"
+    write_history(path, history)
+    assert len(path.read_text().splitlines()) == 3
+    again = with_entry(read_history(path), replace(history[1], data={"sculling": {"imu.csv": "00"}}))
+    assert [each.origin.commit for each in again] == ["c0", "c1", "c2"]
+    assert again[1].data == {"sculling": {"imu.csv": "00"}}
+    value, low, high = again[0].metrics["sculling"]["velocity_rms_m_s"]
+    assert low < value < high
+    assert value == pytest.approx(history[0].metrics["sculling"]["velocity_rms_m_s"][0], rel=1e-3)
+
+
+def test_a_damaged_line_is_named(tmp_path: Path):
+    (tmp_path / "h.jsonl").write_text('\n{"origin": 3}\n')
+    with pytest.raises(InputError) as error:
+        read_history(tmp_path / "h.jsonl")
+    assert error.value.where.endswith("h.jsonl:2")
+
+
+def test_the_regression_line_is_that_of_least_squares():
+    rng = np.random.default_rng(2)
+    predicted = np.exp(rng.standard_normal(200))
+    actual = 1.3 * predicted**0.8 * np.exp(0.2 * rng.standard_normal(200))
+    line = fitted(predicted, actual)
+    slope, offset = np.polyfit(np.log10(predicted), np.log10(actual), 1)
+    assert (line.slope, line.offset) == pytest.approx((slope, offset))
+    assert line.low < 0.8 < line.high
+    assert line.r2 == pytest.approx(np.corrcoef(np.log(predicted), np.log(actual))[0, 1] ** 2)
+    assert fitted(predicted[:2], actual[:2]) is None
+
+
+def test_where_figures_are_from_is_told():
+    here = origin(LIBRARY)
+    assert here.computer.split(" x ")[0].isdigit()
+    assert here.packages["numpy"]
+    assert here.date.endswith("Z")

@@ -1,0 +1,196 @@
+"""A worse filter is caught and named; noise, another computer and a quick run are not."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav.regression.baseline import BASELINE_FILE, Baseline, read_baseline
+from insnav.regression.compare import Comparison, compare
+from insnav.regression.corpus import Corpus
+from insnav.regression.measure import Measured
+from insnav.regression.run import CaseResult, Result, run_corpus
+from tests.cli.conftest import Cli, cli  # noqa: F401
+from tests.regression.conftest import LIBRARY, NOWHERE, Spoil
+
+REPEATS = 20
+
+
+def only(corpus: Corpus, name: str) -> Corpus:
+    return corpus.model_copy(update={"simulated": [case for case in corpus.simulated if case.name == name]})
+
+
+def altered(result: Result, change) -> Result:
+    """The same with all values changed by a function of metric and values."""
+    cases = {}
+    for name, case in result.cases.items():
+        values = {key: change(key, value) for key, value in case.measured.values.items()}
+        cases[name] = replace(case, measured=replace(case.measured, values=values))
+    return replace(result, cases=cases)
+
+
+def test_the_same_version_is_the_same(result: Result, baseline: Baseline, corpus: Corpus):
+    again = run_corpus(only(corpus, "sculling"), NOWHERE, quick=True)
+    found = compare(again, baseline)
+    assert found.passed
+    assert {change.verdict for change in found.changes} == {"same"}
+    assert len(found.changes) > 25
+    for key, value in again.cases["sculling"].measured.values.items():
+        if key != "cpu_ratio":
+            np.testing.assert_array_equal(value, result.cases["sculling"].measured.values[key])
+
+
+@pytest.mark.parametrize(
+    ("how", "case", "metric"),
+    [
+        ("gyro noise", "short drive", "velocity_rms_m_s"),
+        ("lever arm", "short drive", "velocity_rms_m_s"),
+    ],
+)
+def test_a_worse_filter_is_caught(how: str, case: str, metric: str, corpus: Corpus, baseline: Baseline, spoil: Spoil):
+    spoil(how)
+    found = compare(run_corpus(only(corpus, case), NOWHERE), baseline)
+    print(
+        *(
+            f"{change.metric.key} {change.old:.4g} {change.new:.4g} {change.adjusted:.1e}"
+            for change in sorted(found.changes, key=lambda c: c.shift.p)[:8]
+        )
+    )
+    assert not found.passed
+    assert metric in {change.metric.key for change in found.failing}
+    assert all(change.case == case for change in found.failing)
+
+
+def test_the_command_names_what_is_worse_and_ends_with_1(
+    corpus_file: Path,
+    tmp_path: Path,
+    spoil: Spoil,
+    cli: Cli,  # noqa: F811
+):
+    folder, reports = tmp_path / "trajectories", tmp_path / "reports"
+    shutil.copytree(corpus_file.parent, folder)
+    head, _, sculling, recorded = corpus_file.read_text().split("[[")
+    (folder / "corpus.toml").write_text("[[".join([head, sculling, recorded]))
+    options = ("regress", "--corpus", folder / "corpus.toml", "--workers", 1)
+    first = cli(*options, "--update-baseline", "--plot")
+    assert first.code == 0, first.err
+    assert "no baseline" in first.out
+    assert "skipped: far away" in first.err
+    made = {path.name for path in reports.iterdir()}
+    assert {BASELINE_FILE, "history.jsonl", "accuracy.html", "accuracy.md", "accuracy_growth.png"} <= made
+    before = (reports / BASELINE_FILE).read_bytes()
+    spoil("no sculling")
+    done = cli(*options, "--quick")
+    assert done.code == 1
+    (line,) = (line for line in done.out.splitlines() if line.startswith("FAILS") and "velocity, RMS" in line)
+    assert "sculling" in line
+    assert "->" in line
+    assert "m/s" in line
+    assert "FAILED" in done.out
+    assert (reports / BASELINE_FILE).read_bytes() == before
+
+
+def test_a_quick_run_is_no_baseline(corpus_file: Path, cli: Cli):  # noqa: F811
+    done = cli("regress", "--corpus", corpus_file, "--quick", "--update-baseline")
+    assert done.code == 2
+    assert "--quick" in done.err
+
+
+def test_recorded_drives_that_are_absent_are_skipped_by_name(result: Result):
+    assert set(result.skipped) == {"far away"}
+    assert "not_here" in result.skipped["far away"]
+
+
+def test_rounding_of_another_computer_is_no_change(result: Result, baseline: Baseline):
+    def rounded(key, value):
+        return value * (1.0 + 1e-6) + 1e-9
+
+    found = compare(altered(result, rounded), baseline)
+    assert found.passed
+    assert {change.verdict for change in found.changes} == {"same"}
+
+
+def test_one_drive_that_goes_another_way_is_no_change(result: Result, baseline: Baseline):
+    """As when rounding lets a fix through that was rejected."""
+
+    def one(key, value):
+        return np.where(np.arange(len(value)) == 2, 3.0 * value, value)
+
+    assert compare(altered(result, one), baseline).passed
+
+
+def test_a_small_but_certain_worsening_is_told_and_passes(result: Result, baseline: Baseline):
+    def some(key, value):
+        return value * 1.03 if key == "heading_rms_deg" else value
+
+    found = compare(altered(result, some), baseline)
+    assert found.passed
+    assert {c.metric.key for c in found.changes if c.verdict == "worse"} == {"heading_rms_deg"}
+
+
+def test_better_is_told(result: Result, baseline: Baseline):
+    found = compare(altered(result, lambda key, value: value * 0.8 if key == "outage_30s_m" else value), baseline)
+    assert found.passed
+    assert {c.metric.key for c in found.changes if c.verdict == "better"} == {"outage_30s_m"}
+
+
+@pytest.mark.parametrize(("factor", "passes"), [(2.5, True), (3.5, False), (0.1, True)])
+def test_cpu_time_fails_only_if_hugely_worse(factor: float, passes: bool, result: Result, baseline: Baseline):
+    found = compare(altered(result, lambda key, value: value * factor if key == "cpu_ratio" else value), baseline)
+    assert found.passed is passes
+
+
+@pytest.mark.parametrize(("factor", "passes"), [(0.5, False), (1.5, False), (1.0, True)])
+def test_an_untrue_sd_is_worse_either_way(factor: float, passes: bool, result: Result, baseline: Baseline):
+    def told(key, value):
+        return np.full_like(value, 1.02 * factor) if key == "nees_velocity" else value
+
+    honest = replace(
+        baseline,
+        cases={
+            name: replace(case, values={**case.values, "nees_velocity": np.full(len(case.values["north_rms_m"]), 1.02)})
+            for name, case in baseline.cases.items()
+        },
+    )
+    assert compare(altered(result, told), honest).passed is passes
+
+
+def test_a_drive_that_fails_now_is_named(result: Result, baseline: Baseline):
+    cases = {**result.cases, "sculling": replace(result.cases["sculling"], failures={3: "it diverged"})}
+    found = compare(replace(result, cases=cases), baseline)
+    assert not found.passed
+    assert found.broken == {"sculling": "run 3 fails: it diverged"}
+
+
+def test_another_case_of_the_same_name_is_not_compared(result: Result, baseline: Baseline):
+    cases = {name: replace(case, digest="other") for name, case in result.cases.items()}
+    found = compare(replace(result, cases=cases), baseline)
+    assert not found.changes
+    assert set(found.apart) == set(cases)
+
+
+def test_noise_alone_is_never_called_worse():
+    """Seeds of the committed baseline against other seeds of it, all figures of all cases, many times."""
+    stored = read_baseline(LIBRARY.parent / "reports" / BASELINE_FILE)
+    if stored is None:
+        pytest.skip("there is no baseline yet")
+    cases = {name: case for name, case in stored.cases.items() if not case.pieces}
+    found: list[Comparison] = []
+    for repeat in range(REPEATS):
+        rng = np.random.default_rng(repeat)
+        now, then = {}, {}
+        for name, case in cases.items():
+            order = rng.permutation(len(case.values["north_rms_m"]))
+            halves = order[: len(order) // 2], order[len(order) // 2 :]
+            first, second = ({key: value[half] for key, value in case.values.items()} for half in halves)
+            then[name] = replace(case, values=first)
+            now[name] = CaseResult(case.digest, False, Measured(second, case.growth, np.zeros(0)), {}, {})
+        found.append(compare(Result(now, {}, False), Baseline(stored.origin, then)))
+    smallest = sorted(min(change.adjusted for change in each.changes) for each in found)
+    print(f"{len(found[0].changes)} figures, {REPEATS} repeats: smallest corrected p {smallest[:3]}")
+    assert len(found[0].changes) > 300
+    assert all(each.passed for each in found)
