@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from insnav.strapdown import increments, intervals, navigate
     from insnav.types import GpsData, ImuData, Increments, Run, Trajectory
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOME = {
     "FilterSettings": "insnav.filter",
