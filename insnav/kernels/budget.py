@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from insnav.kernels.dynamics import NAV, system_matrix
+from insnav.kernels.dynamics import NAV, second_order, system_matrix
 from insnav.kernels.mechanization import step
 
 WIDTH = NAV + 1  # a process and what it has done so far
@@ -18,14 +18,8 @@ WIDTH = NAV + 1  # a process and what it has done so far
 def _transition(x, f_n, dt, hold, f, a):  # type: ignore[no-untyped-def]
     """``a = I + F dt + (F dt)^2 / 2``; held vertical errors stay zero."""
     system_matrix(x, f_n, f)
+    second_order(f, dt, a)
     for i in range(NAV):
-        for j in range(NAV):
-            a[i, j] = dt * f[i, j]
-        for k in range(NAV):
-            share = 0.5 * dt * dt * f[i, k]
-            if share != 0.0:
-                for j in range(NAV):
-                    a[i, j] += share * f[k, j]
         a[i, i] += 1.0
     if hold:
         for j in range(NAV):

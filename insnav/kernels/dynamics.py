@@ -77,3 +77,28 @@ def system_matrix(x, f_n, out):  # type: ignore[no-untyped-def]
     out[6, 0], out[8, 0] = ie_n, ie_d + en_d0
     out[6, 2], out[7, 2], out[8, 2] = en_n2, en_e2, en_d2
     out[6, 4], out[7, 3], out[8, 4] = 1.0 / rn, -1.0 / rm, -tan_lat / rn
+
+
+@njit(cache=True)
+def second_order(f, dt, a):  # type: ignore[no-untyped-def]
+    """``a = F dt + (F dt)^2 / 2``: the transition over a step, less the identity.
+
+    All products go row by row: the innermost loop runs along memory, and most of F is zero.
+
+    Parameters
+    ----------
+    f : (9, 9) array
+        From `system_matrix`.
+    dt : float
+        Step [s].
+    a : (9, 9) array
+        Filled.
+    """
+    for i in range(NAV):
+        for j in range(NAV):
+            a[i, j] = dt * f[i, j]
+        for k in range(NAV):
+            share = 0.5 * dt * dt * f[i, k]
+            if share != 0.0:
+                for j in range(NAV):
+                    a[i, j] += share * f[k, j]

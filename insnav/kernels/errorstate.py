@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from insnav.kernels.dynamics import NAV, system_matrix
+from insnav.kernels.dynamics import NAV, second_order, system_matrix
 from insnav.kernels.earth import radii
 from insnav.kernels.mechanization import quaternion_step, step
 
@@ -47,16 +47,7 @@ def _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y, ab):  # type: igno
     inv = 1.0 / dt
     f_n = sums[1:4] * inv
     system_matrix(x, f_n, f)
-    # a = I + F dt + (F dt)^2 / 2
-    # (all products row by row: the innermost loop runs along memory, and most of F is zero)
-    for i in range(NAV):
-        for j in range(NAV):
-            a[i, j] = dt * f[i, j]
-        for k in range(NAV):
-            share = 0.5 * dt * dt * f[i, k]
-            if share != 0.0:
-                for j in range(NAV):
-                    a[i, j] += share * f[k, j]
+    second_order(f, dt, a)
     # g dt: attitude by gyro errors, velocity by accelerometer errors (error = estimate - truth)
     for i in range(NAV):
         for j in range(SENSOR):
