@@ -22,6 +22,7 @@ FEWEST = 100  # fixes needed
 ROUGH = 0.05  # largest error of the integrated velocity between fixes, by the sd of a fix [-]
 CLAIMED = 0.7  # a smaller variance than this part of the claimed one has not been seen whole [-]
 WORTH_CLAIM = 0.3  # what must be missing from the claimed variance before it is taken to last [-]
+MISFIT = 1.3  # so many times that of white errors a claim may miss what is seen [-]
 SHORTEST_CLAIM = 10.0  # shorter correlation times would have been seen [s]
 TOO_MUCH = 3.0  # a larger variance, by the claimed one, is something else than the error of the fixes [-]
 
@@ -113,7 +114,7 @@ def correlated_noise(gps: GpsData, lag: float, *, claimed: bool = True) -> Corre
     seen = TIMES[0] < time <= x[-1] / 5.0 and CLAIMED < total <= TOO_MUCH
     by_claim = not (seen and rest <= 0.8 * white_only and lasting >= 0.05 and lasting >= WORTH * total)
     if by_claim:
-        share, time = _by_claim(x, y, scale) if claimed else (0.0, 0.0)
+        share, time = _by_claim(x, y, scale, white_only) if claimed else (0.0, 0.0)
         if share < WORTH_CLAIM:
             return None
     else:
@@ -129,17 +130,16 @@ def _fit(x: FloatArray, y: FloatArray, scale: FloatArray, time: float) -> tuple[
     return float(rest), time, parts
 
 
-def _by_claim(x: FloatArray, y: FloatArray, scale: FloatArray) -> tuple[float, float]:
+def _by_claim(x: FloatArray, y: FloatArray, scale: FloatArray, white_only: float) -> tuple[float, float]:
     """Share and correlation time of what lasts, if the variance that the fixes claim is right.
 
     A drive that is short by the correlation time shows the white part only. Fixes that scatter less than they claim
-    from one to the next have the rest of their error in common, or are better than they say; the first is believed.
+    from one to the next have the rest of their error in common, or are better than they say. The first is believed,
+    unless white errors of another size fit much better: a long record shows that nothing follows.
     """
     best = np.inf, 0.0, 0.0
     for time in TIMES[TIMES >= SHORTEST_CLAIM]:
         fading = np.exp(-x / time)  # white + (1 - white) (1 - fading) + slope x
-        (white, _), rest = nnls(
-            np.column_stack([fading, x]) * scale[:, None], np.maximum(y - 1.0 + fading, 0.0) * scale
-        )
+        (white, _), rest = nnls(np.column_stack([fading, x]) * scale[:, None], (y - 1.0 + fading) * scale)
         best = min(best, (float(rest), 1.0 - float(white), float(time)))
-    return best[1], best[2]
+    return (best[1], best[2]) if best[0] <= MISFIT * white_only else (0.0, 0.0)

@@ -80,7 +80,7 @@ def chi_square_interval(
     Returns
     -------
     low, high : (k,) array
-        ``value sqrt(degrees / chi^2)`` (NIST SP 1065, section 5.3.1).
+        ``value sqrt(degrees / chi^2)`` (NIST SP 1065, section 5.3).
     """
     tail = 0.5 * (1.0 - confidence)
     low = value * np.sqrt(degrees / chi2.ppf(1.0 - tail, degrees))

@@ -20,7 +20,8 @@ def compared(drive: Path, cli: Cli) -> dict[str, dict]:
         assert cli("run", *QUICK, "--lever-arm", arm, "--out", name).code == 0
     done = cli("compare", "right", "wrong", "--ref", "ref.csv", "--tum", "tum", "--json")
     assert done.code == 0, done.err
-    return {row["run"]: row["accuracy"] for row in json.loads(done.out)}
+    ends = {"filter": "", "smoothed": "-smoothed"}
+    return {row["run"] + ends[row["solution"]]: row["accuracy"] for row in json.loads(done.out)}
 
 
 def test_evo_finds_the_same_errors(compared: dict[str, dict], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

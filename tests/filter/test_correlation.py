@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -65,3 +67,11 @@ def test_a_variance_that_nobody_claims_tells_nothing():
     errors = GpsErrors((0.7, 0.7, 1.4), (1.3, 1.3, 2.6), 100.0, (0.05, 0.05, 0.1))
     assert correlated_noise(corrupt_gps(gps, errors, 1), 0.0) is not None
     assert correlated_noise(corrupt_gps(gps, errors, 1), 0.0, claimed=False) is None
+
+
+def test_a_claim_that_a_long_record_refutes_is_not_believed():
+    gps = drives.perfect_gps(1.0, laps=32)  # forty minutes
+    errors = GpsErrors((0.7, 0.7, 1.4), velocity_noise=(0.05, 0.05, 0.1))
+    for seed in SEEDS:
+        fixes = corrupt_gps(gps, errors, seed)
+        assert correlated_noise(replace(fixes, position_sd=2.5 * fixes.position_sd), 0.0) is None

@@ -167,7 +167,7 @@ def test_memory_does_not_grow_with_the_number_of_runs():
 
 
 PROGRAM = """
-import os, sys, time
+import os, signal, sys, time
 from pathlib import Path
 import numpy as np
 from insnav.simulate.montecarlo import Sample, monte_carlo
@@ -179,6 +179,7 @@ class Endless:
         return Sample(np.zeros(1), np.zeros(1))
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell may start jobs that ignore it
     monte_carlo(Endless(), 10_000, 1, workers=2)
 """
 
@@ -203,7 +204,10 @@ def test_no_worker_is_left_behind(tmp_path, number):
             assert time.monotonic() < give_up, "the workers never began"
             time.sleep(0.05)
         process.send_signal(number)
-        process.wait(60)
+        try:
+            process.wait(60)
+        finally:
+            process.kill()
     while any(working(pid) for pid in pids):
         assert time.monotonic() < give_up, "a worker goes on"
         time.sleep(0.05)

@@ -61,7 +61,8 @@ def beside_known(spec: ImuSpec) -> ImuSpec:
     """What an IMU adds to errors that a filter knows: noise, what is new of the bias, what the filter has no state for.
 
     In-run bias since the start is a random walk that is driven as the Gauss-Markov process of the IMU file is,
-    ``2 sd^2 / T`` (Gelb 1974, section 3.6). Accelerometer misalignment shows in gravity as a bias: counted there.
+    ``2 sd^2 / T`` (Gelb 1974, section 3.6), right for times far below T. Misalignment of accelerometers shows in
+    gravity as a bias, and is counted there.
 
     Parameters
     ----------

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.stats import t as student
 
 from insnav.types import FloatArray
 
@@ -105,11 +106,24 @@ def interval(
     Returns
     -------
     low, high : array
-        Quantiles of the draws; ``NaN`` where there are fewer than `FEWEST` independent windows.
+        ``NaN`` where there are fewer than `FEWEST` independent windows.
+
+    Notes
+    -----
+    Quantiles of the draws are too narrow for few independent windows: they hold with 62 % for four of them. The scatter
+    of the draws' logarithm, with Student's t of as many degrees of freedom as there are independent windows less one,
+    holds with about 90 % for four to sixty.
     """
-    found = statistic(block_weights(start, length))
-    tail = 0.5 * (1.0 - CONFIDENCE)
-    low, high = np.quantile(found, [tail, 1.0 - tail], axis=0)
-    if effective_count(start, length) < FEWEST:
-        return np.full_like(low, np.nan), np.full_like(high, np.nan)
-    return low, high
+    weights = block_weights(start, length)
+    found, middle = statistic(weights), statistic(np.ones((1, weights.shape[1])))[0]
+    count = effective_count(start, length)
+    if count < FEWEST:
+        return np.full_like(middle, np.nan), np.full_like(middle, np.nan)
+    reach = float(student.ppf(0.5 * (1.0 + CONFIDENCE), count - 1.0)) * np.sqrt(count / (count - 1.0))
+    # what may be nothing has no logarithm
+    positive = (found > 0.0).all(axis=0) & (middle > 0.0)
+    size = np.where(positive, found, 1.0)
+    spread = np.exp(reach * np.std(np.log(size), axis=0))
+    wide = reach * np.std(found, axis=0)
+    low = np.where(positive, middle / spread, np.maximum(middle - wide, 0.0))
+    return np.asarray(low), np.asarray(np.where(positive, middle * spread, middle + wide))

@@ -228,7 +228,7 @@ def recorded_budget(
         parts[1] if settings.raw else None,
         spec,
         drive.run.smoothed.solution,
-        (*ready.notes, *_notes(judge, spec, settings, parts[0])),
+        (*ready.notes, *_notes(judge, spec, settings, parts[0], lasting=ready.settings.correlated is not None)),
     )
 
 
@@ -276,13 +276,18 @@ def verdicts(found: Growth, *, one_specimen: bool = False) -> tuple[Verdict, ...
     return tuple(out)
 
 
-def _notes(judge: Judge, spec: ImuSpec, settings: RecordedSettings, part: RecordedPart) -> list[str]:
+def _notes(judge: Judge, spec: ImuSpec, settings: RecordedSettings, part: RecordedPart, *, lasting: bool) -> list[str]:
     """What was assumed, and what is missing, in words."""
     notes = []
     if judge.withheld:
         notes.append(
             "No reference was given: the drive is judged by its own withheld fixes, and errors that they have in "
             "common with those before a window are not seen"
+        )
+    if judge.withheld and lasting:
+        notes.append(
+            "Errors of these fixes last, and are in the start of a window as in what judges it: recorded errors come "
+            "out too small by up to the size of the fixes' own; only the twins make the same mistake"
         )
     if spec.absent:
         notes.append(

@@ -66,9 +66,9 @@ def forward_start(state: FilterState, settings: FilterSettings, lever_b: FloatAr
 def uncalibrated(start: FilterState, model: ErrorModel) -> FilterState:
     """The same start with no sensor error taken off: the sensors as they were turned on.
 
-    The filter's estimates and their errors are uncorrelated, as those of any least-squares estimate are; so the error
-    of taking none off is as large as the turn-on figures say, and goes with position, velocity and attitude as the
-    error of the estimate did.
+    The filter's estimates and their errors are uncorrelated, as those of a least mean-square estimate are if what it
+    was told to begin with is right; so the error of taking none off is as large as the turn-on figures say, and goes
+    with position, velocity and attitude as the error of the estimate did.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def effective(q_nb: FloatArray, lla: FloatArray) -> FloatArray:
     """How errors of a first state show in the growth that follows.
 
     A level vehicle that does not turn: velocity error, effective horizontal acceleration ``g x phi - C db`` and its
-    change ``g x C dw``, for estimate minus truth with ``C_hat = (I - [phi x]) C`` (Groves 2013, section 5.7.3).
+    change ``g x C dw``, for estimate minus truth with ``C_hat = (I - [phi x]) C`` (Groves 2013, section 5.7).
 
     Parameters
     ----------
