@@ -81,7 +81,7 @@ def allan(
         found = static_noise(
             samples,
             wanted,
-            name=f"from {name}",
+            name=f"IMU of {name}",
             source=f"Allan deviation of {name}, {samples.time[-1] - samples.time[0]:.0f} s at rest",
             workers=workers,
             progress=lambda fraction: stage("noise", fraction),

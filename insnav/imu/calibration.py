@@ -180,7 +180,16 @@ def load_calibration(path: str | Path) -> ImuErrors:
         No such file, no TOML, wrong keys or values (all at once), or a matrix that cannot be inverted.
     """
     path = Path(path)
-    file = validate(_CalibrationFile, read_toml(path), str(path))
+    content = read_toml(path)
+    sensors = [table for table in (content.get("gyro"), content.get("accel")) if isinstance(table, dict)]
+    if any("random_walk" in table for table in sensors):
+        raise ConfigError(
+            "this is an IMU file, not a calibration",
+            where=str(path),
+            why="it says how large errors are, not which",
+            fix="give it to --imu; a calibration.toml comes from insnav calibrate",
+        )
+    file = validate(_CalibrationFile, content, str(path))
     if file.gyro is None and file.accel is None:
         raise ConfigError(
             "the file holds no calibration",

@@ -171,7 +171,16 @@ def load_imu(preset_or_path: str) -> ImuSpec:
 
 
 def _load(path: Path) -> ImuSpec:
-    file = validate(_ImuFile, read_toml(path), str(path))
+    content = read_toml(path)
+    sensors = [table for table in (content.get("gyro"), content.get("accel")) if isinstance(table, dict)]
+    if any("matrix" in table or "raw" in table for table in sensors):
+        raise ConfigError(
+            "this is a calibration, not an IMU file",
+            where=str(path),
+            why="it says which errors a sensor has, not how large they may be",
+            fix="give it to --calibration; an imu.toml comes from insnav allan, or from a datasheet",
+        )
+    file = validate(_ImuFile, content, str(path))
     if file.gyro is None and file.accel is None:
         raise ConfigError("the file describes no IMU", where=str(path), fix="it needs the tables [gyro] and [accel]")
     absent: list[str] = []

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from insnav.exceptions import InputError
 from insnav.imu.health import inspect
 from insnav.imu.model import ImuSpec
 from insnav.lab.allan import (
@@ -23,11 +24,12 @@ from insnav.lab.allan import (
 from insnav.lab.noise_model import NoiseModel, evaluated, fit_noise
 from insnav.lab.noise_spec import Floor, floor_of, imu_spec, temperature_correlation, white_of_steps
 from insnav.types import ImuData
-from insnav.units import DEG_PER_SQRT_H, M_S_PER_SQRT_H
+from insnav.units import DEG, DEG_PER_SQRT_H, M_S_PER_SQRT_H
 
 COARSE = 0.5  # steps larger than this part of the scatter of the samples are pointed out
 MISFIT = 0.1  # relative misfit of the variance that is pointed out
 WARMING = 1.0  # [deg C]
+TURNS, PUSHES = 3.0 * DEG, 0.5  # changes of the mean over a second that are motion and no drift [rad/s], [m/s^2]
 FOLLOWS = 0.5  # correlation with temperature that is pointed out
 
 
@@ -89,11 +91,12 @@ def static_noise(
     Raises
     ------
     InputError
-        The record is too short.
+        The record is too short, or not at rest.
     ConfigError
         Averaging times that it does not hold.
     """
     record = even_record(imu)
+    _refuse_motion(record)
     factors = averaging_factors(len(record.values), record.interval, taus)
     allan = allan_deviation(record.values, record.interval, factors, workers)
     # the models are fitted to times of their own: they do not depend on those shown
@@ -111,6 +114,25 @@ def static_noise(
     shown = tuple(None if m is None else evaluated(m, allan, i) for i, m in enumerate(models))
     warnings = (*record.notes, *_of_record(imu, record), *_of_models(tuple(models), floors, record))
     return StaticNoise(record, allan, shown, floors, spec, notes, warnings)
+
+
+def _refuse_motion(record: EvenRecord) -> None:
+    """Refuse what no sensor at rest would show: motion is not noise."""
+    size = max(1, round(1.0 / record.interval))
+    count = len(record.values) // size
+    if count < 2:
+        return
+    seconds = record.values[: count * size].reshape(count, size, -1).mean(axis=1)
+    # single knocks are left to the reader of the figure
+    span = np.quantile(seconds, 0.95, axis=0) - np.quantile(seconds, 0.05, axis=0)
+    moved = [AXES[i] for i in range(len(AXES)) if span[i] > (TURNS if i < 3 else PUSHES)]
+    if moved:
+        raise InputError(
+            "the record is not at rest",
+            why=f"means over a second of {', '.join(moved)} change by up to {span[:3].max() / DEG:.1f} deg/s and "
+            f"{span[3:].max():.2f} m/s^2",
+            fix="give a record at rest, or the part of this one that is with --static FROM:TO",
+        )
 
 
 def _of_record(imu: ImuData, record: EvenRecord) -> list[str]:

@@ -92,6 +92,13 @@ def read_bench(
                 where=table.name,
                 fix=f"write the unit into the header: {item.quantity.name}",
             )
+    if not found:
+        raise InputError(
+            "no column is understood",
+            where=table.name,
+            why=f"the headers are {', '.join(table.headers)}",
+            fix=f"rename them, or name them with --columns; known are {', '.join(item.name for item in schema[:4])}, …",
+        )
     numbers = read_numbers(table, [item.index for item in found.values()])
     if numbers.cut:
         raise InputError("the file is incomplete", where=table.name, why=numbers.cut, fix="save it again")

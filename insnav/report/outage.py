@@ -86,10 +86,7 @@ def outage_sheet(
         Table(
             title,
             ("without GPS [s]", "windows", "RMS", "95 %", "max", "predicted sd"),
-            tuple(
-                (f"{each.length:g}", str(each.count), *(number(v / unit) for v in each.quantities[key]))
-                for each in sums
-            ),
+            tuple((f"{each.length:g}", str(each.count), *_cells(each.quantities[key], unit)) for each in sums),
         )
         for key, title, unit in _ROWS
         if any(each.quantities[key][0] == each.quantities[key][0] for each in sums)
@@ -107,9 +104,14 @@ def outage_sheet(
         (Picture("outages", figure, "Error over the time without GPS"),),
         (
             "Each window starts from the filter as it was at its first epoch, with all fixes before and none within.",
-            "From the RMS the variance that the judge itself states is taken off; quantiles and largest are as they "
-            "are.",
+            "From the RMS the variance that the judge itself states is taken off, '< judge' if nothing is left; "
+            "quantiles and largest are as they are, and against noisy fixes the largest of many is mostly their noise.",
             "The heading is against that of the drive smoothed with all fixes, so it is no independent figure.",
         ),
         tuple(notes),
     )
+
+
+def _cells(values: tuple[float, ...], unit: float) -> list[str]:
+    """RMS, 95 %, largest, predicted."""
+    return ["< judge" if values[0] == 0.0 else number(values[0] / unit), *(number(v / unit) for v in values[1:])]

@@ -21,6 +21,8 @@ from insnav.units import DEG_PER_H
 CALIBRATED, RAW = "calibrated", "sensors as turned on"
 _MRAD = 1e-3
 
+_ENOUGH_TWINS = 10  # whose band is narrow enough to prove something
+
 
 def recorded_tables(budget: RecordedBudget) -> tuple[Table, ...]:
     """Tables of both kinds of windows.
@@ -314,7 +316,8 @@ def _diagnosed(axis: AxisDiagnosis, diagnosis: Diagnosis) -> str:
 def _regressed(part: RecordedPart) -> str:
     line = part.regression
     return (
-        f"Recorded error is {number(line.slope)} times the predicted one ({_interval(line.low, line.high)}), "
+        f"Over all times, the mean size of the error is {number(line.slope)} times that of the prediction "
+        f"({_interval(line.low, line.high)}), "
         f"R² {line.r_squared:.2f}."
     )
 
@@ -325,6 +328,9 @@ def _against_twins(made: Twins) -> str:
         return (
             f"Recorded error after {last:g} s lies in the 95 % band of {count} simulated twins: what is stated of "
             "IMU and fixes describes this recording."
+            if count >= _ENOUGH_TWINS
+            else f"Recorded error after {last:g} s lies in the band of {count} simulated twins, but so few make a band "
+            f"so wide that it proves little: {_ENOUGH_TWINS} or more are needed."
         )
     outside, larger = [], False
     for i, name in enumerate(COMPONENTS[:3]):

@@ -18,6 +18,8 @@ _FIRST_FILE = "report.html"
 _AID_UNITS = {"height": "m", "heading": "rad"}
 _NOTES = 4  # the others are in run.json
 _DIVERGED = "filter.diverged"
+_LATE = 0.02  # an offset of the clocks that matters [s]
+_INSIDE = 0.95  # share inside 3 sd that needs no word
 _MANY = 0.1  # share of rejected fixes that wants an explanation
 
 
@@ -149,7 +151,7 @@ def _fixes(facts: Mapping[str, Any]) -> list[str]:
     if not lines:
         lines += _entry("fixes", "none")
     if fixes["delay_s"] or fixes["delay_sd_s"]:
-        lines += _entry("", f"delay {fixes['delay_s']:.3f} ± {fixes['delay_sd_s']:.3f} s")
+        lines += _entry("", f"delay {fixes['delay_s']:.3f} ± {fixes['delay_sd_s']:.3f} s{_clock(fixes)}", 2)
     if any(fixes.get("lever_arm_sd_m", ())):
         lines += _entry(
             "",
@@ -222,13 +224,37 @@ def _notes(facts: Mapping[str, Any], room: int) -> list[str]:
     texts = [plain_text(text) for text in facts["warnings"]]
     if facts["events"].get(_DIVERGED):  # said last, and matters most
         texts = [*texts[-1:], *texts[:-1]]
-    texts = [*_many_rejected(facts["fixes"]), *texts]
+    texts = [*_many_rejected(facts["fixes"]), *_too_sure(facts), *texts]
     shown = texts[:_NOTES]
     rows = 2 if 2 * len(shown) < room else 1
     lines = [line for text in shown for line in _entry("note", text, rows)]
     if len(texts) > len(shown):
         lines += _entry("", f"{len(texts) - len(shown)} more notes in run.json")
     return lines[: max(room, 0)]
+
+
+def _clock(fixes: Mapping[str, Any]) -> str:
+    """Say on whose clock the solution is, where that makes a difference."""
+    delay, sd = fixes["delay_s"], fixes["delay_sd_s"]
+    if sd == 0.0 or abs(delay) < max(_LATE, 3.0 * sd):
+        return ""
+    return (
+        "; laid to the clock of the IMU: the solution is in the time of the fixes. If the receiver is late instead, "
+        f"give --gps-delay {delay:.3f}"
+    )
+
+
+def _too_sure(facts: Mapping[str, Any]) -> list[str]:
+    """Say so if the reference is outside 3 sd much more often than it should be."""
+    found = []
+    for name, part in (("", facts.get("accuracy")), ("smoothed ", (facts.get("smoothed") or {}).get("accuracy"))):
+        position = ((part or {}).get("consistency") or {}).get("position")
+        if position and position["inside_3_sd"] < _INSIDE:
+            found.append(
+                f"{name}position is outside 3 sd at {100.0 * (1.0 - position['inside_3_sd']):.0f} % of the epochs: "
+                "fixes whose errors last, figures of IMU or fixes that are too good, or errors of the reference"
+            )
+    return found[:1]
 
 
 def _many_rejected(fixes: Mapping[str, Any]) -> list[str]:

@@ -105,8 +105,30 @@ def simulate_recording(
         lever_b = np.zeros(3)
         fixes = gps_from_truth(truth, times(truth, IDEAL_GPS_RATE)[1:], lever_b)
     for fault in faults:
+        before = samples, fixes
         samples, fixes = fault.apply(samples, fixes, truth.start)
+        if _same(before[0], samples) and _same(before[1], fixes):
+            raise ConfigError(
+                f"the fault {fault.verb} changes nothing",
+                where="--fault",
+                why=f"it begins {fault.begin:g} s after the start; the motion lasts {truth.duration:.1f} s, and what "
+                "it acts on may not be measured then",
+                fix="choose a time within the motion",
+            )
     return Recording(samples, fixes, reference(truth, times(truth, REFERENCE_RATE)), specimen, lever_b)
+
+
+def _same(one: ImuData | GpsData, other: ImuData | GpsData) -> bool:
+    """Whether two records hold the same numbers."""
+    if one is other:
+        return True
+    return all(_equal(getattr(one, name), getattr(other, name)) for name in type(one).__slots__)
+
+
+def _equal(one: object, other: object) -> bool:
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+    return bool(one is other or (not isinstance(one, np.ndarray) and one == other))
 
 
 def perfect_imu(truth: Truth, rate: float = 100.0, sampling: Sampling = "mean") -> ImuData:

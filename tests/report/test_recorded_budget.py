@@ -34,7 +34,7 @@ def budget() -> RecordedBudget:
 def with_twins(budget: RecordedBudget, factor: float) -> RecordedBudget:
     part = budget.calibrated
     recorded = part.growth.judged_rms
-    rms = recorded * factor * np.array([0.8, 0.9, 1.0, 1.1, 1.2])[:, None, None]
+    rms = recorded * factor * np.linspace(0.8, 1.2, 11)[:, None, None]
     made = Twins(
         part.growth.times,
         rms,
@@ -78,7 +78,7 @@ def test_sentences_explain(budget: RecordedBudget):
     assert "explained" in text
     assert "of tilt or" in text
     assert "bias and tilt cannot be told apart in a straight window" in text
-    assert "times the predicted one" in text
+    assert "times that of the prediction" in text
     assert "do not overlap" in text
 
 

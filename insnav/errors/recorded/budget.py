@@ -284,6 +284,16 @@ def _notes(judge: Judge, spec: ImuSpec, settings: RecordedSettings, part: Record
             "No reference was given: the drive is judged by its own withheld fixes, and errors that they have in "
             "common with those before a window are not seen"
         )
+    short = [
+        f"{name} {sensor.correlation_time:.3g} s"
+        for name, sensor in (("gyro", spec.gyro), ("accel", spec.accel))
+        if np.any(sensor.bias_instability) and sensor.correlation_time < 5.0 * settings.length
+    ]
+    if short:
+        notes.append(
+            f"In-run bias changes within a window (correlation time {', '.join(short)}): columns analytic, covariance "
+            "and simulated count it as a random walk, which is too much; that of the filter is right"
+        )
     if judge.withheld and lasting:
         notes.append(
             "Errors of these fixes last, and are in the start of a window as in what judges it: recorded errors come "
