@@ -12,7 +12,7 @@ from insnav.report.accuracy_table import STATISTICS, accuracy_rows
 from insnav.report.labels import number
 
 WIDTH = 100
-LINES = 40
+LINES = 46
 _MARGIN = 12
 _FIRST_FILE = "report.html"
 _AID_UNITS = {"height": "m", "heading": "rad"}

@@ -27,7 +27,7 @@ def test_the_summary_says_what_matters(drive: Path, cli: Cli):
     shown = cli("run", *WITH_REFERENCE)
     assert shown.code == 0, shown.err
     lines = shown.out.splitlines()
-    assert len(lines) <= 40
+    assert len(lines) <= 46
     assert max(map(len, lines)) <= 100
     names = [line[:12].strip() for line in lines if line[0] != " "]
     assert names[:4] == ["imu", "gps", "reference", "alignment"]
