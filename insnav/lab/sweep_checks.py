@@ -18,6 +18,7 @@ FEWEST_FOR_MAP = 12  # with fewer no pieces are sought
 MOST_CROSSED = 0.3  # of the rate about another axis, over that about its own
 FLAT = 0.5  # of its usual slope: a gyro that grows less with the rate is saturated
 _SURE = 4.0  # standard deviations
+_AT_STOP = 0.05  # of its usual growth: an output that grows less stands at its stop
 
 
 def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[str, ...]:
@@ -112,6 +113,14 @@ def saturated(rate: FloatArray, output: FloatArray, sd: FloatArray) -> tuple[Boo
         if ends.size == 0:
             continue
         first = float(ends.min())
+        # the rate before it may stand at the stop already, on the way to which the output still grew
+        at = int(np.flatnonzero(different == sense * first)[0])
+        before = at - int(sense)
+        if abs(mean[at] - mean[before]) < max(
+            _AT_STOP * abs(usual * (different[at] - different[before])),
+            _SURE * float(np.hypot(noise[at], noise[before])),
+        ):
+            first = sense * float(different[before])
         lost |= sense * rate >= first
         for value in different[sense * different >= first]:
             short = float(mean[different == value][0] - _extended(different, mean, sense * first, sense, float(value)))
