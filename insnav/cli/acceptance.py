@@ -10,7 +10,7 @@ import typer
 from insnav.cli import options as opt
 from insnav.cli import parse
 from insnav.cli.calibrate import common
-from insnav.cli.console import Stages, note, result
+from insnav.cli.console import Stages, note, result_sheet
 
 SHORT_HELP = "Acceptance figures from the bench: scale factor, bias, stability, repeatability."
 HELP = """Acceptance figures from the bench: scale factor, bias, stability, repeatability.
@@ -59,16 +59,14 @@ def acceptance(
         str, typer.Option(metavar="S,S,…", help="Averaging times of the bias stability, s.", rich_help_panel=METHOD)
     ] = "1,10,100",
     spike_limit: common.SpikeLimit = None,
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)] = Path(
-        "acceptance"
-    ),
+    out: opt.Out = Path("acceptance"),
     force: opt.Force = False,
     as_json: opt.Json = False,
 ) -> None:
     """Work out acceptance figures."""
     from insnav.cli import inputs
     from insnav.exceptions import ConfigError
-    from insnav.io.folder import FACTS_FILE, RunFolder
+    from insnav.io.folder import RunFolder
 
     if not (rates or positions or static or powerups):
         raise ConfigError(
@@ -92,14 +90,11 @@ def acceptance(
         found = lab.acceptance(steps, rest, several, times)
         stage("writing")
         from insnav.report.acceptance import acceptance_report
-        from insnav.report.sheet import sheet_text, write_sheet
+        from insnav.report.sheet import write_sheet
 
         files = [*steps, *([rest] if rest else []), *several]
         sheet, facts = acceptance_report(found, files)
         for text in sheet.warnings:
             note(text)
         where = write_sheet(folder, sheet, facts)
-    if as_json:
-        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
-    else:
-        result(f"{sheet_text(sheet)}\n\nfiles       {out}: report.html, figures, run.json")
+    result_sheet(where, sheet, out, as_json=as_json)

@@ -9,7 +9,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, note_more, result
+from insnav.cli.console import Stages, note, note_more, result, result_facts
 
 SHORT_HELP = "Initial attitude from a record at rest, with its uncertainty."
 HELP = """Initial attitude from a record at rest, with its uncertainty.
@@ -46,9 +46,7 @@ def align(
         float | None,
         typer.Option(metavar="DEG", help="Heading if known, good to 2 deg. [gyrocompass]", rich_help_panel=opt.START),
     ] = None,
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)] = Path(
-        "alignment"
-    ),
+    out: opt.Out = Path("alignment"),
     force: opt.Force = False,
     as_json: opt.Json = False,
 ) -> None:
@@ -57,7 +55,7 @@ def align(
 
     from insnav.cli import inputs
     from insnav.exceptions import AlignmentError, ConfigError
-    from insnav.io.folder import FACTS_FILE, RunFolder
+    from insnav.io.folder import RunFolder
 
     if not -90.0 <= lat <= 90.0:
         raise ConfigError(f"{lat:g} is not a latitude", where="--lat", fix="give degrees, north positive")
@@ -74,7 +72,7 @@ def align(
 
         reading = inputs.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp, calibration)
         inputs.say_reading(reading.facts)
-        samples = inputs.calibrated(reading.data, calibration)
+        samples = reading.data
         stage("aligning")
         rest = span or find_rest(intervals(samples))
         if rest is None:
@@ -95,6 +93,6 @@ def align(
         stage("writing")
         where = folder.commit(facts)
     if as_json:
-        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
+        result_facts(where)
     else:
         result("\n".join([*alignment_lines(facts), f"{'files':<12}{out}: run.json"]))

@@ -9,7 +9,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, result
+from insnav.cli.console import Stages, note, result_sheet
 
 SHORT_HELP = "Noise of an IMU from a record at rest: Allan deviation and imu.toml."
 HELP = """Noise of an IMU from a record at rest: Allan deviation and imu.toml.
@@ -48,26 +48,23 @@ def allan(
     workers: Annotated[
         int | None, typer.Option(metavar="N", help="Threads. [processors]", rich_help_panel=opt.RESULT)
     ] = None,
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)] = Path(
-        "allan"
-    ),
+    out: opt.Out = Path("allan"),
     force: opt.Force = False,
     as_json: opt.Json = False,
 ) -> None:
     """Analyse the noise of a static record."""
     from insnav.cli import inputs
-    from insnav.exceptions import ConfigError
-    from insnav.io.folder import FACTS_FILE, RunFolder
+    from insnav.io.folder import RunFolder
 
-    if workers is not None and workers < 1:
-        raise ConfigError(f"{workers} threads cannot work", where="--workers", fix="give 1 or more")
+    if workers is not None:
+        parse.at_least_one(workers, "--workers", "threads")
     wanted: Any = taus if taus in ("log", "octave") else parse.positive_numbers(taus, "--taus", "0.1,1,10")
     span = parse.span(static, "--static") if static else None
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
-        reading = inputs.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp)
+        reading = inputs.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp, calibration)
         inputs.say_reading(reading.facts)
-        samples = inputs.calibrated(reading.data, calibration)
+        samples = reading.data
         from insnav.lab.allan import between
 
         samples = between(samples, *span) if span else samples
@@ -75,7 +72,7 @@ def allan(
         from insnav.imu import to_toml
         from insnav.lab.static_noise import static_noise
         from insnav.report.lab_noise import deviations_csv, noise_facts, noise_sheet
-        from insnav.report.sheet import sheet_text, write_sheet
+        from insnav.report.sheet import write_sheet
 
         name = Path(reading.facts.path).name
         found = static_noise(
@@ -92,7 +89,4 @@ def allan(
         sheet = noise_sheet(found, name)
         texts = {IMU_TOML: to_toml(found.spec), "allan.csv": deviations_csv(found)}
         where = write_sheet(folder, sheet, noise_facts(found, reading.facts.as_dict()), texts)
-    if as_json:
-        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
-    else:
-        result(f"{sheet_text(sheet)}\n\nfiles       {out}: imu.toml, allan.csv, report.html, figures, run.json")
+    result_sheet(where, sheet, out, as_json=as_json, more=texts)

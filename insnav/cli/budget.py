@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
 from insnav.cli.budget_recorded import REFERENCE_SD, RecordedOptions, StartFrom, recorded
-from insnav.cli.console import Stages, note, note_more, result
+from insnav.cli.console import Stages, note, note_more, result, result_facts
 
 if TYPE_CHECKING:
     from insnav.errors.budget import SampledMotion, Source
@@ -167,16 +167,14 @@ def budget(
     seed: Annotated[
         int, typer.Option(metavar="N", min=0, help="Of everything random.", rich_help_panel=opt.RESULT)
     ] = 1,
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)] = Path(
-        "budget"
-    ),
+    out: opt.Out = Path("budget"),
     force: opt.Force = False,
     as_json: opt.Json = False,
 ) -> None:
     """Draw up a budget."""
-    configuration = _configuration(locals())
+    configuration = parse.configuration(locals())
     from insnav.exceptions import ConfigError
-    from insnav.io.folder import FACTS_FILE, RunFolder
+    from insnav.io.folder import RunFolder
     from insnav.units import UNITS
 
     if drive is not None and (profile is not None or begin is not None):
@@ -205,32 +203,32 @@ def budget(
 
             windows = recorded(
                 RecordedOptions(
-                    drive,
-                    gps,
-                    ref,
-                    imu,
-                    calibration,
-                    imu_axes,
-                    imu_units,
-                    columns,
-                    imu_sampling,
-                    imu_stamp,
-                    lever_arm,
-                    lever_arm_sd,
-                    gps_height,
-                    gps_delay,
-                    gps_columns,
-                    ref_lever_arm,
-                    ref_columns,
-                    ref_sd,
-                    max(wanted),
-                    first,
-                    spacing,
-                    start,
-                    raw,
-                    twins,
-                    seed,
-                    workers,
+                    imu_file=drive,
+                    gps=gps,
+                    ref=ref,
+                    imu=imu,
+                    calibration=calibration,
+                    imu_axes=imu_axes,
+                    imu_units=imu_units,
+                    columns=columns,
+                    imu_sampling=imu_sampling,
+                    imu_stamp=imu_stamp,
+                    lever_arm=lever_arm,
+                    lever_arm_sd=lever_arm_sd,
+                    gps_height=gps_height,
+                    gps_delay=gps_delay,
+                    gps_columns=gps_columns,
+                    ref_lever_arm=ref_lever_arm,
+                    ref_columns=ref_columns,
+                    ref_sd=ref_sd,
+                    window=max(wanted),
+                    first=first,
+                    spacing=spacing,
+                    start=start,
+                    raw=raw,
+                    twins=twins,
+                    seed=seed,
+                    workers=workers,
                 ),
                 stage,
             )
@@ -267,7 +265,7 @@ def budget(
             configuration["input"] = windows.readings
         where, sheet = write_budget(folder, found, configuration, None if windows is None else windows.budget)
     if as_json:
-        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
+        result_facts(where)
     else:
         shown = replace(sheet, tables=sheet.tables[: 2 if windows is None else -2])
         result(f"{sheet_text(shown)}\n\nfiles       {out}: report.html, budget.pdf, figures/budget.png, run.json")
@@ -292,8 +290,3 @@ def _motion(profile: str | None, begin: float | None, duration: float, seed: int
     start = first_movement(truth) if begin is None else begin
     words = f"{chosen.name}, from {start:g} s on ({chosen.purpose.rstrip('.')})"
     return sampled(truth, start, duration, words)
-
-
-def _configuration(options: dict[str, Any]) -> dict[str, Any]:
-    kept = {name: value for name, value in options.items() if name not in ("out", "force", "as_json", "workers")}
-    return {name: str(value) if isinstance(value, Path | StrEnum) else value for name, value in kept.items()}

@@ -113,7 +113,6 @@ def recorded(options: RecordedOptions, stage: Callable[..., None]) -> RecordedRe
     import numpy as np
 
     from insnav.cli import inputs
-    from insnav.exceptions import ConfigError
     from insnav.filter import FilterSettings
     from insnav.filter.recording import DELAY_SD
 
@@ -122,8 +121,7 @@ def recorded(options: RecordedOptions, stage: Callable[..., None]) -> RecordedRe
     for value, name in ((options.window, "--window"), (options.first, "--first"), (options.spacing, "--spacing")):
         if value is not None:
             parse.finite(value, name, largest=1e5)
-    if options.workers < 1:
-        raise ConfigError(f"{options.workers} processes cannot work", where="--workers", fix="give 1 or more")
+    parse.at_least_one(options.workers, "--workers", "processes")
     known_sd = parse.positive_numbers(options.ref_sd, "--ref-sd", "0.05,0.02")
     inputs.one_standard_input(imu_file=options.imu_file, gps=options.gps, ref=options.ref)
     told = inputs.chosen_imu(options.imu)
@@ -142,6 +140,7 @@ def recorded(options: RecordedOptions, stage: Callable[..., None]) -> RecordedRe
         options.imu_units,
         options.imu_sampling,
         options.imu_stamp,
+        options.calibration,
     )
     facts = {
         name: each.facts
@@ -150,7 +149,7 @@ def recorded(options: RecordedOptions, stage: Callable[..., None]) -> RecordedRe
     }
     for each in facts.values():
         inputs.say_reading(each)
-    samples = inputs.calibrated(reading.data, options.calibration)
+    samples = reading.data
     if fixes is not None:
         check_overlap(reading.data, fixes.data)
         complete, assumed = with_sd(fixes.data)

@@ -10,7 +10,7 @@ import typer
 from insnav.cli import options as opt
 from insnav.cli import parse
 from insnav.cli.calibrate import common
-from insnav.cli.console import Stages, note, result
+from insnav.cli.console import Stages, note, result_sheet
 
 SHORT_HELP = "Drift of MEMS gyros: model, Kalman smoothing, and what both do to the noise."
 HELP = """Drift of MEMS gyros: model, Kalman smoothing, and what both do to the noise.
@@ -37,15 +37,13 @@ Examples:
 def drift(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Record of the bench.", rich_help_panel=opt.FILES)],
     columns: common.Columns = None,
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)] = Path(
-        "drift"
-    ),
+    out: opt.Out = Path("drift"),
     force: opt.Force = False,
     as_json: opt.Json = False,
 ) -> None:
     """Study the drift of gyros."""
     from insnav.cli import inputs
-    from insnav.io.folder import FACTS_FILE, RunFolder
+    from insnav.io.folder import RunFolder
 
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
@@ -60,15 +58,11 @@ def drift(
         stage("writing")
         from insnav.imu import calibration_to_toml
         from insnav.report.drift import drift_report, rates_csv
-        from insnav.report.sheet import sheet_text, write_sheet
+        from insnav.report.sheet import write_sheet
 
         sheet, facts = drift_report(found, table)
         for text in sheet.warnings:
             note(text)
         texts = {"calibration.toml": calibration_to_toml(found.errors), "rates.csv": rates_csv(found)}
         where = write_sheet(folder, sheet, facts, texts)
-    if as_json:
-        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
-    else:
-        names = "calibration.toml, rates.csv, report.html, figures, run.json"
-        result(f"{sheet_text(sheet)}\n\nfiles       {out}: {names}")
+    result_sheet(where, sheet, out, as_json=as_json, more=texts)

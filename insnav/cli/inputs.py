@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,16 +49,19 @@ def read_samples(
     units: str | None,
     sampling: SamplingChoice | None,
     stamp: StampChoice | None,
-    calibration: Path | None = None,
+    calibration: Path | None,
 ) -> Reading[ImuData]:
-    """Read the IMU file with the options every command shares; volts and counts by the lines of the calibration."""
-    from insnav.imu import load_calibration
+    """Read the IMU file with the options every command shares, and take known errors off.
+
+    Volts and counts become rates and specific forces by the lines of the calibration.
+    """
+    from insnav.imu import correct, load_calibration
     from insnav.io import read_imu
 
     known = None if calibration is None else load_calibration(calibration)
     scales = {} if known is None else {"gyro": known.gyro_raw, "accel": known.accel_raw}
     with named_options():
-        return read_imu(
+        reading = read_imu(
             path,
             axes=axes,
             columns=parse.columns(columns, "--columns"),
@@ -66,6 +70,7 @@ def read_samples(
             stamp=stamp.value if stamp else None,
             raw_scales={triad: scale for triad, scale in scales.items() if scale is not None},
         )
+    return reading if known is None else replace(reading, data=correct(reading.data, known))
 
 
 def read_fixes(path: Path, columns: str | None, height: str | None) -> Reading[GpsData]:
@@ -117,15 +122,6 @@ def _renamed(columns: Mapping[str, str]) -> str:
         for name, header in headers.items()
         if name != header and not name.startswith(f"{header}_")
     )
-
-
-def calibrated(imu: ImuData, calibration: Path | None) -> ImuData:
-    """Take known errors off the data."""
-    if calibration is None:
-        return imu
-    from insnav.imu import correct, load_calibration
-
-    return correct(imu, load_calibration(calibration))
 
 
 def chosen_imu(choice: str | None) -> tuple[ImuSpec, str] | None:

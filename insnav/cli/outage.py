@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,7 +9,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, note_more, result
+from insnav.cli.console import Stages, note, note_more, result_sheet
 
 SHORT_HELP = "How the error grows without GPS: fixes withheld in windows all over a drive."
 HELP = """How the error grows without GPS.
@@ -73,20 +72,17 @@ def outage(
         typer.Option(metavar="S", help="From one window to the next, s. [so that 60 fit]", rich_help_panel=opt.START),
     ] = None,
     workers: Annotated[int, typer.Option(metavar="N", help="Processes.", rich_help_panel=opt.RESULT)] = 2,
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)] = Path(
-        "outage"
-    ),
+    out: opt.Out = Path("outage"),
     force: opt.Force = False,
     as_json: opt.Json = False,
 ) -> None:
     """Withhold fixes and see."""
-    configuration = _configuration(locals())
+    configuration = parse.configuration(locals())
 
     import numpy as np
 
     from insnav.cli import inputs
-    from insnav.exceptions import ConfigError
-    from insnav.io.folder import FACTS_FILE, RunFolder
+    from insnav.io.folder import RunFolder
 
     lever_b = parse.vector(lever_arm, "--lever-arm") if lever_arm else np.zeros(3)
     delay = None if gps_delay is None else parse.finite(gps_delay, "--gps-delay", largest=10.0)
@@ -94,8 +90,7 @@ def outage(
     for value, option in ((first, "--first"), (spacing, "--spacing")):
         if value is not None:
             parse.finite(value, option, largest=1e5)
-    if workers < 1:
-        raise ConfigError(f"{workers} processes cannot work", where="--workers", fix="give 1 or more")
+    parse.at_least_one(workers, "--workers", "processes")
     inputs.one_standard_input(imu_file=imu_file, gps=gps, ref=ref)
     told = inputs.chosen_imu(imu)
     with RunFolder(out, force=force) as folder, Stages() as stage:
@@ -113,7 +108,7 @@ def outage(
             if each is not None:
                 inputs.say_reading(each)
         check_overlap(reading.data, fixes.data)
-        samples = inputs.calibrated(reading.data, calibration)
+        samples = reading.data
         stage("aligning")
         complete, assumed = with_sd(fixes.data)
         spec, said = told or inputs.imu_from_rest(samples, first_rest(samples, complete))
@@ -142,7 +137,7 @@ def outage(
         )
         stage("writing")
         from insnav.report.outage import outage_facts, outage_sheet
-        from insnav.report.sheet import sheet_text, write_sheet
+        from insnav.report.sheet import write_sheet
 
         sums = growth(windows)
         judge = f"the positions of {Path(better.facts.path).name}" if better else "the withheld fixes"
@@ -151,10 +146,7 @@ def outage(
         readings = {"imu": reading.facts.as_dict(), "gps": fixes.facts.as_dict()}
         facts = outage_facts(sums, readings, configuration, notes)
         where = write_sheet(folder, sheet, facts)
-    if as_json:
-        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
-    else:
-        result(f"{sheet_text(sheet)}\n\nfiles       {out}: report.html, figures, run.json")
+    result_sheet(where, sheet, out, as_json=as_json)
 
 
 def _fixed(gps: Any) -> Any:
@@ -167,8 +159,3 @@ def _fixed(gps: Any) -> Any:
     return GpsData(
         gps.time[good], gps.lla[good], gps.v_n[good], gps.position_sd[good], gps.velocity_sd[good], gps.fix[good]
     )
-
-
-def _configuration(options: dict[str, Any]) -> dict[str, Any]:
-    kept = {name: value for name, value in options.items() if name not in ("out", "force", "as_json", "workers")}
-    return {name: str(value) if isinstance(value, Path | StrEnum) else value for name, value in kept.items()}

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from insnav.exceptions import ConfigError
 
@@ -150,3 +151,15 @@ def start(path: Path) -> Start:
         values["sd_velocity_m_s"],
         values["sd_attitude_deg"] * deg,
     )
+
+
+def configuration(options: dict[str, Any]) -> dict[str, Any]:
+    """Options as the user gave them, for run.json; those that do not change its content are left out."""
+    kept = {name: value for name, value in options.items() if name not in ("out", "force", "as_json", "workers")}
+    return {name: str(value) if isinstance(value, Path | StrEnum) else value for name, value in kept.items()}
+
+
+def at_least_one(count: int, option: str, what: str) -> None:
+    """Check how many processes or threads are to work."""
+    if count < 1:
+        raise ConfigError(f"{count} {what} cannot work", where=option, fix="give 1 or more")

@@ -5,13 +5,13 @@ from __future__ import annotations
 from enum import StrEnum
 from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, result
+from insnav.cli.console import Stages, note, result, result_facts
 
 if TYPE_CHECKING:
     from insnav.gimbal import PlatformErrors
@@ -155,18 +155,16 @@ def platform(
     rate: Annotated[
         str, typer.Option(metavar="HZ", help="Rows per second of the solution, or full.", rich_help_panel=opt.RESULT)
     ] = "10",
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)] = Path(
-        "platform"
-    ),
+    out: opt.Out = Path("platform"),
     force: opt.Force = False,
     as_json: opt.Json = False,
 ) -> None:
     """Integrate the specific force on a platform."""
-    configuration = _configuration(locals())
+    configuration = parse.configuration(locals())
 
     from insnav.cli import inputs
     from insnav.exceptions import ConfigError
-    from insnav.io.folder import FACTS_FILE, RunFolder
+    from insnav.io.folder import RunFolder
 
     if demo:
         defaults = signature(platform).parameters
@@ -262,7 +260,7 @@ def platform(
             write_kml(folder.directory, study.run.solution, name)
             where, text = write_sheet(folder, sheet, facts), sheet_text(sheet)
     if as_json:
-        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
+        result_facts(where)
     else:
         files = (
             "report.html, figures, run.json" if demo else "report.html, solution.csv, torquing.csv, figures, run.json"
@@ -329,8 +327,3 @@ def _heights(given: Heights, time: FloatArray) -> FloatArray:
             fix="give heights for the whole record, in the same time",
         )
     return np.interp(time, given.time, given.height)
-
-
-def _configuration(options: dict[str, Any]) -> dict[str, Any]:
-    kept = {name: value for name, value in options.items() if name not in ("out", "force", "as_json")}
-    return {name: str(value) if isinstance(value, Path | StrEnum) else value for name, value in kept.items()}

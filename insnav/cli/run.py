@@ -11,7 +11,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, error_block, note, note_more, result
+from insnav.cli.console import Stages, error_block, note, note_more, result, result_facts
 
 if TYPE_CHECKING:
     from insnav.filter.recording import Navigated
@@ -151,13 +151,13 @@ def run(
     as_json: opt.Json = False,
 ) -> None:
     """Navigate a recorded drive."""
-    configuration = _configuration(locals())
+    configuration = parse.configuration(locals())
 
     import numpy as np
 
     from insnav.cli import inputs
     from insnav.exceptions import ConfigError
-    from insnav.io.folder import FACTS_FILE, RunFolder, read_facts
+    from insnav.io.folder import RunFolder, read_facts
 
     if states not in (15, 21):
         raise ConfigError(f"{states} states are not to be had", where="--states", fix="use 21 or 15")
@@ -189,7 +189,7 @@ def run(
             if each is not None:
                 inputs.say_reading(each)
         check_overlap(reading.data, fixes.data)
-        samples = inputs.calibrated(reading.data, calibration)
+        samples = reading.data
         stage("aligning")
         complete, assumed = with_sd(fixes.data)  # here and not twice below: it looks at every fix's neighbours
         spec, said = told or _from_rest(samples, complete, static_span)
@@ -242,7 +242,7 @@ def run(
             more_figures=more_figures,
         )
     if as_json:
-        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
+        result_facts(where)
     else:
         from insnav.report.summary import summary_lines
 
@@ -317,9 +317,3 @@ def _say_if_compiling() -> None:
     cache = errorstate.propagate.stats.cache_path
     if cache is None or not any(Path(cache).glob("errorstate.propagate-*.nbi")):
         note("first run on this machine: compiling the numerical kernels, about 15 s; later runs start at once")
-
-
-def _configuration(options: dict[str, Any]) -> dict[str, Any]:
-    """Options as the user gave them, for run.json; those that do not change its content are left out."""
-    kept = {name: value for name, value in options.items() if name not in ("out", "force", "as_json")}
-    return {name: str(value) if isinstance(value, Path | StrEnum) else value for name, value in kept.items()}

@@ -11,7 +11,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, result
+from insnav.cli.console import Stages, note, result, result_facts
 
 if TYPE_CHECKING:
     from insnav.io.folder import RunFolder
@@ -144,7 +144,7 @@ def simulate(
     _check(profile, source, runs, run, (imu, gps), resume)
     target = out or Path("sim")
     warming = _temperatures(temperature) if temperature else None
-    from insnav.io.folder import FACTS_FILE, RunFolder, read_facts
+    from insnav.io.folder import RunFolder, read_facts
 
     with RunFolder(target, force=force) as folder, Stages() as stage:
         stage("motion")
@@ -155,7 +155,7 @@ def simulate(
         else:
             where = _many(folder, plan, runs, workers, resume, warming, stage)
     if as_json:
-        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
+        result_facts(where)
         return
     from insnav.report.ensemble import ensemble_lines
     from insnav.report.simulation import simulation_lines

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from insnav.cli import options as opt
-from insnav.cli.console import Stages, note, result
+from insnav.cli.console import Stages, note, result, result_sheet
 
 SHORT_HELP = "Certify the numerics of this installation against closed forms."
 HELP = """Certify the numerics of this installation against closed forms.
@@ -33,9 +33,7 @@ def verify(
         bool,
         typer.Option("--peer", help="Put python-ins beside, if it is installed.", rich_help_panel=opt.START),
     ] = False,
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)] = Path(
-        "certificate"
-    ),
+    out: opt.Out = Path("certificate"),
     force: opt.Force = False,
     as_json: opt.Json = False,
     markdown: Annotated[
@@ -44,7 +42,7 @@ def verify(
 ) -> None:
     """Certify."""
     from insnav.exceptions import ConfigError
-    from insnav.io.folder import FACTS_FILE, RunFolder
+    from insnav.io.folder import RunFolder
 
     if as_json and markdown:
         raise ConfigError("JSON and Markdown cannot both be printed", where="--json --markdown", fix="leave out one")
@@ -57,16 +55,14 @@ def verify(
         found = certify(peers, lambda fraction: stage("certifying", fraction))
         stage("writing")
         from insnav.report.certificate import certificate_facts, certificate_markdown, certificate_sheet
-        from insnav.report.sheet import sheet_text, write_sheet
+        from insnav.report.sheet import write_sheet
 
         sheet = certificate_sheet(found)
         where = write_sheet(folder, sheet, certificate_facts(found))
-    if as_json:
-        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
-    elif markdown:
+    if markdown:
         result(certificate_markdown(found))
     else:
-        result(f"{sheet_text(sheet)}\n\nfiles       {out}: report.html, figures, run.json")
+        result_sheet(where, sheet, out, as_json=as_json)
     if found.failed:
         note(f"{len(found.failed)} of {len(found.checks)} checks failed")
         raise typer.Exit(1)

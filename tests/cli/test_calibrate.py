@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.imu import load_calibration
+from insnav.imu import load_calibration, load_imu
 from insnav.io.folder import read_facts, verify_folder
 from tests.cli.conftest import QUICK, Cli
 from tests.lab.published import lab_file
@@ -86,6 +86,13 @@ def test_run_takes_raw_volts_with_the_calibration(bench: Path, drive: Path, cli:
     assert "brought to rad/s by the zero and scale of the calibration" in raw.err
     ends = [np.genfromtxt(f"{run}/solution.csv", delimiter=",", skip_header=1)[-1, :7] for run in ("plain", "raw")]
     np.testing.assert_allclose(ends[1], ends[0], rtol=1e-6, atol=1e-3)
+    # and so does whatever else reads samples
+    rest = ("--static", "100000:100060", "--taus", "octave")
+    for name, more in (("imu.csv", ()), ("raw.csv", ("--calibration", "calibration/calibration.toml"))):
+        shown = cli("allan", name, *rest, *more, "--out", f"allan-{name}")
+        assert shown.code == 0, shown.err
+    noise = [load_imu(f"allan-{name}/imu.toml").gyro.random_walk for name in ("imu.csv", "raw.csv")]
+    np.testing.assert_allclose(noise[1], noise[0], rtol=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ def accel(
     spike_limit: common.SpikeLimit = None,
     add: common.Add = None,
     name: common.Name = "",
-    out: common.Out = common.OUT,
+    out: opt.Out = common.OUT,
     force: opt.Force = False,
     as_json: opt.Json = False,
 ) -> None:

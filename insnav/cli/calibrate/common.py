@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from insnav.cli import options as opt
-from insnav.cli.console import note, result
+from insnav.cli.console import note, result_sheet
 
 if TYPE_CHECKING:
     from insnav.imu.model import ImuErrors
@@ -43,7 +43,6 @@ Add = Annotated[
 ]
 Gravity = Annotated[float, typer.Option(metavar="M/S2", help="Local gravity.", rich_help_panel=METHOD)]
 Name = Annotated[str, typer.Option(metavar="TEXT", help="What was calibrated.", rich_help_panel=opt.RESULT)]
-Out = Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)]
 OUT = Path("calibration")
 
 
@@ -88,16 +87,12 @@ def finish(
 ) -> None:
     """Write calibration file and report, and print the result."""
     from insnav.imu import calibration_to_toml
-    from insnav.io.folder import FACTS_FILE
     from insnav.report.facts import json_ready
-    from insnav.report.sheet import sheet_text, write_sheet
+    from insnav.report.sheet import write_sheet
 
     texts = {} if errors is None else {"calibration.toml": calibration_to_toml(errors)}
     where = write_sheet(folder, sheet, json_ready(facts), texts)
     if as_json:
         for line in sheet.warnings:
             note(f"warning: {line}")
-        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
-    else:
-        names = ", ".join([*texts, "report.html", "figures", "run.json"])
-        result(f"{sheet_text(sheet)}\n\nfiles       {out}: {names}")
+    result_sheet(where, sheet, out, as_json=as_json, more=texts)

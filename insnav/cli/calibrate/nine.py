@@ -32,7 +32,7 @@ def nine(
     columns: common.Columns = None,
     gravity: common.Gravity = 9.80665,
     name: common.Name = "",
-    out: common.Out = common.OUT,
+    out: opt.Out = common.OUT,
     force: opt.Force = False,
     as_json: opt.Json = False,
 ) -> None:

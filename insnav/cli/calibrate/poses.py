@@ -10,7 +10,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, result
+from insnav.cli.console import Stages, note, result_sheet
 
 SHORT_HELP = "IMU calibrated by hand: many poses, or six positions and three turns."
 HELP = """IMU calibrated by hand, without any table: many poses, or six positions and three turns.
@@ -73,9 +73,7 @@ def poses(
     columns: opt.Columns = None,
     imu_sampling: opt.SamplingOption = None,
     imu_stamp: opt.StampOption = None,
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=opt.RESULT)] = Path(
-        "calibration"
-    ),
+    out: opt.Out = Path("calibration"),
     force: opt.Force = False,
     as_json: opt.Json = False,
 ) -> None:
@@ -84,7 +82,7 @@ def poses(
 
     from insnav.cli import inputs
     from insnav.exceptions import ConfigError
-    from insnav.io.folder import FACTS_FILE, RunFolder
+    from insnav.io.folder import RunFolder
     from insnav.units import DEG
 
     g, source = _gravity(gravity, lat, height)
@@ -106,14 +104,16 @@ def poses(
         from insnav.lab.poses import calibrate_poses
         from insnav.lab.six_positions import calibrate_six_positions
         from insnav.report.poses import poses_facts, poses_sheet, poses_warnings
-        from insnav.report.sheet import sheet_text, write_sheet
+        from insnav.report.sheet import write_sheet
 
         if counts:
             with inputs.named_options():
                 reading = read_counts(imu_file, axes=imu_axes, columns=parse.columns(columns, "--columns"))
         else:
             # a bench record shows any side up: axes are not judged by it
-            reading = inputs.read_samples(imu_file, imu_axes or "FRD", columns, imu_units, imu_sampling, imu_stamp)
+            reading = inputs.read_samples(
+                imu_file, imu_axes or "FRD", columns, imu_units, imu_sampling, imu_stamp, None
+            )
         inputs.say_reading(reading.facts)
         note(f"gravity {g:.5f} m/s^2, {source}")
         stage("calibrating")
@@ -140,11 +140,8 @@ def poses(
         )
         texts = {"calibration.toml": calibration_to_toml(errors)}
         where = write_sheet(folder, sheet, facts, texts)
-    if as_json:
-        result((where / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
-    else:
-        short = sheet_text(replace(sheet, tables=sheet.tables[:-1]))  # the last lists every pose
-        result(f"{short}\n\nfiles  {out}: {', '.join(texts)}, report.html, run.json, figures/")
+    shown = replace(sheet, tables=sheet.tables[:-1])  # the last lists every pose
+    result_sheet(where, shown, out, as_json=as_json, more=texts)
 
 
 def _gravity(gravity: float | None, lat: float | None, height: float) -> tuple[float, str]:

@@ -41,7 +41,7 @@ def rotor(
         float, typer.Option(metavar="M", help="Its distance from the support.", rich_help_panel=common.METHOD)
     ],
     gravity: common.Gravity = 9.80665,
-    out: common.Out = common.OUT,
+    out: opt.Out = common.OUT,
     force: opt.Force = False,
     as_json: opt.Json = False,
 ) -> None:
