@@ -45,9 +45,9 @@ if TYPE_CHECKING:
     from insnav.errors.metrics import position_errors
     from insnav.exceptions import InsnavError
     from insnav.filter import FilterSettings
-    from insnav.filter.recording import navigate_recording
+    from insnav.filter.navigate import navigate_recording
     from insnav.imu import load_imu
-    from insnav.io import read_gps, read_imu, read_reference
+    from insnav.input import read_gps, read_imu, read_reference
     from insnav.strapdown import increments, intervals, navigate
     from insnav.types import GpsData, ImuData, Increments, Run, Trajectory
 
@@ -65,11 +65,11 @@ _HOME = {
     "intervals": "insnav.strapdown",
     "load_imu": "insnav.imu",
     "navigate": "insnav.strapdown",
-    "navigate_recording": "insnav.filter.recording",
+    "navigate_recording": "insnav.filter.navigate",
     "position_errors": "insnav.errors.metrics",
-    "read_gps": "insnav.io",
-    "read_imu": "insnav.io",
-    "read_reference": "insnav.io",
+    "read_gps": "insnav.input",
+    "read_imu": "insnav.input",
+    "read_reference": "insnav.input",
 }
 
 __all__ = [

@@ -17,7 +17,7 @@ from insnav.earth import near_pole
 from insnav.exceptions import ConfigError, InputError
 from insnav.kernels import increments as _increments
 from insnav.kernels import mechanization as _mechanization
-from insnav.kernels import study as _study
+from insnav.kernels import simple_integrators as _study
 from insnav.types import BoolArray, FloatArray, ImuData, Increments, IntArray, Trajectory
 
 Method = Literal["polynomial", "rk4", "rotvec", "euler"]

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from insnav.imu import load_imu
+from insnav.output.data_files import write_gps, write_imu, write_reference
 from insnav.simulate import (
     GpsErrors,
     Profile,
@@ -26,9 +27,6 @@ from insnav.simulate import (
     imu_from_truth,
     reference,
     without_fixes,
-    write_gps,
-    write_imu,
-    write_reference,
 )
 from insnav.units import DEG
 

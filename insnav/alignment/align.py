@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from insnav.alignment import motion, static
+from insnav.alignment import in_motion as motion
+from insnav.alignment import static
 from insnav.attitude import wrap_two_pi
 from insnav.exceptions import AlignmentError
 from insnav.imu.model import ImuSpec, gyro_bias_sd, level_bias_sd

@@ -6,13 +6,13 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from insnav.certificate.attitude import coning, sculling, spin, upright
 from insnav.certificate.check import Check
-from insnav.certificate.day import day
-from insnav.certificate.gimbal import platform
+from insnav.certificate.coning_sculling import coning, sculling, spin, upright
 from insnav.certificate.gravity import gravity
 from insnav.certificate.integrators import Integrator, integrators
-from insnav.certificate.navigation import free_inertial, meridians, poles, rest, schuler
+from insnav.certificate.navigation_checks import free_inertial, meridians, poles, rest, schuler
+from insnav.certificate.platform_checks import platform
+from insnav.certificate.static_day import day
 
 # what every strapdown integrator is asked; other mechanizations and models answer for themselves in `OTHERS`
 TOPICS: tuple[Callable[[Sequence[Integrator]], list[Check]], ...] = (

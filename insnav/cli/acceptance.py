@@ -9,7 +9,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.calibrate import common
+from insnav.cli.calibrate import command as common
 from insnav.cli.console import Stages, note, result_sheet
 
 SHORT_HELP = "Acceptance figures from the bench: scale factor, bias, stability, repeatability."
@@ -66,7 +66,7 @@ def acceptance(
     """Work out acceptance figures."""
     from insnav.cli import inputs
     from insnav.exceptions import ConfigError
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
 
     if not (rates or positions or static or powerups):
         raise ConfigError(
@@ -79,8 +79,8 @@ def acceptance(
     limit = common.limit(spike_limit)
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
-        from insnav.lab import acceptance as lab
-        from insnav.lab import bench_records as bench
+        from insnav.lab.acceptance import acceptance as lab
+        from insnav.lab.bench_data import records as bench
 
         with inputs.named_options():
             steps = [bench.read_steps(path, named, limit) for path in (*(rates or ()), *(positions or ()))]
@@ -89,8 +89,8 @@ def acceptance(
         stage("figures")
         found = lab.acceptance(steps, rest, several, times)
         stage("writing")
-        from insnav.report.acceptance import acceptance_report
-        from insnav.report.sheet import write_sheet
+        from insnav.report.acceptance.page import acceptance_report
+        from insnav.report.page import write_sheet
 
         files = [*steps, *([rest] if rest else []), *several]
         sheet, facts = acceptance_report(found, files)

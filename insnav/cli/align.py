@@ -55,7 +55,7 @@ def align(
 
     from insnav.cli import inputs
     from insnav.exceptions import AlignmentError, ConfigError
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
 
     if not -90.0 <= lat <= 90.0:
         raise ConfigError(f"{lat:g} is not a latitude", where="--lat", fix="give degrees, north positive")
@@ -66,7 +66,7 @@ def align(
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
         from insnav.alignment import find_rest
-        from insnav.filter.fine import fine_alignment
+        from insnav.filter.fine_alignment import fine_alignment
         from insnav.report.alignment import alignment_facts, alignment_lines
         from insnav.strapdown import intervals
 

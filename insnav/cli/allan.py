@@ -54,7 +54,7 @@ def allan(
 ) -> None:
     """Analyse the noise of a static record."""
     from insnav.cli import inputs
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
 
     if workers is not None:
         parse.at_least_one(workers, "--workers", "threads")
@@ -65,14 +65,14 @@ def allan(
         reading = inputs.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp, calibration)
         inputs.say_reading(reading.facts)
         samples = reading.data
-        from insnav.lab.allan import between
+        from insnav.lab.noise.allan import between
 
         samples = between(samples, *span) if span else samples
         stage("noise")
         from insnav.imu import to_toml
-        from insnav.lab.static_noise import static_noise
-        from insnav.report.lab_noise import deviations_csv, noise_facts, noise_sheet
-        from insnav.report.sheet import write_sheet
+        from insnav.lab.noise.static_noise import static_noise
+        from insnav.report.noise.page import deviations_csv, noise_facts, noise_sheet
+        from insnav.report.page import write_sheet
 
         name = Path(reading.facts.path).name
         found = static_noise(

@@ -174,7 +174,7 @@ def budget(
     """Draw up a budget."""
     configuration = parse.configuration(locals())
     from insnav.exceptions import ConfigError
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
     from insnav.units import UNITS
 
     if drive is not None and (profile is not None or begin is not None):
@@ -199,7 +199,7 @@ def budget(
         windows = None
         known: tuple[Source, ...] = ()
         if drive is not None:
-            from insnav.errors.recorded.beside import spec_in_windows, start_sources, window_motion
+            from insnav.errors.budget.drive_motion import spec_in_windows, start_sources, window_motion
 
             windows = recorded(
                 RecordedOptions(
@@ -255,11 +255,11 @@ def budget(
             note(f"IMU model: {spec.name}")
             note_more(text)
         stage("writing")
-        from insnav.report.budget import write_budget
-        from insnav.report.sheet import sheet_text
+        from insnav.report.budget.page import write_budget
+        from insnav.report.page import sheet_text
 
         if windows is not None:
-            from insnav.errors.recorded.beside import with_recorded
+            from insnav.errors.budget.drive_motion import with_recorded
 
             found = with_recorded(found, windows.budget)
             configuration["input"] = windows.readings

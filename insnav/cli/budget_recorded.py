@@ -13,10 +13,10 @@ from insnav.cli.console import note, note_more
 
 if TYPE_CHECKING:
     from insnav.cli.options import Height, SamplingChoice, StampChoice
-    from insnav.errors.recorded.budget import RecordedBudget
-    from insnav.errors.recorded.judge import Judge
+    from insnav.errors.budget.from_windows import RecordedBudget
+    from insnav.errors.outage.window_reference import Judge
     from insnav.imu import ImuSpec
-    from insnav.io import Reading
+    from insnav.input import Reading
     from insnav.types import GpsData, ImuData, Trajectory
 
 REST_SD = (0.01, 0.005)  # how well a place that is not left is known [m], [m/s]
@@ -114,7 +114,7 @@ def recorded(options: RecordedOptions, stage: Callable[..., None]) -> RecordedRe
 
     from insnav.cli import inputs
     from insnav.filter import FilterSettings
-    from insnav.filter.recording import DELAY_SD
+    from insnav.filter.navigate import DELAY_SD
 
     lever_b = parse.vector(options.lever_arm, "--lever-arm") if options.lever_arm else np.zeros(3)
     delay = None if options.gps_delay is None else parse.finite(options.gps_delay, "--gps-delay", largest=10.0)
@@ -126,10 +126,10 @@ def recorded(options: RecordedOptions, stage: Callable[..., None]) -> RecordedRe
     inputs.one_standard_input(imu_file=options.imu_file, gps=options.gps, ref=options.ref)
     told = inputs.chosen_imu(options.imu)
     stage("reading")
-    from insnav.errors.recorded.budget import RecordedSettings, recorded_budget
-    from insnav.filter.fixes import with_sd
-    from insnav.filter.recording import first_rest, prepare
-    from insnav.io import check_overlap
+    from insnav.errors.budget.from_windows import RecordedSettings, recorded_budget
+    from insnav.filter.gps_noise import with_sd
+    from insnav.filter.navigate import first_rest, prepare
+    from insnav.input import check_overlap
 
     fixes = inputs.read_fixes(options.gps, options.gps_columns, options.gps_height) if options.gps else None
     reference = inputs.read_truth(options.ref, options.ref_columns) if options.ref else None
@@ -194,7 +194,7 @@ def recorded(options: RecordedOptions, stage: Callable[..., None]) -> RecordedRe
 
 def _fixes_at_rest(samples: ImuData, reference: Reading[Trajectory] | None) -> GpsData:
     """Fixes of the one place of a bench."""
-    from insnav.errors.recorded.judge import at_rest, never_moves
+    from insnav.errors.outage.window_reference import at_rest, never_moves
     from insnav.exceptions import ConfigError
 
     begin, end = float(samples.time[0]), float(samples.time[-1])
@@ -213,7 +213,7 @@ def _judge(options: RecordedOptions, reference: Reading[Trajectory], known_sd: l
     """The reference, where its ambiguities are fixed if the file tells."""
     import numpy as np
 
-    from insnav.errors.recorded.judge import judged_by_reference
+    from insnav.errors.outage.window_reference import judged_by_reference
 
     data, fix = reference.data, reference.fix
     keep = np.ones(len(data.time), dtype=np.bool_) if fix is None or not (fix == 1).any() else np.asarray(fix == 1)

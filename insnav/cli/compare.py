@@ -50,19 +50,24 @@ def compare(
 ) -> None:
     """Compare runs."""
     from insnav.cli.inputs import read_truth
-    from insnav.report.compare import compare as table
-    from insnav.report.compare import comparison_lines
-    from insnav.report.facts import json_ready
+    from insnav.errors.comparison import compare as table
+    from insnav.errors.comparison import named_errors
+    from insnav.report.comparison import comparison_lines
+    from insnav.report.run_json import json_ready
 
     lever_b = parse.vector(ref_lever_arm, "--ref-lever-arm") if ref_lever_arm else None
     truth = read_truth(ref, ref_columns).data
     rows = table(runs, truth, lever_b=lever_b)
     if tum is not None:
-        from insnav.io.folder import RunFolder
-        from insnav.report.tum import write_tum
+        from insnav.output.folder import RunFolder
+        from insnav.output.tum import tum_files
 
         with RunFolder(tum, force=force) as folder:
-            write_tum(folder, runs, truth, lever_b)
+            errors = named_errors(runs, truth, lever_b)
+            time = next(iter(errors.values())).time
+            for name, text in tum_files(truth, time, {k: (e.position, e.attitude) for k, e in errors.items()}).items():
+                folder.path(name).write_text(text, encoding="utf-8", newline="\n")
+            folder.commit({"runs": [str(run) for run in runs]})
     if as_json:
         result(json.dumps(json_ready(rows), indent=1, ensure_ascii=False))
     else:

@@ -18,7 +18,7 @@ from insnav.cli import signals
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from insnav.report.sheet import Sheet
+    from insnav.report.page import Sheet
 
 DELAY = 1.0  # work shorter than this shows no progress bar [s]
 WIDTH = 110  # largest of a line of the log
@@ -60,7 +60,7 @@ def result_facts(folder: Path) -> None:
     folder : Path
         With its ``run.json``.
     """
-    from insnav.io.folder import FACTS_FILE
+    from insnav.output.folder import FACTS_FILE
 
     result((folder / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
 
@@ -83,7 +83,7 @@ def result_sheet(folder: Path, sheet: Sheet, out: Path, *, as_json: bool, more: 
     if as_json:
         result_facts(folder)
         return
-    from insnav.report.sheet import sheet_text
+    from insnav.report.page import sheet_text
 
     names = ", ".join([*more, "report.html", "figures", "run.json"])
     result(f"{sheet_text(sheet)}\n\nfiles       {out}: {names}")
@@ -122,7 +122,7 @@ def _log(text: str, lead: str) -> None:
 
 
 def _plain(text: str) -> str:
-    from insnav.io.text import plain_text
+    from insnav.plain_text import plain_text
 
     return "\n         ".join(plain_text(line) for line in text.splitlines())
 

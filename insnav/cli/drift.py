@@ -9,7 +9,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.calibrate import common
+from insnav.cli.calibrate import command as common
 from insnav.cli.console import Stages, note, result_sheet
 
 SHORT_HELP = "Drift of MEMS gyros: model, Kalman smoothing, and what both do to the noise."
@@ -43,22 +43,22 @@ def drift(
 ) -> None:
     """Study the drift of gyros."""
     from insnav.cli import inputs
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
 
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
-        from insnav.lab.bench_records import read_drift
+        from insnav.lab.bench_data.records import read_drift
 
         with inputs.named_options():
             record, table = read_drift(file, parse.columns(columns, "--columns"))
         stage("fitting")
-        from insnav.lab.drift_noise import drift_study
+        from insnav.lab.drift.allan_before_after import drift_study
 
         found = drift_study(record)
         stage("writing")
         from insnav.imu import calibration_to_toml
-        from insnav.report.drift import drift_report, rates_csv
-        from insnav.report.sheet import write_sheet
+        from insnav.report.drift.page import drift_report, rates_csv
+        from insnav.report.page import write_sheet
 
         sheet, facts = drift_report(found, table)
         for text in sheet.warnings:

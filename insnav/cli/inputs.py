@@ -16,8 +16,8 @@ from insnav.exceptions import ConfigError, InsnavError
 if TYPE_CHECKING:
     from insnav.cli.options import SamplingChoice, StampChoice
     from insnav.imu.model import ImuSpec
-    from insnav.io import Reading
-    from insnav.io.facts import ReadingFacts
+    from insnav.input import Reading
+    from insnav.input.readers.reading import ReadingFacts
     from insnav.types import GpsData, ImuData, Trajectory
 
 SHORTEST_REST = 5.0  # shorter ones do not show the noise of an IMU [s]
@@ -56,7 +56,7 @@ def read_samples(
     Volts and counts become rates and specific forces by the lines of the calibration.
     """
     from insnav.imu import correct, load_calibration
-    from insnav.io import read_imu
+    from insnav.input import read_imu
 
     known = None if calibration is None else load_calibration(calibration)
     scales = {} if known is None else {"gyro": known.gyro_raw, "accel": known.accel_raw}
@@ -75,7 +75,7 @@ def read_samples(
 
 def read_fixes(path: Path, columns: str | None, height: str | None) -> Reading[GpsData]:
     """Read the GPS file."""
-    from insnav.io import read_gps
+    from insnav.input import read_gps
 
     with named_options("--gps-columns"):
         return read_gps(
@@ -87,7 +87,7 @@ def read_fixes(path: Path, columns: str | None, height: str | None) -> Reading[G
 
 def read_truth(path: Path, columns: str | None) -> Reading[Trajectory]:
     """Read the reference."""
-    from insnav.io import read_reference
+    from insnav.input import read_reference
 
     with named_options("--ref-columns"):
         return read_reference(path, columns=parse.columns(columns, "--ref-columns"))

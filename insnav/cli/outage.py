@@ -82,7 +82,7 @@ def outage(
     import numpy as np
 
     from insnav.cli import inputs
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
 
     lever_b = parse.vector(lever_arm, "--lever-arm") if lever_arm else np.zeros(3)
     delay = None if gps_delay is None else parse.finite(gps_delay, "--gps-delay", largest=10.0)
@@ -95,11 +95,11 @@ def outage(
     told = inputs.chosen_imu(imu)
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
-        from insnav.errors.outage import growth, outages
+        from insnav.errors.outage.gnss_outage import growth, outages
         from insnav.filter import FilterSettings
-        from insnav.filter.fixes import with_sd
-        from insnav.filter.recording import DELAY_SD, aided, first_rest, prepare
-        from insnav.io import check_overlap
+        from insnav.filter.gps_noise import with_sd
+        from insnav.filter.navigate import DELAY_SD, aided, first_rest, prepare
+        from insnav.input import check_overlap
 
         fixes = inputs.read_fixes(gps, gps_columns, gps_height)
         better = inputs.read_fixes(ref, ref_columns, gps_height) if ref else None
@@ -136,8 +136,8 @@ def outage(
             progress=lambda fraction: stage("navigating", fraction),
         )
         stage("writing")
-        from insnav.report.outage import outage_facts, outage_sheet
-        from insnav.report.sheet import write_sheet
+        from insnav.report.outage.page import outage_facts, outage_sheet
+        from insnav.report.page import write_sheet
 
         sums = growth(windows)
         judge = f"the positions of {Path(better.facts.path).name}" if better else "the withheld fixes"

@@ -15,7 +15,7 @@ from insnav.cli.console import Stages, note, result, result_facts
 
 if TYPE_CHECKING:
     from insnav.gimbal import PlatformErrors
-    from insnav.io.heights import Heights
+    from insnav.input.readers.heights import Heights
     from insnav.types import FloatArray
 
 SHORT_HELP = "North-pointing gimballed platform: velocity, position and torquing rates."
@@ -164,7 +164,7 @@ def platform(
 
     from insnav.cli import inputs
     from insnav.exceptions import ConfigError
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
 
     if demo:
         defaults = signature(platform).parameters
@@ -200,8 +200,8 @@ def platform(
             import numpy as np
 
             from insnav.exceptions import InputError
-            from insnav.io.heights import read_heights
-            from insnav.io.specific_force import read_specific_force
+            from insnav.input.readers.heights import read_heights
+            from insnav.input.readers.specific_force import read_specific_force
 
             heights = read_heights(height_input) if height_input else None
             judge = inputs.read_truth(ref, None) if ref else None
@@ -242,10 +242,10 @@ def platform(
                 for name in INTEGRATORS
             }
             stage("writing")
-            from insnav.io.write import write_events, write_kml, write_solution
-            from insnav.report.platform_report import PlatformStudy, platform_facts, platform_sheet, torquing_columns
-            from insnav.report.sheet import sheet_text, write_sheet
-            from insnav.simulate.files import write_table
+            from insnav.output.data_files import write_table
+            from insnav.output.solution_tables import write_events, write_kml, write_solution
+            from insnav.report.page import sheet_text, write_sheet
+            from insnav.report.platform.page import PlatformStudy, platform_facts, platform_sheet, torquing_columns
 
             name = Path(reading.facts.path).name
             study = PlatformStudy(
@@ -270,13 +270,13 @@ def platform(
 
 def _demonstrate(out: Path, force: bool) -> tuple[Path, str]:
     """Write the demonstration; its folder and its text."""
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
 
     with RunFolder(out, force=force) as folder, Stages() as stage:
         note("a day at rest, two hours of a holding pattern: some seconds")
         stage("navigating")
-        from insnav.report.platform_demo import demonstration
-        from insnav.report.sheet import sheet_text, write_sheet
+        from insnav.report.page import sheet_text, write_sheet
+        from insnav.report.platform.demonstration import demonstration
 
         sheet, facts = demonstration()
         stage("writing")

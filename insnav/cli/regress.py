@@ -91,7 +91,7 @@ def regress(
         stage("navigating")
         import joblib
 
-        from insnav.regression.run import run_corpus
+        from insnav.regression.run_corpus import run_corpus
 
         recorded = data or project.parent / "shared" / "data"
         processes = workers or joblib.cpu_count()
@@ -103,10 +103,10 @@ def regress(
             progress=lambda fraction: stage("navigating", fraction),
         )
         stage("comparing")
-        from insnav.regression.compare import compare
         from insnav.regression.history import HISTORY_FILE, entry, read_history, with_entry, write_history
-        from insnav.regression.origin import origin
-        from insnav.report.regression import peer_lines, regression_facts, regression_lines
+        from insnav.regression.provenance import origin
+        from insnav.regression.verdict import compare
+        from insnav.report.regression.tables import peer_lines, regression_facts, regression_lines
 
         for name, why in found.skipped.items():
             if not quick:
@@ -119,12 +119,12 @@ def regress(
         rows = []
         if peers:
             stage("peers")
-            from insnav.regression.peers import run_peers
+            from insnav.regression.peers.run_peers import run_peers
 
             rows = run_peers(drives, recorded, workers=processes, progress=lambda fraction: stage("peers", fraction))
         if plot:
             stage("drawing")
-            from insnav.report.regression_page import write_pages
+            from insnav.report.regression.page import write_pages
 
             shown = read_history(folder / HISTORY_FILE)
             files = write_pages(folder, found, shown, baseline, comparison, now, rows)

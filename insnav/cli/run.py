@@ -14,9 +14,9 @@ from insnav.cli import parse
 from insnav.cli.console import Stages, error_block, note, note_more, result, result_facts
 
 if TYPE_CHECKING:
-    from insnav.filter.recording import Navigated
+    from insnav.filter.navigate import Navigated
     from insnav.imu.model import ImuSpec
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
     from insnav.types import GpsData, ImuData
 
 SHORT_HELP = "Navigate a recorded drive: IMU and GPS to a solution, figures and a report."
@@ -157,7 +157,7 @@ def run(
 
     from insnav.cli import inputs
     from insnav.exceptions import ConfigError
-    from insnav.io.folder import RunFolder, read_facts
+    from insnav.output.folder import RunFolder, read_facts
 
     if states not in (15, 21):
         raise ConfigError(f"{states} states are not to be had", where="--states", fix="use 21 or 15")
@@ -177,9 +177,9 @@ def run(
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
         from insnav.filter import FilterSettings
-        from insnav.filter.fixes import with_sd
-        from insnav.filter.recording import DELAY_SD, navigate_recording
-        from insnav.io import check_overlap
+        from insnav.filter.gps_noise import with_sd
+        from insnav.filter.navigate import DELAY_SD, navigate_recording
+        from insnav.input import check_overlap
 
         # The small files first: what is wrong with them is then known at once.
         fixes = inputs.read_fixes(gps, gps_columns, gps_height)
@@ -221,7 +221,7 @@ def run(
         stage("writing")
         import logging
 
-        from insnav.report.write import write_run
+        from insnav.report.save import write_run
 
         logging.getLogger("matplotlib").setLevel(logging.ERROR)  # its care for its own cache is nobody's concern
 
@@ -244,11 +244,11 @@ def run(
     if as_json:
         result_facts(where)
     else:
-        from insnav.report.summary import summary_lines
+        from insnav.report.run.summary import summary_lines
 
         result("\n".join(summary_lines(read_facts(where), out)))
         if short:
-            from insnav.report.short_report import short_text
+            from insnav.report.run.short_duration import short_text
 
             result("\n" + short_text(facts["short_mechanization"]))
     if fail_above is not None:
@@ -259,11 +259,11 @@ def _short(
     samples: ImuData, done: Navigated, folder: RunFolder, figure_format: Any
 ) -> tuple[dict[str, Any], list[Path]]:
     """Compare the short-duration mechanization with the full one; its facts and figures."""
-    from insnav.errors.short_form import short_windows
-    from insnav.report.figures.short import draw_short
-    from insnav.report.figures.style import drawing, save
-    from insnav.report.short_report import short_columns, short_facts
-    from insnav.simulate.files import write_table
+    from insnav.errors.short_duration_errors import short_windows
+    from insnav.output.data_files import write_table
+    from insnav.report.run.figures.short_duration import draw_short
+    from insnav.report.run.short_duration import short_columns, short_facts
+    from insnav.report.style import drawing, save
 
     windows = short_windows(samples, done.run.solution, done.run.sensor_errors)
     write_table(folder.path("short.csv"), short_columns(windows))
@@ -305,7 +305,7 @@ def _judge(facts: dict[str, Any], limit: float) -> None:
 
 def _from_rest(samples: ImuData, fixes: GpsData, static_span: tuple[float, float] | None) -> tuple[ImuSpec, str]:
     from insnav.cli.inputs import imu_from_rest
-    from insnav.filter.recording import first_rest
+    from insnav.filter.navigate import first_rest
 
     return imu_from_rest(samples, static_span or first_rest(samples, fixes))
 

@@ -14,8 +14,8 @@ from insnav.cli import parse
 from insnav.cli.console import Stages, note, result, result_facts
 
 if TYPE_CHECKING:
-    from insnav.io.folder import RunFolder
-    from insnav.report.simulation import Plan
+    from insnav.output.folder import RunFolder
+    from insnav.report.simulation.page import Plan
 
 SHORT_HELP = "IMU and GPS files of a motion that is exactly known; or hundreds of runs of it."
 HELP = """IMU and GPS files of a motion that is exactly known.
@@ -144,7 +144,7 @@ def simulate(
     _check(profile, source, runs, run, (imu, gps), resume)
     target = out or Path("sim")
     warming = _temperatures(temperature) if temperature else None
-    from insnav.io.folder import RunFolder, read_facts
+    from insnav.output.folder import RunFolder, read_facts
 
     with RunFolder(target, force=force) as folder, Stages() as stage:
         stage("motion")
@@ -157,8 +157,8 @@ def simulate(
     if as_json:
         result_facts(where)
         return
-    from insnav.report.ensemble import ensemble_lines
-    from insnav.report.simulation import simulation_lines
+    from insnav.report.simulation.ensemble import ensemble_lines
+    from insnav.report.simulation.page import simulation_lines
 
     lines = simulation_lines if runs is None else ensemble_lines
     result("\n".join(lines(read_facts(where), target)))
@@ -201,9 +201,9 @@ def _temperatures(text: str) -> tuple[float, float]:
 
 def _plan(configuration: dict[str, Any], profile: str | None, source: Path | None) -> Plan:
     from insnav.imu import load_imu
-    from insnav.report.simulation import IDEAL, Plan
+    from insnav.report.simulation.page import IDEAL, Plan
     from insnav.simulate.faults import parse_fault
-    from insnav.simulate.gps_config import load_gps
+    from insnav.simulate.gps_file import load_gps
     from insnav.simulate.montecarlo import run_seed
 
     seed, run = configuration["seed"], configuration["run"]
@@ -240,8 +240,8 @@ def _twin(source: Path) -> dict[str, Any]:
     """Motion of a recorded track: the smoothed solution of a run folder, or its solution, or a file."""
     from insnav.cli.inputs import read_truth, say_reading
     from insnav.exceptions import InputError
-    from insnav.report.simulation import twin_facts
-    from insnav.simulate.track import apart, truth_from_track
+    from insnav.report.simulation.page import twin_facts
+    from insnav.simulate.truth_from_track import apart, truth_from_track
 
     track = source
     if source.is_dir():
@@ -273,7 +273,7 @@ def _twin(source: Path) -> dict[str, Any]:
 
 
 def _one(folder: RunFolder, plan: Plan, warming: tuple[float, float] | None, stage: Stages) -> Path:
-    from insnav.report.simulation import write_recording
+    from insnav.report.simulation.page import write_recording
     from insnav.simulate.recording import perfect_imu, simulate_recording, warmed
 
     perfect = perfect_imu(plan.truth, plan.rate, plan.sampling)
@@ -304,8 +304,8 @@ def _many(
 
     from insnav.cli.signals import Stopped
     from insnav.errors.ensemble import navigated_recording
-    from insnav.report.ensemble import write_runs
-    from insnav.report.simulation import plan_key
+    from insnav.report.simulation.ensemble import write_runs
+    from insnav.report.simulation.page import plan_key
     from insnav.simulate.checkpoint import Checkpoint
     from insnav.simulate.montecarlo import monte_carlo
     from insnav.simulate.recording import perfect_imu, warmed
@@ -351,8 +351,8 @@ def _list(out: Path | None, force: bool, as_json: bool) -> None:
     profiles = [load_profile(path) for path in library()]
     shown = [{"name": each.name, "duration_s": each.duration, "purpose": each.purpose} for each in profiles]
     if out is not None:
-        from insnav.io.folder import RunFolder
-        from insnav.report.simulation import write_sketches
+        from insnav.output.folder import RunFolder
+        from insnav.report.simulation.page import write_sketches
 
         with RunFolder(out, force=force) as folder, Stages() as stage:
             stage("drawing")

@@ -42,20 +42,20 @@ def verify(
 ) -> None:
     """Certify."""
     from insnav.exceptions import ConfigError
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
 
     if as_json and markdown:
         raise ConfigError("JSON and Markdown cannot both be printed", where="--json --markdown", fix="leave out one")
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("certifying")
         from insnav.certificate.certify import certify
-        from insnav.certificate.peer import pyins
+        from insnav.certificate.pyins_peer import pyins
 
         peers = (pyins(),) if peer else ()
         found = certify(peers, lambda fraction: stage("certifying", fraction))
         stage("writing")
-        from insnav.report.certificate import certificate_facts, certificate_markdown, certificate_sheet
-        from insnav.report.sheet import write_sheet
+        from insnav.report.certificate.page import certificate_facts, certificate_markdown, certificate_sheet
+        from insnav.report.page import write_sheet
 
         sheet = certificate_sheet(found)
         where = write_sheet(folder, sheet, certificate_facts(found))

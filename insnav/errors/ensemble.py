@@ -16,11 +16,11 @@ from insnav.attitude import dcm_from_quat, quat_conjugate, quat_from_rph, quat_m
 from insnav.earth import ned_offset
 from insnav.errors.metrics import position_errors
 from insnav.exceptions import InputError
-from insnav.filter.model import error_model
-from insnav.filter.recording import DELAY_SD, navigate_recording
+from insnav.filter.error_model import error_model
+from insnav.filter.navigate import DELAY_SD, navigate_recording
 from insnav.filter.settings import FilterSettings
 from insnav.imu import ImuSpec
-from insnav.simulate.measure import reference
+from insnav.simulate.ideal_sensors import reference
 from insnav.simulate.montecarlo import Runs, Sample
 from insnav.simulate.recording import simulate_recording
 from insnav.simulate.truth import Truth
@@ -28,7 +28,7 @@ from insnav.types import BoolArray, Epochs, EventKind, FloatArray, ImuData, IntA
 
 if TYPE_CHECKING:
     from insnav.simulate.faults import Fault
-    from insnav.simulate.receiver import GpsSpec
+    from insnav.simulate.gps_errors import GpsSpec
 
 STEP = 1.0  # between epochs of the ensemble [s]
 _STATES = 21  # of the filter
@@ -112,7 +112,7 @@ def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
     run : Run
     truth : Truth
     axes_sd : (3,) array
-        How well the axes of the sensors are known in the body [rad]; see `insnav.filter.model.ErrorModel`.
+        How well the axes of the sensors are known in the body [rad]; see `insnav.filter.error_model.ErrorModel`.
 
     Returns
     -------

@@ -12,7 +12,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from insnav.exceptions import DivergenceError
-from insnav.kernels.measurement import covariance_fault, inverse, measurement_fault
+from insnav.kernels.gps_measurement import covariance_fault, inverse, measurement_fault
 from insnav.types import FloatArray
 
 MAX_REPAIRS = 10

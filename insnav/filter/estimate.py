@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from insnav.exceptions import DivergenceError
-from insnav.filter.begin import layout, set_lasting, tie
 from insnav.filter.engine import Engine
-from insnav.filter.model import ErrorModel, FilterState
-from insnav.filter.record import Record
+from insnav.filter.error_model import ErrorModel, FilterState
+from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
+from insnav.filter.state_layout import layout, set_lasting, tie
 from insnav.kernels import errorstate
 from insnav.types import Event, EventKind, FloatArray, Increments
 
@@ -41,7 +41,7 @@ class Estimate:
     Attributes
     ----------
     x, correction, delay, lasting, lever, motion
-        See `insnav.filter.model.FilterState`.
+        See `insnav.filter.error_model.FilterState`.
     at : Layout
         Where the states stand.
     span : (1,) array

@@ -16,15 +16,15 @@ from insnav import strapdown
 from insnav.exceptions import ConfigError
 from insnav.filter import gates as gate
 from insnav.filter.aiding import INTERVAL
-from insnav.filter.begin import first_state
+from insnav.filter.aiding_updates import Helper
+from insnav.filter.error_model import ErrorModel, FilterState, InitialState
 from insnav.filter.estimate import Estimate
-from insnav.filter.helper import Helper
-from insnav.filter.model import ErrorModel, FilterState, InitialState
-from insnav.filter.record import Record
+from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import SmoothedErrors
+from insnav.filter.state_layout import first_state
+from insnav.kernels.gps_measurement import assess
 from insnav.kernels.increments import LOOKAHEAD
-from insnav.kernels.measurement import assess
 from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData, Increments, Run
 
 POSITION = (EventKind.GATE_POSITION, EventKind.SOFT_POSITION)

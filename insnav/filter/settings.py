@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from insnav.filter.aiding import Aiding
-from insnav.filter.correlation import CorrelatedNoise
 from insnav.filter.gates import Gates
+from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.types import FloatArray
 
 
@@ -28,7 +28,7 @@ class FilterSettings:
         How uncertain that is [s]; positive: estimated as a 22nd state, and the solution is put into the time of the
         fixes, since it cannot be told which of the two clocks is off.
     velocity_lag : float
-        How much older than its position the velocity of a fix is [s]; see `insnav.filter.fixes.velocity_lag`.
+        How much older than its position the velocity of a fix is [s]; see `insnav.filter.gps_noise.velocity_lag`.
     jitter : float
         Standard deviation of the time stamps of samples against fixes [s]; what it makes of speed and acceleration is
         added to the noise of every fix.

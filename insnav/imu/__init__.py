@@ -12,6 +12,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from insnav.imu.higher_order import ErrorTerms
 from insnav.imu.model import (
     ClockSpec,
     ImuErrors,
@@ -24,21 +25,20 @@ from insnav.imu.model import (
     sample_intervals,
 )
 from insnav.imu.presets import PRESETS
-from insnav.imu.terms import ErrorTerms
 
 if TYPE_CHECKING:
-    from insnav.imu.calibration import calibration_to_toml, load_calibration
-    from insnav.imu.noise import identify, nearest_preset, white_noise
-    from insnav.imu.spec import load_imu, to_toml
+    from insnav.imu.calibration_file import calibration_to_toml, load_calibration
+    from insnav.imu.imu_file import load_imu, to_toml
+    from insnav.imu.white_noise import identify, nearest_preset, white_noise
 
 _LAZY = {
-    "calibration_to_toml": "calibration",
-    "identify": "noise",
-    "load_calibration": "calibration",
-    "load_imu": "spec",
-    "nearest_preset": "noise",
-    "to_toml": "spec",
-    "white_noise": "noise",
+    "calibration_to_toml": "calibration_file",
+    "identify": "white_noise",
+    "load_calibration": "calibration_file",
+    "load_imu": "imu_file",
+    "nearest_preset": "white_noise",
+    "to_toml": "imu_file",
+    "white_noise": "white_noise",
 }
 
 __all__ = [

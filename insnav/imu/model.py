@@ -2,7 +2,7 @@
 
 measured = matrix @ true + bias, with matrix = I + S + M: scale factor errors S on the diagonal,
 misalignment M off it; P. D. Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation
-Systems, 2nd ed. (2013), eqs. 4.17 and 4.18. What goes beyond that is in `insnav.imu.terms`.
+Systems, 2nd ed. (2013), eqs. 4.17 and 4.18. What goes beyond that is in `insnav.imu.higher_order`.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.imu.dynamic_map import DynamicMap
-from insnav.imu.raw import RawScale
-from insnav.imu.terms import REFERENCE_TEMPERATURE, ErrorTerms, size_effect
+from insnav.imu.higher_order import REFERENCE_TEMPERATURE, ErrorTerms, size_effect
+from insnav.imu.raw_outputs import RawScale
 from insnav.types import FloatArray, ImuData
 from insnav.units import G0
 

@@ -13,7 +13,7 @@ from numba import njit
 
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES, feed_back
-from insnav.kernels.measurement import inverse
+from insnav.kernels.gps_measurement import inverse
 
 # columns of a row of the history
 TIME, KIND, OFFERED, STATE, CORRECTION, RESIDUAL, NOISE = 0, 1, 2, 3, 13, 25, 31

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from insnav.exceptions import InputError, OutputError
-from insnav.regression.metrics import BY_KEY
-from insnav.regression.origin import Origin
-from insnav.regression.run import CaseResult, Result
+from insnav.regression.accuracy_metrics import BY_KEY
+from insnav.regression.provenance import Origin
+from insnav.regression.run_corpus import CaseResult, Result
 from insnav.types import FloatArray
 
 BASELINE_FILE = "baseline.json"
@@ -35,7 +35,7 @@ class Stored:
     values : dict of str to (n,) array
         By metric, one for each drive or piece; NaN where not known.
     growth : (6, 3) array
-        As in `insnav.regression.measure.Measured`.
+        As in `insnav.regression.evaluate.Measured`.
     failed : tuple of int
         Numbers of the drives that ended in an error.
     """

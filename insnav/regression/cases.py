@@ -11,16 +11,16 @@ import numpy as np
 from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import lla_offset
 from insnav.exceptions import InputError
-from insnav.filter.recording import DELAY_SD, first_rest
+from insnav.filter.navigate import DELAY_SD, first_rest
 from insnav.filter.settings import FilterSettings
 from insnav.imu import ImuSpec, identify, load_imu
-from insnav.imu.spec import to_toml
-from insnav.io import read_gps, read_imu, read_reference
-from insnav.io.folder import file_sha256
+from insnav.imu.imu_file import to_toml
+from insnav.input import read_gps, read_imu, read_reference
+from insnav.output.folder import file_sha256
 from insnav.regression.corpus import AT_REST, RecordedCase, SimulatedCase, digest
-from insnav.simulate import gps_config
+from insnav.simulate import gps_file as gps_config
 from insnav.simulate.faults import parse_fault
-from insnav.simulate.measure import gps_from_truth
+from insnav.simulate.ideal_sensors import gps_from_truth
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM, perfect_imu, simulate_recording, times
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory

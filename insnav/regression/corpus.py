@@ -26,8 +26,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PrivateAttr, model_validator
 from pydantic_core import PydanticCustomError
 
+from insnav.config_file import Axes, Table, axes, read_toml, refuse, scalar, validate
 from insnav.exceptions import ConfigError
-from insnav.imu.config import Axes, Table, axes, read_toml, refuse, scalar, validate
 
 Group = Literal["position", "velocity", "attitude", "heading"]
 AT_REST = "at rest"  # IMU model by the noise at rest

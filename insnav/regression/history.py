@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.regression.accuracy_metrics import BY_KEY, METRICS
 from insnav.regression.baseline import write_text
-from insnav.regression.compare import Comparison, Verdict
-from insnav.regression.metrics import BY_KEY, METRICS
-from insnav.regression.origin import Origin
-from insnav.regression.run import Result
-from insnav.regression.statistics import interval
+from insnav.regression.paired_tests import interval
+from insnav.regression.provenance import Origin
+from insnav.regression.run_corpus import Result
+from insnav.regression.verdict import Comparison, Verdict
 
 HISTORY_FILE = "history.jsonl"
 

@@ -6,12 +6,12 @@ import numpy as np
 
 from insnav import strapdown
 from insnav.earth import lla_offset, ned_offset
-from insnav.errors.outage import outages
+from insnav.errors.outage.gnss_outage import outages
 from insnav.exceptions import InputError
-from insnav.filter.recording import Navigated, aided, prepare
+from insnav.filter.navigate import Navigated, aided, prepare
 from insnav.imu import ImuErrors, correct
+from insnav.regression.accuracy_metrics import FREE, OUTAGES
 from insnav.regression.cases import Material
-from insnav.regression.metrics import FREE, OUTAGES
 from insnav.types import FloatArray, ImuData, Increments, SensorErrors, Trajectory
 
 GROWTH = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0)  # times without GPS at which the error is kept [s]

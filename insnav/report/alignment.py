@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from insnav.earth import OMEGA_EARTH
-from insnav.filter.fine import FineAlignment
+from insnav.filter.fine_alignment import FineAlignment
 from insnav.imu.model import ImuSpec, gyro_bias_sd
-from insnav.report.facts import alignment_facts as _one
-from insnav.report.facts import json_ready
-from insnav.report.labels import number
+from insnav.report.numbers import number
+from insnav.report.run_json import alignment_facts as _one
+from insnav.report.run_json import json_ready
 from insnav.units import DEG
 
 _MARGIN = 12

@@ -1,78 +1,146 @@
-"""The report page: one self-contained HTML file with the accuracy, the figures and every fact."""
+"""One sheet of results: a few tables and figures, for the terminal and as a page. Every bench method makes one."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from insnav.report.accuracy_table import STATISTICS, accuracy_rows
-from insnav.report.template import data_uri, filled
+from matplotlib.figure import Figure
 
-_SECTIONS = {
-    "input": "What was read",
-    "alignment": "Alignment",
-    "imu_model": "IMU model",
-    "solution": "Solution",
-    "fixes": "Fixes",
-    "aids": "What helped besides fixes",
-    "outages": "Outages",
-    "sensor_errors": "Estimated sensor errors",
-    "smoothed": "Smoothed solution",
-    "short_mechanization": "Short-duration mechanization",
-    "events": "Events",
-    "configuration": "Configuration",
-    "versions": "Versions",
-}
-_CAPTIONS = {
-    "track": "Track, with fixes and outages",
-    "error_position": "Position error and its ±3 sd",
-    "error_velocity": "Velocity error and its ±3 sd",
-    "error_attitude": "Attitude error and its ±3 sd",
-    "uncertainty": "Standard deviation of the filter and of the smoothed solution",
-    "error_distribution": "Distribution of the horizontal error",
-    "height": "Height",
-    "velocity": "Velocity",
-    "attitude": "Attitude",
-    "innovations": "Innovations against their gates",
-    "biases": "Estimated sensor errors",
-    "short_mechanization": "Short-duration mechanization against the full one",
-}
+from insnav import __version__
+from insnav.exceptions import ConfigError
+from insnav.output.folder import RunFolder
+from insnav.plain_text import plain_text
+from insnav.report.html import data_uri, filled
+from insnav.report.style import FigureFormat, drawing, save
 
 
-def write_page(path: Path, facts: Mapping[str, Any], figures: Sequence[Path], *, title: str) -> Path:
-    """Write the report page.
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Results in rows, as they are to be read.
+
+    Attributes
+    ----------
+    title : str
+        What the rows are.
+    columns : tuple of str
+        Headings, units in brackets.
+    rows : tuple of tuple of str
+        Cells, as many as columns; the first names the row.
+    note : str
+        How to read them.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure drawn inside `drawing`, the name of its file without suffix, and what it shows."""
+
+    name: str
+    figure: Figure
+    caption: str
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """Everything on one page.
+
+    Attributes
+    ----------
+    title : str
+        What was done, to what.
+    summary : tuple of str
+        The result in a few sentences.
+    tables : tuple of Table
+    pictures : tuple of Picture
+    assumptions : tuple of str
+        What was taken for granted: defaults, validity, sources.
+    warnings : tuple of str
+        What the reader must not overlook.
+    """
+
+    title: str
+    summary: tuple[str, ...]
+    tables: tuple[Table, ...]
+    pictures: tuple[Picture, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def sheet_text(sheet: Sheet) -> str:
+    """Write a sheet for the terminal: title, summary, tables in columns, warnings, assumptions.
 
     Parameters
     ----------
-    path : Path
-        The file, such as ``report.html``.
+    sheet : Sheet
+    """
+    blocks = ["\n".join([sheet.title, *sheet.summary])]
+    blocks += [table_text(table) for table in sheet.tables]
+    for heading, lines in (("Warnings", sheet.warnings), ("Assumptions", sheet.assumptions)):
+        if lines:
+            blocks.append("\n".join([heading, *(f"  - {line}" for line in lines)]))
+    return "\n".join(plain_text(line) for line in "\n\n".join(blocks).splitlines())
+
+
+def table_text(table: Table) -> str:
+    """Write a table in columns: the first to the left, numbers to the right."""
+    cells = [table.columns, *table.rows]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(table.columns))]
+    lines = [
+        "  ".join(text.ljust(width) if i == 0 else text.rjust(width) for i, (text, width) in enumerate(row)).rstrip()
+        for row in ([*zip(row, widths, strict=True)] for row in cells)
+    ]
+    return "\n".join([table.title, *(f"  {line}" for line in lines), *([f"  {table.note}"] if table.note else [])])
+
+
+def write_sheet(
+    folder: RunFolder,
+    sheet: Sheet,
+    facts: Mapping[str, Any],
+    texts: Mapping[str, str] | None = None,
+    figure_format: FigureFormat = "png",
+) -> Path:
+    """Write figures, page and text files into a folder and put it in its place.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        Entered, not committed.
+    sheet : Sheet
+        Content of ``report.html``.
     facts : mapping
-        As `insnav.report.facts.run_facts` makes them.
-    figures : sequence of Path
-        PNG or SVG files, in the order to show them; they are copied into the page.
-    title : str
-        Any text.
+        Content of ``run.json``, JSON-ready.
+    texts : mapping, optional
+        Further files: name to content, such as ``calibration.toml``.
+    figure_format : {"png", "svg"}
 
     Returns
     -------
     Path
-        The file written.
+        The finished folder.
+
+    Raises
+    ------
+    ConfigError
+        Two pictures, or two files, of one name.
+    OutputError
+        The folder cannot be written.
     """
-    path.write_text(page_html(facts, figures, title=title), encoding="utf-8", newline="\n")
-    return path
-
-
-def page_html(facts: Mapping[str, Any], figures: Sequence[Path], *, title: str) -> str:
-    """Make the report page; see `write_page`."""
-    accuracy = facts["accuracy"]
-    table = accuracy_rows(accuracy) if accuracy and accuracy.get("all") else None
-    return filled(
-        "report.html.j2",
-        title=title,
-        facts=facts,
-        table=table,
-        statistics=[name for _, name in STATISTICS],
-        sections=[(heading, facts[key]) for key, heading in _SECTIONS.items() if facts.get(key)],
-        figures=[(_CAPTIONS.get(file.stem, file.stem), data_uri(file)) for file in figures],
-    )
+    names = [picture.name for picture in sheet.pictures]
+    if len(set(names)) < len(names):
+        raise ConfigError("two figures have the same name", where=", ".join(names))
+    with drawing():
+        files = [save(p.figure, folder.path(f"figures/{p.name}"), figure_format) for p in sheet.pictures]
+    for name, text in (texts or {}).items():
+        folder.path(name).write_text(text, encoding="utf-8", newline="\n")
+    pictures = [(picture.caption, data_uri(file)) for picture, file in zip(sheet.pictures, files, strict=True)]
+    page = filled("sheet.html.j2", sheet=sheet, pictures=pictures, version=__version__)
+    folder.path("report.html").write_text(page, encoding="utf-8", newline="\n")
+    return folder.commit(facts)

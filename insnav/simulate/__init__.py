@@ -1,24 +1,23 @@
 """Simulated drives: exact truth over the rotating Earth, sensors that measure it, and the errors they make.
 
-    profile or track -> Truth -> imu_from_truth -> corrupt_imu -> write_imu
-                              -> gps_from_truth -> corrupt_gps -> write_gps
-                              -> reference                     -> write_reference
+    profile or track -> Truth -> imu_from_truth -> corrupt_imu
+                              -> gps_from_truth -> corrupt_gps
+                              -> reference
 
 A truth is made of two curves, position and attitude; everything else is derived from them. `straight` and `circle` are
-truths in closed form; `insnav.simulate.motion` makes them from motion profiles, `insnav.simulate.track` from recorded
+truths in closed form; `insnav.simulate.motion` makes them from motion profiles, `truth_from_track` from recorded
 tracks, and `drive`, smaller, from a list of segments.
 """
 
 from __future__ import annotations
 
 from insnav.simulate.closed_forms import circle, straight
-from insnav.simulate.files import write_gps, write_imu, write_reference
-from insnav.simulate.measure import gps_from_truth, imu_from_truth, reference
+from insnav.simulate.gps_errors import GpsErrors, corrupt_gps, without_fixes
+from insnav.simulate.ideal_sensors import gps_from_truth, imu_from_truth, reference
+from insnav.simulate.imu_errors import ImuSimulation, corrupt_imu
+from insnav.simulate.motion.vehicle import Vehicle, drive
 from insnav.simulate.profile import Profile, Segment
-from insnav.simulate.receiver import GpsErrors, corrupt_gps, without_fixes
-from insnav.simulate.sensors import ImuSimulation, corrupt_imu
 from insnav.simulate.truth import Kinematics, LevelTruth, Truth
-from insnav.simulate.vehicle import Vehicle, drive
 
 __all__ = [
     "GpsErrors",
@@ -38,7 +37,4 @@ __all__ = [
     "reference",
     "straight",
     "without_fixes",
-    "write_gps",
-    "write_imu",
-    "write_reference",
 ]

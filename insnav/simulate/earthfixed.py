@@ -14,15 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from insnav.attitude import quat_conjugate, quat_multiply, rph_from_quat, wrap_pi
-from insnav.earth import E2, OMEGA_EARTH, A, F, radii
+from insnav.attitude import quat_conjugate, quat_multiply, rph_from_quat
+from insnav.earth import OMEGA_EARTH
+from insnav.earth_fixed import geodetic, lla_from_earth, quat_earth_from_level
+from insnav.simulate.body_rotation import Quaternion, Turns
 from insnav.simulate.curves import Spline
 from insnav.simulate.truth import Gravity, Kinematics, Truth, Vector, components, gravity_of
-from insnav.simulate.turns import Quaternion, Turns
 from insnav.types import FloatArray
-
-_B = A * (1.0 - F)  # semi-minor axis [m]
-_EP2 = E2 / (1.0 - E2)  # second eccentricity squared [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,21 +121,6 @@ def turned_back(q: Quaternion, vector: Vector) -> Vector:
     return x + twice * (c * kz - d * ky), y + twice * (d * kx - b * kz), z + twice * (b * ky - c * kx)
 
 
-def _geodetic(x: FloatArray, y: FloatArray, z: FloatArray) -> Vector:
-    """Distance from the axis [m], latitude [rad], height [m] (Bowring, Survey Review 28 (1985) 202-206).
-
-    One step from Bowring's start, better than 1e-12 rad and 1e-9 m up to 100 km.
-    """
-    p = np.hypot(x, y)
-    r = np.hypot(p, z)
-    t, u = _B * z * (1.0 + _EP2 * _B / r), A * p  # tangent of the parametric latitude is t / u
-    s, c = t / np.hypot(t, u), u / np.hypot(t, u)
-    t, u = z + _EP2 * _B * s**3, p - E2 * A * c**3
-    w = np.hypot(t, u)
-    s, c = t / w, u / w
-    return p, np.arctan2(t, u), p * c + z * s - A * np.sqrt(1.0 - E2 * s * s)
-
-
 def gravity_e(x: FloatArray, y: FloatArray, z: FloatArray, gravity: Gravity) -> Vector:
     """Gravity, centrifugal acceleration included, in Earth-fixed axes [m/s^2].
 
@@ -148,34 +131,10 @@ def gravity_e(x: FloatArray, y: FloatArray, z: FloatArray, gravity: Gravity) -> 
     gravity : {"full", "plumb", "linear"}
         See `Truth`.
     """
-    p, lat, height = _geodetic(x, y, z)
+    p, lat, height = geodetic(x, y, z)
     north, down = gravity_of(gravity, lat, height)
     s, c = np.sin(lat), np.cos(lat)
     outward = -c * down - s * north
     along = -s * down + c * north
     outward /= np.maximum(p, 1e-9)  # on the axis x and y are zero
     return x * outward, y * outward, along
-
-
-def lla_from_earth(r_e: FloatArray) -> FloatArray:
-    """Latitude [rad], longitude [rad] in [-pi, pi), height [m] of Earth-fixed positions ``(n, 3)`` [m]."""
-    x, y, z = components(r_e)
-    _, lat, height = _geodetic(x, y, z)
-    return np.column_stack([lat, wrap_pi(np.arctan2(y, x)), height])
-
-
-def earth_from_lla(lla: FloatArray) -> FloatArray:
-    """Earth-fixed positions ``(n, 3)`` [m] of latitude [rad], longitude [rad], height [m] (Groves 2013, eq. 2.112)."""
-    lat, lon, height = components(lla)
-    _, transverse = radii(lat)
-    out = (transverse + height) * np.cos(lat)
-    return np.column_stack([out * np.cos(lon), out * np.sin(lon), ((1.0 - E2) * transverse + height) * np.sin(lat)])
-
-
-def quat_earth_from_level(lla: FloatArray) -> FloatArray:
-    """Quaternion ``q_en`` ``(n, 4)`` of North, East, Down at latitude and longitude [rad] (Groves 2013, eq. 2.150)."""
-    half_lat, half_lon = 0.5 * lla[:, 0], 0.5 * lla[:, 1]
-    zero = np.zeros_like(half_lat)
-    about_axis = np.column_stack([np.cos(half_lon), zero, zero, np.sin(half_lon)])
-    tilt = half_lat + 0.25 * np.pi
-    return quat_multiply(about_axis, np.column_stack([np.cos(tilt), zero, -np.sin(tilt), zero]))

@@ -37,7 +37,7 @@ import numpy as np
 
 from insnav.earth import lla_offset
 from insnav.exceptions import ConfigError
-from insnav.simulate.receiver import without_fixes
+from insnav.simulate.gps_errors import without_fixes
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData
 from insnav.units import DEG, G0, UNITS, parse_quantity
 

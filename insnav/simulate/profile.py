@@ -10,7 +10,7 @@ from scipy.interpolate import PPoly
 
 from insnav.exceptions import ConfigError
 from insnav.simulate.curves import Spline, spline_of
-from insnav.simulate.smooth import STEP
+from insnav.simulate.motion.smooth_steps import STEP
 from insnav.types import FloatArray
 
 _DEGREE = 9

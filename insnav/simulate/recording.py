@@ -11,15 +11,15 @@ import numpy as np
 
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec
-from insnav.simulate import receiver
-from insnav.simulate.measure import gps_from_truth, imu_from_truth, reference
-from insnav.simulate.sensors import ImuSimulation, corrupt_imu
+from insnav.simulate import gps_errors as receiver
+from insnav.simulate.ideal_sensors import gps_from_truth, imu_from_truth, reference
+from insnav.simulate.imu_errors import ImuSimulation, corrupt_imu
 from insnav.simulate.truth import Truth
 from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
 
 if TYPE_CHECKING:
     from insnav.simulate.faults import Fault
-    from insnav.simulate.receiver import GpsSpec
+    from insnav.simulate.gps_errors import GpsSpec
 
 REFERENCE_RATE = 10.0  # [Hz]
 IDEAL_GPS_RATE = 1.0  # of a receiver without errors [Hz]

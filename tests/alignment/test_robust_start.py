@@ -12,8 +12,8 @@ from insnav.attitude import wrap_pi
 from insnav.earth import lla_offset
 from insnav.exceptions import AlignmentError
 from insnav.filter import FilterSettings
-from insnav.filter.fine import fine_alignment
-from insnav.filter.recording import Navigated, navigate_recording
+from insnav.filter.fine_alignment import fine_alignment
+from insnav.filter.navigate import Navigated, navigate_recording
 from insnav.simulate import corrupt_gps, corrupt_imu, gps_from_truth, reference, straight
 from insnav.strapdown import intervals
 from insnav.types import Alignment, EventKind, GpsData

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import allantools
 import numpy as np
 
-from insnav.lab.allan import allan_deviation, averaging_factors
+from insnav.lab.noise.allan import allan_deviation, averaging_factors
 from insnav.types import FloatArray
 
 FULL, INTERVAL = 3_600_000, 0.005

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from insnav import strapdown
-from insnav.certificate import attitude, navigation
+from insnav.certificate import coning_sculling as attitude
+from insnav.certificate import navigation_checks as navigation
 from insnav.certificate.certify import Certificate, certify
 from insnav.certificate.check import Check
 from insnav.certificate.gravity import gravity
 from insnav.certificate.integrators import METHODS, integrators
-from insnav.report.certificate import certificate_markdown
+from insnav.report.certificate.page import certificate_markdown
 from insnav.units import DEG, DEG_PER_H, G0, UG
 from tests.cli.conftest import ROOT
 
@@ -184,7 +185,7 @@ def test_progress_is_told(monkeypatch):
 
 def test_another_package_stands_beside():
     pytest.importorskip("pyins", reason="python-ins is not installed")
-    from insnav.certificate.peer import pyins
+    from insnav.certificate.pyins_peer import pyins
 
     found = [*attitude.coning((*integrators()[:1], pyins())), *navigation.meridians((*integrators()[:1], pyins()))]
     # figures measured beforehand by a program of their own

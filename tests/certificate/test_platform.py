@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insnav.certificate import day, gimbal
+from insnav.certificate import platform_checks as gimbal
+from insnav.certificate import static_day as day
 from insnav.certificate.check import Check
 from insnav.certificate.integrators import integrators
 from insnav.gimbal import PlatformErrors

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from insnav.io.folder import read_facts
+from insnav.output.folder import read_facts
 from tests.cli.conftest import AT_REST, Cli
-from tests.io.files import IMU_HEADER, rolling, write
+from tests.input.files import IMU_HEADER, rolling, write
 
 HERE = ("--lat", AT_REST["lat"], "--height", 500)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from insnav.io.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts, verify_folder
 from tests.cli.conftest import SAMPLE, Cli
 
 MEMS = """

@@ -10,10 +10,10 @@ import pytest
 
 from insnav.cli.budget_recorded import RecordedOptions, StartFrom, recorded
 from insnav.exceptions import ConfigError, InputError
-from insnav.io.folder import RunFolder, read_facts, verify_folder
-from insnav.report.recorded_budget import recorded_sheet
-from insnav.report.recorded_facts import recorded_facts
-from insnav.report.sheet import write_sheet
+from insnav.output.folder import RunFolder, read_facts, verify_folder
+from insnav.report.budget.windows import recorded_sheet
+from insnav.report.budget.windows_quantities import recorded_facts
+from insnav.report.page import write_sheet
 
 QUICK = RecordedOptions(
     Path("imu.csv"), Path("gps.csv"), imu="automotive", window=20.0, spacing=15.0, twins=0, workers=1

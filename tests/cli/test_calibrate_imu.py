@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from insnav.imu import corrupt, load_calibration
-from insnav.io.folder import verify_folder
+from insnav.output.folder import verify_folder
 from insnav.types import ImuData
 from tests.cli.conftest import QUICK, Cli
 from tests.lab.sweeps import asymmetric, cubic, gyros, straight, write

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insnav.imu import load_calibration
-from insnav.io.folder import read_facts
+from insnav.output.folder import read_facts
 from tests.cli.conftest import Cli
 from tests.lab.modules import NINE, UPRIGHT, Modules, make
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from insnav.imu import correct, load_calibration
-from insnav.imu.terms import ErrorTerms
-from insnav.io import read_imu
-from insnav.io.axes import axes_matrix
-from insnav.io.contents import verify_folder
-from insnav.io.folder import read_facts
+from insnav.imu.higher_order import ErrorTerms
+from insnav.input import read_imu
+from insnav.input.interpret.axes import axes_matrix
+from insnav.output.contents import verify_folder
+from insnav.output.folder import read_facts
 from insnav.types import ImuData
 from tests.cli.conftest import Cli
-from tests.lab.test_poses import G_SENSITIVITY, TRUE, measured
+from tests.lab.test_multi_position import G_SENSITIVITY, TRUE, measured
 from tests.lab.test_six_positions import measured as six_measured
 
 HEADER = "time_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2"
@@ -115,7 +115,7 @@ def test_gravity_follows_from_latitude_and_height(bench: Path, cli: Cli) -> None
 
 
 def test_six_positions_with_sections_and_without(bench: Path, cli: Cli) -> None:
-    from insnav.lab.six_positions import find_sections
+    from insnav.lab.multi_position.six_positions import find_sections
 
     data = six_measured(0.003)
     write("six.csv", data)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.io.folder import read_facts
+from insnav.output.folder import read_facts
 from tests.cli.conftest import Cli
 
 GIVEN = ("--fall-mass", 0.06, "--radius", 0.0225, "--mass", 0.05, "--arm", 0.25)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from insnav.io.folder import read_facts
+from insnav.output.folder import read_facts
 from tests.cli.conftest import QUICK, Cli
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from insnav.imu import load_calibration, load_imu
-from insnav.io.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts, verify_folder
 from insnav.units import DEG
 from tests.cli.conftest import Cli
 from tests.lab.published import lab_file

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from insnav.io.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts, verify_folder
 from tests.cli.conftest import Cli
 
 QUICK = ("outage", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", "--lengths", "3,6", "--first", "80")

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from insnav.earth import gravity_n
-from insnav.errors.platform_study import level_force
-from insnav.io.folder import read_facts, verify_folder
-from insnav.io.write import read_solution
-from insnav.simulate import circle, reference, straight, write_reference
-from insnav.simulate.files import write_table
+from insnav.errors.platform_errors import level_force
+from insnav.output.data_files import write_reference, write_table
+from insnav.output.folder import read_facts, verify_folder
+from insnav.output.solution_tables import read_solution
+from insnav.simulate import circle, reference, straight
 from tests.cli.conftest import Cli
 
 START = ("--lat", "48.000000000", "--lon", "11.0", "--height", "1000")
@@ -99,7 +99,7 @@ def test_the_errors_of_a_platform_at_rest_are_beside_the_closed_form(
 
 def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli):
     """With shorter motions: what is shown is tested elsewhere."""
-    from insnav.report import platform_demo
+    from insnav.report.platform import demonstration as platform_demo
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(platform_demo, "DAY_RATE", 0.5)

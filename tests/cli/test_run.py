@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from insnav.io.folder import read_facts, verify_folder
+from insnav.output.folder import read_facts, verify_folder
 from tests.cli.conftest import QUICK, Cli
 
 WITH_REFERENCE = (*QUICK, "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2")

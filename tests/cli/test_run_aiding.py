@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.io.folder import read_facts
+from insnav.output.folder import read_facts
 from tests.cli.conftest import QUICK, SAMPLE, Cli
 
 ARM = ("--lever-arm", "0.8,-0.3,-1.2")

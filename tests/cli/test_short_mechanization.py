@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from insnav.io.folder import verify_folder
+from insnav.output.folder import verify_folder
 from tests.cli.conftest import QUICK, Cli
 
 

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 from insnav.imu import load_calibration, load_imu
-from insnav.io import read_gps, read_imu, read_reference
-from insnav.io.folder import read_facts, verify_folder
+from insnav.input import read_gps, read_imu, read_reference
+from insnav.output.folder import read_facts, verify_folder
 from insnav.simulate.motion import library, load_profile
 from tests.cli.conftest import ROOT, Cli
 
@@ -188,7 +188,7 @@ def test_every_fault_is_named_in_the_help_and_in_the_readme():
 
 
 def test_the_profile_of_the_readme_can_be_driven_and_every_segment_is_told(here: Path):
-    from insnav.simulate.gps_config import load_gps
+    from insnav.simulate.gps_file import load_gps
     from insnav.simulate.motion.segments import SEGMENTS
 
     readme = (ROOT / "trajectories" / "README.md").read_text()
@@ -358,7 +358,7 @@ def test_a_series_that_ended_early_is_gone_on_with(here: Path, cli: Cli, monkeyp
 
 def test_a_series_stopped_while_it_is_written_is_kept_too(here: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch):
     from insnav.cli.signals import Stopped
-    from insnav.report import ensemble
+    from insnav.report.simulation import ensemble
 
     def stopped(*_: object) -> None:
         raise Stopped(signal.SIGINT)

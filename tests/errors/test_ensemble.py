@@ -13,7 +13,7 @@ from insnav.earth import lla_offset
 from insnav.errors.ensemble import COMPONENTS, FIGURES, GROUPS, band, ensemble, inside, reduced
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings
-from insnav.filter.recording import navigate_recording
+from insnav.filter.navigate import navigate_recording
 from insnav.imu import ImuSpec, load_imu
 from insnav.simulate import GpsErrors, Truth, corrupt_gps, corrupt_imu, gps_from_truth, imu_from_truth, reference
 from insnav.simulate.montecarlo import Failure, Runs, Sample, monte_carlo

@@ -10,7 +10,7 @@ import pytest
 from insnav.attitude import wrap_pi
 from insnav.exceptions import AlignmentError
 from insnav.filter import FilterSettings, Gates, gates
-from insnav.filter.recording import DELAY_SD, navigate_recording
+from insnav.filter.navigate import DELAY_SD, navigate_recording
 from insnav.imu.health import CLIPPED
 from insnav.simulate import Profile, Segment, Vehicle, drive, gps_from_truth, imu_from_truth, reference
 from insnav.simulate.faults import parse_fault
@@ -147,8 +147,8 @@ def test_n15_one_sample_off(bars, size):
 
 
 def test_n12_samples_that_are_no_numbers_are_a_gap(tmp_path):
-    from insnav.io import read_gps, read_imu
-    from insnav.simulate import write_gps, write_imu
+    from insnav.input import read_gps, read_imu
+    from insnav.output.data_files import write_gps, write_imu
 
     imu, gps = data(0)
     imu, gps = parse_fault("imu-nan@200s+0.1s").apply(imu, gps)

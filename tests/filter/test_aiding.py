@@ -11,10 +11,10 @@ from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter import FilterSettings, Navigator
 from insnav.filter.aiding import Aiding, Wheels
-from insnav.filter.correlation import CorrelatedNoise
-from insnav.filter.learn import learn, rests
-from insnav.filter.recording import DELAY_SD
-from insnav.kernels import aiding as kernel
+from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.navigate import DELAY_SD
+from insnav.filter.vehicle_calibration import learn, rests
+from insnav.kernels import aiding_measurements as kernel
 from insnav.kernels.errorstate import STATES
 from insnav.simulate import reference, without_fixes
 from insnav.types import EventKind

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from insnav.kernels.measurement import antenna, assess
+from insnav.kernels.gps_measurement import antenna, assess
 from tests.physics import equations as eq
 
 LEVER, LAG, DELAY = np.array([1.2, -0.7, -1.5]), 0.02, 0.03

@@ -7,7 +7,7 @@ import numpy as np
 from insnav.attitude import wrap_pi
 from insnav.earth import ned_offset
 from insnav.filter import FilterSettings
-from insnav.filter.recording import navigate_recording
+from insnav.filter.navigate import navigate_recording
 from insnav.simulate import reference
 from insnav.types import GpsData, ImuData, Trajectory
 from tests.filter import drives

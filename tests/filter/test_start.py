@@ -11,8 +11,8 @@ from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, initial_state
-from insnav.filter.correlation import CorrelatedNoise
-from insnav.filter.recording import DELAY_SD, Start, navigate_recording
+from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.navigate import DELAY_SD, Start, navigate_recording
 from insnav.simulate import GpsErrors, corrupt_gps, reference
 from insnav.types import EventKind, GpsData, ImuData, Run
 from insnav.units import DEG

@@ -11,7 +11,7 @@ import pytest
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuErrors, calibration_to_toml, correct, corrupt, load_calibration
 from insnav.imu.dynamic_map import AxisMap, DynamicMap
-from insnav.imu.terms import ErrorTerms
+from insnav.imu.higher_order import ErrorTerms
 from insnav.types import ImuData
 
 BENT = AxisMap(np.array([-4.0, -1.0, 0.5, 3.0]), np.array([0.2, -0.1, 0.05, -0.3]))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import ConfigError, InputError
-from insnav.lab.acceptance import acceptance
-from insnav.lab.acceptance_figures import scale_of, spread_of, stability_of
-from insnav.lab.bench_records import Channel, read_powerups, read_static, read_steps
+from insnav.lab.acceptance.acceptance import acceptance
+from insnav.lab.acceptance.figures_of_merit import scale_of, spread_of, stability_of
+from insnav.lab.bench_data.records import Channel, read_powerups, read_static, read_steps
 from insnav.units import DEG, G0
 from tests.lab.published import lab_file
 

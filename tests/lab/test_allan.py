@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import ConfigError, InputError
-from insnav.lab.allan import (
+from insnav.lab.noise.allan import (
     LONGEST_PART,
     allan_deviation,
     averaging_factors,
@@ -16,7 +16,7 @@ from insnav.lab.allan import (
     silent,
     smallest_step,
 )
-from insnav.lab.allan_statistics import chi_square_interval, covariance, freedom
+from insnav.lab.noise.allan_confidence import chi_square_interval, covariance, freedom
 from insnav.types import ImuData
 from tests.lab.signals import at_rest, noise
 

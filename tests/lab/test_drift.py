@@ -9,11 +9,11 @@ from scipy.stats import multivariate_normal
 
 from insnav.exceptions import InputError
 from insnav.imu import ImuErrors, calibration_to_toml, load_calibration
-from insnav.imu.terms import ErrorTerms
-from insnav.lab.allan import AllanDeviation, allan_deviation
-from insnav.lab.drift import DriftRecord, corrected_rates, drift_errors, drift_model, lasting
-from insnav.lab.drift_noise import TAUS, drift_study, power_fit
-from insnav.lab.smoothing import P0, Smoother, choose_smoother, computed_ramp, smooth
+from insnav.imu.higher_order import ErrorTerms
+from insnav.lab.drift.allan_before_after import TAUS, drift_study, power_fit
+from insnav.lab.drift.drift_model import DriftRecord, corrected_rates, drift_errors, drift_model, lasting
+from insnav.lab.drift.rate_smoothing import P0, Smoother, choose_smoother, computed_ramp, smooth
+from insnav.lab.noise.allan import AllanDeviation, allan_deviation
 from insnav.units import DEG, DEG_PER_SQRT_H, G0
 from tests.lab.signals import noise
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from insnav.imu import ImuSpec, SensorSpec, load_imu, to_toml
-from insnav.io import read_imu
-from insnav.lab.allan import AXES, allan_deviation, averaging_factors
-from insnav.lab.noise_model import NAMES, basis, fit_noise
-from insnav.lab.noise_spec import PEAK, PEAK_TIME, temperature_correlation, white_of_steps
-from insnav.lab.static_noise import static_noise
-from insnav.simulate.sensors import corrupt_imu
+from insnav.input import read_imu
+from insnav.lab.noise.allan import AXES, allan_deviation, averaging_factors
+from insnav.lab.noise.noise_model import NAMES, basis, fit_noise
+from insnav.lab.noise.noise_spec import PEAK, PEAK_TIME, temperature_correlation, white_of_steps
+from insnav.lab.noise.static_noise import static_noise
+from insnav.simulate.imu_errors import corrupt_imu
 from insnav.types import ImuData
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, UG
 from tests.lab.signals import at_rest, noise

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from insnav.imu import ImuErrors, calibration_to_toml, correct, load_calibration
-from insnav.lab.effect import Calibrated
-from insnav.lab.fit import coverage_factor
-from insnav.lab.nine import calibrate_nine
-from insnav.lab.single import (
+from insnav.lab.least_squares import coverage_factor
+from insnav.lab.navigation_impact import Calibrated
+from insnav.lab.nine_position.method import calibrate_nine
+from insnav.lab.rate_sweep.method import calibrate_sweeps, sweep_uncertainty
+from insnav.lab.single_axis.method import (
     RATE_TABLE,
     TUMBLE,
     accel_errors,
@@ -22,12 +23,11 @@ from insnav.lab.single import (
     read_record,
     single_uncertainty,
 )
-from insnav.lab.sweep import calibrate_sweeps, sweep_uncertainty
 from insnav.types import ImuData
 from insnav.units import DEG
 from tests.lab.modules import NINE, make
 from tests.lab.sweeps import RATES, gyros, table
-from tests.lab.test_nine import true_triad
+from tests.lab.test_nine_position import true_triad
 
 G = 9.81
 TRIALS, POINTS = 60, 40

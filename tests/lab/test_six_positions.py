@@ -10,8 +10,8 @@ import pytest
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.imu import ImuErrors, corrupt
-from insnav.io import read_imu
-from insnav.lab.six_positions import (
+from insnav.input import read_imu
+from insnav.lab.multi_position.six_positions import (
     POSITIONS,
     SECTIONS,
     calibrate_six_positions,

@@ -13,7 +13,7 @@ from insnav import strapdown
 from insnav.attitude import dcm_from_rph
 from insnav.certificate.polar import PolarTruth, around_pole, axes_of, over_pole
 from insnav.earth import earth_rate_n, gravity_n
-from insnav.io.write import write_solution
+from insnav.output.solution_tables import write_solution
 from insnav.simulate import imu_from_truth
 from insnav.types import FloatArray, ImuData, Trajectory
 from insnav.units import DEG
@@ -166,7 +166,7 @@ def test_another_package_leaves_the_map_there():
     pytest.importorskip("pyins", reason="python-ins is not installed")
     from insnav.certificate.integrators import integrators
     from insnav.certificate.motions import start_of
-    from insnav.certificate.peer import pyins
+    from insnav.certificate.pyins_peer import pyins
 
     truth = replace(over_pole(250.0, 600.0), start=0.003)  # no sample exactly at the pole, where it divides by zero
     time = 0.003 + np.arange(59_900) / RATE

@@ -9,10 +9,10 @@ import numpy as np
 from insnav.alignment import rest_of
 from insnav.cli.inputs import imu_from_rest
 from insnav.filter import FilterSettings
-from insnav.filter.fixes import with_sd
-from insnav.filter.recording import DELAY_SD, Navigated, navigate_recording
+from insnav.filter.gps_noise import with_sd
+from insnav.filter.navigate import DELAY_SD, Navigated, navigate_recording
 from insnav.imu import ImuSpec
-from insnav.io import read_gps, read_imu
+from insnav.input import read_gps, read_imu
 from insnav.strapdown import intervals
 from insnav.types import FloatArray, GpsData, ImuData, Innovations
 from tests.shared import recorded

@@ -7,14 +7,14 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from insnav.errors.recorded.budget import RecordedBudget, RecordedSettings, recorded_budget
-from insnav.errors.recorded.growth import COMPONENTS
-from insnav.errors.recorded.judge import Judge, at_rest, judged_by_reference
+from insnav.errors.budget.from_windows import RecordedBudget, RecordedSettings, recorded_budget
+from insnav.errors.outage.statistics import COMPONENTS
+from insnav.errors.outage.window_reference import Judge, at_rest, judged_by_reference
 from insnav.filter import FilterSettings
-from insnav.filter.recording import DELAY_SD, prepare
+from insnav.filter.navigate import DELAY_SD, prepare
 from insnav.imu import load_imu
-from insnav.io import read_imu, read_reference
-from insnav.report.recorded_budget import recorded_sentences, recorded_warnings
+from insnav.input import read_imu, read_reference
+from insnav.report.budget.windows import recorded_sentences, recorded_warnings
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 from tests.recorded.recording import imu_model, recording
 from tests.shared import recorded

@@ -7,13 +7,12 @@ import pytest
 
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.metrics import position_errors
-from insnav.filter.recording import Navigated
+from insnav.filter.navigate import Navigated
 from insnav.imu import ImuSpec
-from insnav.io import read_reference
+from insnav.input import read_reference
 from insnav.types import EventKind, FloatArray, GpsData, ImuData, Trajectory
+from tests.recorded.recording import imu_model, navigated, recording, rms
 from tests.shared import recorded
-
-from .recording import imu_model, navigated, recording, rms
 
 NAME = "ixr_tsukishima_20210412"
 LEVER_ARM = np.array([0.0, 0.3, 0.0])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.errors.outage import growth, outages
+from insnav.errors.outage.gnss_outage import growth, outages
 from insnav.filter import FilterSettings
-from insnav.filter.recording import DELAY_SD, aided, prepare
-from insnav.io import read_gps
+from insnav.filter.navigate import DELAY_SD, aided, prepare
+from insnav.input import read_gps
 from insnav.types import GpsData, ImuData
 from tests.recorded.recording import imu_model, recording
 from tests.shared import recorded

@@ -14,13 +14,12 @@ import pytest
 from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import lla_offset
 from insnav.errors.metrics import position_errors
-from insnav.filter.recording import Navigated
+from insnav.filter.navigate import Navigated
 from insnav.imu import load_imu
-from insnav.io import read_imu, read_reference
+from insnav.input import read_imu, read_reference
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
+from tests.recorded.recording import navigated
 from tests.shared import recorded
-
-from .recording import navigated
 
 NAME = "psins_fog_mems_100s"
 SEEDS = range(6)

@@ -10,9 +10,9 @@ import pytest
 
 from insnav.alignment import find_rest
 from insnav.attitude import wrap_pi
-from insnav.filter.fine import FineAlignment, fine_alignment
+from insnav.filter.fine_alignment import FineAlignment, fine_alignment
 from insnav.imu import identify, load_imu
-from insnav.io import read_imu, read_reference
+from insnav.input import read_imu, read_reference
 from insnav.strapdown import intervals
 from insnav.types import Alignment, FloatArray, ImuData
 from tests.shared import recorded

@@ -7,11 +7,10 @@ import pytest
 
 from insnav.attitude import wrap_pi
 from insnav.earth import ned_offset
-from insnav.filter.fixes import velocity_lag
-from insnav.filter.recording import Navigated
+from insnav.filter.gps_noise import velocity_lag
+from insnav.filter.navigate import Navigated
 from insnav.types import GpsData
-
-from .recording import imu_model, navigated, recording, rms
+from tests.recorded.recording import imu_model, navigated, recording, rms
 
 NAME = "rtklib_drive_20250708"
 LEVER_ARM = (0.0, -0.05, 0.0)

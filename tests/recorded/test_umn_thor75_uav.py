@@ -12,12 +12,11 @@ import pytest
 
 from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat, wrap_pi
 from insnav.errors.metrics import TrajectoryErrors, position_errors
-from insnav.filter.recording import Navigated
-from insnav.io import read_reference
+from insnav.filter.navigate import Navigated
+from insnav.input import read_reference
 from insnav.types import FloatArray, ImuData, Trajectory
+from tests.recorded.recording import imu_model, navigated, recording, rms
 from tests.shared import recorded
-
-from .recording import imu_model, navigated, recording, rms
 
 NAME = "umn_thor75_uav"
 FLYING = 8.0  # [m/s]

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from insnav import strapdown
-from insnav.regression import run
+from insnav.regression import run_corpus as run
 from insnav.regression.baseline import Baseline, renewed
 from insnav.regression.cases import Material
 from insnav.regression.corpus import Corpus, load_corpus
-from insnav.regression.origin import Origin
-from insnav.regression.run import Result, run_corpus
+from insnav.regression.provenance import Origin
+from insnav.regression.run_corpus import Result, run_corpus
 
 LIBRARY = Path(__file__).parents[2] / "trajectories"
 NOWHERE = Path("nowhere")

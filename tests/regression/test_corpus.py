@@ -11,7 +11,7 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.regression.baseline import Baseline, read_baseline, write_baseline
 from insnav.regression.cases import source_of
 from insnav.regression.corpus import Corpus, load_corpus
-from insnav.regression.measure import measure
+from insnav.regression.evaluate import measure
 from tests.regression.conftest import CORPUS, LIBRARY, NOWHERE
 from tests.shared import DATA, recorded
 

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
+from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.baseline import Baseline
-from insnav.regression.compare import compare
 from insnav.regression.history import Entry, entry, read_history, with_entry, write_history
-from insnav.regression.metrics import BY_KEY
-from insnav.regression.origin import origin
-from insnav.regression.peers import PeerRow
-from insnav.regression.run import Result
-from insnav.report.figures.regression import draw_history, fitted
-from insnav.report.figures.style import drawing
-from insnav.report.regression_page import PAGE, SECTION, write_pages
+from insnav.regression.peers.run_peers import PeerRow
+from insnav.regression.provenance import origin
+from insnav.regression.run_corpus import Result
+from insnav.regression.verdict import compare
+from insnav.report.regression.figures import draw_history, fitted
+from insnav.report.regression.page import PAGE, SECTION, write_pages
+from insnav.report.style import drawing
 from tests.regression.conftest import LIBRARY, THEN
 
 

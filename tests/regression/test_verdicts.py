@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from insnav.regression.baseline import BASELINE_FILE, Baseline, read_baseline
-from insnav.regression.compare import Comparison, compare
 from insnav.regression.corpus import Corpus
-from insnav.regression.measure import Measured
-from insnav.regression.run import CaseResult, Result, run_corpus
+from insnav.regression.evaluate import Measured
+from insnav.regression.run_corpus import CaseResult, Result, run_corpus
+from insnav.regression.verdict import Comparison, compare
 from tests.cli.conftest import Cli, cli  # noqa: F401
 from tests.regression.conftest import LIBRARY, NOWHERE, Spoil
 

@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from insnav.errors.budget import Budget, RecordedColumn, at_rest, budget
 from insnav.errors.budget.sources import families, sources_of
 from insnav.imu import load_imu
-from insnav.report.budget import budget_facts, budget_sheet, columns_table, sources_table, warnings
-from insnav.report.budget_words import EFFECTS, growth, size
-from insnav.report.figures.budget import ranked, shares
-from insnav.report.sheet import sheet_text
+from insnav.report.budget.figures import ranked, shares
+from insnav.report.budget.page import budget_facts, budget_sheet, columns_table, sources_table, warnings
+from insnav.report.budget.terms import EFFECTS, growth, size
+from insnav.report.page import sheet_text
 from tests.errors.budget.imus import plain, whole
 
 

@@ -9,10 +9,10 @@ import pytest
 
 from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
-from insnav.report.certificate import certificate_facts, certificate_markdown, certificate_sheet
-from insnav.report.figures.certificate import draw_certificate
-from insnav.report.figures.style import drawing
-from insnav.report.sheet import sheet_text
+from insnav.report.certificate.figures import draw_certificate
+from insnav.report.certificate.page import certificate_facts, certificate_markdown, certificate_sheet
+from insnav.report.page import sheet_text
+from insnav.report.style import drawing
 
 CHECKS = (
     Check("coning", "1 deg, 5 Hz", "deg/h", 0.02, (("polynomial", 0.0145), ("euler", 16.2))),

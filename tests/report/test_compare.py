@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from insnav.earth import lla_offset
+from insnav.errors.comparison import compare
 from insnav.exceptions import InputError
-from insnav.io.write import write_solution
-from insnav.report.compare import compare, comparison_lines
+from insnav.output.solution_tables import write_solution
+from insnav.report.comparison import comparison_lines
 
 
 def folder(tmp_path, name, solution, file_format="csv"):

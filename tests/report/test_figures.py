@@ -10,12 +10,12 @@ import pytest
 from PIL import Image
 
 from insnav.errors.metrics import position_errors
-from insnav.report.figures import draw_all
-from insnav.report.figures.errors import draw_distribution
-from insnav.report.figures.fixes import draw_innovations
-from insnav.report.figures.states import draw_attitude
-from insnav.report.figures.style import BINS, Clock, broken_at_gaps, envelope, thinned
-from insnav.report.figures.track import draw_track
+from insnav.report.run.figures import draw_all
+from insnav.report.run.figures.errors import draw_distribution
+from insnav.report.run.figures.innovations import draw_innovations
+from insnav.report.run.figures.states import draw_attitude
+from insnav.report.run.figures.track import draw_track
+from insnav.report.style import BINS, Clock, broken_at_gaps, envelope, thinned
 from insnav.types import GpsData
 from tests.report.synthetic import drive
 

@@ -1,107 +1,70 @@
-"""The page is one file that shows everything, runs nothing, fetches nothing and obeys no name."""
+"""A sheet says the same on the terminal and on the page, whatever is in its texts."""
 
 from __future__ import annotations
 
+import json
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 
-from insnav.io.text import plain_text
-from insnav.report.facts import run_facts
-from insnav.report.page import page_html, write_page
+from insnav.exceptions import ConfigError
+from insnav.output.folder import RunFolder, verify_folder
+from insnav.report.page import Picture, Sheet, Table, sheet_text, write_sheet
+from insnav.report.style import blank, drawing
 
-HOSTILE = [
-    "<script>alert(1)</script>",
-    '"><img src=x onerror=alert(1)>',
-    "' onload='alert(1)",
-    "</title></style><svg/onload=alert(1)>",
-    "{{ 7 * 7 }}{% raw %}",
-    "\x1b[31mred\x00",
-]
-VOID = {"meta", "img", "br", "link"}
+HOSTILE = '<script>alert(1)</script>"><img src=x onerror=y>\x1b[31m'
 
 
-class Dom(HTMLParser):
-    """Every element with its attributes, and the text."""
+def a_sheet(text: str = "as it is", pictures: int = 1) -> Sheet:
+    with drawing():
+        figures = tuple(Picture("residual", blank(4.0, 3.0, "Residual", "note"), text) for _ in range(pictures))
+    table = Table("Parameters", ("name", "value [V]"), (("zero", "0.1957"), (text, "-12.5")), text)
+    return Sheet("A calibration", (text,), (table,), figures, (text,), (text,))
 
-    def __init__(self, html):
-        super().__init__(convert_charrefs=True)
-        self.elements, self.open, self.text = [], [], []
-        self.feed(html)
-        self.close()
 
-    def handle_starttag(self, tag, attrs):
-        self.elements.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
+class Elements(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.text: list[str] = []
 
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        self.tags.append(tag)
 
-    def handle_data(self, data):
+    def handle_data(self, data: str) -> None:
         self.text.append(data)
 
 
-@pytest.fixture
-def figure(tmp_path):
-    path = tmp_path / "track.png"
-    path.write_bytes(b"\x89PNG")
-    return path
+def test_terminal_shows_every_text_and_lines_numbers_up() -> None:
+    lines = sheet_text(a_sheet()).splitlines()
+    assert lines[0] == "A calibration"
+    rows = [line for line in lines if line.endswith(("0.1957", "-12.5"))]
+    assert len(rows) == 2
+    assert len({len(row) for row in rows}) == 1
+    assert "Warnings" in lines
+    assert "Assumptions" in lines
 
 
-def skeleton(dom):
-    return [(tag, sorted(attrs)) for tag, attrs in dom.elements]
+def test_terminal_gets_no_escape_codes() -> None:
+    assert "\x1b" not in sheet_text(a_sheet(HOSTILE))
 
 
-def test_the_page_shows_accuracy_figures_and_every_section(facts, figure):
-    dom = Dom(page_html(facts, [figure], title="drive.csv"))
-    assert dom.open == []
-    text = " ".join(" ".join(dom.text).split())
-    for words in (
-        "CEP50",
-        "horizontal [m]",
-        "drive.csv",
-        "gravity is 9.81 at rest",
-        "heading is not observable",
-    ):
-        assert words in text
-    assert "gyro bias [deg/h]" in text
-    (image,) = [attrs for tag, attrs in dom.elements if tag == "img"]
-    assert image["src"] == "data:image/png;base64,iVBORw=="
-    assert image["alt"]
+def test_page_holds_the_tables_and_nothing_foreign(tmp_path: Path) -> None:
+    with RunFolder(tmp_path / "out", force=False) as folder:
+        where = write_sheet(folder, a_sheet(HOSTILE), {"zero_v": 0.1957}, {"calibration.toml": 'name = "x"\n'})
+    page = Elements()
+    page.feed((where / "report.html").read_text(encoding="utf-8"))
+    assert page.tags.count("img") == 1
+    assert "script" not in page.tags
+    assert "0.1957" in page.text
+    assert (where / "figures/residual.png").stat().st_size > 1000
+    assert (where / "calibration.toml").read_text(encoding="utf-8") == 'name = "x"\n'
+    assert json.loads((where / "run.json").read_text(encoding="utf-8"))["zero_v"] == 0.1957
+    verify_folder(where)
 
 
-@pytest.mark.parametrize("name", HOSTILE)
-def test_a_hostile_name_anywhere_adds_no_element(driven, facts, figure, name):
-    harmless = page_html({**facts, **planted("name")}, [figure], title="name")
-    hostile = page_html({**facts, **planted(name)}, [figure], title=name)
-    assert skeleton(Dom(hostile)) == skeleton(Dom(harmless))
-    assert "\x1b" not in hostile
-    shown = plain_text(name).strip()
-    assert sum(shown in text for text in Dom(hostile).text) >= 8  # as text, as it is
-
-
-def planted(name):
-    return {
-        "input": {name: {"path": name, "columns": {name: name}, "evidence": [name]}},
-        "configuration": {"list": [1.0, name], name: name},
-        "warnings": [name],
-        "events": {name: 1},
-    }
-
-
-def test_nothing_is_fetched_and_nothing_runs(facts, figure):
-    html = page_html(facts, [figure], title="x")
-    dom = Dom(html)
-    assert not {"script", "link", "iframe", "object", "form"} & {tag for tag, _ in dom.elements}
-    assert all(attrs.get("src", "data:").startswith("data:") for _, attrs in dom.elements)
-    assert "http://" not in html
-    assert "https://" not in html
-    policy = next(a["content"] for t, a in dom.elements if a.get("http-equiv") == "Content-Security-Policy")
-    assert policy == "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-
-
-def test_a_page_of_the_shortest_run_says_so(bare, tmp_path):
-    path = write_page(tmp_path / "report.html", run_facts(bare, reading={}, configuration={}), [], title="short")
-    dom = Dom(path.read_text(encoding="utf-8"))
-    assert "No reference was given." in dom.text
+def test_same_name_twice_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="same name"), RunFolder(tmp_path / "out", force=False) as folder:
+        write_sheet(folder, a_sheet(pictures=2), {})
+    assert not list(tmp_path.iterdir())

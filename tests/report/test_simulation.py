@@ -11,13 +11,11 @@ import pytest
 
 from insnav.errors.ensemble import FIGURES, ensemble, epochs
 from insnav.imu import load_calibration, load_imu
-from insnav.io.folder import RunFolder, verify_folder
-from insnav.report.ensemble import ensemble_facts, ensemble_lines, runs_lines, write_runs
-from insnav.report.facts import json_ready
-from insnav.report.figures.ensemble import draw_ensemble, draw_nees
-from insnav.report.figures.profile import draw_motion, draw_sketch, draw_way, way
-from insnav.report.figures.style import drawing
-from insnav.report.simulation import (
+from insnav.output.folder import RunFolder, verify_folder
+from insnav.report.run_json import json_ready
+from insnav.report.simulation.ensemble import ensemble_facts, ensemble_lines, runs_lines, write_runs
+from insnav.report.simulation.ensemble_figures import draw_ensemble, draw_nees
+from insnav.report.simulation.page import (
     Plan,
     in_folder,
     plan_facts,
@@ -27,8 +25,10 @@ from insnav.report.simulation import (
     simulation_lines,
     write_recording,
 )
+from insnav.report.simulation.profile_figures import draw_motion, draw_sketch, draw_way, way
+from insnav.report.style import drawing
 from insnav.simulate import circle, corrupt_imu, gps_from_truth, imu_from_truth, reference, straight
-from insnav.simulate.gps_config import load_gps
+from insnav.simulate.gps_file import load_gps
 from insnav.simulate.montecarlo import Failure, Runs
 from insnav.simulate.recording import Recording, times
 from tests.simulate.motions import PLACE, town

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from insnav.simulate.motion.vehicle import Vehicle, drive
 from insnav.simulate.profile import Profile, Segment
 from insnav.simulate.truth import Truth
-from insnav.simulate.vehicle import Vehicle, drive
 
 PLACE = np.array([np.radians(48.0), np.radians(11.0), 500.0])
 

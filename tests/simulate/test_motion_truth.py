@@ -12,9 +12,11 @@ import pytest
 
 from insnav import strapdown
 from insnav.earth import ned_offset
-from insnav.io import read_imu
-from insnav.simulate import Truth, imu_from_truth, reference, write_imu
-from insnav.simulate.earthfixed import EarthTruth, earth_from_lla
+from insnav.earth_fixed import earth_from_lla
+from insnav.input import read_imu
+from insnav.output.data_files import write_imu
+from insnav.simulate import Truth, imu_from_truth, reference
+from insnav.simulate.earthfixed import EarthTruth
 from insnav.simulate.motion import library, load_profile
 from insnav.simulate.recording import perfect_imu
 from insnav.simulate.truth import LevelTruth

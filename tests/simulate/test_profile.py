@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import ConfigError
+from insnav.simulate.motion.vehicle import Vehicle, drive
 from insnav.simulate.profile import Profile, Segment, commands
-from insnav.simulate.vehicle import Vehicle, drive
 from tests.simulate.motions import PLACE
 
 STILL = {"velocity_shake": (0.0, 0.0, 0.0), "angle_shake": (0.0, 0.0, 0.0)}

@@ -11,8 +11,8 @@ from insnav.earth import ned_offset
 from insnav.exceptions import ConfigError
 from insnav.imu import correct, load_imu
 from insnav.simulate.faults import parse_fault
-from insnav.simulate.gps_config import load_gps
-from insnav.simulate.measure import imu_from_truth
+from insnav.simulate.gps_file import load_gps
+from insnav.simulate.ideal_sensors import imu_from_truth
 from insnav.simulate.recording import REFERENCE_RATE, perfect_imu, simulate_recording, times, warmed
 from tests.simulate.motions import town
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from insnav.exceptions import ConfigError
 from insnav.simulate.closed_forms import circle, straight
-from insnav.simulate.measure import imu_from_truth
+from insnav.simulate.ideal_sensors import imu_from_truth
 from insnav.simulate.truth import Truth
 from tests.simulate.motions import PLACE, town
 

@@ -9,7 +9,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.calibrate import common
+from insnav.cli.calibrate import command as common
 from insnav.cli.console import Stages
 
 SHORT_HELP = "Bias, scale factor, second order and cross-coupling from a tumble test."
@@ -42,12 +42,12 @@ def accel(
 ) -> None:
     """Calibrate accelerometers by tumbling."""
     from insnav.cli import inputs
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
 
     common.gravity(gravity)
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
-        from insnav.lab import single
+        from insnav.lab.single_axis import method as single
 
         with inputs.named_options():
             records = [
@@ -64,11 +64,11 @@ def accel(
         errors = single.accel_errors(records, found, gravity, name)
         calibrated = single.single_uncertainty(errors, found, gravity)
         stage("navigating")
-        from insnav.lab.effect import minute_effect
+        from insnav.lab.navigation_impact import minute_effect
 
         effects = minute_effect(calibrated)
         stage("writing")
-        from insnav.report.calibration_single import accel_report
+        from insnav.report.calibration.single_axis import accel_report
 
         sheet, facts = accel_report(records, found, calibrated, effects, gravity)
         common.finish(folder, out, sheet, facts, common.with_other(errors, add, "gyro"), as_json=as_json)

@@ -9,7 +9,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.calibrate import common
+from insnav.cli.calibrate import command as common
 from insnav.cli.console import Stages
 
 SHORT_HELP = "Zero and scale factor of gyros from a rate table."
@@ -51,12 +51,12 @@ def gyro(
 ) -> None:
     """Calibrate gyros on a rate table."""
     from insnav.cli import inputs
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
 
     span = parse.span(keep, "--range") if keep else None
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
-        from insnav.lab import single
+        from insnav.lab.single_axis import method as single
         from insnav.units import DEG
 
         with inputs.named_options():
@@ -73,11 +73,11 @@ def gyro(
         found = [single.calibrate_gyro(record, span) for record in records]
         calibrated = single.single_uncertainty(single.gyro_errors(records, found, name), found, DEG)
         stage("navigating")
-        from insnav.lab.effect import minute_effect
+        from insnav.lab.navigation_impact import minute_effect
 
         effects = minute_effect(calibrated)
         stage("writing")
-        from insnav.report.calibration_single import gyro_report
+        from insnav.report.calibration.single_axis import gyro_report
 
         sheet, facts = gyro_report(records, found, calibrated, effects)
         errors = common.with_other(calibrated.errors, add, "accel")

@@ -9,7 +9,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.calibrate import common
+from insnav.cli.calibrate import command as common
 from insnav.cli.console import Stages
 
 SHORT_HELP = "Gyro matrix and bias from rate sweeps, then compensation of what is left over the rate."
@@ -42,13 +42,13 @@ def imu(
 ) -> None:
     """Calibrate three gyros by sweeps."""
     from insnav.cli import inputs
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
 
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
-        from insnav.lab.effect import minute_effect
-        from insnav.lab.sweep import calibrate_sweeps, sweep_uncertainty
-        from insnav.lab.sweep_files import read_sweeps
+        from insnav.lab.navigation_impact import minute_effect
+        from insnav.lab.rate_sweep.method import calibrate_sweeps, sweep_uncertainty
+        from insnav.lab.rate_sweep.records import read_sweeps
 
         with inputs.named_options():
             record = read_sweeps(
@@ -60,7 +60,7 @@ def imu(
         stage("navigating")
         effects = minute_effect(calibrated)
         stage("writing")
-        from insnav.report.calibration_sweep import sweep_report
+        from insnav.report.calibration.rate_sweep import sweep_report
 
         sheet, facts = sweep_report(record, found, calibrated, effects)
         common.finish(folder, out, sheet, facts, common.with_other(calibrated.errors, add, "accel"), as_json=as_json)

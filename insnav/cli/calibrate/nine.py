@@ -9,7 +9,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.calibrate import common
+from insnav.cli.calibrate import command as common
 from insnav.cli.console import Stages
 
 SHORT_HELP = "Three dual-axis modules in nine positions, gyro misalignment without rotation."
@@ -38,14 +38,14 @@ def nine(
 ) -> None:
     """Calibrate dual-axis modules."""
     from insnav.cli import inputs
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
 
     common.gravity(gravity)
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
         from insnav.imu import ImuErrors
-        from insnav.lab.effect import Calibrated, minute_effect
-        from insnav.lab.nine import calibrate_nine, read_nine
+        from insnav.lab.navigation_impact import Calibrated, minute_effect
+        from insnav.lab.nine_position.method import calibrate_nine, read_nine
 
         with inputs.named_options():
             table, dwells = read_nine(file, parse.columns(columns, "--columns"))
@@ -64,7 +64,7 @@ def nine(
         stage("navigating")
         effects = minute_effect(calibrated)
         stage("writing")
-        from insnav.report.calibration_nine import nine_report
+        from insnav.report.calibration.nine_position import nine_report
 
         sheet, facts = nine_report(table, dwells, found, calibrated, effects)
         common.finish(folder, out, sheet, facts, errors, as_json=as_json)

@@ -82,7 +82,7 @@ def poses(
 
     from insnav.cli import inputs
     from insnav.exceptions import ConfigError
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
     from insnav.units import DEG
 
     g, source = _gravity(gravity, lat, height)
@@ -96,15 +96,15 @@ def poses(
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
         from insnav.imu import calibration_to_toml
-        from insnav.io.axes import axes_matrix
-        from insnav.io.counts import read_counts
-        from insnav.io.text import plain_text
-        from insnav.lab.effect import minute_effect
-        from insnav.lab.hand import hand_errors, hand_uncertainty
-        from insnav.lab.poses import calibrate_poses
-        from insnav.lab.six_positions import calibrate_six_positions
-        from insnav.report.poses import poses_facts, poses_sheet, poses_warnings
-        from insnav.report.sheet import write_sheet
+        from insnav.input.interpret.axes import axes_matrix
+        from insnav.input.readers.raw_counts import read_counts
+        from insnav.lab.multi_position.many_positions import calibrate_poses
+        from insnav.lab.multi_position.method import hand_errors, hand_uncertainty
+        from insnav.lab.multi_position.six_positions import calibrate_six_positions
+        from insnav.lab.navigation_impact import minute_effect
+        from insnav.plain_text import plain_text
+        from insnav.report.calibration.multi_position import poses_facts, poses_sheet, poses_warnings
+        from insnav.report.page import write_sheet
 
         if counts:
             with inputs.named_options():
@@ -175,8 +175,8 @@ def _sections(path: Path) -> dict[str, tuple[int, int]]:
     """Sections of a record from a JSON or TOML file: ``{"x_p": {"start": 0, "end": 500}, …}`` or ``[0, 500]``."""
     import json
 
+    from insnav.config_file import read_toml
     from insnav.exceptions import ConfigError
-    from insnav.imu.config import read_toml
 
     if path.suffix.lower() == ".toml":
         content = read_toml(path)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from insnav.cli import options as opt
-from insnav.cli.calibrate import common
+from insnav.cli.calibrate import command as common
 from insnav.cli.console import Stages
 
 SHORT_HELP = "Moment of inertia of a rotor by a falling weight and by precession."
@@ -47,7 +47,7 @@ def rotor(
 ) -> None:
     """Measure a rotor."""
     from insnav.exceptions import ConfigError
-    from insnav.io.folder import RunFolder
+    from insnav.output.folder import RunFolder
 
     for value, option in ((fall_mass, "--fall-mass"), (radius, "--radius"), (mass, "--mass"), (arm, "--arm")):
         if not 0.0 < value < 100.0:
@@ -55,8 +55,8 @@ def rotor(
     common.gravity(gravity)
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
-        from insnav.lab import rotor as bench
-        from insnav.report.calibration_rotor import rotor_report
+        from insnav.lab import rotor_inertia as bench
+        from insnav.report.calibration.rotor_inertia import rotor_report
 
         falls, turns = bench.read_fall(fall), bench.read_precession(precession)
         stage("fitting")

@@ -6,11 +6,11 @@ sources -> analytic (short laws on paper) | covariance (the whole linear model) 
 
 from __future__ import annotations
 
-from insnav.errors.budget.budget import Budget, Column, RecordedColumn, SimulatedColumn, budget, check_times
 from insnav.errors.budget.covariance import Covariance, covariance
-from insnav.errors.budget.known import beside_known, known_sources
-from insnav.errors.budget.montecarlo import Runs, free_runs
-from insnav.errors.budget.motion import SampledMotion, at_rest, first_movement, sampled
+from insnav.errors.budget.error_budget import Budget, Column, RecordedColumn, SimulatedColumn, budget, check_times
+from insnav.errors.budget.initial_covariance import beside_known, known_sources
+from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, first_movement, sampled
+from insnav.errors.budget.simulated import Runs, free_runs
 from insnav.errors.budget.sources import Source, families, sources_of
 
 __all__ = [

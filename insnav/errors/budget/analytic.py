@@ -15,7 +15,7 @@ import numpy as np
 from insnav.earth import gravity_n, radii
 from insnav.errors.budget import laws
 from insnav.errors.budget.covariance import at_start, disturbance, processes
-from insnav.errors.budget.motion import SampledMotion
+from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.sources import BODY, Source
 from insnav.types import FloatArray, IntArray
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from insnav.errors.budget.motion import SampledMotion
+from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.sources import BODY, LOCAL, Source
-from insnav.kernels import budget as _kernel
-from insnav.simulate.sensors import flicker_processes
+from insnav.kernels import error_propagation as _kernel
+from insnav.simulate.imu_errors import flicker_processes
 from insnav.types import FloatArray, IntArray
 
 SHORTEST, LONGEST = 0.02, 0.1  # steps of the propagation [s]

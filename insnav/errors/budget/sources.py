@@ -67,7 +67,7 @@ class Source:
     correlation_time : float
         Of a Gauss-Markov process [s].
     joint : tuple of float
-        What a unit of it carries along, in 21 states; see `insnav.errors.budget.known`.
+        What a unit of it carries along, in 21 states; see `insnav.errors.budget.initial_covariance`.
     """
 
     group: Group

@@ -12,16 +12,17 @@ from scipy.interpolate import PPoly
 
 from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat_multiply
 from insnav.earth import radii
+from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
+from insnav.simulate.body_rotation import Turns
 from insnav.simulate.curves import Spline, spline_of, spline_through
-from insnav.simulate.earthfixed import EarthTruth, earth_from_lla, quat_earth_from_level
+from insnav.simulate.earthfixed import EarthTruth
+from insnav.simulate.imu_errors import Seed
 from insnav.simulate.motion.kinds import Kind
 from insnav.simulate.motion.moves import Move, State
+from insnav.simulate.motion.vehicle import position_curve
 from insnav.simulate.motion.vibration import Vibration, shaken
 from insnav.simulate.motion.waypoints import Way
-from insnav.simulate.sensors import Seed
 from insnav.simulate.truth import LevelTruth, Truth
-from insnav.simulate.turns import Turns
-from insnav.simulate.vehicle import position_curve
 from insnav.types import FloatArray
 from insnav.units import G0
 

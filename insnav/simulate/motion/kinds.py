@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from insnav.simulate.vehicle import Vehicle
+from insnav.simulate.motion.vehicle import Vehicle
 from insnav.units import G0
 
 

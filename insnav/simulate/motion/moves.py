@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from insnav.simulate.smooth import BUMP_AREA, STEEPEST, Rise, bump, step
+from insnav.simulate.motion.smooth_steps import BUMP_AREA, STEEPEST, Rise, bump, step
 from insnav.types import FloatArray
 
 Course = Callable[[FloatArray], FloatArray]  # over the time since the beginning of the move [s]

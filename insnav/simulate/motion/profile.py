@@ -12,15 +12,15 @@ import numpy as np
 from pydantic import Field, PlainValidator
 from pydantic_core import PydanticCustomError
 
+from insnav.config_file import Table, checked, quantity, read_toml, refuse, scalar, signed_scalar
 from insnav.exceptions import ConfigError
-from insnav.imu.config import Table, checked, quantity, read_toml, refuse, scalar, signed_scalar
+from insnav.simulate.imu_errors import Seed
 from insnav.simulate.motion.assemble import Start, commands_of, commands_on, spacing_of, state_at, truth_of
 from insnav.simulate.motion.kinds import KINDS, Kind
 from insnav.simulate.motion.moves import Move, State
 from insnav.simulate.motion.segments import SEGMENTS, Impossible, Repeat, Segment
 from insnav.simulate.motion.vibration import Vibration
 from insnav.simulate.motion.waypoints import Way, way_through
-from insnav.simulate.sensors import Seed
 from insnav.simulate.truth import Truth
 from insnav.types import FloatArray
 

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, PlainValidator, model_validator
 from pydantic_core import PydanticCustomError
 
-from insnav.imu.config import Axes, Table, scalar, signed_scalar
+from insnav.config_file import Axes, Table, scalar, signed_scalar
 from insnav.simulate.motion import moves
 from insnav.simulate.motion.kinds import FASTEST_SPIN, HIGHEST, Kind
 from insnav.simulate.motion.moves import Move, State

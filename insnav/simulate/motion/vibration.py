@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from insnav.simulate.sensors import Seed
-from insnav.simulate.vehicle import Vehicle, shake
+from insnav.simulate.imu_errors import Seed
+from insnav.simulate.motion.vehicle import Vehicle, shake
 from insnav.types import FloatArray
 
 _TONES = 24  # of a band, on each axis

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from insnav.earth import ned_offset
 from insnav.errors.budget.analytic import analytic
 from insnav.errors.budget.covariance import Covariance, at_start, covariance, disturbance, processes, steps_of
-from insnav.errors.budget.motion import SampledMotion, at_rest, first_movement, sampled
+from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, first_movement, sampled
 from insnav.errors.budget.sources import Source, families, only, sources_of
 from insnav.exceptions import ConfigError
 from insnav.imu import ClockSpec

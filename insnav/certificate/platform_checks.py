@@ -1,0 +1,152 @@
+"""The integrators of the north-pointing platform: order of convergence, and motions whose outcome is one formula."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insnav.certificate.check import Check
+from insnav.certificate.motions import even, swell
+from insnav.certificate.static_day import DAY, ERRORS, PLACE, judged
+from insnav.earth import earth_rate_n, gravity_n, ned_offset
+from insnav.errors.platform_errors import Convergence, level_force, sine_convergence
+from insnav.gimbal import DAMPING_TIME, Integrator, PlatformRun, Vertical, integral, navigate_platform
+from insnav.simulate import Truth, circle, straight
+from insnav.types import FloatArray
+from insnav.units import DEG
+
+NAMES: tuple[Integrator, ...] = ("fourth", "mean", "forward", "backward")  # the first is judged
+ORDERS = {"fourth": 4, "mean": 2, "forward": 1, "backward": 1}
+RATE = 10.0  # [Hz]
+_TOPIC = "platform"
+_STEPS = (8.0, 4.0, 2.0, 1.0)  # on a turn: coarse enough that fourth order is not rounding [s]
+_DAY_STEP = 10.0  # so coarse that the plain integrators show what they are [s]
+_HOUR = 3600.0
+
+
+def platform() -> list[Check]:
+    """Every check of the platform."""
+    return [*orders(), *flights(), *date_line(), *vertical(), *day()]
+
+
+def orders() -> list[Check]:
+    """A straight line, and how fast the error falls with the step on a sine and on a turn: all have to keep these."""
+    x = np.linspace(0.0, 3.0, 31)
+    line = tuple((name, abs(float(integral(x, 2.0 * x, name)[-1]) - 9.0)) for name in NAMES)
+    sine = {each.integrator: each.order for each in sine_convergence()}
+    turn = circle(np.array([48.0 * DEG, 11.0 * DEG, 3000.0]), 150.0, 0.02, 320.0)
+    turned = {name: _order_on(turn, name) for name in NAMES}
+    return [
+        Check(_TOPIC, "y = 2x from 0 to 3 in 30 steps, error of 9", "1", 1e-12, line),
+        *(
+            Check(
+                _TOPIC,
+                f"order on {case}, off 4, 2, 1, 1",
+                "1",
+                0.1,
+                tuple((name, abs(found[name] - ORDERS[name])) for name in NAMES),
+                judged=len(NAMES),
+            )
+            for case, found in (("y = sin t", sine), ("circles at 150 m/s", turned))
+        ),
+    ]
+
+
+def flights() -> list[Check]:
+    """Largest error on closed-form motions, with the vertical channel free on one of them."""
+    place = np.array([48.0 * DEG, 11.0 * DEG, 500.0])
+    motions: tuple[tuple[str, Truth, float, Vertical], ...] = (
+        ("1 h of circles at 20 m/s", circle(place, 20.0, 0.1, _HOUR), _HOUR, "off"),
+        ("1 h at 250 m/s due east", straight(place, 250.0, np.pi / 2, _HOUR), _HOUR, "off"),
+        ("5 min on a swell, vertical channel free", swell(300.0, place), 300.0, "free"),
+    )
+    return [
+        Check(
+            _TOPIC,
+            case,
+            "m",
+            0.03,
+            tuple((name, _worst(truth, even(duration, RATE), name, vertical)) for name in NAMES),
+        )
+        for case, truth, duration, vertical in motions
+    ]
+
+
+def date_line() -> list[Check]:
+    """Difference between the same motion across the date line and across longitude 57 deg."""
+    values = []
+    for name in NAMES:
+        tracks = []
+        for lon in (1.0, np.pi):
+            truth, time = circle(np.array([0.8, lon, 100.0]), 20.0, 0.1, 120.0), even(120.0, RATE)
+            tracks.append(_flown(truth, time, name).solution.lla)
+        off = np.abs(ned_offset(tracks[1], tracks[0] + np.array([0.0, np.pi - 1.0, 0.0]))).max()
+        values.append((name, np.inf if np.any(np.abs(tracks[1][:, 1]) > np.pi) else float(off)))
+    return [Check(_TOPIC, "crossing the date line", "m", 1e-6, tuple(values))]
+
+
+def vertical() -> list[Check]:
+    """Height, 1 m off at the start at rest: it runs away, or is forgotten as the damping loop says.
+
+    Rising is also turned to the west, and that weighs more: ``x'' = k^2 x - (2 W cos L)^2 (x - 1)``, with ``k^2`` the
+    fall-off of gravity with height.
+    """
+    step = 1e-3
+    time = even(1200.0, RATE)
+    force = np.tile(-gravity_n(PLACE[0], PLACE[2]), (time.size, 1))
+    g = [float(gravity_n(PLACE[0], PLACE[2] + d)[2]) for d in (-step, step)]
+    turned = (2.0 * float(earth_rate_n(PLACE[0])[0])) ** 2
+    square = (g[0] - g[1]) / (2.0 * step) - turned
+    growth = (1.0 + turned / square) * np.cosh(np.sqrt(square) * time) - turned / square
+    # three equal roots -1/T; x(0) = 1, x'(0) = -3/T, x''(0) = 6/T^2
+    late = time / DAMPING_TIME
+    decay = np.exp(-late) * (1.0 - 2.0 * late + 0.5 * late**2)
+    start, rest = PLACE + np.array([0.0, 0.0, 1.0]), np.zeros(3)
+    checks = []
+    for case, how, expected in (
+        ("height 1 m off for 20 min, channel free", "free", growth),
+        ("height 1 m off for 20 min, channel damped", "damped", decay),
+    ):
+        height = np.full(time.size, PLACE[2]) if how == "damped" else None
+        values = []
+        for name in NAMES:
+            run = navigate_platform(
+                time,
+                force,
+                start,
+                rest,
+                integrator=name,
+                vertical="free" if height is None else "damped",
+                height=height,
+            )
+            values.append((name, float(np.abs(run.solution.lla[:, 2] - PLACE[2] - expected).max())))
+        checks.append(Check(_TOPIC, case, "m", 1e-3, tuple(values)))
+    return checks
+
+
+def day() -> list[Check]:
+    """The errors of a platform at rest against their closed form."""
+    time = even(DAY, 1.0 / _DAY_STEP)
+    force = np.tile(-gravity_n(PLACE[0], PLACE[2]), (time.size, 1))
+    records = []
+    for name in NAMES:
+        run = navigate_platform(time, force, PLACE, np.zeros(3), integrator=name, errors=ERRORS, every=6)
+        records.append((name, run.solution.time, ned_offset(run.solution.lla, PLACE)[:, :2]))
+    return judged(_TOPIC, records, "a day at rest with errors: ")
+
+
+def _flown(truth: Truth, time: FloatArray, name: Integrator, vertical: Vertical = "off") -> PlatformRun:
+    start = truth.evaluate(time[:1])
+    return navigate_platform(
+        time, level_force(truth, time), start.lla[0], start.v_n[0], integrator=name, vertical=vertical
+    )
+
+
+def _worst(truth: Truth, time: FloatArray, name: Integrator, vertical: Vertical = "off") -> float:
+    """Largest distance from the truth [m]."""
+    off = ned_offset(_flown(truth, time, name, vertical).solution.lla, truth.evaluate(time).lla)
+    return float(np.linalg.norm(off, axis=1).max())
+
+
+def _order_on(truth: Truth, name: Integrator) -> float:
+    errors = np.array([_worst(truth, even(truth.duration, 1.0 / step), name) for step in _STEPS])
+    return Convergence(name, np.array(_STEPS), errors).order

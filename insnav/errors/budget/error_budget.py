@@ -1,0 +1,331 @@
+"""The error budget itself: the same errors at the same times, on paper, predicted, simulated and recorded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from insnav.errors.budget import laws
+from insnav.errors.budget.analytic import analytic, gravity_of, schuler_rate
+from insnav.errors.budget.covariance import covariance
+from insnav.errors.budget.sampled_motion import SampledMotion
+from insnav.errors.budget.simulated import free_runs, runs_by_family
+from insnav.errors.budget.sources import Source, families, left_out, not_given, sources_of
+from insnav.exceptions import ConfigError
+from insnav.imu import ImuSpec
+from insnav.types import FloatArray, IntArray
+
+BAND = 0.95  # probability of the bands
+SHORTEST, LONGEST = 0.1, 3600.0  # times that a budget is for [s]
+_CURVE = 60  # points of a curve, about
+_ALONE = 200  # runs of each family alone: their RMS is good to 5 %
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One way to the errors.
+
+    Attributes
+    ----------
+    parts : (m, f, 9) array
+        Standard deviation of position N, E, D [m], velocity [m/s], attitude [rad] by each family of sources.
+    """
+
+    parts: FloatArray
+
+    @property
+    def total(self) -> FloatArray:
+        """Root of the sum of the squares, ``(m, 9)``: what is to be expected, as the families are independent."""
+        return np.asarray(np.sqrt(np.sum(self.parts**2, axis=1)))
+
+    @property
+    def worst(self) -> FloatArray:
+        """Sum of one standard deviation of every family, ``(m, 9)``: all of them at once with the worst sign."""
+        return np.asarray(np.sum(self.parts, axis=1))
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedColumn:
+    """What free-inertial runs came to.
+
+    Attributes
+    ----------
+    runs, alone, seed : int
+        How many runs with all errors, and of each family alone; and of which seed.
+    parts : (m, f, 9) array
+        RMS error of the runs with one family of sources alone, in the units of `Column`.
+    total : (m, 9) array
+        RMS error of the runs with all errors together.
+    nees : (m,) array
+        Mean over the runs of the squared errors normalised by the predicted covariance, divided by their number: one if
+        the covariance is true.
+    """
+
+    runs: int
+    alone: int
+    seed: int
+    parts: FloatArray
+    total: FloatArray
+    nees: FloatArray
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Limits of RMS error over true standard deviation that hold with the probability `BAND`."""
+        low, high = (float(np.sqrt(2.0 * gammaincinv(0.5 * self.runs, p) / self.runs)) for p in _tails())
+        return low, high
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedColumn:
+    """What windows of a recorded drive came to.
+
+    Attributes
+    ----------
+    time : (k,) array
+        Since the start of a window [s].
+    rms_n, rms_e, rms_d : (k,) array
+        RMS error North, East, Down, the reference's own uncertainty taken off [m].
+    predicted : (k, 3) array
+        Predicted standard deviation North, East, Down [m].
+    windows : int
+        How many.
+    words : str
+        What was recorded, and against what it is judged.
+    """
+
+    time: FloatArray
+    rms_n: FloatArray
+    rms_e: FloatArray
+    rms_d: FloatArray
+    predicted: FloatArray
+    windows: int
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """How much error an IMU makes, after how long, from what.
+
+    Attributes
+    ----------
+    imu : str
+        Name of the IMU.
+    motion : str
+        What it does meanwhile.
+    time : (m,) array
+        Times of the curves, since the start [s].
+    chosen : (k,) array of int
+        Those of them that the tables show.
+    families : (f,) tuple of str
+        Families of sources that are not zero, such as ``gyro bias``.
+    sources : tuple of Source
+        All sources, also those of size zero.
+    analytic, covariance : Column
+        On paper; and by the linear model along the motion.
+    hold : bool
+        The vertical channel was held to the reference.
+    gravity, schuler_rate : float
+        Gravity [m/s^2] and Schuler rate [rad/s] where the motion begins.
+    absent, ignored : tuple of str
+        Keys that the IMU file does not give, counted as zero; and errors it gives that the budget leaves out.
+    simulated : SimulatedColumn or None
+    recorded : RecordedColumn or None
+    """
+
+    imu: str
+    motion: str
+    time: FloatArray
+    chosen: IntArray
+    families: tuple[str, ...]
+    sources: tuple[Source, ...]
+    analytic: Column
+    covariance: Column
+    hold: bool
+    gravity: float
+    schuler_rate: float
+    absent: tuple[str, ...]
+    ignored: tuple[str, ...]
+    simulated: SimulatedColumn | None = None
+    recorded: RecordedColumn | None = None
+
+    def short_form_error(self, time: float) -> tuple[float, float]:
+        """What the short forms are off by after a time, for a bias or tilt and for a gyro bias: true / form - 1."""
+        bias, drift = (float(laws.schuler("constant", order, time, self.schuler_rate)) for order in (2, 3))
+        return bias - 1.0, drift - 1.0
+
+
+def _is_known(key: str) -> bool:
+    """Whether a key of the IMU file is for something that the start says already."""
+    return key.startswith("initial.") or key.endswith((".bias", ".scale_factor"))
+
+
+def _tails() -> tuple[float, float]:
+    return 0.5 * (1.0 - BAND), 0.5 * (1.0 + BAND)
+
+
+def budget(
+    spec: ImuSpec,
+    motion: SampledMotion,
+    times: Sequence[float],
+    *,
+    runs: int = 0,
+    seed: int = 1,
+    deflection: float = 0.0,
+    hold: bool = False,
+    known: tuple[Source, ...] = (),
+    progress: Callable[[float], None] | None = None,
+) -> Budget:
+    """Draw up the budget.
+
+    Parameters
+    ----------
+    spec : ImuSpec
+        How good the IMU and its start are.
+    motion : SampledMotion
+        What it does, at least until the last of the times.
+    times : sequence of float
+        When the errors are wanted, since the start [s].
+    runs : int
+        How many times to simulate; 0 for analytic and covariance alone.
+    seed : int
+        Of the simulation.
+    deflection : float
+        Deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`.
+    hold : bool
+        Hold the vertical channel to the reference; see `insnav.errors.budget.covariance.covariance`.
+    known : tuple of Source
+        Errors of start and sensors that go together, beside those of `spec`; see `initial_covariance`.
+    progress : callable, optional
+        Called with the fraction of the simulation that is done.
+
+    Returns
+    -------
+    Budget
+
+    Raises
+    ------
+    ConfigError
+        An IMU without errors, or times that are not those of the motion.
+    """
+    sources = (*known, *sources_of(spec, deflection))
+    names = families(sources)
+    if not names:
+        raise ConfigError(
+            "this IMU has no errors, so there is nothing to add up",
+            where="--imu",
+            why="every source of the budget is zero or not given",
+            fix="give an IMU file with sizes of errors, such as bias and random_walk",
+        )
+    rows, chosen = _rows(motion, times)
+    on_paper = analytic(sources, motion, rows, hold=hold)
+    predicted = covariance(sources, motion, rows, hold=hold)
+    variance = np.einsum("msii->msi", predicted.parts)
+    found = Budget(
+        imu=spec.name,
+        motion=motion.words,
+        time=motion.elapsed[rows - 1],
+        chosen=chosen,
+        families=names,
+        sources=sources,
+        analytic=Column(_by_family(on_paper**2, sources, names)),
+        covariance=Column(_by_family(variance, sources, names)),
+        hold=hold,
+        gravity=gravity_of(motion),
+        schuler_rate=schuler_rate(motion),
+        absent=tuple(key for key in not_given(spec) if not (known and _is_known(key))),
+        ignored=left_out(spec),
+    )
+    if runs == 0:
+        return found
+
+    def done(share: float, of: float = 0.0, width: float = 1.0) -> None:
+        if progress is not None:
+            progress(of + width * share)
+
+    together = free_runs(
+        spec,
+        motion,
+        rows,
+        runs,
+        (seed, 0),
+        deflection=deflection,
+        hold=hold,
+        known=known,
+        progress=lambda x: done(x, 0.0, 0.3),
+    )
+    fewer = min(runs, _ALONE)
+    alone = runs_by_family(
+        spec,
+        motion,
+        rows,
+        fewer,
+        seed,
+        deflection=deflection,
+        hold=hold,
+        known=known,
+        progress=lambda x: done(x, 0.3, 0.7),
+    )
+    parts = np.stack([alone[name] for name in names], axis=1)
+    nees = _normalised(together.error, predicted.total)
+    simulated = SimulatedColumn(runs, fewer, seed, parts, together.rms, nees)
+    return replace(found, simulated=simulated)
+
+
+def check_times(times: Sequence[float], longest: float = LONGEST) -> None:
+    """Refuse times that a budget is not for.
+
+    Parameters
+    ----------
+    times : sequence of float
+        [s].
+    longest : float
+        End of the motion [s].
+
+    Raises
+    ------
+    ConfigError
+        There are none, or some are too short or too long.
+    """
+    wrong = [time for time in times if not SHORTEST <= time <= longest + 1e-6]
+    if wrong or not times:
+        raise ConfigError(
+            f"{', '.join(f'{time:g}' for time in wrong) or 'nothing'} is no time for this budget",
+            where="--times",
+            why=f"it reaches from {SHORTEST:g} s to {longest:g} s",
+        )
+
+
+def _rows(motion: SampledMotion, times: Sequence[float]) -> tuple[IntArray, IntArray]:
+    """Samples after which the curves have points, and which of them are the wanted times."""
+    elapsed = motion.elapsed
+    check_times(times, min(LONGEST, float(elapsed[-1])))
+    wanted = np.unique(np.searchsorted(elapsed, np.array(times) - 1e-6) + 1)
+    last = int(wanted[-1])
+    first = max(1, min(int(wanted[0]), last // _CURVE))
+    curve = np.concatenate([np.linspace(first, last, _CURVE), np.geomspace(first, last, _CURVE // 3)])
+    rows = np.union1d(np.round(curve).astype(np.int64), wanted)
+    return rows, np.searchsorted(rows, wanted)
+
+
+def _by_family(variance: FloatArray, sources: tuple[Source, ...], names: tuple[str, ...]) -> FloatArray:
+    """Standard deviation by family from the variance by source."""
+    of = [[k for k, source in enumerate(sources) if source.family == name] for name in names]
+    return np.asarray(np.sqrt(np.stack([variance[:, each].sum(axis=1) for each in of], axis=1)))
+
+
+def _normalised(error: FloatArray, total: FloatArray) -> FloatArray:
+    """Mean over the runs of ``e' P^-1 e / n`` at every time; states that cannot err are left out."""
+    found = np.empty(len(total))
+    for k, whole in enumerate(total):
+        sd = np.sqrt(np.diag(whole))
+        # what is fixed, and what is some other error to the last digit, has no covariance to be judged by
+        free = np.flatnonzero(sd > 0.0)
+        correlation = whole[np.ix_(free, free)] / np.outer(sd[free], sd[free])
+        value, vector = np.linalg.eigh(correlation)
+        kept = value > 1e-9
+        e = (error[:, k, free] / sd[free]) @ vector[:, kept]
+        found[k] = np.mean(e**2 / value[kept])
+    return found

@@ -1,0 +1,147 @@
+"""A motion as an IMU feels it, sample by sample: what every part of the budget works on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.attitude import dcm_from_rph
+from insnav.exceptions import ConfigError
+from insnav.kernels.mechanization import POLAR_CAP
+from insnav.simulate.closed_forms import straight
+from insnav.simulate.ideal_sensors import imu_from_truth, reference
+from insnav.simulate.truth import Truth
+from insnav.strapdown import increments, intervals
+from insnav.types import FloatArray, Increments, Trajectory
+from insnav.units import DEG
+
+RATE = 100.0  # [Hz]
+REST = np.array([45.0 * DEG, 0.0, 0.0])  # latitude, longitude [rad], height [m] of the motion that is none
+
+
+@dataclass(frozen=True, slots=True)
+class SampledMotion:
+    """A stretch of an exact motion, cut into the intervals of n samples.
+
+    Attributes
+    ----------
+    truth : Trajectory
+        At the n + 1 ends of the samples.
+    dt : (n,) array
+        Length of each sample [s].
+    lla, v_n : (n, 3) array
+        Latitude, longitude [rad], height [m] and velocity North, East, Down [m/s] in the middle of each sample.
+    C_nb : (n, 3, 3) array
+        Attitude in the middle of each sample.
+    rate, force : (n, 3) array
+        Mean angular rate [rad/s] and specific force [m/s^2] of each sample, body axes.
+    increments : Increments
+        What the mechanization takes, with coning and sculling.
+    words : str
+        What the motion is.
+    """
+
+    truth: Trajectory
+    dt: FloatArray
+    lla: FloatArray
+    v_n: FloatArray
+    C_nb: FloatArray
+    rate: FloatArray
+    force: FloatArray
+    increments: Increments
+    words: str = ""
+
+    @property
+    def elapsed(self) -> FloatArray:
+        """Time since the start at the end of every sample, ``(n,)`` [s]."""
+        return np.cumsum(self.dt)
+
+    @property
+    def force_n(self) -> FloatArray:
+        """Specific force North, East, Down, ``(n, 3)`` [m/s^2]."""
+        return np.asarray(np.einsum("kij,kj->ki", self.C_nb, self.force))
+
+
+def sampled(truth: Truth, begin: float, duration: float, words: str = "", rate: float = RATE) -> SampledMotion:
+    """Cut a stretch out of a motion.
+
+    Parameters
+    ----------
+    truth : Truth
+        The motion.
+    begin : float
+        Start of the stretch, since that of the motion [s].
+    duration : float
+        Its length [s].
+    words : str
+        What the motion is.
+    rate : float
+        Of the samples [Hz].
+
+    Returns
+    -------
+    SampledMotion
+
+    Raises
+    ------
+    ConfigError
+        The motion ends before, the stretch begins before it, or comes close to a pole.
+    """
+    if begin < 0.0 or begin + duration > truth.duration + 1e-6:
+        raise ConfigError(
+            f"the motion is not long enough for {duration:g} s from {begin:g} s on",
+            why=f"it lasts {truth.duration:.2f} s",
+            fix="choose shorter times, an earlier begin, or a longer motion",
+        )
+    n = round(duration * rate)
+    time = truth.start + begin + np.arange(n + 1) / rate
+    time[-1] = min(time[-1], truth.start + truth.duration)
+    samples = imu_from_truth(truth, time, "mean")
+    middle = truth.evaluate(time[:-1] + 0.5 * np.diff(time))
+    if float(np.cos(middle.lla[:, 0]).min()) < POLAR_CAP:
+        raise ConfigError(
+            "a budget North and East has no meaning so close to a pole",
+            why="within 128 km of it North turns too fast for a linear model in these axes",
+            fix="choose a stretch of the motion that keeps away from the poles",
+        )
+    return SampledMotion(
+        reference(truth, time),
+        np.diff(time),
+        middle.lla,
+        middle.v_n,
+        dcm_from_rph(middle.rph),
+        samples.gyro,
+        samples.accel,
+        increments(intervals(samples)),
+        words,
+    )
+
+
+def at_rest(duration: float) -> SampledMotion:
+    """Make the motion of a budget that is given none: at rest, level, heading north, at 45 deg of latitude.
+
+    Parameters
+    ----------
+    duration : float
+        Length [s].
+    """
+    truth = straight(REST, 0.0, 0.0, duration + 1.0)
+    words = "at rest, level, heading north, at a latitude of 45 deg"
+    return sampled(truth, 0.0, duration, words)
+
+
+def first_movement(truth: Truth, lead: float = 1.0) -> float:
+    """Time at which a motion that begins at rest sets off, less `lead`, since its start [s]; 0 if it moves at once.
+
+    Parameters
+    ----------
+    truth : Truth
+        The motion.
+    lead : float
+        So much earlier [s].
+    """
+    tau = np.arange(0.0, truth.duration, 0.5)
+    speed = np.linalg.norm(truth.evaluate(truth.start + tau).v_n, axis=1)
+    moving = np.flatnonzero(speed > 0.05)
+    return float(max(tau[moving[0]] - lead, 0.0)) if moving.size else 0.0

@@ -1,0 +1,236 @@
+"""The budget by experiment: free-inertial runs of IMUs drawn from a specification, on one motion.
+
+Every run draws its constant errors with `insnav.imu.draw_errors`, its noise as `insnav.simulate.corrupt_imu` does, and
+is integrated by the step that navigates recordings. What a compiled loop over all of it leaves out is the change that
+sensor errors make in coning and sculling, which is of second order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_from_rph, quat_multiply, rotvec_from_quat
+from insnav.earth import lla_offset, ned_offset
+from insnav.errors.budget.initial_covariance import STATES
+from insnav.errors.budget.sampled_motion import SampledMotion
+from insnav.errors.budget.sources import Source, families, only, sources_of
+from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, draw_errors
+from insnav.kernels import error_propagation as _kernel
+from insnav.simulate.imu_errors import flicker
+from insnav.types import FloatArray, IntArray
+from insnav.units import G0
+
+
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """Errors of many runs.
+
+    Attributes
+    ----------
+    time : (m,) array
+        Since the start [s].
+    error : (runs, m, 9) array
+        Position N, E, D [m], velocity [m/s], attitude [rad], estimate minus truth; the attitude error is that of
+        ``C_hat = (I - [phi x]) C``.
+    """
+
+    time: FloatArray
+    error: FloatArray
+
+    @property
+    def rms(self) -> FloatArray:
+        """Root mean square over the runs, ``(m, 9)``."""
+        return np.asarray(np.sqrt(np.mean(self.error**2, axis=0)))
+
+
+def free_runs(
+    spec: ImuSpec,
+    motion: SampledMotion,
+    rows: IntArray,
+    runs: int,
+    seed: int | tuple[int, ...],
+    *,
+    deflection: float = 0.0,
+    hold: bool = False,
+    known: tuple[Source, ...] = (),
+    progress: Callable[[float], None] | None = None,
+) -> Runs:
+    """Navigate without aiding, many times, each time with another IMU and another start.
+
+    Parameters
+    ----------
+    spec : ImuSpec
+        From which errors are drawn.
+    motion : SampledMotion
+        What every run does.
+    rows : (m,) array of int
+        Samples after which errors are wanted, increasing.
+    runs : int
+        How many.
+    seed : int or tuple of int
+        The same seed gives the same runs, and the first runs are the same however many follow.
+    deflection : float
+        Deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`.
+    hold : bool
+        Hold the vertical channel to the truth.
+    known : tuple of Source
+        Errors of start and sensors that go together, beside those of `spec`; see `initial_covariance`.
+    progress : callable, optional
+        Called with the fraction done.
+
+    Returns
+    -------
+    Runs
+    """
+    truth, inc, n = motion.truth, motion.increments, int(rows[-1])
+    height, v_down = truth.lla[1 : n + 1, 2].copy(), truth.v_n[1 : n + 1, 2].copy()
+    start_q = quat_from_rph(truth.rph[0])
+    states = np.empty((runs, len(rows), 10))
+    base = (motion.rate[:n], motion.force[:n], inc.coning[:n], inc.sculling[:n])
+    carried = np.array([source.sd * np.array(source.joint) for source in known]).reshape(len(known), STATES)
+    dt, changes = motion.dt[:n], _changes(motion, n) if _late(spec) else None
+    for run in range(runs):
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,)))
+        errors = draw_errors(spec, rng)
+        together = rng.standard_normal(len(known)) @ carried if known else np.zeros(STATES)
+        x = _start(spec.initial or InitialSpec(), motion, start_q, rng, hold, together[:9])
+        more = _more(spec, motion.elapsed[:n], rng, changes)
+        gravity = -deflection * G0 * rng.standard_normal(3)
+        _kernel.corrupted_run(
+            rng,
+            x,
+            dt,
+            *base,
+            more,
+            *_of_errors(errors, together[9:].reshape(4, 3)),
+            *_of_spec(spec),
+            gravity,
+            hold,
+            height,
+            v_down,
+            rows,
+            states[run],
+        )
+        if progress is not None and run % 50 == 49:
+            progress((run + 1) / runs)
+    return Runs(motion.elapsed[rows - 1], _errors(states, motion, rows))
+
+
+def runs_by_family(
+    spec: ImuSpec,
+    motion: SampledMotion,
+    rows: IntArray,
+    runs: int,
+    seed: int,
+    *,
+    deflection: float = 0.0,
+    hold: bool = False,
+    known: tuple[Source, ...] = (),
+    progress: Callable[[float], None] | None = None,
+) -> dict[str, FloatArray]:
+    """Let one family of sources act at a time.
+
+    Parameters
+    ----------
+    spec, motion, rows, runs, seed, deflection, hold, known, progress
+        As of `free_runs`.
+
+    Returns
+    -------
+    dict
+        RMS error ``(m, 9)`` by the name of the family.
+    """
+    names = families((*known, *sources_of(spec, deflection)))
+    found = {}
+    for number, name in enumerate(names):
+        slope = deflection if name.startswith("gravity") else 0.0
+        mine = tuple(source for source in known if source.family == name)
+        alone = free_runs(
+            only(spec, name), motion, rows, runs, (seed, 1 + number), deflection=slope, hold=hold, known=mine
+        )
+        found[name] = alone.rms
+        if progress is not None:
+            progress((number + 1) / len(names))
+    return found
+
+
+def _of_errors(errors: ImuErrors, taken_off: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Bias, matrices, bends and g-sensitivity as the kernel takes them, less what was taken for errors and is none."""
+    terms = [errors.gyro_terms or ErrorTerms(), errors.accel_terms or ErrorTerms()]
+    return (
+        np.concatenate([errors.gyro_bias - taken_off[0], errors.accel_bias - taken_off[1]]),
+        np.stack([errors.gyro_matrix - np.diag(taken_off[2]), errors.accel_matrix - np.diag(taken_off[3])]),
+        np.array([[each.asymmetry, each.quadratic] for each in terms]),
+        np.asarray(terms[0].g_sensitivity),
+    )
+
+
+def _of_spec(spec: ImuSpec) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Noise, in-run bias, decay and random walk as the kernel takes them."""
+
+    def both(key: str) -> FloatArray:
+        return np.concatenate([getattr(spec.gyro, key), getattr(spec.accel, key)])
+
+    decay = 1.0 / np.array([spec.gyro.correlation_time, spec.accel.correlation_time])
+    return both("random_walk"), both("bias_instability"), decay, both("rate_random_walk")
+
+
+def _start(
+    initial: InitialSpec,
+    motion: SampledMotion,
+    q_nb: FloatArray,
+    rng: np.random.Generator,
+    hold: bool,
+    together: FloatArray,
+) -> FloatArray:
+    """Draw an initial state; `together` are errors of it drawn elsewhere, (9,)."""
+    free = np.array([1.0, 1.0, 0.0 if hold else 1.0])
+    drawn = [sd * rng.standard_normal(3) for sd in (initial.position, initial.velocity)]
+    position, velocity = free * (drawn[0] + together[:3]), free * (drawn[1] + together[3:6])
+    phi = rng.standard_normal(3) * [initial.tilt, initial.tilt, initial.heading] + together[6:]
+    q_hat = quat_multiply(quat_from_rotvec(-phi), q_nb)
+    return np.concatenate([lla_offset(motion.truth.lla[0], position), motion.truth.v_n[0] + velocity, q_hat])
+
+
+def _late(spec: ImuSpec) -> bool:
+    return spec.clock.offset != 0.0 or spec.clock.drift != 0.0
+
+
+def _changes(motion: SampledMotion, n: int) -> FloatArray:
+    """How fast the true samples change, ``(n, 6)``: what a clock that is late does is this times the delay."""
+    middle = motion.elapsed - 0.5 * motion.dt
+    return np.asarray(np.gradient(np.concatenate([motion.rate, motion.force], axis=1), middle, axis=0)[:n])
+
+
+def _more(spec: ImuSpec, elapsed: FloatArray, rng: np.random.Generator, changes: FloatArray | None) -> FloatArray:
+    """Draw errors that are made of whole records: flicker, ramps, late samples."""
+    made = np.zeros((0, 6))
+
+    def sum_of(sensors: tuple[SensorSpec, SensorSpec], key: str) -> bool:
+        return any(np.any(getattr(sensor, key)) for sensor in sensors)
+
+    both = (spec.gyro, spec.accel)
+    if not (changes is not None or sum_of(both, "flicker") or sum_of(both, "rate_ramp")):
+        return made
+    made = np.zeros((len(elapsed), 6))
+    for part, sensor in enumerate(both):
+        columns = slice(3 * part, 3 * part + 3)
+        made[:, columns] += (elapsed - elapsed[0])[:, None] * (rng.standard_normal(3) * sensor.rate_ramp)
+        if np.any(sensor.flicker):
+            made[:, columns] += flicker(np.random.SeedSequence(int(rng.integers(2**53))), elapsed, sensor.flicker)
+    if changes is not None:
+        offset, drift = rng.standard_normal(2) * [spec.clock.offset, spec.clock.drift]
+        made -= (offset + drift * elapsed)[:, None] * changes
+    return made
+
+
+def _errors(states: FloatArray, motion: SampledMotion, rows: IntArray) -> FloatArray:
+    """Errors of states ``(runs, m, 10)`` against the truth, ``(runs, m, 9)``."""
+    truth = motion.truth
+    lla, v_n, rph = truth.lla[rows], truth.v_n[rows], truth.rph[rows]
+    turn = quat_multiply(states[..., 6:], quat_conjugate(quat_from_rph(rph)))
+    position = ned_offset(states[..., :3], np.broadcast_to(lla, (*states.shape[:2], 3)))
+    return np.concatenate([position, states[..., 3:6] - v_n, -rotvec_from_quat(turn)], axis=-1)

@@ -1,0 +1,207 @@
+"""Why windows err as they do: velocity, tilt or bias, and drift by axis, against filter and specification."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from insnav.attitude import dcm_from_quat
+from insnav.earth import gravity_n
+from insnav.errors.diagnosis.growth_curves import TERMS, Curve, about_the_curve, fit_curve, position_terms
+from insnav.errors.outage.free_inertial import Windows
+from insnav.errors.outage.window_start import effective
+from insnav.filter.error_model import ErrorModel
+from insnav.sample_statistics import CONFIDENCE, FEWEST, effective_count
+from insnav.types import FloatArray
+
+AXES = ("north", "east")
+CAUSES = ("velocity", "acceleration", "drift")
+ROUGH = 10.0  # a window that is this much rougher than noise follows no curve [-]
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """One term of the growth on one axis, over all windows.
+
+    Attributes
+    ----------
+    rms : float
+        Root mean square over the windows, less what noise makes of it: velocity [m/s], effective horizontal
+        acceleration [m/s^2], drift [rad/s].
+    mean, mean_sd : float
+        Mean over the windows, and its standard deviation by their scatter and the number that are independent.
+    fit_sd : float
+        RMS standard deviation of the fit of one window.
+    filter_sd : float
+        RMS standard deviation that the filter, or for sensors as turned on the specification, states at the starts.
+    spec_sd : float
+        What the specification alone allows: accelerometer bias, gyro bias; ``NaN`` for a velocity.
+    share : float
+        Part of the mean square error at the end that it makes [-]; the parts may compensate one another.
+    ratio : float
+        Mean square of the value by that of `filter_sd` and `fit_sd` together: one if predicted right [-].
+    limit : float
+        Largest ratio that is still likely [-].
+    """
+
+    rms: float
+    mean: float
+    mean_sd: float
+    fit_sd: float
+    filter_sd: float
+    spec_sd: float
+    share: float
+    ratio: float
+    limit: float
+
+    @property
+    def explained(self) -> bool:
+        """Not larger than predicted."""
+        return self.ratio <= self.limit
+
+
+@dataclass(frozen=True, slots=True)
+class AxisDiagnosis:
+    """One axis.
+
+    Attributes
+    ----------
+    axis : str
+        ``north`` or ``east``.
+    causes : tuple of Cause
+        Velocity, acceleration, drift.
+    curves : tuple of Curve
+        One a window.
+    terms : dict
+        How many windows need which terms.
+    leading : int
+        Which of `CAUSES` makes the largest part.
+    """
+
+    axis: str
+    causes: tuple[Cause, ...]
+    curves: tuple[Curve, ...]
+    terms: dict[str, int]
+    leading: int
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """Both axes.
+
+    Attributes
+    ----------
+    axes : tuple of AxisDiagnosis
+        North, then East.
+    gravity : float
+        By which acceleration is tilt and jerk is drift [m/s^2].
+    windows : Windows
+        Those that count, in the order of the curves.
+    rough : int
+        Number of windows set aside because their error is no curve of t, t² and t³: what they are judged by jumps, or
+        the sensors do.
+    steady : bool
+        They are at rest or straight, and tilt and bias cannot be told apart in any; else there were too few of these,
+        all windows were taken, and in a turn no error of a sensor follows a curve.
+    """
+
+    axes: tuple[AxisDiagnosis, ...]
+    gravity: float
+    windows: Windows
+    rough: int
+    steady: bool
+
+
+def diagnose(windows: Windows, model: ErrorModel) -> Diagnosis:
+    """Fit every window without turns, or all if these are too few, and sum up.
+
+    Parameters
+    ----------
+    windows : Windows
+    model : ErrorModel
+        Noise and turn-on figures of the sensors.
+    """
+    calm = windows.motion != "turning"
+    steady = effective_count(windows.start[calm], windows.length) >= FEWEST
+    windows = windows.only(calm) if steady else windows
+    gravity = float(np.mean([gravity_n(lla[0], lla[2])[2] for lla in windows.lla]))
+    curves = [[_fitted(windows, i, axis, model, gravity) for i in range(windows.count)] for axis in (0, 1)]
+    smooth = np.array([not (a.roughness > ROUGH or b.roughness > ROUGH) for a, b in zip(*curves, strict=True)])
+    if not steady or effective_count(windows.start[smooth], windows.length) < FEWEST:
+        smooth[:] = True
+    windows = windows.only(smooth)
+    predicted = _predicted(windows)
+    C_nb = dcm_from_quat(windows.q_nb[:, 0])
+    found = []
+    for axis, name in enumerate(AXES):
+        # North tilts about East, and East about North
+        accel, gyro = C_nb[:, axis] * model.sd[3:6], C_nb[:, 1 - axis] * model.sd[:3]
+        spec = np.array([np.nan, _rms(np.linalg.norm(accel, axis=-1)), _rms(np.linalg.norm(gyro, axis=-1))])
+        kept = [curve for curve, keep in zip(curves[axis], smooth, strict=True) if keep]
+        found.append(_axis(name, kept, predicted[:, axis], spec, windows, gravity))
+    return Diagnosis(tuple(found), gravity, windows, int((~smooth).sum()), steady)
+
+
+def _fitted(windows: Windows, i: int, axis: int, model: ErrorModel, gravity: float) -> Curve:
+    """Curve of one window on one axis."""
+    judge = np.concatenate([windows.judge_sd[i, :, axis], windows.judge_sd[i, :, 3 + axis]]) ** 2
+    at_start = float(windows.start_covariance[i, axis, axis])
+    accel_noise, gyro_noise = float(model.noise[3:6].mean()), float(model.noise[:3].mean())
+    noise = about_the_curve(windows.elapsed[i], judge, at_start, accel_noise, gyro_noise, gravity)
+    return fit_curve(windows.elapsed[i], windows.error[i, :, axis], windows.error[i, :, 3 + axis], noise)
+
+
+def _predicted(windows: Windows) -> FloatArray:
+    """Covariance of velocity, acceleration and jerk that the filter states at each start, (n, 2, 3, 3)."""
+    out = np.empty((windows.count, 2, 3, 3))
+    for i in range(windows.count):
+        shows = effective(windows.q_nb[i, 0], windows.lla[i])
+        out[i] = shows @ windows.start_covariance[i] @ np.swapaxes(shows, 1, 2)
+    return out
+
+
+def _axis(
+    name: str,
+    curves: list[Curve],
+    predicted: FloatArray,
+    spec_sd: FloatArray,
+    windows: Windows,
+    gravity: float,
+) -> AxisDiagnosis:
+    value = np.array([curve.value for curve in curves])
+    fit = np.array([curve.sd for curve in curves])
+    stated = np.sqrt(np.einsum("nii->ni", predicted))
+    count = effective_count(windows.start, windows.length)
+    grown = value * position_terms(windows.elapsed[:, -1])
+    part = np.mean(grown**2, axis=0)
+    units = np.array([1.0, 1.0, 1.0 / gravity])  # jerk is told as drift
+    draws = 1.0 if windows.raw else max(count, 1.0)  # turn-on errors are the same in all windows
+    limit = float(chi2.ppf(0.5 + 0.5 * CONFIDENCE, draws) / draws)
+    causes = []
+    for k in range(3):
+        square, noise = float(np.mean(value[:, k] ** 2)), float(np.mean(fit[:, k] ** 2))
+        causes.append(
+            Cause(
+                float(np.sqrt(max(square - noise, 0.0))) * units[k],
+                float(np.mean(value[:, k])) * units[k],
+                float(np.std(value[:, k]) / np.sqrt(max(count - 1.0, 1.0))) * units[k],
+                float(np.sqrt(noise)) * units[k],
+                _rms(stated[:, k]) * units[k],
+                float(spec_sd[k]),
+                float(part[k] / part.sum()) if part.sum() > 0.0 else np.nan,
+                float(np.mean(value[:, k] ** 2 / (fit[:, k] ** 2 + stated[:, k] ** 2))),
+                limit,
+            )
+        )
+    terms: dict[str, int] = {}
+    for curve in curves:
+        label = " + ".join(curve.terms)
+        terms[label] = terms.get(label, 0) + 1
+    assert len(TERMS) == len(causes)
+    return AxisDiagnosis(name, tuple(causes), tuple(curves), terms, int(np.argmax(part)))
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,69 @@
+"""Recorded error over predicted error: one line through all windows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.errors.outage.free_inertial import Windows
+from insnav.errors.outage.statistics import columns_at, components, table_times
+from insnav.sample_statistics import interval
+from insnav.types import FloatArray
+
+_MEAN_SIZE = np.sqrt(2.0 / np.pi)  # of a normal number, by its standard deviation
+
+
+@dataclass(frozen=True, slots=True)
+class Regression:
+    """Size of the recorded error by its predicted standard deviation.
+
+    Attributes
+    ----------
+    slope : float
+        One if what was predicted is right, two if errors are twice as large.
+    low, high : float
+        Interval that holds with 95 %, from blocks of windows; ``NaN`` if too few are independent.
+    r_squared : float
+        Part of the variation of the sizes that the line explains [-]: at most about 0.6 for normal errors of very
+        different predicted size, and less the more alike the predictions are.
+    predicted, recorded : (m,) array
+        The points: predicted standard deviation, judge included, and size by that of a normal number of unit standard
+        deviation [m].
+    """
+
+    slope: float
+    low: float
+    high: float
+    r_squared: float
+    predicted: FloatArray
+    recorded: FloatArray
+
+
+def regression(windows: Windows) -> Regression:
+    """Regress North and East errors at the times of the tables on what was predicted, through the origin.
+
+    The points are weighted by the inverse of their predicted variance, as the scatter grows with the size.
+
+    Parameters
+    ----------
+    windows : Windows
+    """
+    at = columns_at(windows, table_times(windows))
+    error, variance, judge = (values[:, at, :2] for values in components(windows))
+    predicted = np.sqrt(variance + judge)
+    recorded = np.abs(error) / _MEAN_SIZE
+
+    ratio, known = recorded / predicted, np.isfinite(recorded)
+    total, count = np.where(known, ratio, 0.0).sum(axis=(1, 2)), known.sum(axis=(1, 2))
+
+    def slope(weights: FloatArray) -> FloatArray:
+        return np.asarray((weights @ total) / (weights @ count))
+
+    low, high = interval(windows.start, windows.length, slope)
+    found = float(np.mean(ratio[known]))
+    x, y = predicted[known], recorded[known]
+    left = float(np.sum((y - found * x) ** 2 / x**2))
+    mean = float(np.sum(y / x**2) / np.sum(1.0 / x**2))
+    about = float(np.sum((y - mean) ** 2 / x**2))
+    return Regression(found, float(low), float(high), 1.0 - left / about if about > 0.0 else np.nan, x, y)

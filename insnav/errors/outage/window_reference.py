@@ -1,0 +1,125 @@
+"""What free-inertial windows are judged by: the withheld fixes, better positions, or a reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.errors.outage.windows import good, selected
+from insnav.exceptions import InputError
+from insnav.filter.navigate import Prepared
+from insnav.types import FloatArray, GpsData, Trajectory
+
+_LEAST_SD = 1e-4  # nothing is known better [m], [m/s]
+_WHOLE = 0.98  # at rest: the reference begins and ends so close to the record, by its length
+
+
+@dataclass(frozen=True, slots=True)
+class Judge:
+    """Positions that count as true, each with its own standard deviation.
+
+    Attributes
+    ----------
+    fixes : GpsData
+        Positions, and velocities where they are known, every value with a standard deviation.
+    name : str
+        In words, such as "the withheld fixes".
+    lever_b : (3,) array or None
+        Point that they are of, seen from the IMU, body axes [m]; None for the antenna of the drive.
+    withheld : bool
+        They are the drive's own fixes.
+    """
+
+    fixes: GpsData
+    name: str
+    lever_b: FloatArray | None = None
+    withheld: bool = False
+
+
+def judged_by_fixes(ready: Prepared) -> Judge:
+    """The fixes of the drive itself, which a window is not shown."""
+    gps = ready.gps
+    return Judge(selected(gps, good(gps) & np.isfinite(gps.lla).all(axis=1)), "the withheld fixes", withheld=True)
+
+
+def judged_by_positions(gps: GpsData, name: str) -> Judge:
+    """Better positions of the same antenna.
+
+    Parameters
+    ----------
+    gps : GpsData
+        Every value with a standard deviation.
+    name : str
+        In words.
+    """
+    return Judge(selected(gps, good(gps) & np.isfinite(gps.lla).all(axis=1)), name)
+
+
+def judged_by_reference(
+    reference: Trajectory,
+    name: str,
+    *,
+    position_sd: float,
+    velocity_sd: float,
+    lever_b: FloatArray | None = None,
+) -> Judge:
+    """A reference trajectory.
+
+    Parameters
+    ----------
+    reference : Trajectory
+        Its own standard deviations count where it has them.
+    name : str
+        In words.
+    position_sd, velocity_sd : float
+        Its uncertainty on each axis elsewhere [m], [m/s].
+    lever_b : (3,) array, optional
+        The point of the reference seen from the IMU, body axes [m]; the IMU by default.
+
+    Raises
+    ------
+    InputError
+        Fewer than two rows.
+    """
+    if len(reference.time) < 2:
+        raise InputError("the reference is too short", why=f"it has {len(reference.time)} rows", fix="two are needed")
+    shape = reference.lla.shape
+    own = np.full((shape[0], 9), np.nan) if reference.sd is None else reference.sd
+    sd = np.where(np.isfinite(own[:, :6]), own[:, :6], np.repeat([position_sd, velocity_sd], 3))
+    sd = np.maximum(sd, _LEAST_SD)
+    velocity_sd_n = np.where(np.isfinite(reference.v_n), sd[:, 3:], np.nan)
+    fixes = GpsData(reference.time, reference.lla, reference.v_n, sd[:, :3], velocity_sd_n)
+    return Judge(fixes, name, np.zeros(3) if lever_b is None else np.asarray(lever_b, dtype=np.float64))
+
+
+def at_rest(lla: FloatArray, begin: float, end: float, position_sd: float, velocity_sd: float) -> GpsData:
+    """Fixes once a second of a place that is not left: what a bench knows without a receiver.
+
+    Parameters
+    ----------
+    lla : (3,) array
+        Latitude, longitude [rad], height [m].
+    begin, end : float
+        First and last time [s].
+    position_sd, velocity_sd : float
+        How well place and rest are known, each axis [m], [m/s].
+    """
+    time: FloatArray = np.arange(begin, end + 1e-6, 1.0)
+    shape = (len(time), 3)
+    return GpsData(
+        time, np.tile(lla, (shape[0], 1)), np.zeros(shape), np.full(shape, position_sd), np.full(shape, velocity_sd)
+    )
+
+
+def never_moves(reference: Trajectory, begin: float, end: float) -> bool:
+    """Whether a reference of a few rows says that the whole record is at one place.
+
+    Parameters
+    ----------
+    reference : Trajectory
+    begin, end : float
+        Of the record [s].
+    """
+    still = bool(np.nan_to_num(reference.v_n).any() == 0) and bool((reference.lla == reference.lla[0]).all())
+    return still and float(reference.time[-1] - reference.time[0]) >= _WHOLE * (end - begin)

@@ -1,0 +1,166 @@
+"""How far the short-duration mechanization is from the full one, in windows all over a drive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav import strapdown
+from insnav.earth import earth_rate_n, ned_offset, transport_rate_n
+from insnav.exceptions import InputError
+from insnav.short_duration import navigate_short
+from insnav.types import FloatArray, ImuData, Increments, SensorErrors, Trajectory
+
+LENGTH = 60.0  # of a window [s]
+KEEP = 0.5  # between the states that are looked at [s]
+
+
+@dataclass(frozen=True, slots=True)
+class ShortWindow:
+    """Short form minus full form over one window; both start from the same state.
+
+    Attributes
+    ----------
+    start : float
+        Time of the start [s].
+    speed : float
+        Mean horizontal speed [m/s].
+    elapsed : (n,) array
+        Time since the start [s].
+    position, velocity : (n, 3) array
+        Difference North, East, Down [m], [m/s]; the attitude of both is that of the full form.
+    dropped : (n, 3) array
+        What the terms left out make of the position, integrated along the full form [m].
+    untilted : (n, 3) array
+        Difference of position if Earth and transport rate are dropped from the attitude too [m].
+    """
+
+    start: float
+    speed: float
+    elapsed: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    dropped: FloatArray
+    untilted: FloatArray
+
+    @property
+    def rest(self) -> FloatArray:
+        """Difference of position that the terms left out do not explain: Euler's rule [m], ``(n, 3)``."""
+        return self.position - self.dropped
+
+
+def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorErrors | None = None) -> list[ShortWindow]:
+    """Run both mechanizations without any aid through successive windows of a drive.
+
+    Parameters
+    ----------
+    imu : ImuData
+        The samples.
+    solution : Trajectory
+        Where each window starts from.
+    sensor_errors : SensorErrors, optional
+        Biases and scale factors known at the start of a window are taken off its samples.
+
+    Returns
+    -------
+    list of ShortWindow
+        Windows of a minute, one after the other; those with a hole in the samples are left out.
+
+    Raises
+    ------
+    InputError
+        No window of the drive is without holes, or the drive is too short for one.
+    """
+    parts = strapdown.intervals(imu)
+    inc = strapdown.increments(parts)
+    every = max(1, round(KEEP / strapdown.nominal_interval(imu.time)))
+    windows = []
+    tolerance = strapdown.TIME_TOLERANCE
+    starts = inc.time - inc.dt
+    for begin in np.arange(float(solution.time[0]), float(solution.time[-1]) - LENGTH + tolerance, LENGTH):
+        # a sample earlier or later makes no difference: both forms start from the same state
+        state = int(np.searchsorted(solution.time, begin))
+        first = int(np.searchsorted(starts, solution.time[state] - tolerance))
+        last = int(np.searchsorted(inc.time, starts[min(first, len(starts) - 1)] + LENGTH + tolerance))
+        if last <= first or inc.time[last - 1] - starts[first] < LENGTH - KEEP or parts.hole[first:last].any():
+            continue
+        if not np.isfinite(solution.rph[state]).all():  # near a pole
+            continue
+        piece = Increments(*(getattr(inc, name)[first:last] for name in Increments.__dataclass_fields__))
+        windows.append(_compared(_corrected(piece, sensor_errors, begin), solution, state, every))
+    if not windows:
+        raise InputError(
+            f"there is no window of {LENGTH:g} s to compare the mechanizations in",
+            why=f"the solution lasts {solution.time[-1] - solution.time[0]:.1f} s; windows with holes do not count",
+            fix="leave out --mechanization short",
+        )
+    return windows
+
+
+def size_at(windows: Sequence[ShortWindow], name: str, elapsed: float) -> FloatArray:
+    """Horizontal size of a difference in each window at a time since its start.
+
+    Parameters
+    ----------
+    windows : sequence of ShortWindow
+    name : {"position", "velocity", "dropped", "rest", "untilted"}
+    elapsed : float
+        [s]
+
+    Returns
+    -------
+    (n,) array
+        One a window [m] or [m/s].
+    """
+    found = []
+    for window in windows:
+        row = int(np.argmin(np.abs(window.elapsed - elapsed)))
+        found.append(float(np.hypot(*getattr(window, name)[row, :2])))
+    return np.array(found)
+
+
+def _compared(piece: Increments, solution: Trajectory, state: int, every: int) -> ShortWindow:
+    start = solution.lla[state], solution.v_n[state], solution.rph[state]
+    full = strapdown.navigate(piece, *start, every=every)
+    short = navigate_short(piece, *start, every=every)
+    untilted = navigate_short(piece, *start, every=every, turning=False)
+    begin = float(piece.time[0] - piece.dt[0])
+    elapsed = full.time - begin
+    rate = 2.0 * earth_rate_n(full.lla[:, 0]) + transport_rate_n(full.lla[:, 0], full.lla[:, 2], full.v_n)
+    speed = _integral(elapsed, np.cross(rate, full.v_n))
+    return ShortWindow(
+        begin,
+        float(np.mean(np.hypot(full.v_n[:, 0], full.v_n[:, 1]))),
+        elapsed,
+        ned_offset(short.lla, full.lla),
+        short.v_n - full.v_n,
+        _integral(elapsed, speed),
+        ned_offset(untilted.lla, full.lla),
+    )
+
+
+def _integral(elapsed: FloatArray, values: FloatArray) -> FloatArray:
+    """Trapezoid from zero, the first value standing for what is before it."""
+    step = np.diff(elapsed, prepend=0.0)[:, None]
+    before = np.concatenate([values[:1], values[:-1]])
+    return np.asarray(np.cumsum(0.5 * step * (before + values), axis=0))
+
+
+def _corrected(piece: Increments, errors: SensorErrors | None, begin: float) -> Increments:
+    """Take off biases and scale factor errors as last known at the start of the window."""
+    if errors is None or len(errors.time) == 0:
+        return piece
+    row = max(0, int(np.searchsorted(errors.time, begin, side="right")) - 1)
+    known = np.nan_to_num(errors.value[row])
+    gyro, accel = 1.0 + known[6:9], 1.0 + known[9:12]
+    dt = piece.dt[:, None]
+    return Increments(
+        piece.time,
+        piece.dt,
+        (piece.dtheta - dt * known[0:3]) / gyro,
+        (piece.dvel - dt * known[3:6]) / accel,
+        piece.coning,
+        piece.sculling,
+    )

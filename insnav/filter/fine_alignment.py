@@ -1,0 +1,132 @@
+"""Fine alignment at rest: the filter, told that the vehicle does not move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from insnav import strapdown
+from insnav.alignment import align_static
+from insnav.alignment.static import latitude_from_sensors, summarize
+from insnav.exceptions import AlignmentError
+from insnav.filter.error_model import error_model, initial_state
+from insnav.filter.navigator import Navigator
+from insnav.filter.settings import FilterSettings
+from insnav.imu.model import ImuSpec
+from insnav.types import Alignment, FloatArray, GpsData, ImuData
+
+STILL_POSITION_SD, STILL_VELOCITY_SD = 0.1, 0.02  # a vehicle rocked by wind and people [m], [m/s]
+STILL_INTERVAL = 1.0  # between the zero velocities offered to the filter [s]
+
+
+@dataclass(frozen=True, slots=True)
+class FineAlignment:
+    """Alignment of a static record.
+
+    Attributes
+    ----------
+    coarse : Alignment
+        From the means of the whole record.
+    fine : Alignment or None
+        By the filter, at the end of the record; None where the heading is unknown.
+    sensor_latitude : float
+        Latitude from the sensors alone [rad].
+    """
+
+    coarse: Alignment
+    fine: Alignment | None
+    sensor_latitude: float
+
+
+def fine_alignment(
+    imu: ImuData,
+    spec: ImuSpec,
+    lla: FloatArray,
+    rest: tuple[float, float],
+    heading: float | None = None,
+) -> FineAlignment:
+    """Align a record at rest, first from means, then by the filter with zero velocity and fixed position.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Samples.
+    spec : ImuSpec
+        How good the sensors are.
+    lla : (3,) array
+        Latitude, longitude [rad], height [m].
+    rest : tuple of float
+        Static interval [s].
+    heading : float, optional
+        Given heading [rad].
+
+    Returns
+    -------
+    FineAlignment
+        Coarse and fine attitude with standard deviations.
+
+    Raises
+    ------
+    AlignmentError
+        Fewer than two samples in the interval.
+    """
+    inside = (imu.time >= rest[0]) & (imu.time <= rest[1])
+    if inside.sum() < 10:
+        raise AlignmentError(
+            "the static interval holds no data",
+            why=f"samples from {imu.time[0]:.3f} to {imu.time[-1]:.3f} s, interval from {rest[0]} to {rest[1]} s",
+            fix="give one inside the record with --static START:END",
+        )
+    imu = ImuData(imu.time[inside], imu.gyro[inside], imu.accel[inside], imu.sampling, imu.stamp)
+    parts = strapdown.intervals(imu)
+    begin, end = float(parts.end[0] - parts.dt[0]), float(parts.end[-1])
+    coarse = align_static(parts, spec, float(lla[0]), float(lla[2]), (begin, end), heading)
+    latitude = latitude_from_sensors(summarize(parts, begin, end))
+    if not np.isfinite(coarse.sd[2]):
+        return FineAlignment(coarse, None, latitude)
+    # the filter takes its start from the first part only, so that it does not see the same data twice
+    first = min(end, begin + max(10.0, 0.1 * (end - begin)))
+    start = align_static(parts, spec, float(lla[0]), float(lla[2]), (begin, first), heading)
+    if not np.isfinite(start.sd[2]):
+        start = coarse
+    start = replace(start, time=first if first < end - 10.0 else begin)
+    n = int((end - start.time) / STILL_INTERVAL)
+    if n < 2:
+        return FineAlignment(coarse, None, latitude)
+    time = np.asarray(start.time + STILL_INTERVAL * np.arange(1, n + 1), dtype=float)
+    still = GpsData(
+        time,
+        np.tile(lla, (n, 1)),
+        np.zeros((n, 3)),
+        np.full((n, 3), STILL_POSITION_SD),
+        np.full((n, 3), STILL_VELOCITY_SD),
+    )
+    model = error_model(spec, 15)  # scale factors do not show at rest
+    initial = initial_state(
+        start, model, lla, np.zeros(3), np.full(3, STILL_POSITION_SD), np.full(3, STILL_VELOCITY_SD)
+    )
+    navigator = Navigator(
+        initial,
+        model,
+        still,
+        start,
+        strapdown.nominal_interval(imu.time),
+        FilterSettings(output_interval=1.0),
+    )
+    navigator.feed(imu)
+    run = navigator.finish()
+    last = run.solution
+    assert last.sd is not None
+    bias, bias_sd = run.sensor_errors.value[-1, :3], run.sensor_errors.sd[-1, :3]
+    fine = replace(
+        coarse,
+        time=float(last.time[-1]),
+        rph=last.rph[-1],
+        sd=last.sd[-1, 6:],
+        gyro_bias=bias,
+        gyro_bias_sd=bias_sd,
+        level_method="filter, zero velocity",
+        heading_method=f"{start.heading_method}, then filter",
+    )
+    return FineAlignment(coarse, fine, latitude)

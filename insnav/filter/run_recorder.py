@@ -1,0 +1,257 @@
+"""What a run leaves behind, collected while it goes on and put into shape at its end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.filter.settings import FilterSettings
+from insnav.filter.smoother import SmoothedErrors
+from insnav.filter.state_layout import layout
+from insnav.kernels.dynamics import NAV
+from insnav.kernels.errorstate import SENSOR, STATES, feed_back, move_along
+from insnav.kernels.output import solution
+from insnav.kernels.smoother import apply
+from insnav.types import (
+    AidUse,
+    Alignment,
+    BoolArray,
+    Epochs,
+    Event,
+    EventKind,
+    FloatArray,
+    Innovations,
+    Run,
+    SensorErrors,
+    Smoothed,
+    Trajectory,
+)
+
+CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long [s]
+AIDS = {
+    EventKind.GATE_WHEELS: "wheels",
+    EventKind.GATE_ODOMETER: "wheel speed",
+    EventKind.GATE_REST: "rest",
+    EventKind.GATE_HEIGHT: "height",
+    EventKind.GATE_HEADING: "heading",
+}
+# Mean NIS, by its expectation, beyond which the filter has diverged. A mean far below one is no divergence: at rest,
+# and with the cautious standard deviations of many receivers, it is the rule (30 minutes of a good recorded drive).
+TOO_LARGE = 5.0
+
+
+class Record:
+    """Growing record of outputs, fixes and events.
+
+    Parameters
+    ----------
+    fixes : int
+        Number of fixes that may come.
+    """
+
+    @dataclass(slots=True)
+    class Rows:
+        """Room for the outputs of one block; the first `used` rows are filled."""
+
+        time: FloatArray
+        state: FloatArray
+        variance: FloatArray
+        delay: FloatArray
+        used: int = 0
+
+    def __init__(self, fixes: int) -> None:
+        self._rows: list[tuple[FloatArray, FloatArray, BoolArray, FloatArray, FloatArray]] = []
+        self._events: list[Event] = []
+        self._aids: dict[EventKind, list[tuple[float, float, float]]] = {}
+        self._count = 0
+        self._time, self._innovation, self._sd = np.empty(fixes), np.empty((fixes, 6)), np.empty((fixes, 6))
+        self._nis, self._use = np.empty((fixes, 2)), np.zeros((fixes, 2), dtype=bool)
+        self._state, self._covariance = np.empty((fixes, 10)), np.empty((fixes, 9, 9))
+        self._delays = np.empty(fixes)
+        self._sensor, self._sensor_sd = np.empty((fixes, 12)), np.empty((fixes, 12))
+
+    def reserve(self, rows: int) -> Rows:
+        """Room for at most `rows` outputs."""
+        return Record.Rows(np.empty(rows), np.empty((rows, 10)), np.empty((rows, 12)), np.empty(rows))
+
+    def keep(self, rows: Rows) -> None:
+        """Take over the filled part of a block's outputs."""
+        n = rows.used
+        known = rows.variance[:n, 0] >= 0.0
+        self._rows.append(
+            (rows.time[:n].copy(), rows.state[:n].copy(), known, rows.variance[:n][known], rows.delay[:n].copy())
+        )
+
+    def event(self, event: Event) -> None:
+        """Note an event."""
+        self._events.append(event)
+
+    def aid(self, kind: EventKind, innovation: FloatArray, nis: float, used: bool) -> None:
+        """Note what the filter made of something that is no fix; the first three numbers, at most, are velocities."""
+        square = float(np.mean(innovation[:3] ** 2))
+        self._aids.setdefault(kind, []).append((nis / innovation.shape[0], square, float(used)))
+
+    def fix(
+        self,
+        time: float,
+        predicted: FloatArray,
+        sd: FloatArray,
+        nis: tuple[float, float],
+        use: list[bool],
+        x: FloatArray,
+        correction: FloatArray,
+        p: FloatArray,
+        delay: float,
+    ) -> None:
+        """Note what the filter made of one fix; `predicted` is predicted minus measured."""
+        i = self._count
+        self._time[i] = time
+        self._innovation[i], self._sd[i], self._nis[i], self._use[i] = predicted, sd, nis, use
+        self._state[i], self._covariance[i], self._delays[i] = x, p[:9, :9], delay
+        self._sensor[i], self._sensor_sd[i] = correction, p.diagonal()[9:STATES]
+        self._count += 1
+
+    def finish(
+        self,
+        alignment: Alignment,
+        settings: FilterSettings,
+        lever_b: FloatArray,
+        axes_sd: FloatArray,
+        delay: float,
+        covariance: FloatArray,
+        found: SmoothedErrors | None,
+    ) -> Run:
+        """Put everything into shape."""
+        n, at = self._count, layout(settings)
+        if sum(row[0].shape[0] for row in self._rows) == 0:
+            raise InputError(
+                "no sample lies after the start of navigation",
+                why="the IMU record ends where the first usable fix, or the initial state, is",
+                fix="give a longer record, or check the time bases of both files",
+            )
+        time = np.concatenate([row[0] for row in self._rows])
+        state = np.concatenate([row[1] for row in self._rows])
+        known = np.concatenate([row[2] for row in self._rows])
+        variance = np.concatenate([row[3] for row in self._rows])
+        delays = np.concatenate([row[4] for row in self._rows])
+        self._rows.clear()
+        innovations = Innovations(
+            self._time[:n],
+            -self._innovation[:n],
+            self._sd[:n],
+            self._nis[:n, 0],
+            self._nis[:n, 1],
+            self._use[:n, 0],
+            self._use[:n, 1],
+        )
+        self._events += _divergence(innovations)
+        # an offset that was found, and not told, is laid to the clock of the IMU: GPS time is the better one
+        clock = delay if settings.delay_sd > 0 else 0.0
+        believed = state.copy() if found is not None else None
+        if clock != 0.0:  # what the filter believed of the offset at the time has moved the state along its velocity
+            move_along(state, clock - delays)
+            move_along(self._state[:n], clock - self._delays[:n])
+        forward = _trajectory(time + clock, state, known, variance, axes_sd)
+        smoothed = None
+        if found is not None and believed is not None:
+            smoothed = _smoothed(time, believed, forward, found, axes_sd, clock)
+        return Run(
+            solution=forward,
+            innovations=innovations,
+            sensor_errors=SensorErrors(self._time[:n] + clock, self._sensor[:n], np.sqrt(self._sensor_sd[:n])),
+            events=tuple(sorted(self._events, key=lambda event: event.time)),
+            alignment=alignment,
+            epochs=Epochs(
+                self._time[:n] + clock,
+                self._state[:n, :3],
+                self._state[:n, 3:6],
+                self._state[:n, 6:],
+                self._covariance[:n],
+            ),
+            gps_delay=settings.delay + delay,
+            gps_delay_sd=float(np.sqrt(covariance[STATES, STATES])) if covariance.shape[0] > STATES else 0.0,
+            smoothed=smoothed,
+            lever_b=lever_b.copy(),
+            lever_sd=np.sqrt(covariance.diagonal()[at.lever : at.lever + 3]) if at.lever >= 0 else np.zeros(3),
+            aids=tuple(_aid_use(name, np.array(self._aids[kind])) for kind, name in AIDS.items() if kind in self._aids),
+        )
+
+
+def _aid_use(name: str, rows: FloatArray) -> AidUse:
+    used = rows[:, 2] > 0.0
+    nis, square = (float(np.mean(rows[used, i])) if used.any() else 0.0 for i in (0, 1))
+    return AidUse(name, rows.shape[0], int((~used).sum()), float(np.sqrt(square)), nis)
+
+
+def _trajectory(
+    time: FloatArray, state: FloatArray, known: BoolArray, variance: FloatArray, axes_sd: FloatArray
+) -> Trajectory:
+    """States, and variances of the `known` ones, to a trajectory with roll, pitch, heading and standard deviations.
+
+    Misalignment is no state of the filter but noise, which averages out, as the misalignment does not: no attitude is
+    known better than the axes of the sensors are.
+    """
+    rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], 9))
+    solution(time, state, np.flatnonzero(known), variance, rph, sd)
+    sd[:, 6:] = np.maximum(sd[:, 6:], axes_sd)
+    return Trajectory(time, state[:, :3], state[:, 3:6], rph, sd)
+
+
+def _smoothed(
+    time: FloatArray,
+    state: FloatArray,
+    forward: Trajectory,
+    found: SmoothedErrors,
+    axes_sd: FloatArray,
+    clock: float,
+) -> Smoothed:
+    """Take the smoothed errors off the filter's states; after the last epoch there is nothing to add to them."""
+    variance = np.zeros((time.shape[0], NAV + 3))
+    first, last = apply(time, state, variance, found.time, found.after, found.before, found.covariance)
+    rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], 9))
+    solution(time, state, np.arange(first, last), variance[first:last], rph, sd)
+    sd[:, 6:] = np.maximum(sd[:, 6:], axes_sd)
+    for part in (slice(0, first), slice(last, None)):
+        rph[part], sd[part] = forward.rph[part], forward.sd[part] if forward.sd is not None else np.nan
+        state[part, :3], state[part, 3:6] = forward.lla[part], forward.v_n[part]
+    at, error = found.state[found.used].copy(), found.after[found.used]
+    for row, wrong in zip(at, error, strict=True):
+        feed_back(row, np.zeros(SENSOR), wrong)
+    return Smoothed(
+        Trajectory(time + clock, state[:, :3], state[:, 3:6], rph, sd),
+        Epochs(found.time[found.used] + clock, at[:, :3], at[:, 3:6], at[:, 6:], found.covariance[found.used]),
+        SensorErrors(
+            found.time[found.used] + clock,
+            found.correction[found.used] - error[:, NAV:],
+            np.sqrt(np.maximum(found.variance[found.used], 0.0)),
+        ),
+    )
+
+
+def _divergence(innovations: Innovations) -> list[Event]:
+    """Windows of a minute whose used measurements are, on average, far from where the filter expected them."""
+    found: list[Event] = []
+    if innovations.time.size == 0:
+        return found
+    window = np.floor((innovations.time - innovations.time[0]) / CONSISTENCY_WINDOW).astype(int)
+    for name, nis, used in (
+        ("position", innovations.nis_position, innovations.used_position),
+        ("velocity", innovations.nis_velocity, innovations.used_velocity),
+    ):
+        count = np.bincount(window, weights=used)
+        mean = np.bincount(window, weights=np.where(used, nis, 0.0)) / np.maximum(count, 1)
+        for w in np.flatnonzero((count >= 20) & (mean / 3.0 > TOO_LARGE)):
+            found.append(
+                Event(
+                    float(innovations.time[0] + w * CONSISTENCY_WINDOW),
+                    EventKind.DIVERGED,
+                    float(mean[w] / 3.0),
+                    TOO_LARGE,
+                    f"mean NIS of {name} / 3",
+                    "flagged",
+                    "the standard deviations of the GPS file or the figures of the IMU file do not fit the data",
+                )
+            )
+    return found

@@ -1,0 +1,210 @@
+"""White noise of an IMU at rest, and the preset that fits it.
+
+A vehicle at rest is not still: it rocks on its suspension below a few Hz, and its engine shakes it at a few
+lines above. The Allan deviation adds all of that up. The white noise is the floor between: the power
+spectral density of white noise of density N is N^2 at every frequency (IEEE Std 952-1997, annex C, angle
+random walk), so a low quantile of the spectrum over a band ignores whatever occupies less than three
+quarters of it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from statistics import NormalDist
+
+import numpy as np
+
+from insnav.earth import OMEGA_EARTH
+from insnav.exceptions import InputError
+from insnav.imu.model import ImuSpec, SensorSpec, sample_intervals
+from insnav.imu.presets import PRESETS
+from insnav.types import FloatArray, ImuData
+from insnav.units import DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H
+
+SEGMENT = 4.0  # [s] length of the pieces the spectrum is averaged over; also the shortest record that will do
+LOWEST = 0.5  # [Hz] below are drift, and what the window lets through of the mean
+HIGHEST = 10.0  # [Hz] above are engines, quantisation of increments and the sensors' own low-pass filters
+NYQUIST_PART = 0.8  # of the Nyquist frequency: nearer to it anti-aliasing filters lower the floor
+QUANTILE = 0.25
+
+# Of presets almost as near as the nearest (within this factor) the least accurate is taken: noise alone
+# does not tell neighbouring grades apart, and too good a grade lets the filter trust biases that are not
+# there.
+SAME = 1.5
+# Gyros whose mean at rest is the Earth's rate to this part have no biases of an Earth rate and more, except
+# by a chance of less than one per cent.
+EARTH_SEEN = 0.1
+_SMALLEST = 1e-12  # SI, far below any sensor: keeps the logarithm of noise-free data finite
+
+
+def white_noise(imu: ImuData, start: float, end: float) -> tuple[FloatArray, FloatArray]:
+    """Estimate the white noise of the sensors from a static stretch.
+
+    The 25 % quantile of the power spectral density over 0.5 to 10 Hz, divided by the same quantile of its
+    distribution for white noise (chi-square; P. D. Welch, IEEE Trans. Audio Electroacoust. AU-15 (1967) 70).
+
+    Parameters
+    ----------
+    imu : ImuData
+        Samples; a gap within the stretch does no harm.
+    start, end : float
+        The static stretch [s], both ends included, at least 4 s. A density is known to 18 % from
+        4 s and to 5 % from 20 s (one standard deviation).
+
+    Returns
+    -------
+    gyro : (3,) array
+        Noise density of the gyros [rad/sqrt(s)].
+    accel : (3,) array
+        Noise density of the accelerometers [m/s/sqrt(s)].
+
+    Raises
+    ------
+    InputError
+        The stretch is too short or sampled too slowly.
+    """
+    chosen = (imu.time >= start) & (imu.time <= end)
+    count = int(np.count_nonzero(chosen))
+    interval = float(np.median(np.diff(imu.time[chosen]))) if count > 1 else math.inf
+    length = round(SEGMENT / interval)
+    highest = min(HIGHEST, NYQUIST_PART * 0.5 / interval)
+    if length > count or highest < 2.0 * LOWEST:
+        raise InputError(
+            "the static stretch is too short or too slow to estimate the noise of the IMU from it",
+            where=f"{start:.3f} s to {end:.3f} s",
+            why=f"it has {count} samples; {SEGMENT:g} s at 2.5 Hz or more are needed",
+            fix="give the IMU with --imu, a preset or a file",
+        )
+    values = np.hstack([imu.gyro[chosen], imu.accel[chosen]])
+    if imu.sampling == "increment":
+        values /= sample_intervals(imu)[chosen, None]
+    density = np.sqrt(_floor(values, interval, length, highest))
+    return density[:3], density[3:]
+
+
+def _floor(values: FloatArray, interval: float, length: int, highest: float) -> FloatArray:
+    """Level of the flat part of the two-sided power spectral density of each column [unit^2/Hz]."""
+    window = np.hanning(length + 1)[:-1, None]  # periodic Hann window
+    step = length // 2
+    count = (len(values) - length) // step + 1
+    power = np.zeros((length // 2 + 1, values.shape[1]))
+    for first in range(0, count * step, step):
+        piece = values[first : first + length]
+        power += np.abs(np.fft.rfft((piece - piece.mean(axis=0)) * window, axis=0)) ** 2
+    power *= interval / (count * float(np.sum(window**2)))
+    frequency = np.fft.rfftfreq(length, interval)
+    band = power[(frequency >= LOWEST) & (frequency <= highest)]
+    # degrees of freedom of the average over half-overlapping Hann windows (Welch 1967)
+    freedom = 36.0 * count**2 / (19.0 * count - 1.0)
+    return np.asarray(np.quantile(band, QUANTILE, axis=0) / _chi_square_quantile(QUANTILE, freedom) * freedom)
+
+
+def _chi_square_quantile(probability: float, freedom: float) -> float:
+    """Wilson and Hilferty's approximation (PNAS 17 (1931) 684), within 2 % from 2 degrees of freedom on."""
+    spread = 2.0 / (9.0 * freedom)
+    return freedom * (1.0 - spread + NormalDist().inv_cdf(probability) * math.sqrt(spread)) ** 3
+
+
+def nearest_preset(
+    gyro_density: FloatArray, accel_density: FloatArray, mean_rate: FloatArray | None = None
+) -> tuple[ImuSpec, str]:
+    """Choose the preset whose white noise is nearest to a measured one.
+
+    Nearest is the smallest distance of the logarithms of the noise of the quietest axes, as the others
+    carry more of the vehicle's vibration. Accelerometers at rest in a vehicle show more of it than of
+    themselves, so for them only a preset noisier than measured counts as distant. Of presets almost as near
+    the least accurate is taken, and none with gyro biases above the Earth's rate if the gyros show that
+    rate.
+
+    Parameters
+    ----------
+    gyro_density : (3,) array
+        Noise density of the gyros [rad/sqrt(s)].
+    accel_density : (3,) array
+        Noise density of the accelerometers [m/s/sqrt(s)].
+    mean_rate : (3,) array, optional
+        Mean of the gyros over the static stretch [rad/s].
+
+    Returns
+    -------
+    spec : ImuSpec
+        The preset. On every axis its random walk is not less than the measured one, and its gyro bias not
+        less than the difference between the mean rate and the Earth's.
+    sentence : str
+        What was measured and chosen, for the user.
+    """
+    from insnav.imu.imu_file import load_imu  # pydantic is not needed to estimate noise
+
+    excess = 0.0 if mean_rate is None else abs(float(np.linalg.norm(mean_rate)) - OMEGA_EARTH)
+    earth_seen = mean_rate is not None and excess < EARTH_SEEN * OMEGA_EARTH
+    specs = [load_imu(name) for name in PRESETS]
+    if earth_seen:
+        specs = [spec for spec in specs if np.max(spec.gyro.bias) < OMEGA_EARTH]
+    distances = [
+        math.hypot(
+            _log_ratio(gyro_density, spec.gyro.random_walk),
+            min(0.0, _log_ratio(accel_density, spec.accel.random_walk)),
+        )
+        for spec in specs
+    ]
+    limit = min(distances) + math.log(SAME)
+    spec = next(spec for spec, distance in zip(specs, distances, strict=True) if distance <= limit)
+    gyro = replace(spec.gyro, bias=np.maximum(spec.gyro.bias, excess))
+    seen = " and the gyros show the Earth's rate" if earth_seen else ""
+    biased = np.any(gyro.bias > spec.gyro.bias)
+    bias = f", and with a gyro bias of {excess / DEG_PER_H:.2g} deg/h" if biased else ""
+    sentence = (
+        f"The white noise at rest is {_span(gyro_density, DEG_PER_SQRT_H)} deg/sqrt(h) and "
+        f"{_span(accel_density, M_S_PER_SQRT_H)} m/s/sqrt(h){seen}; the nearest preset is {spec.name!r}, "
+        f"taken with the measured noise where that is larger{bias}."
+    )
+    found = replace(
+        spec,
+        gyro=_not_below(gyro, gyro_density),
+        accel=_not_below(spec.accel, accel_density),
+        source=f"{sentence} The other figures: {spec.source}",
+    )
+    return found, sentence
+
+
+def identify(imu: ImuData, start: float, end: float) -> tuple[ImuSpec, str]:
+    """Find out from a static stretch how good an IMU is: noise and mean rate, then `nearest_preset`.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Samples.
+    start, end : float
+        The static stretch [s].
+
+    Returns
+    -------
+    spec : ImuSpec
+        Nearest preset with the measured noise.
+    sentence : str
+        What was measured and chosen, for the user.
+
+    Raises
+    ------
+    InputError
+        The stretch is too short or sampled too slowly.
+    """
+    gyro_density, accel_density = white_noise(imu, start, end)
+    chosen = (imu.time >= start) & (imu.time <= end)
+    mean_rate = imu.gyro[chosen].mean(axis=0)
+    if imu.sampling == "increment":
+        mean_rate = mean_rate / sample_intervals(imu)[chosen].mean()
+    return nearest_preset(gyro_density, accel_density, mean_rate)
+
+
+def _log_ratio(measured: FloatArray, preset: FloatArray) -> float:
+    return math.log(max(float(np.min(measured)), _SMALLEST) / float(np.min(preset)))
+
+
+def _not_below(sensor: SensorSpec, measured: FloatArray) -> SensorSpec:
+    return replace(sensor, random_walk=np.maximum(sensor.random_walk, measured))
+
+
+def _span(density: FloatArray, unit: float) -> str:
+    return f"{np.min(density) / unit:.2g} to {np.max(density) / unit:.2g}"

@@ -1,0 +1,1 @@
+"""From the bytes of a file to a table, whatever the file is; what a file is, its first bytes tell."""

@@ -1,0 +1,248 @@
+"""How a table is written as text: delimiter, decimal sign, comments, header, row of units."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from insnav.exceptions import InputError
+from insnav.input.interpret.schema import UNIT_SPELLINGS, compact
+from insnav.plain_text import plain_text
+
+HEAD_BYTES = 1 << 16
+_SAMPLE_ROWS = 20
+_COMMENT = ("#", "%", "//")
+# In order of preference where several would do; blank stands for any run of blanks and tabs.
+_DELIMITERS = (",", ";", "\t", "|", " ")
+_DECIMAL_COMMA = re.compile(r"^[-+]?\d+,\d+([eE][-+]?\d+)?$")
+_UNITS = {word for table in UNIT_SPELLINGS.values() for word in table}
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """How a table is written.
+
+    Attributes
+    ----------
+    delimiter : str
+        One character; a blank means any run of blanks and tabs.
+    decimal : str
+        ``.`` or ``,``.
+    headers : tuple of str
+        Names of the columns.
+    units : tuple of str or None
+        The row of units under the header, if there is one.
+    offset : int
+        Where the numbers begin [bytes].
+    first_line : int
+        Line on which they begin, counted from 1.
+    """
+
+    delimiter: str
+    decimal: str
+    headers: tuple[str, ...]
+    units: tuple[str, ...] | None
+    offset: int
+    first_line: int
+
+
+def is_comment(line: str) -> bool:
+    """Whether a line is a remark."""
+    return line.lstrip().startswith(_COMMENT)
+
+
+def split_line(line: str, delimiter: str) -> list[str]:
+    """Cells of one line, without quotes and surrounding blanks.
+
+    Parameters
+    ----------
+    line : str
+        Without its line end.
+    delimiter : str
+        As in `Dialect`.
+    """
+    if delimiter == " ":
+        return line.split()
+    if '"' in line:
+        cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    else:
+        cells = line.split(delimiter)
+    return [cell.strip() for cell in cells]
+
+
+def parse_number(cell: str, decimal: str) -> float:
+    """Parse a cell as a number; NaN for an empty one.
+
+    Parameters
+    ----------
+    cell : str
+        Text of the cell.
+    decimal : str
+        Decimal sign.
+
+    Raises
+    ------
+    ValueError
+        It is not a number.
+    """
+    cell = cell.strip()
+    if not cell:
+        return float("nan")
+    if "_" in cell or (decimal == "," and "." in cell):
+        raise ValueError(cell)
+    return float(cell.replace(",", ".") if decimal == "," else cell)
+
+
+def _is_number(cell: str, decimal: str) -> bool:
+    try:
+        parse_number(cell, decimal)
+    except ValueError:
+        return False
+    return bool(cell)
+
+
+def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
+    """Find out how a table is written.
+
+    Parameters
+    ----------
+    head : bytes
+        The first `HEAD_BYTES` of the text, UTF-8 or Latin-1.
+    whole : bool
+        Whether that is all of it.
+    where : str
+        The file, for errors.
+
+    Raises
+    ------
+    InputError
+        No header, only one column, or a header that does not fit the rows.
+    """
+    raw = head.splitlines(keepends=True)
+    if not whole and len(raw) > 1:
+        raw = raw[:-1]
+    lines = [_decode(line).rstrip("\r\n") for line in raw]
+    rows = [i for i, line in enumerate(lines) if line.strip() and not is_comment(line)]
+    comments = [i for i, line in enumerate(lines[: rows[0] if rows else None]) if is_comment(line)]
+    if not rows:
+        raise InputError("the file has no table", where=where, why="there are only blank lines and comments")
+    body = rows[1:]
+    sample = [lines[i] for i in _without_cut(body, whole, head)][:_SAMPLE_ROWS]
+    header_line = rows[0]
+    delimiter = _delimiter(lines[header_line], sample)
+    names = split_line(lines[header_line], delimiter)
+    numeric = sum(_is_number(cell, ".") or bool(_DECIMAL_COMMA.match(cell)) for cell in names)
+    if 2 * numeric >= sum(map(bool, names)):
+        # The header may be the last comment, as numpy.savetxt and ROS write it.
+        sample = [lines[header_line], *sample]
+        body = rows
+        header_line = next((i for i in reversed(comments) if _fits(lines[i], sample)), -1)
+        if header_line < 0:
+            raise InputError(
+                "the file has no header",
+                where=f"{where}:{rows[0] + 1}",
+                why=f"the first row is numbers: {plain_text(lines[rows[0]])[:80]}",
+                fix="put the names of the columns into the first line, such as time_s,gyro_x_rad_s,…",
+            )
+        bare = _bare_comment(lines[header_line])
+        delimiter = _delimiter(bare, sample)
+        names = split_line(bare, delimiter)
+    names = _trailing(names, sample, delimiter)
+    units, body, sample = _units_row(lines, body, sample, delimiter, len(names))
+    _check_width(names, sample, delimiter, where, header_line + 1)
+    first = body[0] if body else len(lines)
+    return Dialect(
+        delimiter,
+        _decimal(sample, delimiter),
+        tuple(plain_text(name).strip().strip("'") for name in names),
+        units,
+        sum(len(line) for line in raw[:first]),
+        first + 1,
+    )
+
+
+def _decode(line: bytes) -> str:
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
+
+
+def _without_cut(body: Sequence[int], whole: bool, head: bytes) -> Sequence[int]:
+    """Rows fit to judge the table by: not a last one without a line end, which may be cut off."""
+    cut = whole and not head.endswith((b"\n", b"\r")) and len(body) > 1
+    return body[:-1] if cut else body
+
+
+def _bare_comment(line: str) -> str:
+    return line.lstrip().lstrip("#%/").strip()
+
+
+def _fits(comment: str, sample: Sequence[str]) -> bool:
+    bare = _bare_comment(comment)
+    delimiter = _delimiter(bare, sample)
+    names = split_line(bare, delimiter)
+    return len(names) > 1 and all(len(split_line(row, delimiter)) == len(names) for row in sample)
+
+
+def _delimiter(header: str, sample: Sequence[str]) -> str:
+    """Delimiter with which the header fits most rows, and among those gives most columns."""
+
+    def merit(delimiter: str) -> tuple[bool, float, int]:
+        width = len(split_line(header, delimiter))
+        counts = [len(split_line(row, delimiter)) for row in sample]
+        fit = sum(n in (width, width + 1) for n in counts) / len(counts) if counts else 1.0
+        return width > 1, fit, width
+
+    return max(_DELIMITERS, key=merit)
+
+
+def _units_row(
+    lines: Sequence[str], body: list[int], sample: list[str], delimiter: str, width: int
+) -> tuple[tuple[str, ...] | None, list[int], list[str]]:
+    """Take off a row of units under the header: no numbers, and at least half of its words are units."""
+    if not sample or not body:
+        return None, body, sample
+    cells = split_line(lines[body[0]], delimiter)
+    words = [compact(cell) for cell in cells if compact(cell)]
+    if not words or any(_is_number(cell, ".") for cell in cells):
+        return None, body, sample
+    if sum(word in _UNITS for word in words) * 2 < len(words):
+        return None, body, sample
+    return tuple((cells + [""] * width)[:width]), body[1:], sample[1:]
+
+
+def _trailing(names: list[str], sample: Sequence[str], delimiter: str) -> list[str]:
+    """Give rows that all end with a delimiter a nameless last column."""
+    if delimiter == " " or not sample:
+        return names
+    rows = [split_line(row, delimiter) for row in sample]
+    if all(len(row) == len(names) + 1 and not row[-1] for row in rows):
+        return [*names, ""]
+    return names
+
+
+def _check_width(names: Sequence[str], sample: Sequence[str], delimiter: str, where: str, line: int) -> None:
+    if len(names) < 2:
+        raise InputError(
+            "the file has only one column",
+            where=f"{where}:{line}",
+            why=f"header: {plain_text(names[0])[:80]!r}",
+            fix="separate the columns with commas, semicolons, tabs or blanks",
+        )
+    counts = [len(split_line(row, delimiter)) for row in sample]
+    if counts and all(n != len(names) for n in counts):
+        raise InputError(
+            "the header does not fit the rows",
+            where=f"{where}:{line}",
+            why=f"{len(names)} names, but {counts[0]} cells in the first row",
+            fix="give every column one name; put names with blanks into quotes or use commas",
+        )
+
+
+def _decimal(sample: Sequence[str], delimiter: str) -> str:
+    if delimiter == ",":
+        return "."
+    return "," if any(_DECIMAL_COMMA.match(c) for row in sample for c in split_line(row, delimiter)) else "."

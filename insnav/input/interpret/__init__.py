@@ -1,0 +1,1 @@
+"""What the columns of a table mean: names, units, axes, order, overlap."""

@@ -1,0 +1,326 @@
+"""Which column of a file is what: headers read by the schema, with their units, or an error that helps."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from insnav.exceptions import ConfigError, InputError
+from insnav.input.interpret.schema import ALL_UNITS, PREFIXES, UNIT_SPELLINGS, Quantity, compact
+from insnav.units import UNITS
+
+_BRACKETS = re.compile(r"^(?P<base>[^\[\](){}]+?)\s*[\[({](?P<unit>[^\[\](){}]*)[\])}]\s*$")
+_INDEXED = re.compile(r"^(?P<base>.+?)\[(?P<index>[012])\]$")
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A column that was understood.
+
+    Attributes
+    ----------
+    quantity : Quantity
+        What it holds.
+    index : int
+        Which column of the file.
+    header : str
+        Its header as written.
+    unit : str or None
+        The unit that the file or the user states; ``None`` if nobody does.
+    """
+
+    quantity: Quantity
+    index: int
+    header: str
+    unit: str | None
+
+    @property
+    def factor(self) -> float:
+        """From the stated unit, or that of the canonical name, to SI."""
+        unit = self.unit or self.quantity.unit
+        return ALL_UNITS[unit][1] if unit else 1.0
+
+    def describe(self, unit: str | None = None) -> str:
+        """Header and unit, for people."""
+        unit = unit or self.unit or self.quantity.unit
+        return f"{self.header} [{unit}]" if unit else self.header
+
+
+def find_unit(text: str, dimension: str) -> str | None:
+    """Find the unit of a dimension that a text names in any common spelling.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``dps``, ``rad s^-1``, ``m/s²``.
+    dimension : str
+        Such as ``rate``; see `insnav.units.UNITS`.
+
+    Returns
+    -------
+    str or None
+        Its name, None if the text is no such unit.
+    """
+    if text in ALL_UNITS:  # "ms" is not "m/s" when written out in full
+        return text if ALL_UNITS[text][0] == dimension else None
+    table = UNIT_SPELLINGS.get(dimension, {})
+    word = compact(text)
+    return table.get(word) or table.get(word.removesuffix("sample").removesuffix("per"))
+
+
+def match_header(
+    header: str, schema: Sequence[Quantity], unit_below: str = ""
+) -> tuple[Quantity, str | None, int] | None:
+    """Find out what one header names.
+
+    Parameters
+    ----------
+    header : str
+        Such as ``gyro_x[deg/s]``, ``gx_dps``, ``Latitude (deg)``.
+    schema : sequence of Quantity
+        What it may be; of several the first wins.
+    unit_below : str
+        Cell of a row of units under the header.
+
+    Returns
+    -------
+    tuple of (Quantity, str or None, int), or None
+        The quantity, the stated unit, and a rank (0 is the most trustworthy spelling).
+
+    Raises
+    ------
+    InputError
+        The name is known but the unit in brackets is not.
+    """
+    if (indexed := _INDEXED.match(header)) is not None:
+        header = indexed["base"] + indexed["index"]
+    bracket = _BRACKETS.match(header)
+    base, unit_text = (bracket["base"], bracket["unit"]) if bracket else (header, unit_below)
+    unit_text = unit_text.strip(" []()-_")
+    word = compact(base)
+    for attempt in range(4):
+        known = _match_word(word, unit_text, schema)
+        if known is not None:
+            quantity, unit, rank = known
+            return quantity, unit, rank + 1000 * attempt
+        prefix = next((p for p in PREFIXES if word.startswith(p) and len(word) > len(p)), None)
+        if prefix is None:
+            return None
+        word = word.removeprefix(prefix)
+    return None
+
+
+def _match_word(word: str, unit_text: str, schema: Sequence[Quantity]) -> tuple[Quantity, str | None, int] | None:
+    refused: Quantity | None = None
+    for quantity in schema:
+        if word == compact(quantity.name):
+            return quantity, quantity.unit or None, -1
+        if word in quantity.spellings:
+            rank = quantity.spellings.index(word)
+            if not unit_text or not quantity.dimension:
+                return quantity, None, rank
+            if (unit := find_unit(unit_text, quantity.dimension)) is not None:
+                return quantity, unit, rank
+            refused = refused or quantity
+    if refused is not None:
+        units = ", ".join(name for name, (dim, _) in UNITS.items() if dim == refused.dimension)
+        raise InputError(
+            f"{unit_text!r} is not a unit of {refused.key}",
+            why=f"a unit of {refused.dimension} is needed",
+            fix=f"write one of: {units}",
+        )
+    for cut in range(len(word) - 1, 0, -1):
+        for quantity in schema:
+            if word[:cut] in quantity.spellings:
+                unit = UNIT_SPELLINGS.get(quantity.dimension, {}).get(word[cut:])
+                if unit is not None:
+                    return quantity, unit, quantity.spellings.index(word[:cut])
+    return None
+
+
+def understand(
+    headers: Sequence[str],
+    units_row: Sequence[str] | None,
+    schema: Sequence[Quantity],
+    *,
+    columns: Mapping[str, str] | None = None,
+    where: str = "",
+) -> tuple[dict[str, Found], tuple[str, ...]]:
+    """Assign columns to quantities.
+
+    Parameters
+    ----------
+    headers : sequence of str
+        As in the file.
+    units_row : sequence of str or None
+        Cells of the row of units under the header, if there is one.
+    schema : sequence of Quantity
+        What may be there.
+    columns : mapping of str to str, optional
+        What the user says: name, with or without unit (``gyro_x``, ``gyro_x_dps``), to header; an empty
+        header says that the file has no such column.
+    where : str
+        The file, for errors.
+
+    Returns
+    -------
+    found : dict of str to Found
+        By key.
+    notes : tuple of str
+        What else might have been meant.
+
+    Raises
+    ------
+    InputError
+        A duplicate header, two columns for one quantity, or an unknown unit.
+    ConfigError
+        `columns` names something that does not exist.
+    """
+    named = [h for h in headers if h]
+    twice = sorted({h for h in named if named.count(h) > 1})
+    if twice:
+        raise InputError(
+            f"column {twice[0]!r} appears {named.count(twice[0])} times",
+            where=where,
+            why="it is not clear which one is meant",
+            fix="rename or remove one of them",
+        )
+    told, silent = _told(headers, schema, columns or {}, where)
+    taken = {found.index for found in told.values()}
+    ranked: dict[str, list[tuple[int, Found]]] = {}
+    for index, header in enumerate(headers):
+        if not header or index in taken:
+            continue
+        try:
+            match = match_header(header, schema, units_row[index] if units_row else "")
+        except InputError as error:
+            error.where = f"{where}: column {header!r}"
+            raise
+        if match is not None and match[0].key not in told and match[0].key not in silent:
+            ranked.setdefault(match[0].key, []).append((match[2], Found(match[0], index, header, match[1])))
+    found = dict(told)
+    notes: list[str] = []
+    for key, candidates in ranked.items():
+        candidates.sort(key=lambda item: (item[0], item[1].index))
+        best = candidates[0]
+        if len(candidates) > 1 and candidates[1][0] == best[0]:
+            both = " and ".join(repr(c.header) for rank, c in candidates if rank == best[0])
+            raise InputError(
+                f"two columns could be {key}: {both}",
+                where=where,
+                fix=f"say which one: --columns {key}={best[1].header}",
+            )
+        found[key] = best[1]
+        notes += [f"{c.header!r} could be {key} too: not used, {best[1].header!r} is" for _, c in candidates[1:]]
+    return found, tuple(notes)
+
+
+def _told(
+    headers: Sequence[str], schema: Sequence[Quantity], columns: Mapping[str, str], where: str
+) -> tuple[dict[str, Found], set[str]]:
+    """Columns that the user names, and keys that the user says are not there."""
+    told: dict[str, Found] = {}
+    silent: set[str] = set()
+    for name, header in columns.items():
+        match = match_header(name, schema)
+        if match is None:
+            raise ConfigError(
+                f"{name!r} is not a quantity that this file can hold",
+                where="columns",
+                fix=_did_you_mean(name, [q.key for q in schema]) or f"use one of {_listed(q.key for q in schema)}",
+            )
+        quantity, unit, _ = match
+        if not header:
+            silent.add(quantity.key)
+            continue
+        if header not in headers:
+            raise ConfigError(
+                f"there is no column {header!r}",
+                where=f"columns, {name}",
+                why=f"{where} has: {_listed(headers)}",
+                fix=_did_you_mean(header, headers),
+            )
+        told[quantity.key] = Found(quantity, list(headers).index(header), header, unit)
+    return told, silent
+
+
+def require(
+    found: Mapping[str, Found],
+    keys: Iterable[str],
+    headers: Sequence[str],
+    schema: Sequence[Quantity],
+    *,
+    where: str,
+    hint: str = "",
+) -> None:
+    """Refuse a file that lacks a column, naming what was found and what may have been meant.
+
+    Parameters
+    ----------
+    found : mapping of str to Found
+        From `understand`.
+    keys : iterable of str
+        What must be there.
+    headers : sequence of str
+        As in the file.
+    schema : sequence of Quantity
+        For the spellings to compare with.
+    where, hint : str
+        The file; something to say first about how to mend it.
+
+    Raises
+    ------
+    InputError
+        At least one is missing.
+    """
+    missing = [q for key in keys if key not in found for q in schema if q.key == key]
+    if not missing:
+        return
+    used = {f.index for f in found.values()}
+    free = [h for i, h in enumerate(headers) if h and i not in used]
+    fixes = [hint] if hint else []
+    for quantity in missing:
+        header = suggest(quantity, free)
+        if header is not None:
+            free.remove(header)
+            fixes.append(f"did you mean {header!r}? then say --columns {quantity.key}={header}")
+    if not fixes:
+        fixes.append(f"add the column, or say which it is: --columns {missing[0].key}=HEADER")
+    raise InputError(
+        f"no column for {', '.join(q.name for q in missing)}",
+        where=where,
+        why=f"found: {_listed(headers)}",
+        fix="; ".join(fixes),
+    )
+
+
+def suggest(quantity: Quantity, headers: Sequence[str]) -> str | None:
+    """Header most like the spellings of a quantity, or None if none is alike.
+
+    Parameters
+    ----------
+    quantity : Quantity
+        What is looked for.
+    headers : sequence of str
+        Headers that are still free.
+    """
+    best: tuple[float, str] | None = None
+    names = (compact(quantity.name), compact(quantity.key), *(s for s in quantity.spellings if len(s) > 2))
+    for header in headers:
+        score = max(difflib.SequenceMatcher(None, compact(header), s).ratio() for s in names)
+        if score >= 0.7 and (best is None or score > best[0]):
+            best = (score, header)
+    return best[1] if best else None
+
+
+def _did_you_mean(word: str, choices: Iterable[str]) -> str:
+    close = difflib.get_close_matches(word, list(choices), n=1, cutoff=0.6)
+    return f"did you mean {close[0]!r}?" if close else ""
+
+
+def _listed(words: Iterable[str], limit: int = 40) -> str:
+    words = [w or "(no name)" for w in words]
+    more = f" and {len(words) - limit} more" if len(words) > limit else ""
+    return ", ".join(words[:limit]) + more

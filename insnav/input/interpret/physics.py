@@ -1,0 +1,321 @@
+"""Units, signs and axes of an IMU found from physics: gravity, and how rotation moves it in the body."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.interpret.schema import ALL_UNITS
+from insnav.types import FloatArray
+
+_GRAVITY = 9.8  # [m/s^2]; on Earth 9.76 .. 9.83
+_GRAVITY_TOLERANCE = 0.05
+_MIN_SHARE = 0.02  # of the quiet blocks that must show gravity
+_UNCALIBRATED = 0.2  # a sensor may be off by so much before it is calibrated
+_MAX_RATE = 12.0  # no vehicle turns faster for long [rad/s]
+_MAX_SENSOR_RATE = 70.0  # and no usual sensor has more [rad/s]
+_MAX_TURN_RATIO = 4.0  # a lever arm or a swaying vehicle may falsify the comparison with gravity by so much
+_MAX_BLOCKS = 1000
+_MIN_STEPS = 10
+_MAX_SAMPLES = 50_000
+_MAX_GROUPS = 2000
+_MIN_GROUPS = 10
+_TURN_BLOCK = 0.2  # length over which rotation and gravity are compared [s]
+_MIN_CORRELATION = 0.15
+_LEVEL = 0.8  # cosine of the angle within which an axis counts as vertical
+
+_ACCEL_UNITS = ("m/s^2", "g", "mg", "ug", "mm/s^2", "ft/s^2")
+_DVEL_UNITS = ("m/s", "g*s")
+_TIME_UNITS = ("s", "ms", "us", "ns")
+
+
+@dataclass(frozen=True, slots=True)
+class Quiet:
+    """Specific force in the quieter half of a record, in blocks of a second.
+
+    Attributes
+    ----------
+    mean : (m, 3) array
+        Mean of each block, in units of the file.
+    rate : (3,) array
+        Larger turning rates than these are rare (1 in 1000), in units of the file.
+    """
+
+    mean: FloatArray
+    rate: FloatArray
+
+
+def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: float) -> Quiet:
+    """Find the quieter half of a record.
+
+    Parameters
+    ----------
+    gyro, accel : (n, 3) array
+        As in the file, in order of time.
+    interval : float
+        Median interval [s].
+    scale : float
+        From the numbers to rates: one, or the inverse of the interval for increments.
+    """
+    width = min(max(3, round(1.0 / interval)), len(accel))
+    n = len(accel) // width
+    step = -(-n // _MAX_BLOCKS)
+    blocks = accel[: n * width].reshape(n, width, 3)[::step]
+    shake = blocks.std(axis=1).sum(axis=1)
+    mean = blocks.mean(axis=1)[shake <= np.median(shake)]
+    sample = np.abs(gyro[:: -(-len(gyro) // _MAX_SAMPLES)])
+    return Quiet(mean * scale, np.quantile(sample, 0.999, axis=0) * scale)
+
+
+def judge_accel(quiet: Quiet, stated: str | None, *, interval: float, increments: bool, where: str) -> tuple[str, str]:
+    """Find the unit of the accelerometers, by gravity.
+
+    Parameters
+    ----------
+    quiet : Quiet
+        Of the record as in the file.
+    stated : str or None
+        Unit that the header or the user states.
+    interval : float
+        Median interval [s].
+    increments : bool
+        Whether the file says that it holds increments; `quiet` is then divided by the interval.
+    where : str
+        The file.
+
+    Returns
+    -------
+    unit, evidence : str
+
+    Raises
+    ------
+    InputError
+        The stated unit contradicts gravity, or no unit fits.
+    """
+    norms = np.linalg.norm(quiet.mean, axis=1)
+    candidates = _DVEL_UNITS if increments else _ACCEL_UNITS
+    middle = float(np.median(norms))
+    for tolerance, share in ((_GRAVITY_TOLERANCE, _MIN_SHARE), (_UNCALIBRATED, 0.5)):
+        for unit in (stated, *candidates) if stated else candidates:
+            force = norms * ALL_UNITS[unit][1]
+            fits = np.abs(force / _GRAVITY - 1.0) < tolerance
+            if fits.mean() < share:
+                continue
+            if stated is not None and unit != stated:
+                raise InputError(
+                    f"the accelerometers are not in {stated}",
+                    where=where,
+                    why=f"in the quietest stretches they read {middle:.4g}, and gravity is 9.8 m/s^2: "
+                    f"that looks like {unit}",
+                    fix=f"say --imu-units accel={unit}, or put the right unit into the header",
+                )
+            gravity = float(np.median(force))
+            text = f"accelerometers in {unit}: gravity in the quiet stretches is {gravity:.4g} m/s^2"
+            off = gravity / _GRAVITY - 1.0
+            if abs(off) > _GRAVITY_TOLERANCE:
+                text += f", {off:+.1%} off; are the sensors not calibrated?"
+            return unit, text
+    other = norms * interval if increments else norms / interval
+    per_sample = np.mean(np.abs(other / _GRAVITY - 1.0) < _GRAVITY_TOLERANCE) > _MIN_SHARE
+    if per_sample:
+        found, name = ("rates", "mean") if increments else ("increments", "increment")
+        raise InputError(
+            f"the accelerometers look like {found}",
+            where=where,
+            why=f"gravity, 9.8 m/s^2, is found {'without' if increments else 'only after'} dividing by "
+            f"the interval of {interval:.4g} s",
+            fix=f"say --imu-sampling {name}, or name the columns "
+            + ("gyro_x_rad_s … accel_z_m_s2" if increments else "dtheta_x_rad … dvel_z_m_s"),
+        )
+    claim = f" {stated}" if stated else ""
+    raise InputError(
+        "the accelerometers do not show gravity" + (f" in{claim}" if claim else " in any unit"),
+        where=where,
+        why=f"in the quietest stretches they read {middle:.4g}; gravity is 9.8 m/s^2, 1 g or 1000 mg",
+        fix="raw counts must be calibrated first; else name the right columns: --columns accel_x=HEADER …",
+    )
+
+
+def turn_ratio(time: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[float, float]:
+    """Compare how specific force moves in the body with how the gyros say it should.
+
+    A vector that is fixed in space changes in the body by ``df/dt = -w x f = f x w`` (Goldstein 2002,
+    eq. 4.86, with zero on the left). The ratio of the two is 1 if the gyros are in rad/s.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Time [s].
+    gyro, accel : (n, 3) array
+        Rates, and specific force in any unit.
+
+    Returns
+    -------
+    ratio, correlation : float
+        Both zero if there is not enough motion to tell.
+    """
+    width = max(1, round(_TURN_BLOCK / float(np.median(np.diff(time[:_MAX_SAMPLES])))))
+    n = len(time) // (3 * width)  # groups of three blocks, so that the middle one has a slope
+    if n < _MIN_GROUPS:
+        return 0.0, 0.0
+    step = -(-n // _MAX_GROUPS)
+    t, w, f = (array[: 3 * n * width].reshape(n, 3, width, -1)[::step].mean(axis=2) for array in (time, gyro, accel))
+    seen = (f[:, 2] - f[:, 0]) / (t[:, 2] - t[:, 0])
+    told = np.cross(f[:, 1], w[:, 1])
+    both, seen2, told2 = float(np.sum(seen * told)), float(np.sum(seen**2)), float(np.sum(told**2))
+    if told2 == 0.0 or seen2 == 0.0:
+        return 0.0, 0.0
+    correlation = both / math.sqrt(seen2 * told2)
+    if abs(correlation) < max(_MIN_CORRELATION, 4.0 / math.sqrt(seen.size)):  # chance makes 1 / sqrt(size)
+        return 0.0, 0.0
+    return both / told2, correlation
+
+
+def judge_gyro(
+    quiet: Quiet, ratio: float, correlation: float, stated: str | None, *, increments: bool, where: str
+) -> tuple[str, str]:
+    """Find the unit of the gyros, by what vehicles can do and by how gravity turns.
+
+    Parameters
+    ----------
+    quiet : Quiet
+        Of the record as in the file.
+    ratio, correlation : float
+        From `turn_ratio`, for the numbers as in the file.
+    stated : str or None
+        Unit that the header or the user states.
+    increments : bool
+        Whether the file holds increments.
+    where : str
+        The file.
+
+    Returns
+    -------
+    unit, evidence : str
+
+    Raises
+    ------
+    InputError
+        The stated unit contradicts the evidence.
+    """
+    usual = ("rad", "deg") if increments else ("rad/s", "deg/s")
+    fastest = float(quiet.rate.max())
+    shown, why = None, ""
+    if correlation:
+        for unit in (stated, *usual) if stated else usual:
+            factor = abs(ratio) / ALL_UNITS[unit][1]
+            if 1.0 / _MAX_TURN_RATIO < factor < _MAX_TURN_RATIO:
+                why = f"gravity turns in the body as they say (ratio {factor:.2g}, r = {correlation:.2f})"
+                shown = unit
+                break
+    limit = _MAX_SENSOR_RATE if stated else _MAX_RATE
+    if shown is None and fastest * ALL_UNITS[stated or usual[0]][1] > limit:
+        shown, why = usual[1], f"they reach {fastest:.3g}, too much for {stated or usual[0]}"
+    if stated is not None and shown not in (None, stated):
+        raise InputError(
+            f"the gyros are not in {stated}",
+            where=where,
+            why=f"{why}: that looks like {shown}",
+            fix=f"say --imu-units gyro={shown}, or put the right unit into the header",
+        )
+    unit = stated or shown or usual[0]
+    if shown is None:
+        why = "as stated" if stated else f"assumed, the motion does not tell (largest {fastest:.3g})"
+    elif correlation < 0.0:
+        why += "; WARNING: they turn the wrong way against the accelerometers: check the axes and signs"
+    return unit, f"gyros in {unit}: {why}"
+
+
+def judge_axes(quiet: Quiet, axes: str | None, *, where: str) -> str:
+    """Which way is up, and whether that fits Forward, Right, Down.
+
+    Parameters
+    ----------
+    quiet : Quiet
+        In body axes, after `axes` were applied.
+    axes : str or None
+        What the user said; None if nothing.
+    where : str
+        The file.
+
+    Returns
+    -------
+    str
+        Evidence.
+
+    Raises
+    ------
+    InputError
+        Nothing was said, and z points up.
+    """
+    norms = np.linalg.norm(quiet.mean, axis=1)[:, None]
+    direction = np.mean(quiet.mean / np.where(norms > 0.0, norms, 1.0), axis=0)  # zeros: a sensor that was off
+    said = f"axes {axes} as told" if axes else "axes taken as FRD (forward, right, down)"
+    reads = f"specific force at rest points along ({', '.join(f'{c:+.2f}' for c in direction)})"
+    if direction[2] > _LEVEL:
+        if axes is None:
+            raise InputError(
+                "the axes look like forward, left, up (FLU)",
+                where=where,
+                why=f"{reads}: z reads +9.8 m/s^2 where forward, right, down reads -9.8",
+                fix="say --imu-axes FLU (or RFU, as mounted); --imu-axes FRD if it really is upside down",
+            )
+        return f"{said}: {reads}; the body is upside down"
+    if direction[2] < -_LEVEL:
+        return f"{said}: {reads}, z down"
+    for i, name in enumerate("xy"):
+        if abs(direction[i]) > _LEVEL:
+            way = "up" if direction[i] > 0 else "down"
+            return f"{said}: {reads}; NOTE: {name} points {way}: if not mounted so, give --imu-axes"
+    return f"{said}: {reads}; the body is not level, or its attitude varies"
+
+
+def judge_time(time: FloatArray, stated: str | None, *, slowest: float, where: str) -> tuple[str, str]:
+    """Find the unit of the time column, by its steps.
+
+    Parameters
+    ----------
+    time : (n,) array
+        As in the file.
+    stated : str or None
+        Unit that the header or the user states.
+    slowest : float
+        No such file has longer steps [s].
+    where : str
+        The file.
+
+    Returns
+    -------
+    unit, evidence : str
+
+    Raises
+    ------
+    InputError
+        The stated unit, or none at all, fits the steps.
+    """
+    steps = np.diff(time[:_MAX_SAMPLES])
+    if not (steps > 0.0).all():  # out of order, or not all known
+        steps = np.diff(np.sort(time[np.isfinite(time)]))
+    steps = steps[steps > 0.0]
+    step = float(np.median(steps)) if len(steps) else 0.0
+    if step == 0.0:
+        raise InputError("the time does not advance", where=where, why="no row is later than the one before it")
+    fitting = [unit for unit in _TIME_UNITS if slowest * 1e-4 <= step * ALL_UNITS[unit][1] < slowest]
+    few = len(time) < _MIN_STEPS  # too few rows to say that the steps are too long
+    guess = "s" if step < slowest or few else (fitting[0] if fitting else None)
+    if stated is not None:
+        if step * ALL_UNITS[stated][1] >= slowest and not few:
+            like = f": that looks like {guess}" if guess else ""
+            raise InputError(
+                f"the time is not in {stated}",
+                where=where,
+                why=f"it steps by {step:.6g}{like}",
+                fix=f"put the right unit into the header, such as time_{guess or 'ms'}",
+            )
+        return stated, f"time in {stated}"
+    if guess is None:
+        raise InputError("the unit of the time is not clear", where=where, why=f"it steps by {step:.6g}")
+    return guess, f"time in {guess}: it steps by {step:.6g}"

@@ -1,0 +1,1 @@
+"""Recordings from files: IMU, receiver, reference, positions, raw outputs."""

@@ -1,0 +1,248 @@
+"""Positions and velocities from a file: what GPS and reference files have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.formats.table import Table, open_table, read_numbers
+from insnav.input.interpret.clean import Cleaned, Kinds, clean, cut_event
+from insnav.input.interpret.columns import Found, require, understand
+from insnav.input.interpret.physics import judge_time
+from insnav.input.interpret.schema import ALL_UNITS, Quantity
+from insnav.input.readers.reading import ReadingFacts
+from insnav.types import BoolArray, Event, FloatArray, IntArray
+from insnav.units import DEG
+
+Height = Literal["ellipsoidal", "msl"]
+
+_SLOWEST = 45.0  # longest interval between fixes that is taken for seconds [s]
+_MAX_HEIGHT = 1e5  # [m]
+_MIN_HEIGHT = -1e4
+_FAR = 0.1 * DEG  # a fix at (0, 0) is a placeholder if all others are farther than this
+_STANDARD_DEVIATIONS = ("sd_n", "sd_e", "sd_d", "sd_vn", "sd_ve", "sd_vd")
+_EARTH_RADIUS = 6.37e6  # to compare speeds, a rough one will do [m]
+_RADIANS_RATIO = 20.0  # speeds that differ by more mean radians (57.3 times); less is noise
+_SLOW = 0.5  # slower ones tell nothing [m/s]
+
+
+@dataclass(frozen=True, slots=True)
+class Positions:
+    """A file of positions in order of time.
+
+    Attributes
+    ----------
+    columns : dict of str to (n,) array
+        By key, in SI units and radians.
+    lla, v_n : (n, 3) array
+        Latitude [rad], longitude [rad], height [m]; velocity North, East, Down [m/s], NaN where not known.
+    events : tuple of Event
+        What was done to the rows.
+    facts : ReadingFacts
+        What was understood.
+    """
+
+    columns: dict[str, FloatArray]
+    lla: FloatArray
+    v_n: FloatArray
+    events: tuple[Event, ...]
+    facts: ReadingFacts
+
+    def stacked(self, keys: Sequence[str]) -> FloatArray:
+        """Columns side by side, NaN for those that the file does not have; (n, len(keys))."""
+        unknown = np.full(len(self.lla), np.nan)
+        return np.column_stack([self.columns.get(key, unknown) for key in keys])
+
+    def fix(self) -> IntArray | None:
+        """Fix type, -1 where the cell is empty; None if the file has none."""
+        column = self.columns.get("fix")
+        return None if column is None else np.where(np.isfinite(column), column, -1.0).astype(np.int64)
+
+
+def read_positions(
+    path: str | Path,
+    kind: str,
+    schema: Sequence[Quantity],
+    kinds: Kinds,
+    *,
+    columns: Mapping[str, str] | None,
+    height: Height | None = None,
+) -> Positions:
+    """Read a file of positions.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.csv``, ``.txt`` (also with ``.gz``), ``.parquet``, or ``-`` for standard input.
+    kind : str
+        Word for the file.
+    schema : sequence of Quantity
+        What it may hold.
+    kinds : Kinds
+        Names of its events.
+    columns : mapping of str to str, optional
+        Quantity to header.
+    height : {"ellipsoidal", "msl"}, optional
+        What the heights are; default: by the header, else ellipsoidal.
+
+    Raises
+    ------
+    InputError
+        The file cannot be used.
+    ConfigError
+        `columns` cannot be meant as given.
+    """
+    table = open_table(path)
+    name = table.name
+    found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)
+    height_key, height_kind, height_evidence = _height(found, height)
+    hint = ""
+    if sum(header.lower().startswith(("gyro", "acc", "dtheta", "dvel")) for header in table.headers) > 3:
+        hint = "this looks like inertial data: give it as the IMU file"
+    wanted = ("time", "lat", "lon", height_key)
+    require(found, wanted, table.headers, schema, where=name, hint=hint)
+    keys = [key for key in found if key not in ("height", "height_msl") or key == height_key]
+    numbers = read_numbers(table, [found[key].index for key in keys])
+    raw = {key: numbers.columns[found[key].index] for key in keys}
+    evidence = [height_evidence]
+    if numbers.n_rows > 1:
+        unit, text = judge_time(raw["time"], found["time"].unit, slowest=_SLOWEST, where=name)
+        raw["time"] = raw["time"] * ALL_UNITS[unit][1]
+        evidence.insert(0, text)
+    for key in keys[:]:
+        if key != "time" and found[key].factor != 1.0:
+            raw[key] = raw[key] * found[key].factor
+    raw["height"] = raw.pop(height_key)
+    bad = ~np.isfinite(raw["time"]) | _no_position(raw)
+    _refuse_impossible(raw, bad, found, table, height_key)
+    cleaned = clean(raw, bad, kinds, place=table.place, name=name, bad_action="no position")
+    data = cleaned.columns
+    lla = np.column_stack([data["lat"], (data["lon"] + np.pi) % (2.0 * np.pi) - np.pi, data["height"]])
+    if "vd" not in data and "vu" in data:
+        data["vd"] = -data["vu"]
+    unknown = np.full(len(lla), np.nan)
+    v_n = np.column_stack([data.get(key, unknown) for key in ("vn", "ve", "vd")])
+    evidence.append(_angles(lla, v_n, cleaned, found, name))
+    evidence += [*_words(found), *notes, *cleaned.notes]
+    events = cleaned.events
+    if numbers.cut:
+        events = (*events, cut_event(kinds, float(data["time"][-1]), numbers.cut))
+    facts = ReadingFacts(
+        kind=kind,
+        path=name,
+        sha256=table.source.sha256,
+        n_rows=numbers.n_rows + bool(numbers.cut),
+        n_used=len(lla),
+        start_s=float(data["time"][0]),
+        end_s=float(data["time"][-1]),
+        rate_hz=1.0 / cleaned.interval,
+        n_gaps=cleaned.n_gaps,
+        longest_gap_s=cleaned.longest_gap,
+        columns={found[key].quantity.name: found[key].describe(unit if key == "time" else None) for key in keys},
+        evidence=tuple(text for text in evidence if text),
+        height=height_kind,
+    )
+    return Positions(data, lla, v_n, events, facts)
+
+
+def _height(found: Mapping[str, Found], height: Height | None) -> tuple[str, str, str]:
+    """Key of the height column, what it is, and why."""
+    above_sea = "height_msl" in found and (height == "msl" or "height" not in found)
+    key = "height_msl" if above_sea else "height"
+    kind = "msl" if above_sea or height == "msl" else "ellipsoidal"
+    if kind == "ellipsoidal":
+        why = "as told" if height else "assumed; else --gps-height msl"
+        return key, kind, f"heights are above the ellipsoid ({why})"
+    why = "as told" if height else "by the column's name"
+    return (
+        key,
+        kind,
+        f"heights are above mean sea level ({why}): used as they are, and so are those of the result",
+    )
+
+
+def _no_position(raw: Mapping[str, FloatArray]) -> BoolArray:
+    """Rows without a position: empty cells, and the placeholder (0, 0) of a receiver without a fix."""
+    lat, lon = raw["lat"], raw["lon"]
+    bad: BoolArray = ~(np.isfinite(lat) & np.isfinite(lon) & np.isfinite(raw["height"]))
+    origin = ~bad & (lat == 0.0) & (lon == 0.0)
+    if not origin.any():
+        return bad
+    others = ~bad & ~origin
+    far = bool(others.any()) and float(np.min(np.abs(lat[others]) + np.abs(lon[others]))) > _FAR
+    no_fix = raw["fix"] == 0.0 if "fix" in raw else np.zeros_like(bad)
+    bad |= origin & (no_fix | far)
+    return bad
+
+
+def _refuse_impossible(
+    raw: Mapping[str, FloatArray], bad: BoolArray, found: Mapping[str, Found], table: Table, height_key: str
+) -> None:
+    """Refuse values that no place on Earth and no receiver has, naming the first."""
+    limits = {
+        "lat": (-90.0 * DEG, 90.0 * DEG, "latitude is -90 .. 90 deg", DEG),
+        "lon": (-180.0 * DEG, 360.0 * DEG, "longitude is -180 .. 360 deg", DEG),
+        "height": (_MIN_HEIGHT, _MAX_HEIGHT, f"height is {_MIN_HEIGHT:.0f} .. {_MAX_HEIGHT:.0f} m", 1.0),
+    }
+    for key, (low, high, text, unit) in limits.items():
+        slack = 1e-12 * max(abs(low), high)
+        wrong = ~bad & ((raw[key] < low - slack) | (raw[key] > high + slack))
+        if wrong.any():
+            row = int(np.flatnonzero(wrong)[0])
+            column = found[height_key if key == "height" else key]
+            raise InputError(
+                f"{raw[key][row] / unit:.9g} is not possible in column {column.header!r}",
+                where=table.place(row, column.index),
+                why=f"{text}; {int(np.count_nonzero(wrong))} rows are outside",
+                fix="check the column, and write its unit into the header, such as lat_deg, height_m",
+            )
+    for key in _STANDARD_DEVIATIONS:
+        if key in raw and (wrong := ~bad & (raw[key] <= 0.0)).any():
+            row = int(np.flatnonzero(wrong)[0])
+            floor = "0.01 m" if found[key].quantity.dimension == "length" else "0.01 m/s"
+            raise InputError(
+                f"a standard deviation is {raw[key][row]:.6g} in column {found[key].header!r}",
+                where=table.place(row, found[key].index),
+                why=f"it must be above zero; {int(np.count_nonzero(wrong))} rows are not",
+                fix=f"write a realistic floor, such as {floor}, or leave the cell empty if it is not known",
+            )
+
+
+def _angles(lla: FloatArray, v_n: FloatArray, cleaned: Cleaned, found: Mapping[str, Found], name: str) -> str:
+    """Whether positions without a unit may be radians; refuse them if the velocity says so."""
+    stated = found["lat"].unit
+    if stated is not None:
+        return f"positions in {stated}"
+    in_deg = np.abs(lla[:, :2]) / DEG
+    if (in_deg[:, 0] > 0.5 * np.pi).any() or (in_deg[:, 1] > np.pi).any():
+        return "positions in deg: they are too large for radians"
+    step = np.diff(lla[:, :2], axis=0) * [1.0, np.cos(lla[0, 0])] * _EARTH_RADIUS
+    seen = float(np.median(np.linalg.norm(step, axis=1) / np.diff(cleaned.columns["time"])))
+    speeds = np.linalg.norm(v_n[:, :2], axis=1)
+    told = float(np.median(speeds[np.isfinite(speeds)])) if np.isfinite(speeds).any() else 0.0
+    if told > max(_SLOW, _RADIANS_RATIO * seen):
+        raise InputError(
+            "the positions look like radians",
+            where=name,
+            why=f"as degrees they move at {seen:.3g} m/s, but the velocity columns say {told:.3g} m/s",
+            fix="name the columns lat_rad and lon_rad, or lat_deg and lon_deg if they are degrees",
+        )
+    if _SLOW < told < 2.0 * seen < 4.0 * told:
+        return f"positions in deg: they move at {seen:.3g} m/s, as the velocity columns say"
+    return "positions in deg: assumed; all lie near (0, 0): if they are radians, name them lat_rad, lon_rad"
+
+
+def _words(found: Mapping[str, Found]) -> list[str]:
+    """Say how attitude columns were taken."""
+    words = []
+    if "heading" in found and "yaw" in found["heading"].header.lower():
+        words.append(f"{found['heading'].header!r} is taken as heading, clockwise from north")
+    assumed = [found[key].header for key in ("roll", "pitch", "heading") if key in found and not found[key].unit]
+    if assumed:
+        words.append(f"{', '.join(assumed)} in deg: assumed")
+    return words

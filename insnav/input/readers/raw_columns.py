@@ -1,0 +1,99 @@
+"""IMU columns that hold volts or counts, brought to rates and specific forces by a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from insnav.exceptions import ConfigError, InputError
+from insnav.imu.raw_outputs import RawScale
+from insnav.input.interpret.columns import Found
+from insnav.input.interpret.schema import IMU_SCHEMA, Quantity
+from insnav.types import FloatArray
+
+SI_UNITS = {"gyro": "rad/s", "accel": "m/s^2"}
+
+
+def raw_schema(scales: Mapping[str, RawScale]) -> tuple[Quantity, ...]:
+    """Columns of an IMU file, those of the named triads in volts or counts.
+
+    Parameters
+    ----------
+    scales : mapping of str to RawScale
+        For ``gyro``, ``accel``, both or none.
+    """
+    if not scales:
+        return IMU_SCHEMA
+    schema = []
+    for quantity in IMU_SCHEMA:
+        triad, _, axis = quantity.key.rpartition("_")
+        if triad in scales:
+            unit = scales[triad].unit
+            quantity = replace(quantity, name=f"{triad}_{axis}_{unit.lower()}", dimension="signal", unit=unit)
+        schema.append(quantity)
+    return tuple(schema)
+
+
+def from_outputs(
+    columns: dict[str, FloatArray],
+    found: Mapping[str, Found],
+    scales: Mapping[str, RawScale],
+    told: Mapping[str, str],
+    *,
+    increments: bool,
+    where: str,
+) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Replace outputs by rates [rad/s] and specific forces [m/s^2].
+
+    Parameters
+    ----------
+    columns : dict of str to (n,) array
+        By key; changed in place.
+    found : mapping of str to Found
+        What the file calls them.
+    scales : mapping of str to RawScale
+        For ``gyro``, ``accel``, both or none.
+    told : mapping of str to str
+        Units the user gives.
+    increments : bool
+        Whether the columns are increments.
+    where : str
+        The file.
+
+    Returns
+    -------
+    notes : tuple of str
+        What was done.
+    units : dict of str to str
+        Units of the columns as in the file, by key.
+
+    Raises
+    ------
+    ConfigError
+        A unit that is not one of volts or counts was given.
+    InputError
+        The file holds increments, or counts where volts are needed.
+    """
+    notes, units = [], {}
+    for triad, scale in scales.items():
+        if triad in told:
+            raise ConfigError(
+                f"the calibration is of {triad} outputs in {scale.unit}",
+                where="imu-units",
+                why=f"{told[triad]} was given",
+                fix="leave the unit out, or use a calibration of rates and specific forces",
+            )
+        if increments:
+            raise InputError(
+                f"the calibration is of {triad} outputs in {scale.unit}, and the file holds increments", where=where
+            )
+        for i, axis in enumerate("xyz"):
+            key = f"{triad}_{axis}"
+            unit = found[key].unit or scale.unit
+            try:
+                columns[key] = scale.value(columns[key], i, unit)
+            except ConfigError as error:
+                raise InputError(error.what, where=f"{where}:{found[key].header}", fix=error.fix) from None
+            units[key] = unit
+        notes.append(f"{triad} {scale.unit} brought to {SI_UNITS[triad]} by the zero and scale of the calibration")
+    return tuple(notes), units

@@ -1,0 +1,42 @@
+"""A reference trajectory from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from insnav.input.interpret.clean import REFERENCE_KINDS
+from insnav.input.interpret.schema import REFERENCE_SCHEMA
+from insnav.input.readers.positions import read_positions
+from insnav.input.readers.reading import Reading
+from insnav.types import Trajectory
+
+
+def read_reference(path: str | Path, *, columns: Mapping[str, str] | None = None) -> Reading[Trajectory]:
+    """Read a reference: position, and velocity and attitude as far as the file has them.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.csv``, ``.txt`` (also with ``.gz``), ``.parquet``, or ``-`` for standard input.
+    columns : mapping of str to str, optional
+        Quantity, with or without unit, to header.
+
+    Returns
+    -------
+    Reading of Trajectory
+        With `fix` if the file has fix types.
+
+    Raises
+    ------
+    InputError
+        The file cannot be used.
+    ConfigError
+        `columns` cannot be meant as given.
+    """
+    read = read_positions(path, "reference", REFERENCE_SCHEMA, REFERENCE_KINDS, columns=columns)
+    rph = read.stacked(("roll", "pitch", "heading"))
+    rph[:, 2] %= 2.0 * np.pi
+    return Reading(Trajectory(read.columns["time"], read.lla, read.v_n, rph), read.events, read.facts, read.fix())

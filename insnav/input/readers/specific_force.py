@@ -1,0 +1,261 @@
+"""Specific force along level axes, as the accelerometers of a platform measure it, from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from insnav.exceptions import ConfigError, InputError
+from insnav.input.formats.table import Table, open_table, read_numbers
+from insnav.input.interpret.clean import IMU_KINDS, Cleaned, clean, cut_event
+from insnav.input.interpret.columns import Found, require, understand
+from insnav.input.interpret.physics import judge_time
+from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, Quantity
+from insnav.input.readers.reading import Reading, ReadingFacts
+from insnav.types import FloatArray
+
+LevelAxes = Literal["ENU", "NED"]
+
+_SLOWEST = 10.0  # longest interval between samples [s]
+_SENSIBLE = 1e3  # larger specific force is damage [m/s^2]
+_GRAVITY = (9.0, 10.6)  # what the vertical axis shows in the middle of a record, in flight too [m/s^2]
+_WORDS = {"north": "north n", "east": "east e", "down": "down d", "up": "up u"}
+_TEMPLATES = "f? f?p f?n a? acc? accel? acceleration? specificforce? ?acc ?accel"
+
+
+def _quantity(direction: str, words: str) -> Quantity:
+    spellings = tuple(template.replace("?", word) for word in words.split() for template in _TEMPLATES.split())
+    return Quantity(f"f_{direction}", f"f_{direction}_m_s2", "acceleration", "m/s^2", spellings)
+
+
+_NAMED = tuple(_quantity(direction, words) for direction, words in _WORDS.items())
+_PLAIN = tuple(
+    replace(q, spellings=(*q.spellings, q.key[-1])) for q in IMU_SCHEMA if q.key in ("accel_x", "accel_y", "accel_z")
+)
+SPECIFIC_FORCE_SCHEMA = (*(q for q in IMU_SCHEMA if q.key == "time"), *_NAMED, *_PLAIN)
+_ORDER = {"ENU": ("f_east", "f_north", "f_up"), "NED": ("f_north", "f_east", "f_down")}
+
+
+@dataclass(frozen=True, slots=True)
+class SpecificForce:
+    """Specific force on a level, north-pointing platform.
+
+    Attributes
+    ----------
+    time : (n,) array
+        Times of the samples [s], strictly increasing.
+    f_n : (n, 3) array
+        North, East, Down at these instants [m/s^2]; Down ``NaN`` throughout if the file has no vertical axis.
+    """
+
+    time: FloatArray
+    f_n: FloatArray
+
+
+def read_specific_force(
+    path: str | Path,
+    *,
+    axes: LevelAxes | None = None,
+    columns: Mapping[str, str] | None = None,
+    sample_rate: float | None = None,
+) -> Reading[SpecificForce]:
+    """Read specific force along the axes of a north-pointing platform.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.csv``, ``.txt`` (also with ``.gz``), ``.parquet``, or ``-`` for standard input.
+    axes : {"ENU", "NED"}, optional
+        What columns x, y, z are; columns whose names say their direction (``f_east_m_s2``, ``fe``) need none.
+    columns : mapping of str to str, optional
+        Quantity, with or without unit, to header.
+    sample_rate : float, optional
+        Samples per second [Hz] of a file without a time column; the first is at 0 s.
+
+    Returns
+    -------
+    Reading of SpecificForce
+
+    Raises
+    ------
+    InputError
+        The file cannot be used: columns missing, not along level axes, or a gap of more than five samples, in which
+        nobody knows what moved the vehicle.
+    ConfigError
+        `columns` cannot be meant as given, or `sample_rate` is given for a file that has times.
+    """
+    table = open_table(path)
+    name = table.name
+    found, notes = understand(table.headers, table.units, SPECIFIC_FORCE_SCHEMA, columns=columns, where=name)
+    clock = _clock(found, sample_rate, table)
+    chosen = _chosen(found, axes, table)
+    numbers = read_numbers(table, [found[key].index for key in (*clock, *chosen.values())])
+    raw = {key: numbers.columns[found[column].index] for key, column in (*((k, k) for k in clock), *chosen.items())}
+    time_unit, time_evidence = "s", ""
+    if sample_rate is not None:
+        raw = {"time": np.arange(len(raw["f_north"])) / sample_rate, **raw}
+        time_evidence = f"the file has no times: {sample_rate:g} samples per second from 0 s on, as told"
+    elif numbers.n_rows > 1:
+        time_unit, time_evidence = judge_time(raw["time"], found["time"].unit, slowest=_SLOWEST, where=name)
+        raw["time"] = raw["time"] * ALL_UNITS[time_unit][1]
+    bad = np.asarray(~np.isfinite(np.column_stack(list(raw.values()))).all(axis=1), dtype=np.bool_)
+    cleaned = clean(raw, bad, IMU_KINDS, place=table.place, name=name, bad_action="not a finite number")
+    _refuse_gaps(cleaned, name)
+    unit, unit_evidence = _unit(cleaned, [found[column] for column in chosen.values()], name)
+    f_n = _level(cleaned, ALL_UNITS[unit][1])
+    _refuse_impossible(cleaned.columns["time"], f_n, name)
+    time = cleaned.columns["time"]
+    events = cleaned.events
+    if numbers.cut:
+        events = (*events, cut_event(IMU_KINDS, float(time[-1]), numbers.cut))
+    facts = ReadingFacts(
+        kind="specific force",
+        path=name,
+        sha256=table.source.sha256,
+        n_rows=numbers.n_rows + bool(numbers.cut),
+        n_used=len(time),
+        start_s=float(time[0]),
+        end_s=float(time[-1]),
+        rate_hz=1.0 / cleaned.interval,
+        n_gaps=0,
+        longest_gap_s=0.0,
+        columns={f"{key}_s": found[key].describe(time_unit) for key in clock}
+        | {f"{key}_m_s2": found[column].describe(unit) for key, column in chosen.items()},
+        evidence=tuple(
+            text
+            for text in (
+                time_evidence,
+                unit_evidence,
+                "samples are values at their instants",
+                "" if "f_up" in chosen or "f_down" in chosen else "there is no vertical axis",
+                *notes,
+                *cleaned.notes,
+            )
+            if text
+        ),
+        axes=axes or "",
+    )
+    return Reading(SpecificForce(time, f_n), events, facts)
+
+
+def _clock(found: Mapping[str, Found], sample_rate: float | None, table: Table) -> tuple[str, ...]:
+    """Key of the time column; none if the rate of the samples is told instead."""
+    if sample_rate is None:
+        hint = "if the samples are at a constant rate, say --sample-rate HZ"
+        require(found, ("time",), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name, hint=hint)
+        return ("time",)
+    if "time" in found:
+        raise ConfigError(
+            "the file has times of its own",
+            where="--sample-rate",
+            why=f"column {found['time'].header} of {table.name}",
+            fix="leave out --sample-rate",
+        )
+    return ()
+
+
+def _chosen(found: Mapping[str, Found], axes: LevelAxes | None, table: Table) -> dict[str, str]:
+    """Direction to the key of its column."""
+    plain = [q.key for q in _PLAIN]
+    if not any(q.key in found for q in _NAMED) and all(key in found for key in plain):
+        if axes is None:
+            raise InputError(
+                "it is not clear where the axes point",
+                where=table.name,
+                why=f"columns {', '.join(found[key].header for key in plain)} do not say so",
+                fix="say --axes ENU or --axes NED, or name the columns f_east_m_s2, f_north_m_s2, f_up_m_s2",
+            )
+        return dict(zip(_ORDER[axes], plain, strict=True))
+    require(found, ("f_north", "f_east"), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name)
+    if "f_up" in found and "f_down" in found:
+        raise InputError(
+            "two columns are vertical",
+            where=table.name,
+            why=f"{found['f_up'].header} and {found['f_down'].header}",
+            fix="take one of them out of the file",
+        )
+    return {key: key for key in ("f_north", "f_east", "f_up", "f_down") if key in found}
+
+
+def _refuse_gaps(cleaned: Cleaned, name: str) -> None:
+    if cleaned.n_gaps == 0:
+        return
+    step = np.diff(cleaned.columns["time"])
+    row = int(np.flatnonzero(step > (IMU_KINDS.gap_rows + 1.5) * cleaned.interval)[0])
+    raise InputError(
+        "the record has a gap",
+        where=f"{name}: after {cleaned.columns['time'][row]:.6f} s",
+        why=f"{step[row]:.4g} s without a sample, {cleaned.n_gaps} in all; what moved the vehicle there is not known",
+        fix="navigate the parts before and after it by themselves, each from its own start",
+    )
+
+
+def _unit(cleaned: Cleaned, found: list[Found], name: str) -> tuple[str, str]:
+    """Unit of the specific force, and how it was found."""
+    stated = {each.unit for each in found} - {None}
+    if len(stated) > 1:
+        raise InputError(
+            "the axes have different units",
+            where=name,
+            why=", ".join(each.describe() for each in found),
+            fix="bring them to one unit",
+        )
+    vertical = _vertical(cleaned)
+    if stated:
+        unit = str(next(iter(stated)))
+        evidence = f"specific force in {unit}: as stated"
+    elif vertical is None:
+        unit, evidence = "m/s^2", "specific force in m/s^2: assumed, there is no vertical axis to see it by"
+    else:
+        unit = next((u for u in ("m/s^2", "g", "mg") if _is_gravity(abs(vertical) * ALL_UNITS[u][1])), "")
+        evidence = f"specific force in {unit}: the vertical axis shows {abs(vertical):.5g}"
+        if not unit:
+            raise InputError(
+                "the unit of the specific force cannot be found out",
+                where=name,
+                why=f"the vertical axis shows {vertical:.5g}, which is gravity in no unit",
+                fix="check that the axes are level, and write the unit into the header, such as f_up_m_s2",
+            )
+    if vertical is None or _is_gravity(vertical * ALL_UNITS[unit][1]):
+        return unit, evidence
+    shown = f"in the middle of the record it shows {vertical * ALL_UNITS[unit][1]:.5g} m/s^2 upwards"
+    raise InputError(
+        "the vertical axis does not show gravity",
+        where=name,
+        why=f"{shown}; at rest and in level flight it is +9.8",
+        fix="check signs and axes: up is positive upwards, down positive downwards; --axes for columns x, y, z",
+    )
+
+
+def _vertical(cleaned: Cleaned) -> float | None:
+    """Median upwards, in the unit of the file."""
+    for key, sign in (("f_up", 1.0), ("f_down", -1.0)):
+        if key in cleaned.columns:
+            return sign * float(np.median(cleaned.columns[key]))
+    return None
+
+
+def _is_gravity(value: float) -> bool:
+    return _GRAVITY[0] < value < _GRAVITY[1]
+
+
+def _level(cleaned: Cleaned, factor: float) -> FloatArray:
+    data = cleaned.columns
+    down = data["f_down"] if "f_down" in data else -data.get("f_up", np.full(len(data["time"]), np.nan))
+    return np.asarray(factor * np.column_stack([data["f_north"], data["f_east"], down]))
+
+
+def _refuse_impossible(time: FloatArray, f_n: FloatArray, name: str) -> None:
+    wild = np.abs(f_n) > _SENSIBLE
+    if wild.any():
+        row = int(np.flatnonzero(wild.any(axis=1))[0])
+        raise InputError(
+            "a specific force is not possible",
+            where=f"{name}: at {time[row]:.6f} s",
+            why=f"{f_n[row][wild[row]][0]:.4g} m/s^2; {int(np.count_nonzero(wild.any(axis=1)))} samples are as wild",
+            fix="mend the samples, or write the right unit into the header",
+        )

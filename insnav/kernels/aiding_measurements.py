@@ -1,0 +1,159 @@
+"""Measurements without a receiver: wheels that do not slip sideways, wheel speed, and a vehicle at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from insnav.kernels.earth import OMEGA
+from insnav.kernels.gps_measurement import rotation
+
+
+@njit(cache=True)
+def wheels(x, rate, to_vehicle, lever, speed, z, h):  # type: ignore[no-untyped-def]
+    """Velocity of the point on the rear axle in the axes of the vehicle, less what the wheels say of it.
+
+    Parameters
+    ----------
+    x : (10,) array
+        State; see `insnav.kernels.mechanization`.
+    rate : (3,) array
+        Body rate [rad/s].
+    to_vehicle : (3, 3) array
+        From the axes of the IMU to those of the vehicle.
+    lever : (3,) array
+        The point, seen from the IMU, body axes [m].
+    speed : float
+        Wheel speed, scale factor taken off [m/s].
+    z : (6,) array
+        Its first three are filled with predicted minus measured: forward, right (zero), down (zero) [m/s].
+    h : (6, n) array
+        Its first three rows are filled with the derivative of `z` by the error states.
+
+    Notes
+    -----
+    ``z = C_vb (C_bn v + w x lever)``; with ``C_hat = (I - [phi x]) C`` the derivative by velocity is ``C_vb C_bn``, by
+    attitude ``-C_vb C_bn [v x]``, by gyro bias ``C_vb [lever x]``.
+    """
+    c = np.empty((3, 3))
+    rotation(x, c)
+    swing = np.empty(3)
+    swing[0] = rate[1] * lever[2] - rate[2] * lever[1]
+    swing[1] = rate[2] * lever[0] - rate[0] * lever[2]
+    swing[2] = rate[0] * lever[1] - rate[1] * lever[0]
+    vn, ve, vd = x[3], x[4], x[5]
+    for i in range(3):
+        for j in range(h.shape[1]):
+            h[i, j] = 0.0
+        total = 0.0
+        for j in range(3):
+            total += to_vehicle[i, j] * swing[j]
+            for k in range(3):
+                h[i, 3 + k] += to_vehicle[i, j] * c[k, j]
+        a, b, d = h[i, 3], h[i, 4], h[i, 5]
+        z[i] = total + a * vn + b * ve + d * vd
+        h[i, 6] = -(b * vd - d * ve)
+        h[i, 7] = -(d * vn - a * vd)
+        h[i, 8] = -(a * ve - b * vn)
+        t0, t1, t2 = to_vehicle[i, 0], to_vehicle[i, 1], to_vehicle[i, 2]
+        h[i, 9] = t1 * lever[2] - t2 * lever[1]
+        h[i, 10] = t2 * lever[0] - t0 * lever[2]
+        h[i, 11] = t0 * lever[1] - t1 * lever[0]
+    z[0] -= speed
+
+
+@njit(cache=True)
+def still(x, bias, rate, z, h):  # type: ignore[no-untyped-def]
+    """Velocity and angular rate against the Earth, which are zero at rest.
+
+    Parameters
+    ----------
+    x : (10,) array
+        State.
+    bias : (3,) array
+        Estimated gyro bias [rad/s].
+    rate : (3,) array
+        Mean output of the gyros, their bias in it [rad/s].
+    z : (6,) array
+        Filled with predicted minus measured: velocity N, E, D [m/s], gyro output [rad/s].
+    h : (6, n) array
+        Filled with the derivative of `z` by the error states.
+    """
+    c = np.empty((3, 3))
+    rotation(x, c)
+    north, down = OMEGA * np.cos(x[0]), -OMEGA * np.sin(x[0])
+    h[:] = 0.0
+    for i in range(3):
+        z[i] = x[3 + i]
+        h[i, 3 + i] = 1.0
+        a, b, d = c[0, i], c[1, i], c[2, i]
+        z[3 + i] = bias[i] + a * north + d * down - rate[i]
+        h[3 + i, 9 + i] = 1.0
+        # -C_bn [w_ie x]
+        h[3 + i, 6] = -b * down
+        h[3 + i, 7] = -(d * north - a * down)
+        h[3 + i, 8] = b * north
+
+
+@njit(cache=True)
+def course(x, heading, z, h):  # type: ignore[no-untyped-def]
+    """Heading of the body less a measured one, in the first row.
+
+    Parameters
+    ----------
+    x : (10,) array
+        State.
+    heading : float
+        Measured [rad].
+    z : (6,) array
+        Its first number is filled with predicted minus measured [rad], within +-pi.
+    h : (6, n) array
+        Its first row is filled with the derivative by the error states.
+
+    Notes
+    -----
+    ``C_hat = (I - [phi x]) C`` turns the body by ``-phi``; the derivative of ``atan2(C_hat_10, C_hat_00)`` follows.
+    """
+    c = np.empty((3, 3))
+    rotation(x, c)
+    for j in range(h.shape[1]):
+        h[0, j] = 0.0
+    level2 = c[0, 0] * c[0, 0] + c[1, 0] * c[1, 0]  # squared cosine of the pitch
+    difference = np.arctan2(c[1, 0], c[0, 0]) - heading
+    z[0] = difference - 2.0 * np.pi * np.floor(difference / (2.0 * np.pi) + 0.5)
+    # d atan2(c10, c00) with dc = -[phi x] c
+    h[0, 6] = c[2, 0] * c[0, 0] / level2
+    h[0, 7] = c[2, 0] * c[1, 0] / level2
+    h[0, 8] = -1.0
+
+
+@njit(cache=True)
+def innovation(p, z, h, r, first, last, s):  # type: ignore[no-untyped-def]
+    """Covariance of an innovation of rows `first` to `last` - 1, with white noise of variances `r`, and its NIS."""
+    n = p.shape[0]
+    m = last - first
+    for i in range(m):
+        for j in range(m):
+            total = r[first + i] if i == j else 0.0
+            for k in range(n):
+                share = h[first + i, k]
+                if share != 0.0:
+                    for a in range(n):
+                        total += share * p[k, a] * h[first + j, a]
+            s[i, j] = total
+    # Cholesky, forward substitution
+    nis = 0.0
+    low = np.zeros((m, m))
+    y = np.zeros(m)
+    for i in range(m):
+        for j in range(i + 1):
+            total = s[i, j]
+            for k in range(j):
+                total -= low[i, k] * low[j, k]
+            low[i, j] = np.sqrt(total) if i == j else total / low[j, j]
+        total = z[first + i]
+        for k in range(i):
+            total -= low[i, k] * y[k]
+        y[i] = total / low[i, i]
+        nis += y[i] * y[i]
+    return nis

@@ -1,0 +1,1 @@
+"""Acceptance figures of gyros and accelerometers from bench records."""

@@ -1,0 +1,195 @@
+"""Acceptance figures of gyros and accelerometers from bench records (`insnav.lab.acceptance.figures_of_merit`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import ConfigError
+from insnav.lab.acceptance.figures_of_merit import (
+    BENCH_UNIT,
+    Scale,
+    Spread,
+    Stability,
+    powerup_biases,
+    scale_of,
+    spread_of,
+    stability_of,
+)
+from insnav.lab.bench_data.records import SI, BenchRecord, Channel
+from insnav.lab.noise.allan import AXES
+from insnav.units import UNITS
+
+TREND = 0.7  # share of the variance of the means that a steady drift explains and that is pointed out
+
+
+@dataclass(frozen=True, slots=True)
+class Accepted:
+    """Figures of one sensor; None for what was not measured.
+
+    Attributes
+    ----------
+    axis : str
+        Such as ``gyro x``.
+    unit : str
+        Of its output.
+    scale : Scale or None
+    stability : tuple of Stability
+    repeatability : Spread or None
+    """
+
+    axis: str
+    unit: str
+    scale: Scale | None
+    stability: tuple[Stability, ...]
+    repeatability: Spread | None
+
+
+@dataclass(frozen=True, slots=True)
+class Acceptance:
+    """Figures of all sensors.
+
+    Attributes
+    ----------
+    sensors : tuple of Accepted
+    length : float
+        Of the record at rest [s]; zero without one.
+    warnings, notes : tuple of str
+    """
+
+    sensors: tuple[Accepted, ...]
+    length: float
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def acceptance(
+    steps: Sequence[BenchRecord],
+    static: BenchRecord | None,
+    powerups: Sequence[BenchRecord],
+    lengths: Sequence[float] = (1.0, 10.0, 100.0),
+) -> Acceptance:
+    """All acceptance figures that some files give.
+
+    Parameters
+    ----------
+    steps : sequence of BenchRecord
+        Rate tables and positions.
+    static : BenchRecord or None
+        At rest.
+    powerups : sequence of BenchRecord
+    lengths : sequence of float
+        Averaging times of the bias stability [s].
+
+    Raises
+    ------
+    ConfigError
+        Two files for one sensor, units that do not go together, or volts without a scale factor.
+    InputError
+        Files that do not show what they should.
+    """
+    warnings = [f"{r.table.name}: {text}" for r in (*steps, *powerups) for text in r.warnings]
+    notes: list[str] = []
+    scales: dict[str, tuple[Scale, str]] = {}
+    for record in steps:
+        for axis, channel in record.channels.items():
+            _refuse_twice(axis in scales, axis, record)
+            scales[axis] = scale_of(channel, where=record.table.name), channel.unit
+    spreads: dict[str, Spread] = {}
+    for record in powerups:
+        assert record.powerup is not None
+        for axis, channel in record.channels.items():
+            _refuse_twice(axis in spreads, axis, record)
+            spreads[axis] = _repeatability(channel, record, scales.get(axis), warnings, notes)
+    sensors = []
+    for axis in AXES:
+        channel_at_rest = static.channels.get(axis) if static is not None else None
+        if axis not in scales and axis not in spreads and channel_at_rest is None:
+            continue
+        stable: list[Stability] = []
+        if static is not None and channel_at_rest is not None:
+            stable = _stability(channel_at_rest, static, scales.get(axis), lengths, warnings, notes)
+        scale, unit = scales.get(axis, (None, SI[axis.split()[0]]))
+        sensors.append(Accepted(axis, unit, scale, tuple(stable), spreads.get(axis)))
+    length = float(static.time[-1] - static.time[0]) if static is not None and static.time is not None else 0.0
+    return Acceptance(tuple(sensors), length, tuple(warnings), tuple(dict.fromkeys(notes)))
+
+
+def _refuse_twice(twice: bool, axis: str, record: BenchRecord) -> None:
+    if twice:
+        raise ConfigError(f"{axis} is in two files of one kind", where=record.table.name, fix="give one of them")
+
+
+def _repeatability(
+    channel: Channel,
+    record: BenchRecord,
+    scale: tuple[Scale, str] | None,
+    warnings: list[str],
+    notes: list[str],
+) -> Spread:
+    where = record.table.name
+    if not channel.setting.size:  # biases as somebody else computed them
+        warnings.append(
+            f"{where}: the biases of {channel.axis} are taken as given. Repeatability is the scatter of biases from "
+            "power-up to power-up: values that are the noise within one record, as are some published ones, make none"
+        )
+        return spread_of(channel.output, where=where)
+    assert record.powerup is not None
+    biases = powerup_biases(channel, record.powerup, where=where) / _per_si(channel, scale, where, notes)
+    if biases.size < 5:
+        warnings.append(f"{where}: {biases.size} power-ups of {channel.axis} leave its repeatability very uncertain")
+    return spread_of(biases, where=where)
+
+
+def _stability(
+    channel: Channel,
+    record: BenchRecord,
+    scale: tuple[Scale, str] | None,
+    lengths: Sequence[float],
+    warnings: list[str],
+    notes: list[str],
+) -> list[Stability]:
+    assert record.time is not None
+    output = channel.output / _per_si(channel, scale, record.table.name, notes)
+    found = []
+    for length in lengths:
+        each = stability_of(record.time, output, length)
+        if each is None:
+            notes.append(f"{record.table.name}: the record does not hold two parts of {length:g} s")
+        else:
+            found.append(each)
+    for each in found[::-1]:
+        values = each.spread.values
+        if values.size >= 10:  # the longest that can show a trend
+            share = np.corrcoef(each.time, values)[0, 1] ** 2 if each.spread.sd > 0.0 else 0.0
+            if share > TREND:
+                warnings.append(
+                    f"{channel.axis} drifts steadily: {share:.0%} of the variance of the means over {each.length:g} s "
+                    "is a straight line, which the bias stability has in it (warming up?)"
+                )
+            break
+    return found
+
+
+def _per_si(channel: Channel, scale: tuple[Scale, str] | None, where: str, notes: list[str]) -> float:
+    """Output for 1 rad/s or 1 m/s^2, in the unit of this channel."""
+    sensed = channel.unit in SI.values()
+    if scale is None:
+        if not sensed:
+            raise ConfigError(
+                f"the output of {channel.axis} is in {channel.unit} and its scale factor is not known",
+                where=where,
+                fix="give the rate table with --rates, or the positions with --positions",
+            )
+        notes.append(f"{channel.axis}: no scale factor was measured, 1 is taken")
+        return 1.0
+    k, unit = scale[0].k, scale[1]
+    if (unit in SI.values()) != sensed or (unit == "LSB") != (channel.unit == "LSB"):
+        raise ConfigError(
+            f"{channel.axis} has outputs in {unit} and in {channel.unit}", where=where, fix="give all files in one unit"
+        )
+    if sensed:
+        return k
+    return k / BENCH_UNIT[channel.axis.split()[0]][1] * UNITS[unit][1] / UNITS[channel.unit][1]

@@ -1,0 +1,236 @@
+"""Scale factor, bias, bias stability and bias repeatability of one sensor, as an acceptance test has them.
+
+U = U0 + K w over all settings, and forward and reverse by themselves; the mean of the two senses counts where both are
+there. Bias is U0 / K. Bias stability is the standard deviation of the means of equal parts of a record at rest, over K;
+bias repeatability that of the biases of several power-ups, over K, each the mean of the outputs at +w and at -w.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.lab.bench_data.records import SI, Channel
+from insnav.lab.least_squares import linear_fit
+from insnav.lab.noise.allan_confidence import chi_square_interval
+from insnav.lab.single_axis.rate_table import FEWEST, NAMES, RateTable, calibrate_rate_table
+from insnav.types import FloatArray
+from insnav.units import DEG, G0
+
+BENCH_UNIT = {"gyro": ("deg/s", DEG), "accel": ("g", G0)}
+COMPLETE = 0.9  # a part with fewer of its samples is left out
+CONFIDENCE = 0.95
+LARGEST_K = 2.0  # of a sensor whose output is in the unit of what it senses
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Scale factor and bias of one sensor.
+
+    Attributes
+    ----------
+    table : RateTable
+        Settings and outputs, in deg/s or g and in the unit of the output.
+    k, k_sd : float
+        Scale factor that counts [output unit per deg/s or g], mean of forward and reverse where both are there.
+    bias, bias_sd : float
+        Zero over scale factor [rad/s] or [m/s^2].
+    """
+
+    table: RateTable
+    k: float
+    k_sd: float
+    bias: float
+    bias_sd: float
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Standard deviation of a few values.
+
+    Attributes
+    ----------
+    values : (n,) array
+        Biases of power-ups, or means of the parts of a record [rad/s] or [m/s^2].
+    sd, low, high : float
+        With n - 1, and its 95 % interval, values taken as independent and normally distributed.
+    """
+
+    values: FloatArray
+    sd: float
+    low: float
+    high: float
+
+    @property
+    def variance(self) -> float:
+        """Square of the standard deviation."""
+        return self.sd**2
+
+
+@dataclass(frozen=True, slots=True)
+class Stability:
+    """Bias stability over parts of one length.
+
+    Attributes
+    ----------
+    length : float
+        Of a part [s].
+    time : (n,) array
+        Middle of each part used [s].
+    spread : Spread
+        Of the means of the parts.
+    """
+
+    length: float
+    time: FloatArray
+    spread: Spread
+
+
+def spread_of(values: FloatArray, *, where: str = "") -> Spread:
+    """Standard deviation with n - 1, and its interval.
+
+    Parameters
+    ----------
+    values : (n,) array
+        At least two.
+    where : str
+        Place to name in the error.
+
+    Raises
+    ------
+    InputError
+        Fewer than two values.
+    """
+    if values.size < 2:
+        raise InputError(
+            "one value has no scatter", where=where, why=f"there are {values.size}", fix="measure several times"
+        )
+    sd = float(np.std(values, ddof=1))
+    low, high = chi_square_interval(sd, values.size - 1.0, CONFIDENCE)
+    return Spread(values, sd, float(low), float(high))
+
+
+def scale_of(channel: Channel, *, where: str = "") -> Scale:
+    """Scale factor and bias of one sensor.
+
+    Parameters
+    ----------
+    channel : Channel
+        One row a dwell.
+    where : str
+        Place to name in errors.
+
+    Raises
+    ------
+    InputError
+        Too few settings, or a sensor that does not follow them.
+    """
+    factor = BENCH_UNIT[channel.axis.split()[0]][1]
+    setting = np.round(channel.setting / factor, 9)  # round numbers, as they were set
+    output = channel.output / factor if channel.unit in SI.values() else channel.output
+    where = f"{where}, {channel.axis}"
+    if np.unique(setting).size >= FEWEST:
+        table = calibrate_rate_table(setting, output, where=where)
+    else:  # six positions set an accelerometer to -1, 0 and 1 g only
+        _refuse_few(setting, where)
+        fit = linear_fit(np.column_stack((np.ones_like(setting), setting)), output, NAMES, where=where)
+        table = RateTable(setting, output, np.ones(setting.size, dtype=np.bool_), fit, None, None, ())
+    average = table.average
+    (zero, k), (zero_sd, k_sd) = (table.fit.value, table.fit.sd) if average is None else average
+    if channel.unit in SI.values() and not 1.0 / LARGEST_K < k < LARGEST_K:
+        raise InputError(
+            f"a scale factor of {k:.3g} is not that of a sensor that shows what it senses",
+            where=where,
+            why="a wrong unit in a header, or a sensor that was turned the other way",
+            fix="check the units of setting and output, and the sign of the setting",
+        )
+    bias = zero / k
+    # the zero is measured about as well as the line; how the scale factor errs matters for large biases only
+    bias_sd = float(np.hypot(zero_sd, bias * k_sd)) / abs(k)
+    return Scale(table, float(k), float(k_sd), float(bias * factor), bias_sd * factor)
+
+
+def _refuse_few(setting: FloatArray, where: str) -> None:
+    if np.unique(setting).size < 2 or setting.size < 3 or not setting.min() < 0.0 < setting.max():
+        raise InputError(
+            "these settings make no scale factor",
+            where=where,
+            why=f"there are {setting.size} dwells at {', '.join(f'{value:g}' for value in np.unique(setting))}",
+            fix="measure on both sides of zero, three dwells at least",
+        )
+
+
+def stability_of(time: FloatArray, output: FloatArray, length: float) -> Stability | None:
+    """Bias stability at one averaging time.
+
+    Parameters
+    ----------
+    time : (n,) array
+        [s], growing.
+    output : (n,) array
+        Bias over time [rad/s] or [m/s^2], whatever constant is in it.
+    length : float
+        Of the parts [s].
+
+    Returns
+    -------
+    Stability or None
+        None if the record does not hold two parts of that length.
+    """
+    expected = length / float(np.median(np.diff(time)))
+    if expected < 1.0 - 1e-6:
+        return None
+    part = np.floor((time - time[0]) / length * (1.0 + 1e-9) + 1e-6).astype(np.int64)
+    count = np.bincount(part)
+    good = count >= COMPLETE * expected
+    if np.count_nonzero(good) < 2:
+        return None
+    means = np.bincount(part, output)[good] / count[good]
+    middle = time[0] + length * (np.flatnonzero(good) + 0.5)
+    return Stability(length, middle, spread_of(means))
+
+
+def powerup_biases(channel: Channel, powerup: FloatArray, *, where: str = "") -> FloatArray:
+    """Bias of each power-up: the mean of the outputs at +w and at -w.
+
+    Parameters
+    ----------
+    channel : Channel
+        Settings and outputs.
+    powerup : (n,) array
+        Number of the power-up of each row.
+    where : str
+        Place to name in errors.
+
+    Returns
+    -------
+    (q,) array
+        In the unit of the output. Several w in one power-up are averaged.
+
+    Raises
+    ------
+    InputError
+        A power-up without rows at +w or at -w, or of other settings than the first.
+    """
+    biases, first = [], None
+    size = np.round(np.abs(channel.setting), 9)
+    for number in dict.fromkeys(powerup.tolist()):
+        here = powerup == number
+        sizes = np.unique(size[here & (size > 0.0)])
+        pairs = []
+        for each in sizes:
+            ahead, back = (channel.output[here & (size == each) & (sign * channel.setting > 0.0)] for sign in (1, -1))
+            if ahead.size and back.size:
+                pairs.append(0.5 * (ahead.mean() + back.mean()))
+        if len(pairs) < sizes.size or not pairs or (first is not None and not np.array_equal(sizes, first)):
+            raise InputError(
+                f"power-up {number:g} does not show the bias of {channel.axis}",
+                where=where,
+                why="rows at +w and at -w are needed, the same w in every power-up",
+                fix="add the missing settings, or leave this power-up out",
+            )
+        first = sizes
+        biases.append(float(np.mean(pairs)))
+    return np.array(biases)

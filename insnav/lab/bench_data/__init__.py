@@ -1,0 +1,1 @@
+"""Files of the bench: tables, dwells and records."""

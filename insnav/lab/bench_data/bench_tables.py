@@ -1,0 +1,119 @@
+"""Tables from the bench: a few named columns, each with its unit in the header."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.formats.table import open_table, read_numbers
+from insnav.input.interpret.columns import require, understand
+from insnav.input.interpret.schema import Quantity
+from insnav.types import FloatArray
+
+TIME = Quantity("time", "time_s", "time", "s", ("time", "t", "timestamp"))
+TEMPERATURE = Quantity("temperature", "temperature_c", "temperature", "degC", ("temperature", "temp"))
+
+
+@dataclass(frozen=True, slots=True)
+class BenchTable:
+    """Columns of a bench file in SI units, but raw outputs in the unit of the file.
+
+    Attributes
+    ----------
+    name, sha256 : str
+        The file and its digest.
+    columns : dict of str to (n,) array
+        By key.
+    units : dict of str to str
+        Units as in the file, by key.
+    """
+
+    name: str
+    sha256: str
+    columns: Mapping[str, FloatArray]
+    units: Mapping[str, str]
+
+    def stack(self, *keys: str) -> FloatArray:
+        """Columns side by side, (n, k)."""
+        return np.column_stack([self.columns[key] for key in keys])
+
+    def get(self, key: str) -> FloatArray | None:
+        """Column if the file has it."""
+        return self.columns.get(key)
+
+
+def read_bench(
+    path: str | Path,
+    schema: Sequence[Quantity],
+    needed: Sequence[str],
+    *,
+    columns: Mapping[str, str] | None = None,
+    alternatives: Mapping[str, str] | None = None,
+) -> BenchTable:
+    """Read a table of the bench.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.csv`` or ``.parquet``.
+    schema : sequence of Quantity
+        What it may hold; time and temperature always.
+    needed : sequence of str
+        Keys that it must hold.
+    columns : mapping of str to str, optional
+        Quantity to header, for headers that are not understood by themselves.
+    alternatives : mapping of str to str, optional
+        Key that does instead of a needed one.
+
+    Returns
+    -------
+    BenchTable
+
+    Raises
+    ------
+    InputError
+        A column is missing or has no unit, or a cell is empty.
+    """
+    table = open_table(path)
+    schema = (*schema, TIME, TEMPERATURE)
+    found, _ = understand(table.headers, table.units, schema, columns=columns, where=table.name)
+    wanted = [
+        other if key not in found and (other := (alternatives or {}).get(key, key)) in found else key for key in needed
+    ]
+    require(found, wanted, table.headers, schema, where=table.name)
+    for item in found.values():
+        if item.unit is None and item.quantity.dimension:
+            raise InputError(
+                f"column {item.header!r} has no unit",
+                where=table.name,
+                fix=f"write the unit into the header: {item.quantity.name}",
+            )
+    if not found:
+        raise InputError(
+            "no column is understood",
+            where=table.name,
+            why=f"the headers are {', '.join(table.headers)}",
+            fix=f"rename them, or name them with --columns; known are {', '.join(item.name for item in schema[:4])}, …",
+        )
+    numbers = read_numbers(table, [item.index for item in found.values()])
+    if numbers.cut:
+        raise InputError("the file is incomplete", where=table.name, why=numbers.cut, fix="save it again")
+    if numbers.n_rows == 0:
+        raise InputError("the file has no rows", where=table.name)
+    values, units = {}, {}
+    for key, item in found.items():
+        raw = numbers.columns[item.index]
+        if not np.isfinite(raw).all():
+            row = int(np.argmin(np.isfinite(raw)))
+            raise InputError(
+                "a value is missing",
+                where=table.place(row, item.index),
+                fix="measure it, or delete the row",
+            )
+        values[key] = raw if item.quantity.dimension == "signal" else raw * item.factor
+        units[key] = item.unit or ""
+    return BenchTable(table.name, table.source.sha256, values, units)

@@ -1,0 +1,280 @@
+"""What correction and smoothing do to the noise of a gyro: Allan deviations before and after, their coefficients."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.imu.model import ImuErrors
+from insnav.lab.drift.drift_model import FEWEST, DriftModel, DriftRecord, corrected_rates, drift_errors, drift_model
+from insnav.lab.drift.rate_smoothing import RampAnswer, Smoother, choose_smoother, computed_ramp, recorded_ramp, smooth
+from insnav.lab.noise.allan import GAP, AllanDeviation, allan_deviation
+from insnav.lab.noise.allan_confidence import chi_square_interval, covariance, freedom
+from insnav.lab.noise.noise_model import FEWEST_FREEDOM, NAMES, Weights, basis
+from insnav.types import FloatArray, IntArray
+
+TAUS = (0.1, 0.2, 0.4, 1.0, 2.0, 4.0, 10.0, 50.0)  # averaging times [s]
+POWERS = ("Q", "N", "B", "K", "R")  # of tau: -2, -1, 0, 1, 2
+NORMAL = 1.959964  # half width of a 95 % interval in standard deviations
+SAME = 0.9  # a deviation of more than this part of the one before is no longer lower
+
+
+@dataclass(frozen=True, slots=True)
+class PowerCoefficient:
+    """One coefficient of ``sigma^2(tau) = sum A_m tau^m`` and the noise it stands for.
+
+    Attributes
+    ----------
+    power, power_sd : float
+        A_m and its standard deviation [unit^2 s^-m].
+    value : float
+        Q, N, B, K or R; zero if A_m is negative.
+    low, high : float
+        Its 95 % interval, from that of A_m; zero where that of A_m goes below zero.
+    """
+
+    power: float
+    power_sd: float
+    value: float
+    low: float
+    high: float
+
+    @property
+    def seen(self) -> bool:
+        """Whether it can be told from zero."""
+        return self.low > 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Allan deviation of one signal at the times of the table.
+
+    Attributes
+    ----------
+    allan : AllanDeviation
+        One column.
+    low, high : (k,) array
+        95 % intervals [rad/s].
+    freedom : (k,) array
+        Equivalent degrees of freedom.
+    coefficients : dict of str to PowerCoefficient
+        By Q, N, B, K, R; empty with fewer than five times.
+    """
+
+    allan: AllanDeviation
+    low: FloatArray
+    high: FloatArray
+    freedom: FloatArray
+    coefficients: Mapping[str, PowerCoefficient]
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Allan deviation, (k,) [rad/s]."""
+        return self.allan.deviation[:, 0]
+
+
+@dataclass(frozen=True, slots=True)
+class GyroDrift:
+    """One gyro before and after.
+
+    Attributes
+    ----------
+    model : DriftModel
+    smoother : Smoother
+    rest : slice
+        Samples at rest before any rotation.
+    measured_rate, corrected_rate, smoothed_rate : (n,) array
+        Rate as it came, without the modelled drift, and of the filter [rad/s].
+    measured, corrected, smoothed : Curve
+        Of the drift as it came, of what the model leaves of it, and of that smoothed, at rest.
+    computed : RampAnswer
+        The filter on a ramp without noise.
+    recorded : RampAnswer or None
+        The same on the ramp of the record, if it has one.
+    """
+
+    model: DriftModel
+    smoother: Smoother
+    rest: slice
+    measured_rate: FloatArray
+    corrected_rate: FloatArray
+    smoothed_rate: FloatArray
+    measured: Curve
+    corrected: Curve
+    smoothed: Curve
+    computed: RampAnswer
+    recorded: RampAnswer | None
+
+    @property
+    def helped_until(self) -> float:
+        """Longest averaging time at which smoothing lowers the deviation, zero if none [s]."""
+        lower = np.flatnonzero(self.smoothed.deviation < SAME * self.corrected.deviation)
+        return float(self.corrected.allan.tau[lower[-1]]) if lower.size else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class DriftStudy:
+    """All gyros of a record.
+
+    Attributes
+    ----------
+    record : DriftRecord
+    gyros : tuple of GyroDrift
+    errors : ImuErrors
+        The drift, to be taken off other records.
+    warnings, notes : tuple of str
+    """
+
+    record: DriftRecord
+    gyros: tuple[GyroDrift, ...]
+    errors: ImuErrors
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def drift_study(record: DriftRecord) -> DriftStudy:
+    """Fit, correct, smooth and judge every gyro of a record.
+
+    Parameters
+    ----------
+    record : DriftRecord
+
+    Raises
+    ------
+    InputError
+        Gaps, or fewer than 100 samples at rest at the beginning.
+    """
+    _refuse_gaps(record)
+    rest = slice(0, int(np.count_nonzero(record.at_rest())))
+    if rest.stop < FEWEST:
+        raise InputError(
+            "the record does not begin at rest",
+            where=record.name,
+            why=f"{rest.stop} samples come before the first rotation; {FEWEST} are needed for noise and filter",
+            fix="record 100 s at rest first",
+        )
+    models = {axis: drift_model(record, axis) for axis in record.axes}
+    errors = drift_errors(models, f"drift of {record.name}")
+    corrected = corrected_rates(record, errors)
+    factors, notes = _factors(rest.stop, record.interval)
+    gyros = tuple(_one(record, rest, models[axis], corrected[axis], factors) for axis in record.axes)
+    return DriftStudy(record, gyros, errors, _warnings(record, gyros), notes)
+
+
+def _refuse_gaps(record: DriftRecord) -> None:
+    step = np.diff(record.time)
+    if not np.all(step > 0.0):
+        raise InputError("the times of a record must grow", where=record.name, fix="sort the rows; delete double ones")
+    wide = np.flatnonzero(step > GAP * np.median(step))
+    if wide.size:
+        raise InputError(
+            "the record has gaps, which a filter of constant interval does not know",
+            where=f"{record.name}: after {record.time[wide[0]]:g} s",
+            why=f"{wide.size} steps are longer than {GAP:g} intervals",
+            fix="cut out a part without gaps",
+        )
+
+
+def _factors(n: int, interval: float) -> tuple[IntArray, tuple[str, ...]]:
+    """Averaging times of the table that the part at rest holds, in samples."""
+    wanted = np.array(TAUS) / interval
+    held = (np.rint(wanted) >= 1) & (np.abs(wanted - np.rint(wanted)) < 0.02 * wanted) & (2 * np.rint(wanted) <= n)
+    if not held.any():
+        raise InputError(
+            "the part at rest holds none of the averaging times",
+            why=f"it is {n * interval:g} s long, sampled every {interval:g} s",
+            fix="record 100 s at rest at 10 Hz or more",
+        )
+    lost = ", ".join(f"{tau:g}" for tau, good in zip(TAUS, held, strict=True) if not good)
+    said = (f"{lost} s: not held by {n * interval:g} s at rest, sampled every {interval:g} s",) if lost else ()
+    return np.unique(np.rint(wanted[held]).astype(np.int64)), said
+
+
+def _one(record: DriftRecord, rest: slice, model: DriftModel, rate: FloatArray, factors: IntArray) -> GyroDrift:
+    measured, interval = record.gyro[model.axis], record.interval
+    random = rate[rest] - rate[rest].mean()
+    smoother = choose_smoother(random, interval)
+    smoothed = smooth(rate, smoother)
+    white, walk = smoother.r * interval, smoother.q / interval
+    noise = np.array([0.0, white, 0.0, walk, 0.0])
+    # smoothed white noise is a Gauss-Markov process; a walk stays one
+    left = smoother.r * smoother.gain / (2.0 - smoother.gain)
+    smooth_noise = np.array([0.0, 0.0, 0.0, walk, left])
+    return GyroDrift(
+        model,
+        smoother,
+        rest,
+        measured,
+        rate,
+        smoothed,
+        _curve(measured[rest], interval, factors, noise, math.inf),
+        _curve(random, interval, factors, noise, math.inf),
+        _curve(smooth(random, smoother), interval, factors, smooth_noise, smoother.time_constant),
+        computed_ramp(smoother),
+        recorded_ramp(record.time, record.true_rate(model.axis), smoothed),
+    )
+
+
+def _curve(values: FloatArray, interval: float, factors: IntArray, squares: FloatArray, time: float) -> Curve:
+    """Deviations with the intervals that noise of these squares (Q, N, B, K, Gauss-Markov) has."""
+    allan = allan_deviation(values[:, None], interval, factors)
+    expected = basis(allan.tau, time if math.isfinite(time) else 1.0)[:, :5] @ squares
+    own = covariance(factors, allan.n, interval, squares, time)
+    degrees = np.maximum(freedom(expected, np.diag(own)), FEWEST_FREEDOM)
+    low, high = chi_square_interval(allan.deviation[:, 0], degrees, 0.95)
+    return Curve(allan, low, high, degrees, power_fit(allan, own))
+
+
+def power_fit(allan: AllanDeviation, own: FloatArray) -> dict[str, PowerCoefficient]:
+    """Coefficients of ``sigma^2(tau) = sum A_m tau^m``, m = -2 .. 2, by generalised least squares.
+
+    Parameters
+    ----------
+    allan : AllanDeviation
+        One column.
+    own : (k, k) array
+        Covariance of its variances.
+
+    Returns
+    -------
+    dict of str to PowerCoefficient
+        By Q, N, B, K, R (IEEE Std 952-1997, annex C); empty with fewer than five times.
+    """
+    if allan.tau.size < len(POWERS):
+        return {}
+    unit = basis(allan.tau, 1.0)[:, [NAMES.index(name) for name in POWERS]]
+    seen = allan.deviation[:, 0] ** 2
+    inverse = Weights.of(own, np.zeros(seen.size)).inverse
+    white = inverse @ unit
+    scale = np.linalg.norm(white, axis=0)
+    pseudo = np.linalg.pinv(white / scale)
+    squares = (pseudo @ (inverse @ seen)) / scale
+    left = inverse @ (seen - unit @ squares)
+    spare = seen.size - len(POWERS)
+    # where no sum of powers follows the curve, the intervals allow for what it misses
+    misfit = max(1.0, math.sqrt(float(left @ left) / spare)) if spare else 1.0
+    sd = misfit * np.linalg.norm(pseudo, axis=1) / scale
+    # A_m: what multiplies tau^m, taken at tau = 1
+    factors = basis(np.ones(1), 1.0)[0, [NAMES.index(name) for name in POWERS]]
+    found = {}
+    for name, square, spread, factor in zip(POWERS, squares, sd, factors, strict=True):
+        low, value, high = (math.sqrt(max(0.0, square + shift * spread)) for shift in (-NORMAL, 0.0, NORMAL))
+        found[name] = PowerCoefficient(float(square * factor), float(spread * factor), value, low, high)
+    return found
+
+
+def _warnings(record: DriftRecord, gyros: Sequence[GyroDrift]) -> tuple[str, ...]:
+    said = []
+    for each in gyros:
+        name = f"gyro {each.model.axis}"
+        said += [f"{name}: {term} is left out: {why}" for term, why in each.model.left_out.items()]
+        if each.smoother.bounded:
+            said.append(
+                f"{name}: the part at rest shows no walk; Q is the smallest that it could show, a time constant of a "
+                f"tenth of it ({each.smoother.time_constant:.3g} s)"
+            )
+    return tuple(said)

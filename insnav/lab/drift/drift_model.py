@@ -1,0 +1,247 @@
+"""Drift of gyros that depends on something: rate, temperature, specific force; and its removal.
+
+N = A + B W + c_T (T - 25 C) + c_g a for each axis, N the output less the true rate W, a the specific force along the
+axis: bias, what is left of the scale factor error, and the sensitivities to temperature and to g. All terms add up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.imu.higher_order import REFERENCE_TEMPERATURE, ErrorTerms
+from insnav.imu.model import ImuErrors, correct
+from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
+from insnav.types import BoolArray, FloatArray, ImuData
+from insnav.units import DEG, G0
+
+TERMS = ("A", "B", "c_T", "c_g")
+# a term shows only if its cause changes by so much (standard deviation) beside the causes before it
+SHOWS = {"B": 1.0 * DEG, "c_T": 0.5, "c_g": 0.05 * G0}
+_CAUSES = {"B": "rate", "c_T": "temperature", "c_g": "specific force along the axis"}
+FEWEST = 100  # samples
+PARTS = (12, 24, 48, 96, 192)  # of a record, whose means tell how long residuals last
+LARGEST_B = 0.5  # of a gyro in the unit of its header
+
+
+@dataclass(frozen=True, slots=True)
+class DriftRecord:
+    """Gyros with what their drift may depend on.
+
+    Attributes
+    ----------
+    name : str
+        The file.
+    time : (n,) array
+        Even steps [s].
+    axes : tuple of str
+        Letters of the gyros that there are.
+    gyro, rate : dict of str to (n,) array
+        Output, and true rate where it is known, by letter [rad/s].
+    force : dict of str to (n,) array
+        Specific force along the axis, where it is known [m/s^2].
+    temperature : (n,) array or None
+        [deg C]
+    """
+
+    name: str
+    time: FloatArray
+    axes: tuple[str, ...]
+    gyro: Mapping[str, FloatArray]
+    rate: Mapping[str, FloatArray]
+    force: Mapping[str, FloatArray]
+    temperature: FloatArray | None
+
+    @property
+    def interval(self) -> float:
+        """Sampling interval [s]."""
+        return float((self.time[-1] - self.time[0]) / (self.time.size - 1))
+
+    def true_rate(self, axis: str) -> FloatArray:
+        """True rate about an axis: at rest if nothing is known, (n,) [rad/s]."""
+        return self.rate.get(axis, np.zeros(self.time.size))
+
+    def at_rest(self) -> BoolArray:
+        """Rows before anything turns, (n,)."""
+        turning = np.zeros(self.time.size, dtype=np.bool_)
+        for rate in self.rate.values():
+            turning |= rate != 0.0
+        return np.asarray(np.cumsum(turning) == 0)
+
+
+@dataclass(frozen=True, slots=True)
+class DriftModel:
+    """Drift of one gyro.
+
+    Attributes
+    ----------
+    axis : str
+        Its letter.
+    value, sd : dict of str to float
+        Terms found: A [rad/s], B [-], c_T [rad/s/K], c_g [rad/s/(m/s^2)], and their standard deviations, with what the
+        residuals have in common from sample to sample (`lasting`).
+    left_out : dict of str to str
+        Terms that the record does not show, and why.
+    fit : Fit
+    freedom : float
+        Degrees of freedom with which these standard deviations are known.
+    """
+
+    axis: str
+    value: Mapping[str, float]
+    sd: Mapping[str, float]
+    left_out: Mapping[str, str]
+    fit: Fit
+    freedom: float
+
+    def half_width(self, term: str) -> float:
+        """Half width of the 95 % interval of a term."""
+        return self.sd[term] * coverage_factor(self.freedom)
+
+
+def drift_model(record: DriftRecord, axis: str) -> DriftModel:
+    """Fit the drift of one gyro.
+
+    Parameters
+    ----------
+    record : DriftRecord
+    axis : str
+        Letter of the gyro.
+
+    Raises
+    ------
+    InputError
+        Fewer than 100 samples.
+    """
+    if record.time.size < FEWEST:
+        raise InputError(
+            "the record is too short for a drift model",
+            where=record.name,
+            why=f"it has {record.time.size} samples; {FEWEST} are needed",
+        )
+    columns = [np.ones(record.time.size)]
+    causes = {
+        "B": record.rate.get(axis),
+        "c_T": None if record.temperature is None else record.temperature - REFERENCE_TEMPERATURE,
+        "c_g": record.force.get(axis),
+    }
+    names, left_out = ["A"], {}
+    for term, cause in causes.items():
+        reason = _hidden(term, cause, columns)
+        if reason or cause is None:
+            left_out[term] = reason
+        else:
+            names.append(term)
+            columns.append(cause)
+    drift = record.gyro[axis] - record.true_rate(axis)
+    fit = linear_fit(np.column_stack(columns), drift, names, where=f"{record.name}, gyro {axis}")
+    value = dict(zip(names, fit.value.tolist(), strict=True))
+    if abs(value.get("B", 0.0)) > LARGEST_B:
+        raise InputError(
+            f"gyro {axis} does not show the rate: it shows {1.0 + value['B']:.3g} times as much",
+            where=record.name,
+            why="a wrong unit in a header, another axis, or the other sense of rotation",
+            fix="check the units and signs of gyro and rate",
+        )
+    inflation, freedom = lasting(fit.residual, len(names))
+    sd = fit.sd * np.sqrt(inflation)
+    return DriftModel(
+        axis,
+        value,
+        dict(zip(names, sd.tolist(), strict=True)),
+        left_out,
+        fit,
+        freedom,
+    )
+
+
+def _hidden(term: str, cause: FloatArray | None, columns: list[FloatArray]) -> str:
+    """Why a term cannot be found beside those before it; empty if it can."""
+    name = _CAUSES[term]
+    if cause is None:
+        return f"the record has no column of the {name}"
+    alone = float(np.std(cause))
+    if alone < SHOWS[term]:
+        return f"the {name} hardly changes ({_size(term, alone)} standard deviation)"
+    known = np.column_stack(columns)
+    beside = float(np.std(cause - known @ np.linalg.lstsq(known, cause, rcond=None)[0]))
+    if beside < SHOWS[term]:
+        return f"the {name} changes only together with what was fitted before it ({_size(term, beside)} beside it)"
+    return ""
+
+
+def _size(term: str, value: float) -> str:
+    unit, factor = {"B": ("deg/s", DEG), "c_T": ("C", 1.0), "c_g": ("g", G0)}[term]
+    return f"{value / factor:.2g} {unit}"
+
+
+def lasting(residual: FloatArray, fitted: int) -> tuple[float, float]:
+    """How much more the means of residuals scatter than those of independent ones.
+
+    The variance of the means of equal parts, times their length, is that of a sample if samples are independent. It is
+    taken for several lengths up to a twelfth of the record, and the largest counts: what lasts longer than the parts
+    does not show in them (method of batch means; J. M. Flegal and G. L. Jones, Annals of Statistics 38 (2010) 1034).
+
+    Parameters
+    ----------
+    residual : (n,) array
+        Of a fit.
+    fitted : int
+        Number of its parameters, which take as many degrees of freedom from the means.
+
+    Returns
+    -------
+    inflation : float
+        Of the variance of a mean, at least 1.
+    freedom : float
+        Degrees of freedom with which it is known.
+    """
+    n = residual.size
+    variance = float(residual @ residual) / max(1, n - fitted)
+    best = (1.0, float(max(1, n - fitted)))
+    for parts in PARTS:
+        length = n // parts
+        if length < 2 or not variance > 0.0:
+            continue
+        means = residual[: parts * length].reshape(parts, length).mean(axis=1)
+        inflation = length * float(means @ means) / (parts - fitted) / variance
+        if inflation > best[0]:
+            best = inflation, float(parts - fitted)
+    return best
+
+
+def drift_errors(models: Mapping[str, DriftModel], name: str = "") -> ImuErrors:
+    """Known errors for `insnav.imu.correct`: bias at 25 deg C, scale factor, sensitivities.
+
+    Parameters
+    ----------
+    models : mapping of str to DriftModel
+        By letter of the axis; other axes are left as they are.
+    name : str
+        What was measured.
+    """
+
+    def three(term: str) -> FloatArray:
+        return np.array([models[axis].value.get(term, 0.0) if axis in models else 0.0 for axis in "xyz"])
+
+    terms = ErrorTerms(bias_slope=three("c_T"), g_sensitivity=np.diag(three("c_g")))
+    return ImuErrors(gyro_bias=three("A"), gyro_matrix=np.diag(1.0 + three("B")), gyro_terms=terms, name=name)
+
+
+def corrected_rates(record: DriftRecord, errors: ImuErrors) -> dict[str, FloatArray]:
+    """Rates without the modelled drift, by letter of the axis, (n,) each [rad/s].
+
+    Parameters
+    ----------
+    record : DriftRecord
+    errors : ImuErrors
+        From `drift_errors`.
+    """
+    nothing = np.zeros(record.time.size)
+    gyro = np.column_stack([record.gyro.get(axis, nothing) for axis in "xyz"])
+    force = np.column_stack([record.force.get(axis, nothing) for axis in "xyz"])
+    found = correct(ImuData(record.time, gyro, force, temperature=record.temperature), errors).gyro
+    return {axis: found[:, "xyz".index(axis)] for axis in record.axes}

@@ -1,0 +1,1 @@
+"""Calibration by hand in many positions, without a table."""

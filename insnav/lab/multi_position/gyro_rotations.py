@@ -1,0 +1,306 @@
+"""Gyros calibrated by the turns between poses: integrated, they must bring gravity from one to the next.
+
+References
+----------
+D. Tedaldi, A. Pretto, E. Menegatti, "A robust and easy to implement method for IMU calibration without external
+equipments", ICRA 2014, the section on the calibration of the gyroscopes: nine parameters from the difference of the
+direction of gravity by the accelerometers and by integrated rates over all turns. Here the difference is taken in the
+plane across gravity (along it there is no information), and rates are integrated with `insnav.strapdown.increments`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from insnav.attitude import dcm_from_quat, quat_conjugate, quat_multiply
+from insnav.exceptions import InputError
+from insnav.kernels.alignment import gyro_history
+from insnav.lab.multi_position.stationary_spans import Pose
+from insnav.lab.multi_position.triad import AXES, Normal, normal
+from insnav.strapdown import Intervals, increments, intervals
+from insnav.types import BoolArray, FloatArray, ImuData, IntArray
+from insnav.units import DEG
+
+PARAMETERS = 9
+NAMES = tuple(f"scale {a}" if a == b else f"misalignment {a}{b}" for a in AXES for b in AXES)
+WORST_CONDITION = 150.0
+FEWEST = 6  # turns: twelve components against nine parameters
+_COARSE = 10  # samples put together where only a first guess is sought
+_TRIED = 60  # sensitivities tried
+_SMALLEST, _LARGEST = 0.1, 15.0  # plausible turn of the largest movement of a hand calibration [rad]
+MISFIT = 20.0 * DEG  # of turns that are understood, before they are fitted
+_STEP = 1e-6  # of a relative change of the sensitivity, for slopes
+_NO_EARTH = np.zeros(3)
+_START = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True, slots=True)
+class Turns:
+    """The record prepared for integration between poses.
+
+    Attributes
+    ----------
+    parts : Intervals
+        Gyros and accelerometers in the unit of the record.
+    start, end : (m,) array of int
+        Intervals from which and up to which each turn lasts.
+    moving : (k,) array of int
+        Intervals that belong to a turn: rest need not be integrated.
+    use : (m,) bool array
+        Turns during which every sample is there and inside the range.
+    """
+
+    parts: Intervals
+    start: IntArray
+    end: IntArray
+    moving: IntArray
+    use: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class TurnFit:
+    """Sensitivity of the gyros and how well it closes the turns.
+
+    Attributes
+    ----------
+    matrix : (3, 3) array
+        Unit of the record per rad/s.
+    covariance : (9, 9) array
+        Of E, by rows, in ``matrix = start (I + E)``, from the scatter of the residuals.
+    jacobian : (2 k, 9) array
+        Derivative of the residuals of the turns used by E.
+    error : (m,) array
+        Angle between the directions of gravity after each turn, by gyros and by accelerometers [rad].
+    sd : float
+        Standard deviation of one component of it, from the scatter [rad].
+    normal : Normal
+        What the turns determine.
+    """
+
+    matrix: FloatArray
+    covariance: FloatArray
+    jacobian: FloatArray
+    error: FloatArray
+    sd: float
+    normal: Normal
+
+
+def prepare(imu: ImuData, poses: Sequence[Pose], damaged: BoolArray) -> Turns:
+    """Find the turns of a record.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Record in any units.
+    poses : sequence of Pose
+        At least two.
+    damaged : (n,) bool array
+        Samples at the end of the range.
+    """
+    parts = intervals(imu)
+    begin = np.array([pose.end for pose in poses[:-1]])
+    finish = np.array([pose.start for pose in poses[1:]])
+    start = np.searchsorted(parts.end, begin, side="right").astype(np.int64)
+    end = np.searchsorted(parts.end, finish, side="right").astype(np.int64)
+    holes = np.concatenate(([0], np.cumsum(parts.hole > 0.0)))
+    bad = np.concatenate(([0], np.cumsum(damaged)))
+    samples = np.array([[a.last, b.first] for a, b in itertools.pairwise(poses)])
+    use = (holes[end] == holes[start]) & (bad[samples[:, 1]] == bad[samples[:, 0]])
+    moving = np.concatenate([np.arange(a, b) for a, b in zip(start, end, strict=True)])
+    return Turns(parts, start, end, moving.astype(np.int64), use)
+
+
+def _attitudes(dt: FloatArray, dtheta: FloatArray) -> FloatArray:
+    """Attitude after each increment against the first, (n + 1, 4)."""
+    n = dt.shape[0]
+    quaternion, unused = np.empty((n + 1, 4)), np.empty((n + 1, 3))
+    gyro_history(_START, _NO_EARTH, dt, dtheta, dtheta, quaternion, unused)
+    return quaternion
+
+
+def _between(quaternion: FloatArray, start: IntArray, end: IntArray) -> FloatArray:
+    """Matrix that takes body coordinates before each turn to those after it, (m, 3, 3)."""
+    turn = quat_multiply(quat_conjugate(quaternion[start]), quaternion[end])
+    return np.swapaxes(dcm_from_quat(turn), 1, 2)
+
+
+def rotations(turns: Turns, bias: FloatArray, matrix: FloatArray) -> FloatArray:
+    """Rotation of each turn by the corrected gyros.
+
+    Parameters
+    ----------
+    turns : Turns
+    bias : (3,) array
+        In the unit of the record.
+    matrix : (3, 3) array
+        Unit of the record per rad/s.
+
+    Returns
+    -------
+    (m, 3, 3) array
+        Takes a vector that stands still from body coordinates before the turn to those after it.
+    """
+    parts = turns.parts
+    step = 1.0 if parts.instant else parts.dt[:, None]
+    gyro = np.ascontiguousarray((parts.gyro - bias * step) @ np.linalg.inv(matrix).T)
+    count = turns.moving.shape[0]
+    inc = increments(replace(parts, gyro=gyro), (turns.moving, np.zeros(count), np.ones(count)))
+    end = np.cumsum(turns.end - turns.start)
+    return _between(_attitudes(inc.dt, inc.dtheta + inc.coning), end - (turns.end - turns.start), end)
+
+
+def across(up: FloatArray) -> FloatArray:
+    """Two unit vectors across each direction, (m, 2, 3)."""
+    smallest = np.eye(3)[np.argmin(np.abs(up), axis=1)]
+    first = np.cross(up, smallest)
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    return np.stack((first, np.cross(up, first)), axis=1)
+
+
+def residuals(rotation: FloatArray, up: FloatArray) -> FloatArray:
+    """Direction of gravity by the gyros across that by the accelerometers after each turn.
+
+    Parameters
+    ----------
+    rotation : (m, 3, 3) array
+        From `rotations`.
+    up : (m + 1, 3) array
+        Unit vectors along the specific force in the poses.
+
+    Returns
+    -------
+    (m, 2) array
+        Components [rad]; their length is the angle between the two even if it is large.
+    """
+    carried = np.einsum("mij,mj->mi", rotation, up[:-1])
+    sideways = np.einsum("mkj,mj->mk", across(up[1:]), carried)
+    sine = np.linalg.norm(sideways, axis=1)
+    angle = np.arctan2(sine, np.sum(carried * up[1:], axis=1))
+    return np.asarray(sideways * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 1.0)[:, None])
+
+
+def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) -> FloatArray:
+    """Sensitivity to start from, the same for all axes; tells whether axes are exchanged.
+
+    Parameters
+    ----------
+    turns : Turns
+    bias : (3,) array
+        In the unit of the record.
+    up : (m + 1, 3) array
+        Unit vectors along the specific force in the poses.
+    counts : bool
+        The sensitivity is not known; else it is about 1.
+
+    Returns
+    -------
+    (3, 3) array
+
+    Raises
+    ------
+    InputError
+        Gyros whose axes or signs are not those of the accelerometers, or that show nothing of the turns.
+    """
+    parts = turns.parts
+    step = parts.dt[:, None]
+    angles = parts.gyro * (step if parts.instant else 1.0) - bias * step
+    total = np.concatenate((np.zeros((1, 3)), np.cumsum(angles, axis=0)))
+    # a few sums of samples are enough for a first guess, and quick
+    knots = np.unique(np.concatenate((np.arange(0, len(total), _COARSE), turns.start, turns.end)))
+    angle = np.diff(total[knots], axis=0)
+    length = np.diff(np.concatenate(([0.0], np.cumsum(parts.dt)))[knots])
+    start, end = np.searchsorted(knots, turns.start), np.searchsorted(knots, turns.end)
+
+    def misfit(matrix: FloatArray) -> float:
+        rotation = _between(_attitudes(length, angle @ np.linalg.inv(matrix).T), start, end)
+        return float(np.sqrt(np.mean(residuals(rotation, up)[turns.use] ** 2)))
+
+    reach = np.linalg.norm(total[turns.end] - total[turns.start], axis=1)[turns.use].max()
+    scales = reach / np.geomspace(_SMALLEST, _LARGEST, _TRIED) if counts else np.ones(1)
+    tried = [(misfit(scale * np.eye(3)), scale) for scale in scales]
+    best, scale = min(tried)
+    if best < MISFIT:
+        return scale * np.eye(3)
+    if not counts and misfit(np.eye(3) / DEG) < MISFIT:
+        raise InputError("the gyros are in deg/s, not rad/s", why="the turns fit so", fix="say --imu-units deg/s,m/s^2")
+    others = [
+        (misfit(s * np.diag(signs)[list(order)]), order, signs)
+        for order in itertools.permutations(range(3))
+        for signs in itertools.product((1.0, -1.0), repeat=3)
+        for s in scales
+    ]
+    less, order, signs = min(others, key=lambda item: item[0])
+    if less < 0.5 * best and less < MISFIT:
+        columns = ", ".join(f"{'+' if signs[o] > 0 else '-'}{AXES[o]}" for o in order)
+        raise InputError(
+            "the gyros do not turn as the accelerometers say",
+            why=f"the turns would fit if gyro x, y, z measured {columns} (misfit {np.rad2deg(less):.3g} deg instead "
+            f"of {np.rad2deg(best):.3g} deg)",
+            fix="columns exchanged, or a left-handed triad? bring gyros and accelerometers to the same "
+            "right-handed axes",
+        )
+    raise InputError(
+        "the gyros do not show the turns between the poses",
+        why=f"gravity after a turn is {np.rad2deg(best):.3g} deg off, whatever axes and signs they have",
+        fix="check their units and columns" + ("" if counts else "; for raw counts say --counts"),
+    )
+
+
+def fit_turns(turns: Turns, bias: FloatArray, start: FloatArray, up: FloatArray, use: BoolArray) -> TurnFit:
+    """Calibrate gyros by the turns between poses.
+
+    Parameters
+    ----------
+    turns : Turns
+    bias : (3,) array
+        In the unit of the record.
+    start : (3, 3) array
+        First guess of the sensitivity.
+    up : (m + 1, 3) array
+        Unit vectors along the specific force in the poses, by calibrated accelerometers.
+    use : (m,) bool array
+        Turns to use.
+
+    Returns
+    -------
+    TurnFit
+
+    Raises
+    ------
+    InputError
+        Too few turns, or turns that leave a parameter undetermined.
+    """
+    count = int(np.count_nonzero(use))
+    if count < FEWEST:
+        raise InputError(
+            f"{count} turns are too few",
+            why=f"the gyros have {PARAMETERS} parameters, and a turn gives two equations",
+            fix="record at least 12 poses, with a turn about another axis between each two",
+        )
+
+    def misfit(e: FloatArray) -> FloatArray:
+        matrix = start @ (np.eye(3) + e.reshape(3, 3))
+        return residuals(rotations(turns, bias, matrix), up)[use].ravel()
+
+    def slope(e: FloatArray) -> FloatArray:
+        here = misfit(e)
+        return np.column_stack([(misfit(e + step) - here) / _STEP for step in _STEP * np.eye(PARAMETERS)])
+
+    done = least_squares(misfit, np.zeros(PARAMETERS), jac=slope, method="lm", xtol=1e-10, ftol=1e-10)
+    judged = normal(done.jac)
+    if not judged.condition < WORST_CONDITION:
+        raise InputError(
+            "the turns do not determine the gyros",
+            why=f"{', '.join(NAMES[i] for i in judged.weak)} cannot be told apart "
+            f"(condition number {judged.condition:.3g}, at most {WORST_CONDITION:g})",
+            fix="turn about every axis, by some 90 degrees, while that axis is level",
+        )
+    matrix = start @ (np.eye(3) + done.x.reshape(3, 3))
+    sd = float(np.sqrt(2.0 * done.cost / (2 * count - PARAMETERS)))
+    error = np.linalg.norm(residuals(rotations(turns, bias, matrix), up), axis=1)
+    return TurnFit(matrix, judged.inverse * sd**2, np.asarray(done.jac), error, sd, judged)

@@ -1,0 +1,370 @@
+"""Calibration by hand: a sensor put down in many poses and turned between them, without a table.
+
+References
+----------
+D. Tedaldi, A. Pretto, E. Menegatti, "A robust and easy to implement method for IMU calibration without external
+equipments", ICRA 2014. Beyond it, the part of the gyros' output that goes with the specific force is estimated from
+the poses and taken off before the turns are integrated: in a MEMS gyro it is the larger part of what remains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.lab.multi_position.gravity_norm import (
+    GravityFit,
+    fit_gravity_norm,
+    norm_error,
+    packed,
+    perfect,
+    sphere,
+    unpacked,
+)
+from insnav.lab.multi_position.gyro_rotations import (
+    TurnFit,
+    Turns,
+    first_guess,
+    fit_turns,
+    prepare,
+    residuals,
+    rotations,
+)
+from insnav.lab.multi_position.stationary_spans import Liveliness, Pose, clipped, find_poses, liveliness
+from insnav.lab.multi_position.triad import Triad, corrected
+from insnav.types import BoolArray, FloatArray, ImuData
+
+FACTORS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # standard deviations at rest that are tried as the limit of rest
+ALIKE = 1.0  # logarithm of the determinant of two covariances that are about alike: 6 % a standard deviation
+LEAST_OWN = 0.1  # of the scatter of the turns that is their own at least
+FOLDS = 5
+WRONG_UNIT = 0.25  # scale factor error that no sensor in SI units has
+WRONG_NORM = 0.02  # scatter of gravity over its length that no pose at rest leaves
+
+
+@dataclass(frozen=True, slots=True)
+class PosesCalibration:
+    """Result of a calibration by poses.
+
+    Attributes
+    ----------
+    poses : tuple of Pose
+        Stretches at rest, in order of time.
+    factor : float
+        Limit of rest that was chosen, in standard deviations at rest.
+    accel, gyro : Triad
+        In the unit of the record per SI unit. The gyros refer to the axes of the accelerometers; their bias is that
+        without specific force.
+    g_sensitivity, g_sensitivity_sd : (3, 3) array
+        Part of the gyros' output that goes with the specific force [unit of the record per m/s^2].
+    g : float
+        Gravity used [m/s^2].
+    norm_before, norm_after : (n,) array
+        Length of the specific force minus gravity in each pose, with the first guess and calibrated [m/s^2].
+    norm_left_out : (n,) array
+        The same, each pose by a calibration that has not seen it [m/s^2].
+    turn_before, turn_plain, turn_after : (n - 1,) array
+        Angle by which each turn misses the next pose [rad]: with the first guess, calibrated without the
+        g-sensitivity, and calibrated.
+    turn_left_out : (n - 1,) array
+        Calibrated, each turn by a calibration that has not seen it [rad].
+    turn_used : (n - 1,) bool array
+        False where samples are missing or at the end of the range.
+    accel_share : (n,) array
+        Leverage of each pose: of the nine parameters of the accelerometers, so many are its own [-].
+    gyro_share : (n - 1,) array
+        The same for each turn and the nine parameters of the gyros; zero where not used [-].
+    clipped : int
+        Samples at the end of the range.
+    gyro_drift : (3,) array
+        Change of the gyros at rest from the first to the last third of the record, without that which goes with
+        the specific force [rad/s].
+    counts : bool
+        The record is in raw units.
+    """
+
+    poses: tuple[Pose, ...]
+    factor: float
+    accel: Triad
+    gyro: Triad
+    g_sensitivity: FloatArray
+    g_sensitivity_sd: FloatArray
+    g: float
+    norm_before: FloatArray
+    norm_after: FloatArray
+    norm_left_out: FloatArray
+    turn_before: FloatArray
+    turn_plain: FloatArray
+    turn_after: FloatArray
+    turn_left_out: FloatArray
+    turn_used: BoolArray
+    accel_share: FloatArray
+    gyro_share: FloatArray
+    clipped: int
+    gyro_drift: FloatArray
+    counts: bool
+
+
+def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCalibration:
+    """Calibrate accelerometers and gyros by poses and the turns between them.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Record of at least ten poses, in SI units, or in any units if `counts`.
+    g : float
+        Gravity where it was made [m/s^2].
+    counts : bool
+        Sensitivities are not known, not even roughly.
+
+    Returns
+    -------
+    PosesCalibration
+
+    Raises
+    ------
+    InputError
+        No poses, too few, or such as leave a parameter undetermined; units, axes or signs that cannot be.
+    """
+    if imu.sampling == "increment":
+        raise InputError("increments are not calibrated by poses", fix="give rates and specific forces")
+    lively = liveliness(imu)
+    factor, poses, fit, start = _best_poses(imu, lively, g, counts)
+    force = np.array([pose.force for pose in poses])
+    _refuse_norm(fit, g)
+    _refuse_bias(fit.triad, g, counts)
+    up = _directions(fit.triad, force)
+    rest = _rest(poses, fit.triad)
+    damaged = clipped(imu.gyro, lively.ratio > factor * factor)
+    plain = prepare(imu, poses, damaged)
+    guess = first_guess(plain, rest.mean, up, counts)
+    coarse = fit_turns(plain, rest.mean, guess, up, plain.use)
+    felt = corrected(fit.triad, imu.accel)
+    turns = prepare(replace(imu, gyro=imu.gyro - felt @ rest.g_sensitivity.T), poses, damaged)
+    fine = fit_turns(turns, rest.bias, coarse.matrix, up, turns.use)
+    covariance = _whole_covariance(imu, poses, damaged, fine, fit, rest)
+    matrix_sd = _matrix_sd(coarse.matrix, covariance)
+    gyro = Triad(rest.bias, fine.matrix, np.sqrt(rest.covariance[:, 0, 0]), matrix_sd, fine.normal.condition)
+    _refuse_gyro_units(gyro, counts)
+    nominal = np.zeros(3) if not counts else rest.mean
+    share = np.zeros(turns.use.shape[0])
+    share[turns.use] = fine.normal.leverage.reshape(-1, 2).sum(axis=1)
+    return PosesCalibration(
+        poses=poses,
+        factor=factor,
+        accel=fit.triad,
+        gyro=gyro,
+        g_sensitivity=rest.g_sensitivity,
+        g_sensitivity_sd=np.sqrt(np.array([np.diag(c)[1:] for c in rest.covariance])),
+        g=g,
+        norm_before=norm_error(start, force, g),
+        norm_after=fit.error,
+        norm_left_out=_norm_left_out(force, g, fit),
+        turn_before=np.linalg.norm(residuals(rotations(plain, nominal, guess), _directions(start, force)), axis=1),
+        turn_plain=coarse.error,
+        turn_after=fine.error,
+        turn_left_out=_turn_left_out(turns, rest.bias, fine, up),
+        turn_used=turns.use,
+        accel_share=fit.normal.leverage,
+        gyro_share=share,
+        clipped=int(np.count_nonzero(damaged)),
+        gyro_drift=np.asarray(np.linalg.solve(fine.matrix, rest.drift)),
+        counts=counts,
+    )
+
+
+def _best_poses(
+    imu: ImuData, lively: Liveliness, g: float, counts: bool
+) -> tuple[float, tuple[Pose, ...], GravityFit, Triad]:
+    """Search the tightest limit of rest by which the accelerometers become about least uncertain."""
+    found = [(factor, find_poses(imu, lively, factor)) for factor in FACTORS]
+    most = max(len(poses) for _, poses in found)
+    tried: list[tuple[float, float, tuple[Pose, ...], GravityFit, Triad]] = []
+    refused: InputError | None = None
+    for factor, poses in found:
+        if 2 * len(poses) < most or not poses:  # a few that fit well by chance are no better
+            continue
+        force = np.array([pose.force for pose in poses])
+        if not counts:
+            refuse_force_units(force, g)
+        try:
+            start = sphere(force, g) if counts else perfect()
+            fit = fit_gravity_norm(force, g, start)
+        except InputError as error:
+            refused = error
+            continue
+        tried.append((float(np.linalg.slogdet(fit.covariance)[1]), factor, poses, fit, start))
+    if not tried:
+        raise refused or InputError(
+            "no pose at rest was found",
+            why="the specific force nowhere stays calm for 1.5 s",
+            fix="rest in every pose for 2 s or more, on something firm",
+        )
+    # a looser limit that wins by chance lets the ends of motions in, which the turns then lack
+    least = min(item[0] for item in tried)
+    _, factor, poses, fit, start = next(item for item in tried if item[0] < least + ALIKE)
+    return factor, poses, fit, start
+
+
+def refuse_force_units(force: FloatArray, g: float) -> None:
+    """Refuse accelerometers whose length at rest is not near that of gravity.
+
+    Parameters
+    ----------
+    force : (n, 3) array
+        Mean of each pose [m/s^2].
+    g : float
+        Gravity [m/s^2].
+
+    Raises
+    ------
+    InputError
+    """
+    length = float(np.median(np.linalg.norm(force, axis=1)))
+    if abs(length / g - 1.0) > WRONG_UNIT:
+        raise InputError(
+            "the accelerometers are not in m/s^2",
+            why=f"the specific force at rest is {length:.4g} long, gravity {g:.4g} m/s^2",
+            fix="say --imu-units, or --counts for raw units",
+        )
+
+
+def _refuse_norm(fit: GravityFit, g: float) -> None:
+    if fit.sd > WRONG_NORM * g:
+        raise InputError(
+            "the specific force at rest is not that of gravity",
+            why=f"whatever the calibration, its length varies by {fit.sd:.3g} m/s^2 from pose to pose",
+            fix="check that the columns are those of the accelerometers, and that the sensor was at rest",
+        )
+
+
+def _refuse_bias(accel: Triad, g: float, counts: bool) -> None:
+    worst = float(np.abs(accel.bias).max())
+    if not counts and worst > WRONG_UNIT * g:
+        raise InputError(
+            "the accelerometers are not in m/s^2 from zero",
+            why=f"their biases come out as {', '.join(f'{b:.3g}' for b in accel.bias)} m/s^2",
+            fix="give specific force, gravity not taken off; or --counts for raw units",
+        )
+
+
+def _refuse_gyro_units(gyro: Triad, counts: bool) -> None:
+    scale = np.diag(gyro.matrix)
+    if not counts and np.abs(scale - 1.0).max() > WRONG_UNIT:
+        raise InputError(
+            "the gyros are not in rad/s",
+            why=f"their scale factors come out as {', '.join(f'{s:.4g}' for s in scale)}",
+            fix="say --imu-units, or --counts for raw units",
+        )
+
+
+def _directions(triad: Triad, force: FloatArray) -> FloatArray:
+    f = corrected(triad, force)
+    return np.asarray(f / np.linalg.norm(f, axis=1)[:, None])
+
+
+@dataclass(frozen=True, slots=True)
+class _Rest:
+    """Gyros at rest: mean; bias and g-sensitivity, covariance of (bias, row of it) per axis, (3, 4, 4); drift."""
+
+    mean: FloatArray
+    bias: FloatArray
+    g_sensitivity: FloatArray
+    covariance: FloatArray
+    drift: FloatArray
+
+
+def _rest(poses: Sequence[Pose], accel: Triad) -> _Rest:
+    """Split the output of the gyros at rest into bias and what goes with the specific force.
+
+    A straight line over the poses, weighted by their lengths. The scatter about it, which holds noise, bias
+    instability and the Earth's rotation, gives the uncertainty. The paper takes the bias from the rest at the
+    beginning; all rests together are longer and average the Earth's rotation.
+    """
+    weight = np.array([pose.count for pose in poses], dtype=float)
+    weight /= weight.mean()
+    rate = np.array([pose.rate for pose in poses])
+    design = np.column_stack((np.ones(len(poses)), corrected(accel, np.array([pose.force for pose in poses]))))
+    inverse = np.linalg.inv(design.T @ (design * weight[:, None]))
+    solution = inverse @ (design.T @ (rate * weight[:, None]))
+    scatter = rate - design @ solution
+    variance = np.sum(weight[:, None] * scatter**2, axis=0) / (len(poses) - 4)
+    third = max(1, len(poses) // 3)
+    drift = np.average(scatter[-third:], axis=0, weights=weight[-third:]) - np.average(
+        scatter[:third], axis=0, weights=weight[:third]
+    )
+    return _Rest(
+        np.average(rate, axis=0, weights=weight), solution[0], solution[1:].T, variance[:, None, None] * inverse, drift
+    )
+
+
+def _whole_covariance(
+    imu: ImuData, poses: Sequence[Pose], damaged: BoolArray, fine: TurnFit, fit: GravityFit, rest: _Rest
+) -> FloatArray:
+    """Covariance of the gyros' matrix with what it has from the accelerometers, the bias and the g-sensitivity, (9, 9).
+
+    Each of these is moved along the directions of its covariance by one standard deviation. What they add to the
+    scatter of the residuals is taken off that: it must not count twice.
+    """
+    force = np.array([pose.force for pose in poses])
+    felt = corrected(fit.triad, imu.accel)
+
+    def misfit(accel: Triad, bias: FloatArray, sensitivity: FloatArray) -> FloatArray:
+        turns = prepare(replace(imu, gyro=imu.gyro - felt @ sensitivity.T), poses, damaged)
+        miss = residuals(rotations(turns, bias, fine.matrix), _directions(accel, force))
+        return miss[turns.use].ravel()
+
+    here = misfit(fit.triad, rest.bias, rest.g_sensitivity)
+    moved = [
+        misfit(unpacked(packed(fit.triad) + step), rest.bias, rest.g_sensitivity)
+        for step in np.linalg.cholesky(fit.covariance).T
+    ]
+    for axis in range(3):
+        for step in np.linalg.cholesky(rest.covariance[axis]).T:
+            bias, sensitivity = rest.bias.copy(), rest.g_sensitivity.copy()
+            bias[axis] += step[0]
+            sensitivity[axis] += step[1:]
+            moved.append(misfit(fit.triad, bias, sensitivity))
+    change = np.array(moved) - here
+    effect = change @ fine.jacobian @ fine.normal.inverse
+    seen = change - effect @ fine.jacobian.T
+    own = 1.0 - float(np.sum(seen**2)) / (fine.sd**2 * (change.shape[1] - effect.shape[1])) if fine.sd > 0.0 else 1.0
+    return np.asarray(max(own, LEAST_OWN) * fine.covariance + effect.T @ effect)
+
+
+def _matrix_sd(start: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Standard deviations of ``start (I + E)`` from the covariance of E by rows, (3, 3)."""
+    c = covariance.reshape(3, 3, 3, 3)
+    return np.asarray(np.sqrt(np.einsum("ik,il,kjlj->ij", start, start, c)))
+
+
+def _folds(n: int) -> list[BoolArray]:
+    """Every fifth one left out, five times."""
+    return [np.arange(n) % FOLDS != fold for fold in range(FOLDS)]
+
+
+def _norm_left_out(force: FloatArray, g: float, fit: GravityFit) -> FloatArray:
+    """Error of each pose by a calibration without it; that of all where the rest does not determine one."""
+    error = fit.error.copy()
+    for keep in _folds(force.shape[0]):
+        try:
+            other = fit_gravity_norm(force[keep], g, fit.triad)
+        except InputError:
+            continue
+        error[~keep] = norm_error(other.triad, force[~keep], g)
+    return error
+
+
+def _turn_left_out(turns: Turns, bias: FloatArray, fine: TurnFit, up: FloatArray) -> FloatArray:
+    """Error of each turn by a calibration without it; that of all where the rest does not determine one."""
+    error = fine.error.copy()
+    for keep in _folds(turns.use.shape[0]):
+        try:
+            other = fit_turns(turns, bias, fine.matrix, up, turns.use & keep)
+        except InputError:
+            continue
+        error[~keep] = other.error[~keep]
+    return error

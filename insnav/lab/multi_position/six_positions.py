@@ -1,0 +1,326 @@
+"""Six positions and three full turns: every axis up and down at rest, then a turn about each.
+
+References
+----------
+F. Ferraris, U. Grimaldi, M. Parvis, "Procedure for effortless in-field calibration of three-axial rate gyro and
+accelerometers", Sensors and Materials 7 (1995) 311-330: accelerometers from sums and differences of opposite
+positions, gyros from integrals over the turns.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import ConfigError, InputError
+from insnav.lab.multi_position.many_positions import FACTORS, refuse_force_units
+from insnav.lab.multi_position.stationary_spans import Pose, clipped, find_poses, liveliness, pose_between
+from insnav.lab.multi_position.triad import AXES, Triad, corrected
+from insnav.strapdown import nominal_interval
+from insnav.types import FloatArray, ImuData
+
+POSITIONS = tuple(f"{axis}_{way}" for axis in AXES for way in ("p", "a"))
+TURNS = tuple(f"{axis}_rot" for axis in AXES)
+SECTIONS = POSITIONS + TURNS
+TURN_SD = np.deg2rad(1.0)  # how well a hand ends a turn where it began [rad]
+OFF_AXIS = 0.5  # share of gravity, or of the turn, across the axis that is not that position or turn
+SHORT_TURN = 0.2  # a turn that lacks more of its angle is not the turn that was asked for
+_SAME_POSE = np.deg2rad(20.0)  # between the poses around a turn about the vertical [rad]
+
+
+@dataclass(frozen=True, slots=True)
+class SixPositions:
+    """Result of a calibration by six positions and three turns.
+
+    Attributes
+    ----------
+    sections : dict of str to tuple of int
+        Samples ``first`` up to, not including, ``last`` of ``x_p`` (x up), ``x_a`` (x down), …, ``x_rot``, ….
+    accel, gyro : Triad
+        In the unit of the record per SI unit.
+    g_sensitivity, g_sensitivity_sd : (3, 3) array
+        Part of the gyros' output that goes with the specific force [unit of the record per m/s^2].
+    angle : float
+        Angle of each turn [rad].
+    turned : (3,) array
+        What the gyros made of it before calibration, with the sign of the turn [unit of the record times s].
+    force_after : (6, 3) array
+        Corrected specific force in each position minus the ideal one [m/s^2].
+    norm_before, norm_after : (6,) array
+        Length of the specific force minus gravity in each position; before: as recorded, or, of raw units, with one
+        bias and sensitivity for all axes [m/s^2].
+    tilt : float
+        How far the positions are off, one standard deviation, from what the opposite positions disagree [rad].
+    clipped : int
+        Samples at the end of the range.
+    g : float
+        Gravity used [m/s^2].
+    counts : bool
+        The record is in raw units.
+    """
+
+    sections: dict[str, tuple[int, int]]
+    accel: Triad
+    gyro: Triad
+    g_sensitivity: FloatArray
+    g_sensitivity_sd: FloatArray
+    angle: float
+    turned: FloatArray
+    force_after: FloatArray
+    norm_before: FloatArray
+    norm_after: FloatArray
+    tilt: float
+    clipped: int
+    g: float
+    counts: bool
+
+
+def calibrate_six_positions(
+    imu: ImuData,
+    g: float,
+    sections: Mapping[str, tuple[int, int]] | None = None,
+    *,
+    turn: float = 2.0 * np.pi,
+    counts: bool = False,
+) -> SixPositions:
+    """Calibrate by six positions and three turns.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Record in SI units, or in any units if `counts`.
+    g : float
+        Gravity where it was made [m/s^2].
+    sections : mapping of str to tuple of int, optional
+        First and last plus one sample of all `SECTIONS`; found by `find_sections` by default.
+    turn : float
+        Angle of each turn [rad]; to which side, the gyros say.
+    counts : bool
+        Sensitivities are not known, not even roughly.
+
+    Returns
+    -------
+    SixPositions
+
+    Raises
+    ------
+    InputError
+        Sections that are not what they are called, turns that fall short, units that cannot be.
+    ConfigError
+        Sections that are missing or outside the record.
+    """
+    if imu.sampling == "increment":
+        raise InputError("increments are not calibrated by positions", fix="give rates and specific forces")
+    chosen = find_sections(imu) if sections is None else check_sections(sections, imu.time.shape[0])
+    poses = [pose_between(imu, *chosen[name]) for name in POSITIONS]
+    force, rate = np.array([p.force for p in poses]), np.array([p.rate for p in poses])
+    if not counts:
+        refuse_force_units(force, g)
+    accel, tilt = _accelerometers(force, poses, g)
+    _refuse_positions(force, accel, g)
+    sensitivity = (rate[0::2] - rate[1::2]).T / (2.0 * g)
+    bias = rate.mean(axis=0)  # each position alike, however long: what goes with the specific force then cancels
+    bias_sd = ((rate[0::2] + rate[1::2]) / 2.0).std(axis=0, ddof=1) / np.sqrt(3.0)
+    integral = np.empty((3, 3))
+    for column, name in enumerate(TURNS):
+        first, last = chosen[name]
+        step = nominal_interval(imu.time[first:last])
+        felt = corrected(accel, imu.accel[first:last])
+        integral[:, column] = np.sum(imu.gyro[first:last] - bias - felt @ sensitivity.T, axis=0) * step
+    side = np.sign(np.diag(integral))
+    _refuse_turns(integral, turn, counts)
+    matrix = integral / (side * turn)
+    size = np.abs(np.diag(matrix))
+    duration = np.array([imu.time[chosen[n][1] - 1] - imu.time[chosen[n][0]] for n in TURNS])
+    # off the diagonal the axis of the turn is as far off as the positions are; on it the angle counts
+    matrix_sd = np.where(np.eye(3, dtype=bool), TURN_SD / turn, tilt) * size[:, None]
+    matrix_sd = np.hypot(matrix_sd, bias_sd[:, None] * duration / turn)
+    gyro = Triad(bias, matrix, bias_sd, matrix_sd, float(np.linalg.cond(matrix / size[:, None])))
+    ideal = _ideal(g)
+    after = corrected(accel, force)
+    nominal = force if not counts else (force - accel.bias.mean()) / np.diag(accel.matrix).mean()
+    moving = np.ones(imu.time.shape[0], dtype=np.bool_)
+    for name in POSITIONS:
+        moving[slice(*chosen[name])] = False
+    return SixPositions(
+        sections=chosen,
+        accel=accel,
+        gyro=gyro,
+        g_sensitivity=sensitivity,
+        # of two rests, where the bias is of six
+        g_sensitivity_sd=np.tile(np.sqrt(3.0) * bias_sd[:, None] / g, (1, 3)),
+        angle=turn,
+        turned=np.diag(integral).copy(),
+        force_after=after - ideal,
+        norm_before=np.linalg.norm(nominal, axis=1) - g,
+        norm_after=np.linalg.norm(after, axis=1) - g,
+        tilt=tilt,
+        clipped=int(np.count_nonzero(clipped(imu.gyro, moving))),
+        g=g,
+        counts=counts,
+    )
+
+
+def _ideal(g: float) -> FloatArray:
+    """Specific force in the six positions, (6, 3)."""
+    return np.array([way * g * np.eye(3)[axis] for axis in range(3) for way in (1.0, -1.0)])
+
+
+def _accelerometers(force: FloatArray, poses: list[Pose], g: float) -> tuple[Triad, float]:
+    """Accelerometers from opposite positions, and how far these were off.
+
+    The bias of an axis comes from the two positions in which it is vertical: a tilt changes these in second order
+    only. What the other axes show there beyond their bias is the tilt, which is first order off the diagonal.
+    """
+    up, down = force[0::2], force[1::2]
+    half = (up + down) / 2.0
+    matrix = (up - down).T / (2.0 * g)
+    bias = np.diag(half).copy()
+    scale = np.diag(matrix)
+    off = ~np.eye(3, dtype=bool)
+    tilt = float(np.sqrt(2.0 * np.mean(((half - bias) / scale)[off] ** 2)) / g)
+    noise = np.array([pose.force_sd / np.sqrt(pose.count) for pose in poses])
+    pair = np.sqrt(np.diag(noise[0::2] ** 2 + noise[1::2] ** 2)) / 2.0
+    # a tilt of t takes 1 - cos t off what a vertical axis feels
+    second = np.abs(scale) * g * tilt**2 / np.sqrt(2.0)
+    matrix_sd = np.where(off, np.abs(scale)[:, None] * tilt / np.sqrt(2.0), np.diag(np.hypot(pair, second) / g))
+    condition = float(np.linalg.cond(matrix / scale[:, None]))
+    return Triad(bias, matrix, np.hypot(pair, second), matrix_sd, condition), tilt
+
+
+def _refuse_positions(force: FloatArray, accel: Triad, g: float) -> None:
+    scale = np.diag(accel.matrix)
+    if (np.abs(scale) < 1e-9 * np.abs(force).max() / g).any():
+        raise InputError("opposite positions show the same specific force", fix="check which sections are which")
+    feels = (force - accel.bias) / (np.abs(scale) * g)
+    for name, felt, ideal in zip(POSITIONS, feels, _ideal(1.0), strict=True):
+        axis = int(np.argmax(np.abs(ideal)))
+        across = float(np.linalg.norm(np.delete(felt, axis)))
+        if felt[axis] * ideal[axis] < 0.0 or across > OFF_AXIS:
+            found = ", ".join(f"{v:+.2f}" for v in felt)
+            raise InputError(
+                f"section {name} is not at rest with {name[0]} {'up' if name.endswith('p') else 'down'}",
+                why=f"its specific force points along ({found}) of its axes",
+                fix="check which sections are which; columns exchanged?",
+            )
+
+
+def _refuse_turns(integral: FloatArray, turn: float, counts: bool) -> None:
+    for axis, name in enumerate(TURNS):
+        own = abs(integral[axis, axis])
+        across = float(np.linalg.norm(np.delete(integral[:, axis], axis)))
+        if across > OFF_AXIS * own:
+            raise InputError(
+                f"section {name} is not a turn about {AXES[axis]}",
+                why=f"the gyros integrate to {', '.join(f'{v:.4g}' for v in integral[:, axis])}",
+                fix="check which sections are which; columns exchanged?",
+            )
+        if not counts and abs(own / turn - 1.0) > SHORT_TURN:
+            raise InputError(
+                f"section {name} is not a turn by {np.rad2deg(turn):.0f} degrees",
+                why=f"gyro {AXES[axis]} makes it {np.rad2deg(own):.1f} degrees",
+                fix="turn fully, give the true angle with --turn, or check the units of the gyros",
+            )
+    own = np.abs(np.diag(integral))
+    if counts and own.max() > (1.0 + SHORT_TURN) * own.min():
+        shown = ", ".join(f"{v:.4g}" for v in own)
+        raise InputError(
+            "the three turns are not by the same angle",
+            why=f"gyros x, y, z integrate to {shown} times s",
+            fix="turn by the same full angle about every axis",
+        )
+
+
+def check_sections(sections: Mapping[str, tuple[int, int]], n: int) -> dict[str, tuple[int, int]]:
+    """Make sure that all sections are there and inside the record.
+
+    Parameters
+    ----------
+    sections : mapping of str to tuple of int
+        First and last plus one sample.
+    n : int
+        Samples of the record.
+
+    Raises
+    ------
+    ConfigError
+        All that is wrong at once.
+    """
+    wrong = [f"{name} is missing" for name in SECTIONS if name not in sections]
+    wrong += [f"{name} is not a section" for name in sections if name not in SECTIONS]
+    wrong += [
+        f"{name} from {first} to {last} is not inside the {n} samples, or too short"
+        for name, (first, last) in sections.items()
+        if not 0 <= first < last - 2 < n - 1
+    ]
+    if wrong:
+        raise ConfigError(
+            "the sections cannot be used",
+            why="; ".join(wrong),
+            fix=f"give first and last sample of {', '.join(SECTIONS)}",
+        )
+    return {name: (int(sections[name][0]), int(sections[name][1])) for name in SECTIONS}
+
+
+def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
+    """Find six positions and three turns in a record.
+
+    Positions are the longest rests with each axis up and down; turns lie between two rests of the same pose with the
+    axis of the turn vertical, and are the largest about each axis.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Record in any units.
+
+    Returns
+    -------
+    dict of str to tuple of int
+
+    Raises
+    ------
+    InputError
+        Some are not there.
+    """
+    lively = liveliness(imu)
+    poses = find_poses(imu, lively, FACTORS[2])
+    if len(poses) < len(POSITIONS):
+        raise InputError(
+            f"{len(poses)} rests are too few",
+            why="six positions take six",
+            fix="rest for 2 s or more with every axis up and down, or give the sections with --sections",
+        )
+    force = np.array([pose.force for pose in poses])
+    # middle of opposite extremes: the bias even of raw counts, as far as it is needed to tell up from down
+    middle = (force.max(axis=0) + force.min(axis=0)) / 2.0
+    half = np.maximum((force.max(axis=0) - force.min(axis=0)) / 2.0, 1e-12 * np.abs(force).max())
+    up = (force - middle) / half
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    found: dict[str, tuple[int, int]] = {}
+    for name, ideal in zip(POSITIONS, _ideal(1.0), strict=True):
+        near = [pose for pose, way in zip(poses, up, strict=True) if way @ ideal > np.cos(np.arcsin(OFF_AXIS))]
+        if near:
+            best = max(near, key=lambda pose: pose.count)
+            found[name] = (best.first, best.last)
+    bias = np.median([pose.rate for pose in poses], axis=0)
+    largest: dict[str, float] = {}
+    for (a, b), (way, then) in zip(itertools.pairwise(poses), itertools.pairwise(up), strict=True):
+        first, last = a.last, b.first
+        axis = int(np.argmax(np.abs(way)))
+        if last - first < 3 or way @ then < np.cos(_SAME_POSE) or abs(way[axis]) < np.cos(np.arcsin(OFF_AXIS)):
+            continue
+        angle = np.abs(np.sum(imu.gyro[first:last] - bias, axis=0)) * lively.interval
+        name = TURNS[axis]
+        if int(np.argmax(angle)) == axis and angle[axis] > largest.get(name, 0.0):
+            largest[name], found[name] = float(angle[axis]), (first, last)
+    missing = [name for name in SECTIONS if name not in found]
+    if missing:
+        raise InputError(
+            f"no section was found for {', '.join(missing)}",
+            why=f"{len(poses)} rests were found; _p is with that axis up, _a down, _rot a turn about it while vertical",
+            fix="record what is missing, or give the sections with --sections",
+        )
+    return {name: found[name] for name in SECTIONS}

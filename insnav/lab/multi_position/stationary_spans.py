@@ -1,0 +1,223 @@
+"""A bench record cut into poses: stretches at rest, in units that need not be known.
+
+Everything is judged by ratios (of variances, of directions), so raw counts serve as well as m/s^2.
+
+References
+----------
+D. Tedaldi, A. Pretto, E. Menegatti, "A robust and easy to implement method for IMU calibration without external
+equipments", ICRA 2014, the section on the static detector: the variance of the specific force in a moving window
+against a multiple of the variance at rest. The variance at rest is here that of the quietest tenth of the record, so
+that the record need not begin with a rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.interpret.clean import runs
+from insnav.types import BoolArray, FloatArray, ImuData
+
+WINDOW = 1.0  # over which the variance is taken [s]
+SHORTEST = 0.5  # rest between two windows that saw motion, at least [s]: 1.5 s of rest altogether
+FEWEST = 10  # samples of a pose
+QUIET_SHARE = 0.1  # quantile of the variance that is that of rest
+CONTRAST = 25.0  # variance of the most lively tenth against that, at least, in a record of rests and motions
+KNOCK = 1.5 * WINDOW  # a break of rest so short, without change of pose, was a knock [s]
+SAME_POSE = 0.01  # change of specific force, over its spread in the record, that is no change of pose
+CLIPPED = 3  # samples in a row with the largest value of the channel that are the end of its range
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Means over one stretch at rest.
+
+    Attributes
+    ----------
+    first, last : int
+        Samples ``first`` up to, not including, ``last``.
+    start, end : float
+        Times of the first and of the last of them [s].
+    force, rate : (3,) array
+        Mean of the accelerometers and of the gyros, in the units of the record.
+    force_sd, rate_sd : (3,) array
+        Standard deviation of one sample.
+    """
+
+    first: int
+    last: int
+    start: float
+    end: float
+    force: FloatArray
+    rate: FloatArray
+    force_sd: FloatArray
+    rate_sd: FloatArray
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return self.last - self.first
+
+
+def pose_between(imu: ImuData, first: int, last: int) -> Pose:
+    """Means over samples ``first`` up to, not including, ``last``.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Record in any units.
+    first, last : int
+        At least two samples inside the record.
+    """
+    force, rate = imu.accel[first:last], imu.gyro[first:last]
+    return Pose(
+        first,
+        last,
+        float(imu.time[first]),
+        float(imu.time[last - 1]),
+        force.mean(axis=0),
+        rate.mean(axis=0),
+        force.std(axis=0, ddof=1),
+        rate.std(axis=0, ddof=1),
+    )
+
+
+def moving_variance(values: FloatArray, window: int) -> FloatArray:
+    """Variance in a centred moving window, summed over the axes.
+
+    Parameters
+    ----------
+    values : (n, 3) array
+        Samples.
+    window : int
+        Samples in the window, odd, at most n.
+
+    Returns
+    -------
+    (n,) array
+        Square of the unit of `values`; infinite within half a window of the ends.
+    """
+    centred = values - values.mean(axis=0)  # else the difference of the sums loses what is small against g
+    total = np.full(values.shape[0], np.inf)
+    half = window // 2
+    sums = np.zeros(values.shape[0] - window + 1)
+    for axis in range(values.shape[1]):
+        x = centred[:, axis]
+        first = np.concatenate(([0.0], np.cumsum(x)))
+        second = np.concatenate(([0.0], np.cumsum(x * x)))
+        mean = (first[window:] - first[:-window]) / window
+        sums += np.maximum((second[window:] - second[:-window]) / window - mean * mean, 0.0)
+    total[half : half + sums.size] = sums
+    return total
+
+
+@dataclass(frozen=True, slots=True)
+class Liveliness:
+    """How much the specific force varies over a record, against what it does at rest.
+
+    Attributes
+    ----------
+    ratio : (n,) array
+        Variance in a moving window over that at rest [-].
+    interval : float
+        Sampling interval [s].
+    """
+
+    ratio: FloatArray
+    interval: float
+
+
+def liveliness(imu: ImuData) -> Liveliness:
+    """Measure the liveliness of a record.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Record in any units.
+
+    Raises
+    ------
+    InputError
+        The record is too short, or nothing tells rest from motion.
+    """
+    interval = float(np.median(np.diff(imu.time))) if imu.time.size > 1 else np.inf
+    window = 2 * round(0.5 * WINDOW / interval) + 1 if np.isfinite(interval) else 0
+    if window < FEWEST or imu.time.size < 10 * window:
+        raise InputError(
+            "the record is too short, or sampled too slowly, to hold poses",
+            why=f"{imu.time.size} samples every {interval:.3g} s",
+            fix=f"record at {FEWEST / WINDOW:g} Hz or more, and rest in every pose for some seconds",
+        )
+    variance = moving_variance(imu.accel, window)
+    known = variance[np.isfinite(variance)]
+    # a simulated record without noise has no variance at all at rest: rounding is the least there can be
+    floor = max(float(np.quantile(known, QUIET_SHARE)), 1e-12 * float(np.mean(imu.accel**2)), np.finfo(float).tiny)
+    contrast = float(np.quantile(known, 1.0 - QUIET_SHARE)) / floor
+    if contrast < CONTRAST:
+        raise InputError(
+            "no pose at rest was found",
+            why=f"the specific force varies everywhere alike (the most lively tenth {np.sqrt(contrast):.1f} times "
+            "as much as the quietest): the sensor never rests, or is never moved",
+            fix="record poses of 2 s or more at rest, with motion between them",
+        )
+    return Liveliness(variance / floor, interval)
+
+
+def find_poses(imu: ImuData, lively: Liveliness, factor: float) -> tuple[Pose, ...]:
+    """Cut the stretches at rest out of a record.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Record in any units.
+    lively : Liveliness
+        Of this record.
+    factor : float
+        Rest is where the standard deviation is below so many times that of the quietest tenth.
+
+    Returns
+    -------
+    tuple of Pose
+        In order of time. The window keeps half its length between a pose and any motion. Of a pose broken by a knock
+        the longer part is kept: twice the same pose would count as two.
+    """
+    still: BoolArray = lively.ratio < factor * factor
+    shortest = max(FEWEST, round(SHORTEST / lively.interval))
+    found = [pose_between(imu, first, first + n) for first, n in runs(still) if n >= shortest]
+    if not found:
+        return ()
+    force = np.array([pose.force for pose in found])
+    spread = float(np.linalg.norm(force - force.mean(axis=0), axis=1).max())
+    kept = found[:1]
+    for pose in found[1:]:
+        change = float(np.linalg.norm(pose.force - kept[-1].force))
+        if pose.start - kept[-1].end > KNOCK or change > SAME_POSE * spread:
+            kept.append(pose)
+        elif pose.count > kept[-1].count:
+            kept[-1] = pose
+    return tuple(kept)
+
+
+def clipped(values: FloatArray, moving: BoolArray) -> BoolArray:
+    """Samples in which some channel stays at the largest or smallest value it ever shows.
+
+    Parameters
+    ----------
+    values : (n, 3) array
+        Samples in any unit.
+    moving : (n,) bool array
+        Where to look: at rest the same value in a row is no wonder.
+
+    Returns
+    -------
+    (n,) bool array
+    """
+    found = np.zeros(values.shape[0], dtype=np.bool_)
+    for column in values.T:
+        for extreme in (column.min(), column.max()):
+            for first, n in runs((column == extreme) & moving):
+                if n >= CLIPPED:
+                    found[first : first + n] = True
+    return found

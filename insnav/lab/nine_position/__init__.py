@@ -1,0 +1,1 @@
+"""Three dual-axis modules in nine positions of a table."""

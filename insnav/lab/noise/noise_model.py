@@ -1,0 +1,351 @@
+"""Noise coefficients from Allan deviations: which noises a record shows, how large, how sure.
+
+``sigma^2 = 3 Q^2 / tau^2 + N^2 / tau + (2 ln 2 / pi) B^2 + K^2 tau / 3 + R^2 tau^2 / 2`` (IEEE Std 952-1997, annex C).
+A first-order Gauss-Markov process may stand in the place of the bias instability B: most bias models of filters and
+simulations are one, and its Allan variance rises and falls again where B's is flat.
+
+The variances at different times come from the same samples and are strongly correlated: the squares of the
+coefficients are fitted by generalised least squares, with the covariance that the model itself gives
+(`insnav.lab.noise.allan_confidence`), repeated until both agree. No square is negative.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar, nnls
+from scipy.stats import chi2
+
+from insnav.lab.noise.allan import AllanDeviation
+from insnav.lab.noise.allan_confidence import chi_square_interval, covariance, freedom
+from insnav.types import BoolArray, FloatArray, IntArray
+
+NAMES = ("Q", "N", "B", "K", "GM", "R")  # Gauss-Markov before R: the first five are random
+B_FACTOR = math.sqrt(2.0 * math.log(2.0) / math.pi)  # floor of the Allan deviation by B: 0.664
+FITTED_PART = 6  # the fit ends at this part of the record: beyond it variances are too few squares to be near Gaussian
+PER_DECADE = 4  # points of the fit: more say nothing new, as neighbours share their samples
+SIGNIFICANT = 6.63  # chi-square of one coefficient at 1 %
+ROUNDS, FEW_ROUNDS = 4, 2
+FEWEST_FREEDOM = 0.5  # fewer say no more than that nothing is known
+LARGEST_MISFIT = 1.0
+NEGLIGIBLE = 1e-4  # relative error of a variance that cannot matter
+SINGULAR = 1e-4  # smallest eigenvalue of a correlation matrix that is taken seriously
+SHORTEST = 10.0  # correlation time of a bias, at least [samples]
+TIMES_PER_DECADE = 5  # correlation times tried
+
+
+@dataclass(frozen=True, slots=True)
+class Coefficient:
+    """One noise coefficient in SI units, or the standard deviation of a Gauss-Markov process.
+
+    Attributes
+    ----------
+    value : float
+        Estimate.
+    sd : float
+        Its standard deviation.
+    low, high : float
+        95 % interval, by chi-square with the degrees of freedom that the standard deviation tells.
+    """
+
+    value: float
+    sd: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseModel:
+    """Noise of one axis.
+
+    Attributes
+    ----------
+    coefficients : dict of str to Coefficient
+        Those of Q, N, B, K, GM, R that the data support.
+    correlation_time : float
+        Of the Gauss-Markov process [s]; infinite without one.
+    correlation_time_sd : float
+        Its standard deviation [s].
+    misfit : float
+        Relative standard deviation by which the model misses the Allan variances beyond their own uncertainty; zero
+        if it describes them.
+    variance : (k,) array
+        Allan variance of the model at the times of the record.
+    freedom : (k,) array
+        Equivalent degrees of freedom of each estimate.
+    low, high : (k,) array
+        95 % intervals of the measured Allan deviations.
+    """
+
+    coefficients: dict[str, Coefficient]
+    correlation_time: float
+    correlation_time_sd: float
+    misfit: float
+    variance: FloatArray
+    freedom: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    squares: FloatArray  # (6,)
+    time: float
+    likelihood: float  # -2 ln, with the penalty of Akaike's criterion
+    spread: FloatArray  # covariance of the squares that are not zero, then of ln(time)
+    misfit: float
+
+
+def basis(tau: FloatArray, correlation_time: float) -> FloatArray:
+    """Allan variance of each noise of unit size.
+
+    Parameters
+    ----------
+    tau : (k,) array
+        [s]
+    correlation_time : float
+        [s]
+
+    Returns
+    -------
+    (k, 6) array
+        For Q^2, N^2, B^2, K^2, the variance of the Gauss-Markov process, and R^2.
+    """
+    u = tau / correlation_time
+    # (2 T / tau) (1 - T / (2 tau) (3 - 4 exp(-tau / T) + exp(-2 tau / T))), IEEE Std 952-1997, annex C; by its
+    # leading terms where they cancel
+    with np.errstate(divide="ignore", invalid="ignore"):
+        exact = (2.0 * u - 3.0 + 4.0 * np.exp(-u) - np.exp(-2.0 * u)) / u**2
+    markov = np.where(u < 1e-3, 2.0 / 3.0 * u * (1.0 - 0.75 * u), exact)
+    return np.column_stack([3.0 / tau**2, 1.0 / tau, np.full(tau.size, B_FACTOR**2), tau / 3.0, markov, 0.5 * tau**2])
+
+
+def fit_noise(allan: AllanDeviation, column: int = 0, terms: str = "QNBKRG", confidence: float = 0.95) -> NoiseModel:
+    """Fit the noise coefficients of one axis.
+
+    Parameters
+    ----------
+    allan : AllanDeviation
+        From `insnav.lab.noise.allan.allan_deviation`; the column must not be all zero.
+    column : int
+        Which one.
+    terms : str
+        Letters of the noises that may be there; G is the Gauss-Markov process. Of B and G the likelier is taken, by
+        Akaike's criterion; then every term is dropped that lowers chi-square by less than 6.63 (significant at 1 %).
+    confidence : float
+        Of the intervals.
+
+    Returns
+    -------
+    NoiseModel
+    """
+    rows = _chosen(allan)
+    fits = []
+    for family in ("B", "G"):
+        if family in terms or family == "B":
+            allowed = np.array([name[0] in terms and name not in ("B", "GM") for name in NAMES])
+            allowed[NAMES.index("B" if family == "B" else "GM")] = family in terms
+            fits.append(_Fitter(allan, column, rows).fit(allowed))
+    # a bump must earn its two parameters: short of that a flat floor, or a walk, says as much
+    best = fits[1] if len(fits) > 1 and fits[1].likelihood + SIGNIFICANT < fits[0].likelihood else fits[0]
+    time = best.time
+    sd = math.sqrt(best.spread[-1, -1]) * time if math.isfinite(time) else 0.0
+    nothing = np.empty(0)
+    model = NoiseModel(_coefficients(best, confidence), time, sd, best.misfit, nothing, nothing, nothing, nothing)
+    return evaluated(model, allan, column, confidence)
+
+
+def evaluated(model: NoiseModel, allan: AllanDeviation, column: int, confidence: float = 0.95) -> NoiseModel:
+    """Evaluate a model at the averaging times of a record, with the intervals of the deviations there.
+
+    Parameters
+    ----------
+    model : NoiseModel
+    allan : AllanDeviation
+        Of the record the model is of, at any times.
+    column : int
+        Which axis.
+    confidence : float
+        Of the intervals.
+    """
+    squares = np.array([model.coefficients[n].value ** 2 if n in model.coefficients else 0.0 for n in NAMES])
+    time = model.correlation_time
+    variance = basis(allan.tau, time if math.isfinite(time) else 1.0) @ squares
+    own = covariance(allan.factors, allan.n, allan.interval, squares[:5], time, diagonal=True)
+    degrees = np.maximum(freedom(variance, np.diag(own)), FEWEST_FREEDOM)
+    low, high = chi_square_interval(allan.deviation[:, column], degrees, confidence)
+    return replace(model, variance=variance, freedom=degrees, low=low, high=high)
+
+
+def _coefficients(fit: _Fit, confidence: float) -> dict[str, Coefficient]:
+    found = {}
+    for place, index in enumerate(np.flatnonzero(fit.squares)):
+        value, variance = float(fit.squares[index]), float(fit.spread[place, place])
+        root = math.sqrt(value)
+        low, high = chi_square_interval(root, 2.0 * value**2 / variance, confidence)
+        found[NAMES[index]] = Coefficient(root, 0.5 * math.sqrt(variance) / root, float(low), float(high))
+    return found
+
+
+def _chosen(allan: AllanDeviation) -> IntArray:
+    """Rows for the fit: about `PER_DECADE` evenly on the logarithmic axis, both ends included."""
+    tau = allan.tau[allan.factors * FITTED_PART <= allan.n]
+    count = max(4, 1 + round(PER_DECADE * math.log10(tau[-1] / tau[0])))
+    wanted = np.geomspace(tau[0], tau[-1], count)
+    return np.unique([int(np.argmin(np.abs(np.log(tau / each)))) for each in wanted])
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """Inverse of a root of a covariance, and the logarithm of its determinant."""
+
+    inverse: FloatArray
+    logarithm: float
+
+    @classmethod
+    def of(cls, own: FloatArray, misfit: FloatArray) -> Weights:
+        """Of a covariance and the standard deviations of a misfit."""
+        size = np.sqrt(np.diag(own) + misfit**2)
+        value, vector = np.linalg.eigh((own + np.diag(misfit**2)) / np.outer(size, size))
+        value = np.maximum(value, SINGULAR)  # what is left of rounding and quadrature
+        # any root will do: here that of the eigenvectors
+        return cls((vector / np.sqrt(value)).T / size, float(np.log(value).sum() + 2.0 * np.log(size).sum()))
+
+    def chi(self, left: FloatArray) -> float:
+        """Chi-square of what is left over."""
+        return float(np.sum((self.inverse @ left) ** 2))
+
+    def likelihood(self, seen: FloatArray, model: FloatArray) -> float:
+        """Minus twice the logarithm of the likelihood, up to a constant."""
+        return self.chi(seen - model) + self.logarithm
+
+
+class _Fitter:
+    """Generalised least squares on the chosen times of one axis."""
+
+    def __init__(self, allan: AllanDeviation, column: int, rows: IntArray) -> None:
+        self.allan = allan
+        self.tau, self.factors = allan.tau[rows], allan.factors[rows]
+        self.size = float(np.max(allan.deviation[rows, column])) ** 2  # everything is fitted in this unit
+        self.seen = allan.deviation[rows, column] ** 2 / self.size
+        times = max(2, math.ceil(TIMES_PER_DECADE * math.log10(self.tau[-1] / self.tau[0])))
+        # A bump is seen only if its top, at 1.89 T, and something beside it lie within the record. A short one is the
+        # sensor's own filter, no bias.
+        self.times = np.geomspace(
+            SHORTEST * allan.interval, max(self.tau[-1] / 3.0, 2.0 * SHORTEST * allan.interval), times
+        )
+        self.misfit = 0.0
+
+    def fit(self, allowed: BoolArray) -> _Fit:
+        """Fit, find the misfit, drop what is not significant."""
+        squares, time = self._again(allowed, *self._start(allowed), ROUNDS)
+        for _ in range(ROUNDS):  # the weights change with the misfit, and the fit with the weights
+            if not self._find_misfit(squares, time):
+                break
+            squares, time = self._again(allowed, squares, time, 1)
+        while True:
+            kept = squares > 0.0
+            full = self._weights(squares, time).likelihood(self.seen, self._basis(time) @ squares)
+            fewer = []
+            for index in np.flatnonzero(kept):
+                without = kept.copy()
+                without[index] = False
+                if without.any():
+                    found = self._again(without, *self._solve(without, self._weights(squares, time), time), FEW_ROUNDS)
+                    gain = self._weights(*found).likelihood(self.seen, self._basis(found[1]) @ found[0]) - full
+                    fewer.append((gain, found))
+            gain, found = min(fewer, key=lambda each: each[0], default=(math.inf, (squares, time)))
+            if not gain < SIGNIFICANT:
+                break
+            squares, time = self._again(found[0] > 0.0, *found, ROUNDS)
+        return self._result(squares, time if squares[4] > 0.0 else math.inf)
+
+    def _again(self, allowed: BoolArray, squares: FloatArray, time: float, rounds: int) -> tuple[FloatArray, float]:
+        """Fit with the weights of the fit before."""
+        for _ in range(rounds):
+            squares, time = self._solve(allowed, self._weights(squares, time), time)
+        return squares, time
+
+    def _find_misfit(self, squares: FloatArray, time: float) -> bool:
+        """Set the misfit so that chi-square is what chance explains; whether there is any."""
+        spare = self.tau.size - np.count_nonzero(squares) - (squares[4] > 0.0)
+        own, model = self._own(squares, time), self._basis(time) @ squares
+
+        def excess(misfit: float) -> float:
+            return Weights.of(own, misfit * model).chi(self.seen - model) - float(spare)
+
+        if spare <= 0 or (self.misfit == 0.0 and excess(0.0) + spare < chi2.ppf(0.99, spare)):
+            return False
+        if excess(LARGEST_MISFIT) > 0.0:
+            self.misfit = LARGEST_MISFIT
+        else:
+            self.misfit = 0.0 if excess(0.0) <= 0.0 else float(brentq(excess, 0.0, LARGEST_MISFIT, xtol=1e-3))
+        return True
+
+    def _result(self, squares: FloatArray, time: float) -> _Fit:
+        weights = self._weights(squares, time)
+        columns = self._basis(time)[:, squares > 0.0]
+        if squares[4] > 0.0:  # and how the curve changes with the logarithm of the correlation time
+            step = 1e-3
+            slope = (self._basis(time * (1 + step)) - self._basis(time * (1 - step)))[:, 4] / (2.0 * step) * squares[4]
+            columns = np.column_stack([columns, slope])
+        white = weights.inverse @ columns
+        scale = np.linalg.norm(white, axis=0)
+        spread = np.linalg.pinv((white / scale).T @ (white / scale)) / np.outer(scale, scale)
+        units = np.full(columns.shape[1], self.size)
+        if squares[4] > 0.0:
+            units[-1] = 1.0
+        count = columns.shape[1]
+        likelihood = weights.likelihood(self.seen, self._basis(time) @ squares) + 2.0 * count
+        return _Fit(squares * self.size, time, likelihood, spread * np.outer(units, units), self.misfit)
+
+    def _basis(self, time: float) -> FloatArray:
+        return basis(self.tau, time if math.isfinite(time) else 1.0)
+
+    def _start(self, allowed: BoolArray) -> tuple[FloatArray, float]:
+        """With errors as large as the values, which lets every part of the curve speak."""
+        middle = float(self.times[self.times.size // 2])
+        return self._solve(allowed, Weights(np.diag(1.0 / self.seen), 0.0), middle)
+
+    def _own(self, squares: FloatArray, time: float) -> FloatArray:
+        """Covariance of what was seen, if the model holds."""
+        own = covariance(self.factors, self.allan.n, self.allan.interval, squares[:5], time)
+        each = self._basis(time) * squares
+        model = each.sum(axis=1)
+        # Noise looks like a ramp, as much as the means of the two halves of the record differ by it: an error common
+        # to all times.
+        half = 0.5 * self.allan.n * self.allan.interval
+        random = float((basis(np.array([half]), time if math.isfinite(time) else 1.0)[0] * squares)[:5].sum())
+        slope = math.sqrt(2.0 * squares[5] * random) / half * self.tau**2
+        own += np.outer(slope, slope)
+        return np.asarray(own + np.diag((NEGLIGIBLE * model) ** 2))
+
+    def _weights(self, squares: FloatArray, time: float) -> Weights:
+        return Weights.of(self._own(squares, time), self.misfit * (self._basis(time) @ squares))
+
+    def _solve(self, allowed: BoolArray, weights: Weights, time: float) -> tuple[FloatArray, float]:
+        """Squares, none negative, and correlation time of least chi-square."""
+        seen = weights.inverse @ self.seen
+
+        def at(time: float) -> tuple[float, FloatArray]:
+            white = weights.inverse @ self._basis(time)[:, allowed]
+            scale = np.linalg.norm(white, axis=0)
+            part, left = nnls(white / scale, seen)
+            squares = np.zeros(6)
+            squares[allowed] = part / scale
+            return left, squares
+
+        if not allowed[4]:
+            return at(1.0)[1], math.inf
+        tried = [at(each) for each in self.times]
+        best = int(np.argmin([left for left, _ in tried]))
+        low, high = self.times[max(0, best - 1)], self.times[min(best + 1, self.times.size - 1)]
+        time = _smallest(lambda logarithm: at(math.exp(logarithm))[0], math.log(low), math.log(high))
+        return at(math.exp(time))[1], math.exp(time)
+
+
+def _smallest(function: Callable[[float], float], low: float, high: float) -> float:
+    return float(minimize_scalar(function, bounds=(low, high), method="bounded", options={"xatol": 1e-4}).x)

@@ -1,0 +1,204 @@
+"""From the noise a record shows to the figures a filter and a simulation need.
+
+A filter cannot hold flicker noise, so a first-order Gauss-Markov process stands for the bias instability. Its Allan
+deviation peaks at 1.89 correlation times with 0.617 of its standard deviation (0.437 q sqrt(T) with
+sd = q sqrt(T / 2); IEEE Std 952-1997, annex C, exponentially correlated noise). Where the fit found such a process its
+own figures are taken; where it found a flat floor the peak is put upon the floor. The floor itself is not written as
+flicker noise as well: a simulation from the file would have the bias instability twice.
+
+Quantisation and rate ramp go into the file for simulations; a filter takes no notice of them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from insnav.imu.model import ImuSpec, SensorSpec
+from insnav.lab.noise.allan import AllanDeviation
+from insnav.lab.noise.noise_model import B_FACTOR, NoiseModel
+from insnav.types import FloatArray
+
+PEAK_TIME = 1.8926  # of the Gauss-Markov Allan deviation, in correlation times
+PEAK = 0.61736  # its height, in standard deviations
+FLOOR_FREEDOM = 10.0  # degrees of freedom of a deviation that counts as the floor
+
+
+@dataclass(frozen=True, slots=True)
+class Floor:
+    """Lowest point of an Allan deviation that is still well known.
+
+    Attributes
+    ----------
+    value : float
+        In the unit of the signal.
+    tau : float
+        Where [s].
+    reached : bool
+        Whether the curve goes on at or above it for longer times, or was still falling.
+    """
+
+    value: float
+    tau: float
+    reached: bool
+
+
+def floor_of(allan: AllanDeviation, column: int, model: NoiseModel) -> Floor:
+    """Find the lowest point with at least ten degrees of freedom.
+
+    Parameters
+    ----------
+    allan : AllanDeviation
+    column : int
+        Which axis.
+    model : NoiseModel
+        For the degrees of freedom, and whether anything but falling terms was found.
+    """
+    known = np.flatnonzero(model.freedom >= FLOOR_FREEDOM)
+    rows = known if known.size else np.arange(1)
+    row = int(rows[np.argmin(allan.deviation[rows, column])])
+    reached = any(name in model.coefficients for name in ("B", "GM", "K", "R"))
+    return Floor(float(allan.deviation[row, column]), float(allan.tau[row]), reached)
+
+
+def imu_spec(
+    allan: AllanDeviation, models: tuple[NoiseModel | None, ...], name: str, source: str
+) -> tuple[ImuSpec, tuple[str, ...]]:
+    """Figures for a filter from the noise of six axes.
+
+    Parameters
+    ----------
+    allan : AllanDeviation
+        Columns gyro x, y, z, accelerometer x, y, z.
+    models : tuple of NoiseModel or None
+        One for each; None for an axis without any noise.
+    name, source : str
+        For the file.
+
+    Returns
+    -------
+    spec : ImuSpec
+        Random walk, bias instability with its correlation time, rate random walk, and to simulate quantisation and
+        rate ramp. Turn-on bias, scale factor and misalignment are absent: one record at rest does not show them.
+    notes : tuple of str
+        How each figure came about.
+    """
+    notes: list[str] = []
+    absent: list[str] = []
+    sensors = []
+    for first, sensor in ((0, "gyro"), (3, "accel")):
+        spec, missing, said = _sensor(allan, models[first : first + 3], first, sensor)
+        sensors.append(spec)
+        notes += said
+        absent += [f"{sensor}.{key}" for key in ("bias", "scale_factor", "misalignment", *missing)]
+    notes.append(
+        "turn-on bias, scale factor and misalignment are absent from imu.toml: one record at rest does not show them"
+    )
+    return ImuSpec(name, sensors[0], sensors[1], None, source, tuple(absent)), tuple(notes)
+
+
+def _sensor(
+    allan: AllanDeviation, models: tuple[NoiseModel | None, ...], first: int, sensor: str
+) -> tuple[SensorSpec, list[str], list[str]]:
+    instability = np.zeros(3)
+    times, notes = [], []
+    for axis, model in enumerate(models):
+        if model is None:
+            notes.append(f"{sensor} {'xyz'[axis]} shows no noise at all: its figures are zero")
+            continue
+        sd, time, how = _process(allan, first + axis, model)
+        instability[axis] = sd
+        if sd > 0.0:
+            times.append(time)
+        notes.append(f"{sensor} {'xyz'[axis]}: {how}")
+    spec = SensorSpec(
+        random_walk=_values(models, "N"),
+        rate_random_walk=_values(models, "K"),
+        quantisation=_values(models, "Q"),
+        rate_ramp=_values(models, "R"),
+    )
+    if spec.rate_ramp.any():
+        notes.append(
+            f"{sensor}: a rate ramp is one slope of this one record; in imu.toml it is the standard deviation of the "
+            "slope, and only simulations use it"
+        )
+    missing = [] if spec.random_walk.any() else ["random_walk"]
+    if not instability.any():
+        return spec, [*missing, "bias_instability", "correlation_time"], notes
+    time = math.exp(float(np.mean(np.log(times))))
+    notes.append(
+        f"{sensor}: one correlation time for the three axes, the geometric mean of theirs, {time:.3g} s "
+        f"({', '.join(f'{each:.3g}' for each in times)} s)"
+    )
+    return replace(spec, bias_instability=instability, correlation_time=time), missing, notes
+
+
+def _process(allan: AllanDeviation, column: int, model: NoiseModel) -> tuple[float, float, str]:
+    """Standard deviation and correlation time of the process that stands for the bias instability, and why."""
+    if "GM" in model.coefficients:
+        return (
+            model.coefficients["GM"].value,
+            model.correlation_time,
+            f"bias instability is the Gauss-Markov process found, correlation time {model.correlation_time:.3g} s",
+        )
+    floor = floor_of(allan, column, model)
+    if "B" in model.coefficients:
+        sd = max(B_FACTOR * model.coefficients["B"].value, floor.value) / PEAK
+        return (
+            sd,
+            floor.tau / PEAK_TIME,
+            f"bias instability puts the peak of a Gauss-Markov process, {PEAK:.3f} sd at {PEAK_TIME:.2f} correlation "
+            f"times, upon the floor at {floor.tau:.3g} s (B or lowest deviation, the larger)",
+        )
+    if "K" in model.coefficients:
+        return 0.0, math.inf, "the rate random walk describes all of its drift: no bias instability"
+    return (
+        floor.value / PEAK,
+        floor.tau / PEAK_TIME,
+        f"the deviation still falls at {floor.tau:.3g} s: bias instability is a bound, as if that were the floor",
+    )
+
+
+def _values(models: tuple[NoiseModel | None, ...], name: str) -> FloatArray:
+    """A coefficient of three axes, zero where it was not found."""
+    return np.array([m.coefficients[name].value if m is not None and name in m.coefficients else 0.0 for m in models])
+
+
+def white_of_steps(step: float, interval: float) -> float:
+    """Random walk that rounding samples to steps makes, ``step sqrt(dt / 12)`` [unit sqrt(s)].
+
+    Parameters
+    ----------
+    step : float
+        Resolution of a sample.
+    interval : float
+        Sampling interval [s].
+    """
+    return step * math.sqrt(interval / 12.0)
+
+
+def temperature_correlation(values: FloatArray, temperature: FloatArray, bins: int = 60) -> FloatArray:
+    """Correlation of each column with temperature over means of equal parts of the record.
+
+    Parameters
+    ----------
+    values : (n, c) array
+    temperature : (n,) array
+        [deg C]
+    bins : int
+        Number of parts.
+
+    Returns
+    -------
+    (c,) array
+        Zero where nothing varies.
+    """
+    length = len(values) // bins
+    parts = np.column_stack([values, temperature])[: bins * length].reshape(bins, length, -1).mean(axis=1)
+    parts -= parts.mean(axis=0)
+    size = np.linalg.norm(parts, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = parts[:, :-1].T @ parts[:, -1] / (size[:-1] * size[-1])
+    return np.asarray(np.nan_to_num(correlation))

@@ -1,0 +1,194 @@
+"""All that a static record says about the noise of an IMU: deviations, models, floors, and what to beware of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.imu.health import inspect
+from insnav.imu.model import ImuSpec
+from insnav.lab.noise.allan import (
+    AXES,
+    AllanDeviation,
+    EvenRecord,
+    allan_deviation,
+    averaging_factors,
+    even_record,
+    silent,
+    smallest_step,
+)
+from insnav.lab.noise.noise_model import NoiseModel, evaluated, fit_noise
+from insnav.lab.noise.noise_spec import Floor, floor_of, imu_spec, temperature_correlation, white_of_steps
+from insnav.types import ImuData
+from insnav.units import DEG, DEG_PER_SQRT_H, M_S_PER_SQRT_H
+
+COARSE = 0.5  # steps larger than this part of the scatter of the samples are pointed out
+MISFIT = 0.1  # relative misfit of the variance that is pointed out
+WARMING = 1.0  # [deg C]
+TURNS, PUSHES = 3.0 * DEG, 0.5  # changes of the mean over a second that are motion and no drift [rad/s], [m/s^2]
+FOLLOWS = 0.5  # correlation with temperature that is pointed out
+
+
+@dataclass(frozen=True, slots=True)
+class StaticNoise:
+    """Noise of six axes.
+
+    Attributes
+    ----------
+    record : EvenRecord
+        What was used.
+    allan : AllanDeviation
+        Columns gyro x, y, z, accelerometer x, y, z.
+    models : tuple of NoiseModel or None
+        One for each axis; None for one without any noise.
+    floors : tuple of Floor or None
+        Likewise.
+    spec : ImuSpec
+        For filters and simulations.
+    notes : tuple of str
+        How the figures of `spec` came about.
+    warnings : tuple of str
+        What may be wrong with the record or the models.
+    """
+
+    record: EvenRecord
+    allan: AllanDeviation
+    models: tuple[NoiseModel | None, ...]
+    floors: tuple[Floor | None, ...]
+    spec: ImuSpec
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def static_noise(
+    imu: ImuData,
+    taus: Sequence[float] | Literal["log", "octave"] = "log",
+    *,
+    name: str = "static record",
+    source: str = "",
+    workers: int | None = None,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> StaticNoise:
+    """Analyse a record at rest.
+
+    Parameters
+    ----------
+    imu : ImuData
+        The record, at least 100 samples.
+    taus : sequence of float, "log" or "octave"
+        Averaging times, see `averaging_factors`.
+    name, source : str
+        Of the IMU, for its file.
+    workers : int, optional
+        Threads.
+    progress : callable, optional
+        Told the fraction done.
+
+    Raises
+    ------
+    InputError
+        The record is too short, or not at rest.
+    ConfigError
+        Averaging times that it does not hold.
+    """
+    record = even_record(imu)
+    _refuse_motion(record)
+    factors = averaging_factors(len(record.values), record.interval, taus)
+    allan = allan_deviation(record.values, record.interval, factors, workers)
+    # the models are fitted to times of their own: they do not depend on those shown
+    every = averaging_factors(len(record.values), record.interval)
+    fitted = (
+        allan if np.array_equal(every, factors) else allan_deviation(record.values, record.interval, every, workers)
+    )
+    quiet = silent(record.values)
+    models: list[NoiseModel | None] = []
+    for column in range(len(AXES)):
+        progress(column / len(AXES))
+        models.append(None if quiet[column] else fit_noise(fitted, column))
+    floors = tuple(None if m is None else floor_of(fitted, i, m) for i, m in enumerate(models))
+    spec, notes = imu_spec(fitted, tuple(models), name, source)
+    shown = tuple(None if m is None else evaluated(m, allan, i) for i, m in enumerate(models))
+    warnings = (*record.notes, *_of_record(imu, record), *_of_models(tuple(models), floors, record))
+    return StaticNoise(record, allan, shown, floors, spec, notes, warnings)
+
+
+def _refuse_motion(record: EvenRecord) -> None:
+    """Refuse what no sensor at rest would show: motion is not noise."""
+    size = max(1, round(1.0 / record.interval))
+    count = len(record.values) // size
+    if count < 2:
+        return
+    seconds = record.values[: count * size].reshape(count, size, -1).mean(axis=1)
+    # single knocks are left to the reader of the figure
+    span = np.quantile(seconds, 0.95, axis=0) - np.quantile(seconds, 0.05, axis=0)
+    moved = [AXES[i] for i in range(len(AXES)) if span[i] > (TURNS if i < 3 else PUSHES)]
+    if moved:
+        raise InputError(
+            "the record is not at rest",
+            why=f"means over a second of {', '.join(moved)} change by up to {span[:3].max() / DEG:.1f} deg/s and "
+            f"{span[3:].max():.2f} m/s^2",
+            fix="give a record at rest, or the part of this one that is with --static FROM:TO",
+        )
+
+
+def _of_record(imu: ImuData, record: EvenRecord) -> list[str]:
+    said = []
+    kinds: dict[str, int] = {}
+    for event in inspect(imu)[1]:
+        kinds[event.action.split(":")[0]] = kinds.get(event.action.split(":")[0], 0) + 1
+    said += [f"{count} times: {what}; still used here" for what, count in kinds.items()]
+    steps, scatter = smallest_step(record.values), record.values.std(axis=0)
+    coarse = np.flatnonzero(steps > COARSE * scatter)
+    for column in coarse:
+        white = white_of_steps(float(steps[column]), record.interval)
+        said.append(
+            f"{AXES[column]} is coarse: one step is {steps[column] / scatter[column]:.1f} times the scatter "
+            f"of the samples and alone makes a random walk of {_random_walk(white, int(column))}"
+        )
+    if imu.temperature is not None:
+        change = float(np.ptp(imu.temperature))
+        if change > WARMING:
+            inside = np.interp(
+                record.start + record.interval * np.arange(len(record.values)), imu.time, imu.temperature
+            )
+            follows = temperature_correlation(record.values, inside)
+            names = ", ".join(f"{AXES[i]} ({follows[i]:+.2f})" for i in np.flatnonzero(np.abs(follows) > FOLLOWS))
+            said.append(
+                f"the temperature changed by {change:.1f} C"
+                + (f", and with it (correlation) {names}: long-term figures are of the room as well" if names else "")
+            )
+    return said
+
+
+def _of_models(
+    models: tuple[NoiseModel | None, ...], floors: tuple[Floor | None, ...], record: EvenRecord
+) -> list[str]:
+    short = [AXES[i] for i, floor in enumerate(floors) if floor is not None and not floor.reached]
+    said = []
+    if short:
+        said.append(
+            f"too short for the bias instability of {', '.join(short)}: the deviation still falls at the end of "
+            f"{record.length:.4g} s"
+        )
+    for i, model in enumerate(models):
+        if model is None:
+            said.append(f"{AXES[i]} never changes: no noise to be seen")
+            continue
+        if model.misfit > MISFIT:
+            said.append(
+                f"{AXES[i]}: no sum of the noise terms follows the curve closer than {0.5 * model.misfit:.0%} of the "
+                "deviation (vibration, a filter in the sensor, temperature); intervals of coefficients allow for it"
+            )
+        if "R" in model.coefficients:
+            said.append(f"{AXES[i]} drifts steadily (rate ramp): warming up, mostly; filters take no notice of it")
+    return said
+
+
+def _random_walk(value: float, column: int) -> str:
+    if column < 3:
+        return f"{value / DEG_PER_SQRT_H:.2g} deg/sqrt(h)"
+    return f"{value / M_S_PER_SQRT_H:.2g} m/s/sqrt(h)"

@@ -1,0 +1,1 @@
+"""Three gyros swept over rates about each axis."""

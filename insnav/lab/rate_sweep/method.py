@@ -1,0 +1,261 @@
+"""Three gyros swept over rates about each axis: the full matrix and bias, then what is left over the rate.
+
+First ``gyro = B w + b`` by least squares, nine coefficients and three biases; the rate is ``inverse(B) (gyro - b)``.
+Then the error of that rate, as a line of straight pieces over it (`piecewise_fit`): ``err = k rate + b`` in each, to be
+taken off. The pieces meet, so the whole is continuous, and every k is far below 1, so it can be undone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import ConfigError, InputError
+from insnav.imu.dynamic_map import AxisMap, DynamicMap
+from insnav.imu.model import ImuErrors
+from insnav.imu.raw_outputs import RawScale
+from insnav.lab.least_squares import Fit, linear_fit
+from insnav.lab.navigation_impact import Calibrated
+from insnav.lab.rate_sweep.checks import FEWEST_FOR_MAP, check_rates, refuse_crossed, saturated, shifted_zeros
+from insnav.lab.rate_sweep.piecewise_fit import Pieces, fit_pieces
+from insnav.lab.single_axis.rate_table import FEWEST, Dropped
+from insnav.types import BoolArray, FloatArray, IntArray
+from insnav.units import DEG
+
+NAMES = ("sensitivity to x", "to y", "to z", "bias")
+ROUNDING = 1e-9  # errors of such a share of the largest rate are those of arithmetic
+
+
+@dataclass(frozen=True, slots=True)
+class SweepCalibration:
+    """What sweeps about three axes show.
+
+    Attributes
+    ----------
+    rate : (n, 3) array
+        Rate of the table in each dwell [rad/s].
+    output : (n, 3) array
+        Mean output of each gyro [unit of the output].
+    raw : bool
+        The output is in volts or counts, not rad/s.
+    own : tuple of (k,) int array
+        Dwells about x alone, about y alone, about z alone.
+    matrix : (3, 3) array
+        B [unit of the output per rad/s].
+    bias : (3,) array
+        b [unit of the output].
+    fits : tuple of Fit
+        Of each gyro: three sensitivities and the bias.
+    used : (n, 3) bool array
+        Which dwells each gyro's fit used.
+    dropped : tuple of (int, Dropped)
+        Gyro and rate [deg/s] left out as saturated.
+    pieces : tuple of Pieces or None
+        Error of the corrected rate of each gyro over that rate [rad/s], None where it is noise about zero.
+    error_line, error_matrix, error_map : (n, 3) array
+        Rate minus that of the table [rad/s]: each gyro by its own bias and scale factor alone, by the full matrix, and
+        with the pieces taken off; NaN where a gyro is saturated.
+    warnings : tuple of str
+    """
+
+    rate: FloatArray
+    output: FloatArray
+    raw: bool
+    own: tuple[IntArray, ...]
+    matrix: FloatArray
+    bias: FloatArray
+    fits: tuple[Fit, ...]
+    used: BoolArray
+    dropped: tuple[tuple[int, Dropped], ...]
+    pieces: tuple[Pieces | None, ...]
+    error_line: FloatArray
+    error_matrix: FloatArray
+    error_map: FloatArray
+    warnings: tuple[str, ...]
+
+    @property
+    def corrected(self) -> FloatArray:
+        """Rate by the matrix, without the pieces, (n, 3) [rad/s]."""
+        return np.asarray(self.rate + self.error_matrix)
+
+
+def calibrate_sweeps(
+    rate: FloatArray, output: FloatArray, sd: FloatArray, *, raw: bool, where: str = ""
+) -> SweepCalibration:
+    """Calibrate three gyros.
+
+    Parameters
+    ----------
+    rate : (n, 3) array
+        Rates of the table about x, y, z [rad/s]; one row a dwell.
+    output : (n, 3) array
+        Mean outputs of gyros x, y, z [rad/s, or volts or counts].
+    sd : (n, 3) array
+        Standard deviations of these means, zero where not known.
+    raw : bool
+        Whether the outputs are in volts or counts.
+    where : str
+        File to name in errors.
+
+    Returns
+    -------
+    SweepCalibration
+
+    Raises
+    ------
+    InputError
+        An axis without a sweep, too few rates, gyros that do not follow the rate about their axis or are not in the
+        unit they are said to be in, or an error so steep that it cannot be undone.
+    """
+    own = tuple(_alone(rate, axis) for axis in range(3))
+    told = check_rates(rate, own, where)
+    used: BoolArray = np.ones(rate.shape, dtype=np.bool_)
+    dropped: list[tuple[int, Dropped]] = []
+    for axis, rows in enumerate(own):
+        lost, items = saturated(np.round(rate[rows, axis] / DEG, 9), output[rows, axis], sd[rows, axis])
+        used[rows[lost], axis] = False
+        dropped += [(axis, item) for item in items]
+        left = np.unique(rate[rows[~lost], axis]).size
+        if left < FEWEST:
+            raise InputError(
+                "too few rates make no calibration",
+                where=where,
+                why=f"{left} rates about {'xyz'[axis]} are not saturated; {FEWEST} are needed",
+                fix="sweep within the range of the gyros",
+            )
+    names = tuple(f"{where}, gyro {axis}" for axis in "xyz")
+    fits = _fits(rate, output, used, names)
+    refuse_crossed(fits, raw, where)
+    pieces = _all_pieces(rate, output, used, fits, names)
+    if any(item is not None for item in pieces):
+        # a gyro of this shape shows B times the bent rate: its matrix is then found without the shape as scatter
+        bent = np.column_stack(
+            [r if p is None else _axis_map(p).inverse(r) for r, p in zip(rate.T, pieces, strict=True)]
+        )
+        fits = _fits(bent, output, used, names)
+        pieces = _all_pieces(rate, output, used, fits, names)
+    matrix, bias, after = _matrix_errors(rate, output, used, fits)
+    final = after.copy()
+    for i, item in enumerate(pieces):
+        if item is not None:
+            final[:, i] -= _axis_map(item).rate_error(rate[:, i] + after[:, i])
+    free = np.where(_complete(used)[:, None], output - bias, np.nan)
+    return SweepCalibration(
+        rate=rate,
+        output=output,
+        raw=raw,
+        own=own,
+        matrix=matrix,
+        bias=bias,
+        fits=fits,
+        used=used,
+        dropped=tuple(dropped),
+        pieces=pieces,
+        error_line=np.asarray(free / np.diag(matrix) - rate),
+        error_matrix=after,
+        error_map=final,
+        warnings=(*told, *shifted_zeros(after, own)),
+    )
+
+
+def sweep_uncertainty(found: SweepCalibration, unit: str, name: str = "") -> Calibrated:
+    """Make the calibration and put its uncertainty beside it.
+
+    Parameters
+    ----------
+    found : SweepCalibration
+    unit : str
+        Of the outputs.
+    name : str
+        What was calibrated.
+    """
+    maps = tuple(None if item is None else _axis_map(item) for item in found.pieces)
+    gyro_map = DynamicMap(*maps) if any(item is not None for item in maps) else None
+    bias_sd = np.array([fit.sd[3] for fit in found.fits])
+    matrix_sd = np.array([fit.sd[:3] for fit in found.fits])
+    spread = tuple(None if item is None else item.covariance for item in found.pieces)
+    if not found.raw:
+        errors = ImuErrors(found.bias, found.matrix, name=name, gyro_map=gyro_map)
+        return Calibrated(errors, gyro_bias_sd=bias_sd, gyro_matrix_sd=matrix_sd, gyro_map_covariance=spread)
+    scale = np.diag(found.matrix).copy()
+    errors = ImuErrors(
+        gyro_matrix=found.matrix / scale[:, None],
+        gyro_raw=RawScale(unit, found.bias, scale),
+        gyro_map=gyro_map,
+        name=name,
+    )
+    size = np.abs(scale)
+    return Calibrated(
+        errors, gyro_bias_sd=bias_sd / size, gyro_matrix_sd=matrix_sd / size[:, None], gyro_map_covariance=spread
+    )
+
+
+def rms(errors: FloatArray) -> float:
+    """Root mean square of what is not NaN."""
+    return float(np.sqrt(np.nanmean(np.square(errors))))
+
+
+def _alone(rate: FloatArray, axis: int) -> IntArray:
+    """Dwells about one axis alone; at rest counts for all."""
+    return np.flatnonzero(~np.delete(rate, axis, axis=1).any(axis=1))
+
+
+def _axis_map(item: Pieces) -> AxisMap:
+    return AxisMap(item.knot, item.value)
+
+
+def _complete(used: BoolArray) -> BoolArray:
+    """Dwells in which no gyro is saturated."""
+    return np.asarray(np.logical_and.reduce(used, axis=1), dtype=np.bool_)
+
+
+def _fits(rate: FloatArray, output: FloatArray, used: BoolArray, names: Sequence[str]) -> tuple[Fit, ...]:
+    design = np.column_stack((rate, np.ones(len(rate))))
+    return tuple(
+        linear_fit(design[good], column[good], NAMES, where=name)
+        for good, column, name in zip(used.T, output.T, names, strict=True)
+    )
+
+
+def _matrix_errors(
+    rate: FloatArray, output: FloatArray, used: BoolArray, fits: Sequence[Fit]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Matrix, bias, and the error of the rate by these, NaN where a gyro is saturated."""
+    matrix, bias = np.array([fit.value[:3] for fit in fits]), np.array([fit.value[3] for fit in fits])
+    free = np.where(_complete(used)[:, None], output - bias, np.nan)
+    return matrix, bias, np.asarray(np.linalg.solve(matrix, free.T).T - rate)
+
+
+def _all_pieces(
+    rate: FloatArray, output: FloatArray, used: BoolArray, fits: Sequence[Fit], names: Sequence[str]
+) -> tuple[Pieces | None, ...]:
+    after = _matrix_errors(rate, output, used, fits)[2]
+    good = _complete(used)
+    return tuple(_pieces(rate[good, i], after[good, i], name) for i, name in enumerate(names))
+
+
+def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
+    """Straight pieces through the mean error at each rate, if there is more than noise about a straight line.
+
+    The dwells of the other sweeps all are at zero, so the error at rest weighs most.
+    """
+    different, which = np.unique(rate, return_inverse=True)
+    if different.size < FEWEST_FOR_MAP or np.abs(error).max() < ROUNDING * np.abs(rate).max():
+        return None
+    count = np.bincount(which).astype(np.float64)
+    mean = np.bincount(which, error) / count
+    found = fit_pieces(different + mean, mean, count)
+    if found.straight:
+        return None
+    try:
+        _axis_map(found)
+    except ConfigError as problem:
+        raise InputError(
+            "the error of a gyro over the rate cannot be compensated",
+            where=where,
+            why=problem.why or problem.what,
+            fix="the gyro is saturated or broken, or the rates of the table are not what the file says",
+        ) from None
+    return found

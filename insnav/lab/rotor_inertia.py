@@ -1,0 +1,247 @@
+"""Moment of inertia of a gyroscope's rotor two ways: a falling weight that spins it up, and its precession.
+
+Falling weight m on a cord round radius r: energy gives ``m g h = (m v^2 + I w^2) / 2`` with ``v = r w``, and constant
+acceleration ``h = v t / 2``, so ``t^2 = 2 h (I + m r^2) / (m g r^2)``. Precession under a weight m at arm R:
+``w_P = m g R / (I w_R)``, so ``w_R = m g R T_P / (2 pi I)``. H. Goldstein, Classical Mechanics, 3rd ed. (2002),
+sections 5.7 and 5.8 (fast top).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.interpret.schema import Quantity
+from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
+from insnav.lab.least_squares import Fit, coverage_factor, linear_fit, outliers
+from insnav.types import FloatArray
+
+FALL = (
+    Quantity("height", "height_m", "length", "m", ("height", "h", "drop", "fall", "fallheight")),
+    Quantity("fall_time", "fall_time_s", "time", "s", ("falltime", "duration", "droptime")),
+)
+PRECESSION = (
+    Quantity("period", "precession_period_s", "time", "s", ("precessionperiod", "period", "tp")),
+    Quantity("rotor_rate", "rotor_rate_rad_s", "rate", "rad/s", ("rotorrate", "spin", "rotorspeed", "spinrate", "wr")),
+)
+WORST = 0.1  # relative uncertainty of a slope that still is one
+SLOW = 10.0  # the rotor must turn so much faster than it precesses for the formula to hold
+
+
+@dataclass(frozen=True, slots=True)
+class Inertia:
+    """Moment of inertia by one method.
+
+    Attributes
+    ----------
+    method : str
+        In words.
+    value, sd : float
+        [kg m^2].
+    half_width : float
+        Half its 95 % interval [kg m^2].
+    fit : Fit
+        Of the slope alone, through the origin.
+    x, y : (n,) array
+        What was fitted: height [m] and squared time [s^2], or period [s] and rotor rate [rad/s].
+    warnings : tuple of str
+    """
+
+    method: str
+    value: float
+    sd: float
+    half_width: float
+    fit: Fit
+    x: FloatArray
+    y: FloatArray
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Whether two results agree.
+
+    Attributes
+    ----------
+    difference, sd : float
+        First minus second, and its standard deviation [kg m^2].
+    limit : float
+        Largest difference that their uncertainties explain, 95 % [kg m^2].
+    mean, mean_sd : float
+        Weighted mean and its standard deviation [kg m^2]; of no use where they disagree.
+    """
+
+    difference: float
+    sd: float
+    limit: float
+    mean: float
+    mean_sd: float
+
+    @property
+    def agree(self) -> bool:
+        """Whether the difference is within the limit."""
+        return abs(self.difference) <= self.limit
+
+
+def read_fall(path: str | Path) -> BenchTable:
+    """Read heights and times of a falling weight."""
+    return read_bench(path, FALL, ("height", "fall_time"), alternatives={"fall_time": "time"})
+
+
+def read_precession(path: str | Path) -> BenchTable:
+    """Read precession periods and rotor rates."""
+    return read_bench(path, PRECESSION, ("period", "rotor_rate"))
+
+
+def inertia_from_fall(
+    height: FloatArray, time: FloatArray, mass: float, radius: float, gravity: float, *, where: str = ""
+) -> Inertia:
+    """Moment of inertia from a falling weight.
+
+    Parameters
+    ----------
+    height : (n,) array
+        Heights [m].
+    time : (n,) array
+        Times of fall [s].
+    mass : float
+        Of the weight [kg].
+    radius : float
+        Of the drum the cord is wound on [m].
+    gravity : float
+        [m/s^2].
+    where : str
+        File to name in errors.
+
+    Raises
+    ------
+    InputError
+        Values that are not positive, too few, or a fall faster than free.
+    """
+    _positive(where, height=height, fall_time=time)
+    squared = time**2
+    if (squared <= 2.0 * height / gravity).any():
+        row = int(np.argmax(squared <= 2.0 * height / gravity))
+        raise InputError(
+            "a weight falls faster than free",
+            where=f"{where}, row {row + 1}",
+            why=f"{height[row]:g} m in {time[row]:g} s; free fall takes {math.sqrt(2.0 * height[row] / gravity):.3g} s",
+            fix="check the units, and whether height and time are exchanged",
+        )
+    fit = _slope(height, squared, where)
+    lever = 0.5 * mass * gravity * radius**2
+    value = float(fit.value[0]) * lever - mass * radius**2
+    said = _suspicions(fit, height, squared, "the weight was not released from rest, or friction brakes it")
+    sd, half = float(fit.sd[0]) * lever, float(fit.half_width()[0]) * lever
+    return Inertia("falling weight", value, sd, half, fit, height, squared, said)
+
+
+def inertia_from_precession(
+    period: FloatArray, rate: FloatArray, mass: float, arm: float, gravity: float, *, where: str = ""
+) -> Inertia:
+    """Moment of inertia from precession.
+
+    Parameters
+    ----------
+    period : (n,) array
+        Precession periods [s].
+    rate : (n,) array
+        Rates of the rotor [rad/s].
+    mass : float
+        Of the added weight [kg].
+    arm : float
+        Its distance from the support [m].
+    gravity : float
+        [m/s^2].
+    where : str
+        File to name in errors.
+
+    Raises
+    ------
+    InputError
+        Values that are not positive, too few, or a rotor that is not fast.
+    """
+    _positive(where, precession_period=period, rotor_rate=rate)
+    ratio = rate * period / (2.0 * math.pi)
+    if (ratio < SLOW).any():
+        row = int(np.argmin(ratio))
+        raise InputError(
+            "the rotor is too slow for the formula of precession",
+            where=f"{where}, row {row + 1}",
+            why=f"it turns {ratio[row]:.3g} times in one precession; {SLOW:g} times are needed",
+            fix="check the units (rotor_rate_rpm, rotor_rate_rad_s), or spin it faster",
+        )
+    fit = _slope(period, rate, where)
+    torque = mass * gravity * arm / (2.0 * math.pi)
+    value = torque / float(fit.value[0])
+    relative = float(fit.sd[0] / fit.value[0])
+    if relative > WORST:
+        raise InputError(
+            "the rotor rate does not follow the precession period",
+            where=where,
+            why=f"slope {float(fit.value[0]):.4g} ± {float(fit.sd[0]):.2g} rad/s per s",
+            fix="each row needs the rotor rate at the time of its precession",
+        )
+    said = _suspicions(fit, period, rate, "the rotor slows down, or the gyroscope is not balanced without the weight")
+    half = value * relative * coverage_factor(fit.dof)
+    return Inertia("precession", value, value * relative, half, fit, period, rate, said)
+
+
+def agreement(first: Inertia, second: Inertia) -> Agreement:
+    """Compare two moments of inertia.
+
+    The number of degrees of freedom of their difference is that of Welch and Satterthwaite: ISO/IEC Guide 98-3 (2008),
+    eq. G.2b.
+
+    Parameters
+    ----------
+    first, second : Inertia
+    """
+    difference, sd = first.value - second.value, math.hypot(first.sd, second.sd)
+    if sd == 0.0:
+        return Agreement(difference, 0.0, 0.0, first.value, 0.0)
+    dof = sd**4 / (first.sd**4 / first.fit.dof + second.sd**4 / second.fit.dof)
+    if first.sd == 0.0 or second.sd == 0.0:
+        mean, mean_sd = (first.value if first.sd == 0.0 else second.value), 0.0
+    else:
+        weights = np.array([first.sd, second.sd]) ** -2.0
+        mean = float(weights @ [first.value, second.value] / weights.sum())
+        mean_sd = float(weights.sum() ** -0.5)
+    return Agreement(difference, sd, sd * coverage_factor(dof), mean, mean_sd)
+
+
+def _slope(x: FloatArray, y: FloatArray, where: str) -> Fit:
+    if np.unique(x).size < 3:
+        raise InputError(
+            "too few different values make no line",
+            where=where,
+            why=f"there are {np.unique(x).size}; three are needed, five or more are better",
+            fix="measure at more heights or rotor rates",
+        )
+    return linear_fit(x[:, None], y, ("slope",), where=where)
+
+
+def _suspicions(fit: Fit, x: FloatArray, y: FloatArray, cause: str) -> tuple[str, ...]:
+    """Say if the points do not lie on a line through the origin, or one not with the others."""
+    said = []
+    if x.size > 3:
+        free = linear_fit(np.column_stack((np.ones_like(x), x)), y, ("intercept", "slope"))
+        if abs(free.value[0]) > free.half_width(0.99)[0]:
+            said.append(f"the line misses the origin by {abs(free.value[0]) / free.sd[0]:.1f} sd: {cause}")
+    if x.size < 5:
+        said.append(f"only {x.size} measurements: the uncertainty itself is uncertain")
+    said += [f"measurement {row + 1} does not belong to the others" for row in outliers(fit, x[:, None])]
+    return tuple(said)
+
+
+def _positive(where: str, **columns: FloatArray) -> None:
+    for name, values in columns.items():
+        if not (values > 0.0).all():
+            row = int(np.argmin(values > 0.0))
+            raise InputError(
+                f"{name} must be positive", where=f"{where}, row {row + 1}", why=f"it is {float(values[row]):g}"
+            )

@@ -1,0 +1,1 @@
+"""One sensor at a time: the rate table and the tumble test."""

@@ -1,0 +1,244 @@
+"""Scale factor and zero of a gyro on a rate table: a straight line through its output, saturated rates left out.
+
+U = U0 + K w + v, U the output, w the rate of the table. A sensor leaves the line at the ends of its range first, so the
+line grows from the middle outwards: a rate is taken in while it agrees with the line through those before, and once one
+does not, nothing beyond it on that side counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
+from insnav.types import BoolArray, FloatArray
+
+FALSE_ALARM = 0.01  # probability that detection drops anything from a record without saturation
+FEWEST = 5  # rates that make a line and show how good it is
+NAMES = ("zero U0", "scale factor K")
+
+
+@dataclass(frozen=True, slots=True)
+class Dropped:
+    """A rate that was left out, and why.
+
+    Attributes
+    ----------
+    rate : float
+        Rate of the table.
+    residual : float
+        Output minus that of the line.
+    limit : float
+        Largest residual that chance explains.
+    reason : str
+        In words.
+    """
+
+    rate: float
+    residual: float
+    limit: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class RateTable:
+    """Scale factor and zero of one gyro. Rates are in the unit they were given in.
+
+    Attributes
+    ----------
+    rate, output : (n,) array
+        What was measured.
+    used : (n,) bool array
+        Which of it the fit used.
+    fit : Fit
+        Zero and scale factor over all used rates.
+    forward, reverse : Fit or None
+        The same of positive and of negative rates alone, zero in both; None where there are fewer than three.
+    dropped : tuple of Dropped
+        Rates left out.
+    """
+
+    rate: FloatArray
+    output: FloatArray
+    used: BoolArray
+    fit: Fit
+    forward: Fit | None
+    reverse: Fit | None
+    dropped: tuple[Dropped, ...]
+
+    @property
+    def average(self) -> tuple[FloatArray, FloatArray] | None:
+        """Mean of the zero and scale factor of both senses of rotation and its standard deviation, (2,) each.
+
+        Dwells at rest are in both senses, so that the two are not independent.
+        """
+        if self.forward is None or self.reverse is None:
+            return None
+        weights, squares, dof = np.zeros((2, self.rate.size)), 0.0, 0
+        for fit, sense in ((self.forward, self.rate >= 0.0), (self.reverse, self.rate <= 0.0)):
+            rows = self.used & sense
+            weights[:, rows] += 0.5 * np.linalg.pinv(np.column_stack((np.ones(rows.sum()), self.rate[rows])))
+            squares, dof = squares + fit.dof * fit.sigma**2, dof + fit.dof
+        mean = 0.5 * (self.forward.value + self.reverse.value)
+        return mean, np.asarray(np.sqrt(squares / dof) * np.linalg.norm(weights, axis=1))
+
+    @property
+    def asymmetry(self) -> float | None:
+        """Scale factor forward minus reverse, as a share of their mean [-]."""
+        if self.forward is None or self.reverse is None:
+            return None
+        ahead, back = self.forward.value[1], self.reverse.value[1]
+        return float(2.0 * (ahead - back) / (ahead + back))
+
+
+def calibrate_rate_table(
+    rate: FloatArray, output: FloatArray, keep: tuple[float, float] | None = None, *, where: str = ""
+) -> RateTable:
+    """Fit zero and scale factor.
+
+    Parameters
+    ----------
+    rate : (n,) array
+        Rates of the table, in any unit.
+    output : (n,) array
+        Output at each, in volts or counts.
+    keep : (float, float), optional
+        Smallest and largest rate to use; by default saturated rates are found and left out.
+    where : str
+        Place to name in the error.
+
+    Returns
+    -------
+    RateTable
+
+    Raises
+    ------
+    InputError
+        Too few rates, columns that seem to be exchanged, or a sensor that does not respond.
+    """
+    _refuse_nonsense(rate, output, where)
+    used, dropped = _within(rate, keep) if keep is not None else _linear_part(rate, output, where)
+    if np.count_nonzero(used) < FEWEST:
+        raise InputError(
+            "too few rates make no calibration",
+            where=where,
+            why=f"{np.count_nonzero(used)} of {rate.size} are left; {FEWEST} are needed",
+            fix="measure at more rates, on both sides of zero" + ("" if keep is None else ", or widen --range"),
+        )
+    fit = _line(rate[used], output[used], where)
+    if abs(fit.value[1]) < 5.0 * fit.sd[1]:
+        raise InputError(
+            "the output does not follow the rate",
+            where=where,
+            why=f"scale factor {fit.value[1]:.3g} ± {fit.sd[1]:.2g}, residuals up to {np.abs(fit.residual).max():.3g}",
+            fix="check that the columns of rate and output are what their headers say",
+        )
+    if keep is not None:
+        dropped = tuple(_outside(item, r, u, fit) for item, r, u in _pairs(dropped, rate, output, used))
+    return RateTable(
+        rate,
+        output,
+        used,
+        fit,
+        _one_sense(rate, output, used & (rate >= 0.0), where),
+        _one_sense(rate, output, used & (rate <= 0.0), where),
+        dropped,
+    )
+
+
+def prediction_limit(fit: Fit, rate: float, probability: float) -> float:
+    """How far a further measurement may lie from the line by chance.
+
+    Parameters
+    ----------
+    fit : Fit
+        A line, from `calibrate_rate_table`.
+    rate : float
+        Rate of the measurement.
+    probability : float
+        Of lying further, two-sided. Seber and Lee, Linear Regression Analysis, section 5.3.1.
+    """
+    row = np.array([1.0, rate])
+    return float(coverage_factor(fit.dof, 1.0 - probability) * np.sqrt(fit.sigma**2 + row @ fit.covariance @ row))
+
+
+def _line(rate: FloatArray, output: FloatArray, where: str) -> Fit:
+    return linear_fit(np.column_stack((np.ones_like(rate), rate)), output, NAMES, where=where)
+
+
+def _one_sense(rate: FloatArray, output: FloatArray, chosen: BoolArray, where: str) -> Fit | None:
+    return _line(rate[chosen], output[chosen], where) if np.unique(rate[chosen]).size >= 3 else None
+
+
+def _linear_part(rate: FloatArray, output: FloatArray, where: str) -> tuple[BoolArray, tuple[Dropped, ...]]:
+    """Grow the line from the inner half of the rates outwards; what leaves it, and all beyond, is dropped."""
+    order = np.argsort(np.abs(rate), kind="stable")
+    core = max(FEWEST, order.size // 2)
+    used = np.zeros(rate.size, dtype=np.bool_)
+    used[order[:core]] = True
+    dropped: list[Dropped] = []
+    closed: dict[bool, float] = {}  # sense of rotation: the rate at which the line was left
+    outer = order[core:]
+    for i in outer:
+        sense = bool(rate[i] > 0.0)
+        fit = _line(rate[used], output[used], where)
+        residual = float(output[i] - fit.value @ [1.0, rate[i]])
+        limit = prediction_limit(fit, float(rate[i]), FALSE_ALARM / outer.size)
+        if sense in closed:
+            reason = f"beyond {closed[sense]:+g}, where the output left the straight line"
+            if abs(residual) <= limit:
+                reason += " (it is back by chance)"
+        elif abs(residual) > limit:
+            closed[sense] = float(rate[i])
+            weaker = residual * rate[i] * fit.value[1] < 0.0
+            reason = "saturated: the output falls short of" if weaker else "not linear: the output exceeds"
+            reason += f" the line by {abs(residual) / fit.sigma:.0f} sd of the fit"
+        else:
+            used[i] = True
+            continue
+        dropped.append(Dropped(float(rate[i]), residual, limit, reason))
+    return used, tuple(sorted(dropped, key=lambda item: item.rate))
+
+
+def _within(rate: FloatArray, keep: tuple[float, float]) -> tuple[BoolArray, tuple[Dropped, ...]]:
+    used = (rate >= keep[0]) & (rate <= keep[1])
+    told = f"outside the range given, {keep[0]:g} to {keep[1]:g}"
+    return used, tuple(Dropped(float(r), np.nan, np.nan, told) for r in rate[~used])
+
+
+def _pairs(
+    dropped: tuple[Dropped, ...], rate: FloatArray, output: FloatArray, used: BoolArray
+) -> list[tuple[Dropped, float, float]]:
+    return list(zip(dropped, rate[~used].tolist(), output[~used].tolist(), strict=True))
+
+
+def _outside(item: Dropped, rate: float, output: float, fit: Fit) -> Dropped:
+    residual = float(output - fit.value @ [1.0, rate])
+    return Dropped(rate, residual, prediction_limit(fit, rate, FALSE_ALARM), item.reason)
+
+
+def _refuse_nonsense(rate: FloatArray, output: FloatArray, where: str) -> None:
+    if not (np.isfinite(rate).all() and np.isfinite(output).all()):
+        bad = int(np.argmin(np.isfinite(rate) & np.isfinite(output)))
+        raise InputError("a value is missing", where=where, why=f"row {bad + 1} has an empty cell")
+    if np.unique(rate).size < FEWEST:
+        raise InputError(
+            "too few rates make no calibration",
+            where=where,
+            why=f"there are {np.unique(rate).size} different rates; {FEWEST} are needed",
+            fix="measure at more rates, on both sides of zero",
+        )
+    if _commanded(output) and not _commanded(rate):
+        raise InputError(
+            "the columns of rate and output seem to be exchanged",
+            where=where,
+            why="the outputs are round numbers, as commanded rates are, and the rates are not",
+            fix="exchange the headers, or say which is which with --columns rate=HEADER,output=HEADER",
+        )
+
+
+def _commanded(values: FloatArray) -> bool:
+    """Whether all values are multiples of a hundredth of a degree, as somebody types them in."""
+    return bool(np.allclose(np.round(values, 2), values, rtol=0.0, atol=1e-9))

@@ -1,0 +1,130 @@
+"""An accelerometer tumbled in gravity: bias, scale factor, second-order term and cross-coupling.
+
+U = K0 + K1 ai + K2 ai^2 + K3 ai ao with ai = sin(theta) along and ao = cos(theta) across the input axis, in units of
+local gravity; the model of IEEE Std 1293, section on the multipoint tumble test, without its third-order terms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.lab.least_squares import Fit, linear_fit, outliers
+from insnav.types import FloatArray
+from insnav.units import DEG
+
+NAMES = ("bias K0", "scale factor K1", "second order K2", "cross-coupling K3")
+FEWEST = 6  # positions: four unknowns, and something left to judge them by
+USUAL = 12
+EVEN = 0.25  # positions may be off even spacing by this share of it
+
+
+@dataclass(frozen=True, slots=True)
+class Tumble:
+    """Model of one accelerometer.
+
+    Attributes
+    ----------
+    angle : (n,) array
+        Angle of the input axis above the horizontal [rad].
+    output : (n,) array
+        Output at each position, in volts or counts.
+    fit : Fit
+        K0, K1, K2, K3 in the unit of the output over powers of g.
+    suspicious : tuple of int
+        Rows whose residual chance does not explain.
+    """
+
+    angle: FloatArray
+    output: FloatArray
+    fit: Fit
+    suspicious: tuple[int, ...]
+
+
+def tumble_design(angle: FloatArray) -> FloatArray:
+    """What each position shows of K0, K1, K2, K3.
+
+    Parameters
+    ----------
+    angle : (n,) array
+        [rad].
+
+    Returns
+    -------
+    (n, 4) array
+    """
+    along, across = np.sin(angle), np.cos(angle)
+    return np.column_stack((np.ones_like(angle), along, along**2, along * across))
+
+
+def calibrate_tumble(angle: FloatArray, output: FloatArray, *, where: str = "") -> Tumble:
+    """Fit the model.
+
+    Parameters
+    ----------
+    angle : (n,) array
+        Angle of the input axis above the horizontal [rad], evenly spaced over the circle.
+    output : (n,) array
+        Output at each, in volts or counts.
+    where : str
+        Place to name in the error.
+
+    Returns
+    -------
+    Tumble
+
+    Raises
+    ------
+    InputError
+        A position is missing, the angles look like another unit, or the output does not follow gravity.
+    """
+    _refuse_uneven(angle, where)
+    design = tumble_design(angle)
+    fit = linear_fit(design, output, NAMES, where=where)
+    if abs(fit.value[1]) < 5.0 * fit.sd[1]:
+        raise InputError(
+            "the output does not follow gravity",
+            where=where,
+            why=f"scale factor {fit.value[1]:.3g} ± {fit.sd[1]:.2g} a g",
+            fix="angles are those of the input axis above the horizontal: 0 level, 90 up; check the columns",
+        )
+    return Tumble(angle, output, fit, outliers(fit, design))
+
+
+def _refuse_uneven(angle: FloatArray, where: str) -> None:
+    if not np.isfinite(angle).all():
+        raise InputError("an angle is missing", where=where, why=f"row {int(np.argmin(np.isfinite(angle))) + 1}")
+    places = np.unique(np.round(np.mod(angle, 2.0 * np.pi), 9))
+    if places.size < FEWEST:
+        raise InputError(
+            "too few positions make no tumble test",
+            where=where,
+            why=f"there are {places.size} different angles; {FEWEST} are needed, {USUAL} usual",
+            fix="measure every 30 deg",
+        )
+    if np.ptp(angle) < 10.0 * DEG:
+        raise InputError(
+            "these angles are not degrees",
+            where=where,
+            why=f"they span {np.ptp(angle) / DEG:.3g} deg, and a full turn is needed",
+            fix="name the column by its unit: angle_rad or angle_deg",
+        )
+    gaps = np.diff(places, append=places[0] + 2.0 * np.pi)
+    step = float(np.median(gaps))
+    wide = np.flatnonzero(gaps > (1.0 + EVEN) * step)
+    if wide.size:
+        missing = [
+            f"{np.mod((places[i] + step * (k + 1)) / DEG, 360.0):.4g}"
+            for i in wide
+            for k in range(max(1, round(float(gaps[i]) / step) - 1))
+        ]
+        shown = ", ".join(missing[:8]) + (" …" if len(missing) > 8 else "")
+        raise InputError(
+            "a position is missing",
+            where=where,
+            why=f"the angles are {step / DEG:.4g} deg apart but for {wide.size} wider gaps: without balance over the "
+            "circle every term takes up a part of the others",
+            fix=f"measure at {shown} deg too; if the file has all positions, its columns may be exchanged",
+        )

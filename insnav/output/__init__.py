@@ -1,0 +1,1 @@
+"""Files out: run folders, tables, tracks and data files, complete or absent."""

@@ -1,0 +1,297 @@
+"""The run folder: built aside, complete or absent, with a digest of every file in it.
+
+The folder is made as ``.NAME.tmp-PID`` beside its target and renamed when everything is on the disk, so
+whatever stops the program, the target is either what it was before or complete.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import glob
+import json
+import os
+import re
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from insnav.exceptions import InputError, OutputError
+from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts, verify_folder
+
+__all__ = ["FACTS_FILE", "RunFolder", "file_sha256", "read_facts", "verify_folder"]
+
+_DROPPINGS = {".DS_Store", "Thumbs.db", "desktop.ini"}  # left by file managers, nobody's work
+_FULL = {
+    errno.ENOSPC: "the disk is full",
+    errno.EFBIG: "a file may not grow that large",
+    errno.EDQUOT: "quota used up",
+}
+_MARK = re.compile(r"\.(tmp|old)-(\d+)$")
+
+
+class RunFolder:
+    """A folder that appears at its target only when `commit` has succeeded.
+
+    Use it as a context manager around the whole work: everything that could keep the result from being
+    written is checked on entry, and leaving without `commit`, for any reason, leaves the target as it was.
+
+    Parameters
+    ----------
+    target : Path
+        The folder to make. A symbolic link is followed.
+    force : bool
+        Replace an existing run folder.
+
+    Raises
+    ------
+    OutputError
+        On entry: no parent folder, no permission, a file in the way, an existing folder without `force`, or
+        with `force` a folder that holds anything but a run. Later: disk full, or the target has
+        appeared meanwhile.
+    """
+
+    def __init__(self, target: Path, *, force: bool) -> None:
+        self.target = target
+        self.force = force
+        self._place = target
+        self._aside = target
+        self._committing = self._committed = False
+
+    def __enter__(self) -> Self:
+        self._place = _resolved(self.target)
+        with contextlib.suppress(OSError):
+            _clean_stale(self._place)
+        _check_target(self._place, force=self.force)
+        self._aside = _beside(self._place, "tmp")
+        try:
+            if self._aside.exists():  # left by a dead process that had our number
+                shutil.rmtree(self._aside)
+            self._aside.mkdir()
+        except OSError as error:
+            raise OutputError(
+                "cannot write a run folder here",
+                where=str(self._place.parent),
+                why=error.strerror or str(error),
+                fix="choose a folder you may write to with --out",
+            ) from error
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._committed:
+            return
+        written = _bytes_in(self._aside)
+        free = _bytes_free(self._place.parent)
+        shutil.rmtree(self._aside, ignore_errors=True)
+        if isinstance(error, OSError):
+            failure = self._explained(error, written, free)
+            if failure is not None:
+                raise failure from error
+
+    @property
+    def directory(self) -> Path:
+        """Where to write the files, until `commit`."""
+        return self._aside
+
+    def path(self, name: str) -> Path:
+        """Name the place of a file of the result; folders on the way are made.
+
+        Parameters
+        ----------
+        name : str
+            Relative to the run folder, such as ``figures/track.png``.
+
+        Raises
+        ------
+        OutputError
+            The name leads out of the folder, or is that of the facts, which `commit` writes.
+        """
+        path = Path(os.path.normpath(self._aside / name))
+        if path == self._aside or not path.is_relative_to(self._aside) or name == FACTS_FILE:
+            raise OutputError(f"{name!r} is not a name for a file of the result", where=str(self._place))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def commit(self, facts: Mapping[str, Any]) -> Path:
+        """Write ``run.json`` last, bring everything to the disk and move the folder to its target.
+
+        Parameters
+        ----------
+        facts : mapping
+            JSON-ready; ``files``, the size and SHA-256 digest of every other file, is added.
+
+        Returns
+        -------
+        Path
+            The finished folder.
+
+        Raises
+        ------
+        OutputError
+            The target appeared meanwhile.
+        """
+        self._committing = True
+        files = {
+            name: {"bytes": path.stat().st_size, "sha256": file_sha256(path)}
+            for name, path in files_in(self._aside).items()
+        }
+        text = json.dumps({**facts, "files": files}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        (self._aside / FACTS_FILE).write_text(text, encoding="utf-8", newline="\n")
+        _sync_tree(self._aside)
+        self._move_into_place()
+        self._committed = True
+        return self._place
+
+    def _move_into_place(self) -> None:
+        old = _beside(self._place, "old")
+        replacing = self._place.exists()
+        if replacing:
+            _check_target(self._place, force=self.force)
+            self._place.rename(old)
+        try:
+            self._aside.rename(self._place)
+        except OSError as error:
+            if replacing:
+                old.rename(self._place)
+            raise OutputError(
+                "the run folder cannot be moved into its place",
+                where=str(self._place),
+                why=error.strerror or str(error),
+                fix="choose another folder with --out",
+            ) from error
+        _sync(self._place.parent)
+        if replacing:
+            shutil.rmtree(old, ignore_errors=True)
+
+    def _explained(self, error: OSError, written: int, free: int) -> OutputError | None:
+        """Explain a failure to write the result; None if the `OSError` came from elsewhere."""
+        ours = error.filename is not None and str(error.filename).startswith(str(self._aside))
+        if error.errno not in _FULL and not ours and not self._committing:
+            return None
+        return OutputError(
+            "the result cannot be written",
+            where=str(self._place),
+            why=f"{_FULL.get(error.errno or 0, error.strerror or str(error))}: needs more than the "
+            f"{written} bytes written so far, {free} bytes were free then",
+            fix="make room or choose another disk with --out; --format parquet needs a third of the space",
+        )
+
+
+def _resolved(target: Path) -> Path:
+    try:
+        return target.resolve()
+    except (OSError, RuntimeError) as error:
+        raise OutputError("the output folder cannot be found", where=str(target), why=str(error)) from error
+
+
+def _check_target(place: Path, *, force: bool) -> None:
+    where = str(place)
+    if not place.name or Path.cwd().is_relative_to(place):
+        raise OutputError(
+            "the output folder would replace the folder you are in",
+            where=where,
+            fix="give a new name to --out",
+        )
+    if not place.parent.is_dir():
+        raise OutputError(
+            "the parent of the output folder does not exist",
+            where=where,
+            fix=f"make it: mkdir -p {place.parent}",
+        )
+    if not os.access(place.parent, os.W_OK | os.X_OK):
+        raise OutputError(
+            "cannot write a run folder here",
+            where=str(place.parent),
+            why="no permission to write",
+            fix="choose a folder you may write to with --out",
+        )
+    if not place.exists():
+        return
+    if not place.is_dir():
+        raise OutputError("the output folder is a file", where=where, fix="give another name to --out")
+    if not force:
+        raise OutputError(
+            "the output folder exists already",
+            where=where,
+            fix="add --force to replace it, or give another --out",
+        )
+    foreign = _foreign_files(place)
+    if foreign:
+        raise OutputError(
+            "--force replaces only run folders, and this one holds something else",
+            where=where,
+            why="not written by insnav: " + ", ".join(foreign[:3]) + (", …" if len(foreign) > 3 else ""),
+            fix="move these files away or give another --out",
+        )
+
+
+def _foreign_files(place: Path) -> list[str]:
+    """Names of the files in a folder that no run has written there."""
+    found = [name for name in files_in(place) if Path(name).name not in _DROPPINGS]
+    try:
+        listed = read_facts(place)["files"]
+    except InputError:
+        return found + ([FACTS_FILE] if (place / FACTS_FILE).exists() else [])
+    return [name for name in found if name not in listed]
+
+
+def _beside(place: Path, kind: str) -> Path:
+    return place.with_name(f".{place.name}.{kind}-{os.getpid()}")
+
+
+def _clean_stale(place: Path) -> None:
+    """Remove what dead processes left beside a target; bring back a result caught between two renames."""
+    for path in place.parent.glob(f".{glob.escape(place.name)}.*-*"):
+        mark = _MARK.search(path.name)
+        if mark is None or path.name[1 : mark.start()] != place.name or _alive(int(mark[2])):
+            continue
+        if mark[1] == "old" and not place.exists():
+            path.rename(place)
+        else:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def _alive(pid: int) -> bool:
+    if os.name == "nt":  # signal 0 is Ctrl-C there
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
+
+
+def _bytes_in(folder: Path) -> int:
+    with contextlib.suppress(OSError):
+        return sum(p.stat().st_size for p in folder.rglob("*") if p.is_file())
+    return 0
+
+
+def _bytes_free(folder: Path) -> int:
+    with contextlib.suppress(OSError):
+        return shutil.disk_usage(folder).free
+    return 0
+
+
+def _sync_tree(folder: Path) -> None:
+    for path in (*folder.rglob("*"), folder):
+        _sync(path)
+
+
+def _sync(path: Path) -> None:
+    if path.is_dir() and os.name == "nt":  # a folder cannot be opened there
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,233 @@
+"""The figures of merit of one recording: navigate it, take fixes away, let it go free, and compare with the truth."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from insnav.errors.metrics import TrajectoryErrors, nees, position_errors
+from insnav.filter.navigate import navigate_recording
+from insnav.regression.accuracy_metrics import METRICS
+from insnav.regression.cases import Material
+from insnav.regression.windows import free_inertial, rms, without_gps
+from insnav.types import BoolArray, FloatArray, Run, Trajectory
+from insnav.units import DEG
+
+SLICES = 8  # of a recording, in each of which predicted and actual error are compared
+_SHORTEST = 0.2  # a last piece shorter than this share of the others belongs to the one before
+_LOOP = 400  # turns of the calibration loop
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What one recording comes to.
+
+    Attributes
+    ----------
+    values : dict of str to (n,) array
+        By metric: one value a recording, or one for each of its pieces.
+    growth : (6, 3) array
+        At each of `insnav.regression.windows.GROWTH` the number of windows, the sum of squared horizontal errors
+        [m^2], and that of the predicted variances [m^2].
+    spread : (8, 9, 2) array
+        In each slice of the recording and for N, E, D position [m], velocity [m/s], roll, pitch, heading [deg] the mean
+        squared error and the mean stated variance; NaN where not known.
+    """
+
+    values: dict[str, FloatArray]
+    growth: FloatArray
+    spread: FloatArray
+
+
+def measure(material: Material) -> Measured:
+    """Navigate a recording in every way and sum up the errors.
+
+    Parameters
+    ----------
+    material : Material
+
+    Returns
+    -------
+    Measured
+        Metrics that cannot be had, for lack of a truth or of time, are left out.
+
+    Raises
+    ------
+    InsnavError
+        The recording cannot be navigated.
+    """
+    loop = loop_time()
+    begin = clock.process_time()
+    done = navigate_recording(material.imu, material.gps, material.spec, material.settings)
+    cpu = clock.process_time() - begin
+    values = {"cpu_ratio": np.array([cpu / len(material.imu.time) / loop])}
+    time = settled(done.run.solution, material)
+    spread = np.full((SLICES, 9, 2), np.nan)
+    if len(time):
+        errors = judged(done.run.solution, time, material)
+        edges = _edges(time, material.block)
+        values |= _accuracy(errors, edges)
+        spread = _spread(errors)
+        if done.run.smoothed is not None:
+            values |= _smoothed(judged(done.run.smoothed.solution, time, material), edges)
+        values |= _fixes(done.run, edges)
+    windows, growth = without_gps(material)
+    values |= windows
+    values |= free_inertial(done, material)
+    order = [metric.key for metric in METRICS if metric.key in values and np.isfinite(values[metric.key]).any()]
+    return Measured({key: values[key] for key in order}, growth, spread)
+
+
+def loop_time() -> float:
+    """CPU time of one turn of a fixed loop [s], by which the speed of the computer is taken out.
+
+    It multiplies matrices of the size the filter has.
+    """
+    best = np.inf
+    transition = np.eye(21) + 0.01 * np.sin(np.arange(441.0)).reshape(21, 21)
+    for _ in range(3):
+        covariance = np.eye(21)
+        begin = clock.process_time()
+        for _ in range(_LOOP):
+            covariance = transition @ covariance @ transition.T
+            covariance *= 21.0 / np.trace(covariance)
+        best = min(best, (clock.process_time() - begin) / _LOOP)
+    return float(best)
+
+
+def settled(solution: Trajectory, material: Material) -> FloatArray:
+    """Times of the truth that count."""
+    begin = max(solution.time[0], material.gps.time[0]) + material.settle
+    time = material.truth.time
+    return np.asarray(time[(time >= begin) & (time <= solution.time[-1])])
+
+
+def judged(solution: Trajectory, time: FloatArray, material: Material) -> TrajectoryErrors:
+    """Errors at the times that count; NaN in what the truth is not good for."""
+    first, last = np.searchsorted(material.truth.time, [time[0], time[-1] + 1e-9])
+    truth = material.truth
+    part = Trajectory(truth.time[first:last], truth.lla[first:last], truth.v_n[first:last], truth.rph[first:last])
+    lever_b = material.truth_lever_b if material.truth_lever_b.any() else None
+    errors = position_errors(solution, part, lever_b=lever_b)
+    position, velocity, attitude = errors.position.copy(), errors.velocity.copy(), errors.attitude.copy()
+    if material.remove_offset:
+        position -= np.median(position, axis=0)
+    if "position" not in material.groups:
+        position[:] = np.nan
+    if "velocity" not in material.groups:
+        velocity[:] = np.nan
+    if "attitude" not in material.groups:
+        attitude[:, :2] = np.nan
+    if "heading" not in material.groups:
+        attitude[:, 2] = np.nan
+    for each in (position, velocity, attitude):
+        each[errors.speed < material.min_speed] = np.nan
+    return replace(errors, position=position, velocity=velocity, attitude=attitude)
+
+
+def _edges(time: FloatArray, block: float) -> FloatArray:
+    """Borders of the pieces: of the whole, or of blocks of one length."""
+    if block <= 0.0:
+        return np.array([time[0], time[-1] + 1e-6])
+    count = max(1, int((time[-1] - time[0]) / block + 1.0 - _SHORTEST))
+    edges = time[0] + block * np.arange(count + 1.0)
+    edges[-1] = max(edges[-1], time[-1] + 1e-6)
+    return np.asarray(edges)
+
+
+def _pieces(time: FloatArray, edges: FloatArray) -> list[BoolArray]:
+    return [(time >= a) & (time < b) for a, b in pairwise(edges)]
+
+
+def _accuracy(errors: TrajectoryErrors, edges: FloatArray) -> dict[str, FloatArray]:
+    pieces = _pieces(errors.time, edges)
+    sizes = {
+        "north_{}_m": errors.position[:, 0],
+        "east_{}_m": errors.position[:, 1],
+        "down_{}_m": errors.position[:, 2],
+        "velocity_{}_m_s": np.linalg.norm(errors.velocity, axis=1),
+        "roll_pitch_{}_deg": np.linalg.norm(errors.attitude[:, :2], axis=1) / DEG,
+        "heading_{}_deg": errors.attitude[:, 2] / DEG,
+    }
+    found = {name.format("rms"): np.array([rms(error[rows]) for rows in pieces]) for name, error in sizes.items()}
+    for name, error in sizes.items():
+        found[name.format("p95")] = np.array([_quantile(error[rows], 95.0) for rows in pieces])
+        found[name.format("max")] = np.array([_quantile(error[rows], 100.0) for rows in pieces])
+    found["cep50_m"] = np.array([_quantile(errors.horizontal[rows], 50.0) for rows in pieces])
+    sums = [nees(errors, rows) for rows in pieces]
+    for group in ("position", "velocity", "attitude"):
+        parts = [None if each is None else each[group] for each in sums]
+        found[f"nees_{group}"] = np.array([np.nan if part is None else part["nees"] for part in parts])
+    return found
+
+
+def _smoothed(errors: TrajectoryErrors, edges: FloatArray) -> dict[str, FloatArray]:
+    pieces = _pieces(errors.time, edges)
+    return {
+        "smoothed_horizontal_rms_m": np.array([rms(errors.horizontal[rows]) for rows in pieces]),
+        "smoothed_heading_rms_deg": np.array([rms(errors.attitude[rows, 2] / DEG) for rows in pieces]),
+    }
+
+
+def _fixes(run: Run, edges: FloatArray) -> dict[str, FloatArray]:
+    """How the filter took the fixes."""
+    offered = run.innovations
+    found: dict[str, FloatArray] = {}
+    pieces = _pieces(offered.time, edges)
+    rejected = np.zeros(len(pieces))
+    for group, nis, used in (
+        ("position", offered.nis_position, offered.used_position),
+        ("velocity", offered.nis_velocity, offered.used_velocity),
+    ):
+        known = np.isfinite(nis)
+        found[f"nis_{group}"] = np.array([_mean(nis[rows & used & known]) / 3.0 for rows in pieces])
+        rejected += [np.count_nonzero(rows & known & ~used) for rows in pieces]
+    found["rejected_fixes"] = rejected
+    return found
+
+
+def _spread(errors: TrajectoryErrors) -> FloatArray:
+    found = np.full((SLICES, 9, 2), np.nan)
+    if errors.sd is None:
+        return found
+    unit = np.array([1.0] * 6 + [1.0 / DEG] * 3)
+    error = np.column_stack([errors.position, errors.velocity, errors.attitude]) * unit
+    sd = errors.sd * unit
+    for number, rows in enumerate(np.array_split(np.arange(len(errors.time)), SLICES)):
+        if len(rows):
+            known = np.isfinite(error[rows]).sum(axis=0)
+            some = known > 0
+            found[number, some, 0] = np.nansum(error[rows][:, some] ** 2, axis=0) / known[some]
+            found[number, some, 1] = np.mean(sd[rows][:, some] ** 2, axis=0)
+    return found
+
+
+def _mean(value: FloatArray) -> float:
+    return float(np.mean(value)) if value.size else float("nan")
+
+
+def _quantile(error: FloatArray, percent: float) -> float:
+    known = np.abs(error[np.isfinite(error)])
+    return float(np.percentile(known, percent)) if known.size else float("nan")
+
+
+def joined(parts: Sequence[Measured]) -> Measured:
+    """Put the recordings of one case together: values one after the other, sums added up.
+
+    Parameters
+    ----------
+    parts : sequence of Measured
+        At least one.
+    """
+    order = [metric.key for metric in METRICS if any(metric.key in part.values for part in parts)]
+    nothing = np.array([np.nan])
+    values = {key: np.concatenate([part.values.get(key, nothing) for part in parts]) for key in order}
+    spread = np.array([part.spread for part in parts])
+    known = np.isfinite(spread)
+    count = known.sum(axis=0)
+    mean = np.where(count > 0, np.where(known, spread, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
+    return Measured(values, np.sum([part.growth for part in parts], axis=0), mean)

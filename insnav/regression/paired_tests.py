@@ -1,0 +1,149 @@
+"""Whether one version is better or worse than another on the same drives: paired tests, corrected for their number.
+
+Figures of merit are compared by the logarithm of their ratio, drive by drive: seed by seed where they are simulated,
+piece by piece where they are recorded. The mean of these logarithms is the change, and is tested
+
+- by Student's t for seeds, which are independent;
+- for successive pieces of one drive, which are not, with a standard error from the moving-block bootstrap (Kuensch,
+  "The jackknife and the bootstrap for general stationary observations", Annals of Statistics 17 (1989) 1217-1241),
+  and as many degrees of freedom as there are blocks.
+
+All pairs of case and metric are tested at once: Holm, "A simple sequentially rejective multiple test procedure",
+Scandinavian Journal of Statistics 6 (1979) 65-70.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtr, stdtrit
+
+from insnav.regression.accuracy_metrics import Metric
+from insnav.types import FloatArray
+
+ALPHA = 0.01  # of wrongly calling anything changed, over the whole corpus
+FEWEST = 5  # pairs below which nothing is called changed
+SMALLEST = 0.01  # a smaller change is none, however certain
+BLOCK = 2  # successive pieces that are drawn together
+_DRAWS = 2000
+_SEED = 20260101
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """Change of one figure of merit.
+
+    Attributes
+    ----------
+    change : float
+        Ratio of new to old, less one; of a ratio (NEES, NIS) the factor by which it is off one.
+    low, high : float
+        95 % interval of that.
+    p : float
+        Probability of a change as large if there is none, two-sided.
+    """
+
+    change: float
+    low: float
+    high: float
+    p: float
+
+
+def shift(old: FloatArray, new: FloatArray, metric: Metric, *, pieces: bool) -> Shift:
+    """Test whether a figure of merit has changed.
+
+    Parameters
+    ----------
+    old, new : (n,) array
+        Values of the same drives, or pieces, in the same order; NaN where not known.
+    metric : Metric
+    pieces : bool
+        They are successive pieces of one drive.
+    """
+    n = min(len(old), len(new))
+    score = metric.scored(np.asarray(new[:n])) - metric.scored(np.asarray(old[:n]))
+    score = score[np.isfinite(score)]
+    if not score.size:
+        return Shift(float("nan"), float("nan"), float("nan"), 1.0)
+    mean = float(np.mean(score))
+    error, degrees = standard_error(score, pieces=pieces)
+    if len(score) < FEWEST:
+        return Shift(float(np.expm1(mean)), -1.0, float("inf"), 1.0)
+    sure = 1.0 if mean == 0.0 else 0.0  # all the same
+    p = 2.0 * float(stdtr(degrees, -abs(mean) / error)) if error > 0.0 else sure
+    half = float(stdtrit(degrees, 0.5 + 0.5 * CONFIDENCE)) * error
+    return Shift(float(np.expm1(mean)), float(np.expm1(mean - half)), float(np.expm1(mean + half)), p)
+
+
+def interval(value: FloatArray, metric: Metric, *, pieces: bool) -> tuple[float, float, float]:
+    """Typical value of a figure of merit, and its 95 % interval.
+
+    Parameters
+    ----------
+    value : (n,) array
+        One a drive, or a piece.
+    metric : Metric
+    pieces : bool
+        They are successive pieces of one drive.
+
+    Returns
+    -------
+    value, low, high : float
+        The last two NaN if there are fewer than `FEWEST`.
+    """
+    known = value[np.isfinite(value)]
+    middle = metric.typical(known)
+    if len(known) < FEWEST or metric.kind == "cpu":
+        return middle, float("nan"), float("nan")
+    floor = 1e-6 if metric.kind == "ratio" else metric.floor
+    logarithm = np.log(known + floor)
+    error, degrees = standard_error(logarithm, pieces=pieces)
+    half = float(stdtrit(degrees, 0.5 + 0.5 * CONFIDENCE)) * error
+    low, high = (float(max(np.exp(np.mean(logarithm) + s * half) - floor, 0.0)) for s in (-1.0, 1.0))
+    return middle, low, high
+
+
+def standard_error(value: FloatArray, *, pieces: bool) -> tuple[float, float]:
+    """Standard error of a mean, and its degrees of freedom.
+
+    Parameters
+    ----------
+    value : (n,) array
+    pieces : bool
+        Successive pieces of one drive.
+    """
+    n = len(value)
+    if n < 2:
+        return 0.0, 1.0
+    if not pieces:
+        return float(np.std(value, ddof=1) / np.sqrt(n)), n - 1.0
+    length = min(BLOCK, n - 1)
+    blocks = -(-n // length)
+    first = np.random.default_rng(_SEED).integers(0, n - length + 1, (_DRAWS, blocks))
+    rows = (first[:, :, None] + np.arange(length)).reshape(_DRAWS, -1)[:, :n]
+    means = value[rows].mean(axis=1)
+    # the bootstrap variance of few blocks is too small by the share of what it estimates from them
+    return float(np.std(means) * np.sqrt(n / (n - length))), max(n / length - 1.0, 1.0)
+
+
+def holm(p: Sequence[float]) -> FloatArray:
+    """Correct p-values for their number.
+
+    Parameters
+    ----------
+    p : sequence of float
+
+    Returns
+    -------
+    (n,) array
+        Adjusted: compare them with the level that is to hold for all together.
+    """
+    value = np.asarray(p, dtype=np.float64)
+    order = np.argsort(value)
+    steps = (len(value) - np.arange(len(value))) * value[order]
+    adjusted = np.empty_like(value)
+    adjusted[order] = np.minimum(np.maximum.accumulate(steps), 1.0)
+    return adjusted

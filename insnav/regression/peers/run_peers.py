@@ -1,0 +1,181 @@
+"""Other programs on the same drives: pyins, a filter, and GTSAM, a batch smoother, where they are installed."""
+
+from __future__ import annotations
+
+import importlib.util
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from insnav.exceptions import AlignmentError, InsnavError
+from insnav.filter.navigate import Prepared, navigate_recording, prepare
+from insnav.regression.cases import Material, source_of
+from insnav.regression.corpus import Corpus, RecordedCase
+from insnav.regression.evaluate import judged, settled
+from insnav.regression.peers.programs import PeerRun, Task, run_gtsam, run_pyins
+from insnav.regression.run_corpus import SERIES
+from insnav.simulate.montecarlo import run_seed
+from insnav.types import FloatArray, GpsData, ImuData, Trajectory
+from insnav.units import DEG
+
+LONGEST = 150.0  # of a drive: pyins needs a quarter of a minute for it [s]
+LATEST = 80.0  # errors count from here on at the latest [s]
+_SPARSE = 0.5  # a solution with longer steps is judged at its own epochs, not between them [s]
+_SAME = 5e-3  # as far from an epoch at most [s]
+
+
+@dataclass(frozen=True, slots=True)
+class PeerRow:
+    """One program on one case.
+
+    Attributes
+    ----------
+    case, program : str
+    rms : tuple of float or None
+        North, East, Down [m].
+    attitude_deg : tuple of float or None
+        Roll and pitch together, heading [deg].
+    cpu_us : float or None
+        CPU time a sample [us].
+    remark : str
+        Why there are no figures.
+    """
+
+    case: str
+    program: str
+    rms: tuple[float | None, ...]
+    attitude_deg: tuple[float | None, ...]
+    cpu_us: float | None
+    remark: str = ""
+
+
+def installed() -> dict[str, Callable[[Task], PeerRun]]:
+    """Peers that are installed, by name."""
+    known = {"pyins": ("pyins", run_pyins), "gtsam, smoothed": ("gtsam", run_gtsam)}
+    return {name: run for name, (module, run) in known.items() if importlib.util.find_spec(module) is not None}
+
+
+def run_peers(
+    corpus: Corpus, data: Path, *, workers: int = 1, progress: Callable[[float], None] | None = None
+) -> list[PeerRow]:
+    """Give the first drive of every case, its first part, to insnav and to every peer.
+
+    Parameters
+    ----------
+    corpus : Corpus
+    data : Path
+        Folder of recorded data; cases without theirs are left out.
+    workers : int
+        Processes.
+    progress : callable, optional
+        Called with the fraction done.
+    """
+    from joblib import Parallel, delayed
+
+    cases = [case for case in corpus.cases if not isinstance(case, RecordedCase) or (data / case.data).is_dir()]
+    rows: list[PeerRow] = []
+    pool = Parallel(n_jobs=workers, return_as="generator")
+    for done, part in enumerate(pool(delayed(_beside)(case, data) for case in cases), start=1):
+        rows += part
+        if progress is not None:
+            progress(done / len(cases))
+    return rows
+
+
+def _beside(case: Any, data: Path) -> list[PeerRow]:
+    """Every program on one case."""
+    whole = source_of(case, data).material(run_seed(SERIES, 1))
+    rows = []
+    try:
+        material, ready = _begun(whole)
+        navigate_recording(material.imu, material.gps, material.spec, material.settings)  # compiles
+        begin = clock.process_time()
+        done = navigate_recording(material.imu, material.gps, material.spec, material.settings)
+        cpu = clock.process_time() - begin
+    except InsnavError as error:
+        return [_failed(case.name, "insnav", error)]
+    per_sample = 1e6 * cpu / len(material.imu.time)
+    rows.append(_row(case.name, "insnav", done.run.solution, material, per_sample))
+    if done.run.smoothed is not None:
+        rows.append(_row(case.name, "insnav, smoothed", done.run.smoothed.solution, material, None))
+    task = task_of(material, ready)
+    for name, run in installed().items():
+        try:
+            peer = run(task)
+            rows.append(_row(case.name, name, peer.solution, material, 1e6 * peer.cpu_s / peer.samples))
+        except Exception as error:  # whatever a peer may raise is its result
+            rows.append(_failed(case.name, name, error))
+    return rows
+
+
+def _failed(case: str, program: str, error: Exception) -> PeerRow:
+    text = str(error).splitlines()[0] if str(error) else type(error).__name__
+    return PeerRow(case, program, (None,) * 3, (None, None), None, f"fails: {text[:60]}")
+
+
+def _row(case: str, program: str, solution: Trajectory, material: Material, cpu_us: float | None) -> PeerRow:
+    time = settled(solution, material)
+    if len(solution.time) > 1 and np.median(np.diff(solution.time)) > _SPARSE:
+        at = np.clip(np.searchsorted(solution.time, time - _SAME), 0, len(solution.time) - 1)
+        near = np.abs(solution.time[at] - time) < _SAME
+        chosen = np.isin(material.truth.time, time[near])
+        truth = material.truth
+        part = Trajectory(truth.time[chosen], truth.lla[chosen], truth.v_n[chosen], truth.rph[chosen])
+        material, time = replace(material, truth=part), time[near]
+    if not len(time):
+        return PeerRow(case, program, (None,) * 3, (None, None), cpu_us, "no epoch in common with the reference")
+    errors = judged(solution, time, material)
+    level = np.linalg.norm(errors.attitude[:, :2], axis=1)
+    columns = (*errors.position.T, level / DEG, errors.attitude[:, 2] / DEG)
+    figures = [_rms(column[np.isfinite(column)]) for column in columns]
+    return PeerRow(case, program, tuple(figures[:3]), tuple(figures[3:]), cpu_us)
+
+
+def _rms(error: FloatArray) -> float | None:
+    return float(np.sqrt(np.mean(error**2))) if error.size else None
+
+
+def _begun(whole: Material) -> tuple[Material, Prepared]:
+    """As short a first part of a drive as it can be aligned by, and with something to judge it by."""
+    seconds = LONGEST
+    while True:
+        part = shortened(whole, seconds)
+        last = whole.imu.time[0] + seconds > whole.imu.time[-1]
+        try:
+            ready = prepare(part.imu, part.gps, part.spec, part.settings)
+            moving = part.gps.v_n[part.gps.time > ready.initial.time + LATEST]
+            if last or part.min_speed == 0.0 or (np.linalg.norm(moving, axis=1) > part.min_speed).sum() >= LATEST:
+                return part, ready
+        except AlignmentError:
+            if last:
+                raise
+        seconds *= 2.0
+
+
+def shortened(material: Material, seconds: float) -> Material:
+    """The first part of a recording."""
+    imu, gps = material.imu, material.gps
+    n, m = (int(np.searchsorted(time, imu.time[0] + seconds)) for time in (imu.time, gps.time))
+    part = ImuData(imu.time[:n], imu.gyro[:n], imu.accel[:n], imu.sampling, imu.stamp)
+    fix = None if gps.fix is None else gps.fix[:m]
+    fixes = GpsData(gps.time[:m], gps.lla[:m], gps.v_n[:m], gps.position_sd[:m], gps.velocity_sd[:m], fix)
+    return replace(material, imu=part, gps=fixes, settle=min(material.settle, LATEST))
+
+
+def task_of(material: Material, ready: Prepared) -> Task:
+    """What a peer is given, by what insnav starts from."""
+    initial = ready.initial
+    sd = np.sqrt(np.diag(initial.covariance)[:9])
+    gps = ready.gps
+    good = gps.time > initial.time + 1e-6
+    if gps.fix is not None:
+        good &= gps.fix != 0
+    fixes = GpsData(gps.time[good], gps.lla[good], gps.v_n[good], gps.position_sd[good], gps.velocity_sd[good])
+    return Task(
+        ready.imu, fixes, initial.time, initial.lla, initial.v_n, initial.rph, sd[:3], sd[3:6], sd[6:9],
+        material.settings.lever_b, material.spec,
+    )  # fmt: skip

@@ -1,0 +1,169 @@
+"""All drives of a corpus, navigated on several processors."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from insnav.exceptions import ConfigError, InsnavError
+from insnav.regression.cases import Source, source_of
+from insnav.regression.corpus import Corpus, RecordedCase, SimulatedCase
+from insnav.regression.evaluate import Measured, joined, measure
+from insnav.simulate.montecarlo import IDLE, run_seed, serve
+
+AnyCase = SimulatedCase | RecordedCase
+SERIES = 8  # seed of all seeds
+
+
+@dataclass(frozen=True, slots=True)
+class CaseResult:
+    """What one case came to.
+
+    Attributes
+    ----------
+    digest : str
+        Of the case and all files behind it.
+    pieces : bool
+        Values are those of successive pieces of one drive, else of independent drives.
+    measured : Measured or None
+        None if every drive failed.
+    failures : dict of int to str
+        Number of each drive that ended in an error, from 1, and why.
+    files : dict of str to str
+        Digest of each recorded file.
+    """
+
+    digest: str
+    pieces: bool
+    measured: Measured | None
+    failures: dict[int, str]
+    files: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What the corpus came to.
+
+    Attributes
+    ----------
+    cases : dict of str to CaseResult
+        By name.
+    skipped : dict of str to str
+        Name of each case that was left out, and why.
+    quick : bool
+        Only a part was run.
+    """
+
+    cases: dict[str, CaseResult]
+    skipped: dict[str, str]
+    quick: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Outcome:
+    """What one drive came to."""
+
+    digest: str
+    files: dict[str, str]
+    measured: Measured | None
+    reason: str
+
+
+def run_corpus(
+    corpus: Corpus,
+    data: Path,
+    *,
+    quick: bool = False,
+    workers: int = 1,
+    series: int = SERIES,
+    progress: Callable[[float], None] | None = None,
+) -> Result:
+    """Navigate all drives.
+
+    Parameters
+    ----------
+    corpus : Corpus
+    data : Path
+        Folder of recorded data.
+    quick : bool
+        Only the cases and seeds of a quick run.
+    workers : int
+        Processes.
+    series : int
+        Seed of all seeds.
+    progress : callable, optional
+        Called with the fraction done.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    ConfigError
+        No worker, or a profile or model that a case names is wrong.
+    """
+    if workers < 1:
+        raise ConfigError(f"{workers} processes cannot work", where="--workers", fix="give 1 or more")
+    skipped: dict[str, str] = {}
+    jobs: list[tuple[AnyCase, int]] = []
+    for case in corpus.cases:
+        if isinstance(case, RecordedCase) and not (data / case.data).is_dir():
+            skipped[case.name] = f"{case.data} is not in {data}"
+            continue
+        count = min(case.quick, case.seeds) if quick else case.seeds
+        if not count:
+            skipped[case.name] = "not part of a quick run"
+        jobs += [(case, number) for number in range(1, count + 1)]
+    outcomes: dict[str, list[_Outcome]] = {}
+    for done, ((case, _), outcome) in enumerate(zip(jobs, _work(jobs, data, series, workers), strict=True), start=1):
+        outcomes.setdefault(case.name, []).append(outcome)
+        if progress is not None:
+            progress(done / len(jobs))
+    by_name = {case.name: case for case in corpus.cases}
+    return Result({name: _case(by_name[name], each) for name, each in outcomes.items()}, skipped, quick)
+
+
+def _case(case: AnyCase, outcomes: list[_Outcome]) -> CaseResult:
+    failures = {number: each.reason for number, each in enumerate(outcomes, start=1) if each.measured is None}
+    good = [each.measured for each in outcomes if each.measured is not None]
+    nothing = Measured({}, np.zeros_like(good[0].growth), np.full_like(good[0].spread, np.nan)) if good else None
+    parts = [each.measured or nothing for each in outcomes]
+    measured = joined([part for part in parts if part is not None]) if good else None
+    pieces = isinstance(case, RecordedCase) and case.seeds == 1
+    return CaseResult(outcomes[0].digest, pieces, measured, failures, outcomes[0].files)
+
+
+def _work(jobs: list[tuple[AnyCase, int]], data: Path, series: int, workers: int) -> Iterator[_Outcome]:
+    """Outcome of each job, in order."""
+    if workers == 1 or len(jobs) < 2:
+        for case, number in jobs:
+            yield _attempt(case, number, data, series)
+        return
+    from joblib import Parallel, delayed, parallel_config
+
+    with parallel_config(backend="loky", inner_max_num_threads=1):
+        pool = Parallel(
+            n_jobs=workers, return_as="generator", idle_worker_timeout=IDLE, initializer=serve, initargs=(os.getpid(),)
+        )
+        yield from pool(delayed(_attempt)(case, number, data, series) for case, number in jobs)
+
+
+_made: dict[str, Source] = {}  # of the case this process is at
+
+
+def _attempt(case: AnyCase, number: int, data: Path, series: int) -> _Outcome:
+    key = f"{case.folder} {case.name} {case!r}"
+    if key not in _made:
+        _made.clear()
+        _made[key] = source_of(case, data)
+    source = _made[key]
+    try:
+        measured = measure(source.material(run_seed(series, number)))
+    except InsnavError as error:
+        return _Outcome(source.digest, source.files, None, "; ".join(text for text in (error.what, error.why) if text))
+    return _Outcome(source.digest, source.files, measured, "")

@@ -1,0 +1,142 @@
+"""The verdict: which figures of which cases are better, the same or worse than in the baseline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from insnav.regression.accuracy_metrics import METRICS, Metric
+from insnav.regression.baseline import Baseline, Stored
+from insnav.regression.paired_tests import ALPHA, FEWEST, SMALLEST, Shift, holm, shift
+from insnav.regression.run_corpus import CaseResult, Result
+from insnav.types import FloatArray
+
+Verdict = Literal["better", "same", "worse"]
+FAILS_FROM = 0.05  # worsening that fails, if it is significant
+CPU_FAILS_FROM = 3.0  # times the baseline's, in the median over five drives or more; else CPU time is only shown
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One figure of merit of one case, then and now.
+
+    Attributes
+    ----------
+    case : str
+    metric : Metric
+    old, new : float
+        Geometric mean over the drives, or pieces, that both have; of CPU time the median.
+    shift : Shift
+        Paired change and its p-value.
+    adjusted : float
+        The p-value corrected for the number of all pairs of case and metric.
+    verdict : {"better", "same", "worse"}
+        Better and worse are significant changes of at least 1 %.
+    fails : bool
+        Worse by 5 % and more; CPU time by a factor of three.
+    """
+
+    case: str
+    metric: Metric
+    old: float
+    new: float
+    shift: Shift
+    adjusted: float
+    verdict: Verdict
+    fails: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """All changes, and what could not be compared.
+
+    Attributes
+    ----------
+    changes : tuple of Change
+        By case, then by metric.
+    broken : dict of str to str
+        Cases in which a drive fails that did not, with the reason.
+    apart : dict of str to str
+        Cases that could not be compared, with the reason.
+    """
+
+    changes: tuple[Change, ...]
+    broken: dict[str, str]
+    apart: dict[str, str]
+
+    @property
+    def failing(self) -> tuple[Change, ...]:
+        """The changes that fail."""
+        return tuple(change for change in self.changes if change.fails)
+
+    @property
+    def passed(self) -> bool:
+        """Nothing is broken, and nothing so much worse that it fails."""
+        return not self.failing and not self.broken
+
+
+def compare(result: Result, baseline: Baseline) -> Comparison:
+    """Compare a result with a baseline.
+
+    Parameters
+    ----------
+    result : Result
+        Of the whole corpus, or of a quick run: only drives that both have count.
+    baseline : Baseline
+    """
+    broken: dict[str, str] = {}
+    apart: dict[str, str] = {}
+    found: list[tuple[str, Metric, float, float, Shift]] = []
+    for name, now in result.cases.items():
+        then = baseline.cases.get(name)
+        if then is not None and then.digest != now.digest:
+            apart[name] = "the case, or a file behind it, is not that of the baseline"
+            then = None
+        elif then is None:
+            apart[name] = "the baseline has no such case"
+        failed = sorted(set(now.failures) - set(() if then is None else then.failed))
+        if failed:
+            broken[name] = f"run {failed[0]} fails: {now.failures[failed[0]]}"
+        if then is not None and now.measured is not None:
+            found += _shifts(name, now, then)
+    adjusted = iter(holm([each[-1].p for each in found if each[1].kind != "cpu"]))
+    changes = [_judged(*each, 1.0 if each[1].kind == "cpu" else float(next(adjusted))) for each in found]
+    return Comparison(tuple(changes), broken, apart)
+
+
+def _shifts(name: str, now: CaseResult, then: Stored) -> list[tuple[str, Metric, float, float, Shift]]:
+    assert now.measured is not None
+    found = []
+    for metric in METRICS:
+        if metric.key not in now.measured.values or metric.key not in then.values:
+            continue
+        old, new = _both(then.values[metric.key], now.measured.values[metric.key])
+        change = _cpu(old, new) if metric.kind == "cpu" else shift(old, new, metric, pieces=now.pieces)
+        if np.isfinite(change.change):
+            found.append((name, metric, metric.typical(old), metric.typical(new), change))
+    return found
+
+
+def _cpu(old: FloatArray, new: FloatArray) -> Shift:
+    """Change of CPU time: the median over the drives, which a busy computer or the first call do not change."""
+    change = float(np.median(new / old)) - 1.0 if len(old) and (old > 0.0).all() else float("nan")
+    few = len(old) < FEWEST
+    return Shift(change, -1.0 if few else change, float("inf") if few else change, 1.0)
+
+
+def _both(old: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Values of the drives that both have."""
+    n = min(len(old), len(new))
+    known = np.isfinite(old[:n]) & np.isfinite(new[:n])
+    return old[:n][known], new[:n][known]
+
+
+def _judged(case: str, metric: Metric, old: float, new: float, change: Shift, adjusted: float) -> Change:
+    if metric.kind == "cpu":
+        fails = change.low > CPU_FAILS_FROM - 1.0
+        return Change(case, metric, old, new, change, 1.0, "worse" if fails else "same", fails)
+    certain = adjusted < ALPHA and abs(change.change) >= SMALLEST
+    verdict: Verdict = "same" if not certain else "worse" if change.change > 0.0 else "better"
+    return Change(case, metric, old, new, change, adjusted, verdict, verdict == "worse" and change.change >= FAILS_FROM)

@@ -1,0 +1,215 @@
+"""Recorded error windows: how they grow beside what was predicted, what they err by, and both against each other."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from insnav.errors.budget.from_windows import RecordedPart
+from insnav.errors.diagnosis.causes import CAUSES
+from insnav.errors.outage.statistics import COMPONENTS, components
+from insnav.report.budget.windows_quantities import GROWS, UNITS
+from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION, blank, legend_above, logarithmic, stacked
+from insnav.types import FloatArray
+
+_WINDOWS = 80  # drawn one by one
+_MARKS = {"static": ("s", GREEN), "straight": ("o", BLUE), "turning": ("^", VERMILLION)}
+_GUIDES = (("t", 1.0), ("t²", 2.0), ("t³", 3.0))
+
+
+def draw_growth(part: RecordedPart, kind: str, judge: str) -> Figure:
+    """Draw North, East and horizontal error over the time without fixes, the last also on logarithmic axes.
+
+    Parameters
+    ----------
+    part : RecordedPart
+    kind : str
+        Of windows, in words.
+    judge : str
+        What the error is against.
+    """
+    windows, curve = part.windows, part.curve
+    figure = blank(
+        9.6,
+        7.4,
+        f"Recorded error without GPS: {windows.count} windows of {windows.length:g} s, {kind}",
+        f"against {judge}; thin grey: each window; bands hold with 95 %, that of the windows from blocks of them",
+    )
+    axes = figure.subplots(2, 2, gridspec_kw={"hspace": 0.34, "wspace": 0.24})
+    error = components(windows)[0]
+    shown = np.linspace(0, windows.count - 1, min(_WINDOWS, windows.count)).astype(int)
+    for panel, name in zip(axes.flat, ("north", "east", "horizontal", "horizontal"), strict=True):
+        i = COMPONENTS.index(name)
+        for number, row in enumerate(shown):
+            values = error[row, :, i]
+            panel.plot(
+                windows.elapsed[row],
+                values,
+                color=GREY,
+                linewidth=0.5,
+                alpha=0.5,
+                label="" if number else "each window",
+            )
+        _curves(panel, part, i, both_sides=name != "horizontal")
+        largest = 1.1 * float(np.nanmax([np.nanmax(np.abs(error[:, :, i])), np.nanmax(curve.predicted[:, i])]))
+        panel.set_ylim(-largest if name != "horizontal" else 0.0, largest)  # the band of few twins is wide
+        panel.set_ylabel(f"{name} error [m]")
+        panel.set_xlabel("time without GPS [s]")
+    last = axes[1, 1]
+    last.set_xscale("log")
+    last.set_yscale("log")
+    _guides(last, curve.times, curve.rms[:, COMPONENTS.index("horizontal")])
+    logarithmic(last.xaxis)
+    logarithmic(last.yaxis)
+    legend_above(axes[0, 1], last)
+    return figure
+
+
+def _curves(panel: Axes, part: RecordedPart, i: int, *, both_sides: bool) -> None:
+    """RMS with its interval, predicted, and the band of the twins; of an axis to both sides of zero."""
+    curve = part.curve
+    rms = np.where(curve.rms[:, i] > 0.0, curve.rms[:, i], np.nan)  # nothing is left where the judge is the error
+    for sign in (1.0, -1.0) if both_sides else (1.0,):
+        first = sign > 0.0
+        if part.twins is not None:
+            made = part.twins
+            panel.fill_between(
+                made.times,
+                sign * made.band[0][:, i],
+                sign * made.band[1][:, i],
+                color=ORANGE,
+                alpha=0.25,
+                linewidth=0.0,
+                label="twins" if first else "",
+            )
+        if np.isfinite(curve.low[:, i]).any():
+            panel.fill_between(
+                curve.times,
+                sign * curve.low[:, i],
+                sign * curve.high[:, i],
+                color=BLUE,
+                alpha=0.25,
+                linewidth=0.0,
+            )
+        panel.plot(curve.times, sign * rms, color=BLUE, linewidth=2.0, label="recorded RMS" if first else "")
+        panel.plot(
+            curve.times,
+            sign * curve.predicted[:, i],
+            color=BLACK,
+            linewidth=1.4,
+            linestyle="--",
+            label="predicted sd" if first else "",
+        )
+
+
+def _guides(panel: Axes, times: FloatArray, rms: FloatArray) -> None:
+    """Lines of pure t, t² and t³ that end where the error does."""
+    end = float(rms[-1])
+    if not end > 0.0:
+        return
+    for label, power in _GUIDES:
+        panel.plot(times, end * (times / times[-1]) ** power, color=GREEN, linewidth=0.8, linestyle=":")
+        k = max(1, len(times) // 6)
+        panel.annotate(
+            label,
+            (times[k], end * (times[k] / times[-1]) ** power),
+            color=GREEN,
+            fontsize=8,
+            ha="right",
+            va="bottom",
+        )
+    positive = rms[rms > 0.0]
+    panel.set_ylim(bottom=max(0.2 * float(positive.min()), 1e-4 * end))
+
+
+def draw_causes(part: RecordedPart, kind: str) -> Figure:
+    """Draw velocity, effective acceleration and drift of each window that was fitted, with what the filter states.
+
+    Parameters
+    ----------
+    part : RecordedPart
+    kind : str
+        Of windows, in words.
+    """
+    diagnosis = part.diagnosis
+    windows = diagnosis.windows
+    figure, panels = stacked(
+        3,
+        f"What each of {windows.count} windows errs by, {kind}",
+        "fit of t, t², t³ to each window; band: one standard deviation that the filter states, for both axes; "
+        + ("at rest or straight" if diagnosis.steady else "turns included, in which no curve is pure"),
+        columns=2,
+        height=7.0,
+    )
+    since = windows.start - windows.start[0]
+    for column, axis in enumerate(diagnosis.axes):
+        value = np.array([curve.value for curve in axis.curves])
+        sd = np.array([curve.sd for curve in axis.curves])
+        for row, (name, cause) in enumerate(zip(CAUSES, axis.causes, strict=True)):
+            panel = panels[row][column]
+            unit, text = UNITS[name]
+            factor = 1.0 / unit if name != "drift" else 1.0 / unit / diagnosis.gravity
+            panel.axhspan(
+                -cause.filter_sd / unit, cause.filter_sd / unit, color=GREY, alpha=0.25, linewidth=0.0, label="filter"
+            )
+            for motion, (mark, colour) in _MARKS.items():
+                chosen = windows.motion == motion
+                if chosen.any():
+                    panel.errorbar(
+                        since[chosen],
+                        value[chosen, row] * factor,
+                        yerr=sd[chosen, row] * factor,
+                        fmt=mark,
+                        color=colour,
+                        markersize=3.5,
+                        linewidth=0.8,
+                        label=motion,
+                    )
+            panel.set_ylabel(f"{axis.axis} {name} [{text}]" if column == 0 else f"{axis.axis}, {GROWS[name]} [{text}]")
+        panels[-1][column].set_xlabel(f"start of the window, since {windows.start[0]:.1f} s [s]")
+    legend_above(panels[0][1])
+    return figure
+
+
+def draw_regression(part: RecordedPart, kind: str) -> Figure:
+    """Draw the size of North and East errors over what was predicted for them.
+
+    Parameters
+    ----------
+    part : RecordedPart
+    kind : str
+        Of windows, in words.
+    """
+    line = part.regression
+    interval = f" ({line.low:.2f} to {line.high:.2f})" if np.isfinite(line.low) else ""
+    figure = blank(
+        6.4,
+        5.6,
+        f"Recorded over predicted error, {kind}",
+        f"north and east: {line.slope:.2f} times as large{interval}, R² {line.r_squared:.2f}",
+    )
+    panel = figure.subplots()
+    small = 1e-2 * float(np.median(line.recorded)) if len(line.recorded) else 1e-3
+    panel.plot(
+        line.predicted,
+        np.maximum(line.recorded, small),
+        ".",
+        color=BLUE,
+        markersize=4.0,
+        alpha=0.6,
+        label="a window at one time",
+    )
+    ends = np.array([float(line.predicted.min()), float(line.predicted.max())])
+    panel.plot(ends, ends, color=BLACK, linestyle="--", label="as predicted")
+    panel.plot(ends, line.slope * ends, color=VERMILLION, linewidth=1.8, label="regression")
+    if np.isfinite(line.low):
+        panel.fill_between(ends, line.low * ends, line.high * ends, color=VERMILLION, alpha=0.2, linewidth=0.0)
+    panel.set_xscale("log")
+    panel.set_yscale("log")
+    logarithmic(panel.xaxis)
+    logarithmic(panel.yaxis)
+    panel.set_xlabel("predicted sd, judge included [m]")
+    panel.set_ylabel("recorded |error| / 0.80 [m]")
+    legend_above(panel)
+    return figure

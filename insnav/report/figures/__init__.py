@@ -1,7 +1,0 @@
-"""Figures of a run: track, states, innovations, sensor errors, and errors against a reference."""
-
-from __future__ import annotations
-
-from insnav.report.figures.draw import draw_all
-
-__all__ = ["draw_all"]

@@ -1,0 +1,40 @@
+"""What all report pages share: templates that escape everything, and figures inside the page."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from insnav.plain_text import plain_text
+from insnav.report.numbers import label, number, shown
+
+_MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
+
+
+def filled(template: str, **values: Any) -> str:
+    """Fill a template.
+
+    Parameters
+    ----------
+    template : str
+        Name of the file in ``templates/``.
+    **values
+        What it needs; a value it asks for and does not get is an error.
+    """
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"label": label, "number": number, "shown": shown, "plain": plain_text}
+    return environment.get_template(template).render(**values)
+
+
+def data_uri(file: Path) -> str:
+    """Content of a PNG or SVG file as an address, so that the page needs no other file."""
+    return f"data:{_MEDIA[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}"

@@ -1,0 +1,79 @@
+"""How errors grow without GPS, on logarithmic axes, with what the filter predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from insnav.errors.outage.gnss_outage import Growth, Outage
+from insnav.report.style import BLACK, BLUE, GREY, SKY, VERMILLION, legend_above, logarithmic, stacked
+from insnav.types import FloatArray
+
+_POINTS = 24  # times at which the windows are summed up
+
+
+def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], judge: str) -> Figure:
+    """Draw horizontal and vertical error over the time without fixes.
+
+    Parameters
+    ----------
+    windows : sequence of Outage
+        All windows.
+    sums : sequence of Growth
+        What they amount to at the end of each length.
+    judge : str
+        What the error is against.
+    """
+    longest = max(window.length for window in windows)
+    chosen = [window for window in windows if window.length == longest]
+    figure, panels = stacked(
+        2,
+        f"Error without GPS: {len(chosen)} windows of {longest:g} s",
+        f"against {judge}, whose own error is in all lines; smoothed: the largest in windows of each length",
+        height=7.2,
+    )
+    for (axes,), name, columns in zip(panels, ("horizontal", "vertical"), ((0, 1), (2,)), strict=True):
+        for number, window in enumerate(chosen):
+            size = np.linalg.norm(window.error[:, columns], axis=1)
+            axes.plot(window.elapsed, size, color=GREY, linewidth=0.5, alpha=0.5, label="" if number else "each window")
+        time, rms, high, predicted = _over_time(chosen, columns)
+        axes.plot(time, high, color=SKY, linewidth=1.4, label="95 %")
+        axes.plot(time, rms, color=BLUE, linewidth=2.0, label="RMS")
+        axes.plot(
+            time, predicted, color=BLACK, linewidth=1.4, linestyle="--", label="predicted: sd of solution and judge"
+        )
+        axes.plot(
+            [each.length for each in sums],
+            [each.quantities[f"smoothed {name}"][0] for each in sums],
+            "o-",
+            color=VERMILLION,
+            markersize=4.0,
+            label="smoothed, largest (RMS)",
+        )
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        logarithmic(axes.xaxis)
+        logarithmic(axes.yaxis)
+        floor = max(float(np.nanmin(rms)) / 10.0, 1e-3)
+        axes.set_ylim(bottom=floor)
+        axes.set_ylabel(f"{name} error [m]")
+    legend_above(panels[0][0])
+    panels[-1][0].set_xlabel("time without GPS [s]")
+    return figure
+
+
+def _over_time(
+    windows: Sequence[Outage], columns: tuple[int, ...]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """RMS, 95 % quantile and predicted sd of the error, the judge's part in all, at logarithmically spaced times."""
+    first = max(float(window.elapsed[0]) for window in windows)
+    time = np.geomspace(max(first, 0.2), windows[0].length, _POINTS)
+    size, sd = np.empty((len(windows), _POINTS)), np.empty((len(windows), _POINTS))
+    for row, window in enumerate(windows):
+        size[row] = np.interp(time, window.elapsed, np.linalg.norm(window.error[:, columns], axis=1))
+        sd[row] = np.interp(
+            time, window.elapsed, np.linalg.norm(np.hypot(window.sd, window.judge_sd)[:, columns], axis=1)
+        )
+    return time, np.sqrt(np.mean(size**2, axis=0)), np.quantile(size, 0.95, axis=0), np.sqrt(np.mean(sd**2, axis=0))

@@ -1,0 +1,194 @@
+"""The platform: where it went, how fast, how its gyros are torqued, and how its errors swing."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
+
+from insnav.earth import ned_offset
+from insnav.errors.metrics import distance_and_time
+from insnav.errors.platform_errors import Beside
+from insnav.errors.schuler import StaticErrors
+from insnav.gimbal import PlatformRun, torquing_rates
+from insnav.report.run.figures.track import distance_text, map_limits, north_arrow, scale_bar
+from insnav.report.style import (
+    AXIS_COLOURS,
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    VERMILLION,
+    Clock,
+    blank,
+    legend_above,
+    line,
+    stacked,
+    widened,
+)
+from insnav.types import FloatArray, Trajectory
+from insnav.units import DEG, DEG_PER_H
+
+_WIDTH = 7.35  # of the map [inch]
+_HOUR = 3600.0
+
+
+def draw_platform_track(run: PlatformRun, ref: Trajectory | None) -> Figure:
+    """Draw the track of the platform, without its errors and of a reference where there are such, from above.
+
+    Parameters
+    ----------
+    run : PlatformRun
+    ref : Trajectory or None
+    """
+    solution = run.solution
+    tracks = [("solution", solution, BLUE, 1.4)]
+    if run.undisturbed is not solution:
+        tracks.insert(0, ("without the platform's errors", run.undisturbed, GREEN, 1.4))
+    if ref is not None:
+        tracks.insert(0, ("reference", ref, GREY, 3.0))
+    origin = solution.lla[0]
+    points = [(name, ned_offset(each.lla, origin), colour, width) for name, each, colour, width in tracks]
+    every = np.concatenate([ned for _, ned, _, _ in points])
+    x_limits, y_limits = map_limits(every[:, 1], every[:, 0])
+    height = _WIDTH * (y_limits[1] - y_limits[0]) / (x_limits[1] - x_limits[0])
+    length, _ = distance_and_time(solution)
+    figure = blank(
+        _WIDTH + 1.05,
+        height + 1.85,
+        f"Track of a north-pointing platform, {distance_text(length)}",
+        f"start at latitude {np.degrees(origin[0]):.5f}°, longitude {np.degrees(origin[1]):.5f}°; "
+        f"integrator {run.integrator}, vertical channel {run.vertical}",
+    )
+    figure.subplots_adjust(bottom=0.95 / (height + 1.85))
+    axes = figure.subplots()
+    axes.set_xlim(*x_limits)
+    axes.set_ylim(*y_limits)
+    for name, ned, colour, width in points:
+        axes.plot(ned[:, 1], ned[:, 0], color=colour, linewidth=width, label=name)
+    axes.plot(0.0, 0.0, "^", color=GREEN, markersize=13.0, markeredgecolor="white", label="start", zorder=4)
+    end = points[-1][1][-1]
+    axes.plot(end[1], end[0], "s", color=BLACK, markersize=5.0, markeredgecolor="white", label="end", zorder=4)
+    scale_bar(axes)
+    north_arrow(axes)
+    axes.set_aspect("equal")
+    axes.set_xlabel("East of start [m]")
+    axes.set_ylabel("North of start [m]")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.45 / height), ncols=6, handlelength=1.4)
+    return figure
+
+
+def draw_platform_velocity(run: PlatformRun) -> Figure:
+    """Draw velocity East, North, Up, and the height if it is computed.
+
+    Parameters
+    ----------
+    run : PlatformRun
+    """
+    v_n, rows = run.solution.v_n, [("east [m/s]", 1, 1.0), ("north [m/s]", 0, 1.0)]
+    if run.vertical != "off":
+        rows.append(("up [m/s]", 2, -1.0))
+    figure, panels = stacked(
+        len(rows) + (run.vertical != "off"),
+        "Velocity computed on the platform",
+        f"integrator {run.integrator}, vertical channel {run.vertical}",
+    )
+    clock = Clock.of(run.solution.time)
+    time = clock(run.solution.time)
+    for (axes,), (label, column, sign) in zip(panels, rows, strict=False):
+        line(axes, time, sign * v_n[:, column], BLUE, "")
+        widened(axes, 1e-3)
+        axes.set_ylabel(label)
+    if run.vertical != "off":
+        line(panels[-1][0], time, run.solution.lla[:, 2], BLUE, "")
+        widened(panels[-1][0], 0.01)
+        panels[-1][0].set_ylabel("height [m]")
+    panels[-1][0].set_xlabel(clock.label)
+    return figure
+
+
+def draw_torquing(run: PlatformRun) -> Figure:
+    """Draw the rates at which the gyros are torqued, about East, North, Up.
+
+    Parameters
+    ----------
+    run : PlatformRun
+    """
+    figure, panels = stacked(
+        3, "Commanded torquing rates", "Earth rate plus transport rate, as computed; the Earth turns at 15.041 deg/h"
+    )
+    clock = Clock.of(run.solution.time)
+    rates = torquing_rates(run.solution) / DEG_PER_H
+    columns = (("about east [deg/h]", 1, 1.0), ("about north [deg/h]", 0, 1.0), ("about up [deg/h]", 2, -1.0))
+    for (axes,), (label, column, sign) in zip(panels, columns, strict=True):
+        line(axes, clock(run.solution.time), sign * rates[:, column], BLUE, "")
+        widened(axes, 1e-3)
+        axes.set_ylabel(label)
+    panels[-1][0].set_xlabel(clock.label)
+    return figure
+
+
+def draw_platform_errors(run: PlatformRun, theory: StaticErrors | None) -> Figure:
+    """Draw what the platform's errors do to position, velocity and to its own attitude.
+
+    Parameters
+    ----------
+    run : PlatformRun
+        With errors.
+    theory : StaticErrors or None
+        What the closed form says, if the vehicle is at rest.
+    """
+    note = "solution minus the same without the platform's errors"
+    figure, panels = stacked(3, "What the platform's errors do", note + ("; black: closed form" if theory else ""))
+    time = run.solution.time
+    clock = Clock.of(time)
+    position = ned_offset(run.solution.lla, run.undisturbed.lla)[:, :2]
+    velocity = (run.solution.v_n - run.undisturbed.v_n)[:, :2]
+    arcmin = DEG / 60.0
+    blocks: list[tuple[str, FloatArray, FloatArray | None]] = [
+        ("position [m]", position, theory.position if theory else None),
+        ("velocity [m/s]", velocity, theory.velocity if theory else None),
+        ("tilt [arcmin]", run.tilt / arcmin, theory.tilt / arcmin if theory else None),
+    ]
+    for (axes,), (label, values, expected) in zip(panels, blocks, strict=True):
+        for column, name in enumerate(("north", "east", "down")[: values.shape[1]]):
+            line(axes, clock(time), values[:, column], AXIS_COLOURS[column], name, linewidth=1.8)
+            if expected is not None:
+                line(axes, clock(time), expected[:, column], BLACK, "", linewidth=0.7, linestyle="--")
+        axes.set_ylabel(label)
+    legend_above(panels[0][0], panels[2][0])
+    panels[-1][0].set_xlabel(clock.label)
+    return figure
+
+
+def draw_beside(found: Beside, theory: StaticErrors | None, motion: str, errors: str) -> Figure:
+    """Draw the position error of a platform beside that of a strapdown navigator with the same errors.
+
+    Parameters
+    ----------
+    found : Beside
+    theory : StaticErrors or None
+        Closed form, at rest.
+    motion, errors : str
+        What was done, and with which errors.
+    """
+    figure, panels = stacked(2 if theory is None else 3, f"Platform beside strapdown: {motion}", errors)
+    hours = (found.time - found.time[0]) / _HOUR
+    both = (("platform", found.platform, BLUE, 2.6, 0.55), ("strapdown", found.strapdown, VERMILLION, 1.2, 1.0))
+    for column, ((axes,), axis) in enumerate(zip(panels[:2], ("north", "east"), strict=True)):
+        for name, error, colour, width, alpha in both:
+            line(axes, hours, error[:, column] / 1000.0, colour, name, linewidth=width, alpha=alpha)
+        if theory is not None:
+            line(axes, hours, theory.position[:, column] / 1000.0, BLACK, "closed form", linewidth=0.9, linestyle="--")
+        axes.set_ylabel(f"{axis} error [km]")
+    last = panels[-1][0]
+    if theory is not None:
+        for name, error, colour, width, alpha in both:
+            off = np.hypot(*(error[:, :2] - theory.position).T)
+            line(last, hours, off, colour, name, linewidth=width, alpha=alpha)
+        last.set_ylabel("off closed form [m]")
+    if hours[-1] > 12.0:
+        last.xaxis.set_major_locator(MultipleLocator(3.0))
+    legend_above(panels[0][0])
+    last.set_xlabel("time since start [h]")
+    return figure

@@ -1,0 +1,55 @@
+"""How sure the filter and the smoothed solution are of themselves, over time."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from insnav.errors.gps_gaps import outages
+from insnav.report.style import BLUE, VERMILLION, Clock, broken_at_gaps, legend_above, line, logarithmic, shade, stacked
+from insnav.types import FloatArray, Run
+
+
+def draw_uncertainty(run: Run) -> Figure | None:
+    """Draw the standard deviations of both solutions on logarithmic axes.
+
+    Parameters
+    ----------
+    run : Run
+
+    Returns
+    -------
+    Figure or None
+        None if the run was not smoothed.
+    """
+    if run.smoothed is None or run.smoothed.solution.sd is None or run.solution.sd is None:
+        return None
+    clock, spans = Clock.of(run.solution.time), outages(run)
+    figure, panels = stacked(
+        4,
+        "Standard deviation of the solution",
+        "the filter knows the fixes so far, the smoothed solution all of them",
+    )
+    for name, solution, colour in (
+        ("filter", run.solution, BLUE),
+        ("smoothed", run.smoothed.solution, VERMILLION),
+    ):
+        assert solution.sd is not None
+        time, columns = broken_at_gaps(clock(solution.time), _groups(solution.sd))
+        for axis in range(4):
+            line(panels[axis][0], time, columns[:, axis], colour, name)
+    for (axes,), label in zip(
+        panels, ("horizontal [m]", "height [m]", "horizontal velocity [m/s]", "heading [deg]"), strict=True
+    ):
+        axes.set_yscale("log")
+        logarithmic(axes.yaxis)
+        shade(axes, clock, spans)
+        axes.set_ylabel(label)
+    panels[-1][0].set_xlabel(clock.label)
+    legend_above(panels[0][0])
+    return figure
+
+
+def _groups(sd: FloatArray) -> FloatArray:
+    """Horizontal position [m], height [m], horizontal velocity [m/s], heading [deg]."""
+    return np.column_stack((np.hypot(sd[:, 0], sd[:, 1]), sd[:, 2], np.hypot(sd[:, 3], sd[:, 4]), np.degrees(sd[:, 8])))

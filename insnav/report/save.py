@@ -1,0 +1,153 @@
+"""Everything a run leaves on the disk: tables, track, figures, page, facts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from insnav.errors.metrics import position_errors
+from insnav.filter.navigate import Navigated
+from insnav.imu.model import ImuSpec, SensorSpec
+from insnav.input.readers.reading import Reading
+from insnav.output.folder import RunFolder
+from insnav.output.solution_tables import (
+    TableFormat,
+    write_biases,
+    write_events,
+    write_innovations,
+    write_kml,
+    write_solution,
+)
+from insnav.report.run_json import run_facts
+from insnav.types import EventKind, FloatArray, Trajectory
+from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, G0, M_S_PER_SQRT_H, PPM
+
+
+def write_run(
+    folder: RunFolder,
+    done: Navigated,
+    *,
+    readings: Mapping[str, Reading[Any] | None],
+    configuration: Mapping[str, Any],
+    spec: ImuSpec,
+    imu_note: str,
+    reference_lever_b: FloatArray | None,
+    table_format: TableFormat,
+    figure_format: Any,
+    more_facts: Mapping[str, Any] | None = None,
+    more_figures: Sequence[Path] = (),
+) -> tuple[dict[str, Any], Path]:
+    """Write the whole run folder and put it in place.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        Entered, not committed.
+    done : Navigated
+        The run.
+    readings : mapping
+        ``imu``, ``gps`` and ``reference`` as read; a reference may be None.
+    configuration : mapping
+        Options in force.
+    spec : ImuSpec
+        IMU model.
+    imu_note : str
+        How it was chosen.
+    reference_lever_b : (3,) array or None
+        Point of the reference seen from the IMU [m].
+    table_format : {"csv", "parquet"}
+    figure_format : {"png", "svg"} or None
+    more_facts : mapping, optional
+        What was found besides the solution; JSON-ready.
+    more_figures : sequence of Path
+        Its figures, already in the folder.
+
+    Returns
+    -------
+    facts : dict
+        Content of ``run.json``.
+    where : Path
+        The finished folder.
+    """
+    given = {name: reading for name, reading in readings.items() if reading is not None}
+    read_events = [event for reading in given.values() for event in reading.events]
+    run = replace(done.run, events=tuple(sorted([*read_events, *done.run.events], key=lambda event: event.time)))
+    reference = readings.get("reference")
+    errors = smoothed_errors = None
+    if reference is not None:
+        errors = position_errors(run.solution, _fixed(reference), lever_b=reference_lever_b)
+        if run.smoothed is not None:
+            smoothed_errors = position_errors(run.smoothed.solution, _fixed(reference), lever_b=reference_lever_b)
+    warnings = [*done.notes]
+    if reference is not None and len(_fixed(reference).time) < len(reference.data.time):
+        left = len(reference.data.time) - len(_fixed(reference).time)
+        warnings.append(f"accuracy counts reference epochs with fix = 1 only; {left} others are left out")
+    diverged = [event for event in run.events if event.kind is EventKind.DIVERGED]
+    if diverged:
+        warnings.append(
+            f"innovations do not fit their predicted size in {len(diverged)} windows of a minute, first at "
+            f"{diverged[0].time:.1f} s: {diverged[0].unit} = {diverged[0].value:.2g}; {diverged[0].hint}"
+        )
+    facts = run_facts(
+        run,
+        reading={name: reading.facts.as_dict() for name, reading in given.items()},
+        configuration=configuration,
+        imu_model=model_facts(spec, imu_note),
+        errors=errors,
+        smoothed_errors=smoothed_errors,
+        reference_name=reference.facts.path if reference is not None else "",
+        warnings=warnings,
+    )
+    facts |= more_facts or {}
+    write_solution(folder.directory, run.solution, table_format)
+    if run.smoothed is not None:
+        write_solution(folder.directory, run.smoothed.solution, table_format, "smoothed")
+    write_innovations(folder.directory, run.innovations, table_format)
+    write_biases(folder.directory, run.sensor_errors, table_format)
+    write_events(folder.directory, run.events)
+    write_kml(folder.directory, run.solution, Path(given["imu"].facts.path).name)
+    if figure_format is not None:
+        from insnav.report.run.figures import draw_all
+        from insnav.report.run.page import write_page
+
+        figures = draw_all(run, done.gps, errors, folder.path("figures/track").parent, figure_format, smoothed_errors)
+        write_page(
+            folder.path("report.html"),
+            facts,
+            [*figures, *more_figures],
+            title=f"insnav run of {given['imu'].facts.path}",
+        )
+    where = folder.commit(facts)
+    return facts, where
+
+
+def _fixed(reference: Reading[Trajectory]) -> Trajectory:
+    """Reference epochs that are good enough to judge by: ambiguities fixed, where the file tells."""
+    if reference.fix is None or not (reference.fix == 1).any():
+        return reference.data
+    good, data = reference.fix == 1, reference.data
+    return Trajectory(data.time[good], data.lla[good], data.v_n[good], data.rph[good])
+
+
+def model_facts(spec: ImuSpec, how: str) -> dict[str, Any]:
+    """Figures of an IMU model in field units."""
+
+    def sensor(s: SensorSpec, unit: str, scale: float, walk: str, walk_scale: float) -> dict[str, Any]:
+        return {
+            f"bias_{unit}": s.bias / scale,
+            f"bias_instability_{unit}": s.bias_instability / scale,
+            "correlation_time_h": s.correlation_time / 3600.0,
+            f"random_walk_{walk}": s.random_walk / walk_scale,
+            "scale_factor_ppm": s.scale_factor / PPM,
+            "misalignment_deg": s.misalignment / DEG,
+        }
+
+    return {
+        "name": spec.name,
+        "chosen": how,
+        "source": spec.source,
+        "gyro": sensor(spec.gyro, "deg_h", DEG_PER_H, "deg_sqrt_h", DEG_PER_SQRT_H),
+        "accel": sensor(spec.accel, "mg", 1e-3 * G0, "m_s_sqrt_h", M_S_PER_SQRT_H),
+    }

@@ -1,0 +1,1 @@
+"""The reports of simulated recordings, one or many."""

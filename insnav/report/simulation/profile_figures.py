@@ -1,0 +1,179 @@
+"""A simulated motion, exactly as it is: its way over the ground, and everything that sensors will feel of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from insnav.attitude import dcm_from_quat
+from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
+from insnav.report.run.figures.states import readable_heading
+from insnav.report.run.figures.track import distance_text, duration_text, map_limits, north_arrow, scale_bar
+from insnav.report.style import (
+    AXIS_COLOURS,
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    VERMILLION,
+    Clock,
+    blank,
+    legend_above,
+    line,
+    stacked,
+    widened,
+)
+from insnav.simulate.truth import Kinematics
+from insnav.types import FloatArray
+
+_MAP_WIDTH = 7.35  # [inch]
+_TRACK_POINTS = 4000
+_AT_REST = 0.01  # largest speed of a motion whose sketch shows rates instead [m/s]
+
+
+def draw_way(time: FloatArray, motion: Kinematics, name: str) -> Figure:
+    """Draw the way seen from above, coloured by speed.
+
+    Parameters
+    ----------
+    time : (n,) array
+        [s].
+    motion : Kinematics
+        The motion at these times.
+    name : str
+        Of the profile.
+    """
+    step = max(1, len(time) // _TRACK_POINTS)
+    rows = np.unique(np.append(np.arange(0, len(time), step), len(time) - 1))
+    north, east = _on_map(motion.lla[rows])
+    speed = np.linalg.norm(motion.v_n[rows], axis=1)
+    x_limits, y_limits = map_limits(east, north)
+    height = _MAP_WIDTH * (y_limits[1] - y_limits[0]) / (x_limits[1] - x_limits[0])
+    lat, lon = np.degrees(motion.lla[0, :2])
+    figure = blank(
+        _MAP_WIDTH + 1.9,
+        height + 1.6,
+        f"Simulated motion {name}: {distance_text(way(time, motion))} in {duration_text(float(time[-1] - time[0]))}",
+        f"start at latitude {lat:.5f}°, longitude {lon:.5f}°, height {motion.lla[0, 2]:.1f} m; exact, without errors",
+    )
+    figure.subplots_adjust(right=1.0 - 0.75 / (_MAP_WIDTH + 1.9))
+    axes = figure.subplots()
+    axes.set_xlim(*x_limits)
+    axes.set_ylim(*y_limits)
+    points = np.column_stack((east, north))
+    pieces = LineCollection(
+        list(np.stack((points[:-1], points[1:]), axis=1)), cmap="cividis", linewidth=2.2, capstyle="round", zorder=2
+    )
+    pieces.set_array(0.5 * (speed[:-1] + speed[1:]))
+    pieces.set_clim(0.0, max(float(speed.max()), 0.1))
+    axes.add_collection(pieces)
+    axes.plot(east[0], north[0], "^", color=GREEN, markersize=13.0, markeredgecolor="white", label="start", zorder=4)
+    axes.plot(east[-1], north[-1], "s", color=BLACK, markersize=5.0, markeredgecolor="white", label="end", zorder=4)
+    scale_bar(axes)
+    north_arrow(axes)
+    axes.set_aspect("equal")
+    axes.set_xlabel("East of start [m]")
+    axes.set_ylabel("North of start [m]")
+    legend_above(axes)
+    figure.colorbar(pieces, ax=axes, label="speed [m/s]", fraction=0.05, pad=0.02)
+    return figure
+
+
+def draw_motion(time: FloatArray, motion: Kinematics, name: str) -> Figure:
+    """Draw speed, height, attitude, angular rate and specific force over time.
+
+    Parameters
+    ----------
+    time : (n,) array
+        [s].
+    motion : Kinematics
+        The motion at these times.
+    name : str
+        Of the profile.
+    """
+    clock = Clock.of(time)
+    figure, panels = stacked(
+        6,
+        f"Simulated motion {name}: what the sensors would feel, without errors",
+        "body axes x forward, y right, z down; rate against inertial space; specific force",
+        height=10.4,
+    )
+    axes = [row[0] for row in panels]
+    x = clock(time)
+    line(axes[0], x, np.linalg.norm(motion.v_n, axis=1), BLUE, "speed")
+    axes[0].set_ylabel("speed [m/s]")
+    line(axes[1], x, motion.lla[:, 2], BLUE, "height")
+    axes[1].set_ylabel("height [m]")
+    _three(axes[2], x, np.degrees(motion.rph[:, :2]), ("roll", "pitch"), (BLUE, VERMILLION))
+    axes[2].set_ylabel("tilt [deg]")
+    line(axes[3], x, readable_heading(motion.rph[:, 2])[0], GREEN, "heading")
+    axes[3].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value % 360.0:g}"))
+    axes[3].yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 3, 4.5, 6, 9, 10]))
+    axes[3].set_ylabel("heading [deg]")
+    _three(axes[4], x, np.degrees(motion.w_ib_b), ("x", "y", "z"), AXIS_COLOURS)
+    axes[4].set_ylabel("rate [deg/s]")
+    _three(axes[5], x, motion.f_b, ("x", "y", "z"), AXIS_COLOURS)
+    axes[5].set_ylabel("force [m/s²]")
+    for panel in (axes[2], axes[4], axes[5]):
+        legend_above(panel)
+    for panel, least in zip(axes, (0.1, 0.1, 0.1, 0.1, 1e-3, 1e-2), strict=True):
+        widened(panel, least)
+    axes[-1].set_xlabel(clock.label)
+    return figure
+
+
+def draw_sketch(time: FloatArray, motion: Kinematics, name: str, purpose: str) -> Figure:
+    """Draw the way and the speed side by side: enough to choose a profile by.
+
+    Parameters
+    ----------
+    time : (n,) array
+        [s].
+    motion : Kinematics
+        The motion at these times.
+    name, purpose : str
+        Of the profile.
+    """
+    clock = Clock.of(time)
+    figure = blank(8.4, 3.2, name, purpose)
+    left, right = figure.subplots(1, 2, gridspec_kw={"wspace": 0.3})
+    north, east = _on_map(motion.lla)
+    x_limits, y_limits = map_limits(east, north)
+    left.set_xlim(*x_limits)
+    left.set_ylim(*y_limits)
+    left.plot(east, north, color=BLUE)
+    left.plot(east[0], north[0], "^", color=GREEN, markersize=9.0, markeredgecolor="white")
+    left.set_aspect("equal")
+    left.set_xlabel("East [m]")
+    left.set_ylabel("North [m]")
+    speed = np.linalg.norm(motion.v_n, axis=1)
+    if speed.max() > _AT_REST:
+        line(right, clock(time), speed, ORANGE, "speed")
+        right.set_ylabel("speed [m/s]")
+    else:
+        line(right, clock(time), np.degrees(np.linalg.norm(motion.w_ib_b, axis=1)), ORANGE, "rate")
+        right.set_ylabel("angular rate [deg/s]")
+    widened(right, 0.1)
+    right.set_xlabel(clock.label)
+    return figure
+
+
+def way(time: FloatArray, motion: Kinematics) -> float:
+    """Length of the way [m], by the trapezoidal rule."""
+    speed = np.linalg.norm(motion.v_n, axis=1)
+    return float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time)))
+
+
+def _on_map(lla: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """North and East of the first place, on the plane that touches the Earth there [m]: no pole is special on it."""
+    r_e = earth_from_lla(lla)
+    north, east, _ = dcm_from_quat(quat_earth_from_level(lla[:1]))[0].T @ (r_e - r_e[0]).T
+    return north, east
+
+
+def _three(axes: Axes, x: FloatArray, values: FloatArray, labels: tuple[str, ...], colours: tuple[str, ...]) -> None:
+    for column, (label, colour) in enumerate(zip(labels, colours, strict=True)):
+        line(axes, x, values[:, column], colour, label, linewidth=0.9)

@@ -1,0 +1,271 @@
+"""Errors of satellite receivers: noise that is white and that lasts, multipath, outages, latency, float solutions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from insnav.earth import lla_offset
+from insnav.exceptions import ConfigError
+from insnav.simulate.ideal_sensors import gps_from_truth
+from insnav.simulate.imu_errors import Seed, gauss_markov
+from insnav.simulate.truth import Truth
+from insnav.types import BoolArray, FloatArray, GpsData
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class GpsErrors:
+    """How far the fixes of a receiver are off.
+
+    Attributes
+    ----------
+    position_noise : (3,) tuple
+        Standard deviation of the white error North, East, Down [m].
+    position_drift : (3,) tuple
+        Standard deviation of the time-correlated (first-order Gauss-Markov) error North, East, Down [m].
+    correlation_time : float
+        Its correlation time [s].
+    velocity_noise : (3,) tuple
+        Standard deviation of the white velocity error [m/s].
+    """
+
+    position_noise: Triple
+    position_drift: Triple = (0.0, 0.0, 0.0)
+    correlation_time: float = 60.0
+    velocity_noise: Triple = (0.1, 0.1, 0.1)
+
+    @property
+    def position_sd(self) -> FloatArray:
+        """Standard deviation of the whole position error North, East, Down ``(3,)`` [m]."""
+        return np.hypot(self.position_noise, self.position_drift)
+
+
+@dataclass(frozen=True, slots=True)
+class Now:
+    """Something that happens now and then: exponential times between, exponential lengths (a Poisson process).
+
+    Attributes
+    ----------
+    every : float
+        Mean time from the end of one to the beginning of the next [s].
+    length : float
+        Mean length [s].
+    """
+
+    every: float
+    length: float
+
+
+@dataclass(frozen=True, slots=True)
+class GpsSpec:
+    """How good a receiver is and where its antenna sits.
+
+    Attributes
+    ----------
+    name : str
+    errors : GpsErrors
+        Errors of its fixes.
+    rate : float
+        [Hz]
+    lever_b : (3,) tuple
+        Antenna seen from the IMU, body axes [m].
+    velocities : bool
+        Whether it gives velocities.
+    latency, jitter : float
+        How much later than valid a fix is stamped: on average, and its standard deviation [s].
+    fix : int
+        Fix type it says (1 fixed, 2 float, 4 DGPS, 5 single).
+    multipath, multipath_size : Now or None, float
+        Jumps of the position, and their standard deviation on each axis [m]. The stated deviations do not tell.
+    degraded, degraded_noise : Now or None, float
+        Times of a worse kind of fix (an RTK float solution), type 2, and their white error on each axis [m]. Told.
+    outages : tuple of (float, float)
+        Begin, since the start of the motion, and length of outages [s].
+    outage_period : (float, float) or None
+        Period of regular outages, and the length of each, at the end of the period [s].
+    outage : Now or None
+        Random outages.
+    stated : float
+        Standard deviations stated, by the true ones.
+    source : str
+        Where the figures come from.
+    """
+
+    name: str
+    errors: GpsErrors
+    rate: float = 1.0
+    lever_b: Triple = (0.0, 0.0, 0.0)
+    velocities: bool = True
+    latency: float = 0.0
+    jitter: float = 0.0
+    fix: int = 5
+    multipath: Now | None = None
+    multipath_size: float = 0.0
+    degraded: Now | None = None
+    degraded_noise: float = 0.0
+    outages: tuple[tuple[float, float], ...] = ()
+    outage_period: tuple[float, float] | None = None
+    outage: Now | None = None
+    stated: float = 1.0
+    source: str = ""
+
+
+def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
+    """Let a receiver measure a motion.
+
+    Parameters
+    ----------
+    truth : Truth
+        The motion.
+    spec : GpsSpec
+        The receiver.
+    seed : int or tuple of int
+        The same seed gives the same fixes; every kind of error has a stream of its own, so that none changes when
+        another one is switched on.
+
+    Returns
+    -------
+    GpsData
+        Fixes with what the receiver says of them.
+
+    Raises
+    ------
+    ConfigError
+        A motion that is over before the first fix.
+    """
+    kept, jumps, floats, times, white = np.random.SeedSequence(seed).spawn(5)
+    count = int(np.floor(truth.duration * spec.rate * (1.0 + 1e-12)))
+    # a stamp is never earlier than the first instant that can be measured
+    stamp: FloatArray = truth.start + np.arange(1.0, count + 1.0) / spec.rate
+    late = spec.latency + spec.jitter * np.random.default_rng(times).standard_normal(count)
+    valid = np.sort(stamp - late)  # jitter may be longer than the time between fixes
+    inside = (valid >= truth.start) & (valid <= truth.start + truth.duration)
+    inside &= ~_outages(spec, stamp, truth, np.random.default_rng(kept))
+    if not inside.any():
+        raise ConfigError(
+            "the motion has no fix",
+            where="gps",
+            why=f"it lasts {truth.duration:g} s, at {spec.rate:g} Hz and with all outages",
+            fix="a longer motion, a higher rate, or fewer outages",
+        )
+    # errors go on while there are no fixes
+    gps = gps_from_truth(truth, np.clip(valid, truth.start, truth.start + truth.duration), np.asarray(spec.lever_b))
+    gps = corrupt_gps(replace(gps, time=stamp), spec.errors, white.generate_state(4).tolist())
+    position_sd = gps.position_sd.copy()
+    error = np.zeros_like(gps.lla)
+    fix = np.full(len(stamp), spec.fix, dtype=np.int64)
+    if spec.multipath is not None:
+        rng = np.random.default_rng(jumps)
+        for begin, end in _spells(spec.multipath, truth, rng):
+            error[(stamp >= begin) & (stamp < end)] += spec.multipath_size * rng.standard_normal(3)
+    if spec.degraded is not None:
+        rng = np.random.default_rng(floats)
+        worse = _within(stamp, _spells(spec.degraded, truth, rng))
+        error[worse] += spec.degraded_noise * rng.standard_normal((int(worse.sum()), 3))
+        position_sd[worse] = np.hypot(position_sd[worse], spec.degraded_noise)
+        fix[worse] = 2
+    unknown = np.full_like(gps.v_n, np.nan)
+    whole = replace(
+        gps,
+        lla=lla_offset(gps.lla, error),
+        v_n=gps.v_n if spec.velocities else unknown,
+        position_sd=spec.stated * position_sd,
+        velocity_sd=spec.stated * gps.velocity_sd if spec.velocities else unknown.copy(),
+        fix=fix,
+    )
+    return _chosen(whole, inside)
+
+
+def _outages(spec: GpsSpec, time: FloatArray, truth: Truth, rng: np.random.Generator) -> BoolArray:
+    """Which fixes fall into an outage."""
+    since = time - truth.start
+    dark = _within(since, [(begin, begin + length) for begin, length in spec.outages])
+    if spec.outage_period is not None:
+        period, length = spec.outage_period
+        dark |= since % period >= period - length
+    if spec.outage is not None:
+        dark |= _within(time, _spells(spec.outage, truth, rng))
+    return dark
+
+
+def _spells(when: Now, truth: Truth, rng: np.random.Generator) -> list[tuple[float, float]]:
+    """Begin and end of each."""
+    spells: list[tuple[float, float]] = []
+    time = truth.start
+    while True:
+        begin = time + when.every * float(rng.exponential())
+        time = begin + when.length * float(rng.exponential())
+        if begin >= truth.start + truth.duration:
+            return spells
+        spells.append((begin, time))
+
+
+def _within(time: FloatArray, spells: list[tuple[float, float]]) -> BoolArray:
+    inside = np.zeros(len(time), dtype=np.bool_)
+    for begin, end in spells:
+        inside |= (time >= begin) & (time < end)
+    return inside
+
+
+def corrupt_gps(gps: GpsData, errors: GpsErrors, seed: Seed) -> GpsData:
+    """Add errors, and standard deviations that tell their true size.
+
+    Parameters
+    ----------
+    gps : GpsData
+        Error-free fixes.
+    errors : GpsErrors
+        Sizes of the errors.
+    seed : int or tuple of int
+        The same seed gives the same errors.
+
+    Returns
+    -------
+    GpsData
+        The same fixes with errors.
+
+    Raises
+    ------
+    ConfigError
+        A standard deviation that is not above zero: no receiver is perfect, and no filter takes a zero.
+    """
+    velocity_sd = np.asarray(errors.velocity_noise, dtype=np.float64)
+    sizes = np.concatenate([errors.position_sd, velocity_sd, [errors.correlation_time]])
+    if not (np.all(np.isfinite(sizes)) and np.all(sizes > 0.0)):
+        raise ConfigError(
+            "standard deviations and correlation time of the receiver must be above zero",
+            where="gps",
+            why=f"they are {errors.position_sd} m, {velocity_sd} m/s and {errors.correlation_time} s",
+        )
+    rng = np.random.default_rng(seed)
+    shape = gps.lla.shape
+    error_n = rng.standard_normal(shape) * errors.position_noise
+    error_n += gauss_markov(rng, gps.time, np.array(errors.position_drift), errors.correlation_time)
+    return replace(
+        gps,
+        lla=lla_offset(gps.lla, error_n),
+        v_n=gps.v_n + rng.standard_normal(shape) * velocity_sd,
+        position_sd=np.tile(errors.position_sd, (shape[0], 1)),
+        velocity_sd=np.tile(velocity_sd, (shape[0], 1)),
+    )
+
+
+def without_fixes(gps: GpsData, begin: float, end: float) -> GpsData:
+    """Take out the fixes of an outage, at ``begin < time <= end`` [s]."""
+    return _chosen(gps, ~((gps.time > begin) & (gps.time <= end)))
+
+
+def _chosen(gps: GpsData, kept: BoolArray) -> GpsData:
+    return replace(
+        gps,
+        time=gps.time[kept],
+        lla=gps.lla[kept],
+        v_n=gps.v_n[kept],
+        position_sd=gps.position_sd[kept],
+        velocity_sd=gps.velocity_sd[kept],
+        fix=None if gps.fix is None else gps.fix[kept],
+        heading=None if gps.heading is None else gps.heading[kept],
+    )

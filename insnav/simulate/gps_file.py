@@ -1,0 +1,258 @@
+"""The receiver file (``gps.toml``): how good a receiver is, with a unit in every value.
+
+name = "my receiver"
+rate = "5 Hz"
+lever_arm = ["0.8 m", "-0.3 m", "-1.2 m"]    # antenna seen from the IMU: forward, right, down
+latency = "0.1 s"                            # stamped later than valid; jitter = "5 ms" about that
+fix = 5                                      # 1 fixed, 2 float, 4 DGPS, 5 single
+stated = 1.0                                 # standard deviations it states, by the true ones
+
+[position]                                   # North, East, Down, or one value for all
+white = "1 m"
+lasting = "1.5 m"                            # Gauss-Markov
+correlation_time = "60 s"
+
+[velocity]                                   # without this table the receiver gives none
+white = "0.1 m/s"
+
+[multipath]                                  # jumps that the standard deviations do not tell
+every = "60 s"
+length = "8 s"
+size = "8 m"
+
+[degraded]                                   # a float solution now and then, told by fix type 2
+every = "200 s"
+length = "10 s"
+white = "0.3 m"
+
+[outage]                                     # random, and regular, and in a list of begin and length
+every = "150 s"
+length = "12 s"
+period = ["300 s", "20 s"]
+list = [["120 s", "30 s"]]
+"""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Annotated, Any
+
+import tomli_w
+from pydantic import Field, PlainValidator, model_validator
+from pydantic_core import PydanticCustomError
+
+from insnav.config_file import Axes, Table, axes, checked, quantity, read_toml, refuse, scalar
+from insnav.exceptions import ConfigError
+from insnav.simulate.gps_errors import GpsErrors, GpsSpec, Now
+
+_FOLDER = Path(__file__).parent / "receivers"
+PRESETS = ("single", "dgps", "rtk", "urban")
+_MAX_RATE = 100.0  # [Hz]
+
+
+def _pair(value: object) -> tuple[float, float]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise PydanticCustomError("wrong_value", 'must be two times, like ["300 s", "20 s"]')
+    begin, length = (quantity(item, "time", signed=False) for item in value)
+    return begin, length
+
+
+def _pairs(value: object) -> tuple[tuple[float, float], ...]:
+    if not isinstance(value, list):
+        raise PydanticCustomError("wrong_value", 'must be a list of begin and length, like [["120 s", "30 s"]]')
+    return tuple(_pair(item) for item in value)
+
+
+class _Position(Table):
+    white: Annotated[Axes, axes("length")]
+    lasting: Annotated[Axes, axes("length")] = (0.0, 0.0, 0.0)
+    correlation_time: Annotated[float, scalar("time")] = 60.0
+
+    @model_validator(mode="after")
+    def _sound(self) -> _Position:
+        if not self.correlation_time > 0.0:
+            raise PydanticCustomError("wrong_value", "correlation_time must be above zero")
+        if not all(w > 0.0 or d > 0.0 for w, d in zip(self.white, self.lasting, strict=True)):
+            raise PydanticCustomError("wrong_value", "white and lasting must not both be zero: use --gps ideal")
+        return self
+
+
+class _Velocity(Table):
+    white: Annotated[Axes, axes("velocity")]
+
+    @model_validator(mode="after")
+    def _sound(self) -> _Velocity:
+        if not all(value > 0.0 for value in self.white):
+            raise PydanticCustomError("wrong_value", "white must be above zero")
+        return self
+
+
+class _Now(Table):
+    every: Annotated[float, scalar("time")]
+    length: Annotated[float, scalar("time")]
+
+    @model_validator(mode="after")
+    def _sound(self) -> _Now:
+        if not (self.every > 0.0 and self.length > 0.0):
+            raise PydanticCustomError("wrong_value", "every and length must be above zero")
+        return self
+
+
+class _Multipath(_Now):
+    size: Annotated[float, scalar("length")]
+
+
+class _Degraded(_Now):
+    white: Annotated[float, scalar("length")]
+
+
+class _Outage(Table):
+    every: Annotated[float | None, scalar("time")] = None
+    length: Annotated[float | None, scalar("time")] = None
+    period: Annotated[tuple[float, float] | None, PlainValidator(_pair)] = None
+    list: Annotated[tuple[tuple[float, float], ...], PlainValidator(_pairs)] = ()
+
+    @model_validator(mode="after")
+    def _sound(self) -> _Outage:
+        if (self.every is None) != (self.length is None) or self.every == 0.0 or self.length == 0.0:
+            raise PydanticCustomError("wrong_value", "every and length go together and must be above zero")
+        if self.period is not None and not 0.0 < self.period[1] < self.period[0]:
+            raise PydanticCustomError("wrong_value", "period: the length must be above zero and below the period")
+        return self
+
+
+class _GpsFile(Table):
+    name: str | None = None
+    source: str = ""
+    rate: Annotated[float, scalar("frequency")] = 1.0
+    lever_arm: Annotated[Axes, axes("length", signed=True)] = (0.0, 0.0, 0.0)
+    latency: Annotated[float, scalar("time")] = 0.0
+    jitter: Annotated[float, scalar("time")] = 0.0
+    fix: Annotated[int, Field(ge=1, le=5)] = 5
+    stated: Annotated[float, Field(gt=0.0, le=1000.0, strict=False)] = 1.0
+    position: _Position
+    velocity: _Velocity | None = None
+    multipath: _Multipath | None = None
+    degraded: _Degraded | None = None
+    outage: _Outage | None = None
+
+    @model_validator(mode="after")
+    def _sound(self) -> _GpsFile:
+        if not 0.0 < self.rate <= _MAX_RATE:
+            raise PydanticCustomError("wrong_value", "rate must be above 0 Hz and at most 100 Hz")
+        return self
+
+
+def load_gps(preset_or_path: str) -> GpsSpec:
+    """Read how good a receiver is.
+
+    Parameters
+    ----------
+    preset_or_path : str
+        ``single``, ``dgps``, ``rtk``, ``urban``, or a receiver file.
+
+    Returns
+    -------
+    GpsSpec
+
+    Raises
+    ------
+    ConfigError
+        No such preset or file, no TOML, or wrong keys or values: all of them at once.
+    """
+    if preset_or_path in PRESETS:
+        return _load(_FOLDER / f"{preset_or_path}.toml")
+    path = Path(preset_or_path)
+    try:
+        found = path.exists()
+    except (OSError, ValueError):
+        found = False
+    if not found:
+        close = difflib.get_close_matches(preset_or_path, PRESETS, n=1)
+        raise ConfigError(
+            f"{preset_or_path[:200]!r} is neither a receiver preset nor a file",
+            where="--gps",
+            fix=f"did you mean {close[0]!r}?" if close else f"presets are {', '.join(PRESETS)}, ideal",
+        )
+    return _load(path)
+
+
+def _load(path: Path) -> GpsSpec:
+    file, problems = checked(_GpsFile, read_toml(path))
+    if file is None:
+        refuse(problems, str(path))
+    velocity = (1.0, 1.0, 1.0) if file.velocity is None else file.velocity.white
+    outage, multipath, degraded = file.outage or _Outage(), file.multipath, file.degraded
+    return GpsSpec(
+        file.name or path.stem,
+        GpsErrors(file.position.white, file.position.lasting, file.position.correlation_time, velocity),
+        file.rate,
+        file.lever_arm,
+        file.velocity is not None,
+        file.latency,
+        file.jitter,
+        file.fix,
+        None if multipath is None else Now(multipath.every, multipath.length),
+        0.0 if multipath is None else multipath.size,
+        None if degraded is None else Now(degraded.every, degraded.length),
+        0.0 if degraded is None else degraded.white,
+        outage.list,
+        outage.period,
+        None if outage.every is None or outage.length is None else Now(outage.every, outage.length),
+        file.stated,
+        file.source.strip(),
+    )
+
+
+def to_toml(spec: GpsSpec) -> str:
+    """Write a receiver file.
+
+    Parameters
+    ----------
+    spec : GpsSpec
+
+    Returns
+    -------
+    str
+        Text that `load_gps` reads back to exactly the same values.
+    """
+    errors = spec.errors
+    content: dict[str, Any] = {"name": spec.name}
+    if spec.source:
+        content["source"] = spec.source
+    content["rate"] = _text(spec.rate, "Hz")
+    if any(spec.lever_b):
+        content["lever_arm"] = [_text(value, "m") for value in spec.lever_b]
+    for key, value in (("latency", spec.latency), ("jitter", spec.jitter)):
+        if value:
+            content[key] = _text(value, "s")
+    content["fix"] = spec.fix
+    if spec.stated != 1.0:
+        content["stated"] = spec.stated
+    content["position"] = {"white": [_text(value, "m") for value in errors.position_noise]}
+    if any(errors.position_drift):
+        content["position"]["lasting"] = [_text(value, "m") for value in errors.position_drift]
+        content["position"]["correlation_time"] = _text(errors.correlation_time, "s")
+    if spec.velocities:
+        content["velocity"] = {"white": [_text(value, "m/s") for value in errors.velocity_noise]}
+    if spec.multipath is not None:
+        content["multipath"] = {**_now(spec.multipath), "size": _text(spec.multipath_size, "m")}
+    if spec.degraded is not None:
+        content["degraded"] = {**_now(spec.degraded), "white": _text(spec.degraded_noise, "m")}
+    outage: dict[str, Any] = {} if spec.outage is None else dict(_now(spec.outage))
+    if spec.outage_period is not None:
+        outage["period"] = [_text(value, "s") for value in spec.outage_period]
+    if spec.outages:
+        outage["list"] = [[_text(value, "s") for value in pair] for pair in spec.outages]
+    if outage:
+        content["outage"] = outage
+    return tomli_w.dumps(content)
+
+
+def _now(when: Now) -> dict[str, str]:
+    return {"every": _text(when.every, "s"), "length": _text(when.length, "s")}
+
+
+def _text(value: float, unit: str) -> str:
+    return f"{float(value)!r} {unit}"

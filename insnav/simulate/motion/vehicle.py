@@ -1,0 +1,178 @@
+"""From a commanded drive to the exact motion of a car: lean, squat, vibration, position and attitude."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+
+from insnav.earth import radii
+from insnav.exceptions import ConfigError
+from insnav.simulate.curves import Spline, spline_through
+from insnav.simulate.imu_errors import Seed
+from insnav.simulate.profile import Profile, commands
+from insnav.simulate.truth import LevelTruth, components
+from insnav.types import FloatArray
+
+_TONES = 24
+_REFERENCE_SPEED = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """How a car body moves on its wheels.
+
+    Attributes
+    ----------
+    mount : (3,) tuple
+        Roll, pitch, heading of the IMU in the level car at rest [rad], small.
+    lean : float
+        Roll per acceleration to the right [rad/(m/s^2)]; a car leans out of the turn.
+    squat : float
+        Pitch per forward acceleration [rad/(m/s^2)].
+    velocity_shake : (3,) tuple
+        Standard deviation of the vibration velocity forward, right, down at 20 m/s [m/s].
+    angle_shake : (3,) tuple
+        Standard deviation of the vibration of roll, pitch, heading at 20 m/s [rad].
+    band : (2,) tuple
+        Lowest and highest frequency of the vibration [Hz].
+    """
+
+    mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lean: float = 0.009
+    squat: float = 0.006
+    velocity_shake: tuple[float, float, float] = (0.01, 0.01, 0.04)
+    angle_shake: tuple[float, float, float] = (0.0020, 0.0016, 0.0005)
+    band: tuple[float, float] = (0.8, 6.0)
+
+
+def drive(
+    profile: Profile,
+    lla: FloatArray,
+    vehicle: Vehicle,
+    *,
+    seed: Seed,
+    start: float = 0.0,
+    knot_spacing: float = 0.04,
+) -> LevelTruth:
+    """Exact motion of a car that drives a profile.
+
+    The rates of position are splines through the commanded ones and are integrated as polynomials. What the
+    truth hands out are derivatives of the result, so the spacing of the knots decides how closely the
+    commands are followed, never how consistent the motion is.
+
+    Parameters
+    ----------
+    profile : Profile
+        The drive.
+    lla : (3,) array
+        Start: latitude [rad], longitude [rad], height [m].
+    vehicle : Vehicle
+        The car.
+    seed : int or tuple of int
+        Seed of the vibration.
+    start : float
+        Time of the first instant [s].
+    knot_spacing : float
+        Largest distance of knots [s].
+
+    Returns
+    -------
+    LevelTruth
+        The motion, continuous in seven derivatives of position and six of attitude.
+
+    Raises
+    ------
+    ConfigError
+        A drive that cannot be driven, or knots too far apart for the vibration.
+    """
+    if not 0.0 < knot_spacing <= 0.25 / vehicle.band[1]:
+        raise ConfigError(
+            "the knots of the motion are too far apart for its vibration",
+            where="knot_spacing",
+            why=f"{knot_spacing} s, and a quarter of the shortest period is {0.25 / vehicle.band[1]:.3f} s",
+        )
+    command = commands(profile)
+    # Knots on round times: those of the samples fall on them and quadrature has no slivers to do.
+    t: FloatArray = knot_spacing * np.arange(math.ceil(profile.duration / knot_spacing - 1e-9) + 1.0)
+    held = np.minimum(t, profile.duration)
+    speed, heading, grade = components(command(held))
+    acceleration, turn_rate, _ = components(command(held, 1))
+    velocity_shake, angle_shake = shake(t, speed, vehicle, seed)
+
+    roll = vehicle.mount[0] - vehicle.lean * speed * turn_rate + angle_shake[:, 0]
+    pitch = vehicle.mount[1] + grade + vehicle.squat * acceleration + angle_shake[:, 1]
+    attitude = np.column_stack([roll, pitch, vehicle.mount[2] + heading + angle_shake[:, 2]])
+
+    ahead, right = speed * np.cos(grade) + velocity_shake[:, 0], velocity_shake[:, 1]
+    climb = speed * np.sin(grade) - velocity_shake[:, 2]
+    north = ahead * np.cos(heading) - right * np.sin(heading)
+    east = ahead * np.sin(heading) + right * np.cos(heading)
+    return LevelTruth(
+        np.asarray(lla, dtype=np.float64),
+        position_curve(t, np.column_stack([north, east, climb]), lla),
+        spline_through(t, attitude),
+        profile.duration,
+        start,
+    )
+
+
+def position_curve(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> Spline:
+    """Integral of a velocity over the ellipsoid.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Times [s].
+    velocity : (n, 3) array
+        Velocity North, East, up [m/s].
+    lla : (3,) array
+        Where it starts: latitude [rad], longitude [rad], height [m].
+
+    Returns
+    -------
+    Spline
+        Latitude [rad], longitude [rad], height [m] minus `lla`.
+    """
+    here = np.tile(np.asarray(lla, dtype=np.float64), (len(t), 1))
+    # The rates need the position only for the radii and the parallel, which change by parts in 1e7 per metre:
+    # trapezoids are good enough to find it, and each pass gains digits, five on 100 km.
+    for _ in range(3):
+        meridian, transverse = radii(here[:, 0])
+        metres = np.column_stack([meridian + here[:, 2], (transverse + here[:, 2]) * np.cos(here[:, 0])])
+        rates = np.column_stack([velocity[:, :2] / metres, velocity[:, 2]])
+        here = lla + cumulative_trapezoid(rates, t, axis=0, initial=0.0)
+    return spline_through(t, rates).integral()
+
+
+def shake(t: FloatArray, speed: FloatArray, vehicle: Vehicle, seed: Seed) -> tuple[FloatArray, FloatArray]:
+    """Vibration as a sum of tones, in proportion to the speed: none at rest.
+
+    Parameters
+    ----------
+    t, speed : (n,) array
+        Times [s] and forward speed [m/s].
+    vehicle : Vehicle
+        Size and band of the vibration.
+    seed : int or tuple of int
+        Seed of frequencies and phases.
+
+    Returns
+    -------
+    velocity : (n, 3) array
+        Forward, right, down [m/s].
+    angle : (n, 3) array
+        Roll, pitch, heading [rad].
+    """
+    rng = np.random.default_rng(seed)
+    result = np.empty((len(t), 6))
+    for i, sd in enumerate(vehicle.velocity_shake + vehicle.angle_shake):
+        omega = 2.0 * np.pi * rng.uniform(*vehicle.band, _TONES)
+        phase = rng.uniform(0.0, 2.0 * np.pi, _TONES)
+        tones = np.zeros(len(t))
+        for w, p in zip(omega, phase, strict=True):
+            tones += np.sin(w * t + p)
+        result[:, i] = sd * math.sqrt(2.0 / _TONES) * speed / _REFERENCE_SPEED * tones
+    return result[:, :3], result[:, 3:]

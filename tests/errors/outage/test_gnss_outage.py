@@ -1,0 +1,114 @@
+"""Windows without fixes: the same as a filter that never had them, and as uncertain as predicted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.earth import lla_offset, ned_offset
+from insnav.errors.outage.gnss_outage import RECOVERY, growth, outages
+from insnav.exceptions import ConfigError, InputError
+from insnav.filter import FilterSettings
+from insnav.filter.navigate import Prepared, feed
+from insnav.simulate import reference, without_fixes
+from tests.filter import drives
+
+QUIET = 1e-3  # [m], [m/s]
+
+
+def prepared(seed: int) -> Prepared:
+    rng = np.random.default_rng([41, seed])
+    imu = drives.noisy_imu(drives.perfect_imu(), drives.MODEL, rng)
+    gps = drives.noisy_gps(drives.perfect_gps(), rng)
+    start = drives.begin(drives.MODEL, rng)
+    settings = FilterSettings(lever_b=drives.LEVER_B, output_interval=1.0, gates=drives.UNFAILING)
+    return Prepared(imu, gps, drives.MODEL, settings, start.alignment, start.initial, 0.02, ())
+
+
+def exact() -> object:
+    """Fixes without errors, to judge by."""
+    gps = drives.perfect_gps()
+    small = np.full_like(gps.position_sd, QUIET)
+    return replace(gps, position_sd=small, velocity_sd=small)
+
+
+def test_a_window_is_what_a_filter_without_those_fixes_does():
+    ready = prepared(0)
+    (window,) = outages(ready, lengths=[30.0], first=100.0, spacing=1000.0)
+    gps = without_fixes(ready.gps, window.start, window.start + 30.0)
+    gps = without_fixes(gps, window.start + 30.0 + RECOVERY, np.inf)  # the smoother of a window gets no later ones
+    navigator = replace(ready, gps=gps).navigator()
+    feed(navigator, ready.imu)
+    run = navigator.finish()
+    for solution, error in ((run.solution, window.error), (run.smoothed.solution, window.smoothed)):
+        row = int(np.searchsorted(solution.time, window.start + 20.0 - 1e-3))
+        at = int(np.searchsorted(ready.gps.time, window.start + 20.0 - 1e-3))
+        true = reference(drives.truth(), solution.time[row : row + 1])
+        # antenna minus fix = IMU minus truth, minus the error of the fix, but for the arm turned by the attitude error
+        fix_error = ned_offset(ready.gps.lla[at], drives.perfect_gps().lla[at])
+        expected = ned_offset(solution.lla[row], true.lla[0]) - fix_error
+        np.testing.assert_allclose(error[19, :3], expected, atol=0.02)
+
+
+def test_errors_are_as_large_as_predicted():
+    windows = [w for seed in range(10) for w in outages(prepared(seed), lengths=[20.0], spacing=40.0, truth=exact())]
+    (found,) = growth(windows)
+    rms, _, _, predicted = found.quantities["horizontal"]
+    smoothed, _, _, smoothed_sd = found.quantities["smoothed horizontal"]
+    print(
+        f"{found.count} windows: RMS {rms:.2f} m, predicted {predicted:.2f} m; smoothed {smoothed:.2f}, its sd "
+        f"{smoothed_sd:.2f} m; inside 3 sd {100 * found.inside:.1f} %"
+    )
+    assert found.count > 40
+    assert 0.75 < rms / predicted < 1.3
+    assert found.inside > 0.97
+    assert smoothed < 0.5 * rms
+
+
+def test_the_judge_s_own_variance_is_taken_off():
+    noisy = [w for seed in range(6) for w in outages(prepared(seed), lengths=[2.0], spacing=10.0)]
+    clean = [w for seed in range(6) for w in outages(prepared(seed), lengths=[2.0], spacing=10.0, truth=exact())]
+    by_fixes, by_truth = growth(noisy)[0].quantities["horizontal"], growth(clean)[0].quantities["horizontal"]
+    print("RMS by fixes, corrected:", by_fixes[0], "by truth:", by_truth[0])
+    assert by_fixes[0] == pytest.approx(by_truth[0], rel=0.25)
+    assert by_fixes[1] > 1.5 * by_truth[1]  # quantiles are left as they are
+
+
+def test_errors_grow_with_the_length():
+    sums = growth(outages(prepared(1), lengths=[5.0, 15.0, 45.0], truth=exact()))
+    rms = [each.quantities["horizontal"][0] for each in sums]
+    assert rms == sorted(rms)
+    assert rms[-1] > 3.0 * rms[0]
+    assert [each.length for each in sums] == [5.0, 15.0, 45.0]
+
+
+def test_two_processes_find_the_same():
+    ready = prepared(2)
+    one, two = (outages(ready, lengths=[5.0], spacing=60.0, workers=n) for n in (1, 2))
+    assert len(one) == len(two) > 1
+    for a, b in zip(one, two, strict=True):
+        np.testing.assert_array_equal(a.error, b.error)
+        np.testing.assert_array_equal(a.smoothed, b.smoothed)
+
+
+def test_a_fix_marked_as_none_is_not_judged_by():
+    ready = prepared(3)
+    fix = np.ones(ready.gps.time.shape[0], dtype=np.int64)
+    wild = lla_offset(ready.gps.lla, np.full((fix.shape[0], 3), 1e4))
+    fix[170::3] = 0
+    lla = np.where((fix == 0)[:, None], wild, ready.gps.lla)
+    windows = outages(replace(ready, gps=replace(ready.gps, lla=lla, fix=fix)), lengths=[10.0], spacing=30.0)
+    assert max(np.abs(w.error[:, :3]).max() for w in windows) < 100.0
+
+
+@pytest.mark.parametrize(("lengths", "spacing"), [([], None), ([0.0], None), ([5.0], -1.0), ([np.inf], None)])
+def test_lengths_and_spacing_must_be_above_zero(lengths, spacing):
+    with pytest.raises(ConfigError, match="above zero"):
+        outages(prepared(0), lengths=lengths, spacing=spacing)
+
+
+def test_a_window_longer_than_the_drive_is_refused():
+    with pytest.raises(InputError, match="too short"):
+        outages(prepared(0), lengths=[1000.0])

@@ -1,0 +1,81 @@
+"""The lag between velocity and position of the fixes: found where it is, zero where it is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.filter.gps_noise import velocity_lag
+from insnav.simulate import GpsErrors, corrupt_gps, gps_from_truth
+from insnav.types import GpsData
+from tests.filter import drives
+
+RTK = GpsErrors((0.02, 0.02, 0.03), velocity_noise=(0.05, 0.05, 0.05))
+METRES = GpsErrors((1.5, 1.5, 3.0), velocity_noise=(0.1, 0.1, 0.1))
+SEEDS = range(20)
+CUT_CORNERS = {0.5: 0.0, 1.0: 0.005}  # by a spline through fixes so far apart, in a lively drive [s]
+
+
+def lagging(lag: float, every: float = 0.5) -> GpsData:
+    motion = drives.truth(4)
+    time = np.arange(motion.start + 1.0, motion.start + motion.duration - 1.0, every)
+    older = gps_from_truth(motion, time - lag, drives.LEVER_B)
+    return replace(gps_from_truth(motion, time, drives.LEVER_B), v_n=older.v_n)
+
+
+def every_fourth(n: int, rng: np.random.Generator) -> np.ndarray:
+    return np.arange(n) % 4 == 0
+
+
+def third_and_fourth(n: int, rng: np.random.Generator) -> np.ndarray:
+    return (np.arange(n) % 3 == 0) | (np.arange(n) % 4 == 1)
+
+
+def some(n: int, rng: np.random.Generator) -> np.ndarray:
+    return rng.random(n) < 0.1
+
+
+def lags(gps: GpsData, errors: GpsErrors, missing=None) -> np.ndarray:
+    """Lag and its standard deviation for every seed, velocities taken out by a pattern."""
+    found = []
+    for seed in SEEDS:
+        noisy = corrupt_gps(gps, errors, seed)
+        if missing is not None:
+            v = noisy.v_n.copy()
+            v[missing(v.shape[0], np.random.default_rng(seed))] = np.nan
+            noisy = replace(noisy, v_n=v)
+        found.append(velocity_lag(noisy))
+    return np.transpose(found)
+
+
+@pytest.mark.parametrize("missing", [None, every_fourth, third_and_fourth, some])
+@pytest.mark.parametrize("errors", [RTK, METRES], ids=["RTK", "metres"])
+@pytest.mark.parametrize("every", [0.5, 1.0])
+def test_no_lag_is_found_where_there_is_none(every, errors, missing):
+    lag, sd = lags(lagging(0.0, every), errors, missing)
+    assert (np.abs(lag) <= CUT_CORNERS[every] + 4.0 * sd).all()
+
+
+@pytest.mark.parametrize(("every", "noise"), [(0.2, 0.02), (0.2, 0.05), (0.5, 0.1), (0.5, 0.3), (1.0, 0.3)])
+def test_noise_of_the_positions_does_not_hide_a_lag(every, noise):
+    """The acceleration of a spline through noisy positions is noise: used by itself it finds a tenth of the lag."""
+    lag, sd = lags(lagging(0.13, every), GpsErrors((noise,) * 3, velocity_noise=(0.05, 0.05, 0.05)))
+    assert np.mean(lag) == pytest.approx(0.13, abs=CUT_CORNERS.get(every, 0.0) + 4.0 * np.std(lag) / np.sqrt(lag.size))
+    # the noise of a slope alternates from fix to fix and averages out faster than white noise: the sd is an upper bound
+    assert np.std(lag) / np.mean(sd) < 1.2
+
+
+@pytest.mark.parametrize("missing", [None, some])
+@pytest.mark.parametrize("every", [0.5, 1.0])
+def test_a_lag_is_found(every, missing):
+    lag, sd = lags(lagging(0.13, every), RTK, missing)
+    assert (np.abs(lag - 0.13) <= CUT_CORNERS[every] + 4.0 * sd).all()
+    assert (sd < 0.005).all()
+
+
+def test_velocities_that_are_never_even_give_no_lag():
+    lag, sd = lags(lagging(0.13), RTK, third_and_fourth)
+    np.testing.assert_array_equal(lag, 0.0)
+    np.testing.assert_array_equal(sd, np.inf)

@@ -1,0 +1,48 @@
+"""A file of heights needs a time and a height, and nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav.exceptions import InputError
+from insnav.input.readers.heights import read_heights
+from tests.input.files import write
+
+T = np.arange(50) / 2.0
+H = 100.0 + 3.0 * np.sin(T)
+
+
+@pytest.mark.parametrize(
+    ("header", "scale"),
+    [("time_s,height_m", 1.0), ("t,alt", 1.0), ("t,baro_height_m", 1.0), ("t,height_msl_m", 1.0), ("t,h[km]", 1e-3)],
+)
+def test_headers_and_units(tmp_path: Path, header: str, scale: float):
+    read = read_heights(write(tmp_path / "h.csv", np.column_stack([T, scale * H]), header))
+    np.testing.assert_allclose(read.data.time, T)
+    np.testing.assert_allclose(read.data.height, H, atol=1e-4)
+    assert any("longest step is 0.5 s" in text for text in read.facts.evidence)
+
+
+def test_a_reference_holds_heights_too(tmp_path: Path):
+    rows = np.column_stack([T, np.full(T.size, 48.0), np.full(T.size, 11.0), H])
+    read = read_heights(write(tmp_path / "ref.csv", rows, "time_s,lat_deg,lon_deg,height_m"))
+    np.testing.assert_allclose(read.data.height, H, atol=1e-6)
+
+
+def test_rows_that_are_no_numbers_are_left_out_and_told(tmp_path: Path):
+    height = H.copy()
+    height[20] = np.nan
+    read = read_heights(write(tmp_path / "h.csv", np.column_stack([T, height]), "time_s,height_m"))
+    assert len(read.data.time) == T.size - 1
+    assert np.isfinite(read.data.height).all()
+    assert len(read.events) == 1
+
+
+@pytest.mark.parametrize("header", ["time_s,speed", "lat_deg,height_m"])
+def test_what_is_missing_is_named(tmp_path: Path, header: str):
+    with pytest.raises(InputError, match="a time and a height") as refused:
+        read_heights(write(tmp_path / "h.csv", np.column_stack([T, H]), header))
+    assert header.split(",")[0] in refused.value.details()[1][1]

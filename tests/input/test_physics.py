@@ -1,0 +1,226 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insnav.exceptions import ConfigError, InputError
+from insnav.input import read_imu
+from insnav.input.interpret.axes import all_axes, axes_matrix
+from insnav.input.readers.imu import parse_units
+from tests.input.files import IMU_HEADER, G, rolling, write
+
+PLAIN = "time,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z"
+TRUTH = rolling()
+
+
+def _scaled(gyro: float = 1.0, accel: float = 1.0, time: float = 1.0) -> np.ndarray:
+    rows = TRUTH.copy()
+    rows[:, 0] *= time
+    rows[:, 1:4] *= gyro
+    rows[:, 4:7] *= accel
+    return rows
+
+
+def _check(data):
+    np.testing.assert_allclose(data.time, TRUTH[:, 0], atol=2e-9)
+    np.testing.assert_allclose(data.gyro, TRUTH[:, 1:4], atol=2e-9)
+    np.testing.assert_allclose(data.accel, TRUTH[:, 4:7], atol=2e-8)
+
+
+DEG = np.pi / 180
+MIXES = {
+    "rad/s and m/s^2": (1.0, 1.0),
+    "deg/s and m/s^2": (1 / DEG, 1.0),
+    "rad/s and g": (1.0, 1 / 9.80665),
+    "deg/s and g": (1 / DEG, 1 / 9.80665),
+    "rad/s and mg": (1.0, 1e3 / 9.80665),
+    "deg/s and mg": (1 / DEG, 1e3 / 9.80665),
+    "rad/s and ft/s^2": (1.0, 1 / 0.3048),
+    "deg/s and mm/s^2": (1 / DEG, 1e3),
+}
+
+
+@pytest.mark.parametrize(("gyro", "accel"), MIXES.values(), ids=MIXES.keys())
+def test_units_are_found_without_options_and_said(tmp_path, gyro, accel):
+    reading = read_imu(write(tmp_path / "a.csv", _scaled(gyro, accel), PLAIN))
+    _check(reading.data)
+    text = " ".join(reading.facts.evidence)
+    assert ("gyros in deg/s" in text) == (gyro != 1.0)
+    assert "gravity in the quiet stretches is 9." in text
+    assert "gyros in rad/s: assumed" not in text
+
+
+@pytest.mark.parametrize(("gyro", "accel"), list(MIXES.values())[1:], ids=list(MIXES)[1:])
+def test_units_that_contradict_physics_are_refused_with_the_guess(tmp_path, gyro, accel):
+    with pytest.raises(InputError) as caught:
+        read_imu(write(tmp_path / "a.csv", _scaled(gyro, accel), IMU_HEADER))
+    assert "--imu-units" in caught.value.fix
+    named = "gyro=deg/s" if accel == 1.0 else "accel="
+    assert named in caught.value.fix
+
+
+@pytest.mark.parametrize(
+    ("header", "gyro", "accel", "time"),
+    [
+        ("time_ms,gx_dps,gy_dps,gz_dps,ax_g,ay_g,az_g", 1 / DEG, 1 / 9.80665, 1e3),
+        ("t[us],gyro_x[deg/h],gyro_y[deg/h],gyro_z[deg/h],ax,ay,az", 3600 / DEG, 1.0, 1e6),
+        ("timestamp_ns,wx,wy,wz,acc_x (mg),acc_y (mg),acc_z (mg)", 1.0, 1e3 / 9.80665, 1e9),
+    ],
+)
+def test_units_in_headers(tmp_path, header, gyro, accel, time):
+    _check(read_imu(write(tmp_path / "a.csv", _scaled(gyro, accel, time), header)).data)
+
+
+@pytest.mark.parametrize("unit", [1e3, 1e6, 1e9])
+def test_unit_of_a_bare_time_is_found(tmp_path, unit):
+    _check(read_imu(write(tmp_path / "a.csv", _scaled(time=unit), PLAIN)).data)
+    with pytest.raises(InputError, match="the time is not in s"):
+        read_imu(write(tmp_path / "a.csv", _scaled(time=unit), IMU_HEADER))
+
+
+@pytest.mark.parametrize(
+    "units", ["gyro=deg/s,accel=g", "deg/s, g", {"gyro": "dps", "accel": "G"}, "accel=g; gyro=°/s"]
+)
+def test_units_given_by_the_user(tmp_path, units):
+    _check(read_imu(write(tmp_path / "a.csv", _scaled(1 / DEG, 1 / 9.80665), IMU_HEADER), units=units).data)
+
+
+@pytest.mark.parametrize("units", ["furlong", "gyro=g", {"accel": "deg/s"}, "speed=m/s"])
+def test_units_that_are_none(units):
+    with pytest.raises(ConfigError):
+        parse_units(units)
+
+
+def test_no_gravity_at_all_is_refused(tmp_path):
+    rows = _scaled(accel=5000.0)
+    for header in (PLAIN, IMU_HEADER):
+        with pytest.raises(InputError, match="do not show gravity"):
+            read_imu(write(tmp_path / "a.csv", rows, header))
+
+
+def test_motion_that_tells_nothing_is_an_assumption(tmp_path):
+    rows = TRUTH.copy()
+    rows[:, 1:4] = np.random.default_rng(0).normal(0, 1e-3, (len(rows), 3))
+    rows[:, 4:7] = np.random.default_rng(1).normal([0.0, 0.0, -G], 1e-2, (len(rows), 3))
+    assert "gyros in rad/s: assumed" in " ".join(read_imu(write(tmp_path / "a.csv", rows, PLAIN)).facts.evidence)
+
+
+def test_gyros_that_turn_the_wrong_way_are_told(tmp_path):
+    evidence = read_imu(write(tmp_path / "a.csv", _scaled(gyro=-1.0), PLAIN)).facts.evidence
+    assert any("WARNING" in text for text in evidence)
+
+
+INCREMENTS = "time_s,dtheta_x_rad,dtheta_y_rad,dtheta_z_rad,dvel_x_m_s,dvel_y_m_s,dvel_z_m_s"
+
+
+def test_increments_are_known_by_name(tmp_path):
+    reading = read_imu(write(tmp_path / "a.csv", _scaled(0.01, 0.01), INCREMENTS))
+    assert reading.data.sampling == reading.facts.sampling == "increment"
+    np.testing.assert_allclose(reading.data.gyro, 0.01 * TRUTH[:, 1:4], atol=1e-9)
+    np.testing.assert_allclose(reading.data.accel, 0.01 * TRUTH[:, 4:7], atol=1e-9)
+
+
+def test_increments_in_degrees(tmp_path):
+    header = "time_s,dtheta_x_deg,dtheta_y_deg,dtheta_z_deg,dvel_x,dvel_y,dvel_z"
+    reading = read_imu(write(tmp_path / "a.csv", _scaled(0.01 / DEG, 0.01), header))
+    np.testing.assert_allclose(reading.data.gyro, 0.01 * TRUTH[:, 1:4], atol=1e-9)
+
+
+def test_bare_increments_are_refused_until_told(tmp_path):
+    path = write(tmp_path / "a.csv", _scaled(0.01, 0.01), PLAIN)
+    with pytest.raises(InputError, match="look like increments") as caught:
+        read_imu(path)
+    assert "--imu-sampling increment" in caught.value.fix
+    for options in ({"sampling": "increment"}, {"units": "gyro=rad,accel=m/s"}):
+        data = read_imu(path, **options).data
+        assert data.sampling == "increment"
+        np.testing.assert_allclose(data.accel, 0.01 * TRUTH[:, 4:7], atol=1e-9)
+
+
+def test_rates_named_as_increments_are_refused(tmp_path):
+    with pytest.raises(InputError, match="look like rates"):
+        read_imu(write(tmp_path / "a.csv", TRUTH, INCREMENTS))
+
+
+def test_sampling_that_contradicts_the_columns_is_refused(tmp_path):
+    increments = write(tmp_path / "a.csv", _scaled(0.01, 0.01), INCREMENTS)
+    rates = write(tmp_path / "b.csv", TRUTH, IMU_HEADER)
+    for path, options in (
+        (increments, {"sampling": "mean"}),
+        (rates, {"sampling": "increment"}),
+        (increments, {"units": "gyro=deg/s"}),
+        (rates, {"units": "gyro=deg", "sampling": "mean"}),
+    ):
+        with pytest.raises(ConfigError):
+            read_imu(path, **options)
+
+
+def test_rates_and_increments_do_not_mix(tmp_path):
+    header = "time_s,dtheta_x,dtheta_y,dtheta_z,accel_x,accel_y,accel_z"
+    with pytest.raises(InputError, match="mixes"):
+        read_imu(write(tmp_path / "a.csv", TRUTH, header))
+
+
+def test_sampling_and_stamp_are_said(tmp_path):
+    path = write(tmp_path / "a.csv", TRUTH, IMU_HEADER)
+    reading = read_imu(path)
+    assert (reading.data.sampling, reading.data.stamp) == ("mean", "end")
+    assert any("assumed" in text and "--imu-stamp" in text for text in reading.facts.evidence)
+    reading = read_imu(path, sampling="instant", stamp="mid")
+    assert (reading.data.sampling, reading.data.stamp) == ("instant", "mid")
+    assert not any("assumed" in text and "--imu-s" in text for text in reading.facts.evidence)
+
+
+# What a sensor with these axes reads when the body reads (f, r, d): written out by hand.
+BY_HAND = {
+    "FRD": lambda f, r, d: (f, r, d),
+    "FLU": lambda f, r, d: (f, -r, -d),
+    "RFU": lambda f, r, d: (r, f, -d),
+    "BLD": lambda f, r, d: (-f, -r, d),
+    "DRB": lambda f, r, d: (d, r, -f),
+    "UFL": lambda f, r, d: (-d, f, -r),
+}
+
+
+@pytest.mark.parametrize("axes", BY_HAND)
+def test_axes_bring_data_to_forward_right_down(tmp_path, axes):
+    rows = TRUTH.copy()
+    for start in (1, 4):
+        rows[:, start : start + 3] = np.column_stack(BY_HAND[axes](*TRUTH[:, start : start + 3].T))
+    reading = read_imu(write(tmp_path / "a.csv", rows, IMU_HEADER), axes=axes.lower())
+    _check(reading.data)
+    assert reading.facts.axes == axes
+
+
+def test_there_are_24_right_handed_axes_and_all_are_rotations():
+    names = all_axes()
+    assert len(set(names)) == 24
+    for name in names:
+        matrix = axes_matrix(name)
+        np.testing.assert_array_equal(matrix @ matrix.T, np.eye(3))
+        np.testing.assert_array_equal(np.cross(matrix[:, 0], matrix[:, 1]), matrix[:, 2])
+
+
+@pytest.mark.parametrize(("axes", "what"), [("FRU", "left-handed"), ("FFD", "twice"), ("XYZ", "not three"), ("FR", "")])
+def test_axes_that_are_none(axes, what):
+    with pytest.raises(ConfigError) as caught:
+        axes_matrix(axes)
+    assert what in caught.value.what
+
+
+def test_z_up_is_refused_with_the_option_that_mends_it(tmp_path):
+    rows = TRUTH.copy()
+    rows[:, [2, 3, 5, 6]] *= -1.0
+    path = write(tmp_path / "a.csv", rows, IMU_HEADER)
+    with pytest.raises(InputError, match="FLU") as caught:
+        read_imu(path)
+    assert "--imu-axes FLU" in caught.value.fix
+    _check(read_imu(path, axes="FLU").data)
+    upside_down = read_imu(path, axes="FRD")
+    np.testing.assert_allclose(upside_down.data.accel, rows[:, 4:7], atol=1e-9)
+
+
+def test_gravity_on_another_axis_is_a_note(tmp_path):
+    rows = TRUTH[:, [0, 3, 2, 1, 6, 5, 4]] * [1, 1, 1, -1, 1, 1, -1]
+    reading = read_imu(write(tmp_path / "a.csv", rows, IMU_HEADER))
+    assert any("NOTE: x points down" in text for text in reading.facts.evidence)

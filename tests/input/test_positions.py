@@ -1,0 +1,198 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insnav.exceptions import InputError
+from insnav.input import read_gps, read_reference
+from insnav.types import EventKind
+from tests.input.files import GPS_HEADER, IMU_HEADER, fixes, rolling, write
+
+ROWS = fixes()
+NAMES = GPS_HEADER.split(",")
+
+
+def _gps(tmp_path, rows=ROWS, header=GPS_HEADER, **options):
+    return read_gps(write(tmp_path / "gps.csv", rows, header), **options)
+
+
+def _with(column: str, row: int | slice, value: float) -> np.ndarray:
+    rows = ROWS.copy()
+    rows[row, NAMES.index(column)] = value
+    return rows
+
+
+def test_canonical_columns(tmp_path):
+    data = _gps(tmp_path).data
+    np.testing.assert_allclose(data.time, ROWS[:, 0])
+    np.testing.assert_allclose(np.degrees(data.lla[:, :2]), ROWS[:, 1:3], atol=1e-9)
+    np.testing.assert_allclose(data.lla[:, 2], 500.0)
+    np.testing.assert_allclose(data.v_n, ROWS[:, 4:7])
+    np.testing.assert_allclose(data.position_sd, ROWS[:, 7:10])
+    assert np.isnan(data.velocity_sd).all()
+    assert data.fix is None
+    assert data.heading is None
+
+
+def test_order_of_columns_does_not_matter(tmp_path):
+    order = np.random.default_rng(2).permutation(len(NAMES))
+    data = _gps(tmp_path, ROWS[:, order], ",".join(NAMES[i] for i in order)).data
+    np.testing.assert_array_equal(data.lla, _gps(tmp_path).data.lla)
+
+
+def test_positions_in_radians_by_name(tmp_path):
+    rows = ROWS.copy()
+    rows[:, 1:3] = np.radians(rows[:, 1:3])
+    data = _gps(tmp_path, rows, GPS_HEADER.replace("_deg", "_rad")).data
+    np.testing.assert_allclose(data.lla[:, :2], rows[:, 1:3], atol=1e-9)
+
+
+def test_positions_in_radians_without_a_name_are_refused(tmp_path):
+    rows = fixes(60)
+    rows[:, 1] = np.radians(rows[:, 1])
+    rows[:, 2] = np.radians(rows[:, 2])
+    with pytest.raises(InputError, match="radians"):
+        _gps(tmp_path, rows, "time,lat,lon,alt,vn,ve,vd,sd_n,sd_e,sd_d")
+
+
+def test_degrees_near_the_origin_are_accepted(tmp_path):
+    rows = fixes(60)
+    rows[:, 1] -= 47.5
+    rows[:, 2] = 0.3
+    evidence = " ".join(_gps(tmp_path, rows, "time,lat,lon,alt,vn,ve,vd,sd_n,sd_e,sd_d").facts.evidence)
+    assert "positions in deg" in evidence
+
+
+def test_velocity_up_changes_its_sign(tmp_path):
+    data = _gps(tmp_path, header=GPS_HEADER.replace("vd_m_s", "vu_m_s")).data
+    np.testing.assert_allclose(data.v_n[:, 2], 0.2)
+
+
+def test_longitude_goes_from_minus_180_to_180(tmp_path):
+    rows = ROWS.copy()
+    rows[:, 2] = np.linspace(179.9, 180.1, len(rows))
+    data = _gps(tmp_path, rows).data
+    expected = np.where(rows[:, 2] < 180.0, rows[:, 2], rows[:, 2] - 360.0)
+    np.testing.assert_allclose(np.degrees(data.lla[:, 1]), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("column", "value"), [("lat_deg", 90.001), ("lat_deg", -91), ("lon_deg", 361), ("height_m", 5e5)]
+)
+def test_impossible_places_are_refused_naming_the_cell(tmp_path, column, value):
+    with pytest.raises(InputError) as caught:
+        _gps(tmp_path, _with(column, 7, value))
+    assert caught.value.where.endswith(f"gps.csv:9:{column}")
+
+
+def test_the_poles_are_possible(tmp_path):
+    assert np.degrees(_gps(tmp_path, _with("lat_deg", slice(None), 90.0)).data.lla[0, 0]) == pytest.approx(90.0)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0])
+@pytest.mark.parametrize("column", ["sd_n_m", "sd_d_m"])
+def test_standard_deviations_must_be_positive(tmp_path, column, value):
+    with pytest.raises(InputError, match=column) as caught:
+        _gps(tmp_path, _with(column, 4, value))
+    assert caught.value.where.endswith(f"gps.csv:6:{column}")
+    assert "floor" in caught.value.fix
+
+
+def test_empty_standard_deviation_and_velocity_are_not_known(tmp_path):
+    rows = _with("sd_e_m", 3, np.nan)
+    rows[8, 4:7] = np.nan
+    reading = _gps(tmp_path, rows)
+    assert np.isnan(reading.data.position_sd[3, 1])
+    assert np.isnan(reading.data.v_n[8]).all()
+    assert np.isfinite(reading.data.lla).all()
+    assert reading.events == ()
+
+
+def test_fixes_without_a_position_are_skipped(tmp_path):
+    rows = _with("lon_deg", slice(3, 5), np.nan)
+    rows[10, 3] = np.nan
+    rows[20, 1:4] = 0.0
+    reading = _gps(tmp_path, rows)
+    assert [(e.kind, e.value) for e in reading.events] == [
+        (EventKind.GPS_NAN, 2.0),
+        (EventKind.GPS_NAN, 1.0),
+        (EventKind.GPS_NAN, 1.0),
+    ]
+    assert reading.facts.n_used == 26
+
+
+def test_zero_zero_is_a_place_when_others_are_near(tmp_path):
+    rows = ROWS.copy()
+    rows[:, 1] -= 48.0
+    rows[:, 2] = 0.0
+    assert _gps(tmp_path, rows).facts.n_used == 30
+
+
+def test_fix_and_heading(tmp_path):
+    rows = np.column_stack([ROWS[:, :4], np.tile([1.0, 2.0, np.nan], 10), np.linspace(-20, 350, 30)])
+    rows[4, :] = [104.0, 0.0, 0.0, 0.0, 0.0, np.nan]
+    reading = _gps(tmp_path, rows, "time_s,lat_deg,lon_deg,height_m,fix,heading_deg")
+    data = reading.data
+    np.testing.assert_array_equal(data.fix[:5], [1, 2, -1, 1, -1])
+    assert data.fix.dtype == np.int64
+    np.testing.assert_allclose(np.degrees(data.heading[0]), 340.0, atol=1e-9)
+    assert (data.heading < 2 * np.pi).all()
+    assert reading.facts.n_used == 29
+
+
+@pytest.mark.parametrize(
+    ("name", "option", "kind"),
+    [
+        ("alt", None, "ellipsoidal"),
+        ("alt", "msl", "msl"),
+        ("hMSL", None, "msl"),
+        ("height", "ellipsoidal", "ellipsoidal"),
+    ],
+)
+def test_what_heights_are_is_said(tmp_path, name, option, kind):
+    facts = _gps(tmp_path, header=GPS_HEADER.replace("height_m", name), height=option).facts
+    assert facts.height == kind
+    assert any(("sea level" in text) == (kind == "msl") for text in facts.evidence if "heights" in text)
+
+
+def test_of_two_heights_the_right_one_is_taken(tmp_path):
+    rows = np.column_stack([ROWS[:, :4], ROWS[:, 3] - 47.0])
+    header = "time,lat,lon,height,hMSL"
+    np.testing.assert_allclose(_gps(tmp_path, rows, header).data.lla[:, 2], 500.0)
+    np.testing.assert_allclose(_gps(tmp_path, rows, header, height="msl").data.lla[:, 2], 453.0)
+
+
+def test_files_given_in_the_wrong_place_are_recognised(tmp_path):
+    from insnav.input import read_imu
+
+    with pytest.raises(InputError) as caught:
+        _gps(tmp_path, rolling(50), IMU_HEADER)
+    assert "inertial" in caught.value.fix
+    with pytest.raises(InputError) as caught:
+        read_imu(write(tmp_path / "gps.csv", ROWS, GPS_HEADER))
+    assert "--gps" in caught.value.fix
+
+
+def test_gps_time_of_milliseconds(tmp_path):
+    rows = ROWS.copy()
+    rows[:, 0] *= 1e3
+    data = _gps(tmp_path, rows, GPS_HEADER.replace("time_s", "time")).data
+    np.testing.assert_allclose(data.time, ROWS[:, 0])
+
+
+def test_reference(tmp_path):
+    header = "time_s,lat_deg,lon_deg,height_m,vn_m_s,ve_m_s,vd_m_s,roll_deg,pitch_deg,heading_deg,fix"
+    rows = np.column_stack([ROWS[:, :7], np.tile([2.0, -3.0, -10.0, 1.0], (30, 1))])
+    rows[4, 7:10] = np.nan
+    reading = read_reference(write(tmp_path / "ref.csv", rows, header))
+    np.testing.assert_allclose(np.degrees(reading.data.rph[0]), [2.0, -3.0, 350.0])
+    assert np.isnan(reading.data.rph[4]).all()
+    np.testing.assert_allclose(reading.data.v_n, rows[:, 4:7])
+    np.testing.assert_array_equal(reading.fix, np.ones(30))
+
+
+def test_reference_of_two_rows_and_without_attitude(tmp_path):
+    reading = read_reference(write(tmp_path / "ref.csv", ROWS[[0, 29], :4], "time,lat,lon,alt"))
+    np.testing.assert_allclose(reading.data.time, [100.0, 129.0])
+    assert np.isnan(reading.data.rph).all()
+    assert reading.fix is None

@@ -1,0 +1,188 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from insnav.exceptions import InputError
+from insnav.input import read_gps, read_imu
+from insnav.types import EventKind
+from tests.input.files import GPS_HEADER, IMU_HEADER, as_text, fixes, rolling, write
+
+ROWS = rolling(1000)
+
+
+def _read(tmp_path, rows, header=IMU_HEADER):
+    return read_imu(write(tmp_path / "imu.csv", rows, header))
+
+
+def _kinds(reading):
+    return [event.kind for event in reading.events]
+
+
+def _same(reading, rows):
+    np.testing.assert_allclose(reading.data.time, rows[:, 0], atol=1e-9)
+    np.testing.assert_allclose(reading.data.gyro, rows[:, 1:4], atol=1e-9)
+    np.testing.assert_allclose(reading.data.accel, rows[:, 4:7], atol=1e-9)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300])
+def test_rows_without_finite_numbers_are_left_out_run_by_run(tmp_path, value):
+    rows = ROWS.copy()
+    rows[100, 2] = rows[101, 6] = rows[500, 1] = rows[999, 4] = value
+    reading = _read(tmp_path, rows)
+    _same(reading, np.delete(ROWS, [100, 101, 500, 999], axis=0))
+    assert _kinds(reading) == [EventKind.IMU_NAN] * 3
+    assert [event.value for event in reading.events] == [2.0, 1.0, 1.0]
+    assert reading.events[0].time == pytest.approx(ROWS[100, 0])
+    assert (reading.facts.n_rows, reading.facts.n_used) == (1000, 996)
+
+
+def test_rows_without_a_time_are_left_out(tmp_path):
+    rows = ROWS.copy()
+    rows[0, 0] = rows[300, 0] = np.nan
+    reading = _read(tmp_path, rows)
+    _same(reading, np.delete(ROWS, [0, 300], axis=0))
+    assert all(np.isfinite(event.time) for event in reading.events)
+
+
+def test_an_empty_column_is_named(tmp_path):
+    rows = ROWS.copy()
+    rows[:, 5] = np.nan
+    with pytest.raises(InputError, match="'accel_y_m_s2' is empty"):
+        _read(tmp_path, rows)
+
+
+def test_a_few_late_rows_are_sorted(tmp_path):
+    rows = ROWS.copy()
+    rows[[200, 203]] = rows[[203, 200]]
+    reading = _read(tmp_path, rows)
+    _same(reading, ROWS)
+    assert _kinds(reading) == [EventKind.IMU_UNSORTED]
+    assert reading.events[0].value == 3.0  # rows 201, 202 and 200 come after a later one
+
+
+def test_disorder_is_refused(tmp_path):
+    rows = np.random.default_rng(3).permutation(ROWS)
+    with pytest.raises(InputError, match="out of order") as caught:
+        _read(tmp_path, rows)
+    first = int(np.flatnonzero(np.diff(rows[:, 0]) < 0)[0]) + 1
+    assert caught.value.where.endswith(f"imu.csv:{first + 2}")
+
+
+@pytest.mark.parametrize(("at", "back"), [(600, 300.0), (600, 2.0), (993, 50.0)])
+def test_a_clock_set_back_is_refused_naming_the_row(tmp_path, at, back):
+    rows = ROWS.copy()
+    rows[at:, 0] -= back
+    with pytest.raises(InputError, match="jumps back") as caught:
+        _read(tmp_path, rows)
+    assert caught.value.where.endswith(f"imu.csv:{at + 2}")
+
+
+def test_equal_rows_are_dropped_and_counted(tmp_path):
+    rows = np.insert(ROWS, [50, 50, 700], ROWS[[49, 49, 699]], axis=0)
+    reading = _read(tmp_path, rows)
+    _same(reading, ROWS)
+    assert _kinds(reading) == [EventKind.IMU_DUPLICATE]
+    assert reading.events[0].value == 3.0
+    assert "identical" in reading.events[0].action
+
+
+def test_of_rows_with_one_time_the_first_is_kept(tmp_path):
+    other = ROWS[[49]].copy()
+    other[0, 4] += 1.0
+    reading = _read(tmp_path, np.insert(ROWS, [50], other, axis=0))
+    _same(reading, ROWS)
+    assert reading.events[0].value == 1.0
+    assert "the first of each was kept" in reading.events[0].action
+
+
+def test_a_coarse_time_column_is_refused(tmp_path):
+    rows = ROWS.copy()
+    rows[:, 0] = np.floor(rows[:, 0] * 30.0) / 30.0
+    with pytest.raises(InputError, match="too coarse"):
+        _read(tmp_path, rows)
+
+
+@pytest.mark.parametrize(("missing", "event"), [(1, False), (5, False), (6, True), (200, True)])
+def test_gaps_are_events_when_longer_than_five_samples(tmp_path, missing, event):
+    rows = np.delete(ROWS, np.arange(300, 300 + missing), axis=0)
+    reading = _read(tmp_path, rows)
+    _same(reading, rows)
+    assert reading.facts.n_gaps == event
+    if event:
+        assert _kinds(reading) == [EventKind.IMU_GAP]
+        assert reading.events[0].value == pytest.approx((missing + 1) / 100.0)
+        assert reading.events[0].time == pytest.approx(ROWS[299, 0])
+        assert reading.facts.longest_gap_s == pytest.approx((missing + 1) / 100.0)
+        assert f"about {missing} samples" in reading.events[0].action
+    else:
+        assert any("1 short gaps" in text for text in reading.facts.evidence)
+
+
+@pytest.mark.parametrize("period", [604800.0, 86400.0])
+def test_the_end_of_the_week_or_day_is_unwrapped(tmp_path, period):
+    rows = rolling(1000, start=period - 5.0)
+    wrapped = rows.copy()
+    wrapped[:, 0] %= period
+    reading = _read(tmp_path, wrapped)
+    _same(reading, rows)
+    assert any("starts anew" in text for text in reading.facts.evidence)
+
+
+def test_events_come_in_order_of_time(tmp_path):
+    rows = np.delete(ROWS, np.arange(100, 150), axis=0)
+    rows[500, 1] = rows[20, 1] = np.nan
+    reading = _read(tmp_path, rows)
+    times = [event.time for event in reading.events]
+    assert times == sorted(times)
+    assert len(times) == 3
+
+
+def test_temperature_and_odometer(tmp_path):
+    header = IMU_HEADER + ",temp,wheel_speed_kmh"
+    rows = np.column_stack([ROWS, 20.0 + 0.001 * np.arange(1000), np.full(1000, 36.0)])
+    rows[10:20, 7] = np.nan
+    rows[5, 8] = np.nan
+    data = _read(tmp_path, rows, header).data
+    np.testing.assert_allclose(data.temperature, 20.0 + 0.001 * np.arange(1000), atol=1e-9)
+    assert np.isnan(data.odometer[5])
+    np.testing.assert_allclose(np.delete(data.odometer, 5), 10.0)
+
+
+def test_facts_are_ready_for_json_and_people(tmp_path):
+    reading = _read(tmp_path, ROWS)
+    facts = json.loads(json.dumps(reading.facts.as_dict(), allow_nan=False))
+    assert facts["rate_hz"] == pytest.approx(100.0)
+    assert facts["n_rows"] == 1000
+    assert len(facts["sha256"]) == 64
+    assert facts["columns"]["gyro_x_rad_s"] == "gyro_x_rad_s [rad/s]"
+    assert "1000 rows" in reading.facts.lines()[0]
+
+
+def test_the_same_file_gives_the_same_bytes(tmp_path):
+    first, second = (_read(tmp_path, ROWS) for _ in range(2))
+    assert first.facts == second.facts
+    assert first.data.accel.tobytes() == second.data.accel.tobytes()
+
+
+def test_digest_is_that_of_the_file(tmp_path):
+    import hashlib
+
+    reading = _read(tmp_path, ROWS)
+    assert reading.facts.sha256 == hashlib.sha256((tmp_path / "imu.csv").read_bytes()).hexdigest()
+
+
+def test_rows_of_a_gps_file_are_cleaned_alike(tmp_path):
+    rows = fixes(60)
+    rows[[5, 6]] = rows[[6, 5]]
+    rows[20, 2] = np.nan
+    rows = np.delete(rows, np.arange(40, 50), axis=0)
+    text = as_text(rows, GPS_HEADER).rstrip("\n")
+    path = tmp_path / "gps.csv"
+    path.write_text(text[:-30])
+    reading = read_gps(path)
+    expected = [EventKind.GPS_UNSORTED, EventKind.GPS_NAN, EventKind.GPS_GAP, EventKind.GPS_CUT_ROW]
+    assert _kinds(reading) == expected
+    assert reading.facts.n_used == 48

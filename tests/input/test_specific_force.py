@@ -1,0 +1,103 @@
+"""Specific force along level axes: directions by name or as told, units, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav.exceptions import ConfigError, InputError
+from insnav.input.readers.specific_force import read_specific_force
+from tests.input.files import write
+
+T = np.arange(200) / 100.0
+F_N = np.column_stack([np.sin(T), 0.5 * np.cos(T), -9.8 + 0.1 * T])
+
+
+def table(time: np.ndarray = T, scale: float = 1.0, order: str = "ENU") -> np.ndarray:
+    parts = {"N": F_N[:, 0], "E": F_N[:, 1], "D": F_N[:, 2], "U": -F_N[:, 2]}
+    return np.column_stack([time, *(scale * parts[axis] for axis in order)])
+
+
+@pytest.mark.parametrize(
+    ("header", "order", "axes", "scale"),
+    [
+        ("time_s,f_east_m_s2,f_north_m_s2,f_up_m_s2", "ENU", None, 1.0),
+        ("time_s,f_north_m_s2,f_east_m_s2,f_down_m_s2", "NED", None, 1.0),
+        ("t,fe,fn,fu", "ENU", None, 1.0),
+        ("t,fn,fe,fd", "NED", "ENU", 1.0),  # names say more than the option
+        ("t,fe,fn,fu", "ENU", None, 1.0 / 9.80665),
+        ("t,f_east[mg],f_north[mg],f_up[mg]", "ENU", None, 1e3 / 9.80665),
+        ("t,fx,fy,fz", "ENU", "ENU", 1.0),
+        ("t,ax,ay,az", "NED", "NED", 1.0),
+        ("time_s,x,y,z", "ENU", "ENU", 1.0),
+    ],
+)
+def test_directions_and_units(tmp_path: Path, header: str, order: str, axes: str | None, scale: float):
+    path = write(tmp_path / "fw.csv", table(scale=scale, order=order), header)
+    read = read_specific_force(path, axes=axes)
+    np.testing.assert_allclose(read.data.f_n, F_N, atol=2e-8)
+    np.testing.assert_allclose(read.data.time, T)
+    assert read.facts.rate_hz == pytest.approx(100.0)
+
+
+def test_without_times_the_rate_is_told(tmp_path: Path):
+    path = write(tmp_path / "fw.csv", table()[:, 1:], "fe,fn,fu")
+    read = read_specific_force(path, sample_rate=100.0)
+    np.testing.assert_allclose(read.data.f_n, F_N, atol=2e-8)
+    np.testing.assert_allclose(read.data.time, T)
+    assert any("100 samples per second from 0 s on" in text for text in read.facts.evidence)
+    with pytest.raises(InputError, match="time_s") as missing:
+        read_specific_force(path)
+    assert "--sample-rate" in missing.value.fix
+    timed = write(tmp_path / "timed.csv", table(), "t,fe,fn,fu")
+    with pytest.raises(ConfigError, match="times of its own"):
+        read_specific_force(timed, sample_rate=100.0)
+
+
+def test_without_a_vertical_axis(tmp_path: Path):
+    path = write(tmp_path / "fw.csv", table(order="NE"), "t,fn,fe")
+    read = read_specific_force(path)
+    np.testing.assert_allclose(read.data.f_n[:, :2], F_N[:, :2], atol=1e-8)
+    assert np.isnan(read.data.f_n[:, 2]).all()
+    assert any("no vertical axis" in text for text in read.facts.evidence)
+    assert any("assumed" in text for text in read.facts.evidence)
+
+
+def test_a_bad_row_and_jitter_are_taken_as_they_are(tmp_path: Path):
+    time = T + np.random.default_rng(1).uniform(-0.003, 0.003, len(T))
+    rows = table(time)
+    path = write(tmp_path / "fw.csv", rows, "t,fe,fn,fu")
+    text = path.read_text(encoding="utf-8").splitlines()
+    text[50] = text[50].split(",")[0] + ",nan,0,9.8"
+    path.write_text("\n".join(text) + "\n", encoding="utf-8")
+    read = read_specific_force(path)
+    assert read.facts.n_used == len(T) - 1
+    np.testing.assert_allclose(read.data.time, np.delete(time, 49), atol=1e-9)
+    assert read.events
+
+
+GAP = np.concatenate([T[:100], T[100:] + 0.5])
+
+
+@pytest.mark.parametrize(
+    ("rows", "header", "word"),
+    [
+        (table(), "t,fx,fy,fz", "where the axes point"),
+        (table(GAP), "t,fe,fn,fu", "gap"),
+        (table(), "t,fe,fn,fd", "does not show gravity"),
+        (table(scale=3.0), "t,fe,fn,fu", "unit of the specific force"),
+        (table(scale=3.0), "t,f_east_m_s2,f_north_m_s2,f_up_m_s2", "does not show gravity"),
+        (table(), "t,f_east[g],f_north[m/s^2],f_up[m/s^2]", "different units"),
+        (np.column_stack([table(), F_N[:, 2]]), "t,fe,fn,fu,fd", "two columns are vertical"),
+        (table()[:, :2], "t,fe", "f_north"),
+        (table()[:2], "t,fe,fn,fu", "too few"),
+        (np.where(table() == table()[70, 1], 5e4, table()), "t,fe,fn,fu", "not possible"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_by_name(tmp_path: Path, rows: np.ndarray, header: str, word: str):
+    path = write(tmp_path / "fw.csv", rows, header)
+    with pytest.raises(InputError, match=word) as error:
+        read_specific_force(path)
+    assert "fw.csv" in error.value.where

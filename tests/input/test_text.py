@@ -1,0 +1,262 @@
+from __future__ import annotations
+
+import gzip
+import io
+import sys
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from insnav.exceptions import InputError
+from insnav.input import read_imu
+from insnav.types import EventKind
+from tests.input.files import IMU_HEADER, as_text, rolling, write
+
+ROWS = rolling(400)
+TEXT = as_text(ROWS, IMU_HEADER)
+NAMES = IMU_HEADER.split(",")
+
+
+def _read(path, content: bytes | str):
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return read_imu(path)
+
+
+def _same(reading, rows=ROWS):
+    # Nine decimals are written.
+    np.testing.assert_allclose(reading.data.time, rows[:, 0], atol=1e-9)
+    np.testing.assert_allclose(reading.data.gyro, rows[:, 1:4], atol=1e-9)
+    np.testing.assert_allclose(reading.data.accel, rows[:, 4:7], atol=1e-9)
+    for array in (reading.data.time, reading.data.gyro, reading.data.accel):
+        assert array.dtype == np.float64
+        assert array.flags.writeable
+
+
+WAYS = {
+    "plain": TEXT,
+    "no final newline": TEXT.rstrip("\n"),
+    "byte order mark": b"\xef\xbb\xbf" + TEXT.encode(),
+    "CRLF": TEXT.replace("\n", "\r\n"),
+    "CR": TEXT.replace("\n", "\r"),
+    "mixed line ends": TEXT.replace("\n", "\r\n", 200),
+    "UTF-16": TEXT.encode("utf-16"),
+    "UTF-16 big endian with mark": b"\xfe\xff" + TEXT.encode("utf-16-be"),
+    "UTF-16 without mark": TEXT.encode("utf-16-le"),
+    "tab": as_text(ROWS, IMU_HEADER, delimiter="\t"),
+    "semicolon": as_text(ROWS, IMU_HEADER, delimiter=";"),
+    "semicolon and decimal comma": as_text(ROWS, IMU_HEADER, delimiter=";", decimal=","),
+    "tab and decimal comma": as_text(ROWS, IMU_HEADER, delimiter="\t", decimal=","),
+    "blanks": as_text(ROWS, IMU_HEADER, delimiter="   "),
+    "blanks around": "\n".join("  " + line + " " for line in TEXT.replace(",", "  ").splitlines()) + "\n",
+    "comma and blank": TEXT.replace(",", ", "),
+    "bar": as_text(ROWS, IMU_HEADER, delimiter="|"),
+    "comments": "# made by a logger\n% and more, with, commas\n\n" + TEXT,
+    "comments after a byte order mark": b"\xef\xbb\xbf# made by a logger\n" + TEXT.encode(),
+    "short units row": TEXT.replace("\n", "\ns,rad/s,rad/s\n", 1),
+    "header in a comment": "# a log\n# " + TEXT,
+    "ROS header": "%" + TEXT,
+    "units row": TEXT.replace("\n", "\ns,rad/s,rad/s,rad/s,m/s^2,m/s^2,m/s^2\n", 1),
+    "quoted header": ",".join(f'"{n}"' for n in NAMES) + TEXT[len(IMU_HEADER) :],
+    "latin-1 header": ("n°," + IMU_HEADER).encode("latin-1")
+    + "".join(f"\n1,{line}" for line in TEXT.splitlines()[1:]).encode()
+    + b"\n",
+    "comma at the end of rows": "\n".join([IMU_HEADER, *(line + "," for line in TEXT.splitlines()[1:])]) + "\n",
+    "blank lines": TEXT.replace("\n", "\n\n", 50),
+    "remark between rows": TEXT.replace("\n", "\n# button pressed\n", 9).replace("# button pressed\n", "", 1),
+    "text in a column that is not used": "\n".join(
+        [IMU_HEADER + ",note", *(line + ",hello" for line in TEXT.splitlines()[1:])]
+    ),
+    "gzip": gzip.compress(TEXT.encode()),
+    "two gzip members": gzip.compress(TEXT[:5000].encode()) + gzip.compress(TEXT[5000:].encode()),
+}
+
+
+@pytest.mark.parametrize("content", WAYS.values(), ids=WAYS.keys())
+def test_the_same_numbers_however_written(tmp_path, content):
+    reading = _read(tmp_path / "imu.csv", content)
+    _same(reading)
+    assert reading.events == ()
+    assert reading.facts.n_rows == 400
+
+
+def test_a_units_row_counts(tmp_path):
+    rows = ROWS.copy()
+    rows[:, 1:4] = np.degrees(rows[:, 1:4])
+    rows[:, 0] *= 1e3
+    text = as_text(rows, "time,gx,gy,gz,ax,ay,az").replace("\n", "\n[ms],[deg/s],[deg/s],[deg/s],m/s2,m/s2,m/s2\n", 1)
+    np.testing.assert_allclose(_read(tmp_path / "a.csv", text).data.gyro, ROWS[:, 1:4], atol=1e-10)
+
+
+def test_parquet(tmp_path):
+    path = tmp_path / "imu.parquet"
+    columns = {name: ROWS[:, i] for i, name in enumerate(NAMES)}
+    pq.write_table(pa.table({"note": ["x"] * len(ROWS), **columns}), path)
+    _same(read_imu(path))
+    columns["gyro_x_rad_s"] = [str(x) for x in ROWS[:, 1]]
+    pq.write_table(pa.table(columns), path)
+    with pytest.raises(InputError, match="gyro_x_rad_s"):
+        read_imu(path)
+
+
+def test_standard_input(monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(TEXT.encode())))
+    reading = read_imu("-")
+    _same(reading)
+    assert reading.facts.path == "standard input"
+
+
+def test_many_blocks_with_empty_cells(tmp_path):
+    # More than one block of the quick reader; empty cells must not shift or invent numbers.
+    rows = rolling(30000)
+    lines = as_text(rows, IMU_HEADER).splitlines()
+    for i in (0, 7, 20011, 29999):
+        lines[i + 1] = lines[i + 1].rsplit(",", 2)[0] + ",,1.0"
+    reading = _read(tmp_path / "imu.csv", "\n".join(lines) + "\n")
+    _same(reading, np.delete(rows, [0, 7, 20011, 29999], axis=0))
+
+
+def test_rows_that_get_shorter_are_all_read(tmp_path):
+    # The memory is sized by the first rows; here the file has four times as many as they promise.
+    long, short = rolling(1000), rolling(20000, start=200.0).round(2)
+    text = "\n".join([IMU_HEADER, *(",".join(f"{x:.15e}" for x in row) for row in long)]) + "\n"
+    text += "".join(",".join(f"{x:g}" for x in row) + "\n" for row in short)
+    data = _read(tmp_path / "imu.csv", text).data
+    assert len(data.time) == 21000
+    np.testing.assert_allclose(data.accel, np.vstack((long, short))[:, 4:7], atol=1e-9)
+
+
+CUT = {
+    "within the row": TEXT[: TEXT.rstrip("\n").rfind(",") - 20],
+    "after a comma": TEXT[: TEXT.rstrip("\n").rfind(",") + 1].rstrip(",").rsplit(",", 2)[0] + ",",
+    "within the last number": TEXT[: TEXT.rstrip("\n").rfind(",") + 4],
+    "after a sign": TEXT[: TEXT.rstrip("\n").rfind(",") + 2],
+}
+
+
+@pytest.mark.parametrize("content", CUT.values(), ids=CUT.keys())
+def test_a_cut_last_row_is_left_out_and_said(tmp_path, content):
+    reading = _read(tmp_path / "imu.csv", content)
+    _same(reading, ROWS[:-1])
+    assert [event.kind for event in reading.events] == [EventKind.IMU_CUT_ROW]
+    assert reading.facts.n_rows == 400
+    assert reading.facts.n_used == 399
+
+
+def test_zeros_at_the_end_are_said(tmp_path):
+    reading = _read(tmp_path / "imu.csv", TEXT.encode() + bytes(5000))
+    _same(reading)
+    assert "5000 zero bytes" in reading.events[0].action
+
+
+def _with_cell(text: str, line: int, column: int, cell: str) -> str:
+    lines = text.splitlines()
+    cells = lines[line - 1].split(",")
+    cells[column] = cell
+    lines[line - 1] = ",".join(cells)
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("cell", ["N/A", "#", "1e", "--", "1.2.3", "0x10", "1_000", "2024-01-01T00:00:00", "null"])
+def test_text_in_a_number_column_names_the_first_bad_cell(tmp_path, cell):
+    text = "# remark\n" + TEXT
+    bad = _with_cell(_with_cell(text, 60, 5, cell), 300, 2, "later")
+    with pytest.raises(InputError) as caught:
+        _read(tmp_path / "imu.csv", bad)
+    assert caught.value.where.endswith("imu.csv:60:accel_y_m_s2")
+    assert cell in caught.value.what
+
+
+def test_row_numbers_count_blank_lines_and_blanks_as_delimiter(tmp_path):
+    text = as_text(ROWS, IMU_HEADER, delimiter=" ").replace("\n", "\n\n", 10).splitlines()
+    text[49] = "x " + text[49].split(" ", 1)[1]
+    with pytest.raises(InputError) as caught:
+        _read(tmp_path / "imu.csv", "\n".join(text) + "\n")
+    assert ":50:time_s" in caught.value.where
+
+
+@pytest.mark.parametrize(
+    ("change", "where", "what"),
+    [
+        (lambda lines: [*lines[:9], lines[9] + ",7", *lines[10:]], ":10", "8 cells where the header has 7"),
+        (lambda lines: [*lines[:9], lines[9].rsplit(",", 3)[0], *lines[10:]], ":10", "4 cells"),
+    ],
+)
+def test_a_row_of_another_width_is_named(tmp_path, change, where, what):
+    with pytest.raises(InputError, match=what) as caught:
+        _read(tmp_path / "imu.csv", "\n".join(change(TEXT.splitlines())) + "\n")
+    assert caught.value.where.endswith(where)
+
+
+USELESS = {
+    "empty": (b"", "empty"),
+    "blank lines": (b"\n\n \n", "no table"),
+    "header only": (IMU_HEADER.encode() + b"\n", "too few samples"),
+    "header without line end": (IMU_HEADER.encode(), "too few samples"),
+    "one row": ("\n".join(TEXT.splitlines()[:2]).encode(), "too few samples"),
+    "two rows": ("\n".join(TEXT.splitlines()[:3]).encode(), "too few samples"),
+    "no header": ("\n".join(TEXT.splitlines()[1:]).encode(), "no header"),
+    "one column": (b"a\n1\n2\n3\n", "only one column"),
+    "header does not fit": (b"time gyro x\n1 2 3 4\n1 2 3 4\n", "does not fit"),
+    "prose": (b"Dear reader,\nthis is a letter.\nIt has no numbers.\nNone at all.\n", "column"),
+    "PNG": (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "PNG"),
+    "ELF": (b"\x7fELF\x02\x01\x01" + bytes(200), "ELF"),
+    "UBX": (b"\xb5\x62\x01\x07\x5c\x00" + bytes(range(92)), "UBX"),
+    "ZIP": (b"PK\x03\x04\x14\x00" + bytes(50) + b"x", "ZIP"),
+    "HDF5": (b"\x89HDF\r\n\x1a\n" + bytes(50) + b"x", "HDF5"),
+    "MAT": (b"MATLAB 5.0 MAT-file, Platform: GLNXA64" + bytes(90) + b"x", "MATLAB"),
+    "parquet named csv": (b"PAR1\x15\x04\x15" + bytes(50) + b"PAR1", "parquet"),
+    "NMEA": (b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*47\n", "NMEA"),
+    "noise": (np.random.default_rng(1).bytes(4000), "binary data"),
+    "zeros": (bytes(10000), "zero bytes"),
+    "damaged gzip": (gzip.compress(TEXT.encode())[:40] + bytes(500), "gzip"),
+    "cut gzip": (gzip.compress(TEXT.encode())[:3000], "cut off"),
+}
+
+
+@pytest.mark.parametrize(("content", "what"), USELESS.values(), ids=USELESS.keys())
+def test_useless_files_are_refused_by_name(tmp_path, content, what):
+    with pytest.raises(InputError, match=what) as caught:
+        _read(tmp_path / "imu.csv", content)
+    assert "imu.csv" in caught.value.where
+
+
+def test_too_few_rows_say_how_many_are_needed(tmp_path):
+    with pytest.raises(InputError) as caught:
+        _read(tmp_path / "imu.csv", "\n".join(TEXT.splitlines()[:3]))
+    assert "2 rows" in caught.value.why
+    assert "3 are needed" in caught.value.why
+
+
+def test_missing_file_and_folder(tmp_path):
+    write(tmp_path / "drive.csv", ROWS, IMU_HEADER)
+    with pytest.raises(InputError, match="no such file") as caught:
+        read_imu(tmp_path / "drvie.csv")
+    assert "drive.csv" in caught.value.fix
+    with pytest.raises(InputError, match="folder") as caught:
+        read_imu(tmp_path)
+    assert "drive.csv" in caught.value.fix
+
+
+def test_escape_codes_do_not_reach_the_terminal(tmp_path):
+    with pytest.raises(InputError) as caught:
+        _read(tmp_path / "imu.csv", "\x1b[31mtime\x1b[0m,gyro_y,cc\n1,2,3\n2,3,4\n3,4,5\n")
+    assert "\x1b" not in str(caught.value)
+
+
+def test_a_gzip_bomb_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("insnav.input.formats.source._RATIO_FROM", 1 << 20)
+    with pytest.raises(InputError, match="more than is sensible"):
+        _read(tmp_path / "imu.csv.gz", gzip.compress(b"0," * (1 << 22)))
+
+
+def test_reading_needs_neither_pandas_nor_matplotlib(tmp_path):
+    import subprocess
+
+    path = write(tmp_path / "imu.csv", ROWS, IMU_HEADER)
+    code = (
+        "import sys; from insnav.input import read_imu; read_imu(sys.argv[1]); "
+        "sys.exit(any(m in sys.modules for m in ('pandas', 'matplotlib')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code, str(path)], check=False).returncode == 0

@@ -1,0 +1,142 @@
+"""Nine positions of simulated modules: recovered within the printed uncertainty, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from insnav.exceptions import InputError
+from insnav.lab.nine_position.method import NinePositions, calibrate_nine
+from insnav.lab.nine_position.table_positions import ideal_force
+from tests.lab.modules import NINE, UPRIGHT, G, Modules, make
+
+SEEDS = 200
+OFF = ~np.eye(3, dtype=bool)
+
+
+def solve(modules: Modules, noise: float, rng: np.random.Generator, positions: np.ndarray = NINE) -> NinePositions:
+    return calibrate_nine(*positions.T, modules.measure(positions, noise, rng), G)
+
+
+def true_triad(modules: Modules) -> np.ndarray:
+    a = modules.accel
+    return 0.5 * np.array([a[3] + a[4], a[0] + a[5], a[1] + a[2]])
+
+
+def true_gyro(modules: Modules) -> np.ndarray:
+    return modules.gyro / np.diag(modules.gyro)[:, None]
+
+
+@pytest.mark.parametrize(
+    ("positions", "seeds"), [(NINE, SEEDS), (np.vstack((NINE, UPRIGHT)), SEEDS // 2)], ids=["nine", "nine and upright"]
+)
+def test_everything_is_recovered_within_the_printed_interval(positions: np.ndarray, seeds: int) -> None:
+    rng = np.random.default_rng(1)
+    inside = {"bias": [], "accel": [], "gyro": []}
+    for _ in range(seeds):
+        modules = make(rng, 0.002, 0.002)
+        found = solve(modules, 0.005, rng, positions)
+        inside["bias"].append(np.abs(found.bias - modules.bias) < found.half_width(found.bias_sd, first_order=False))
+        error = found.accel_matrix - true_triad(modules)
+        inside["accel"].append(np.abs(error) < found.half_width(found.accel_matrix_sd, first_order=False))
+        error = found.gyro_matrix - true_gyro(modules)
+        inside["gyro"].append((np.abs(error) < found.half_width(found.gyro_matrix_sd, first_order=True))[OFF])
+    for name, hits in inside.items():
+        share = np.mean(hits, axis=0)
+        # neither too narrow nor too wide; the mean scatters with the number of seeds
+        assert np.mean(share) == pytest.approx(0.95, abs=0.025 * np.sqrt(SEEDS / seeds)), name
+        assert share.min() > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / seeds), name
+
+
+def test_large_misalignments_stay_within_the_interval_for_second_order() -> None:
+    rng = np.random.default_rng(2)
+    hits = []
+    for _ in range(SEEDS // 3):
+        modules = make(rng, 0.02, 0.005)
+        found = solve(modules, 0.002, rng)
+        error = np.abs(found.gyro_matrix - true_gyro(modules))
+        hits.append((error < found.half_width(found.gyro_matrix_sd, first_order=True))[OFF])
+    assert np.mean(hits) > 0.95
+
+
+def test_the_inverse_of_the_gyro_matrix_reduces_the_error_and_the_matrix_itself_doubles_it() -> None:
+    rng = np.random.default_rng(3)
+    modules = make(rng, 0.005, 0.003)
+    found = solve(modules, 0.001, rng)
+    rate = rng.normal(size=(100, 3))
+    shown = rate @ modules.gyro.T
+    before = np.linalg.norm(shown - rate)
+    after = np.linalg.norm(np.linalg.solve(found.gyro_matrix, shown.T).T - rate)
+    wrong = np.linalg.norm(shown @ found.gyro_matrix.T - rate)
+    assert after < 0.1 * before
+    assert wrong == pytest.approx(2.0 * before, rel=0.05)
+
+
+def test_the_diagonal_holds_accelerometer_scale_and_is_not_used() -> None:
+    rng = np.random.default_rng(4)
+    modules = make(rng, 0.0, 0.0, bias=0.0)
+    scaled = Modules(1.01 * modules.accel, modules.bias, modules.gyro)
+    found = solve(scaled, 1e-9, rng)
+    np.testing.assert_allclose(found.gyro_diagonal, 1.01**-2, rtol=1e-6)
+    np.testing.assert_allclose(found.gyro_matrix, np.eye(3), atol=1e-6)
+
+
+def test_opposite_positions_give_the_bias_where_there_are_some() -> None:
+    rng = np.random.default_rng(5)
+    modules = make(rng, 0.01, 0.01)
+    values = modules.measure(np.vstack((NINE, UPRIGHT)), 0.001, rng)
+    found = calibrate_nine(*np.vstack((NINE, UPRIGHT)).T, values, G)
+    assert set(found.bias_methods) == {"opposite positions"}
+    np.testing.assert_allclose(found.bias[1], 0.5 * (values[0, 1] + values[9, 1]), atol=1e-12)  # level and upside down
+    assert set(solve(modules, 0.001, rng).bias_methods) == {"least squares"}
+
+
+def test_ideal_force_is_gravity_seen_from_the_body() -> None:
+    np.testing.assert_allclose(
+        ideal_force(*NINE.T, G),
+        make(np.random.default_rng(0), 0.0, 0.0, 0.0).measure(NINE, 0.0, np.random.default_rng(0))[:, [3, 0, 1]],
+        atol=1e-12,
+    )
+
+
+@pytest.mark.parametrize(
+    ("positions", "expected"),
+    [
+        (np.delete(NINE, 6, axis=0), "add the position roll 35 deg, pitch -40 deg"),
+        (NINE[:5], "add the position roll 35 deg, pitch 35 deg"),
+        (NINE[5:], "do not determine everything"),
+        (np.vstack((NINE, np.radians([(10, 0), (-10, 0)]))), "must be 20 to 75 deg"),
+    ],
+)
+def test_positions_that_do_not_do_are_refused(positions: np.ndarray, expected: str) -> None:
+    rng = np.random.default_rng(6)
+    with pytest.raises(InputError) as caught:
+        solve(make(rng, 0.01, 0.01), 0.001, rng, positions)
+    assert expected in str(caught.value)
+
+
+def test_what_is_told_to_add_is_enough() -> None:
+    from insnav.lab.nine_position.table_positions import _to_add
+
+    for positions in (NINE[:5], NINE[5:], NINE[:1]):
+        added = np.vstack((positions, np.radians(_to_add(*positions.T))))
+        rng = np.random.default_rng(7)
+        solve(make(rng, 0.01, 0.01), 0.001, rng, added)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda values: values[:, [1, 0, 2, 3, 4, 5]],
+        lambda values: values / 9.81,
+        lambda values: -values,
+    ],
+    ids=["exchanged", "g", "signs"],
+)
+def test_columns_that_are_not_what_they_are_called_are_refused(spoil: Callable[[np.ndarray], np.ndarray]) -> None:
+    rng = np.random.default_rng(8)
+    values = make(rng, 0.01, 0.01).measure(NINE, 0.001, rng)
+    with pytest.raises(InputError, match="does not show the specific force along"):
+        calibrate_nine(*NINE.T, spoil(values), G)

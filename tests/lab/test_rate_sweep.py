@@ -1,0 +1,207 @@
+"""Rate sweeps: the matrix within its printed interval, non-linearity compensated, bad sweeps refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav.exceptions import InputError
+from insnav.imu import calibration_to_toml, correct, load_calibration
+from insnav.lab.rate_sweep.method import SweepCalibration, calibrate_sweeps, rms, sweep_uncertainty
+from insnav.lab.rate_sweep.records import read_sweeps
+from insnav.types import ImuData
+from insnav.units import DEG
+from tests.lab.sweeps import RATES, Gyros, asymmetric, broken, cubic, gyros, straight, table, write
+
+NOISE = 0.005  # of a dwell [deg/s]
+
+
+def solve(sensor: Gyros, rng: np.random.Generator, noise: float = NOISE, rates: np.ndarray = RATES) -> SweepCalibration:
+    rate = table(rates)
+    output = sensor.show(rate, noise, rng) * DEG
+    return calibrate_sweeps(rate * DEG, output, np.full(rate.shape, noise * DEG), raw=False)
+
+
+def test_matrix_and_bias_lie_within_the_printed_interval_as_often_as_it_says() -> None:
+    rng, inside, trials = np.random.default_rng(1), np.zeros((3, 4)), 120
+    for _ in range(trials):
+        sensor = gyros(rng)
+        found = solve(sensor, rng, rates=RATES[::6])
+        truth = np.column_stack((sensor.matrix, sensor.bias * DEG))
+        for i, fit in enumerate(found.fits):
+            inside[i] += np.abs(fit.value - truth[i]) < fit.half_width()
+    assert inside.mean() / trials == pytest.approx(0.95, abs=0.02)
+    assert inside.min() / trials > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / trials)
+
+
+@pytest.mark.parametrize("shape", [cubic, asymmetric, broken])
+def test_a_known_non_linearity_is_five_times_smaller_after_the_second_step(shape: Callable, tmp_path: Path) -> None:
+    """Judged on rates between those of the table, through the calibration file, without noise."""
+    rng = np.random.default_rng(2)
+    sensor = gyros(rng, (shape, straight, shape))
+    found = solve(sensor, rng)
+    assert found.pieces[1] is None
+    assert rms(found.error_matrix) > 5.0 * rms(found.error_map)
+    calibrated = sweep_uncertainty(found, "deg/s")
+    (tmp_path / "calibration.toml").write_text(calibration_to_toml(calibrated.errors))
+    known = load_calibration(tmp_path / "calibration.toml")
+    rate = rng.uniform(-300.0, 300.0, (5000, 3))
+    shown = ImuData(0.01 * np.arange(5000.0), sensor.show(rate, 0.0, rng) * DEG, np.zeros((5000, 3)))
+    first, second = (correct(shown, errors).gyro / DEG - rate for errors in (replace(known, gyro_map=None), known))
+    for axis in (0, 2):
+        assert np.std(second[:, axis]) < 0.2 * np.std(first[:, axis])
+    assert np.sqrt(np.mean(second**2)) < 3.0 * NOISE
+
+
+def test_borders_of_straight_pieces_are_found() -> None:
+    rng = np.random.default_rng(3)
+    found = solve(Gyros(np.eye(3), np.zeros(3), (broken, straight, straight)), rng)
+    item = found.pieces[0]
+    assert item is not None
+    np.testing.assert_allclose(item.knot[1:-1] / DEG, [-150.0, 100.0], atol=11.0)
+
+
+def test_the_non_linearity_is_not_taken_for_scatter_of_the_matrix() -> None:
+    rng = np.random.default_rng(4)
+    plain, bent = (solve(gyros(rng, (shape,) * 3), rng) for shape in (straight, cubic))
+    for a, b in zip(plain.fits, bent.fits, strict=True):
+        assert b.sd[3] < 1.5 * a.sd[3]
+
+
+def test_the_error_at_rest_is_met_best() -> None:
+    rng = np.random.default_rng(5)
+    sensor = gyros(rng, (asymmetric, cubic, straight))
+    found = solve(sensor, rng)
+    errors = sweep_uncertainty(found, "deg/s").errors
+    rest = ImuData(np.arange(2.0), np.tile(sensor.bias * DEG, (2, 1)), np.zeros((2, 3)))
+    np.testing.assert_allclose(correct(rest, errors).gyro / DEG, 0.0, atol=4.0 * NOISE / np.sqrt(120.0))
+
+
+@pytest.mark.parametrize(("low", "high"), [(-265.0, 245.0), (-277.0, 243.0), (-262.0, 258.0)])
+def test_saturated_rates_are_found_and_only_they(low: float, high: float) -> None:
+    rng = np.random.default_rng(6)
+    sensor = gyros(rng, (cubic, straight, asymmetric))
+    rate = table()
+    output = sensor.show(rate, NOISE, rng)
+    outside = np.count_nonzero((output[:, 1] < low) | (output[:, 1] > high))
+    output[:, 1] = np.clip(output[:, 1], low, high)
+    found = calibrate_sweeps(rate * DEG, output * DEG, np.full(rate.shape, NOISE * DEG), raw=False)
+    lost = sorted(item.rate for _, item in found.dropped)
+    assert {axis for axis, _ in found.dropped} == {1}
+    assert lost[0] == -300.0
+    assert lost[-1] == 300.0
+    # the first rate beyond too, though it may still have grown by more than half a step
+    assert len(lost) == outside
+    np.testing.assert_allclose(found.matrix, sensor.matrix, atol=2e-3)
+
+
+def test_perfect_gyros_get_no_pieces_and_few_rates_are_told() -> None:
+    rng = np.random.default_rng(11)
+    perfect = Gyros(np.eye(3), np.zeros(3), (straight,) * 3)
+    assert solve(perfect, rng, noise=0.0).pieces == (None, None, None)
+    found = solve(gyros(rng, (cubic,) * 3), rng, rates=RATES[::10])
+    assert found.pieces == (None, None, None)
+    assert [line.split(",")[0] for line in found.warnings] == [f"the sweep about {axis} has 7 rates" for axis in "xyz"]
+
+
+def test_volts_become_lines_of_the_calibration_file(tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    sensor = gyros(rng)
+    volts = Gyros(0.005 * sensor.matrix, 2.5 + 0.0 * sensor.bias, (straight,) * 3)
+    paths = write(tmp_path, volts, 1e-5, rng)
+    for path in paths:
+        path.write_text(path.read_text().replace("_deg_s,gyro", "_deg_s,gyro").replace("gyro_x_deg_s", "gyro_x_v"))
+        path.write_text(path.read_text().replace("gyro_y_deg_s", "gyro_y_v").replace("gyro_z_deg_s", "gyro_z_v"))
+    record = read_sweeps(paths)
+    assert record.raw
+    found = calibrate_sweeps(record.rate, record.output, record.sd, raw=True)
+    calibrated = sweep_uncertainty(found, record.unit)
+    errors = calibrated.errors
+    # 10 uV of noise by 5 mV/(deg/s), over the root of 183 dwells
+    np.testing.assert_allclose(calibrated.gyro_bias_sd / DEG, 0.002 / np.sqrt(183.0), rtol=0.3)
+    assert errors.gyro_raw is not None
+    rate = np.array([[30.0, -20.0, 10.0]])
+    shown = volts.show(rate, 0.0, rng)
+    lines = np.column_stack([errors.gyro_raw.value(shown[:, i], i) for i in range(3)])
+    imu = ImuData(np.arange(2.0), np.repeat(lines, 2, axis=0), np.zeros((2, 3)))
+    np.testing.assert_allclose(correct(imu, errors).gyro[0] / DEG, rate[0], atol=0.01)
+
+
+def test_one_file_and_three_are_the_same_and_dwells_are_reduced(tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    paths = write(tmp_path, gyros(rng), 0.1, rng, samples=20)
+    three = read_sweeps(paths)
+    rows = [np.genfromtxt(path, delimiter=",", skip_header=1) for path in paths]
+    rate = np.vstack([np.outer(part[:, 0], axis) for part, axis in zip(rows, np.eye(3), strict=True)])
+    header = "rate_x_deg_s,rate_y_deg_s,rate_z_deg_s,gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s"
+    both = np.column_stack((rate, np.vstack(rows)[:, 1:]))
+    np.savetxt(tmp_path / "all.csv", both, "%.9g", ",", header=header, comments="")
+    one = read_sweeps([tmp_path / "all.csv"])
+    assert three.rate.shape == (3 * RATES.size, 3)
+    np.testing.assert_allclose(one.output, three.output, atol=1e-15)
+    np.testing.assert_allclose(one.rate, three.rate)
+    assert any("only 20 samples in a dwell" in line for line in three.warnings)
+
+
+def test_a_zero_that_moved_between_sweeps_is_told() -> None:
+    rng = np.random.default_rng(9)
+    rate = table()
+    output = gyros(rng).show(rate, NOISE, rng)
+    output[RATES.size : 2 * RATES.size, 0] += 0.05
+    found = calibrate_sweeps(rate * DEG, output * DEG, np.zeros(rate.shape), raw=False)
+    (line,) = found.warnings
+    assert line.startswith("gyro x: its zero differs by ")
+    assert line.endswith("mounted anew")
+    assert float(line.split()[6]) == pytest.approx(0.05, abs=0.003)
+    assert solve(gyros(rng), rng).warnings == ()
+
+
+N = RATES.size
+
+
+@pytest.mark.parametrize(
+    ("spoil", "expected"),
+    [
+        (lambda rate, out: (rate[: 2 * N], out[: 2 * N]), "no sweep about z"),
+        (lambda rate, out: (rate, out[:, [1, 0, 2]]), "gyro x does not show the rate about x"),
+        (lambda rate, out: (rate[:, [1, 0, 2]], out), "gyro x does not show the rate about x"),
+        (lambda rate, out: (rate, out / DEG), "in the unit of its column"),
+        (lambda rate, out: (rate, out * [1.0, 1.0, -1.0]), "turn the sign"),
+        (lambda rate, out: (np.abs(rate), out), "one sense of rotation only"),
+        (lambda rate, out: (rate, out * [1.0, 0.0, 1.0]), "gyro y does not"),
+        (lambda rate, out: (rate[2 * N - 3 :], out[2 * N - 3 :]), "no sweep about x"),
+    ],
+)
+def test_bad_sweeps_are_refused(spoil: Callable, expected: str) -> None:
+    rng = np.random.default_rng(10)
+    rate = table()
+    rate, output = spoil(rate, gyros(rng).show(rate, NOISE, rng))
+    with pytest.raises(InputError, match=expected):
+        calibrate_sweeps(rate * DEG, output * DEG, np.zeros(rate.shape), raw=False)
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        ("rate_deg_s,gyro_x_deg_s,gyro_y_deg_s", "no column for gyro_z"),
+        ("rate_deg_s,gyro_x,gyro_y,gyro_z", "no unit"),
+        ("gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s", "no column for rate"),
+        ("rate_deg_s,gyro_x_v,gyro_y_deg_s,gyro_z_deg_s", "different units"),
+    ],
+)
+def test_files_that_lack_something_are_refused(tmp_path: Path, header: str, expected: str) -> None:
+    path = tmp_path / "x.csv"
+    rows = np.ones((9, header.count(",") + 1))
+    np.savetxt(path, rows, "%.9g", ",", header=header, comments="")
+    with pytest.raises(InputError) as caught:
+        read_sweeps([path] * 3)
+    assert expected in str(caught.value)
+
+
+def test_two_files_are_not_three_sweeps(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="2 files"):
+        read_sweeps([tmp_path / "a.csv"] * 2)

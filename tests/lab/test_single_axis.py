@@ -1,0 +1,210 @@
+"""Rate table and tumble: the published figures, what is dropped and why, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav.exceptions import InputError
+from insnav.imu import calibration_to_toml, load_calibration
+from insnav.lab.single_axis.method import (
+    RATE_TABLE,
+    TUMBLE,
+    Record,
+    accel_errors,
+    calibrate_accel,
+    calibrate_gyro,
+    carried_over,
+    gyro_errors,
+    rate_table_warnings,
+    read_record,
+    tumble_warnings,
+)
+from tests.lab.published import lab_file
+
+RATES = np.array([-80, -60, -40, -20, -10, 0, 10, 20, 40, 60, 80.0])
+ANGLES = np.arange(0.0, 360.0, 30.0)
+
+
+def table(path: Path, header: str, *columns: np.ndarray) -> Path:
+    np.savetxt(path, np.column_stack(columns), "%.9g", ",", header=header, comments="")
+    return path
+
+
+def published(name: str, schema: tuple) -> Record:
+    return read_record(lab_file(name), schema)
+
+
+def test_published_range_gives_the_published_line() -> None:
+    found = calibrate_gyro(published("gyro_rate_table.csv", RATE_TABLE), (-90.0, 80.0))
+    assert np.round(found.fit.value, 4).tolist() == [0.1957, 0.0486]
+    assert [item.rate for item in found.dropped] == [90.0]
+
+
+def test_saturated_rates_are_found_and_only_they() -> None:
+    found = calibrate_gyro(published("gyro_rate_table.csv", RATE_TABLE))
+    assert np.round(found.fit.value, 4).tolist() == [0.2000, 0.0488]
+    assert [item.rate for item in found.dropped] == [80.0, 90.0]
+    assert "saturated" in found.dropped[0].reason
+    assert "20 sd" in found.dropped[0].reason
+    assert found.dropped[0].residual == pytest.approx(-0.096, abs=1.5e-3)
+    assert "beyond +80" in found.dropped[1].reason
+
+
+def test_a_clean_record_keeps_every_rate_as_often_as_stated() -> None:
+    from insnav.lab.single_axis.rate_table import FALSE_ALARM, calibrate_rate_table
+
+    rng, alarms, trials = np.random.default_rng(5), 0, 1000
+    for _ in range(trials):
+        found = calibrate_rate_table(RATES, 0.2 + 0.05 * RATES + 0.005 * rng.normal(size=RATES.size))
+        alarms += bool(found.dropped)
+    assert alarms / trials < 2.5 * FALSE_ALARM
+
+
+def test_forward_reverse_and_average_of_an_asymmetric_gyro(tmp_path: Path) -> None:
+    volts = 0.1 + RATES * np.where(RATES > 0.0, 0.0505, 0.0495)
+    path = table(tmp_path / "x.csv", "rate_deg_s,output_v", RATES, volts)
+    found = calibrate_gyro(read_record(path, RATE_TABLE), (-100.0, 100.0))
+    assert found.forward is not None
+    assert found.reverse is not None
+    assert found.average is not None
+    np.testing.assert_allclose(found.forward.value, [0.1, 0.0505], atol=1e-9)
+    np.testing.assert_allclose(found.reverse.value, [0.1, 0.0495], atol=1e-9)
+    np.testing.assert_allclose(found.average[0], [0.1, 0.05], atol=1e-9)
+    assert found.asymmetry == pytest.approx(0.02, abs=1e-9)
+
+
+def test_raw_dwells_are_cleaned_of_drift_and_spikes(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    n = 400
+    rate = np.repeat(RATES, n)
+    volts = 0.2 + 0.05 * rate + 0.001 * rng.normal(size=rate.size)
+    spiked = rng.random(rate.size) < 0.02
+    volts[spiked] += 0.08
+    path = table(tmp_path / "raw.csv", "time_s,rate_deg_s,output_v", 0.01 * np.arange(rate.size), rate, volts)
+    record = read_record(path, RATE_TABLE)
+    found = calibrate_gyro(record)
+    assert record.dwells.dropped.sum() == spiked.sum()
+    assert np.all(np.abs(found.fit.value - [0.2, 0.05]) < 4.0 * found.fit.sd + 1e-6)
+    kept = read_record(path, RATE_TABLE, spike_limit=1.0)
+    assert calibrate_gyro(kept).fit.value[0] - 0.2 > 1e-3  # the spikes all go one way
+
+
+def test_what_is_unusual_about_a_rate_table_is_told(tmp_path: Path) -> None:
+    usual = calibrate_gyro(published("gyro_rate_table.csv", RATE_TABLE), (-75.0, 75.0))
+    assert rate_table_warnings(usual) == ()
+    (line,) = rate_table_warnings(calibrate_gyro(published("gyro_rate_table.csv", RATE_TABLE)))
+    assert line.startswith("2 of 27 rates were left out")
+    path = table(tmp_path / "x.csv", "rate_deg_s,output_v", RATES[5:], 0.2 + 0.05 * RATES[5:])
+    few, one_sense = rate_table_warnings(calibrate_gyro(read_record(path, RATE_TABLE)))
+    assert "only 6 different rates" in few
+    assert "one sense of rotation only" in one_sense
+
+
+def test_published_tumble() -> None:
+    found = calibrate_accel(published("accel_tumble_12.csv", TUMBLE))
+    assert np.round(found.fit.value, 4).tolist() == [-0.1847, -2.4121, 0.0113, -0.0211]
+    assert round(found.fit.rms, 4) == 0.0260
+    assert found.fit.sigma == pytest.approx(0.0318, abs=5e-5)  # the same sum of squares over 8, not 12
+    assert tumble_warnings(found) == ()
+
+
+def test_tumble_uncertainty_holds_the_truth_as_often_as_it_says(tmp_path: Path) -> None:
+    from insnav.lab.single_axis.tumble import calibrate_tumble, tumble_design
+
+    rng, truth, inside, trials = np.random.default_rng(7), np.array([-0.2, 2.4, 0.01, -0.02]), 0, 1500
+    angle = np.radians(ANGLES)
+    for _ in range(trials):
+        fit = calibrate_tumble(angle, tumble_design(angle) @ truth + 0.01 * rng.normal(size=12)).fit
+        inside += int(np.sum(np.abs(fit.value - truth) < fit.half_width(0.95)))
+    assert inside / (4 * trials) == pytest.approx(0.95, abs=0.01)
+
+
+def test_an_outlying_position_is_pointed_out(tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    volts = 2.0 * np.sin(np.radians(ANGLES)) + 0.002 * rng.normal(size=12)
+    volts[4] += 0.2
+    found = calibrate_accel(read_record(table(tmp_path / "a.csv", "angle_deg,output_v", ANGLES, volts), TUMBLE))
+    assert any("at 120 deg" in line for line in tumble_warnings(found))
+
+
+def test_volts_become_lines_and_rates_become_bias_and_scale(tmp_path: Path) -> None:
+    volts = read_record(table(tmp_path / "v.csv", "rate_deg_s,output_mv", RATES, 200.0 + 50.0 * RATES), RATE_TABLE)
+    digital = read_record(table(tmp_path / "d.csv", "rate_deg_s,output_deg_s", RATES, 0.5 + 1.01 * RATES), RATE_TABLE)
+    raw = gyro_errors([volts], [calibrate_gyro(volts)]).gyro_raw
+    assert raw is not None
+    assert raw.unit == "mV"
+    np.testing.assert_allclose(raw.value(np.array([250.0]), 2), np.radians(1.0))
+    errors = gyro_errors([digital] * 3, [calibrate_gyro(digital)] * 3)
+    np.testing.assert_allclose(np.degrees(errors.gyro_bias), 0.5, atol=1e-9)
+    np.testing.assert_allclose(errors.gyro_matrix, 1.01 * np.eye(3), atol=1e-9)
+
+
+def test_both_triads_fit_into_one_file(tmp_path: Path) -> None:
+    gyro = read_record(table(tmp_path / "g.csv", "rate_deg_s,output_v", RATES, 0.2 + 0.05 * RATES), RATE_TABLE)
+    force = 0.1 + 2.0 * np.sin(np.radians(ANGLES))
+    accel = read_record(table(tmp_path / "a.csv", "angle_deg,output_v", ANGLES, force), TUMBLE)
+    first = gyro_errors([gyro], [calibrate_gyro(gyro)])
+    (tmp_path / "c.toml").write_text(calibration_to_toml(first))
+    both = carried_over(
+        accel_errors([accel], [calibrate_accel(accel)], 9.81), load_calibration(tmp_path / "c.toml"), "gyro"
+    )
+    assert both.gyro_raw is not None
+    assert both.accel_raw is not None
+    np.testing.assert_allclose(both.accel_raw.value(np.array([2.1]), 0), 9.81)
+    np.testing.assert_allclose(both.gyro_raw.value(np.array([0.25]), 0), np.radians(1.0))
+
+
+@pytest.mark.parametrize(
+    ("header", "columns", "expected"),
+    [
+        ("output_v,rate_deg_s", (RATES, 0.2137 + 0.04877 * RATES), "seem to be exchanged"),
+        ("rate_deg_s,output", (RATES, RATES), "no unit"),
+        ("rate_deg_s,output_m", (RATES, RATES), "no column for output"),
+        ("rate_deg_s,output_deg_s", (RATES, np.radians(RATES)), "not in the unit of its column"),
+        ("rate_deg_s,output_deg_s", (RATES, -RATES), "turn the sign"),
+        ("rate_deg_s,output_v", (RATES[:4], RATES[:4]), "too few rates"),
+        ("rate_deg_s,output_v", (RATES, 0.01 * np.cos(RATES)), "does not follow the rate"),
+        ("rate_deg_s,output_v", (RATES, np.where(RATES == 20.0, np.nan, RATES)), "a value is missing"),
+    ],
+)
+def test_bad_rate_tables_are_refused(tmp_path: Path, header: str, columns: tuple, expected: str) -> None:
+    with pytest.raises(InputError) as caught:
+        calibrate_gyro(read_record(table(tmp_path / "x.csv", header, *columns), RATE_TABLE))
+    assert expected in str(caught.value)
+
+
+VOLTS = 2.0 * np.sin(np.radians(ANGLES))
+
+
+@pytest.mark.parametrize(
+    ("header", "columns", "expected"),
+    [
+        ("angle_deg,output_v", (np.delete(ANGLES, 7), np.delete(VOLTS, 7)), "measure at 210 deg too"),
+        ("angle_deg,output_v", (np.radians(ANGLES), VOLTS), "these angles are not degrees"),
+        ("output_v,angle_deg", (ANGLES, VOLTS), "not degrees"),
+        ("angle_deg,output_v", (ANGLES, np.cos(np.radians(ANGLES))), "does not follow gravity"),
+        ("angle_deg,output_m_s2", (ANGLES, np.sin(np.radians(ANGLES))), "not in the unit of its column"),
+        ("angle_deg,output_v", (ANGLES[::3], VOLTS[::3]), "too few positions"),
+    ],
+)
+def test_bad_tumbles_are_refused(tmp_path: Path, header: str, columns: tuple, expected: str) -> None:
+    with pytest.raises(InputError) as caught:
+        calibrate_accel(read_record(table(tmp_path / "x.csv", header, *columns), TUMBLE))
+    assert expected in str(caught.value)
+
+
+def test_a_dwell_of_spikes_is_refused(tmp_path: Path) -> None:
+    noisy = np.repeat(RATES, 100) + 0.5 * np.random.default_rng(9).normal(size=1100)
+    path = table(tmp_path / "x.csv", "rate_deg_s,output_v", np.repeat(RATES, 100), noisy)
+    with pytest.raises(InputError, match="more than half of the samples"):
+        read_record(path, RATE_TABLE)
+
+
+def test_temperature_drift_is_pointed_out(tmp_path: Path) -> None:
+    path = table(
+        tmp_path / "x.csv", "rate_deg_s,output_v,temperature_c", RATES, 0.1 * RATES, np.linspace(20.0, 27.0, RATES.size)
+    )
+    assert "drifted from 20.0 to 27.0" in read_record(path, RATE_TABLE).warnings[0]

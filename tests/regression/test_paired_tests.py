@@ -1,0 +1,88 @@
+"""The tests themselves: right size under no change, power under change, published example, dependence."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from insnav.regression.accuracy_metrics import BY_KEY, METRICS, Metric
+from insnav.regression.paired_tests import holm, interval, shift, standard_error
+
+SIZE = Metric("x_m", "x", "m", 0.0)
+
+
+def test_seeds_are_compared_by_students_t():
+    rng = np.random.default_rng(1)
+    old, new = np.exp(rng.standard_normal((2, 12)))
+    found = shift(old, new, SIZE, pieces=False)
+    expected = stats.ttest_rel(np.log(new), np.log(old))
+    assert found.p == pytest.approx(expected.pvalue, rel=1e-9)
+    low, high = expected.confidence_interval(0.95)
+    assert (found.low, found.high) == pytest.approx((np.expm1(low), np.expm1(high)), rel=1e-9)
+    assert found.change == pytest.approx(stats.gmean(new) / stats.gmean(old) - 1.0)
+
+
+def test_holm_of_a_worked_example():
+    # p = 0.01, 0.04, 0.03, 0.005: sorted times 4, 3, 2, 1 and never falling
+    np.testing.assert_allclose(holm([0.01, 0.04, 0.03, 0.005]), [0.03, 0.06, 0.06, 0.02])
+    np.testing.assert_allclose(holm([0.9, 0.8]), [1.0, 1.0])
+
+
+def test_pieces_that_hang_together_are_worth_less():
+    """False calls at 5 % stay near 5 % though neighbours are correlated; taken as independent they would not."""
+    rng = np.random.default_rng(3)
+    false = {True: 0, False: 0}
+    repeats = 300
+    for _ in range(repeats):
+        white = rng.standard_normal(41)
+        old, new = np.ones(40), np.exp(white[1:] + 0.6 * white[:-1])
+        for pieces in false:
+            false[pieces] += shift(old, new, SIZE, pieces=pieces).p < 0.05
+    share = {pieces: count / repeats for pieces, count in false.items()}
+    print(share)
+    assert share[True] < 0.09
+    assert share[False] > 0.12
+
+
+def test_the_error_by_blocks_is_that_of_independent_pieces_too():
+    value = np.random.default_rng(4).standard_normal(60)
+    by_blocks, degrees = standard_error(value, pieces=True)
+    plain, _ = standard_error(value, pieces=False)
+    assert by_blocks == pytest.approx(plain, rel=0.3)
+    assert degrees == 29.0
+
+
+def test_too_few_drives_change_nothing():
+    assert shift(np.ones(4), 9.0 * np.ones(4), SIZE, pieces=False).p == 1.0
+
+
+def test_what_is_not_known_does_not_count():
+    old, new = np.ones(9), np.full(9, 2.0)
+    new[[0, 5]] = np.nan
+    found = shift(old, new, SIZE, pieces=False)
+    assert found.change == pytest.approx(1.0)
+    assert found.p == 0.0
+
+
+def test_values_below_the_floor_are_as_good_as_none():
+    counts = BY_KEY["rejected_fixes"]
+    none = np.zeros(8)
+    assert shift(none, none, counts, pieces=False).p == 1.0
+    tiny = shift(np.full(8, 1e-9), np.full(8, 9e-9), BY_KEY["north_rms_m"], pieces=False)
+    assert abs(tiny.change) < 1e-4
+
+
+@pytest.mark.parametrize("metric", METRICS, ids=lambda metric: metric.key)
+def test_worse_is_worse_in_every_metric(metric: Metric):
+    value = np.array([1.1, 1.3, 1.2, 1.25, 1.15])
+    assert (metric.scored(1.5 * value) > metric.scored(value)).all()
+
+
+def test_an_interval_holds_the_typical_value_as_often_as_it_says():
+    rng = np.random.default_rng(5)
+    inside = 0
+    for _ in range(400):
+        _, low, high = interval(np.exp(rng.standard_normal(10)), SIZE, pieces=False)
+        inside += low < 1.0 < high
+    assert inside / 400 == pytest.approx(0.95, abs=0.03)

@@ -1,0 +1,123 @@
+"""Facts are right, complete, ready for JSON, and the same every time."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav.errors.gps_gaps import in_outage, outages
+from insnav.errors.metrics import position_errors
+from insnav.report.run_json import json_ready, run_facts
+from insnav.types import EventKind
+
+
+def leaves(value):
+    if isinstance(value, dict):
+        for inner in value.values():
+            yield from leaves(inner)
+    elif isinstance(value, list):
+        for inner in value:
+            yield from leaves(inner)
+    else:
+        yield value
+
+
+def test_facts_are_json_without_nan(facts):
+    assert json.loads(json.dumps(facts, allow_nan=False)) == facts
+    assert all(isinstance(leaf, str | int | float | bool | None) for leaf in leaves(facts))
+
+
+def test_facts_of_the_shortest_run_are_json_too(bare):
+    found = run_facts(bare, reading={}, configuration={})
+    json.dumps(found, allow_nan=False)
+    assert found["accuracy"] is None
+    assert found["fixes"]["position"]["offered"] == 0
+    assert found["fixes"]["position"]["nis_mean_per_axis"] is None
+    assert found["outages"] == []
+
+
+def test_the_same_run_gives_the_same_facts(driven, facts):
+    run, _, true = driven
+    again = [run_facts(run, reading={}, configuration={}, errors=position_errors(run.solution, true)) for _ in range(2)]
+    assert json.dumps(again[0]) == json.dumps(again[1])
+    assert again[0]["accuracy"]["all"] == facts["accuracy"]["all"]
+
+
+def test_fixes_rejections_and_events_are_counted(driven, facts):
+    run, _, _ = driven
+    position = facts["fixes"]["position"]
+    assert position["offered"] == len(run.innovations.time)
+    assert position["rejected"] == 3
+    assert position["used"] == position["offered"] - 3
+    assert facts["fixes"]["velocity"]["rejected"] == 0
+    assert facts["fixes"]["rejected_for"] == {"chi-square, position": 3}
+    assert facts["events"] == {"gate.position": 3}
+    # drawn from their own sd: NIS is one per axis
+    assert position["nis_mean_per_axis"] == pytest.approx(1.0, abs=0.15)
+    assert position["innovation_rms_m"] == pytest.approx([1.57] * 3, rel=0.15)
+
+
+def test_distance_and_time_in_motion_are_those_of_the_truth(driven, facts):
+    _, _, true = driven
+    walked = np.trapezoid(np.linalg.norm(true.v_n, axis=1), true.time)
+    assert facts["solution"]["distance_m"] == pytest.approx(walked, rel=0.02)
+    assert facts["solution"]["moving_s"] == pytest.approx(300.0, abs=5.0)
+    assert facts["solution"]["rate_hz"] == pytest.approx(5.0)
+    assert facts["accuracy"]["static"]["n"] + facts["accuracy"]["moving"]["n"] == facts["accuracy"]["all"]["n"]
+
+
+def test_an_unknown_gyro_bias_sd_is_none(driven):
+    run, _, _ = driven
+    never_at_rest = replace(run.alignment, gyro_bias_sd=np.full(3, np.inf), static=None)
+    found = run_facts(replace(run, alignment=never_at_rest), reading={}, configuration={})
+    assert found["alignment"]["gyro_bias_sd_deg_h"] == [None] * 3
+    assert found["alignment"]["static_s"] is None
+
+
+def test_sensor_errors_are_in_the_units_of_the_field(driven):
+    run, _, _ = driven
+    value = np.ones((1, 12))
+    value[:, 6:] = np.nan  # scale factors not estimated
+    errors = replace(run.sensor_errors, time=np.array([1.0]), value=value, sd=value)
+    found = run_facts(replace(run, sensor_errors=errors), reading={}, configuration={})["sensor_errors"]
+    assert found["gyro_bias_deg_h"] == pytest.approx([206264.806] * 3)
+    assert found["accel_bias_mg"] == pytest.approx([101.97162] * 3)
+    assert "gyro_scale_ppm" not in found
+
+
+def test_outages_are_found_inside_and_at_both_ends(driven):
+    run, _, _ = driven
+    assert outages(run) == [(400.0, 430.0)]
+    late = run.innovations.time >= 50.0
+    early = run.innovations.time <= 550.0
+    cut = replace(run.innovations, used_position=run.innovations.used_position & late & early)
+    assert outages(replace(run, innovations=cut)) == [(0.0, 50.0), (400.0, 430.0), (550.0, 600.0)]
+    none = replace(run.innovations, used_position=np.zeros_like(late))
+    assert outages(replace(run, innovations=none)) == [(0.0, 600.0)]
+    inside = in_outage(np.array([399.0, 400.0, 415.0, 431.0]), [(400.0, 430.0)])
+    assert inside.tolist() == [False, True, True, False]
+
+
+def test_everything_a_configuration_may_hold_becomes_json():
+    value = {
+        "path": Path("a/b"),
+        "kind": EventKind.RESET,
+        "array": np.array([[1.0, np.nan], [np.inf, 2.0]]),
+        "scalar": np.float64(np.nan),
+        "flag": np.bool_(True),
+        "set": {"b", "a"},
+        3: (1, None),
+    }
+    assert json_ready(value) == {
+        "path": "a/b",
+        "kind": "filter.reset",
+        "array": [[1.0, None], [None, 2.0]],
+        "scalar": None,
+        "flag": True,
+        "set": ["a", "b"],
+        "3": [1, None],
+    }
