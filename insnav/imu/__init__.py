@@ -29,16 +29,16 @@ from insnav.imu.presets import PRESETS
 if TYPE_CHECKING:
     from insnav.imu.calibration_file import calibration_to_toml, load_calibration
     from insnav.imu.imu_file import load_imu, to_toml
-    from insnav.imu.white_noise import identify, nearest_preset, white_noise
+    from insnav.imu.noise_density import identify, nearest_preset, white_noise
 
 _LAZY = {
     "calibration_to_toml": "calibration_file",
-    "identify": "white_noise",
+    "identify": "noise_density",
     "load_calibration": "calibration_file",
     "load_imu": "imu_file",
-    "nearest_preset": "white_noise",
+    "nearest_preset": "noise_density",
     "to_toml": "imu_file",
-    "white_noise": "white_noise",
+    "white_noise": "noise_density",
 }
 
 __all__ = [
