@@ -90,7 +90,7 @@ def acceptance(
         found = lab.acceptance(steps, rest, several, times)
         stage("writing")
         from insnav.report.acceptance.page import acceptance_report
-        from insnav.report.page import write_sheet
+        from insnav.report.sheet import write_sheet
 
         files = [*steps, *([rest] if rest else []), *several]
         sheet, facts = acceptance_report(found, files)

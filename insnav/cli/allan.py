@@ -72,7 +72,7 @@ def allan(
         from insnav.imu import to_toml
         from insnav.lab.noise.static_noise import static_noise
         from insnav.report.noise.page import deviations_csv, noise_facts, noise_sheet
-        from insnav.report.page import write_sheet
+        from insnav.report.sheet import write_sheet
 
         name = Path(reading.facts.path).name
         found = static_noise(

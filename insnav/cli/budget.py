@@ -256,7 +256,7 @@ def budget(
             note_more(text)
         stage("writing")
         from insnav.report.budget.page import write_budget
-        from insnav.report.page import sheet_text
+        from insnav.report.sheet import sheet_text
 
         if windows is not None:
             from insnav.errors.budget.drive_motion import with_recorded

@@ -18,7 +18,7 @@ from insnav.cli import signals
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from insnav.report.page import Sheet
+    from insnav.report.sheet import Sheet
 
 DELAY = 1.0  # work shorter than this shows no progress bar [s]
 WIDTH = 110  # largest of a line of the log
@@ -83,7 +83,7 @@ def result_sheet(folder: Path, sheet: Sheet, out: Path, *, as_json: bool, more: 
     if as_json:
         result_facts(folder)
         return
-    from insnav.report.page import sheet_text
+    from insnav.report.sheet import sheet_text
 
     names = ", ".join([*more, "report.html", "figures", "run.json"])
     result(f"{sheet_text(sheet)}\n\nfiles       {out}: {names}")

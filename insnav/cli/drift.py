@@ -58,7 +58,7 @@ def drift(
         stage("writing")
         from insnav.imu import calibration_to_toml
         from insnav.report.drift.page import drift_report, rates_csv
-        from insnav.report.page import write_sheet
+        from insnav.report.sheet import write_sheet
 
         sheet, facts = drift_report(found, table)
         for text in sheet.warnings:

@@ -137,7 +137,7 @@ def outage(
         )
         stage("writing")
         from insnav.report.outage.page import outage_facts, outage_sheet
-        from insnav.report.page import write_sheet
+        from insnav.report.sheet import write_sheet
 
         sums = growth(windows)
         judge = f"the positions of {Path(better.facts.path).name}" if better else "the withheld fixes"

@@ -244,8 +244,8 @@ def platform(
             stage("writing")
             from insnav.output.data_files import write_table
             from insnav.output.solution_tables import write_events, write_kml, write_solution
-            from insnav.report.page import sheet_text, write_sheet
             from insnav.report.platform.page import PlatformStudy, platform_facts, platform_sheet, torquing_columns
+            from insnav.report.sheet import sheet_text, write_sheet
 
             name = Path(reading.facts.path).name
             study = PlatformStudy(
@@ -275,8 +275,8 @@ def _demonstrate(out: Path, force: bool) -> tuple[Path, str]:
     with RunFolder(out, force=force) as folder, Stages() as stage:
         note("a day at rest, two hours of a holding pattern: some seconds")
         stage("navigating")
-        from insnav.report.page import sheet_text, write_sheet
         from insnav.report.platform.demonstration import demonstration
+        from insnav.report.sheet import sheet_text, write_sheet
 
         sheet, facts = demonstration()
         stage("writing")

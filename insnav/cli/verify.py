@@ -55,7 +55,7 @@ def verify(
         found = certify(peers, lambda fraction: stage("certifying", fraction))
         stage("writing")
         from insnav.report.certificate.page import certificate_facts, certificate_markdown, certificate_sheet
-        from insnav.report.page import write_sheet
+        from insnav.report.sheet import write_sheet
 
         sheet = certificate_sheet(found)
         where = write_sheet(folder, sheet, certificate_facts(found))

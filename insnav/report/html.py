@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from insnav import __version__
 from insnav.plain_text import plain_text
 from insnav.report.numbers import label, number, shown
+from insnav.report.page import Page, section_tables
 
 _MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
 
@@ -38,3 +41,22 @@ def filled(template: str, **values: Any) -> str:
 def data_uri(file: Path) -> str:
     """Content of a PNG or SVG file as an address, so that the page needs no other file."""
     return f"data:{_MEDIA[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}"
+
+
+def page_html(page: Page, files: Sequence[Path]) -> str:
+    """Write a report as one self-contained page.
+
+    Parameters
+    ----------
+    page : Page
+    files : sequence of Path
+        Its figures, saved in the order of `Page.figures`.
+
+    Returns
+    -------
+    str
+        HTML that loads nothing.
+    """
+    tables = [table for section in page.sections for table in section_tables(section, ("all", "page"))]
+    pictures = [(figure.caption, data_uri(file)) for figure, file in zip(page.figures, files, strict=True)]
+    return filled("page.html.j2", page=page, tables=tables, pictures=pictures, version=__version__)

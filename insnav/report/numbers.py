@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from insnav.plain_text import plain_text
@@ -59,6 +60,21 @@ def number(value: float | None, digits: int = 3) -> str:
         return _UNKNOWN
     short = f"{value:#.{digits}g}"
     return f"{float(short):.0f}" if "e+" in short else short.rstrip(".")
+
+
+def rounded(value: float, sd: float) -> str:
+    """Number to the second digit of its standard deviation, never in less than four.
+
+    Parameters
+    ----------
+    value, sd : float
+    """
+    scale = max(abs(value), 1e-300)
+    if not sd > 0.0:
+        return f"{value:.6g}"
+    digits = math.floor(math.log10(scale)) - math.floor(math.log10(sd)) + 2
+    text = f"{value:#.{min(max(digits, 4), 12)}g}"
+    return text.rstrip(".")
 
 
 def shown(value: Any) -> str:

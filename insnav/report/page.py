@@ -1,25 +1,112 @@
-"""One sheet of results: a few tables and figures, for the terminal and as a page. Every bench method makes one."""
+"""What every report is made of: sections of quantities and figures, written as text, as a page and as JSON.
+
+A report says each quantity once. `insnav.report.terminal`, `insnav.report.html` and `insnav.report.run_json` are the
+three writers; none of them knows what a report is about.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from matplotlib.figure import Figure
+import numpy as np
 
-from insnav import __version__
-from insnav.exceptions import ConfigError
-from insnav.output.folder import RunFolder
 from insnav.plain_text import plain_text
-from insnav.report.html import data_uri, filled
-from insnav.report.style import FigureFormat, drawing, save
+from insnav.quantity import Quantity
+from insnav.report.numbers import number, rounded
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Show = Literal["all", "page", "json"]
+
+
+@dataclass(frozen=True, slots=True)
+class FigureSpec:
+    """A figure that is drawn when it is asked for.
+
+    Attributes
+    ----------
+    name : str
+        Of its file, without suffix; `insnav.result.Result.plot` knows it by this name.
+    caption : str
+        What it shows.
+    draw : callable
+        Draws it; called inside `insnav.report.style.drawing`.
+    """
+
+    name: str
+    caption: str
+    draw: Callable[[], Figure]
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Quantities that belong together: single ones, or rows of a table, one row an item.
+
+    Attributes
+    ----------
+    key : str
+        Where its quantities stand in JSON; empty puts them beside those of its parent.
+    title : str
+        Heading; empty for none.
+    items : tuple of Quantity
+        Single quantities.
+    rows : tuple of tuple of Quantity
+        A table: quantities of one key are a column, the first names the row.
+    figures : tuple of FigureSpec
+        Beside it on the page.
+    parts : tuple of Section
+        What it consists of.
+    note : str
+        How to read it.
+    show : {"all", "page", "json"}
+        Everywhere; on the page and in JSON; in JSON only.
+    """
+
+    key: str
+    title: str = ""
+    items: tuple[Quantity, ...] = ()
+    rows: tuple[tuple[Quantity, ...], ...] = ()
+    figures: tuple[FigureSpec, ...] = ()
+    parts: tuple[Section, ...] = ()
+    note: str = ""
+    show: Show = "all"
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A whole report.
+
+    Attributes
+    ----------
+    title : str
+        What was done, to what.
+    summary : tuple of str
+        The result in a few sentences.
+    sections : tuple of Section
+    warnings : tuple of str
+        What the reader must not overlook, most harmful first.
+    assumptions : tuple of str
+        What was taken for granted: defaults, validity, sources.
+    """
+
+    title: str
+    summary: tuple[str, ...]
+    sections: tuple[Section, ...]
+    warnings: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = ()
+
+    @property
+    def figures(self) -> tuple[FigureSpec, ...]:
+        """All figures, in the order of the page."""
+        return tuple(figure for section in self.sections for figure in _figures(section))
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Results in rows, as they are to be read.
+    """Quantities laid out to be read.
 
     Attributes
     ----------
@@ -39,108 +126,91 @@ class Table:
     note: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A figure drawn inside `drawing`, the name of its file without suffix, and what it shows."""
-
-    name: str
-    figure: Figure
-    caption: str
+def _figures(section: Section) -> tuple[FigureSpec, ...]:
+    return (*section.figures, *(figure for part in section.parts for figure in _figures(part)))
 
 
-@dataclass(frozen=True, slots=True)
-class Sheet:
-    """Everything on one page.
-
-    Attributes
-    ----------
-    title : str
-        What was done, to what.
-    summary : tuple of str
-        The result in a few sentences.
-    tables : tuple of Table
-    pictures : tuple of Picture
-    assumptions : tuple of str
-        What was taken for granted: defaults, validity, sources.
-    warnings : tuple of str
-        What the reader must not overlook.
-    """
-
-    title: str
-    summary: tuple[str, ...]
-    tables: tuple[Table, ...]
-    pictures: tuple[Picture, ...] = ()
-    assumptions: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-
-def sheet_text(sheet: Sheet) -> str:
-    """Write a sheet for the terminal: title, summary, tables in columns, warnings, assumptions.
+def section_tables(section: Section, shown: Sequence[Show] = ("all",)) -> list[Table]:
+    """Lay out a section and its parts.
 
     Parameters
     ----------
-    sheet : Sheet
-    """
-    blocks = ["\n".join([sheet.title, *sheet.summary])]
-    blocks += [table_text(table) for table in sheet.tables]
-    for heading, lines in (("Warnings", sheet.warnings), ("Assumptions", sheet.assumptions)):
-        if lines:
-            blocks.append("\n".join([heading, *(f"  - {line}" for line in lines)]))
-    return "\n".join(plain_text(line) for line in "\n\n".join(blocks).splitlines())
-
-
-def table_text(table: Table) -> str:
-    """Write a table in columns: the first to the left, numbers to the right."""
-    cells = [table.columns, *table.rows]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(table.columns))]
-    lines = [
-        "  ".join(text.ljust(width) if i == 0 else text.rjust(width) for i, (text, width) in enumerate(row)).rstrip()
-        for row in ([*zip(row, widths, strict=True)] for row in cells)
-    ]
-    return "\n".join([table.title, *(f"  {line}" for line in lines), *([f"  {table.note}"] if table.note else [])])
-
-
-def write_sheet(
-    folder: RunFolder,
-    sheet: Sheet,
-    facts: Mapping[str, Any],
-    texts: Mapping[str, str] | None = None,
-    figure_format: FigureFormat = "png",
-) -> Path:
-    """Write figures, page and text files into a folder and put it in its place.
-
-    Parameters
-    ----------
-    folder : RunFolder
-        Entered, not committed.
-    sheet : Sheet
-        Content of ``report.html``.
-    facts : mapping
-        Content of ``run.json``, JSON-ready.
-    texts : mapping, optional
-        Further files: name to content, such as ``calibration.toml``.
-    figure_format : {"png", "svg"}
+    section : Section
+    shown : sequence of {"all", "page"}
+        Sections marked otherwise are left out.
 
     Returns
     -------
-    Path
-        The finished folder.
-
-    Raises
-    ------
-    ConfigError
-        Two pictures, or two files, of one name.
-    OutputError
-        The folder cannot be written.
+    list of Table
+        One for the single quantities, one for the rows, then those of the parts.
     """
-    names = [picture.name for picture in sheet.pictures]
-    if len(set(names)) < len(names):
-        raise ConfigError("two figures have the same name", where=", ".join(names))
-    with drawing():
-        files = [save(p.figure, folder.path(f"figures/{p.name}"), figure_format) for p in sheet.pictures]
-    for name, text in (texts or {}).items():
-        folder.path(name).write_text(text, encoding="utf-8", newline="\n")
-    pictures = [(picture.caption, data_uri(file)) for picture, file in zip(sheet.pictures, files, strict=True)]
-    page = filled("sheet.html.j2", sheet=sheet, pictures=pictures, version=__version__)
-    folder.path("report.html").write_text(page, encoding="utf-8", newline="\n")
-    return folder.commit(facts)
+    if section.show not in shown:
+        return []
+    tables = []
+    if section.items:
+        rows = tuple((f"{each.label}{_bracket(each)}", cell(each)) for each in section.items)
+        tables.append(Table(section.title, ("", ""), rows, "" if section.rows else section.note))
+    if section.rows:
+        tables.append(_rows_table(section))
+    return [*tables, *(table for part in section.parts for table in section_tables(part, shown))]
+
+
+def _rows_table(section: Section) -> Table:
+    """Rows as cells; a unit that a whole column shares stands in its heading, others in the cells."""
+    columns = list(dict.fromkeys(each.key for row in section.rows for each in row))
+    found = [{each.key: each for each in row} for row in section.rows]
+    headings, shared = [], {}
+    for key in columns:
+        units = {row[key].shown_unit for row in found if key in row}
+        first = next(row[key] for row in found if key in row)
+        shared[key] = len(units) == 1
+        headings.append(f"{first.label}{_bracket(first)}" if shared[key] else first.label)
+    cells = tuple(tuple(_cell_in_row(row.get(key), with_unit=not shared[key]) for key in columns) for row in found)
+    return Table(section.title, tuple(headings), cells, section.note)
+
+
+def _bracket(each: Quantity) -> str:
+    return f" [{each.shown_unit}]" if each.shown_unit else ""
+
+
+def _cell_in_row(each: Quantity | None, *, with_unit: bool) -> str:
+    if each is None:
+        return ""
+    text = cell(each)
+    return f"{text} {each.shown_unit}" if with_unit and each.shown_unit and each.value is not None else text
+
+
+def cell(each: Quantity) -> str:
+    """Write a quantity without its name and unit: ``12.3 ± 0.4``, ``12.3 (11.8 … 12.9)``, ``–`` if not known.
+
+    Parameters
+    ----------
+    each : Quantity
+    """
+    value, sd = each.scaled(each.value), each.scaled(each.sd)
+    if isinstance(value, str):
+        return plain_text(value)
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | np.integer):
+        return str(value)
+    if value is None or isinstance(value, float):
+        text = _with_sd(value, sd, each.digits)
+    elif len(value) and isinstance(value[0], str):
+        text = ", ".join(plain_text(item) for item in value)
+    else:
+        sds = np.broadcast_to(np.nan if sd is None else np.asarray(sd, dtype=np.float64), np.shape(value)).ravel()
+        parts = zip(np.ravel(np.asarray(value, dtype=np.float64)), sds, strict=True)
+        text = ", ".join(_with_sd(float(v), None if np.isnan(s) else float(s), each.digits) for v, s in parts)
+    if each.interval is None:
+        return text
+    low, high = (number(each.scaled(float(bound)), each.digits) for bound in each.interval)
+    return f"{text} ({low} … {high})"
+
+
+def _with_sd(value: float | None, sd: Any, digits: int) -> str:
+    if value is None or not np.isfinite(value):
+        return number(None)
+    if sd is None or not np.isfinite(sd):
+        return number(float(value), digits)
+    return f"{rounded(float(value), float(sd))} ± {number(float(sd), 2)}"

@@ -20,7 +20,7 @@ from insnav.output.solution_tables import (
     write_kml,
     write_solution,
 )
-from insnav.report.run_json import run_facts
+from insnav.report.run.quantities import run_facts
 from insnav.types import EventKind, FloatArray, Trajectory
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, G0, M_S_PER_SQRT_H, PPM
 

@@ -13,7 +13,7 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.output.folder import RunFolder, read_facts, verify_folder
 from insnav.report.budget.windows import recorded_sheet
 from insnav.report.budget.windows_quantities import recorded_facts
-from insnav.report.page import write_sheet
+from insnav.report.sheet import write_sheet
 
 QUICK = RecordedOptions(
     Path("imu.csv"), Path("gps.csv"), imu="automotive", window=20.0, spacing=15.0, twins=0, workers=1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from insnav.errors.metrics import position_errors
-from insnav.report.run_json import run_facts
+from insnav.report.run.quantities import run_facts
 from insnav.types import Innovations, Run, SensorErrors, Trajectory
 from tests.report.synthetic import drive
 

@@ -15,7 +15,7 @@ from insnav.imu import load_imu
 from insnav.report.budget.figures import ranked, shares
 from insnav.report.budget.page import budget_facts, budget_sheet, columns_table, sources_table, warnings
 from insnav.report.budget.terms import EFFECTS, growth, size
-from insnav.report.page import sheet_text
+from insnav.report.sheet import sheet_text
 from tests.errors.budget.imus import plain, whole
 
 

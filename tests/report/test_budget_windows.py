@@ -20,7 +20,7 @@ from insnav.report.budget.windows import (
     recorded_warnings,
 )
 from insnav.report.budget.windows_quantities import recorded_facts
-from insnav.report.page import sheet_text
+from insnav.report.sheet import sheet_text
 from insnav.simulate.truth_from_track import Residual
 from tests.errors.outage import drives
 

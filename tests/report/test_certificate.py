@@ -11,7 +11,7 @@ from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
 from insnav.report.certificate.figures import draw_certificate
 from insnav.report.certificate.page import certificate_facts, certificate_markdown, certificate_sheet
-from insnav.report.page import sheet_text
+from insnav.report.sheet import sheet_text
 from insnav.report.style import drawing
 
 CHECKS = (

@@ -10,7 +10,8 @@ import pytest
 
 from insnav.exceptions import ConfigError
 from insnav.output.folder import RunFolder, verify_folder
-from insnav.report.page import Picture, Sheet, Table, sheet_text, write_sheet
+from insnav.report.page import Table
+from insnav.report.sheet import Picture, Sheet, sheet_text, write_sheet
 from insnav.report.style import blank, drawing
 
 HOSTILE = '<script>alert(1)</script>"><img src=x onerror=y>\x1b[31m'

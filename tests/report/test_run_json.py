@@ -11,7 +11,8 @@ import pytest
 
 from insnav.errors.gps_gaps import in_outage, outages
 from insnav.errors.metrics import position_errors
-from insnav.report.run_json import json_ready, run_facts
+from insnav.report.run.quantities import run_facts
+from insnav.report.run_json import json_ready
 from insnav.types import EventKind
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from insnav.plain_text import plain_text
 from insnav.report.run.page import page_html, write_page
-from insnav.report.run_json import run_facts
+from insnav.report.run.quantities import run_facts
 
 HOSTILE = [
     "<script>alert(1)</script>",

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from insnav.report.numbers import label, number, shown
+from insnav.report.run.quantities import run_facts
 from insnav.report.run.summary import LINES, WIDTH, summary_lines
-from insnav.report.run_json import run_facts
 
 
 def test_one_screen_with_everything_that_was_asked(facts):

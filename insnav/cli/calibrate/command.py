@@ -14,7 +14,7 @@ from insnav.cli.console import note, result_sheet
 if TYPE_CHECKING:
     from insnav.imu.model import ImuErrors
     from insnav.output.folder import RunFolder
-    from insnav.report.page import Sheet
+    from insnav.report.sheet import Sheet
 
 METHOD = "Method"
 
@@ -87,8 +87,8 @@ def finish(
 ) -> None:
     """Write calibration file and report, and print the result."""
     from insnav.imu import calibration_to_toml
-    from insnav.report.page import write_sheet
     from insnav.report.run_json import json_ready
+    from insnav.report.sheet import write_sheet
 
     texts = {} if errors is None else {"calibration.toml": calibration_to_toml(errors)}
     where = write_sheet(folder, sheet, json_ready(facts), texts)

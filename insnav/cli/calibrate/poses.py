@@ -104,7 +104,7 @@ def poses(
         from insnav.lab.navigation_impact import minute_effect
         from insnav.plain_text import plain_text
         from insnav.report.calibration.multi_position import poses_facts, poses_sheet, poses_warnings
-        from insnav.report.page import write_sheet
+        from insnav.report.sheet import write_sheet
 
         if counts:
             with inputs.named_options():

@@ -13,10 +13,11 @@ from insnav.lab.bench_data.records import SI, BenchRecord
 from insnav.lab.least_squares import Fit
 from insnav.report.acceptance.figures import draw_stability
 from insnav.report.calibration.figures import Series, draw_residuals
-from insnav.report.calibration.page import condition_warnings, fit_facts, quality_table, rounded
-from insnav.report.numbers import number
-from insnav.report.page import Picture, Sheet, Table
+from insnav.report.calibration.page import condition_warnings, fit_facts, quality_table
+from insnav.report.numbers import number, rounded
+from insnav.report.page import Table
 from insnav.report.run_json import json_ready
+from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
 from insnav.units import DEG, DEG_PER_H, G0, UG
 

@@ -26,8 +26,9 @@ from insnav.report.budget.windows import (
 )
 from insnav.report.budget.windows_quantities import recorded_facts
 from insnav.report.numbers import number
-from insnav.report.page import Picture, Sheet, Table, write_sheet
+from insnav.report.page import Table
 from insnav.report.run_json import json_ready, versions
+from insnav.report.sheet import Picture, Sheet, write_sheet
 from insnav.report.style import drawing, save
 from insnav.types import FloatArray
 from insnav.units import DEG

@@ -14,7 +14,8 @@ from insnav.errors.outage.statistics import COMPONENTS, Growth
 from insnav.report.budget.windows_figures import draw_causes, draw_growth, draw_regression
 from insnav.report.budget.windows_quantities import GROWS, MG, UNITS
 from insnav.report.numbers import number
-from insnav.report.page import Picture, Sheet, Table
+from insnav.report.page import Table
+from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
 from insnav.units import DEG_PER_H
 

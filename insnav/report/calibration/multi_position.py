@@ -15,8 +15,9 @@ from insnav.report.calibration.multi_position_figures import draw_poses, draw_si
 from insnav.report.calibration.page import corrected_table, effect_table, minute_facts
 from insnav.report.calibration.triad import g_table, triad_table
 from insnav.report.numbers import number
-from insnav.report.page import Picture, Sheet, Table
+from insnav.report.page import Table
 from insnav.report.run_json import json_ready
+from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
 from insnav.types import FloatArray, ImuData
 from insnav.units import DEG, G0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +12,7 @@ from insnav.imu.model import ImuErrors
 from insnav.lab.bench_data.bench_tables import BenchTable
 from insnav.lab.least_squares import Fit
 from insnav.lab.navigation_impact import Calibrated, Effect
-from insnav.report.numbers import number
+from insnav.report.numbers import number, rounded
 from insnav.report.page import Table
 from insnav.units import DEG, G0
 
@@ -71,21 +70,6 @@ def parameter_table(title: str, items: Sequence[Parameter], note: str = "") -> T
         for item in items
     )
     return Table(title, COLUMNS, rows, note)
-
-
-def rounded(value: float, sd: float) -> str:
-    """Number to the second digit of its standard deviation, never in less than four.
-
-    Parameters
-    ----------
-    value, sd : float
-    """
-    scale = max(abs(value), 1e-300)
-    if not sd > 0.0:
-        return f"{value:.6g}"
-    digits = math.floor(math.log10(scale)) - math.floor(math.log10(sd)) + 2
-    text = f"{value:#.{min(max(digits, 4), 12)}g}"
-    return text.rstrip(".")
 
 
 def quality_table(

@@ -23,7 +23,8 @@ from insnav.report.calibration.page import (
 )
 from insnav.report.calibration.rate_sweep_figures import draw_sweeps
 from insnav.report.numbers import number
-from insnav.report.page import Picture, Sheet, Table
+from insnav.report.page import Table
+from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
 from insnav.types import FloatArray
 from insnav.units import DEG

@@ -11,7 +11,7 @@ from insnav.lab.rotor_inertia import Agreement, Inertia
 from insnav.report.calibration.figures import draw_line
 from insnav.report.calibration.page import Parameter, base_facts, fit_facts, parameter_table, quality_table
 from insnav.report.numbers import number
-from insnav.report.page import Picture, Sheet
+from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
 
 UNIT = "kg m²"

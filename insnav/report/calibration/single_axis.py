@@ -24,7 +24,8 @@ from insnav.report.calibration.page import (
     without_words,
 )
 from insnav.report.numbers import number
-from insnav.report.page import Picture, Sheet, Table
+from insnav.report.page import Table
+from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
 from insnav.units import DEG
 

@@ -12,8 +12,9 @@ from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
 from insnav.report.certificate.figures import draw_certificate
 from insnav.report.numbers import number
-from insnav.report.page import Picture, Sheet, Table
+from insnav.report.page import Table
 from insnav.report.run_json import json_ready, versions
+from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
 
 _BEYOND = "!"  # behind a figure that misses the bar

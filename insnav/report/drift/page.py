@@ -15,8 +15,9 @@ from insnav.report.calibration.page import Parameter, condition_warnings, fit_fa
 from insnav.report.drift.figures import draw_drift
 from insnav.report.noise.page import GYRO_UNITS
 from insnav.report.numbers import number
-from insnav.report.page import Picture, Sheet, Table
+from insnav.report.page import Table
 from insnav.report.run_json import json_ready
+from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
 from insnav.units import DEG, DEG_PER_H, G0
 

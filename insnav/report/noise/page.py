@@ -13,8 +13,9 @@ from insnav.lab.noise.noise_model import Coefficient, NoiseModel
 from insnav.lab.noise.static_noise import StaticNoise
 from insnav.report.noise.figures import draw_allan
 from insnav.report.numbers import number
-from insnav.report.page import Picture, Sheet, Table
+from insnav.report.page import Table
 from insnav.report.run_json import json_ready
+from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, HOUR, M_S_PER_SQRT_H, UG
 

@@ -8,8 +8,9 @@ from typing import Any
 from insnav.errors.outage.gnss_outage import Growth, Outage
 from insnav.report.numbers import number
 from insnav.report.outage.figures import draw_outages
-from insnav.report.page import Picture, Sheet, Table
+from insnav.report.page import Table
 from insnav.report.run_json import json_ready
+from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
 from insnav.units import DEG
 

@@ -10,11 +10,12 @@ from insnav.errors.platform_errors import Beside, beside_strapdown, integrator_e
 from insnav.errors.schuler import StaticErrors, static_errors
 from insnav.gimbal import INTEGRATORS, PlatformErrors, integral
 from insnav.report.numbers import number
-from insnav.report.page import Picture, Sheet, Table
+from insnav.report.page import Table
 from insnav.report.platform.figures import draw_beside
 from insnav.report.platform.integrator_figures import draw_convergence, draw_flight_errors, draw_line
 from insnav.report.platform.page import periods_table
 from insnav.report.run_json import json_ready, versions
+from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
 from insnav.simulate import circle, straight
 from insnav.units import DEG, DEG_PER_H, UG

@@ -13,7 +13,7 @@ from insnav.errors.metrics import TrajectoryErrors, position_errors
 from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods, static_errors
 from insnav.gimbal import DAMPING_TIME, Integrator, PlatformErrors, PlatformRun, torquing_rates
 from insnav.report.numbers import number
-from insnav.report.page import Picture, Sheet, Table
+from insnav.report.page import Table
 from insnav.report.platform.figures import (
     draw_platform_errors,
     draw_platform_track,
@@ -22,6 +22,7 @@ from insnav.report.platform.figures import (
 )
 from insnav.report.platform.integrator_figures import draw_differences
 from insnav.report.run_json import json_ready, versions
+from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG, DEG_PER_H, UG

@@ -19,9 +19,10 @@ from insnav.regression.run_corpus import Result
 from insnav.regression.verdict import Change, Comparison
 from insnav.report.html import data_uri, filled
 from insnav.report.numbers import number
-from insnav.report.page import Sheet, Table
+from insnav.report.page import Table
 from insnav.report.regression.figures import draw_growth, draw_heat, draw_history, draw_predicted
 from insnav.report.regression.tables import case_table, change_text, peer_table, rules, verdict_text
+from insnav.report.sheet import Sheet
 from insnav.report.style import drawing, save
 
 PAGE, SECTION = "accuracy.html", "accuracy.md"

@@ -12,8 +12,9 @@ from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import Result
 from insnav.regression.verdict import CPU_FAILS_FROM, FAILS_FROM, Change, Comparison
 from insnav.report.numbers import number
-from insnav.report.page import Table, table_text
+from insnav.report.page import Table
 from insnav.report.run_json import json_ready
+from insnav.report.terminal import table_text
 
 _PEER_NOTE = (
     f"RMS over the first {LONGEST:g} s of the first drive of each case (more where the heading needs it), from "

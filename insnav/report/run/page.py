@@ -48,7 +48,7 @@ def write_page(path: Path, facts: Mapping[str, Any], figures: Sequence[Path], *,
     path : Path
         The file, such as ``report.html``.
     facts : mapping
-        As `insnav.report.run_json.run_facts` makes them.
+        As `insnav.report.run.quantities.run_facts` makes them.
     figures : sequence of Path
         PNG or SVG files, in the order to show them; they are copied into the page.
     title : str

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from insnav.errors.short_duration_errors import ShortWindow, size_at
-from insnav.report.page import Table, table_text
+from insnav.report.page import Table
 from insnav.report.run_json import json_ready
+from insnav.report.terminal import table_text
 from insnav.types import FloatArray
 
 TIMES = (10.0, 30.0, 60.0)  # since the start of a window [s]

@@ -29,7 +29,7 @@ def summary_lines(facts: Mapping[str, Any], folder: Path | None = None) -> list[
     Parameters
     ----------
     facts : mapping
-        As `insnav.report.run_json.run_facts` makes them, or read from ``run.json``.
+        As `insnav.report.run.quantities.run_facts` makes them, or read from ``run.json``.
     folder : Path, optional
         Where the files are.
 

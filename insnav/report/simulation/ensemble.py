@@ -12,8 +12,9 @@ from insnav.errors.ensemble import BAND, COMPONENTS, FIGURES, GROUPS, Ensemble, 
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.report.numbers import number
-from insnav.report.page import Picture, Sheet, Table, write_sheet
+from insnav.report.page import Table
 from insnav.report.run_json import json_ready
+from insnav.report.sheet import Picture, Sheet, write_sheet
 from insnav.report.simulation.ensemble_figures import draw_ensemble, draw_nees
 from insnav.report.simulation.page import (
     Plan,

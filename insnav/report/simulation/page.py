@@ -21,9 +21,10 @@ from insnav.imu.model import gyro_bias_sd
 from insnav.output.data_files import write_gps, write_imu, write_reference
 from insnav.output.folder import RunFolder
 from insnav.report.numbers import number
-from insnav.report.page import Picture, Sheet, Table, write_sheet
+from insnav.report.page import Table
 from insnav.report.run_json import json_ready, versions
 from insnav.report.save import model_facts
+from insnav.report.sheet import Picture, Sheet, write_sheet
 from insnav.report.simulation.profile_figures import draw_motion, draw_sketch, draw_way, way
 from insnav.report.style import drawing
 from insnav.simulate.recording import Recording, times

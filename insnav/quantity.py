@@ -1,0 +1,96 @@
+"""One figure of a result: its value, unit, uncertainty and meaning, told once for text, page and JSON."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from insnav.types import FloatArray
+from insnav.units import UNITS
+
+Value: TypeAlias = "float | int | bool | str | FloatArray | Sequence[float] | Sequence[str] | Sequence[int] | None"
+_PRETTY = (("sqrt(Hz)", "√Hz"), ("sqrt(h)", "√h"), ("sqrt(s)", "√s"), ("^2", "²"), ("^3", "³"))
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One figure of a result.
+
+    Attributes
+    ----------
+    key : str
+        Name in JSON without its unit, such as ``gyro_bias``; the unit is put behind it.
+    value : number, array, text, flag or None
+        In SI; None where it is not known.
+    unit : str
+        What it is shown in: a unit of `insnav.units`, one that has no factor to SI (``V/(deg/s)``), or none.
+    sd : number or array, optional
+        One standard deviation, in SI.
+    interval : two numbers, optional
+        95 % interval, in SI.
+    meaning : str
+        Label in text; the key in words if empty.
+    digits : int
+        Significant digits in text, where no `sd` says how many are worth showing.
+    """
+
+    key: str
+    value: Value
+    unit: str = ""
+    sd: Value = None
+    interval: tuple[float, float] | None = None
+    meaning: str = ""
+    digits: int = 3
+
+    @property
+    def label(self) -> str:
+        """Its name in words, without the unit."""
+        return self.meaning or self.key.replace("_", " ")
+
+    @property
+    def shown_unit(self) -> str:
+        """The unit as it is read: ``deg/√h``."""
+        text = self.unit
+        for plain, pretty in _PRETTY:
+            text = text.replace(plain, pretty)
+        return text
+
+    def scaled(self, value: Value) -> Any:
+        """Bring a value from SI to the unit shown; texts, flags and None stay what they are."""
+        factor = UNITS[self.unit][1] if self.unit in UNITS else 1.0
+        if value is None or isinstance(value, str | bool) or factor == 1.0:
+            return value
+        if isinstance(value, float | int):
+            return value / factor
+        return np.asarray(value, dtype=np.float64) / factor
+
+    def facts(self) -> dict[str, Any]:
+        """Give value, standard deviation and interval for JSON, the unit in every key.
+
+        Examples
+        --------
+        >>> Quantity("delay", 0.128, "ms", sd=0.002).facts()
+        {'delay_ms': 128.0, 'delay_sd_ms': 2.0}
+        """
+        end = key_suffix(self.unit)
+        facts = {f"{self.key}{end}": self.scaled(self.value)}
+        if self.sd is not None:
+            facts[f"{self.key}_sd{end}"] = self.scaled(self.sd)
+        if self.interval is not None:
+            facts[f"{self.key}_interval{end}"] = [self.scaled(float(bound)) for bound in self.interval]
+        return facts
+
+
+def key_suffix(unit: str) -> str:
+    """Unit as the end of a key: ``_deg_sqrt_h`` for ``deg/sqrt(h)``, nothing where there is none.
+
+    Parameters
+    ----------
+    unit : str
+    """
+    words = re.sub(r"[^0-9A-Za-z]+", "_", unit.replace("^", "").replace("%", "percent")).strip("_")
+    return f"_{words.lower() if words not in ('V', 'mV', 'K') else words}" if words and words != "1" else ""

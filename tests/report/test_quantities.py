@@ -1,0 +1,75 @@
+"""Quantities said once: the same figure as text, on the page and in JSON."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from insnav.quantity import Quantity, key_suffix
+from insnav.report.html import page_html
+from insnav.report.page import FigureSpec, Page, Section, cell, section_tables
+from insnav.report.run_json import page_facts
+from insnav.report.terminal import page_text
+from insnav.units import DEG, DEG_PER_H, PPM
+
+BIAS = Quantity("bias", 12.34 * DEG_PER_H, "deg/h", sd=0.4 * DEG_PER_H)
+
+
+def page() -> Page:
+    rows = tuple((Quantity("axis", axis), Quantity("scale", k * 1e-4, "ppm")) for k, axis in enumerate("xyz", 1))
+    mixed = ((Quantity("axis", "x"), Quantity("size", 2.0, "V")), (Quantity("axis", "y"), Quantity("size", 3.0, "m")))
+    return Page(
+        "A bench",
+        ("It holds.",),
+        (
+            Section("gyro", "Gyro", items=(BIAS,), parts=(Section("axes", "Axes", rows=rows),)),
+            Section("sizes", "Sizes", rows=mixed, figures=(FigureSpec("empty", "An empty figure", Figure),)),
+            Section("raw", items=(Quantity("heading", np.array([1.0, 2.0]) * DEG, "deg"),), show="json"),
+        ),
+        warnings=("mind <this>",),
+    )
+
+
+def test_units_stand_in_every_key_and_values_are_in_them() -> None:
+    facts = page_facts(page())
+    assert np.isclose(facts["gyro"]["bias_deg_h"], 12.34)
+    assert np.isclose(facts["gyro"]["bias_sd_deg_h"], 0.4)
+    assert [row["axis"] for row in facts["gyro"]["axes"]] == ["x", "y", "z"]
+    assert np.isclose(facts["gyro"]["axes"][2]["scale_ppm"], 3e-4 / PPM)
+    assert facts["sizes"] == [{"axis": "x", "size_V": 2.0}, {"axis": "y", "size_m": 3.0}]
+    assert np.allclose(facts["raw"]["heading_deg"], [1.0, 2.0])
+    assert facts["warnings"] == ["mind <this>"]
+
+
+def test_text_and_page_show_the_same_figures() -> None:
+    text = page_text(page())
+    assert "bias [deg/h]  12.34 ± 0.40" in text
+    assert "scale [ppm]" in text
+    assert "2.00 V" in text
+    assert "heading" not in text
+    tables = [table for section in page().sections for table in section_tables(section, ("all", "page"))]
+    assert [table.title for table in tables] == ["Gyro", "Axes", "Sizes"]
+    assert tables[2].columns == ("axis", "size")
+
+
+def test_a_page_escapes_and_needs_its_figures(tmp_path) -> None:
+    file = tmp_path / "empty.png"
+    file.write_bytes(b"\x89PNG")
+    html = page_html(page(), [file])
+    assert "mind &lt;this&gt;" in html
+    assert "data:image/png" in html
+
+
+def test_cells() -> None:
+    assert cell(Quantity("a", None, "m")) == "–"
+    assert cell(Quantity("a", float("nan"), "m")) == "–"
+    assert cell(Quantity("a", True)) == "yes"
+    assert cell(Quantity("a", 3)) == "3"
+    assert cell(Quantity("a", [1.0, 2.0], "m")) == "1.00, 2.00"
+    assert cell(Quantity("a", 1.0, "m", interval=(0.5, 1.5))) == "1.00 (0.500 … 1.50)"
+    assert cell(Quantity("a", ("x", "y"))) == "x, y"
+
+
+def test_suffixes_are_those_of_the_files() -> None:
+    wanted = {"deg/sqrt(h)": "_deg_sqrt_h", "m/s^2": "_m_s2", "": "", "1": "", "deg/h": "_deg_h", "%": "_percent"}
+    assert {unit: key_suffix(unit) for unit in wanted} == wanted
