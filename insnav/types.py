@@ -8,10 +8,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Literal
+from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from insnav.tabular import FromTable, Tabular
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -21,8 +26,25 @@ Sampling = Literal["mean", "instant", "increment"]
 Stamp = Literal["start", "mid", "end"]
 
 
+def _each(template: str, parts: str) -> tuple[str, ...]:
+    return tuple(template.replace("?", part) for part in parts.split())
+
+
+_GYRO, _ACCEL = _each("gyro_?_rad_s", "x y z"), _each("accel_?_m_s2", "x y z")
+_DTHETA, _DVEL = _each("dtheta_?_rad", "x y z"), _each("dvel_?_m_s", "x y z")
+_LLA = ("lat_deg", "lon_deg", "height_m")
+_V_N, _RPH = _each("v?_m_s", "n e d"), _each("?_deg", "roll pitch heading")
+_POSITION_SD, _VELOCITY_SD = _each("sd_?_m", "n e d"), _each("sd_v?_m_s", "n e d")
+_SENSOR_ERRORS = (
+    *_each("gyro_bias_?_deg_h", "x y z"),
+    *_each("accel_bias_?_mg", "x y z"),
+    *_each("gyro_scale_?_ppm", "x y z"),
+    *_each("accel_scale_?_ppm", "x y z"),
+)
+
+
 @dataclass(frozen=True, slots=True)
-class ImuData:
+class ImuData(FromTable):
     """Samples of an inertial measurement unit in body axes (Forward, Right, Down).
 
     Attributes
@@ -45,6 +67,16 @@ class ImuData:
         Height by a barometer, from any zero [m]; ``NaN`` where there is none.
     """
 
+    COLUMNS: ClassVar = {
+        "time": ("time_s",),
+        "gyro": _GYRO,
+        "accel": _ACCEL,
+        "temperature": ("temperature_c",),
+        "odometer": ("odometer_m_s",),
+        "baro": ("baro_height_m",),
+    }
+    NEEDED: ClassVar = ("time", "gyro", "accel")
+
     time: FloatArray
     gyro: FloatArray
     accel: FloatArray
@@ -54,9 +86,47 @@ class ImuData:
     odometer: FloatArray | None = None
     baro: FloatArray | None = None
 
+    def to_frame(self) -> pd.DataFrame:
+        """Table in the canonical columns, those of increments if that is what the samples are.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row a sample; `sampling` and `stamp` are in its ``attrs``.
+        """
+        frame = Tabular.to_frame(self)
+        names = dict(zip(_GYRO + _ACCEL, _DTHETA + _DVEL, strict=True))
+        return frame.rename(columns=names) if self.sampling == "increment" else frame
+
+    @classmethod
+    def from_frame(cls, frame: pd.DataFrame, **others: str) -> Self:
+        """Samples from a table in the canonical columns of rates or of increments.
+
+        Parameters
+        ----------
+        frame : pandas.DataFrame
+            As from `to_frame`. Columns of what is not known may be absent.
+        **others : str
+            ``sampling`` of rates and ``stamp``; by default as in the ``attrs`` of the frame.
+
+        Returns
+        -------
+        ImuData
+            Arrays are copies.
+
+        Raises
+        ------
+        InputError
+            A column is unknown, or one that is needed is absent.
+        """
+        if _DTHETA[0] in frame.columns:
+            frame = frame.rename(columns=dict(zip(_DTHETA + _DVEL, _GYRO + _ACCEL, strict=True)))
+            others["sampling"] = "increment"
+        return super(ImuData, cls).from_frame(frame, **others)
+
 
 @dataclass(frozen=True, slots=True)
-class GpsData:
+class GpsData(FromTable):
     """Fixes of a satellite receiver, at the antenna.
 
     Attributes
@@ -77,6 +147,16 @@ class GpsData:
         Heading from the receiver, e.g. of two antennas [rad]; ``NaN`` where not known.
     """
 
+    COLUMNS: ClassVar = {
+        "time": ("time_s",),
+        "lla": _LLA,
+        "v_n": _V_N,
+        "position_sd": _POSITION_SD,
+        "velocity_sd": _VELOCITY_SD,
+        "fix": ("fix",),
+        "heading": ("heading_deg",),
+    }
+
     time: FloatArray
     lla: FloatArray
     v_n: FloatArray
@@ -87,7 +167,7 @@ class GpsData:
 
 
 @dataclass(frozen=True, slots=True)
-class Trajectory:
+class Trajectory(FromTable):
     """Position, velocity and attitude over time, at the IMU unless said otherwise.
 
     Attributes
@@ -105,6 +185,14 @@ class Trajectory:
         heading [rad].
     """
 
+    COLUMNS: ClassVar = {
+        "time": ("time_s",),
+        "lla": _LLA,
+        "v_n": _V_N,
+        "rph": _RPH,
+        "sd": (*_POSITION_SD, *_VELOCITY_SD, *_each("sd_?_deg", "roll pitch heading")),
+    }
+
     time: FloatArray
     lla: FloatArray
     v_n: FloatArray
@@ -113,7 +201,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True, slots=True)
-class Increments:
+class Increments(Tabular):
     """Integrated angular rate and specific force over successive intervals, with high-order corrections.
 
     Attributes
@@ -132,6 +220,15 @@ class Increments:
         Velocity increment in the body axes of the interval's start, minus `dvel` and minus the rotation of `dvel`
         that constant rate and constant specific force would make [m/s].
     """
+
+    COLUMNS: ClassVar = {
+        "time": ("time_s",),
+        "dt": ("dt_s",),
+        "dtheta": _DTHETA,
+        "dvel": _DVEL,
+        "coning": _each("coning_?_rad", "x y z"),
+        "sculling": _each("sculling_?_m_s", "x y z"),
+    }
 
     time: FloatArray
     dt: FloatArray
@@ -243,7 +340,7 @@ class Alignment:
 
 
 @dataclass(frozen=True, slots=True)
-class Innovations:
+class Innovations(Tabular):
     """Every measurement offered to the filter and what it thought of it.
 
     Columns 0..2 are position North, East, Down [m], 3..5 velocity North, East, Down [m/s]; ``NaN`` where the fix
@@ -262,6 +359,16 @@ class Innovations:
     used_position, used_velocity : (m,) bool array
         Whether it was used.
     """
+
+    COLUMNS: ClassVar = {
+        "time": ("time_s",),
+        "innovation": (*_each("innovation_?_m", "n e d"), *_each("innovation_v?_m_s", "n e d")),
+        "sd": (*_POSITION_SD, *_VELOCITY_SD),
+        "nis_position": ("nis_position",),
+        "nis_velocity": ("nis_velocity",),
+        "used_position": ("used_position",),
+        "used_velocity": ("used_velocity",),
+    }
 
     time: FloatArray
     innovation: FloatArray
@@ -296,7 +403,7 @@ class AidUse:
 
 
 @dataclass(frozen=True, slots=True)
-class SensorErrors:
+class SensorErrors(Tabular):
     """Estimated sensor errors over time, and their standard deviations.
 
     Attributes
@@ -308,13 +415,19 @@ class SensorErrors:
         accelerometer scale factor error x, y, z [-].
     """
 
+    COLUMNS: ClassVar = {
+        "time": ("time_s",),
+        "value": _SENSOR_ERRORS,
+        "sd": tuple(f"sd_{name}" for name in _SENSOR_ERRORS),
+    }
+
     time: FloatArray
     value: FloatArray
     sd: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
-class Epochs:
+class Epochs(Tabular):
     """State and covariance after each filter epoch.
 
     Attributes
@@ -329,6 +442,14 @@ class Epochs:
         Of position N, E, D [m], velocity N, E, D [m/s] and attitude error ``phi`` [rad], ``C_hat = (I - [phi x]) C``,
         where C is the attitude of the sensors' axes.
     """
+
+    COLUMNS: ClassVar = {
+        "time": ("time_s",),
+        "lla": _LLA,
+        "v_n": _V_N,
+        "q_nb": ("q_w", "q_x", "q_y", "q_z"),
+        "covariance": (*_POSITION_SD, *_VELOCITY_SD, *_each("sd_phi_?_deg", "n e d")),
+    }
 
     time: FloatArray
     lla: FloatArray

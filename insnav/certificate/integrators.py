@@ -96,5 +96,4 @@ def _navigate(
     method: Method, imu: ImuData, start: Start, height: FloatArray, v_down: FloatArray, every: int
 ) -> Trajectory:
     inc = _increments(method, imu)
-    after = Increments(*(getattr(inc, name)[1:] for name in Increments.__dataclass_fields__))
-    return strapdown.navigate(after, *start, vertical=(height, v_down), every=every)
+    return strapdown.navigate(inc.rows(slice(1, None)), *start, vertical=(height, v_down), every=every)

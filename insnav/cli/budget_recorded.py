@@ -218,14 +218,9 @@ def _judge(options: RecordedOptions, reference: Reading[Trajectory], known_sd: l
     data, fix = reference.data, reference.fix
     keep = np.ones(len(data.time), dtype=np.bool_) if fix is None or not (fix == 1).any() else np.asarray(fix == 1)
     with_velocity = len(known_sd) > 1
-    unknown = np.full_like(data.v_n[keep], np.nan)
-    data = replace(
-        data,
-        time=data.time[keep],
-        lla=data.lla[keep],
-        v_n=data.v_n[keep] if with_velocity else unknown,
-        rph=data.rph[keep],
-    )
+    data = data.rows(keep)
+    if not with_velocity:
+        data = replace(data, v_n=np.full_like(data.v_n, np.nan))
     lever = options.ref_lever_arm or options.lever_arm
     return judged_by_reference(
         data,

@@ -151,11 +151,6 @@ def outage(
 
 def _fixed(gps: Any) -> Any:
     """Epochs with fixed ambiguities, where the file tells."""
-    from insnav.types import GpsData
-
     if gps.fix is None or not (gps.fix == 1).any():
         return gps
-    good = gps.fix == 1
-    return GpsData(
-        gps.time[good], gps.lla[good], gps.v_n[good], gps.position_sd[good], gps.velocity_sd[good], gps.fix[good]
-    )
+    return gps.rows(gps.fix == 1)

@@ -137,7 +137,7 @@ def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
     series[at, _EPOCH] = 1.0
     series[at, _SQUARE], series[at, _VARIANCE] = value[first] ** 2, sd[first] ** 2
     fixes = _within(truth, run.epochs.time)
-    nees = normalised(_rows(run.epochs, fixes), truth, axes_sd)
+    nees = normalised(run.epochs.rows(fixes), truth, axes_sd)
     np.add.at(series[:, _FIX], _row(truth, run.epochs.time[fixes]), 1.0)
     np.add.at(series[:, _NEES], _row(truth, run.epochs.time[fixes]), nees)
     offered = np.isfinite(run.innovations.innovation[:, :3]).any(axis=1)
@@ -292,7 +292,3 @@ def _row(truth: Truth, time: FloatArray) -> IntArray:
 def _within(truth: Truth, time: FloatArray) -> BoolArray:
     """Times that the truth covers: an estimated delay of the fixes may have moved a few out of it."""
     return np.asarray((time >= truth.start) & (time <= truth.start + truth.duration))
-
-
-def _rows(state: Epochs, keep: BoolArray) -> Epochs:
-    return Epochs(state.time[keep], state.lla[keep], state.v_n[keep], state.q_nb[keep], state.covariance[keep])

@@ -6,7 +6,7 @@ cubic Hermite interpolation of position, so that a 10 Hz solution adds less than
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -150,13 +150,8 @@ def at_point(trajectory: Trajectory, lever_b: FloatArray) -> Trajectory:
     the lever arm in local axes.
     """
     lever_n = dcm_from_rph(trajectory.rph) @ np.asarray(lever_b, dtype=np.float64)
-    return Trajectory(
-        time=trajectory.time,
-        lla=lla_offset(trajectory.lla, lever_n),
-        v_n=trajectory.v_n + _rates(trajectory.time, lever_n),
-        rph=trajectory.rph,
-        sd=trajectory.sd,
-    )
+    v_n = trajectory.v_n + _rates(trajectory.time, lever_n)
+    return replace(trajectory, lla=lla_offset(trajectory.lla, lever_n), v_n=v_n)
 
 
 def accuracy(errors: TrajectoryErrors, mask: BoolArray | None = None) -> dict[str, Any] | None:

@@ -13,7 +13,7 @@ from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors, position_errors
 from insnav.gimbal import INTEGRATORS, Integrator, PlatformErrors, integral, navigate_platform
 from insnav.simulate import Truth, imu_from_truth, reference
-from insnav.types import FloatArray, Increments
+from insnav.types import FloatArray
 
 SINE_STEPS = (40, 80, 160, 320)  # over `SINE_END`: coarse enough that no rule is exact to rounding
 SINE_END = 5.0
@@ -150,7 +150,7 @@ def beside_strapdown(truth: Truth, errors: PlatformErrors, rate: float, keep: fl
     imu.gyro[:] -= errors.drift
     imu.accel[:] += errors.bias
     inc = strapdown.increments(strapdown.intervals(imu))
-    after = Increments(*(getattr(inc, name)[1:] for name in Increments.__dataclass_fields__))
+    after = inc.rows(slice(1, None))
     held = np.full(len(after.time), at.lla[0, 2]), np.zeros(len(after.time))
     start = rph_from_quat(quat_multiply(quat_from_rotvec(-errors.tilt), quat_from_rph(at.rph[0])))
     other = strapdown.navigate(after, at.lla[0], at.v_n[0], start, vertical=held, every=every)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -88,7 +88,7 @@ def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorError
             continue
         if not np.isfinite(solution.rph[state]).all():  # near a pole
             continue
-        piece = Increments(*(getattr(inc, name)[first:last] for name in Increments.__dataclass_fields__))
+        piece = inc.rows(slice(first, last))
         windows.append(_compared(_corrected(piece, sensor_errors, begin), solution, state, every))
     if not windows:
         raise InputError(
@@ -156,11 +156,4 @@ def _corrected(piece: Increments, errors: SensorErrors | None, begin: float) -> 
     known = np.nan_to_num(errors.value[row])
     gyro, accel = 1.0 + known[6:9], 1.0 + known[9:12]
     dt = piece.dt[:, None]
-    return Increments(
-        piece.time,
-        piece.dt,
-        (piece.dtheta - dt * known[0:3]) / gyro,
-        (piece.dvel - dt * known[3:6]) / accel,
-        piece.coning,
-        piece.sculling,
-    )
+    return replace(piece, dtheta=(piece.dtheta - dt * known[0:3]) / gyro, dvel=(piece.dvel - dt * known[3:6]) / accel)

@@ -78,7 +78,7 @@ def fine_alignment(
             why=f"samples from {imu.time[0]:.3f} to {imu.time[-1]:.3f} s, interval from {rest[0]} to {rest[1]} s",
             fix="give one inside the record with --static START:END",
         )
-    imu = ImuData(imu.time[inside], imu.gyro[inside], imu.accel[inside], imu.sampling, imu.stamp)
+    imu = imu.rows(inside)
     parts = strapdown.intervals(imu)
     begin, end = float(parts.end[0] - parts.dt[0]), float(parts.end[-1])
     coarse = align_static(parts, spec, float(lla[0]), float(lla[2]), (begin, end), heading)

@@ -234,8 +234,7 @@ def feed(navigator: Navigator, imu: ImuData, progress: Callable[[float], None] |
     """
     n = imu.time.shape[0]
     for k in range(0, n, BLOCK):
-        part = slice(k, k + BLOCK)
-        navigator.feed(ImuData(imu.time[part], imu.gyro[part], imu.accel[part], imu.sampling, imu.stamp))
+        navigator.feed(imu.rows(slice(k, k + BLOCK)))
         if progress is not None:
             progress(min(1.0, (k + BLOCK) / n))
 
@@ -319,15 +318,7 @@ def _good(gps: GpsData, gates: Gates) -> GpsData:
         keep &= gps.fix != 0
     if not keep.any():
         raise AlignmentError("no GPS fix is good enough to start from", fix="check fix types and standard deviations")
-    return GpsData(
-        gps.time[keep],
-        gps.lla[keep],
-        gps.v_n[keep],
-        gps.position_sd[keep],
-        gps.velocity_sd[keep],
-        None if gps.fix is None else gps.fix[keep],
-        None if gps.heading is None else gps.heading[keep],
-    )
+    return gps.rows(keep)
 
 
 def first_rest(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
@@ -354,8 +345,7 @@ def _first_part(imu: ImuData, gps: GpsData) -> ImuData:
     moving = motion.first_motion(motion.velocity(gps), float(imu.time[0]))
     if moving is None:
         return imu
-    last = int(np.searchsorted(imu.time, moving + 2.0 * motion.SPAN + LEVEL_SPAN))
-    return ImuData(imu.time[:last], imu.gyro[:last], imu.accel[:last], imu.sampling, imu.stamp)
+    return imu.rows(slice(int(np.searchsorted(imu.time, moving + 2.0 * motion.SPAN + LEVEL_SPAN))))
 
 
 def _at_fix(alignment: Alignment, gps: GpsData, model: ErrorModel, settings: FilterSettings) -> InitialState:

@@ -150,7 +150,7 @@ class Navigator:
             inc = strapdown.increments(parts, pieces)
             self._process(inc, parts.hole[pieces[0]])
             self._done = parts.end[stop - 1]
-        self._tail = _slice(buffer, max(0, ready - CONTEXT))
+        self._tail = buffer.rows(slice(max(0, ready - CONTEXT), None))
 
     def _process(self, inc: Increments, hole: FloatArray) -> None:
         begin = int(np.searchsorted(inc.time, self._start + strapdown.TIME_TOLERANCE))
@@ -331,14 +331,4 @@ def _join(tail: ImuData | None, block: ImuData | None) -> ImuData:
         both = tail if block is None else block
         assert both is not None
         return both
-    return ImuData(
-        np.concatenate([tail.time, block.time]),
-        np.concatenate([tail.gyro, block.gyro]),
-        np.concatenate([tail.accel, block.accel]),
-        block.sampling,
-        block.stamp,
-    )
-
-
-def _slice(imu: ImuData, first: int) -> ImuData:
-    return ImuData(imu.time[first:], imu.gyro[first:], imu.accel[first:], imu.sampling, imu.stamp)
+    return tail.joined(block)

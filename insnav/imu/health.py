@@ -100,16 +100,7 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
         return imu, []
     events.sort(key=lambda event: event.time)
     gyro, accel = values[:, :3] * scale, values[:, 3:] * scale
-    kept = ~lost
-    return replace(
-        imu,
-        time=imu.time[kept],
-        gyro=np.ascontiguousarray(gyro[kept]),
-        accel=np.ascontiguousarray(accel[kept]),
-        temperature=None if imu.temperature is None else imu.temperature[kept],
-        odometer=None if imu.odometer is None else imu.odometer[kept],
-        baro=None if imu.baro is None else imu.baro[kept],
-    ), events
+    return replace(imu, gyro=gyro, accel=accel).rows(~lost), events
 
 
 def _spikes(values: FloatArray) -> BoolArray:

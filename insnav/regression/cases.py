@@ -176,21 +176,20 @@ class RecordedSource:
             gps = exact = _fixes_on(reference.data, case.fixes.interval)
         if reference is not None:
             good = np.ones(len(reference.data.time), dtype=np.bool_) if reference.fix is None else reference.fix == 1
-            data_of = reference.data
-            truth = Trajectory(data_of.time[good], data_of.lla[good], data_of.v_n[good], data_of.rph[good])
+            truth = reference.data.rows(good)
             if len(truth.time) > 1 and np.median(np.diff(truth.time)) > _STEP:
                 truth = _filled(truth, _STEP)
             if reference.fix is not None:
                 exact = _as_fixes(truth)
         else:
             good = np.ones(len(gps.time), dtype=np.bool_) if gps.fix is None else gps.fix == 1
-            exact = _rows(gps, good)
+            exact = gps.rows(good)
             used = np.arange(len(gps.time)) % case.use_every == 0
-            left = _rows(gps, good & ~used)
+            left = gps.rows(good & ~used)
             if not len(left.time):
                 raise InputError("nothing is left to judge by", where=case.name, fix="give a reference, or use_every")
             truth = Trajectory(left.time, left.lla, left.v_n, np.full_like(left.lla, np.nan))
-            gps = _rows(gps, used)
+            gps = gps.rows(used)
         self._gps, self._exact = gps, exact
         if any(case.mounting):
             turned = quat_multiply(quat_from_rph(truth.rph), quat_from_rotvec(np.array(case.mounting)))
@@ -251,18 +250,9 @@ def _fixes_on(reference: Trajectory, interval: float) -> GpsData:
     if np.median(np.diff(reference.time)) > interval:
         reference = _filled(reference, interval)
     step = max(1, round(interval / float(np.median(np.diff(reference.time)))))
-    return _as_fixes(
-        Trajectory(reference.time[::step], reference.lla[::step], reference.v_n[::step], reference.rph[::step])
-    )
+    return _as_fixes(reference.rows(slice(None, None, step)))
 
 
 def _as_fixes(truth: Trajectory) -> GpsData:
     sd = np.full_like(truth.lla, _EXACT_SD)
     return GpsData(truth.time, truth.lla, truth.v_n, sd, sd)
-
-
-def _rows(gps: GpsData, chosen: FloatArray | np.ndarray) -> GpsData:
-    fix = None if gps.fix is None else gps.fix[chosen]
-    return GpsData(
-        gps.time[chosen], gps.lla[chosen], gps.v_n[chosen], gps.position_sd[chosen], gps.velocity_sd[chosen], fix
-    )

@@ -109,8 +109,7 @@ def settled(solution: Trajectory, material: Material) -> FloatArray:
 def judged(solution: Trajectory, time: FloatArray, material: Material) -> TrajectoryErrors:
     """Errors at the times that count; NaN in what the truth is not good for."""
     first, last = np.searchsorted(material.truth.time, [time[0], time[-1] + 1e-9])
-    truth = material.truth
-    part = Trajectory(truth.time[first:last], truth.lla[first:last], truth.v_n[first:last], truth.rph[first:last])
+    part = material.truth.rows(slice(first, last))
     lever_b = material.truth_lever_b if material.truth_lever_b.any() else None
     errors = position_errors(solution, part, lever_b=lever_b)
     position, velocity, attitude = errors.position.copy(), errors.velocity.copy(), errors.attitude.copy()

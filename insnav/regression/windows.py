@@ -136,10 +136,8 @@ def _found(known: SensorErrors, time: float) -> ImuErrors:
 
 def _part(imu: ImuData, start: float, end: float) -> ImuData:
     first, last = np.searchsorted(imu.time, [start, end])
-    return ImuData(imu.time[first:last], imu.gyro[first:last], imu.accel[first:last], imu.sampling, imu.stamp)
+    return imu.rows(slice(first, last))
 
 
 def _between(inc: Increments, start: float, end: float) -> Increments:
-    rows = (inc.time > start + strapdown.TIME_TOLERANCE) & (inc.time < end + strapdown.TIME_TOLERANCE)
-    names = ("time", "dt", "dtheta", "dvel", "coning", "sculling")
-    return Increments(*(getattr(inc, name)[rows] for name in names))
+    return inc.rows((inc.time > start + strapdown.TIME_TOLERANCE) & (inc.time < end + strapdown.TIME_TOLERANCE))

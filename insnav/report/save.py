@@ -127,8 +127,7 @@ def _fixed(reference: Reading[Trajectory]) -> Trajectory:
     """Reference epochs that are good enough to judge by: ambiguities fixed, where the file tells."""
     if reference.fix is None or not (reference.fix == 1).any():
         return reference.data
-    good, data = reference.fix == 1, reference.data
-    return Trajectory(data.time[good], data.lla[good], data.v_n[good], data.rph[good])
+    return reference.data.rows(reference.fix == 1)
 
 
 def model_facts(spec: ImuSpec, how: str) -> dict[str, Any]:

@@ -30,8 +30,7 @@ import difflib
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from typing import TypeVar
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,7 +40,6 @@ from insnav.simulate.gps_errors import without_fixes
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData
 from insnav.units import DEG, G0, UNITS, parse_quantity
 
-Data = TypeVar("Data", ImuData, GpsData)
 NORTH_EAST = np.array([0.6, 0.8, 0.0])
 _AXES = ("gyro-x", "gyro-y", "gyro-z", "accel-x", "accel-y", "accel-z")
 _DIRECTIONS = {"F": (0, 1.0), "B": (0, -1.0), "R": (1, 1.0), "L": (1, -1.0), "D": (2, 1.0), "U": (2, -1.0)}
@@ -183,7 +181,7 @@ def gps_sd(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
 def gps_duplicate(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
     """Repeat the fix at the begin of `span`, ten metres off."""
     row = min(int(np.searchsorted(gps.time, span[0] - 1e-6)), gps.time.shape[0] - 1)
-    again = _rows(gps, np.insert(np.arange(gps.time.shape[0]), row + 1, row))
+    again = gps.rows(np.insert(np.arange(gps.time.shape[0]), row + 1, row))
     lla = again.lla.copy()
     lla[row + 1] = lla_offset(lla[row + 1], 10.0 * NORTH_EAST)
     return replace(again, lla=lla)
@@ -194,7 +192,7 @@ def gps_shuffle(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
     order = np.arange(gps.time.shape[0])
     inside = _inside(gps.time, span)
     order[inside] = order[inside][::-1]
-    return _rows(gps, order)
+    return gps.rows(order)
 
 
 # --- sensors -----------------------------------------------------------------------------------------------
@@ -202,7 +200,7 @@ def gps_shuffle(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
 
 def imu_gap(imu: ImuData, size: None, span: tuple[float, float]) -> ImuData:
     """Take out the samples in `span`."""
-    return _rows(imu, ~_inside(imu.time, span))
+    return imu.rows(~_inside(imu.time, span))
 
 
 def imu_nan(imu: ImuData, size: None, span: tuple[float, float]) -> ImuData:
@@ -267,7 +265,7 @@ def imu_reverse(imu: ImuData, size: None, span: tuple[float, float]) -> ImuData:
 
 def imu_duplicate(imu: ImuData, size: None, span: tuple[float, float]) -> ImuData:
     """Repeat every sample in `span`."""
-    return _rows(imu, np.repeat(np.arange(imu.time.shape[0]), 1 + _inside(imu.time, span)))
+    return imu.rows(np.repeat(np.arange(imu.time.shape[0]), 1 + _inside(imu.time, span)))
 
 
 # --- the table ---------------------------------------------------------------------------------------------
@@ -358,9 +356,3 @@ def _moved(gps: GpsData, metres: np.ndarray) -> GpsData:
 def _scale(imu: ImuData) -> float:
     """What a rate of one is in a sample."""
     return float(np.median(np.diff(imu.time))) if imu.sampling == "increment" else 1.0
-
-
-def _rows(data: Data, rows: np.ndarray) -> Data:
-    """Some rows of every array of the data."""
-    arrays = {f.name: getattr(data, f.name) for f in fields(data) if isinstance(getattr(data, f.name), np.ndarray)}
-    return replace(data, **{name: array[rows] for name, array in arrays.items()})

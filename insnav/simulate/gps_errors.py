@@ -176,7 +176,7 @@ def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
         velocity_sd=spec.stated * gps.velocity_sd if spec.velocities else unknown.copy(),
         fix=fix,
     )
-    return _chosen(whole, inside)
+    return whole.rows(inside)
 
 
 def _outages(spec: GpsSpec, time: FloatArray, truth: Truth, rng: np.random.Generator) -> BoolArray:
@@ -255,17 +255,4 @@ def corrupt_gps(gps: GpsData, errors: GpsErrors, seed: Seed) -> GpsData:
 
 def without_fixes(gps: GpsData, begin: float, end: float) -> GpsData:
     """Take out the fixes of an outage, at ``begin < time <= end`` [s]."""
-    return _chosen(gps, ~((gps.time > begin) & (gps.time <= end)))
-
-
-def _chosen(gps: GpsData, kept: BoolArray) -> GpsData:
-    return replace(
-        gps,
-        time=gps.time[kept],
-        lla=gps.lla[kept],
-        v_n=gps.v_n[kept],
-        position_sd=gps.position_sd[kept],
-        velocity_sd=gps.velocity_sd[kept],
-        fix=None if gps.fix is None else gps.fix[kept],
-        heading=None if gps.heading is None else gps.heading[kept],
-    )
+    return gps.rows(~((gps.time > begin) & (gps.time <= end)))

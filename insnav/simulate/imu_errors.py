@@ -233,16 +233,7 @@ def stamp(imu: ImuData, clock: ClockSpec, rng: np.random.Generator) -> tuple[Imu
             break
         kept[(imu.time > begin) & (imu.time <= end)] = False
         begin = end
-    return (
-        replace(
-            imu,
-            time=time[kept],
-            gyro=imu.gyro[kept],
-            accel=imu.accel[kept],
-            temperature=None if imu.temperature is None else imu.temperature[kept],
-        ),
-        kept,
-    )
+    return replace(imu, time=time).rows(kept), kept
 
 
 def drift_and_noise(

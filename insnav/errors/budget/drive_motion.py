@@ -19,7 +19,6 @@ from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart
 from insnav.errors.outage.statistics import growth
 from insnav.imu import ImuSpec
 from insnav.simulate.truth_from_track import truth_from_track
-from insnav.types import Trajectory
 
 _MARGIN = 5.0  # of the track on both sides of a window [s]
 
@@ -49,9 +48,7 @@ def window_motion(budget: RecordedBudget, duration: float) -> SampledMotion:
     start = float(part.windows.start[typical_window(part)])
     first, last = np.searchsorted(track.time, [start - _MARGIN, start + duration + _MARGIN])
     first = max(0, first - 1)
-    rows = slice(first, last + 1)
-    cut = Trajectory(track.time[rows], track.lla[rows], track.v_n[rows], track.rph[rows])
-    truth = truth_from_track(cut)
+    truth = truth_from_track(track.rows(slice(first, last + 1)))
     begin = min(max(start - truth.start, 0.0), truth.duration - duration)
     words = f"that of the drive from {start:.1f} s on, the window with the median prediction"
     return sampled(truth, begin, duration, words)

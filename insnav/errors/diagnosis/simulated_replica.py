@@ -17,7 +17,6 @@ from insnav.errors.outage.free_inertial import Windows, free_windows
 from insnav.errors.outage.statistics import growth
 from insnav.errors.outage.window_drive import Driven, driven
 from insnav.errors.outage.window_reference import Judge
-from insnav.errors.outage.windows import selected
 from insnav.exceptions import InputError
 from insnav.filter.error_model import InitialState
 from insnav.filter.gps_correlation import CorrelatedNoise
@@ -143,7 +142,7 @@ class TwinTask:
             initial=_started(self.ready.initial, self.truth, specimen, np.random.default_rng((seed, _START))),
         )
         if self.judge.withheld:
-            judge = replace(self.judge, fixes=_rows_of(fixes, self.judge.fixes.time))
+            judge = replace(self.judge, fixes=fixes.rows(np.isin(fixes.time, self.judge.fixes.time)))
         else:
             judge = replace(self.judge, fixes=_measured(self.judge.fixes, (seed, _JUDGE), None))
         drive = driven(ready, self.stamps, smooth=False)
@@ -268,17 +267,16 @@ def _among(windows: Windows, rms: FloatArray, times: FloatArray, far: Residual, 
 def _whole(track: Trajectory) -> Trajectory:
     """The track without rows at the same time, as a reset or the end of a block may leave them."""
     keep = np.concatenate([[True], np.diff(track.time) > 1e-6])
-    return Trajectory(track.time[keep], track.lla[keep], track.v_n[keep], track.rph[keep])
+    return track.rows(keep)
 
 
 def _perfect_fixes(truth: Truth, gps: GpsData, lever_b: FloatArray) -> GpsData:
     """Fixes at the recorded epochs within the motion, without errors; what was not measured is not."""
     end = truth.start + truth.duration
     inside = (gps.time >= truth.start + _EDGE) & (gps.time <= end - _EDGE)
-    like = selected(gps, inside)
+    like = replace(gps.rows(inside), heading=None)
     made = gps_from_truth(truth, like.time, lever_b)
-    fix = None if gps.fix is None else gps.fix[inside]
-    return replace(like, lla=made.lla, v_n=np.where(np.isfinite(like.v_n), made.v_n, np.nan), fix=fix)
+    return replace(like, lla=made.lla, v_n=np.where(np.isfinite(like.v_n), made.v_n, np.nan))
 
 
 def _measured(gps: GpsData, seed: tuple[int, int], lasting: CorrelatedNoise | None) -> GpsData:
@@ -291,10 +289,6 @@ def _measured(gps: GpsData, seed: tuple[int, int], lasting: CorrelatedNoise | No
         error += np.sqrt(share) * process
     velocity = rng.standard_normal(gps.v_n.shape) * np.nan_to_num(gps.velocity_sd)
     return replace(gps, lla=lla_offset(gps.lla, error * gps.position_sd), v_n=gps.v_n + velocity)
-
-
-def _rows_of(gps: GpsData, time: FloatArray) -> GpsData:
-    return selected(gps, np.isin(gps.time, time))
 
 
 def _started(initial: InitialState, truth: Truth, specimen: ImuSimulation, rng: np.random.Generator) -> InitialState:

@@ -13,7 +13,7 @@ from insnav.errors.metrics import MOVING_M_S
 from insnav.errors.outage.window_drive import Driven
 from insnav.errors.outage.window_reference import Judge
 from insnav.errors.outage.window_start import StartChoice, alone, forward_start, smoothed_start, uncalibrated
-from insnav.errors.outage.windows import part_of, selected, shown_only
+from insnav.errors.outage.windows import part_of, shown_only
 from insnav.exceptions import InputError
 from insnav.filter.error_model import FilterState
 from insnav.filter.navigate import Prepared, feed
@@ -240,7 +240,7 @@ def _shown(judge: GpsData, wanted: FloatArray, close: float) -> tuple[GpsData, B
     known: BoolArray = np.asarray(np.abs(nearest - wanted) <= close + 1e-6)
     known[1:] &= nearest[1:] > nearest[:-1]
     # the filter tells its state at all of them
-    return shown_only(replace(selected(judge, at), time=np.where(known, nearest, wanted))), known
+    return shown_only(replace(judge.rows(at), time=np.where(known, nearest, wanted))), known
 
 
 def _gaps(ready: Prepared, judge: Judge) -> list[tuple[FloatArray, FloatArray, str]]:

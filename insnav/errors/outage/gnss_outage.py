@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insnav.attitude import rph_from_quat, wrap_pi
-from insnav.errors.outage.windows import good, part_of, selected
+from insnav.errors.outage.windows import good, part_of, shown_only
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.error_model import FilterState
 from insnav.filter.navigate import Prepared, feed
@@ -275,22 +275,17 @@ def _judged(gps: GpsData, truth: GpsData | None, start: float, stop: float, end:
     later = (gps.time > start + 1e-6) & (gps.time <= end)
     inside = later & (gps.time <= stop + 1e-6)
     if truth is None:
-        withheld = selected(gps, inside & good(gps))
+        withheld = gps.rows(inside & good(gps))
     else:
         time = truth.time
         chosen = (time > start + 1e-6) & (time <= stop + 1e-6)
         step = float(np.median(np.diff(time))) if time.shape[0] > 1 else _JUDGED
         stride = max(1, round(_JUDGED / step))
         chosen &= (np.arange(time.shape[0]) - int(np.searchsorted(time, stop + 1e-6)) + 1) % stride == 0
-        withheld = selected(truth, chosen)
-    after = selected(gps, later & ~inside)
-    kinds = np.ones(gps.time.shape[0], dtype=np.int64) if gps.fix is None else gps.fix
-    fixes = np.concatenate([np.zeros(withheld.time.shape[0], dtype=np.int64), kinds[later & ~inside]])
-    return GpsData(
-        np.concatenate([withheld.time, after.time]),
-        np.concatenate([withheld.lla, after.lla]),
-        np.concatenate([withheld.v_n, after.v_n]),
-        np.concatenate([withheld.position_sd, after.position_sd]),
-        np.concatenate([withheld.velocity_sd, after.velocity_sd]),
-        fixes,
-    )
+        withheld = truth.rows(chosen)
+    after = gps.rows(later & ~inside)
+    if after.fix is None:
+        after = replace(after, fix=np.ones(after.time.shape[0], dtype=np.int64))
+    # the headings of the receiver are lost with its fixes, and back with them
+    unknown = None if gps.heading is None else np.full(withheld.time.shape[0], np.nan)
+    return replace(shown_only(withheld), heading=unknown).joined(after)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from insnav.errors.outage.windows import good, selected
+from insnav.errors.outage.windows import good
 from insnav.exceptions import InputError
 from insnav.filter.navigate import Prepared
 from insnav.types import FloatArray, GpsData, Trajectory
@@ -40,7 +40,7 @@ class Judge:
 def judged_by_fixes(ready: Prepared) -> Judge:
     """The fixes of the drive itself, which a window is not shown."""
     gps = ready.gps
-    return Judge(selected(gps, good(gps) & np.isfinite(gps.lla).all(axis=1)), "the withheld fixes", withheld=True)
+    return Judge(gps.rows(good(gps) & np.isfinite(gps.lla).all(axis=1)), "the withheld fixes", withheld=True)
 
 
 def judged_by_positions(gps: GpsData, name: str) -> Judge:
@@ -53,7 +53,7 @@ def judged_by_positions(gps: GpsData, name: str) -> Judge:
     name : str
         In words.
     """
-    return Judge(selected(gps, good(gps) & np.isfinite(gps.lla).all(axis=1)), name)
+    return Judge(gps.rows(good(gps) & np.isfinite(gps.lla).all(axis=1)), name)
 
 
 def judged_by_reference(

@@ -8,7 +8,7 @@ import numpy as np
 
 from insnav.filter.error_model import FilterState
 from insnav.filter.navigate import Prepared
-from insnav.types import BoolArray, FloatArray, GpsData, ImuData
+from insnav.types import BoolArray, GpsData
 
 _LEAD = 2.0  # samples before the window, for the polynomials at its first interval [s]
 
@@ -27,19 +27,12 @@ def part_of(ready: Prepared, state: FilterState, length: float) -> Prepared:
     """
     time = ready.imu.time
     first, last = np.searchsorted(time, [state.time - _LEAD, state.time + length + _LEAD])
-    imu = ready.imu
-    part = ImuData(time[first:last], imu.gyro[first:last], imu.accel[first:last], imu.sampling, imu.stamp)
-    return replace(ready, imu=part)
+    return replace(ready, imu=ready.imu.rows(slice(first, last)))
 
 
 def good(gps: GpsData) -> BoolArray:
     """Fixes that say they are one, (n,)."""
     return np.ones(gps.time.shape[0], dtype=np.bool_) if gps.fix is None else np.asarray(gps.fix != 0)
-
-
-def selected(gps: GpsData, chosen: FloatArray | np.ndarray) -> GpsData:
-    """Some of the fixes: time, position, velocity and their standard deviations."""
-    return GpsData(gps.time[chosen], gps.lla[chosen], gps.v_n[chosen], gps.position_sd[chosen], gps.velocity_sd[chosen])
 
 
 def shown_only(gps: GpsData) -> GpsData:

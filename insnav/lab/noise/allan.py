@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -103,15 +103,7 @@ def between(imu: ImuData, start: float, end: float) -> ImuData:
             why=f"the record goes from {imu.time[0]:.3f} s to {imu.time[-1]:.3f} s",
             fix="give times of the record",
         )
-    return replace(
-        imu,
-        time=imu.time[kept],
-        gyro=imu.gyro[kept],
-        accel=imu.accel[kept],
-        temperature=None if imu.temperature is None else imu.temperature[kept],
-        odometer=None if imu.odometer is None else imu.odometer[kept],
-        baro=None if imu.baro is None else imu.baro[kept],
-    )
+    return imu.rows(kept)
 
 
 def even_record(imu: ImuData) -> EvenRecord:

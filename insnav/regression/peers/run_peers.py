@@ -19,7 +19,7 @@ from insnav.regression.evaluate import judged, settled
 from insnav.regression.peers.programs import PeerRun, Task, run_gtsam, run_pyins
 from insnav.regression.run_corpus import SERIES
 from insnav.simulate.montecarlo import run_seed
-from insnav.types import FloatArray, GpsData, ImuData, Trajectory
+from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG
 
 LONGEST = 150.0  # of a drive: pyins needs a quarter of a minute for it [s]
@@ -123,9 +123,7 @@ def _row(case: str, program: str, solution: Trajectory, material: Material, cpu_
         at = np.clip(np.searchsorted(solution.time, time - _SAME), 0, len(solution.time) - 1)
         near = np.abs(solution.time[at] - time) < _SAME
         chosen = np.isin(material.truth.time, time[near])
-        truth = material.truth
-        part = Trajectory(truth.time[chosen], truth.lla[chosen], truth.v_n[chosen], truth.rph[chosen])
-        material, time = replace(material, truth=part), time[near]
+        material, time = replace(material, truth=material.truth.rows(chosen)), time[near]
     if not len(time):
         return PeerRow(case, program, (None,) * 3, (None, None), cpu_us, "no epoch in common with the reference")
     errors = judged(solution, time, material)
@@ -160,10 +158,8 @@ def shortened(material: Material, seconds: float) -> Material:
     """The first part of a recording."""
     imu, gps = material.imu, material.gps
     n, m = (int(np.searchsorted(time, imu.time[0] + seconds)) for time in (imu.time, gps.time))
-    part = ImuData(imu.time[:n], imu.gyro[:n], imu.accel[:n], imu.sampling, imu.stamp)
-    fix = None if gps.fix is None else gps.fix[:m]
-    fixes = GpsData(gps.time[:m], gps.lla[:m], gps.v_n[:m], gps.position_sd[:m], gps.velocity_sd[:m], fix)
-    return replace(material, imu=part, gps=fixes, settle=min(material.settle, LATEST))
+    settle = min(material.settle, LATEST)
+    return replace(material, imu=imu.rows(slice(n)), gps=gps.rows(slice(m)), settle=settle)
 
 
 def task_of(material: Material, ready: Prepared) -> Task:
@@ -174,8 +170,7 @@ def task_of(material: Material, ready: Prepared) -> Task:
     good = gps.time > initial.time + 1e-6
     if gps.fix is not None:
         good &= gps.fix != 0
-    fixes = GpsData(gps.time[good], gps.lla[good], gps.v_n[good], gps.position_sd[good], gps.velocity_sd[good])
     return Task(
-        ready.imu, fixes, initial.time, initial.lla, initial.v_n, initial.rph, sd[:3], sd[3:6], sd[6:9],
+        ready.imu, gps.rows(good), initial.time, initial.lla, initial.v_n, initial.rph, sd[:3], sd[3:6], sd[6:9],
         material.settings.lever_b, material.spec,
     )  # fmt: skip

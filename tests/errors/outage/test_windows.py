@@ -145,7 +145,7 @@ def test_windows_touching_a_hole_are_left_out_and_counted(drive):
     gps = whole.fixes
     hole = (gps.time > 150.0) & (gps.time < 175.0)
     torn = judged_by_positions(
-        replace(gps, **{n: getattr(gps, n)[~hole] for n in ("time", "lla", "v_n", "position_sd", "velocity_sd")}),
+        gps.rows(~hole),
         "torn",
     )
     windows = free_windows(drive, torn, LENGTH, 25.0)
@@ -153,7 +153,7 @@ def test_windows_touching_a_hole_are_left_out_and_counted(drive):
     assert 1 <= windows.dropped["gap in what it is judged by"] <= 4
     assert not ((windows.start < 175.0) & (windows.start + LENGTH > 151.0)).any()
     keep = ~((ready.imu.time > 200.0) & (ready.imu.time < 200.5))
-    imu = ImuData(ready.imu.time[keep], ready.imu.gyro[keep], ready.imu.accel[keep], ready.imu.sampling)
+    imu = ready.imu.rows(keep)
     broken = free_windows(replace(drive, ready=replace(ready, imu=imu)), whole, LENGTH, 25.0)
     assert set(broken.dropped) == {"hole in the IMU record"}
 
@@ -162,7 +162,7 @@ def test_a_short_hole_of_the_judge_leaves_the_window_and_its_other_times(drive):
     gps = judged_by_fixes(drive.ready).fixes
     start = driven(drive.ready, starts(drive.ready, LENGTH, spacing=25.0)).states[2].time
     gone = (gps.time > start + 8.5) & (gps.time < start + 12.5)
-    few = replace(gps, **{n: getattr(gps, n)[~gone] for n in ("time", "lla", "v_n", "position_sd", "velocity_sd")})
+    few = gps.rows(~gone)
     windows = free_windows(drive, judged_by_positions(few, "few"), LENGTH, 25.0)
     row = int(np.argmin(np.abs(windows.start - start)))
     assert np.isnan(windows.error[row, 9, 0])
@@ -205,7 +205,7 @@ def test_a_window_longer_than_the_drive_is_refused():
 def test_nothing_to_judge_by_is_an_error(drive):
     gps = judged_by_fixes(drive.ready).fixes
     early = gps.time < 40.0
-    few = replace(gps, **{n: getattr(gps, n)[early] for n in ("time", "lla", "v_n", "position_sd", "velocity_sd")})
+    few = gps.rows(early)
     with pytest.raises(InputError, match="no window of 30 s is left"):
         free_windows(drive, judged_by_positions(few, "few"), LENGTH, 25.0)
 

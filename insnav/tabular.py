@@ -1,0 +1,161 @@
+"""What all data in rows can do: choose some of the rows, become a table of named columns, and come from one.
+
+The columns of a field are named once, with their unit in the name as in files (see `insnav`); the factor to SI follows
+from that name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from insnav.exceptions import InputError
+from insnav.units import DEG, DEG_PER_H, G0, PPM
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Selection = slice | NDArray[np.bool_] | NDArray[np.intp]
+
+_FACTORS = (("_deg_h", DEG_PER_H), ("_deg", DEG), ("_mg", 1e-3 * G0), ("_ppm", PPM))  # longest first; else SI
+
+
+@dataclass(frozen=True, slots=True)
+class Tabular:
+    """Frozen dataclass of arrays that all have one row an epoch."""
+
+    COLUMNS: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Columns of each array field, their unit in the name."""
+
+    def rows(self, selection: Selection) -> Self:
+        """Some of the rows, of every array that is there; all else is kept.
+
+        Parameters
+        ----------
+        selection : slice, (n,) bool array or (k,) int array
+            Rows to take.
+
+        Returns
+        -------
+        same type
+            Views of the arrays for a slice, else copies.
+        """
+        return replace(self, **{name: values[selection] for name, values in self._arrays().items()})
+
+    def joined(self, after: Self) -> Self:
+        """These rows and then those of another, of every array that both have; all else as here.
+
+        Parameters
+        ----------
+        after : same type
+            What follows.
+
+        Returns
+        -------
+        same type
+            Copies; None for an array that only one of the two has.
+        """
+        others = after._arrays()
+        return replace(
+            self,
+            **{
+                name: np.concatenate([values, others[name]]) if name in others else None
+                for name, values in self._arrays().items()
+            },
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Table in the canonical columns, unit in the name; of a covariance the standard deviations.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row an epoch. What is no array (sampling, stamp) is in its ``attrs``.
+        """
+        import pandas as pd
+
+        columns: dict[str, NDArray[Any]] = {}
+        arrays = self._arrays()
+        for field, values in arrays.items():
+            names = self.COLUMNS[field]
+            table = np.sqrt(np.diagonal(values, axis1=1, axis2=2)) if values.ndim == 3 else values
+            for name, column in zip(names, table.reshape(len(table), -1).T, strict=True):
+                factor = _factor(name)
+                columns[name] = column if factor == 1.0 else column / factor
+        frame = pd.DataFrame(columns)
+        frame.attrs = {
+            f.name: value for f in fields(self) if f.name not in self.COLUMNS and (value := getattr(self, f.name))
+        }
+        return frame
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+
+
+@dataclass(frozen=True, slots=True)
+class FromTable(Tabular):
+    """Rows that a table can be made into."""
+
+    NEEDED: ClassVar[tuple[str, ...]] = ("time", "lla")
+    """Fields that a table cannot do without; others are ``NaN``, or None if they may be."""
+
+    @classmethod
+    def from_frame(cls, frame: pd.DataFrame, **others: str) -> Self:
+        """Arrays from a table in the canonical columns; `insnav.load` reads other spellings and units.
+
+        Parameters
+        ----------
+        frame : pandas.DataFrame
+            As from `to_frame`. Columns of what is not known may be absent.
+        **others : str
+            What is no array, such as ``sampling``; by default as in the ``attrs`` of the frame.
+
+        Returns
+        -------
+        this class
+            Arrays are copies.
+
+        Raises
+        ------
+        InputError
+            A column is unknown, or one that is needed is absent.
+        """
+        known = [name for names in cls.COLUMNS.values() for name in names]
+        needed = [name for field in cls.NEEDED for name in cls.COLUMNS[field]]
+        wrong = [str(name) for name in frame.columns if name not in known]
+        absent = [name for name in needed if name not in frame.columns]
+        if wrong or absent:
+            raise InputError(
+                f"the table has not the columns of {cls.__name__}",
+                why=f"unknown: {', '.join(wrong) or 'none'}; missing: {', '.join(absent) or 'none'}",
+                fix=f"rename the columns to {', '.join(known)}, with the units in these names",
+            )
+        found: dict[str, Any] = {str(name): value for name, value in frame.attrs.items()}
+        for field in fields(cls):
+            names = cls.COLUMNS.get(field.name, ())
+            if any(name in frame.columns for name in names):
+                found[field.name] = _array(frame, names)
+            elif names and field.default is MISSING:
+                found[field.name] = np.full((len(frame), len(names)), np.nan)
+        return cls(**(found | others))
+
+
+def _factor(name: str) -> float:
+    return next((factor for suffix, factor in _FACTORS if name.endswith(suffix)), 1.0)
+
+
+def _array(frame: pd.DataFrame, names: tuple[str, ...]) -> NDArray[Any]:
+    """(n,) or (n, k) array of SI values; whole numbers for a column that means a kind, such as ``fix``."""
+    absent = np.full(len(frame), np.nan)
+    # a copy: the arrays that pandas returns are read-only
+    columns = [
+        np.array(frame[name], dtype=np.float64) * _factor(name) if name in frame.columns else absent for name in names
+    ]
+    if names == ("fix",):
+        return columns[0].astype(np.int64)
+    return columns[0] if len(names) == 1 else np.column_stack(columns)
