@@ -1,26 +1,28 @@
-"""What the IMU files have in common: reading TOML, quantities as text, and telling all errors at once."""
+"""Configuration files in TOML: presets by name, quantities as text with their unit, all errors reported at once."""
 
 from __future__ import annotations
 
 import difflib
+import math
 import tomllib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Annotated, Any, NoReturn, TypeVar
 
-from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationError
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationError, create_model
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from insnav.exceptions import ConfigError
-from insnav.units import parse_quantity, units_of
+from insnav.units import UNITS, parse_quantity, units_of
 
 MAX_BYTES = 1_000_000  # an IMU file has one or two kB
 MAX_TEXT = 100  # longest sensible "number unit"
 
 Axes = tuple[float, float, float]
+Matrix = tuple[Axes, Axes, Axes]
 Model = TypeVar("Model", bound="Table")
-
-# bias random walks have the unit of the bias over the root of a time
-_PER_ROOT_TIME = {"/sqrt(s)": 1.0, "/sqrt(h)": 60.0}
 
 
 class Table(BaseModel):
@@ -105,54 +107,66 @@ def refuse(problems: list[str], where: str) -> NoReturn:
     raise ConfigError(f"{len(problems)} things are wrong", where=where, why="\n".join(problems))
 
 
-def scalar(dimension: str) -> PlainValidator:
-    """Make a validator of one quantity that is not negative.
-
-    Parameters
-    ----------
-    dimension : str
-        Dimension as in `insnav.units.UNITS`.
-    """
-    return PlainValidator(lambda value: quantity(value, dimension, signed=False))
+def scalar(dimension: str, *, signed: bool = False) -> PlainValidator:
+    """Make a validator of one quantity, negative only if `signed`; its dimension as in `insnav.units.UNITS`."""
+    return PlainValidator(lambda value: quantity(value, dimension, signed=signed))
 
 
 def signed_scalar(dimension: str) -> PlainValidator:
-    """Make a validator of one quantity of either sign.
-
-    Parameters
-    ----------
-    dimension : str
-        Dimension as in `insnav.units.UNITS`.
-    """
-    return PlainValidator(lambda value: quantity(value, dimension, signed=True))
+    """Make a validator of one quantity of either sign; its dimension as in `insnav.units.UNITS`."""
+    return scalar(dimension, signed=True)
 
 
-def axes(dimension: str, *, signed: bool = False, per_root_time: bool = False) -> PlainValidator:
-    """Make a validator of one quantity for all axes or a list of one per axis.
-
-    Parameters
-    ----------
-    dimension : str
-        Dimension as in `insnav.units.UNITS`.
-    signed : bool
-        Whether negative values make sense.
-    per_root_time : bool
-        Whether the unit is that dimension over ``sqrt(s)`` or ``sqrt(h)``.
-    """
+def axes(dimension: str, *, signed: bool = False) -> PlainValidator:
+    """Make a validator of one quantity for all axes or a list of one per axis; see `scalar`."""
 
     def check(value: object) -> Axes:
         if isinstance(value, list):
             if len(value) != 3:
-                raise _wrong(f"needs one value or three (x, y, z), not {len(value)}")
-            x, y, z = (quantity(item, dimension, signed=signed, per_root_time=per_root_time) for item in value)
+                raise wrong(f"needs one value or three (x, y, z), not {len(value)}")
+            x, y, z = (quantity(item, dimension, signed=signed) for item in value)
             return x, y, z
-        single = quantity(value, dimension, signed=signed, per_root_time=per_root_time)
+        single = quantity(value, dimension, signed=signed)
         return single, single, single
 
     return PlainValidator(check)
 
 
-def quantity(value: object, dimension: str, *, signed: bool, per_root_time: bool = False) -> float:
+def matrix_of(dimension: str = "") -> PlainValidator:
+    """Make a validator of three rows of three quantities of either sign, or of numbers if there is no dimension."""
+
+    def check(value: object) -> Matrix:
+        rows = value if isinstance(value, list) else []
+        if len(rows) != 3 or any(not isinstance(row, list) or len(row) != 3 for row in rows):
+            raise wrong(f"must be three rows of three {'quantities' if dimension else 'numbers'}, [[…], […], […]]")
+        (a, b, c), (d, e, f), (g, h, i) = (
+            [quantity(item, dimension, signed=True) if dimension else number(item) for item in row] for row in rows
+        )
+        return (a, b, c), (d, e, f), (g, h, i)
+
+    return PlainValidator(check)
+
+
+def with_fields(base: type[Model], fields: Mapping[str, PlainValidator | type[Table]]) -> type[Model]:
+    """Add optional keys to a table: quantities by their validators, or tables; a key that is there is replaced."""
+    found: dict[str, Any] = {
+        key: (of | None if isinstance(of, type) else Annotated[Any, of], None) for key, of in fields.items()
+    }
+    return create_model(base.__name__, __base__=base, **found)
+
+
+def number(value: object) -> float:
+    """Finite number of a TOML value, for validators."""
+    try:
+        found = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
+    except OverflowError:
+        found = math.inf
+    if not math.isfinite(found):
+        raise wrong("must be finite numbers without quotes")
+    return found
+
+
+def quantity(value: object, dimension: str, *, signed: bool) -> float:
     """Value of one quantity in SI, for validators.
 
     Parameters
@@ -163,35 +177,97 @@ def quantity(value: object, dimension: str, *, signed: bool, per_root_time: bool
         Dimension as in `insnav.units.UNITS`.
     signed : bool
         Whether negative values make sense.
-    per_root_time : bool
-        Whether the unit is that dimension over ``sqrt(s)`` or ``sqrt(h)``.
+
+    Returns
+    -------
+    float
+        In SI units and radians.
 
     Raises
     ------
     PydanticCustomError
         It is none.
     """
-    example = units_of(dimension)[0] + ("/sqrt(s)" if per_root_time else "")
     if not isinstance(value, str):
-        raise _wrong(f'must be a text with a unit, like "1.5 {example}", not {_kind(value)}')
+        raise wrong(f'must be a text with a unit, like "1.5 {units_of(dimension)[0]}", not {_kind(value)}')
     if len(value) > MAX_TEXT:
-        raise _wrong(f"is too long: {value[:20]!r}… has {len(value)} characters")
-    text, divisor = value.strip(), 1.0
-    if per_root_time:
-        ending = next((ending for ending in _PER_ROOT_TIME if text.endswith(ending)), None)
-        if ending is None:
-            raise _wrong(f'{value!r} must end in "/sqrt(s)" or "/sqrt(h)", like "1.5 {example}"')
-        text, divisor = text.removesuffix(ending), _PER_ROOT_TIME[ending]
+        raise wrong(f"is too long: {value[:20]!r}… has {len(value)} characters")
     try:
-        number = parse_quantity(text, dimension) / divisor
+        found = parse_quantity(value.strip(), dimension)
     except ConfigError as error:
-        raise _wrong(", ".join(part for part in (error.what, error.why, error.fix) if part)) from None
-    if number < 0.0 and not signed:
-        raise _wrong(f"{value!r} is negative, and must not be")
-    return number
+        raise wrong(", ".join(part for part in (error.what, error.why, error.fix) if part)) from None
+    if found < 0.0 and not signed:
+        raise wrong(f"{value!r} is negative, and must not be")
+    return found
 
 
-def _wrong(message: str) -> PydanticCustomError:
+def text(value: ArrayLike, unit: str) -> Any:
+    """Write a quantity, or a list of them, as the readers above take it.
+
+    Parameters
+    ----------
+    value : array_like
+        In SI units.
+    unit : str
+        In which it is written.
+
+    Returns
+    -------
+    str or list
+        One text for three axes if they are equal. In SI units every bit is kept, in others 15 digits.
+    """
+    if np.ndim(value) == 2:
+        return [[text(item, unit) for item in row] for row in np.asarray(value)]
+    if np.ndim(value) == 1:
+        texts = [text(item, unit) for item in np.asarray(value)]
+        return texts[0] if len(texts) == 3 and len(set(texts)) == 1 else texts
+    number, factor = float(np.asarray(value)), UNITS[unit][1]
+    short = f"{number / factor:.15g}"
+    return f"{number!r} {unit}" if factor == 1.0 and float(short) != number else f"{short} {unit}"
+
+
+def preset_or_file(given: str, folder: Path, presets: Sequence[str], what: str, option: str, more: str = "") -> Path:
+    """File of a preset, or the file itself.
+
+    Parameters
+    ----------
+    given : str
+        Name of a preset or path.
+    folder : Path
+        Where the presets are.
+    presets : sequence of str
+        Their names.
+    what, option, more : str
+        What it is, the option that gives it and what else this may be, for the error.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    ConfigError
+        Neither.
+    """
+    if given in presets:
+        return folder / f"{given}.toml"
+    path = Path(given)
+    try:
+        found = path.exists()
+    except (OSError, ValueError):  # too long a name, for one
+        found = False
+    if found:
+        return path
+    close = difflib.get_close_matches(given, presets, n=1)
+    raise ConfigError(
+        f"{given[:200]!r} is neither {what} preset nor a file",
+        where=option,
+        fix=f"did you mean {close[0]!r}?" if close else f"presets are {', '.join(presets)}{more}",
+    )
+
+
+def wrong(message: str) -> PydanticCustomError:
+    """Error that a validator raises."""
     # the message goes through a format string: as a value of it, braces in it stay braces
     return PydanticCustomError("wrong_value", "{message}", {"message": message})
 

@@ -95,6 +95,13 @@ UNITS: dict[str, tuple[str, float]] = {
     "(m/s^2)^2/Hz": ("vibration density", 1.0),
     "g^2/Hz": ("vibration density", G0 * G0),
 }
+# random walks of a bias: the unit of the bias over the root of a time
+UNITS |= {
+    f"{name}/sqrt({time})": (f"{dimension} random walk", factor / math.sqrt(seconds))
+    for name, (dimension, factor) in UNITS.items()
+    if dimension in ("rate", "acceleration")
+    for time, seconds in (("s", 1.0), ("h", HOUR))
+}
 
 _QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*$")
 
@@ -108,6 +115,11 @@ def units_of(dimension: str) -> list[str]:
         Such as ``"rate"``; see `UNITS`.
     """
     return [name for name, (dim, _) in UNITS.items() if dim == dimension]
+
+
+def si_unit(dimension: str) -> str:
+    """Name of the unit of a dimension whose factor is one."""
+    return next(name for name, (dim, factor) in UNITS.items() if dim == dimension and factor == 1.0)
 
 
 def parse_quantity(text: str, dimension: str, *, where: str = "") -> float:

@@ -10,7 +10,7 @@ from insnav.alignment import in_motion as motion
 from insnav.alignment import static
 from insnav.attitude import wrap_two_pi
 from insnav.exceptions import AlignmentError
-from insnav.imu.model import ImuSpec, gyro_bias_sd, level_bias_sd
+from insnav.imu.specification import ImuSpec, gyro_bias_sd, level_bias_sd
 from insnav.strapdown import Intervals
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData
 from insnav.units import G0

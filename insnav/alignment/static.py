@@ -14,7 +14,7 @@ import numpy as np
 from insnav.attitude import dcm_from_rph, wrap_two_pi
 from insnav.earth import OMEGA_EARTH, earth_rate_n, gravity_n
 from insnav.exceptions import AlignmentError
-from insnav.imu.model import ImuSpec, gyro_bias_sd, level_bias_sd
+from insnav.imu.specification import ImuSpec, gyro_bias_sd, level_bias_sd
 from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray
 

@@ -15,7 +15,7 @@ from insnav.exceptions import ConfigError, InsnavError
 
 if TYPE_CHECKING:
     from insnav.cli.options import SamplingChoice, StampChoice
-    from insnav.imu.model import ImuSpec
+    from insnav.imu.specification import ImuSpec
     from insnav.input import Reading
     from insnav.input.readers.reading import ReadingFacts
     from insnav.types import GpsData, ImuData, Trajectory

@@ -15,7 +15,7 @@ from insnav.cli.console import Stages, error_block, note, note_more, result, res
 
 if TYPE_CHECKING:
     from insnav.filter.navigate import Navigated
-    from insnav.imu.model import ImuSpec
+    from insnav.imu.specification import ImuSpec
     from insnav.output.folder import RunFolder
     from insnav.types import GpsData, ImuData
 

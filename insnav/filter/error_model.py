@@ -8,7 +8,7 @@ import numpy as np
 
 from insnav.attitude import dcm_from_rph
 from insnav.earth import OMEGA_EARTH, gravity_n
-from insnav.imu.model import ImuSpec, SensorSpec, level_bias
+from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
 from insnav.kernels.errorstate import STATES
 from insnav.types import Alignment, FloatArray
 

@@ -13,7 +13,7 @@ from insnav.exceptions import AlignmentError
 from insnav.filter.error_model import error_model, initial_state
 from insnav.filter.navigator import Navigator
 from insnav.filter.settings import FilterSettings
-from insnav.imu.model import ImuSpec
+from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, FloatArray, GpsData, ImuData
 
 STILL_POSITION_SD, STILL_VELOCITY_SD = 0.1, 0.02  # a vehicle rocked by wind and people [m], [m/s]

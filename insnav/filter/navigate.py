@@ -24,7 +24,7 @@ from insnav.filter.navigator import Navigator
 from insnav.filter.settings import FilterSettings
 from insnav.filter.vehicle_calibration import learn
 from insnav.imu.health import inspect
-from insnav.imu.model import ImuSpec
+from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData, Run
 
 AidingChoice = Literal["auto", "on", "off"]

@@ -13,7 +13,7 @@ import numpy as np
 from insnav.alignment import in_motion as motion
 from insnav.attitude import dcm_from_rph
 from insnav.filter.aiding import INTERVAL, Aiding, HeightAid, Odometer, Wheels
-from insnav.imu.model import ImuSpec
+from insnav.imu.specification import ImuSpec
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData, Trajectory
 from insnav.units import DEG
 

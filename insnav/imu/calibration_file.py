@@ -34,81 +34,54 @@ in [accel].
 from __future__ import annotations
 
 import datetime
-import math
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import tomli_w
 from pydantic import PlainValidator
-from pydantic_core import PydanticCustomError
 
-from insnav.config_file import Axes, Table, axes, quantity, read_toml, validate
+from insnav.config_file import (
+    Axes,
+    Matrix,
+    Model,
+    Table,
+    axes,
+    matrix_of,
+    number,
+    read_toml,
+    text,
+    validate,
+    with_fields,
+    wrong,
+)
 from insnav.exceptions import ConfigError
 from insnav.imu.dynamic_map import AxisMap, DynamicMap
+from insnav.imu.error_terms import Sensor, terms_of
 from insnav.imu.higher_order import ErrorTerms
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
-from insnav.types import FloatArray
-
-Matrix = tuple[Axes, Axes, Axes]
-# unit written for the gyros, for the accelerometers: SI, so that a file holds every bit
-_TERM_UNITS = {
-    "asymmetry": ("1", "1"),
-    "quadratic": ("1/(rad/s)", "1/(m/s^2)"),
-    "bias_slope": ("(rad/s)/K", "(m/s^2)/K"),
-    "scale_slope": ("1/K", "1/K"),
-    "g_sensitivity": ("(rad/s)/(m/s^2)", ""),
-    "positions": ("", "m"),
-}
-_IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-
-
-def _number(value: object) -> float:
-    try:
-        number = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise PydanticCustomError("wrong_value", "must be finite numbers without quotes")
-    return number
-
-
-def _matrix(value: object) -> Matrix:
-    rows = value if isinstance(value, list) else []
-    if len(rows) != 3 or any(not isinstance(row, list) or len(row) != 3 for row in rows):
-        raise PydanticCustomError("wrong_value", "must be three rows of three numbers, [[…], […], […]]")
-    (a, b, c), (d, e, f), (g, h, i) = ([_number(item) for item in row] for row in rows)
-    return (a, b, c), (d, e, f), (g, h, i)
+from insnav.units import si_unit
 
 
 def _date(value: object) -> str:
     if isinstance(value, str | datetime.date | datetime.datetime):
         return str(value)
-    raise PydanticCustomError("wrong_value", "must be a date, like 2025-03-14")
+    raise wrong("must be a date, like 2025-03-14")
 
 
 def _numbers(value: object) -> list[float]:
     if not isinstance(value, list):
-        raise PydanticCustomError("wrong_value", "must be a list of numbers, […, …]")
-    return [_number(item) for item in value]
+        raise wrong("must be a list of numbers, […, …]")
+    return [number(item) for item in value]
 
 
-class _GyroRaw(Table):
-    unit: str
-    zero: Annotated[list[float], PlainValidator(_numbers)]
-    scale_per_rad_s: Annotated[list[float], PlainValidator(_numbers)]
-
-
-class _AccelRaw(Table):
-    unit: str
-    zero: Annotated[list[float], PlainValidator(_numbers)]
-    scale_per_m_s2: Annotated[list[float], PlainValidator(_numbers)]
+Numbers = Annotated[list[float], PlainValidator(_numbers)]
 
 
 class _AxisMap(Table):
-    rate_rad_s: Annotated[list[float], PlainValidator(_numbers)]
-    error_rad_s: Annotated[list[float], PlainValidator(_numbers)]
+    rate_rad_s: Numbers
+    error_rad_s: Numbers
 
 
 class _Map(Table):
@@ -117,49 +90,60 @@ class _Map(Table):
     z: _AxisMap | None = None
 
 
-def _rows(dimension: str) -> PlainValidator:
-    """Three rows of three quantities."""
+class _Raw(Table):
+    unit: str
+    zero: Numbers
 
-    def check(value: object) -> Matrix:
-        rows = value if isinstance(value, list) else []
-        if len(rows) != 3 or any(not isinstance(row, list) or len(row) != 3 for row in rows):
-            raise PydanticCustomError("wrong_value", "must be three rows of three, [[…], […], […]]")
-        (a, b, c), (d, e, f), (g, h, i) = ([quantity(item, dimension, signed=True) for item in row] for row in rows)
-        return (a, b, c), (d, e, f), (g, h, i)
 
-    return PlainValidator(check)
+class _GyroRaw(_Raw):
+    scale_per_rad_s: Numbers
+
+
+class _AccelRaw(_Raw):
+    scale_per_m_s2: Numbers
 
 
 class _Sensor(Table):
-    asymmetry: Annotated[Axes | None, axes("ratio", signed=True)] = None
-    scale_slope: Annotated[Axes | None, axes("ratio per kelvin", signed=True)] = None
+    matrix: Annotated[Matrix, matrix_of()] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class _Gyro(_Sensor):
-    quadratic: Annotated[Axes | None, axes("per rate", signed=True)] = None
-    bias_slope: Annotated[Axes | None, axes("rate per kelvin", signed=True)] = None
-    g_sensitivity: Annotated[Matrix | None, _rows("rate per acceleration")] = None
     bias: Annotated[Axes, axes("rate", signed=True)] = (0.0, 0.0, 0.0)
-    matrix: Annotated[Matrix, PlainValidator(_matrix)] = _IDENTITY
     raw: _GyroRaw | None = None
     map: _Map | None = None
 
 
 class _Accel(_Sensor):
-    quadratic: Annotated[Axes | None, axes("per acceleration", signed=True)] = None
-    bias_slope: Annotated[Axes | None, axes("acceleration per kelvin", signed=True)] = None
-    positions: Annotated[Matrix | None, _rows("length")] = None
     bias: Annotated[Axes, axes("acceleration", signed=True)] = (0.0, 0.0, 0.0)
-    matrix: Annotated[Matrix, PlainValidator(_matrix)] = _IDENTITY
     raw: _AccelRaw | None = None
+
+
+def _dimensions(sensor: Sensor) -> dict[str, str]:
+    """Dimensions of what a calibration may hold beyond bias and matrix, by the name in `ErrorTerms`."""
+    known = {term.key: term.dimension for term in terms_of(sensor) if term.key in ErrorTerms.__dataclass_fields__}
+    return known if sensor == "gyro" else known | {"positions": "length"}
+
+
+def _with_terms(base: type[Model], sensor: Sensor) -> type[Model]:
+    three_by_three = ("g_sensitivity", "positions")
+    return with_fields(
+        base,
+        {
+            key: matrix_of(dimension) if key in three_by_three else axes(dimension, signed=True)
+            for key, dimension in _dimensions(sensor).items()
+        },
+    )
 
 
 class _CalibrationFile(Table):
     name: str = ""
     date: Annotated[str, PlainValidator(_date)] = ""
-    temperature_c: Annotated[float | None, PlainValidator(_number)] = None
+    temperature_c: Annotated[float | None, PlainValidator(number)] = None
     gyro: _Gyro | None = None
     accel: _Accel | None = None
+
+
+_FILE = with_fields(_CalibrationFile, {"gyro": _with_terms(_Gyro, "gyro"), "accel": _with_terms(_Accel, "accel")})
 
 
 def load_calibration(path: str | Path) -> ImuErrors:
@@ -190,7 +174,7 @@ def load_calibration(path: str | Path) -> ImuErrors:
             why="it says how large errors are, not which",
             fix="give it to --imu; a calibration.toml comes from insnav calibrate",
         )
-    file = validate(_CalibrationFile, content, str(path))
+    file = validate(_FILE, content, str(path))
     if file.gyro is None and file.accel is None:
         raise ConfigError(
             "the file holds no calibration",
@@ -208,17 +192,17 @@ def load_calibration(path: str | Path) -> ImuErrors:
             date=file.date,
             temperature=file.temperature_c,
             gyro_map=_gyro_map(gyro.map),
-            gyro_raw=_raw(gyro.raw.unit, gyro.raw.zero, gyro.raw.scale_per_rad_s) if gyro.raw else None,
-            accel_raw=_raw(accel.raw.unit, accel.raw.zero, accel.raw.scale_per_m_s2) if accel.raw else None,
-            gyro_terms=_terms(gyro),
-            accel_terms=_terms(accel),
+            gyro_raw=_raw(gyro.raw, "scale_per_rad_s"),
+            accel_raw=_raw(accel.raw, "scale_per_m_s2"),
+            gyro_terms=_terms("gyro", gyro),
+            accel_terms=_terms("accel", accel),
         )
     except ConfigError as error:
         raise ConfigError(error.what, where=f"{path}: {error.where}", why=error.why, fix=error.fix) from None
 
 
-def _raw(unit: str, zero: list[float], scale: list[float]) -> RawScale:
-    return RawScale(unit, np.array(zero), np.array(scale))
+def _raw(table: _Raw | None, scale: str) -> RawScale | None:
+    return None if table is None else RawScale(table.unit, np.array(table.zero), np.array(getattr(table, scale)))
 
 
 def _gyro_map(table: _Map | None) -> DynamicMap | None:
@@ -229,9 +213,10 @@ def _gyro_map(table: _Map | None) -> DynamicMap | None:
     return DynamicMap(x, y, z)
 
 
-def _terms(table: _Sensor) -> ErrorTerms | None:
-    given = {name: np.array(value) for name in _TERM_UNITS if (value := getattr(table, name, None)) is not None}
-    return ErrorTerms(**given) if any(np.any(value) for value in given.values()) else None
+def _terms(sensor: Sensor, table: Table) -> ErrorTerms | None:
+    given = table.model_dump(include=set(_dimensions(sensor)), exclude_none=True)
+    found = {key: np.array(value) for key, value in given.items()}
+    return ErrorTerms(**found) if any(value.any() for value in found.values()) else None
 
 
 def calibration_to_toml(errors: ImuErrors) -> str:
@@ -249,31 +234,23 @@ def calibration_to_toml(errors: ImuErrors) -> str:
     """
     content: dict[str, Any] = {"name": errors.name, "date": errors.date, "temperature_c": errors.temperature}
     content = {key: value for key, value in content.items() if value not in ("", None)}
-    for name, unit, bias, matrix in (
-        ("gyro", "rad/s", errors.gyro_bias, errors.gyro_matrix),
-        ("accel", "m/s^2", errors.accel_bias, errors.accel_matrix),
-    ):
-        # SI units and the shortest text that is exact: a calibration must not change by being written
-        content[name] = {"bias": [f"{float(item)!r} {unit}" for item in bias], "matrix": matrix.tolist()}
-    for name, key, raw in (
-        ("gyro", "scale_per_rad_s", errors.gyro_raw),
-        ("accel", "scale_per_m_s2", errors.accel_raw),
-    ):
+    units: tuple[tuple[Sensor, str, str], ...] = (("gyro", "rad/s", "rad_s"), ("accel", "m/s^2", "m_s2"))
+    for sensor, unit, suffix in units:
+        raw, terms = getattr(errors, f"{sensor}_raw"), getattr(errors, f"{sensor}_terms")
+        # SI units, which keep every bit: a calibration must not change by being written
+        table: dict[str, Any] = {
+            "bias": text(getattr(errors, f"{sensor}_bias"), unit),
+            "matrix": getattr(errors, f"{sensor}_matrix").tolist(),
+        }
         if raw is not None:
-            content[name]["raw"] = {"unit": raw.unit, "zero": raw.zero.tolist(), key: raw.scale.tolist()}
+            table["raw"] = {"unit": raw.unit, "zero": raw.zero.tolist(), f"scale_per_{suffix}": raw.scale.tolist()}
+        dimensions = {} if terms is None else _dimensions(sensor)
+        given = {key: (getattr(terms, key), si_unit(dimension)) for key, dimension in dimensions.items()}
+        content[sensor] = table | {key: text(value, unit) for key, (value, unit) in given.items() if np.any(value)}
     if errors.gyro_map is not None:
         content["gyro"]["map"] = {
             axis: {"rate_rad_s": item.rate.tolist(), "error_rad_s": item.error.tolist()}
             for axis, item in zip("xyz", errors.gyro_map.axes, strict=True)
             if item is not None
         }
-    for index, (name, terms) in enumerate((("gyro", errors.gyro_terms), ("accel", errors.accel_terms))):
-        for key, units in _TERM_UNITS.items():
-            value = None if terms is None else getattr(terms, key)
-            if value is not None and np.any(value):
-                content[name][key] = _texts(value, units[index])
     return tomli_w.dumps(content)
-
-
-def _texts(value: FloatArray, unit: str) -> list[Any]:
-    return [_texts(item, unit) if np.ndim(item) else f"{float(item)!r} {unit}" for item in value]

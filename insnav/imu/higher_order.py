@@ -21,11 +21,13 @@ from insnav.types import FloatArray
 REFERENCE_TEMPERATURE = 25.0  # unless a calibration says another one [deg C]
 
 
-def _zeros() -> FloatArray:
+def zeros() -> FloatArray:
+    """No error of three axes: default of a field."""
     return np.zeros(3)
 
 
-def _zero_matrix() -> FloatArray:
+def zero_matrix() -> FloatArray:
+    """No error in three rows of three: default of a field."""
     return np.zeros((3, 3))
 
 
@@ -54,12 +56,12 @@ class ErrorTerms:
         A value that is not finite, or terms so large that the sensor cannot be inverted.
     """
 
-    asymmetry: FloatArray = field(default_factory=_zeros)
-    quadratic: FloatArray = field(default_factory=_zeros)
-    bias_slope: FloatArray = field(default_factory=_zeros)
-    scale_slope: FloatArray = field(default_factory=_zeros)
-    g_sensitivity: FloatArray = field(default_factory=_zero_matrix)
-    positions: FloatArray = field(default_factory=_zero_matrix)
+    asymmetry: FloatArray = field(default_factory=zeros)
+    quadratic: FloatArray = field(default_factory=zeros)
+    bias_slope: FloatArray = field(default_factory=zeros)
+    scale_slope: FloatArray = field(default_factory=zeros)
+    g_sensitivity: FloatArray = field(default_factory=zero_matrix)
+    positions: FloatArray = field(default_factory=zero_matrix)
 
     def __post_init__(self) -> None:
         for name in ("asymmetry", "quadratic", "bias_slope", "scale_slope", "g_sensitivity", "positions"):

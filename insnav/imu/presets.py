@@ -18,26 +18,5 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from insnav.exceptions import ConfigError
-
 PRESETS = ("consumer", "automotive", "industrial", "tactical", "navigation")
-
-_FOLDER = Path(__file__).parent / "grades"
-
-
-def preset_path(name: str) -> Path:
-    """File of a preset.
-
-    Parameters
-    ----------
-    name : str
-        One of `PRESETS`.
-
-    Raises
-    ------
-    ConfigError
-        There is no such preset.
-    """
-    if name not in PRESETS:
-        raise ConfigError(f"there is no IMU preset {name!r}", fix=f"presets are {', '.join(PRESETS)}")
-    return _FOLDER / f"{name}.toml"
+FOLDER = Path(__file__).parent / "grades"

@@ -9,7 +9,7 @@ import numpy as np
 
 from insnav.earth import OMEGA_EARTH
 from insnav.filter.fine_alignment import FineAlignment
-from insnav.imu.model import ImuSpec, gyro_bias_sd
+from insnav.imu.specification import ImuSpec, gyro_bias_sd
 from insnav.report.numbers import number
 from insnav.report.run.quantities import alignment_facts as _one
 from insnav.report.run_json import json_ready

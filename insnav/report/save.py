@@ -9,7 +9,7 @@ from typing import Any
 
 from insnav.errors.metrics import position_errors
 from insnav.filter.navigate import Navigated
-from insnav.imu.model import ImuSpec, SensorSpec
+from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.input.readers.reading import Reading
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import (

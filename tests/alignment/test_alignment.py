@@ -21,7 +21,7 @@ from insnav.attitude import (
 )
 from insnav.exceptions import AlignmentError
 from insnav.imu import load_imu
-from insnav.imu.model import ImuSpec, SensorSpec
+from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.simulate import (
     GpsErrors,
     Profile,

@@ -12,7 +12,7 @@ from insnav.cli.parse import start as read_start
 from insnav.filter import FilterSettings
 from insnav.filter.navigate import DELAY_SD, Navigated, Start, navigate_recording
 from insnav.imu import load_imu
-from insnav.imu.model import ImuSpec
+from insnav.imu.specification import ImuSpec
 from insnav.input import read_gps, read_imu
 from insnav.types import GpsData, ImuData
 from tests.bench.job import Job

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import lla_offset
 from insnav.filter import ErrorModel, FilterSettings, Gates, InitialState, Navigator, error_model, initial_state
-from insnav.imu.model import ImuSpec, SensorSpec
+from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.simulate import Profile, Segment, Truth, Vehicle, drive, gps_from_truth, imu_from_truth
 from insnav.types import Alignment, FloatArray, GpsData, ImuData, Run
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, PPM, UG

@@ -159,7 +159,7 @@ def test_presets_read_back(load, name: str) -> None:
         ('[gyro]\ncorrelation_time = ["1 h", "1 h", "1 h"]', "gyro.correlation_time: must be a text"),
         ('[gyro]\ncorrelation_time = "0 h"', "correlation_time must be more than zero"),
         ('[gyro]\nbias_instability = "1 deg/h"', "bias_instability needs a correlation_time"),
-        ('[gyro]\nrate_random_walk = "1 deg/h"', 'must end in "/sqrt(s)" or "/sqrt(h)"'),
+        ('[gyro]\nrate_random_walk = "1 deg/h"', "not of rate random walk, use one of rad/s/sqrt(s), rad/s/sqrt(h)"),
         ('gyro = "1 deg/h"', "gyro: must be a table, [gyro]"),
         ("name = 1\n[gyro]", "name: must be a text in quotes"),
         ('name = "x"', "the file describes no IMU"),

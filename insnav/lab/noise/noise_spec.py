@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from insnav.imu.model import ImuSpec, SensorSpec
+from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.lab.noise.allan import AllanDeviation
 from insnav.lab.noise.noise_model import B_FACTOR, NoiseModel
 from insnav.types import FloatArray

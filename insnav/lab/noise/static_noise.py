@@ -10,7 +10,7 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.imu.health import inspect
-from insnav.imu.model import ImuSpec
+from insnav.imu.specification import ImuSpec
 from insnav.lab.noise.allan import (
     AXES,
     AllanDeviation,

@@ -13,7 +13,8 @@ import pymap3d
 from insnav.attitude import dcm_from_rph
 from insnav.earth import OMEGA_EARTH, gravity_n
 from insnav.imu import ImuSpec
-from insnav.imu.model import SensorSpec, sample_intervals
+from insnav.imu.model import sample_intervals
+from insnav.imu.specification import SensorSpec
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 from insnav.units import DEG
 

@@ -17,7 +17,7 @@ from insnav.alignment.align import GYROCOMPASS_SD
 from insnav.alignment.in_motion import SLOWEST
 from insnav.earth import OMEGA_EARTH
 from insnav.imu import ImuErrors, ImuSpec, calibration_to_toml, to_toml
-from insnav.imu.model import gyro_bias_sd
+from insnav.imu.specification import gyro_bias_sd
 from insnav.output.data_files import write_gps, write_imu, write_reference
 from insnav.output.folder import RunFolder
 from insnav.report.numbers import number

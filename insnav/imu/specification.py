@@ -1,0 +1,164 @@
+"""How large the errors of an IMU are: standard deviations and noise densities of its sensors, its start, its clock."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from insnav.imu.higher_order import zero_matrix, zeros
+from insnav.types import FloatArray
+from insnav.units import G0
+
+
+@dataclass(frozen=True, slots=True)
+class SensorSpec:
+    """How large the errors of a sensor triad are, one standard deviation per axis; see `insnav.imu.error_terms.TERMS`.
+
+    Attributes
+    ----------
+    bias : (3,) array
+        Turn-on bias, constant over one run [rad/s] or [m/s^2].
+    bias_instability : (3,) array
+        Standard deviation of the in-run bias, a first-order Gauss-Markov process [rad/s] or [m/s^2].
+    correlation_time : float
+        Correlation time of that process [s]; infinite where there is no such process.
+    random_walk : (3,) array
+        Root power spectral density of the white noise [rad/sqrt(s)] or [m/s/sqrt(s)].
+    scale_factor : (3,) array
+        Scale factor error [-].
+    misalignment : (3,) array
+        Misalignment of each sensitive axis: each of the two off-diagonal terms, so that non-orthogonality of the
+        triad is in it [rad].
+    rate_random_walk : (3,) array
+        Root power spectral density of the noise that drives a random walk of the bias [rad/s/sqrt(s)] or
+        [m/s^2/sqrt(s)].
+    flicker : (3,) array
+        Coefficient B of flicker noise, whose Allan deviation is flat at 0.664 B [rad/s] or [m/s^2].
+    rate_ramp : (3,) array
+        Steady drift of the bias [rad/s^2] or [m/s^3].
+    quantisation : (3,) array
+        Coefficient Q of quantisation noise, a step of the integrated output over sqrt(12) [rad] or [m/s].
+    resolution : (3,) array
+        Step of each sample [rad/s] or [m/s^2].
+    range : (3,) array
+        Largest value that is shown [rad/s] or [m/s^2]; zero for no end.
+    vibration_rectification : (3,) array
+        Bias by the variance of the specific force along the axis [rad/s/(m/s^2)^2] or [1/(m/s^2)].
+    asymmetry, quadratic, bias_slope, scale_slope, g_sensitivity : (3,) array
+        Standard deviations of what `ErrorTerms` has; g-sensitivity of every element of the matrix.
+
+    The terms from `flicker` on are there to simulate; a filter takes no notice of them.
+    """
+
+    bias: FloatArray = field(default_factory=zeros)
+    bias_instability: FloatArray = field(default_factory=zeros)
+    correlation_time: float = math.inf
+    random_walk: FloatArray = field(default_factory=zeros)
+    scale_factor: FloatArray = field(default_factory=zeros)
+    misalignment: FloatArray = field(default_factory=zeros)
+    rate_random_walk: FloatArray = field(default_factory=zeros)
+    flicker: FloatArray = field(default_factory=zeros)
+    rate_ramp: FloatArray = field(default_factory=zeros)
+    quantisation: FloatArray = field(default_factory=zeros)
+    resolution: FloatArray = field(default_factory=zeros)
+    range: FloatArray = field(default_factory=zeros)
+    vibration_rectification: FloatArray = field(default_factory=zeros)
+    asymmetry: FloatArray = field(default_factory=zeros)
+    quadratic: FloatArray = field(default_factory=zeros)
+    bias_slope: FloatArray = field(default_factory=zeros)
+    scale_slope: FloatArray = field(default_factory=zeros)
+    g_sensitivity: FloatArray = field(default_factory=zeros)
+
+
+def gyro_bias_sd(gyro: SensorSpec) -> FloatArray:
+    """Standard deviation of the whole bias of gyros, turn-on and in-run, (3,) [rad/s]."""
+    return np.hypot(gyro.bias, gyro.bias_instability)
+
+
+def level_bias_sd(accel: SensorSpec) -> FloatArray:
+    """Standard deviation of the whole bias of accelerometers that are about level, (3,) [m/s^2]."""
+    return np.hypot(level_bias(accel), accel.bias_instability)
+
+
+def level_bias(accel: SensorSpec) -> FloatArray:
+    """Turn-on bias of accelerometers that are about level: misaligned, they sense a part of gravity, (3,) [m/s^2]."""
+    return np.hypot(accel.bias, G0 * accel.misalignment)
+
+
+@dataclass(frozen=True, slots=True)
+class InitialSpec:
+    """Standard deviations of the initial state, for error budgets and simulation.
+
+    Attributes
+    ----------
+    position : float
+        Each component of position [m].
+    velocity : float
+        Each component of velocity [m/s].
+    tilt : float
+        Roll and pitch [rad].
+    heading : float
+        Heading [rad].
+    """
+
+    position: float = 0.0
+    velocity: float = 0.0
+    tilt: float = 0.0
+    heading: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class ClockSpec:
+    """What is wrong with the time stamps of an IMU, for simulation.
+
+    Attributes
+    ----------
+    offset : float
+        Stamps are late by this [s].
+    drift : float
+        And by this part of the time since the start [-].
+    jitter : float
+        Standard deviation of each stamp [s].
+    lost_every, lost_length : float
+        Mean time between drop-outs, exponentially distributed, and their mean length [s]; zero for none.
+    """
+
+    offset: float = 0.0
+    drift: float = 0.0
+    jitter: float = 0.0
+    lost_every: float = 0.0
+    lost_length: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSpec:
+    """How good an IMU is.
+
+    Attributes
+    ----------
+    name : str
+        Name of the preset, or the name in the file.
+    gyro, accel : SensorSpec
+        Sizes of the errors of the gyros and of the accelerometers.
+    initial : InitialSpec or None
+        Initial errors, if the file gives them.
+    source : str
+        Where the figures come from.
+    absent : tuple of str
+        Dotted names of everything that was not given and therefore counts as zero.
+    clock : ClockSpec
+        Its time stamps.
+    positions : (3, 3) array
+        Row i is the place of accelerometer i from the point that is navigated, body axes [m].
+    """
+
+    name: str
+    gyro: SensorSpec
+    accel: SensorSpec
+    initial: InitialSpec | None = None
+    source: str = ""
+    absent: tuple[str, ...] = ()
+    clock: ClockSpec = field(default_factory=ClockSpec)
+    positions: FloatArray = field(default_factory=zero_matrix)
