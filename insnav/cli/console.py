@@ -18,6 +18,7 @@ from insnav.cli import signals
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
+    from insnav.report.page import Page
     from insnav.report.sheet import Sheet
 
 DELAY = 1.0  # work shorter than this shows no progress bar [s]
@@ -87,6 +88,29 @@ def result_sheet(folder: Path, sheet: Sheet, out: Path, *, as_json: bool, more: 
 
     names = ", ".join([*more, "report.html", "figures", "run.json"])
     result(f"{sheet_text(sheet)}\n\nfiles       {out}: {names}")
+
+
+def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Iterable[str] = ()) -> None:
+    """Print the report of a finished folder and where it is, or its ``run.json`` instead.
+
+    Parameters
+    ----------
+    folder : Path
+        With its ``run.json``.
+    page : Page
+    out : Path
+        The folder as the user named it.
+    as_json : bool
+    more : iterable of str
+        Files beside those of every report.
+    """
+    if as_json:
+        result_facts(folder)
+        return
+    from insnav.report.terminal import page_text
+
+    names = ", ".join([*more, "report.html", "figures", "run.json"])
+    result(f"{page_text(page)}\n\nfiles       {out}: {names}")
 
 
 def discard_output() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from insnav.errors.metrics import position_errors
+from insnav.exceptions import ConfigError
 from insnav.filter.navigate import Navigated
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.input.readers.reading import Reading
@@ -20,7 +21,11 @@ from insnav.output.solution_tables import (
     write_kml,
     write_solution,
 )
+from insnav.report.html import page_html
+from insnav.report.page import Page
 from insnav.report.run.quantities import run_facts
+from insnav.report.run_json import json_ready, page_facts
+from insnav.report.style import FigureFormat, drawing, save
 from insnav.types import EventKind, FloatArray, Trajectory
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, G0, M_S_PER_SQRT_H, PPM
 
@@ -110,10 +115,10 @@ def write_run(
     write_kml(folder.directory, run.solution, Path(given["imu"].facts.path).name)
     if figure_format is not None:
         from insnav.report.run.figures import draw_all
-        from insnav.report.run.page import write_page
+        from insnav.report.run.page import write_page as write_run_page
 
         figures = draw_all(run, done.gps, errors, folder.path("figures/track").parent, figure_format, smoothed_errors)
-        write_page(
+        write_run_page(
             folder.path("report.html"),
             facts,
             [*figures, *more_figures],
@@ -150,3 +155,47 @@ def model_facts(spec: ImuSpec, how: str) -> dict[str, Any]:
         "gyro": sensor(spec.gyro, "deg_h", DEG_PER_H, "deg_sqrt_h", DEG_PER_SQRT_H),
         "accel": sensor(spec.accel, "mg", 1e-3 * G0, "m_s_sqrt_h", M_S_PER_SQRT_H),
     }
+
+
+def write_page(
+    folder: RunFolder,
+    page: Page,
+    metadata: Mapping[str, Any] | None = None,
+    texts: Mapping[str, str] | None = None,
+    figure_format: FigureFormat = "png",
+) -> Path:
+    """Write figures, page, JSON and text files into a folder and put it in its place.
+
+    Parameters
+    ----------
+    folder : RunFolder
+        Entered, not committed.
+    page : Page
+        Content of ``report.html``, ``figures`` and ``run.json``.
+    metadata : mapping, optional
+        What stands first in ``run.json``: command, input, options.
+    texts : mapping, optional
+        Further files: name to content, such as ``calibration.toml``.
+    figure_format : {"png", "svg"}
+
+    Returns
+    -------
+    Path
+        The finished folder.
+
+    Raises
+    ------
+    ConfigError
+        Two figures of one name.
+    OutputError
+        The folder cannot be written.
+    """
+    names = [figure.name for figure in page.figures]
+    if len(set(names)) < len(names):
+        raise ConfigError("two figures have the same name", where=", ".join(names))
+    with drawing():
+        files = [save(each.draw(), folder.path(f"figures/{each.name}"), figure_format) for each in page.figures]
+    for name, text in (texts or {}).items():
+        folder.path(name).write_text(text, encoding="utf-8", newline="\n")
+    folder.path("report.html").write_text(page_html(page, files), encoding="utf-8", newline="\n")
+    return folder.commit({**json_ready(metadata or {}), **page_facts(page)})
