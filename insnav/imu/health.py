@@ -1,15 +1,16 @@
 """Samples that cannot be what the sensor felt: spikes, sensors at the end of their range, sensors that are stuck.
 
 A spike is replaced. What a clipped or stuck sensor felt is not known at all: such samples are taken out, so that they
-count as a hole, which the mechanization bridges and whose uncertainty the filter knows.
+count as a data gap, which the mechanization bridges and whose uncertainty the filter knows.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from insnav.exceptions import InputError
 from insnav.imu.model import sample_intervals
 from insnav.types import BoolArray, Event, EventKind, FloatArray, ImuData, IntArray
 
@@ -17,10 +18,15 @@ SPIKE_GYRO, SPIKE_ACCEL = 1.5, 9.5  # a smaller jump of one sample does no harm 
 SPIKE_FACTOR = 12.0  # times the usual change from sample to sample
 FINE = 0.01  # a sensor whose steps are larger, by its largest value, is coarse, not clipped
 CLIPPED = 3  # samples in a row at the largest value of the record that are the end of a range
-STUCK = 20  # samples in a row with the same value, at least, that are a stuck sensor ...
-STUCK_TIME = 0.5  # and at least so long [s]
-FEW = 3
-BY_CHANCE = 1e-6  # ... if so long a row is expected less often than this in the record, as coarse its steps may be
+STUCK = 20  # samples in a row with the same value, at least, that may be a stuck sensor ...
+STUCK_TIME = 0.5  # ... and at least so long [s]
+COMPARABLE = 2.0  # blocks whose other axes are that much more or less active are comparable
+ENOUGH = 10  # comparable blocks that can tell what is usual
+UNUSUAL = 0.01  # share of comparable blocks that may be as still as a stuck sensor
+STEPS = 4.0  # resolution steps that a sensor must usually change by: else its repeats are its resolution or a dead band
+IN_MOTION = 0.25  # activity, in parts of the median of the record, above which the other axes feel motion
+LONGEST = 3  # rows of repeats that do not count as usual: a fault is a few long ones
+BY_CHANCE = 1e-6  # expected number of rows that long in the record, as often as values repeat elsewhere
 _AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")
 
 
@@ -65,7 +71,10 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
     # of the samples as they are: divided by intervals, equal increments would differ in their last digits
     same = np.hstack([np.diff(imu.gyro, axis=0), np.diff(imu.accel, axis=0)]) == 0.0
     quiet = change <= 1e-9 * np.abs(values).max(axis=0)
+    _refuse_constant(values, quiet)
+    activity = _Activity.of(change, max(STUCK, int(np.ceil(STUCK_TIME / np.median(np.diff(imu.time))))))
     lost = np.zeros(imu.time.shape[0], dtype=np.bool_)
+    found = []
     for axis in range(6):
         column = values[:, axis]
         first, count = _runs(same[:, axis])
@@ -73,29 +82,32 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
             continue
         largest = float(np.abs(column).max())
         step = np.abs(np.diff(column[: 1 << 16]))
-        fine = float(np.min(step[step > 0.0], initial=np.inf)) < FINE * largest
+        finest = float(np.min(step[step > 0.0], initial=np.inf))
         far = largest > 4.0 * float(np.abs(column - np.median(column)).mean())
-        clipped = (np.abs(column[first]) >= largest * (1.0 - 1e-9)) & (count >= CLIPPED) & fine & far
-        clipped &= _others_vary(quiet, axis, first, count)
-        lasts = imu.time[np.minimum(first + count, imu.time.shape[0]) - 1] - imu.time[first] >= STUCK_TIME
-        stuck = ~clipped & lasts & _no_chance(same[:, axis], first, count)
-        stuck &= _others_vary(quiet, axis, first, count)
-        for kind, chosen, what in (
-            (EventKind.IMU_SATURATED, clipped, "at the end of its range"),
-            (EventKind.IMU_STUCK, stuck, "does not change"),
-        ):
-            for start, number in zip(first[chosen], count[chosen], strict=True):
-                lost[start : start + number] = True
-                events.append(
-                    Event(
-                        float(imu.time[start]),
-                        kind,
-                        float(imu.time[start + number - 1] - imu.time[start]),
-                        float("nan"),
-                        "s",
-                        f"{_AXES[axis]} {what}: taken out, bridged like a gap",
-                    )
+        clipped = (np.abs(column[first]) >= largest * (1.0 - 1e-9)) & (count >= CLIPPED) & far
+        clipped &= (finest < FINE * largest) & _others_vary(quiet, axis, first, count)
+        stuck = ~clipped & (count >= STUCK) & (_length(imu.time, first, count) >= STUCK_TIME)
+        stuck &= _others_vary(quiet, axis, first, count) & _no_chance(same[:, axis], first, count)
+        stuck[stuck] = activity.unusual(column, axis, first[stuck], count[stuck])
+        found += [
+            (EventKind.IMU_SATURATED, first[clipped], count[clipped], f"{_AXES[axis]} at the end of its range"),
+            (EventKind.IMU_STUCK, first[stuck], count[stuck], f"{_AXES[axis]} does not change"),
+        ]
+    frozen = _frozen(imu.time, same, values, activity)
+    found.append((EventKind.IMU_STUCK, *frozen, "all six axes repeat the same values"))
+    for kind, first, count, what in found:
+        for start, number in zip(first, count, strict=True):
+            lost[start : start + number] = True
+            events.append(
+                Event(
+                    float(imu.time[start]),
+                    kind,
+                    float(imu.time[start + number - 1] - imu.time[start]),
+                    float("nan"),
+                    "s",
+                    f"{what}: taken out, bridged like a data gap",
                 )
+            )
     if not events:
         return imu, []
     events.sort(key=lambda event: event.time)
@@ -116,17 +128,113 @@ def _spikes(values: FloatArray) -> BoolArray:
     return found
 
 
+@dataclass(frozen=True, slots=True)
+class _Activity:
+    """How much every axis changes in blocks of a record; the scale by which repeats are usual or not.
+
+    Equal samples are no fault of a sensor with a dead band or coarse steps, and they come together: at rest always, in
+    motion seldom. So a row of them is compared with blocks in which the *other* axes are as active.
+    """
+
+    length: int  # samples of a block
+    square: FloatArray  # (blocks, 6) mean squared change, in parts of that of the record
+
+    @classmethod
+    def of(cls, change: FloatArray, length: int) -> _Activity:
+        """From the changes from sample to sample."""
+        blocks = change[: change.shape[0] // length * length].reshape(-1, length, 6)
+        square = np.asarray(np.mean(blocks**2, axis=1))
+        return cls(length, square / np.maximum(np.mean(change**2, axis=0), 1e-300))
+
+    def unusual(self, column: FloatArray, axis: int, first: IntArray, count: IntArray) -> BoolArray:
+        """Rows of repeats that the sensor does not show elsewhere when the vehicle moves as it does in the row."""
+        found = np.zeros(first.size, dtype=np.bool_)
+        if not first.size or not self.square.shape[0]:
+            return found
+        others = np.delete(self.square, axis, axis=1).mean(axis=1)
+        usual = np.ones(others.size, dtype=np.bool_)
+        for row in np.argsort(count)[-LONGEST:]:
+            usual[self._blocks(first[row], count[row])] = False
+        spread, resolution = self._range(column), _resolution(column, column[first])
+        moving = IN_MOTION * float(np.median(others))
+        for row in range(first.size):
+            here = float(np.median(others[self._blocks(first[row], count[row])]))
+            near = usual & (others <= COMPARABLE * here) & (others >= here / COMPARABLE)
+            if near.sum() < ENOUGH:
+                if here <= moving or usual.sum() < ENOUGH:
+                    continue
+                near = usual
+            found[row] = float(np.quantile(spread[near], UNUSUAL)) > STEPS * resolution[row]
+        return found
+
+    def _range(self, column: FloatArray) -> FloatArray:
+        """Largest minus smallest value of each block."""
+        blocks = column[: self.square.shape[0] * self.length].reshape(-1, self.length)
+        return np.asarray(np.ptp(blocks, axis=1))
+
+    def _blocks(self, first: int, count: int) -> slice:
+        """Blocks that a row of samples fills, at least one."""
+        start = min(-(-int(first) // self.length), self.square.shape[0] - 1)
+        return slice(start, max((int(first) + int(count)) // self.length, start + 1))
+
+
+def _resolution(column: FloatArray, held: FloatArray) -> FloatArray:
+    """Distance from each value to the nearest other one of the record: a step, or the edge of a dead band."""
+    levels = np.unique(column)
+    place = np.searchsorted(levels, held)
+    wide = np.concatenate([[-np.inf], levels, [np.inf]])
+    return np.asarray(np.minimum(held - wide[place], wide[place + 2] - held))
+
+
 def _no_chance(same: BoolArray, first: IntArray, count: IntArray) -> BoolArray:
     """Rows of equal samples longer than the steps of the sensor explain, by how often a row goes on elsewhere."""
-    rest = np.array(same)
-    for row in np.argsort(count)[-FEW:]:  # a fault is a few long rows; coarse steps make many
+    elsewhere = np.array(same)
+    for row in np.argsort(count)[-LONGEST:]:  # a fault is a few long rows; coarse steps make many
         if count[row] >= STUCK:
-            rest[first[row] : first[row] + count[row] - 1] = False
-    alike = float(rest.mean())
-    if rest[:-1].any():
-        alike = max(alike, float(np.sum(rest[1:] & rest[:-1]) / np.sum(rest[:-1])))
+            elsewhere[first[row] : first[row] + count[row] - 1] = False
+    alike = float(elsewhere.mean())
+    if elsewhere[:-1].any():
+        alike = max(alike, float(np.sum(elsewhere[1:] & elsewhere[:-1]) / np.sum(elsewhere[:-1])))
     expected = same.shape[0] * max(alike, 1e-9) ** (count - 1.0)
     return np.asarray((count >= STUCK) & (expected < BY_CHANCE))
+
+
+def _frozen(time: FloatArray, same: BoolArray, values: FloatArray, activity: _Activity) -> tuple[IntArray, IntArray]:
+    """Rows in which all axes repeat their values although the noise of most never lets them: the logger hung."""
+    first, count = _runs(np.asarray(same.all(axis=1)))
+    long = (count >= STUCK) & (_length(time, first, count) >= STUCK_TIME)
+    first, count = first[long], count[long]
+    if not first.size:
+        return first, count
+    usual = np.ones(activity.square.shape[0], dtype=np.bool_)
+    for start, number in zip(first, count, strict=True):
+        usual[activity._blocks(start, number)] = False
+    if usual.sum() < ENOUGH:
+        return first[:0], count[:0]
+    spread = np.column_stack([activity._range(values[:, axis])[usual] for axis in range(6)])
+    if int(np.sum(np.quantile(spread, UNUSUAL, axis=0) > 0.0)) < 4:  # sensors without noise rest like that
+        return first[:0], count[:0]
+    return first, count
+
+
+def _refuse_constant(values: FloatArray, quiet: BoolArray) -> None:
+    """Refuse a record with an axis that never changes while the others of its kind do."""
+    dead = np.asarray(quiet.all(axis=0))
+    for axis in np.flatnonzero(dead):
+        kind = values[:, :3] if axis < 3 else values[:, 3:]
+        levels = [np.unique(column[: 1 << 16]).size for column in kind.T]
+        if max(levels) > STEPS:
+            unit = "rad/s" if axis < 3 else "m/s^2"
+            raise InputError(
+                f"{_AXES[axis]} never changes: it is {values[0, axis] + 0.0:.6g} {unit} throughout",
+                why="the other axes do change, so this one is not connected, or the column is not a measurement",
+                fix="check the column, or name the right one with --columns",
+            )
+
+
+def _length(time: FloatArray, first: IntArray, count: IntArray) -> FloatArray:
+    """Duration of rows of samples [s]."""
+    return np.asarray(time[np.minimum(first + count, time.shape[0]) - 1] - time[first])
 
 
 def _others_vary(quiet: BoolArray, axis: int, first: IntArray, count: IntArray) -> BoolArray:

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from insnav.exceptions import InputError
 from insnav.imu.health import inspect
-from insnav.types import EventKind
+from insnav.types import EventKind, ImuData
 from tests.filter import drives
 
 
@@ -77,15 +78,71 @@ def test_a_stuck_axis_is_taken_out_and_named(imu, axis):
     assert found.time.shape[0] == imu.time.shape[0] - 61
 
 
-def test_a_rest_without_noise_is_no_fault(imu):
+def test_a_rest_without_noise_is_no_fault():
     """Simulated sensors without errors: one comes to rest after the other."""
-    rows = slice(5000, 6000)
-    data = np.hstack([imu.gyro, imu.accel])
-    data[rows] = data[5000]
-    data[5000:5010, 1] += 1e-6 * np.arange(10, 0, -1)
-    found, events = inspect(replace(imu, gyro=data[:, :3].copy(), accel=data[:, 3:].copy()))
+    exact = rests_between_turns(4, noise=0.0)
+    assert inspect(exact)[1] == []
+    data = np.hstack([exact.gyro, exact.accel])
+    assert (data[100:5000] == data[100]).all()
+    data[100:110, 1] += 1e-6 * np.arange(10, 0, -1)
+    found, events = inspect(replace(exact, gyro=data[:, :3].copy(), accel=data[:, 3:].copy()))
     assert events == []
-    assert len(found.time) == len(imu.time)
+    assert len(found.time) == len(exact.time)
+
+
+@pytest.mark.parametrize("seconds", [0.6, 2.0, 12.0])
+def test_a_logger_that_hangs_is_found(imu, seconds):
+    rows = slice(5000, 5000 + round(seconds / 0.02))
+    data = np.hstack([imu.gyro, imu.accel])
+    data[rows] = data[4999]
+    found, (event,) = inspect(replace(imu, gyro=data[:, :3].copy(), accel=data[:, 3:].copy()))
+    assert event.kind is EventKind.IMU_STUCK
+    assert "all six axes" in event.action
+    assert event.value == pytest.approx(seconds, abs=0.03)
+    assert found.time.shape[0] == imu.time.shape[0] - (rows.stop - rows.start) - 1
+
+
+def rests_between_turns(seed: int, noise: float = 1.0) -> ImuData:
+    """Ten minutes with stops: engine and road are felt by all axes, at rest only by the accelerometers."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(1, 60001) * 0.01
+    moving = (np.sin(time / 25.0) > -0.3) & (time > 60.0)
+    rate = np.where(moving[:, None], 0.1 * np.sin(np.outer(time, [0.3, 0.5, 0.2])), 0.0)
+    gyro = rate + noise * rng.standard_normal((60000, 3)) * np.where(moving[:, None], 0.02, 0.002)
+    accel = [0.0, 0.0, -9.8] + noise * rng.standard_normal((60000, 3)) * np.where(moving[:, None], 0.5, 0.02)
+    return ImuData(time, gyro, accel)
+
+
+@pytest.mark.parametrize("step", [0.01, 0.02, 0.04])
+def test_coarse_gyros_are_no_fault(step):
+    imu = rests_between_turns(1)
+    assert inspect(replace(imu, gyro=np.round(imu.gyro / step) * step))[1] == []
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3])
+@pytest.mark.parametrize("step", [0.001, 0.005])
+def test_gyros_with_a_dead_band_are_no_fault(step, steps):
+    imu = rests_between_turns(2)
+    gyro = np.round(imu.gyro / step) * step
+    gyro[np.abs(gyro) <= steps * step * 1.001] = 0.0
+    assert inspect(replace(imu, gyro=gyro))[1] == []
+
+
+@pytest.mark.parametrize("axis", [1, 2, 3])
+@pytest.mark.parametrize("seconds", [1.0, 10.0])
+def test_a_coarse_sensor_that_is_stuck_in_motion_is_found(axis, seconds):
+    imu = rests_between_turns(3)
+    imu = replace(imu, gyro=np.round(imu.gyro / 0.002) * 0.002)
+    first = 20000
+    bad = changed(imu, slice(first, first + round(100 * seconds)), axis, np.hstack([imu.gyro, imu.accel])[first, axis])
+    (event,) = inspect(bad)[1]
+    assert event.kind is EventKind.IMU_STUCK
+    assert event.value >= seconds - 0.02
+
+
+def test_an_axis_that_never_changes_is_refused_by_name(imu):
+    with pytest.raises(InputError, match="gyro y never changes: it is 0 rad/s throughout"):
+        inspect(changed(imu, slice(None), 1, 0.0))
 
 
 def test_coarse_steps_at_rest_are_no_fault(imu):
