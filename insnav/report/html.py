@@ -60,3 +60,19 @@ def page_html(page: Page, files: Sequence[Path]) -> str:
     tables = [table for section in page.sections for table in section_tables(section, ("all", "page"))]
     pictures = [(figure.caption, data_uri(file)) for figure, file in zip(page.figures, files, strict=True)]
     return filled("page.html.j2", page=page, tables=tables, pictures=pictures, version=__version__)
+
+
+def page_fragment(page: Page) -> str:
+    """Write title, summary, warnings and tables of a report as a part of another page, such as a notebook.
+
+    Parameters
+    ----------
+    page : Page
+
+    Returns
+    -------
+    str
+        HTML without styles and figures.
+    """
+    tables = [table for section in page.sections for table in section_tables(section)]
+    return filled("fragment.html.j2", page=page, tables=tables)

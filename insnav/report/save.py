@@ -1,18 +1,24 @@
-"""Everything a run leaves on the disk: tables, track, figures, page, facts."""
+"""A result into a folder and back: tables, figures, page, ``run.json``.
+
+A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
+which gives its `Page`, ``write_files(result, folder, table_format)`` for its other files, ``frame(result)`` for its
+main table, and, if it can be read again, ``read_found(folder)``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from insnav.errors.metrics import position_errors
 from insnav.exceptions import ConfigError
 from insnav.filter.navigate import Navigated
 from insnav.imu.specification import ImuSpec, SensorSpec
-from insnav.input.readers.reading import Reading
-from insnav.output.folder import RunFolder
+from insnav.input.readers.reading import Reading, ReadingFacts
+from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import (
     TableFormat,
     write_biases,
@@ -24,10 +30,92 @@ from insnav.output.solution_tables import (
 from insnav.report.html import page_html
 from insnav.report.page import Page
 from insnav.report.run.quantities import run_facts
-from insnav.report.run_json import json_ready, page_facts
+from insnav.report.run_json import json_ready, page_facts, versions
 from insnav.report.style import FigureFormat, drawing, save
+from insnav.result import Result
 from insnav.types import EventKind, FloatArray, Trajectory
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, G0, M_S_PER_SQRT_H, PPM
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+def page_of(result: Result[Any]) -> Page:
+    """Lay out a result."""
+    return cast(Page, _of_room(result.kind, "page")(result))
+
+
+def frame(result: Result[Any]) -> pd.DataFrame:
+    """Give the main table of a result."""
+    return cast("pd.DataFrame", _of_room(result.kind, "frame")(result))
+
+
+def _of_room(kind: str, name: str) -> Callable[..., Any]:
+    """Function of the report room of a kind of result."""
+    room = import_module(f"insnav.report.{kind}.page")
+    if not hasattr(room, name):
+        raise ConfigError(f"a result of kind {kind} has no such form", where=name)
+    return cast("Callable[..., Any]", getattr(room, name))
+
+
+def figure(result: Result[Any], name: str) -> Figure:
+    """Draw one figure of a result by its name; see `insnav.result.Result.plot`."""
+    figures = {each.name: each.draw for each in page_of(result).figures}
+    if name not in figures:
+        raise ConfigError(f"there is no figure {name!r}", fix=f"this result has {', '.join(figures) or 'none'}")
+    with drawing():
+        return figures[name]()
+
+
+def save_result(
+    result: Result[Any],
+    folder: RunFolder,
+    *,
+    figures: FigureFormat | Literal["none"] = "png",
+    table_format: TableFormat = "csv",
+) -> Path:
+    """Write a result into a folder and put it in its place.
+
+    Parameters
+    ----------
+    result : Result
+    folder : RunFolder
+        Entered, not committed.
+    figures : {"png", "svg", "none"}
+        File format of the figures; none leaves out the page too.
+    table_format : {"csv", "parquet"}
+
+    Returns
+    -------
+    Path
+        The finished folder.
+    """
+    _of_room(result.kind, "write_files")(result, folder, table_format)
+    return write_page(
+        folder, page_of(result), result_facts(result), figure_format=None if figures == "none" else figures
+    )
+
+
+def result_facts(result: Result[Any]) -> dict[str, Any]:
+    """Give what every result has for ``run.json``: kind, versions, options, inputs, IMU model, notes."""
+    return {
+        "kind": result.kind,
+        "versions": versions(),
+        "configuration": result.options,
+        "input": {name: each.as_dict() for name, each in result.inputs.items()},
+        "imu_model": None if result.imu_model is None else model_facts(*result.imu_model),
+        "notes": result.notes,
+    }
+
+
+def open_folder(folder: Path) -> Result[Any]:
+    """Read a saved result again; see `insnav.result.open_result`."""
+    facts = read_facts(folder)
+    kind = str(facts.get("kind", "run"))
+    inputs = {name: ReadingFacts.from_dict(each) for name, each in facts.get("input", {}).items()}
+    found = _of_room(kind, "read_found")(folder)
+    return Result(kind, found, inputs, facts.get("configuration", {}), None, tuple(facts.get("notes", ())))
 
 
 def write_run(
@@ -162,7 +250,7 @@ def write_page(
     page: Page,
     metadata: Mapping[str, Any] | None = None,
     texts: Mapping[str, str] | None = None,
-    figure_format: FigureFormat = "png",
+    figure_format: FigureFormat | None = "png",
 ) -> Path:
     """Write figures, page, JSON and text files into a folder and put it in its place.
 
@@ -176,7 +264,8 @@ def write_page(
         What stands first in ``run.json``: command, input, options.
     texts : mapping, optional
         Further files: name to content, such as ``calibration.toml``.
-    figure_format : {"png", "svg"}
+    figure_format : {"png", "svg"} or None
+        None leaves out figures and page.
 
     Returns
     -------
@@ -193,9 +282,10 @@ def write_page(
     names = [figure.name for figure in page.figures]
     if len(set(names)) < len(names):
         raise ConfigError("two figures have the same name", where=", ".join(names))
-    with drawing():
-        files = [save(each.draw(), folder.path(f"figures/{each.name}"), figure_format) for each in page.figures]
     for name, text in (texts or {}).items():
         folder.path(name).write_text(text, encoding="utf-8", newline="\n")
-    folder.path("report.html").write_text(page_html(page, files), encoding="utf-8", newline="\n")
+    if figure_format is not None:
+        with drawing():
+            files = [save(each.draw(), folder.path(f"figures/{each.name}"), figure_format) for each in page.figures]
+        folder.path("report.html").write_text(page_html(page, files), encoding="utf-8", newline="\n")
     return folder.commit({**json_ready(metadata or {}), **page_facts(page)})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Generic, TypeVar
 
 from insnav.types import Event, IntArray, Sampling, Stamp
@@ -80,6 +80,14 @@ class ReadingFacts:
         }
         extra = {"axes": self.axes, "sampling": self.sampling, "stamp": self.stamp, "height": self.height}
         return facts | {name: value for name, value in extra.items() if value}
+
+    @classmethod
+    def from_dict(cls, facts: Mapping[str, Any]) -> ReadingFacts:
+        """Take the facts back from JSON."""
+        known = {each.name for each in fields(cls)}
+        return cls(
+            **{name: value for name, value in facts.items() if name in known} | {"evidence": tuple(facts["evidence"])}
+        )
 
     def lines(self) -> list[str]:
         """Give the facts in words, one a line."""

@@ -1,0 +1,92 @@
+"""A run of the filter, evaluated against a reference where there is one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from insnav.errors.metrics import TrajectoryErrors, position_errors
+from insnav.errors.short_duration_errors import ShortWindow
+from insnav.filter.navigate import Navigated
+from insnav.input.readers.reading import Reading
+from insnav.types import EventKind, FloatArray, GpsData, Run, Trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluatedRun:
+    """A run, the fixes it used, and its errors.
+
+    Attributes
+    ----------
+    run : Run
+    gps : GpsData or None
+        Fixes as they were used, every value with a standard deviation.
+    errors, smoothed_errors : TrajectoryErrors or None
+        Of the filtered and of the smoothed solution against the reference.
+    short_duration : tuple of ShortWindow
+        Short-duration mechanization against the full one, if that was asked for.
+    """
+
+    run: Run
+    gps: GpsData | None = None
+    errors: TrajectoryErrors | None = None
+    smoothed_errors: TrajectoryErrors | None = None
+    short_duration: tuple[ShortWindow, ...] = ()
+
+
+def evaluate_run(
+    done: Navigated, reference: Reading[Trajectory] | None = None, lever_b: FloatArray | None = None
+) -> tuple[EvaluatedRun, tuple[str, ...]]:
+    """Compare a run with a reference.
+
+    Parameters
+    ----------
+    done : Navigated
+    reference : Reading of Trajectory, optional
+    lever_b : (3,) array, optional
+        Point of the reference seen from the IMU, body axes [m].
+
+    Returns
+    -------
+    evaluated : EvaluatedRun
+    notes : tuple of str
+        What the user should know about errors and innovations.
+
+    Raises
+    ------
+    InputError
+        Run and reference have no time in common.
+    """
+    notes = []
+    errors = smoothed_errors = None
+    if reference is not None:
+        good = fixed_epochs(reference)
+        errors = position_errors(done.run.solution, good, lever_b=lever_b)
+        if done.run.smoothed is not None:
+            smoothed_errors = position_errors(done.run.smoothed.solution, good, lever_b=lever_b)
+        left = len(reference.data.time) - len(good.time)
+        if left:
+            notes.append(f"accuracy counts reference epochs with fix = 1 only; {left} others are left out")
+    diverged = [event for event in done.run.events if event.kind is EventKind.DIVERGED]
+    if diverged:
+        notes.append(
+            f"innovations do not fit their predicted size in {len(diverged)} windows of a minute, first at "
+            f"{diverged[0].time:.1f} s: {diverged[0].unit} = {diverged[0].value:.2g}; {diverged[0].hint}"
+        )
+    return EvaluatedRun(done.run, done.gps, errors, smoothed_errors), tuple(notes)
+
+
+def fixed_epochs(reference: Reading[Trajectory]) -> Trajectory:
+    """Epochs of a reference with fixed ambiguities; all of them where the file does not tell.
+
+    Parameters
+    ----------
+    reference : Reading of Trajectory
+    """
+    data = reference.data
+    if reference.fix is None or not (reference.fix == 1).any():
+        return data
+    good = np.asarray(reference.fix == 1)
+    sd = None if data.sd is None else data.sd[good]
+    return replace(data, time=data.time[good], lla=data.lla[good], v_n=data.v_n[good], rph=data.rph[good], sd=sd)

@@ -1,0 +1,174 @@
+"""What a command or a method of `insnav.session.drive.Drive` found: one class for all of them.
+
+A result holds what was found, what it was found from and how. Its page, tables and figures are those of the room of
+its kind, ``insnav.report.<kind>``, which is imported only when it is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+
+from insnav.imu.specification import ImuSpec
+from insnav.input.readers.reading import ReadingFacts
+from insnav.output.folder import RunFolder
+from insnav.types import Event
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from insnav.report.page import Page
+
+F = TypeVar("F")
+
+
+@dataclass(frozen=True, slots=True)
+class Result(Generic[F]):
+    """What was found, from which data, with which options.
+
+    Attributes
+    ----------
+    kind : str
+        Which room of `insnav.report` shows it: ``run``, ``outage``, ``budget``, …
+    found : object
+        The result itself, such as `insnav.errors.evaluated_run.EvaluatedRun`.
+    inputs : mapping of str to ReadingFacts
+        What was understood of each input: ``imu``, ``gps``, ``reference``.
+    options : mapping
+        Options in force, JSON-ready.
+    imu_model : (ImuSpec, str) or None
+        IMU error specification, and how it was chosen.
+    notes : tuple of str
+        Assumptions and findings in words, most important first.
+    events : tuple of Event
+        Everything out of the ordinary in the data and the filter, in order of time.
+    """
+
+    kind: str
+    found: F
+    inputs: Mapping[str, ReadingFacts] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    imu_model: tuple[ImuSpec, str] | None = None
+    notes: tuple[str, ...] = ()
+    events: tuple[Event, ...] = ()
+
+    def page(self) -> Page:
+        """Lay out the result: sections of quantities and figures.
+
+        Returns
+        -------
+        Page
+        """
+        from insnav.report.save import page_of
+
+        return page_of(self)
+
+    def save(
+        self,
+        folder: str | Path,
+        *,
+        force: bool = False,
+        figures: Literal["png", "svg", "none"] = "png",
+        table_format: Literal["csv", "parquet"] = "csv",
+    ) -> Path:
+        """Write tables, figures, page and ``run.json`` into a new folder.
+
+        Parameters
+        ----------
+        folder : str or Path
+            The folder to make; it appears only when it is complete.
+        force : bool
+            Replace an existing result of insnav.
+        figures : {"png", "svg", "none"}
+            File format of the figures; none leaves out the page too.
+        table_format : {"csv", "parquet"}
+
+        Returns
+        -------
+        Path
+            The finished folder.
+
+        Raises
+        ------
+        OutputError
+            The folder exists already, or cannot be written.
+        """
+        from insnav.report.save import save_result
+
+        with RunFolder(Path(folder), force=force) as place:
+            return save_result(self, place, figures=figures, table_format=table_format)
+
+    def plot(self, name: str) -> Figure:
+        """Draw one figure of the page.
+
+        Parameters
+        ----------
+        name : str
+            Such as ``position_error`` or ``track``.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Raises
+        ------
+        ConfigError
+            The result has no figure of this name; the message lists those it has.
+        """
+        from insnav.report.save import figure
+
+        return figure(self, name)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Give the main table of the result, units in the column names.
+
+        Returns
+        -------
+        pandas.DataFrame
+        """
+        from insnav.report.save import frame
+
+        return frame(self)
+
+    def summary(self) -> str:
+        """Give the result as text, as the command line prints it.
+
+        Returns
+        -------
+        str
+            Lines without control characters.
+        """
+        from insnav.report.terminal import page_text
+
+        return page_text(self.page())
+
+    def _repr_html_(self) -> str:
+        """Show the result in a notebook: its tables, without the figures."""
+        from insnav.report.html import page_fragment
+
+        return page_fragment(self.page())
+
+
+def open_result(folder: str | Path) -> Result[Any]:
+    """Read a saved result again.
+
+    Parameters
+    ----------
+    folder : str or Path
+        As `Result.save` or the command line wrote it.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    InputError
+        Not such a folder, damaged, or of a kind whose tables are not kept.
+    """
+    from insnav.report.save import open_folder
+
+    return open_folder(Path(folder))
