@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from insnav.exceptions import InputError
-from insnav.input.formats.unsupported import name_binary
 from insnav.plain_text import plain_text
 
+HEAD_BYTES = 1 << 14  # what formats are recognised by
 _MAX_BYTES = 2 << 30  # of unpacked data
 _MAX_RATIO = 200  # of unpacked to packed, beyond _RATIO_FROM
 _RATIO_FROM = 256 << 20
@@ -33,18 +33,12 @@ class Source:
     sha256 : str
         Digest of the file as it lies on the disk.
     data : bytes or mmap.mmap
-        Its bytes, unpacked; text in UTF-8 or Latin-1, with line feeds.
-    parquet : bool
-        Whether it is a parquet file.
-    zeros : int
-        Number of zero bytes that were taken off the end.
+        Its bytes, decompressed.
     """
 
     name: str
     sha256: str
     data: bytes | mmap.mmap
-    parquet: bool
-    zeros: int = 0
 
 
 def open_source(path: str | Path) -> Source:
@@ -53,12 +47,14 @@ def open_source(path: str | Path) -> Source:
     Parameters
     ----------
     path : str or Path
-        A file (``.csv``, ``.txt``, either with ``.gz``, ``.parquet``), or ``-`` for standard input.
+        A file, also compressed with gzip, or ``-`` for standard input.
 
     Raises
     ------
+    IsADirectoryError
+        It is a folder.
     InputError
-        It cannot be read, is empty, is not a table, or unpacks to more than is sensible.
+        It cannot be read, is empty, or decompresses to more than is sensible.
     """
     if str(path) == "-":
         raw: bytes | mmap.mmap = sys.stdin.buffer.read()
@@ -69,46 +65,39 @@ def open_source(path: str | Path) -> Source:
     if len(raw) == 0:
         raise InputError("the file is empty", where=name, why="0 bytes", fix="give the recording again")
     digest = hashlib.sha256(raw).hexdigest()
-    if raw[:4] == b"PAR1" and name.lower().endswith((".parquet", ".pq")):
-        return Source(name, digest, raw, parquet=True)
-    if raw[:2] == b"\x1f\x8b":
-        raw = _gunzip(raw, name)
-    raw = _decoded(raw)
-    data, zeros = _without_zeros(raw)
-    if len(data) == 0:
-        raise InputError("the file has no content", where=name, why=f"{zeros} zero bytes and nothing else")
-    known = name_binary(data[: 1 << 14])
-    if known is not None:
-        raise InputError(f"the file looks like {known[0]}", where=name, why="by its first bytes", fix=known[1])
-    return Source(name, digest, data, parquet=False, zeros=zeros)
+    return Source(name, digest, _gunzip(raw, name) if raw[:2] == b"\x1f\x8b" else raw)
+
+
+def text_of(source: Source) -> tuple[bytes | mmap.mmap, int]:
+    """Text of a file in UTF-8 or Latin-1 with line feeds, and the number of zero bytes that followed it.
+
+    Raises
+    ------
+    InputError
+        There are only zero bytes.
+    """
+    text, zeros = _without_zeros(decoded(source.data))
+    if len(text) == 0:
+        raise InputError("the file has no content", where=source.name, why=f"{zeros} zero bytes and nothing else")
+    return text, zeros
 
 
 def _read_file(path: Path, name: str) -> bytes | mmap.mmap:
     try:
         mode = path.stat().st_mode
         if stat.S_ISDIR(mode):
-            raise InputError(
-                "this is a folder, not a file",
-                where=name,
-                fix=f"give a file in it{_listing(path)}",
-            )
+            raise IsADirectoryError
         with path.open("rb") as file:
             if not stat.S_ISREG(mode) or path.stat().st_size == 0:
                 return file.read()
             return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    except IsADirectoryError:
+        raise
     except FileNotFoundError as error:
         raise InputError("there is no such file", where=name, fix=_similar(path)) from error
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError("the file cannot be read", where=name, why=reason or str(error)) from error
-
-
-def _listing(folder: Path) -> str:
-    try:
-        tables = sorted(p.name for p in folder.iterdir() if ".csv" in p.name or p.suffix == ".parquet")[:8]
-    except OSError:
-        return ""
-    return f": {', '.join(map(plain_text, tables))}" if tables else ""
 
 
 def _similar(path: Path) -> str:
@@ -159,9 +148,9 @@ def _gunzip(packed: bytes | mmap.mmap, name: str) -> bytes:
         raise InputError("the gzip file is damaged", where=name, why=str(error), fix="copy it again") from error
 
 
-def _decoded(raw: bytes | mmap.mmap) -> bytes | mmap.mmap:
+def decoded(raw: bytes | mmap.mmap) -> bytes | mmap.mmap:
     """UTF-16 as UTF-8, and carriage returns alone as line feeds."""
-    head = raw[: 1 << 14]
+    head = raw[:HEAD_BYTES]
     encoding = ""
     if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         encoding = "utf-16"
@@ -171,7 +160,7 @@ def _decoded(raw: bytes | mmap.mmap) -> bytes | mmap.mmap:
         encoding = "utf-16-be"
     if encoding:
         raw = raw[:].decode(encoding, errors="replace").encode()
-        head = raw[: 1 << 14]
+        head = raw[:HEAD_BYTES]
     if head.startswith(codecs.BOM_UTF8):
         raw = raw[len(codecs.BOM_UTF8) :]
     if b"\r" in head and b"\n" not in head:

@@ -11,7 +11,7 @@ from insnav.exceptions import InputError
 from insnav.input.interpret.schema import UNIT_SPELLINGS, compact
 from insnav.plain_text import plain_text
 
-HEAD_BYTES = 1 << 16
+SNIFF_BYTES = 1 << 16
 _SAMPLE_ROWS = 20
 _COMMENT = ("#", "%", "//")
 # In order of preference where several would do; blank stands for any run of blanks and tabs.
@@ -109,7 +109,7 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
     Parameters
     ----------
     head : bytes
-        The first `HEAD_BYTES` of the text, UTF-8 or Latin-1.
+        The first `SNIFF_BYTES` of the text, UTF-8 or Latin-1.
     whole : bool
         Whether that is all of it.
     where : str

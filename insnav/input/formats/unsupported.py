@@ -1,4 +1,4 @@
-"""Files that are not text: told by their first bytes and named, so that nobody has to guess."""
+"""Files in formats that are not read: named by their first bytes, with what to do about them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ _MAGIC: tuple[tuple[bytes, str, str], ...] = (
     (b"\x1f\x8b", "gzip-compressed data within gzip", "unpack it with `gzip -d`"),
     (b"\x89HDF\r\n\x1a\n", "an HDF5 file (also MATLAB 7.3 .mat)", "export the columns as CSV"),
     (b"MATLAB 5.0", "a MATLAB .mat file", "export the columns with writetable"),
-    (b"PAR1", "a parquet file", "give it the ending .parquet"),
     (b"ARROW1", "an Arrow / Feather file", "save it as parquet or CSV"),
     (b"\x93NUMPY", "a NumPy .npy array", "save it as CSV with a header"),
     (b"\x80\x04\x95", "a Python pickle", "save it as CSV; pickles are never opened"),
@@ -41,22 +40,17 @@ _MAGIC: tuple[tuple[bytes, str, str], ...] = (
 _CONTROL = bytes(set(range(32)) - {9, 10, 11, 12, 13, 26, 27}) + b"\x7f"
 
 
-def name_binary(head: bytes) -> tuple[str, str] | None:
-    """Name a file that is not a table of text.
-
-    Parameters
-    ----------
-    head : bytes
-        Its first kilobytes.
+def unsupported(head: bytes) -> tuple[str, str] | None:
+    """Name a file that is not a table of text by its first kilobytes.
 
     Returns
     -------
     tuple of str, or None
-        What it is and what to do about it; None if it may be a table.
+        What it is and what to do about it, if anything special; None if it may be a table.
     """
     for magic, what, fix in _MAGIC:
         if head.startswith(magic):
-            return what, fix or "give a table: .csv, .csv.gz, .txt or .parquet"
+            return what, fix
     if len(head.translate(None, delete=_CONTROL)) < 0.95 * len(head):
-        return "binary data of a kind not known here", "give a table: .csv, .csv.gz, .txt or .parquet"
+        return "binary data of a kind not known here", ""
     return None

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.table import open_table, read_numbers
+from insnav.input.formats.registry import open_table
 from insnav.input.interpret.clean import REFERENCE_KINDS, clean, cut_event
 from insnav.input.interpret.columns import understand
 from insnav.input.interpret.physics import judge_time
@@ -65,7 +65,7 @@ def read_heights(path: str | Path) -> Reading[Heights]:
             why=f"found: {', '.join(header for header in table.headers if header)}",
             fix="name the columns time_s and height_m",
         )
-    numbers = read_numbers(table, [found["time"].index, found[key].index])
+    numbers = table.cells.read([found["time"].index, found[key].index])
     time = numbers.columns[found["time"].index]
     unit, evidence = "s", ""
     if numbers.n_rows > 1:
@@ -81,7 +81,7 @@ def read_heights(path: str | Path) -> Reading[Heights]:
     facts = ReadingFacts(
         kind="heights",
         path=name,
-        sha256=table.source.sha256,
+        sha256=table.sha256,
         n_rows=numbers.n_rows + bool(numbers.cut),
         n_used=len(time),
         start_s=float(time[0]),

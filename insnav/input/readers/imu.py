@@ -10,7 +10,8 @@ import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.imu.raw_outputs import RawScale
-from insnav.input.formats.table import Table, open_table, read_numbers
+from insnav.input.formats.registry import open_table
+from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.clean import IMU_KINDS, clean, cut_event
 from insnav.input.interpret.columns import Found, find_unit, require, understand
@@ -72,7 +73,7 @@ def read_imu(
     """
     matrix = axes_matrix(axes or "FRD")
     told = parse_units(units)
-    table = open_table(path)
+    table = open_table(path, "imu")
     name = table.name
     scales = dict(raw_scales or {})
     schema = raw_schema(scales)
@@ -86,7 +87,7 @@ def read_imu(
     }
     extras = [key for key in ("temperature", "odometer", "baro") if key in found]
     keys = ["time", *gyro_keys, *accel_keys, *extras]
-    numbers = read_numbers(table, [found[key].index for key in keys])
+    numbers = table.cells.read([found[key].index for key in keys])
     raw = {key: numbers.columns[found[key].index] for key in keys}
     raw_notes, raw_units = from_outputs(raw, found, scales, told, increments=increments, where=name)
     stated |= {key: SI_UNITS[key] for key in scales}
@@ -132,7 +133,7 @@ def read_imu(
     facts = ReadingFacts(
         kind="IMU",
         path=name,
-        sha256=table.source.sha256,
+        sha256=table.sha256,
         n_rows=numbers.n_rows + bool(numbers.cut),
         n_used=len(time),
         start_s=float(time[0]),

@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.table import Table, open_table, read_numbers
+from insnav.input.formats.registry import open_table
+from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import Cleaned, Kinds, clean, cut_event
 from insnav.input.interpret.columns import Found, require, understand
 from insnav.input.interpret.physics import judge_time
@@ -97,7 +98,7 @@ def read_positions(
     ConfigError
         `columns` cannot be meant as given.
     """
-    table = open_table(path)
+    table = open_table(path, "gps")
     name = table.name
     found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)
     height_key, height_kind, height_evidence = _height(found, height)
@@ -107,7 +108,7 @@ def read_positions(
     wanted = ("time", "lat", "lon", height_key)
     require(found, wanted, table.headers, schema, where=name, hint=hint)
     keys = [key for key in found if key not in ("height", "height_msl") or key == height_key]
-    numbers = read_numbers(table, [found[key].index for key in keys])
+    numbers = table.cells.read([found[key].index for key in keys])
     raw = {key: numbers.columns[found[key].index] for key in keys}
     evidence = [height_evidence]
     if numbers.n_rows > 1:
@@ -135,7 +136,7 @@ def read_positions(
     facts = ReadingFacts(
         kind=kind,
         path=name,
-        sha256=table.source.sha256,
+        sha256=table.sha256,
         n_rows=numbers.n_rows + bool(numbers.cut),
         n_used=len(lla),
         start_s=float(data["time"][0]),

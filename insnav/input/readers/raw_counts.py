@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from insnav.exceptions import InputError
-from insnav.input.formats.table import open_table, read_numbers
+from insnav.input.formats.registry import open_table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.clean import IMU_KINDS, clean
 from insnav.input.interpret.columns import require, understand
@@ -44,7 +44,7 @@ def read_counts(
         An option cannot be meant as given.
     """
     matrix = axes_matrix(axes or "FRD")
-    table = open_table(path)
+    table = open_table(path, "imu")
     name = table.name
     found, notes = understand(table.headers, table.units, IMU_SCHEMA, columns=columns, where=name)
     require(found, ("time", *_RATES, *_FORCES), table.headers, IMU_SCHEMA, where=name)
@@ -57,7 +57,7 @@ def read_counts(
             fix="leave out --counts",
         )
     keys = ["time", *_RATES, *_FORCES, *(key for key in ("temperature",) if key in found)]
-    numbers = read_numbers(table, [found[key].index for key in keys])
+    numbers = table.cells.read([found[key].index for key in keys])
     raw = {key: numbers.columns[found[key].index] for key in keys}
     evidence: tuple[str, ...] = ()
     if numbers.n_rows > 1:
@@ -78,7 +78,7 @@ def read_counts(
     facts = ReadingFacts(
         kind="IMU",
         path=name,
-        sha256=table.source.sha256,
+        sha256=table.sha256,
         n_rows=numbers.n_rows,
         n_used=len(time),
         start_s=float(time[0]),

@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
-from insnav.input.formats.table import Table, open_table, read_numbers
+from insnav.input.formats.registry import open_table
+from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import IMU_KINDS, Cleaned, clean, cut_event
 from insnav.input.interpret.columns import Found, require, understand
 from insnav.input.interpret.physics import judge_time
@@ -93,7 +94,7 @@ def read_specific_force(
     found, notes = understand(table.headers, table.units, SPECIFIC_FORCE_SCHEMA, columns=columns, where=name)
     clock = _clock(found, sample_rate, table)
     chosen = _chosen(found, axes, table)
-    numbers = read_numbers(table, [found[key].index for key in (*clock, *chosen.values())])
+    numbers = table.cells.read([found[key].index for key in (*clock, *chosen.values())])
     raw = {key: numbers.columns[found[column].index] for key, column in (*((k, k) for k in clock), *chosen.items())}
     time_unit, time_evidence = "s", ""
     if sample_rate is not None:
@@ -115,7 +116,7 @@ def read_specific_force(
     facts = ReadingFacts(
         kind="specific force",
         path=name,
-        sha256=table.source.sha256,
+        sha256=table.sha256,
         n_rows=numbers.n_rows + bool(numbers.cut),
         n_used=len(time),
         start_s=float(time[0]),

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.table import open_table, read_numbers
+from insnav.input.formats.registry import open_table
 from insnav.input.interpret.columns import require, understand
 from insnav.input.interpret.schema import Quantity
 from insnav.types import FloatArray
@@ -99,7 +99,7 @@ def read_bench(
             why=f"the headers are {', '.join(table.headers)}",
             fix=f"rename them, or name them with --columns; known are {', '.join(item.name for item in schema[:4])}, …",
         )
-    numbers = read_numbers(table, [item.index for item in found.values()])
+    numbers = table.cells.read([item.index for item in found.values()])
     if numbers.cut:
         raise InputError("the file is incomplete", where=table.name, why=numbers.cut, fix="save it again")
     if numbers.n_rows == 0:
@@ -116,4 +116,4 @@ def read_bench(
             )
         values[key] = raw if item.quantity.dimension == "signal" else raw * item.factor
         units[key] = item.unit or ""
-    return BenchTable(table.name, table.source.sha256, values, units)
+    return BenchTable(table.name, table.sha256, values, units)

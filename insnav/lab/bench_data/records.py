@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.table import open_table
+from insnav.input.formats.registry import open_table
 from insnav.input.interpret.schema import Quantity
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
 from insnav.lab.bench_data.dwells import LIMIT_V, dwell_warnings, reduce_dwells
