@@ -54,7 +54,7 @@ ImuFile = Annotated[
     Path,
     typer.Argument(
         metavar="IMU_FILE",
-        help="IMU data: .csv, .csv.gz, .parquet, or - for standard input.",
+        help="IMU data file of any supported format, or - for standard input.",
         rich_help_panel=FILES,
     ),
 ]

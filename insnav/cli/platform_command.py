@@ -74,7 +74,7 @@ def platform(
         Path | None,
         typer.Argument(
             metavar="FORCE_FILE",
-            help="Specific force: .csv, .csv.gz, .parquet, or - for standard input.",
+            help="Specific force: a data file of any supported format, or - for standard input.",
             rich_help_panel=opt.FILES,
         ),
     ] = None,

@@ -11,6 +11,7 @@ import pytest
 from insnav.exceptions import InputError
 from insnav.input import read_gps, read_imu, read_reference
 from tests.input.files import GPS_HEADER, IMU_HEADER, as_text, fixes, rolling
+from tests.input.test_rtklib_pos import solution
 
 WORDS = ["", ",", ";", "\n", "\r", '"', "nan", "inf", "-", "1e308", "1e-320", "#", "%", " ", "\t", "\0", "0"]
 WORDS += ["[", "(deg)", "x", "9" * 20, "s", "\u00e9", "\ud7ff"]
@@ -19,6 +20,9 @@ FILES = [
     (read_imu, as_text(rolling(60), IMU_HEADER, delimiter=";", decimal=",")),
     (read_imu, as_text(rolling(60), IMU_HEADER, delimiter=" ")),
     (read_gps, as_text(fixes(40), GPS_HEADER)),
+    (read_gps, solution("llh")),
+    (read_gps, solution("ecef", calendar=False)),
+    (read_gps, solution("dms", separator=",")),
     (read_reference, as_text(fixes(40), GPS_HEADER.replace("sd_n_m", "roll_deg"))),
 ]
 

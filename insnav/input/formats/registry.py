@@ -60,8 +60,9 @@ class Format(Protocol):
 @cache
 def formats() -> tuple[Format, ...]:
     """Formats in the order in which they are asked; delimited text, which takes any text, is the last."""
-    names = [found.name for found in pkgutil.iter_modules([str(Path(__file__).parent)])]
-    modules = [importlib.import_module(f"{__package__}.{name}") for name in names]
+    package = importlib.import_module("insnav.input.formats")
+    names = [found.name for found in pkgutil.iter_modules(package.__path__)]
+    modules = [importlib.import_module(f"{package.__name__}.{name}") for name in names]
     readers = [module for module in modules if hasattr(module, "recognise")]
     return tuple(cast(Format, module) for module in sorted(readers, key=lambda module: module is delimited_text))
 

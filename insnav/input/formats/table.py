@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -46,6 +46,33 @@ class Cells(Protocol):
     def line(self, row: int) -> str:
         """Where a row, counted from 0, is found in the file, such as a line number."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class ArrayCells:
+    """Rows of a format that is converted as a whole.
+
+    Attributes
+    ----------
+    columns : tuple of (n,) arrays
+        In the order of the headers.
+    find_line : callable
+        See `Cells.line`.
+    cut : str
+        See `Numbers`.
+    """
+
+    columns: tuple[FloatArray, ...]
+    find_line: Callable[[int], str]
+    cut: str = ""
+
+    def read(self, indices: Sequence[int]) -> Numbers:
+        """See `Cells`."""
+        return Numbers({i: self.columns[i] for i in indices}, len(self.columns[0]), self.cut)
+
+    def line(self, row: int) -> str:
+        """See `Cells`."""
+        return self.find_line(row)
 
 
 @dataclass(frozen=True, slots=True)

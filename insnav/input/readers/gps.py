@@ -22,7 +22,7 @@ def read_gps(
     Parameters
     ----------
     path : str or Path
-        ``.csv``, ``.txt`` (also with ``.gz``), ``.parquet``, or ``-`` for standard input.
+        A data file of any supported format, or ``-`` for standard input.
     columns : mapping of str to str, optional
         Quantity, with or without unit, to header: ``{"sd_n_m": "sigma"}``; an empty header leaves it out.
     height : {"ellipsoidal", "msl"}, optional
@@ -39,7 +39,8 @@ def read_gps(
     ConfigError
         `columns` cannot be meant as given.
     """
-    read = read_positions(path, "GPS", GPS_SCHEMA, GPS_KINDS, columns=columns, height=height)
+    reading = read_positions(path, "GPS", GPS_SCHEMA, GPS_KINDS, columns=columns, height=height)
+    read = reading.data
     heading = read.columns.get("heading")
     data = GpsData(
         read.columns["time"],
@@ -47,7 +48,7 @@ def read_gps(
         read.v_n,
         read.stacked(("sd_n", "sd_e", "sd_d")),
         read.stacked(("sd_vn", "sd_ve", "sd_vd")),
-        read.fix(),
+        reading.fix,
         None if heading is None else heading % (2.0 * np.pi),
     )
-    return Reading(data, read.events, read.facts)
+    return Reading(data, reading.events, reading.facts)

@@ -13,12 +13,13 @@ from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
-from insnav.input.interpret.clean import IMU_KINDS, clean, cut_event
+from insnav.input.interpret.clean import IMU_KINDS
 from insnav.input.interpret.columns import Found, find_unit, require, understand
-from insnav.input.interpret.physics import judge_accel, judge_axes, judge_gyro, judge_time, quiet_part, turn_ratio
+from insnav.input.interpret.physics import judge_accel, judge_axes, judge_gyro, quiet_part, turn_ratio
 from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, Quantity
 from insnav.input.readers.raw_columns import SI_UNITS, from_outputs, raw_schema
-from insnav.input.readers.reading import Reading, ReadingFacts
+from insnav.input.readers.reading import Reading
+from insnav.input.readers.rows import read_rows
 from insnav.types import BoolArray, FloatArray, ImuData, Sampling, Stamp
 
 _RATES = ("gyro_x", "gyro_y", "gyro_z")
@@ -45,7 +46,7 @@ def read_imu(
     Parameters
     ----------
     path : str or Path
-        ``.csv``, ``.txt`` (also with ``.gz``), ``.parquet``, or ``-`` for standard input.
+        A data file of any supported format, or ``-`` for standard input.
     axes : str, optional
         Where the sensor's x, y, z point, such as ``FLU``; default ``FRD``, refused if gravity says otherwise.
     columns : mapping of str to str, optional
@@ -83,20 +84,13 @@ def read_imu(
     stated = {
         "gyro": told.get("gyro") or _common_unit(found, gyro_keys, name),
         "accel": told.get("accel") or _common_unit(found, accel_keys, name),
-        "time": told.get("time") or found["time"].unit,
     }
     extras = [key for key in ("temperature", "odometer", "baro") if key in found]
     keys = ["time", *gyro_keys, *accel_keys, *extras]
-    numbers = table.cells.read([found[key].index for key in keys])
-    raw = {key: numbers.columns[found[key].index] for key in keys}
-    raw_notes, raw_units = from_outputs(raw, found, scales, told, increments=increments, where=name)
+    rows = read_rows(table, found, keys, IMU_KINDS, slowest=_SLOWEST, time_unit=told.get("time"))
+    raw_notes, raw_units = from_outputs(rows.columns, found, scales, told, increments=increments, where=name)
     stated |= {key: SI_UNITS[key] for key in scales}
-    if numbers.n_rows > 1:
-        time_unit, time_evidence = judge_time(raw["time"], stated["time"], slowest=_SLOWEST, where=name)
-        raw["time"] = raw["time"] * ALL_UNITS[time_unit][1]
-    bad = _damaged([raw[key] for key in keys[:7]])
-    _refuse_empty(bad, raw, keys, found, name)
-    cleaned = clean(raw, bad, IMU_KINDS, place=table.place, name=name, bad_action="not a finite number")
+    cleaned = rows.clean(_damaged(rows.columns, keys[:7], found, name))
     time = cleaned.columns["time"]
     scale = 1.0 / cleaned.interval if increments else 1.0
     gyro = _in_body(cleaned.columns, gyro_keys, matrix)
@@ -125,25 +119,14 @@ def read_imu(
         None if odometer is None else odometer * found["odometer"].factor,
         None if baro is None else baro * found["baro"].factor,
     )
-    units_used = dict.fromkeys(gyro_keys, gyro_unit) | dict.fromkeys(accel_keys, accel_unit) | {"time": time_unit}
+    units_used = dict.fromkeys(gyro_keys, gyro_unit) | dict.fromkeys(accel_keys, accel_unit) | {"time": rows.time_unit}
     units_used |= raw_units
-    events = cleaned.events
-    if numbers.cut:
-        events = (*events, cut_event(IMU_KINDS, float(time[-1]), numbers.cut))
-    facts = ReadingFacts(
-        kind="IMU",
-        path=name,
-        sha256=table.sha256,
-        n_rows=numbers.n_rows + bool(numbers.cut),
-        n_used=len(time),
-        start_s=float(time[0]),
-        end_s=float(time[-1]),
-        rate_hz=1.0 / cleaned.interval,
-        n_gaps=cleaned.n_gaps,
-        longest_gap_s=cleaned.longest_gap,
-        columns={found[key].quantity.name: found[key].describe(units_used.get(key)) for key in keys},
-        evidence=(
-            time_evidence,
+    return rows.reading(
+        "IMU",
+        data,
+        cleaned,
+        {found[key].quantity.name: found[key].describe(units_used.get(key)) for key in keys},
+        (
             *raw_notes,
             gyro_evidence,
             accel_evidence,
@@ -151,13 +134,11 @@ def read_imu(
             _sampling_evidence(data, sampling, stamp),
             *temperature_note,
             *notes,
-            *cleaned.notes,
         ),
         axes=(axes or "FRD").strip().upper(),
         sampling=data.sampling,
         stamp=data.stamp,
     )
-    return Reading(data, events, facts)
 
 
 def parse_units(units: Mapping[str, str] | str | None) -> dict[str, str]:
@@ -286,28 +267,25 @@ def _common_unit(found: dict[str, Found], keys: tuple[str, ...], name: str) -> s
     return next(iter(stated), None)
 
 
-def _damaged(columns: list[FloatArray]) -> BoolArray:
-    """Rows with a cell that is not a sensible number."""
-    bad = np.zeros(len(columns[0]), dtype=np.bool_)
-    for column in columns:
+def _damaged(
+    columns: Mapping[str, FloatArray], keys: Sequence[str], found: Mapping[str, Found], name: str
+) -> BoolArray:
+    """Rows with a cell that is not a sensible number; a column without any number is refused."""
+    bad = np.zeros(len(columns["time"]), dtype=np.bool_)
+    for key in keys:
+        column = columns[key]
         if not (len(column) and column.min() > -_SENSIBLE and column.max() < _SENSIBLE):  # NaN fails both
             bad |= ~(np.abs(column) < _SENSIBLE)
-    return bad
-
-
-def _refuse_empty(
-    bad: BoolArray, raw: dict[str, FloatArray], keys: list[str], found: dict[str, Found], name: str
-) -> None:
-    """Name the column if a whole column holds nothing."""
     if len(bad) and bad.all():
-        for key in keys[:7]:
-            if not np.isfinite(raw[key]).any():
+        for key in keys:
+            if not np.isfinite(columns[key]).any():
                 raise InputError(
                     f"column {found[key].header!r} is empty",
                     where=name,
                     why=f"none of its {len(bad)} cells holds a number",
                     fix=f"name the right column: --columns {key}=HEADER",
                 )
+    return bad
 
 
 def _in_body(columns: dict[str, FloatArray], keys: tuple[str, ...], matrix: FloatArray) -> FloatArray:

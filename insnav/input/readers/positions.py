@@ -12,12 +12,12 @@ import numpy as np
 from insnav.exceptions import InputError
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
-from insnav.input.interpret.clean import Cleaned, Kinds, clean, cut_event
+from insnav.input.interpret.clean import Cleaned, Kinds
 from insnav.input.interpret.columns import Found, require, understand
-from insnav.input.interpret.physics import judge_time
-from insnav.input.interpret.schema import ALL_UNITS, Quantity
-from insnav.input.readers.reading import ReadingFacts
-from insnav.types import BoolArray, Event, FloatArray, IntArray
+from insnav.input.interpret.schema import Quantity
+from insnav.input.readers.reading import Reading
+from insnav.input.readers.rows import read_rows
+from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG
 
 Height = Literal["ellipsoidal", "msl"]
@@ -42,27 +42,16 @@ class Positions:
         By key, in SI units and radians.
     lla, v_n : (n, 3) array
         Latitude [rad], longitude [rad], height [m]; velocity North, East, Down [m/s], NaN where not known.
-    events : tuple of Event
-        What was done to the rows.
-    facts : ReadingFacts
-        What was understood.
     """
 
     columns: dict[str, FloatArray]
     lla: FloatArray
     v_n: FloatArray
-    events: tuple[Event, ...]
-    facts: ReadingFacts
 
     def stacked(self, keys: Sequence[str]) -> FloatArray:
         """Columns side by side, NaN for those that the file does not have; (n, len(keys))."""
         unknown = np.full(len(self.lla), np.nan)
         return np.column_stack([self.columns.get(key, unknown) for key in keys])
-
-    def fix(self) -> IntArray | None:
-        """Fix type, -1 where the cell is empty; None if the file has none."""
-        column = self.columns.get("fix")
-        return None if column is None else np.where(np.isfinite(column), column, -1.0).astype(np.int64)
 
 
 def read_positions(
@@ -73,13 +62,13 @@ def read_positions(
     *,
     columns: Mapping[str, str] | None,
     height: Height | None = None,
-) -> Positions:
+) -> Reading[Positions]:
     """Read a file of positions.
 
     Parameters
     ----------
     path : str or Path
-        ``.csv``, ``.txt`` (also with ``.gz``), ``.parquet``, or ``-`` for standard input.
+        A data file of any supported format, or ``-`` for standard input.
     kind : str
         Word for the file.
     schema : sequence of Quantity
@@ -108,47 +97,27 @@ def read_positions(
     wanted = ("time", "lat", "lon", height_key)
     require(found, wanted, table.headers, schema, where=name, hint=hint)
     keys = [key for key in found if key not in ("height", "height_msl") or key == height_key]
-    numbers = table.cells.read([found[key].index for key in keys])
-    raw = {key: numbers.columns[found[key].index] for key in keys}
-    evidence = [height_evidence]
-    if numbers.n_rows > 1:
-        unit, text = judge_time(raw["time"], found["time"].unit, slowest=_SLOWEST, where=name)
-        raw["time"] = raw["time"] * ALL_UNITS[unit][1]
-        evidence.insert(0, text)
+    rows = read_rows(table, found, keys, kinds, slowest=_SLOWEST)
+    raw = rows.columns
     for key in keys[:]:
         if key != "time" and found[key].factor != 1.0:
             raw[key] = raw[key] * found[key].factor
     raw["height"] = raw.pop(height_key)
     bad = ~np.isfinite(raw["time"]) | _no_position(raw)
     _refuse_impossible(raw, bad, found, table, height_key)
-    cleaned = clean(raw, bad, kinds, place=table.place, name=name, bad_action="no position")
+    cleaned = rows.clean(bad, "no position")
     data = cleaned.columns
     lla = np.column_stack([data["lat"], (data["lon"] + np.pi) % (2.0 * np.pi) - np.pi, data["height"]])
     if "vd" not in data and "vu" in data:
         data["vd"] = -data["vu"]
     unknown = np.full(len(lla), np.nan)
     v_n = np.column_stack([data.get(key, unknown) for key in ("vn", "ve", "vd")])
-    evidence.append(_angles(lla, v_n, cleaned, found, name))
-    evidence += [*_words(found), *notes, *cleaned.notes]
-    events = cleaned.events
-    if numbers.cut:
-        events = (*events, cut_event(kinds, float(data["time"][-1]), numbers.cut))
-    facts = ReadingFacts(
-        kind=kind,
-        path=name,
-        sha256=table.sha256,
-        n_rows=numbers.n_rows + bool(numbers.cut),
-        n_used=len(lla),
-        start_s=float(data["time"][0]),
-        end_s=float(data["time"][-1]),
-        rate_hz=1.0 / cleaned.interval,
-        n_gaps=cleaned.n_gaps,
-        longest_gap_s=cleaned.longest_gap,
-        columns={found[key].quantity.name: found[key].describe(unit if key == "time" else None) for key in keys},
-        evidence=tuple(text for text in evidence if text),
-        height=height_kind,
-    )
-    return Positions(data, lla, v_n, events, facts)
+    evidence = (height_evidence, _angles(lla, v_n, cleaned, found, name), *_words(found), *notes)
+    columns_read = {
+        found[key].quantity.name: found[key].describe(rows.time_unit if key == "time" else None) for key in keys
+    }
+    fix = np.where(np.isfinite(data["fix"]), data["fix"], -1.0).astype(np.int64) if "fix" in data else None
+    return rows.reading(kind, Positions(data, lla, v_n), cleaned, columns_read, evidence, height=height_kind, fix=fix)
 
 
 def _height(found: Mapping[str, Found], height: Height | None) -> tuple[str, str, str]:

@@ -8,12 +8,12 @@ from pathlib import Path
 from insnav.exceptions import InputError
 from insnav.input.formats.registry import open_table
 from insnav.input.interpret.axes import axes_matrix
-from insnav.input.interpret.clean import IMU_KINDS, clean
+from insnav.input.interpret.clean import IMU_KINDS
 from insnav.input.interpret.columns import require, understand
-from insnav.input.interpret.physics import judge_time
-from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA
-from insnav.input.readers.imu import _FORCES, _RATES, _SLOWEST, _damaged, _in_body, _refuse_empty, _temperature
-from insnav.input.readers.reading import Reading, ReadingFacts
+from insnav.input.interpret.schema import IMU_SCHEMA
+from insnav.input.readers.imu import _FORCES, _RATES, _SLOWEST, _damaged, _in_body, _temperature
+from insnav.input.readers.reading import Reading
+from insnav.input.readers.rows import read_rows
 from insnav.types import ImuData
 
 
@@ -57,39 +57,23 @@ def read_counts(
             fix="leave out --counts",
         )
     keys = ["time", *_RATES, *_FORCES, *(key for key in ("temperature",) if key in found)]
-    numbers = table.cells.read([found[key].index for key in keys])
-    raw = {key: numbers.columns[found[key].index] for key in keys}
-    evidence: tuple[str, ...] = ()
-    if numbers.n_rows > 1:
-        unit, said = judge_time(raw["time"], found["time"].unit, slowest=_SLOWEST, where=name)
-        raw["time"] = raw["time"] * ALL_UNITS[unit][1]
-        evidence = (said,)
-    bad = _damaged([raw[key] for key in keys[:7]])
-    _refuse_empty(bad, raw, keys, found, name)
-    cleaned = clean(raw, bad, IMU_KINDS, place=table.place, name=name, bad_action="not a finite number")
+    rows = read_rows(table, found, keys, IMU_KINDS, slowest=_SLOWEST)
+    cleaned = rows.clean(_damaged(rows.columns, keys[:7], found, name))
     time = cleaned.columns["time"]
-    temperature, said_of_it = _temperature(time, cleaned.columns.get("temperature"))
+    temperature, temperature_note = _temperature(time, cleaned.columns.get("temperature"))
     data = ImuData(
         time,
         _in_body(cleaned.columns, _RATES, matrix),
         _in_body(cleaned.columns, _FORCES, matrix),
         temperature=temperature,
     )
-    facts = ReadingFacts(
-        kind="IMU",
-        path=name,
-        sha256=table.sha256,
-        n_rows=numbers.n_rows,
-        n_used=len(time),
-        start_s=float(time[0]),
-        end_s=float(time[-1]),
-        rate_hz=1.0 / cleaned.interval,
-        n_gaps=cleaned.n_gaps,
-        longest_gap_s=cleaned.longest_gap,
-        columns={found[key].quantity.key: found[key].header for key in keys},
-        evidence=(*evidence, "gyros and accelerometers in raw counts", *said_of_it, *notes, *cleaned.notes),
+    return rows.reading(
+        "IMU",
+        data,
+        cleaned,
+        {found[key].quantity.key: found[key].header for key in keys},
+        ("gyros and accelerometers in raw counts", *temperature_note, *notes),
         axes=(axes or "FRD").strip().upper(),
         sampling=data.sampling,
         stamp=data.stamp,
     )
-    return Reading(data, cleaned.events, facts)

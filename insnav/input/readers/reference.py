@@ -20,7 +20,7 @@ def read_reference(path: str | Path, *, columns: Mapping[str, str] | None = None
     Parameters
     ----------
     path : str or Path
-        ``.csv``, ``.txt`` (also with ``.gz``), ``.parquet``, or ``-`` for standard input.
+        A data file of any supported format, or ``-`` for standard input.
     columns : mapping of str to str, optional
         Quantity, with or without unit, to header.
 
@@ -36,7 +36,9 @@ def read_reference(path: str | Path, *, columns: Mapping[str, str] | None = None
     ConfigError
         `columns` cannot be meant as given.
     """
-    read = read_positions(path, "reference", REFERENCE_SCHEMA, REFERENCE_KINDS, columns=columns)
+    reading = read_positions(path, "reference", REFERENCE_SCHEMA, REFERENCE_KINDS, columns=columns)
+    read = reading.data
     rph = read.stacked(("roll", "pitch", "heading"))
     rph[:, 2] %= 2.0 * np.pi
-    return Reading(Trajectory(read.columns["time"], read.lla, read.v_n, rph), read.events, read.facts, read.fix())
+    data = Trajectory(read.columns["time"], read.lla, read.v_n, rph)
+    return Reading(data, reading.events, reading.facts, reading.fix)

@@ -12,11 +12,11 @@ import numpy as np
 from insnav.exceptions import ConfigError, InputError
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
-from insnav.input.interpret.clean import IMU_KINDS, Cleaned, clean, cut_event
+from insnav.input.interpret.clean import IMU_KINDS, Cleaned
 from insnav.input.interpret.columns import Found, require, understand
-from insnav.input.interpret.physics import judge_time
 from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, Quantity
-from insnav.input.readers.reading import Reading, ReadingFacts
+from insnav.input.readers.reading import Reading
+from insnav.input.readers.rows import read_rows
 from insnav.types import FloatArray
 
 LevelAxes = Literal["ENU", "NED"]
@@ -69,7 +69,7 @@ def read_specific_force(
     Parameters
     ----------
     path : str or Path
-        ``.csv``, ``.txt`` (also with ``.gz``), ``.parquet``, or ``-`` for standard input.
+        A data file of any supported format, or ``-`` for standard input.
     axes : {"ENU", "NED"}, optional
         What columns x, y, z are; columns whose names say their direction (``f_east_m_s2``, ``fe``) need none.
     columns : mapping of str to str, optional
@@ -92,71 +92,47 @@ def read_specific_force(
     table = open_table(path)
     name = table.name
     found, notes = understand(table.headers, table.units, SPECIFIC_FORCE_SCHEMA, columns=columns, where=name)
-    clock = _clock(found, sample_rate, table)
+    _check_clock(found, sample_rate, table)
     chosen = _chosen(found, axes, table)
-    numbers = table.cells.read([found[key].index for key in (*clock, *chosen.values())])
-    raw = {key: numbers.columns[found[column].index] for key, column in (*((k, k) for k in clock), *chosen.items())}
-    time_unit, time_evidence = "s", ""
+    columns_of = {"time": found["time"]} if sample_rate is None else {}
+    columns_of |= {key: found[column] for key, column in chosen.items()}
+    rows = read_rows(table, columns_of, tuple(columns_of), IMU_KINDS, slowest=_SLOWEST)
+    clock_evidence = ""
     if sample_rate is not None:
-        raw = {"time": np.arange(len(raw["f_north"])) / sample_rate, **raw}
-        time_evidence = f"the file has no times: {sample_rate:g} samples per second from 0 s on, as told"
-    elif numbers.n_rows > 1:
-        time_unit, time_evidence = judge_time(raw["time"], found["time"].unit, slowest=_SLOWEST, where=name)
-        raw["time"] = raw["time"] * ALL_UNITS[time_unit][1]
-    bad = np.asarray(~np.isfinite(np.column_stack(list(raw.values()))).all(axis=1), dtype=np.bool_)
-    cleaned = clean(raw, bad, IMU_KINDS, place=table.place, name=name, bad_action="not a finite number")
+        rows.columns["time"] = np.arange(rows.n_rows) / sample_rate
+        clock_evidence = f"the file has no times: {sample_rate:g} samples per second from 0 s on, as given"
+    cleaned = rows.clean()
     _refuse_gaps(cleaned, name)
     unit, unit_evidence = _unit(cleaned, [found[column] for column in chosen.values()], name)
     f_n = _level(cleaned, ALL_UNITS[unit][1])
     _refuse_impossible(cleaned.columns["time"], f_n, name)
-    time = cleaned.columns["time"]
-    events = cleaned.events
-    if numbers.cut:
-        events = (*events, cut_event(IMU_KINDS, float(time[-1]), numbers.cut))
-    facts = ReadingFacts(
-        kind="specific force",
-        path=name,
-        sha256=table.sha256,
-        n_rows=numbers.n_rows + bool(numbers.cut),
-        n_used=len(time),
-        start_s=float(time[0]),
-        end_s=float(time[-1]),
-        rate_hz=1.0 / cleaned.interval,
-        n_gaps=0,
-        longest_gap_s=0.0,
-        columns={f"{key}_s": found[key].describe(time_unit) for key in clock}
-        | {f"{key}_m_s2": found[column].describe(unit) for key, column in chosen.items()},
-        evidence=tuple(
-            text
-            for text in (
-                time_evidence,
-                unit_evidence,
-                "samples are values at their instants",
-                "" if "f_up" in chosen or "f_down" in chosen else "there is no vertical axis",
-                *notes,
-                *cleaned.notes,
-            )
-            if text
-        ),
+    vertical = "" if "f_up" in chosen or "f_down" in chosen else "there is no vertical axis"
+    return rows.reading(
+        "specific force",
+        SpecificForce(cleaned.columns["time"], f_n),
+        cleaned,
+        {
+            "time_s" if key == "time" else f"{key}_m_s2": column.describe(rows.time_unit if key == "time" else unit)
+            for key, column in columns_of.items()
+        },
+        (clock_evidence, unit_evidence, "samples are values at their instants", vertical, *notes),
+        gaps=False,
         axes=axes or "",
     )
-    return Reading(SpecificForce(time, f_n), events, facts)
 
 
-def _clock(found: Mapping[str, Found], sample_rate: float | None, table: Table) -> tuple[str, ...]:
-    """Key of the time column; none if the rate of the samples is told instead."""
+def _check_clock(found: Mapping[str, Found], sample_rate: float | None, table: Table) -> None:
+    """Refuse a file without times, and one with times if the rate of the samples is given too."""
     if sample_rate is None:
         hint = "if the samples are at a constant rate, say --sample-rate HZ"
         require(found, ("time",), table.headers, SPECIFIC_FORCE_SCHEMA, where=table.name, hint=hint)
-        return ("time",)
-    if "time" in found:
+    elif "time" in found:
         raise ConfigError(
             "the file has times of its own",
             where="--sample-rate",
             why=f"column {found['time'].header} of {table.name}",
             fix="leave out --sample-rate",
         )
-    return ()
 
 
 def _chosen(found: Mapping[str, Found], axes: LevelAxes | None, table: Table) -> dict[str, str]:

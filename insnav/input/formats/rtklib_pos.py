@@ -1,0 +1,236 @@
+"""RTKLIB solutions (``.pos``): fixes with quality, standard deviations and velocity.
+
+The line that names the columns decides: time as calendar or as week and seconds, in GPST, UTC or JST; latitude,
+longitude and height in degrees or in degrees, minutes, seconds; Earth-fixed position; or baseline from a reference.
+
+References
+----------
+Takasu, "RTKLIB ver. 2.4.2 Manual", 2013, appendix B.1; cross terms are signed roots of the covariances.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from insnav.attitude import dcm_from_quat
+from insnav.earth_fixed import earth_from_lla, lla_from_earth, quat_earth_from_level
+from insnav.exceptions import InputError
+from insnav.input.formats.delimited_text import TextCells
+from insnav.input.formats.source import Source, decoded, text_of
+from insnav.input.formats.table import ArrayCells, Table
+from insnav.input.formats.text_dialect import Dialect
+from insnav.plain_text import plain_text
+from insnav.types import BoolArray, FloatArray
+from insnav.units import DEG
+
+if TYPE_CHECKING:
+    import mmap
+
+name = "RTKLIB solution"
+suffixes = (".pos",)
+extra = ""
+
+_HEADER = re.compile(rb"""^%[ \t]*(\w+)[ \t,;]+((?:latitude|x-ecef|e-baseline)\(.*?)[ \t]*\r?$""", re.M)
+_HEADERLESS = re.compile(rb"\A\s*\d{4}/\d\d/\d\d[ \t,;]+\d\d:\d\d:\d\d(\.\d+)?([ \t,;]+[-+.\d]+){13,}[ \t]*\r?$", re.M)
+_ROW = re.compile(rb"^[ \t]*[^%\s].*$", re.M)
+_REFERENCE = re.compile(rb"^% *ref pos *:(.*)$", re.M)
+_BLANKS = bytes.maketrans(b"/:,;\t", b"     ")  # one for one: bytes and lines stay where they are
+
+# position columns -> axes of the standard deviations and velocities in the same header
+_LAYOUTS = {
+    ("latitude(deg)", "longitude(deg)", "height(m)"): "neu",
+    ("latitude(d'\")", "longitude(d'\")", "height(m)"): "neu",
+    ("x-ecef(m)", "y-ecef(m)", "z-ecef(m)"): "xyz",
+    ("e-baseline(m)", "n-baseline(m)", "u-baseline(m)"): "enu",
+}
+_CALENDAR = ("year", "month", "day", "hour", "minute", "second")
+_RANGES = {
+    "year": (1980, 2200), "month": (1, 12), "day": (1, 31), "hour": (0, 23), "minute": (0, 59), "second": (0, 60),
+    "week": (0, 10_000), "tow": (0, 604_800),
+}  # fmt: skip
+_ZONES = {"GPST": 0.0, "UTC": 0.0, "JST": 32_400.0}  # ahead of UTC, or GPS time itself [s]
+_EPOCH = np.datetime64("1980-01-06", "D")
+# months that began with GPS time one more second ahead of UTC (IERS Bulletin C)
+_LEAPS = """
+1981-07 1982-07 1983-07 1985-07 1988-01 1990-01 1991-01 1992-07 1993-07
+1994-07 1996-01 1997-07 1999-01 2006-01 2009-01 2012-07 2015-07 2017-01
+"""
+_LEAP_DAYS = (np.array(_LEAPS.split(), dtype="datetime64[D]") - _EPOCH).astype(np.float64)
+_EARTH_RADII = (6.33e6, 6.5e6)  # distances from the centre of what is near the ground [m]
+_LONGEST_BASELINE = 2e6  # [m]
+
+
+def recognise(head: bytes, name: str) -> bool:
+    """See `insnav.input.formats.registry.Format`."""
+    text = decoded(head)
+    return bool(_HEADER.search(text) or _HEADERLESS.match(text))
+
+
+def read(source: Source) -> Mapping[str, Table]:
+    """See `insnav.input.formats.registry.Format`."""
+    text, zeros = text_of(source)
+    scale, columns, rows = _rows(text, zeros, source.name)
+    numbers = rows.read(range(len(rows.dialect.headers)))
+    data = dict(zip(rows.dialect.headers, numbers.columns.values(), strict=True))
+    time, notes = _time(data, scale, rows)
+    found = {"time_s": time}
+    axes = _LAYOUTS[columns[0], columns[1], columns[2]]
+    turn: FloatArray | None = None
+    if axes == "neu":
+        height = "height_msl_m" if b"/geodetic" in text[: rows.dialect.offset] else "height_m"
+        lat, lon = (_degrees(data, columns[i]) for i in (0, 1))
+        found |= {"lat_deg": lat, "lon_deg": lon, height: data["height(m)"]}
+    else:
+        r_e, to_earth = _earth_fixed(data, columns, text, rows)
+        lla = lla_from_earth(r_e)
+        found |= {"lat_deg": lla[:, 0] / DEG, "lon_deg": lla[:, 1] / DEG, "height_m": lla[:, 2]}
+        turn = np.swapaxes(dcm_from_quat(quat_earth_from_level(lla)), 1, 2) @ to_earth
+    found["fix"] = data["Q"]
+    with np.errstate(over="ignore", invalid="ignore"):  # numbers out of all range are refused when they are used
+        found |= _velocity(data, axes, turn)
+        deviations = _deviations(data, axes, turn, "sd{}(m)", "sd_{}_m") | _deviations(
+            data, axes, turn, "sdv{}", "sd_v{}_m_s"
+        )
+    unknown = sum(int(np.count_nonzero(sd == 0.0)) for sd in deviations.values())
+    found |= {key: np.where(sd == 0.0, np.nan, sd) for key, sd in deviations.items()}
+    if unknown:
+        notes = (*notes, f"{unknown} standard deviations of 0 are taken as unknown")
+    cells = ArrayCells(tuple(found.values()), rows.line, numbers.cut)
+    return {"": Table(source.name, source.sha256, tuple(found), cells, notes=notes)}
+
+
+def _rows(text: bytes | mmap.mmap, zeros: int, where: str) -> tuple[str, tuple[str, ...], TextCells]:
+    """Time scale, names of the columns behind the time, and the rows as numbers between blanks."""
+    headers = {
+        tuple(re.split(r"[\s,;]+", b" ".join(found.groups()).decode("latin-1"))) for found in _HEADER.finditer(text)
+    }
+    if len(headers) != 1:
+        raise InputError(
+            f"the RTKLIB solution has {'different headers' if headers else 'no header'}",
+            where=where,
+            why="the line that names time scale and columns is needed",
+            fix="give one solution a file, with its line %  GPST  latitude(deg) longitude(deg) height(m)  Q  ns …",
+        )
+    (scale, *columns) = headers.pop()
+    known = tuple(columns[:3]) in _LAYOUTS and "Q" in columns and len(set(columns)) == len(columns)
+    if not known or scale not in _ZONES:
+        raise InputError(
+            "the header of the RTKLIB solution is not understood",
+            where=where,
+            why=plain_text(" ".join([scale, *columns[:5]])),
+            fix="write it with time in GPST or UTC and positions as lat/lon/height, x/y/z-ecef or e/n/u-baseline",
+        )
+    header = _HEADER.search(text)
+    assert header is not None
+    if b"=Tokyo" in text[: header.start()]:
+        raise InputError("the positions are in the Tokyo datum", where=where, fix="write the solution in WGS84")
+    first = _ROW.search(text, header.end())
+    offset = first.start() if first else len(text)
+    calendar = first is not None and b"/" in first.group()
+    names = [*(_CALENDAR if calendar else ("week", "tow"))]
+    for column in columns:
+        names += [column, f"{column} minute", f"{column} second"] if column.endswith("(d'\")") else [column]
+    dialect = Dialect(" ", ".", tuple(names), None, offset, text[:offset].count(b"\n") + 1)
+    return scale, tuple(columns), TextCells(where, text[:].translate(_BLANKS), dialect, zeros)
+
+
+def _time(data: Mapping[str, FloatArray], scale: str, rows: TextCells) -> tuple[FloatArray, tuple[str, ...]]:
+    """Seconds of the GPS week of the first row, and what was done to get them."""
+    keys = _CALENDAR if "year" in data else ("week", "tow")
+    for key in keys:
+        low, high = _RANGES[key]
+        _refuse(~((data[key] >= low) & (data[key] <= high)), data[key], key, f"it is {low} .. {high}", rows)
+    if "year" in data:
+        months = ((data["year"] - 1970) * 12 + data["month"] - 1).astype("datetime64[M]")
+        day = (months.astype("datetime64[D]") - _EPOCH).astype(np.float64) + data["day"] - 1.0
+        second = 3600.0 * data["hour"] + 60.0 * data["minute"] + data["second"]
+    else:
+        day, second = 7.0 * data["week"], data["tow"]
+    second = second - _ZONES[scale]
+    leap = np.zeros(len(day))
+    if scale != "GPST":
+        leap = np.searchsorted(_LEAP_DAYS, day + np.floor(second / 86_400.0), side="right").astype(np.float64)
+    week = np.floor((day[:1] + (second + leap)[:1] / 86_400.0) / 7.0)
+    note = f"times are seconds of GPS week {week[0]:.0f}" if len(week) else ""
+    if scale != "GPST" and len(week):
+        zone = f" and {_ZONES[scale] / 3600.0:.0f} h taken off" if _ZONES[scale] else ""
+        note += f": {scale} with {leap[0]:.0f} leap seconds added{zone}"
+    return (day - 7.0 * week) * 86_400.0 + second + leap if len(week) else day, (note,)
+
+
+def _degrees(data: Mapping[str, FloatArray], column: str) -> FloatArray:
+    value = data[column]
+    if f"{column} minute" not in data:
+        return value
+    part = data[f"{column} minute"] / 60.0 + data[f"{column} second"] / 3600.0
+    return value + np.copysign(part, value)  # -0 degrees has a sign too
+
+
+def _earth_fixed(
+    data: Mapping[str, FloatArray], columns: tuple[str, ...], text: bytes | mmap.mmap, rows: TextCells
+) -> tuple[FloatArray, FloatArray]:
+    """Earth-fixed positions ``(n, 3)`` [m], and the matrix from the axes of the file to Earth-fixed ones."""
+    position = np.column_stack([data[column] for column in columns[:3]])
+    size = np.abs(position).max(axis=1)
+    if columns[0] == "x-ecef(m)":
+        distance = np.linalg.norm(np.where(size[:, None] < 1e9, position, 0.0), axis=1)
+        wrong = ~((distance > _EARTH_RADII[0]) & (distance < _EARTH_RADII[1]))
+        _refuse(wrong, distance, columns[0], "distance [m] from the centre of the Earth, not near its surface", rows)
+        return position, np.eye(3)
+    _refuse(~(size < _LONGEST_BASELINE), size, columns[0], "a baseline [m] too long for one plane", rows)
+    reference = _REFERENCE.search(text)
+    told = [float(word) for word in re.findall(rb"[-+]?\d+\.?\d*", reference.group(1))] if reference else []
+    if len(told) != 3 or b"Moving" in text[: rows.dialect.offset]:
+        raise InputError(
+            "the baselines have no fixed reference position",
+            where=rows.name,
+            why="a line such as % ref pos : 35.160873 139.613836 69.8901 is needed",
+            fix="write the solution as lat/lon/height (out-solformat=llh)",
+        )
+    lla = np.array([[told[0] * DEG, told[1] * DEG, told[2]]])
+    north_east_down = dcm_from_quat(quat_earth_from_level(lla))[0]
+    to_earth = north_east_down @ np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    return earth_from_lla(lla) + position @ to_earth.T, to_earth
+
+
+def _deviations(
+    data: Mapping[str, FloatArray], axes: str, turn: FloatArray | None, column: str, header: str
+) -> dict[str, FloatArray]:
+    """Standard deviations North, East, Down, zero where a component of the file is; empty without such columns."""
+    if not all(column.format(axis) in data for axis in axes):
+        return {}
+    sd = np.column_stack([data[column.format(axis)] for axis in axes])
+    if turn is not None:
+        covariance = sd[:, :, None] ** 2 * np.eye(3)
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            cross = data.get(column.format(axes[i] + axes[j]))
+            if cross is None:  # they cannot be turned without
+                return {}
+            covariance[:, i, j] = covariance[:, j, i] = np.sign(cross) * cross**2
+        variance: FloatArray = np.einsum("nij,njk,nik->ni", turn, covariance, turn)
+        sd = np.where(np.all(sd != 0.0, axis=1)[:, None], np.sqrt(np.maximum(variance, 0.0)), 0.0)
+    return {header.format(axis): sd[:, i] for i, axis in enumerate("ned")}
+
+
+def _velocity(data: Mapping[str, FloatArray], axes: str, turn: FloatArray | None) -> dict[str, FloatArray]:
+    """Velocity North, East, Down [m/s]; empty without such columns."""
+    if not all(f"v{axis}(m/s)" in data for axis in axes):
+        return {}
+    v = np.column_stack([data[f"v{axis}(m/s)"] for axis in axes])
+    v = v * [1.0, 1.0, -1.0] if turn is None else np.einsum("nij,nj->ni", turn, v)
+    return {f"v{axis}_m_s": v[:, i] for i, axis in enumerate("ned")}
+
+
+def _refuse(wrong: BoolArray, values: FloatArray, column: str, why: str, rows: TextCells) -> None:
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        raise InputError(
+            f"{float(values[row]):.9g} is not possible in column {column!r}",
+            where=f"{rows.name}:{rows.line(row)}:{column}",
+            why=f"{why}; {int(np.count_nonzero(wrong))} rows are wrong",
+            fix="mend or delete the row",
+        )
