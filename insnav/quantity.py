@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -12,7 +12,8 @@ import numpy as np
 from insnav.types import FloatArray
 from insnav.units import UNITS
 
-Value: TypeAlias = "float | int | bool | str | FloatArray | Sequence[float] | Sequence[str] | Sequence[int] | None"
+_One: TypeAlias = "float | int | bool | str | FloatArray | Sequence[float] | Sequence[str] | Sequence[int] | None"
+Value: TypeAlias = "_One | Mapping[str, _One]"
 _PRETTY = (("sqrt(Hz)", "√Hz"), ("sqrt(h)", "√h"), ("sqrt(s)", "√s"), ("^2", "²"), ("^3", "³"))
 
 
@@ -24,8 +25,9 @@ class Quantity:
     ----------
     key : str
         Name in JSON without its unit, such as ``gyro_bias``; the unit is put behind it.
-    value : number, array, text, flag or None
-        In SI; None where it is not known.
+    value : number, array, text, flag, mapping or None
+        In SI; None where it is not known. A mapping holds several figures of the same thing, such as ``rms`` and
+        ``max``; each is a column of a table.
     unit : str
         What it is shown in: a unit of `insnav.units`, one that has no factor to SI (``V/(deg/s)``), or none.
     sd : number or array, optional
@@ -36,6 +38,8 @@ class Quantity:
         Label in text; the key in words if empty.
     digits : int
         Significant digits in text, where no `sd` says how many are worth showing.
+    decimals : int, optional
+        Decimals in text instead, for what is counted from an arbitrary zero: times, latitudes.
     """
 
     key: str
@@ -45,6 +49,7 @@ class Quantity:
     interval: tuple[float, float] | None = None
     meaning: str = ""
     digits: int = 3
+    decimals: int | None = None
 
     @property
     def label(self) -> str:
@@ -66,6 +71,8 @@ class Quantity:
             return value
         if isinstance(value, float | int):
             return value / factor
+        if isinstance(value, Mapping):
+            return {name: self.scaled(each) for name, each in value.items()}
         return np.asarray(value, dtype=np.float64) / factor
 
     def facts(self) -> dict[str, Any]:

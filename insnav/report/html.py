@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from insnav import __version__
 from insnav.plain_text import plain_text
 from insnav.report.numbers import label, number, shown
-from insnav.report.page import Page, section_tables
+from insnav.report.page import Page, Section, Show, Table, section_tables
 
 _MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
 
@@ -57,13 +58,12 @@ def page_html(page: Page, files: Sequence[Path]) -> str:
     str
         HTML that loads nothing.
     """
-    tables = [table for section in page.sections for table in section_tables(section, ("all", "page"))]
-    pictures = [(figure.caption, data_uri(file)) for figure, file in zip(page.figures, files, strict=True)]
-    return filled("page.html.j2", page=page, tables=tables, pictures=pictures, version=__version__)
+    images = {each.name: data_uri(file) for each, file in zip(page.figures, files, strict=True)}
+    return filled("page.html.j2", page=page, images=images, tables=_tables_of("all", "page"), version=__version__)
 
 
 def page_fragment(page: Page) -> str:
-    """Write title, summary, warnings and tables of a report as a part of another page, such as a notebook.
+    """Write a report as a part of another page, such as a notebook: what the terminal shows, as tables.
 
     Parameters
     ----------
@@ -74,5 +74,9 @@ def page_fragment(page: Page) -> str:
     str
         HTML without styles and figures.
     """
-    tables = [table for section in page.sections for table in section_tables(section)]
-    return filled("fragment.html.j2", page=page, tables=tables)
+    return filled("fragment.html.j2", page=page, images={}, tables=_tables_of("all"))
+
+
+def _tables_of(*shown: Show) -> Callable[[Section], list[Table]]:
+    """Tables of one section, and none of its parts, which follow its figures."""
+    return lambda section: section_tables(replace(section, parts=()), shown)

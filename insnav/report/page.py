@@ -6,8 +6,8 @@ three writers; none of them knows what a report is about.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Show = Literal["all", "page", "json"]
+STATISTICS = {"rms": "RMS", "p95": "95 %", "max": "max", "mean": "mean"}  # members of a value that is a mapping
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,9 +55,10 @@ class Section:
     items : tuple of Quantity
         Single quantities.
     rows : tuple of tuple of Quantity
-        A table: quantities of one key are a column, the first names the row.
+        A table: quantities of one key are a column, the first names the row. Without a `key` the table is on the page
+        only: the same quantities stand elsewhere in JSON, in another shape.
     figures : tuple of FigureSpec
-        Beside it on the page.
+        Below its tables on the page.
     parts : tuple of Section
         What it consists of.
     note : str
@@ -90,6 +92,8 @@ class Page:
         What the reader must not overlook, most harmful first.
     assumptions : tuple of str
         What was taken for granted: defaults, validity, sources.
+    notes : tuple of str
+        What was found in the data and done about it, most important first; no warnings.
     """
 
     title: str
@@ -97,6 +101,13 @@ class Page:
     sections: tuple[Section, ...]
     warnings: tuple[str, ...] = ()
     assumptions: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def lists(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """Headings and lines of what stands below the tables, where there is any."""
+        both = (("Notes", self.notes), ("Assumptions", self.assumptions))
+        return tuple((heading, lines) for heading, lines in both if lines)
 
     @property
     def figures(self) -> tuple[FigureSpec, ...]:
@@ -157,8 +168,8 @@ def section_tables(section: Section, shown: Sequence[Show] = ("all",)) -> list[T
 
 def _rows_table(section: Section) -> Table:
     """Rows as cells; a unit that a whole column shares stands in its heading, others in the cells."""
-    columns = list(dict.fromkeys(each.key for row in section.rows for each in row))
-    found = [{each.key: each for each in row} for row in section.rows]
+    found = [{each.key: each for whole in row for each in _members(whole)} for row in section.rows]
+    columns = list(dict.fromkeys(key for row in found for key in row))
     headings, shared = [], {}
     for key in columns:
         units = {row[key].shown_unit for row in found if key in row}
@@ -167,6 +178,18 @@ def _rows_table(section: Section) -> Table:
         headings.append(f"{first.label}{_bracket(first)}" if shared[key] else first.label)
     cells = tuple(tuple(_cell_in_row(row.get(key), with_unit=not shared[key]) for key in columns) for row in found)
     return Table(section.title, tuple(headings), cells, section.note)
+
+
+def _members(each: Quantity) -> list[Quantity]:
+    """Columns of a quantity: one, or one for each member of a mapping."""
+    if not isinstance(each.value, Mapping):
+        return [each]
+    return [
+        replace(
+            each, key=f"{each.key} {name}", value=value, meaning=f"{each.label} {STATISTICS.get(name, name)}".strip()
+        )
+        for name, value in each.value.items()
+    ]
 
 
 def _bracket(each: Quantity) -> str:
@@ -187,30 +210,39 @@ def cell(each: Quantity) -> str:
     ----------
     each : Quantity
     """
+    if isinstance(each.value, Mapping):
+        members = ((name, cell(replace(each, value=one))) for name, one in each.value.items())
+        return ", ".join(f"{plain_text(STATISTICS.get(name, name))} {text}" for name, text in members) or number(None)
     value, sd = each.scaled(each.value), each.scaled(each.sd)
     if isinstance(value, str):
-        return plain_text(value)
+        return plain_text(value) or number(None)
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | np.integer):
         return str(value)
     if value is None or isinstance(value, float):
-        text = _with_sd(value, sd, each.digits)
-    elif len(value) and isinstance(value[0], str):
+        text = _with_sd(value, sd, each)
+    elif len(value) == 0:
+        text = number(None)
+    elif isinstance(value[0], str):
         text = ", ".join(plain_text(item) for item in value)
     else:
         sds = np.broadcast_to(np.nan if sd is None else np.asarray(sd, dtype=np.float64), np.shape(value)).ravel()
         parts = zip(np.ravel(np.asarray(value, dtype=np.float64)), sds, strict=True)
-        text = ", ".join(_with_sd(float(v), None if np.isnan(s) else float(s), each.digits) for v, s in parts)
+        text = ", ".join(_with_sd(float(v), float(s), each) for v, s in parts)
     if each.interval is None:
         return text
     low, high = (number(each.scaled(float(bound)), each.digits) for bound in each.interval)
     return f"{text} ({low} … {high})"
 
 
-def _with_sd(value: float | None, sd: Any, digits: int) -> str:
+def _with_sd(value: float | None, sd: Any, each: Quantity) -> str:
     if value is None or not np.isfinite(value):
         return number(None)
-    if sd is None or not np.isfinite(sd):
-        return number(float(value), digits)
-    return f"{rounded(float(value), float(sd))} ± {number(float(sd), 2)}"
+    if each.decimals is not None:
+        text = f"{value:.{each.decimals}f}"
+    elif sd is not None and np.isfinite(sd):
+        text = rounded(float(value), float(sd))
+    else:
+        return number(float(value), each.digits)
+    return text if sd is None or not np.isfinite(sd) else f"{text} ± {number(float(sd), 2)}"

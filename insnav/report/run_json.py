@@ -31,13 +31,13 @@ def page_facts(page: Page) -> dict[str, Any]:
     Returns
     -------
     dict
-        Under the key of each section its quantities, units in the keys; the rows of a table as a list. ``warnings``
-        and ``assumptions`` last.
+        Under the key of each section its quantities, units in the keys; the rows of a table as a list. ``summary``,
+        ``warnings``, ``notes`` and ``assumptions`` last.
     """
     facts: dict[str, Any] = {}
     for section in page.sections:
         _put(facts, section)
-    facts |= {"summary": list(page.summary), "warnings": list(page.warnings), "assumptions": list(page.assumptions)}
+    facts |= {name: list(getattr(page, name)) for name in ("summary", "warnings", "notes", "assumptions")}
     ready: dict[str, Any] = json_ready(facts)
     return ready
 

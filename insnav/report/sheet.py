@@ -110,6 +110,6 @@ def write_sheet(
     for name, text in (texts or {}).items():
         folder.path(name).write_text(text, encoding="utf-8", newline="\n")
     pictures = [(picture.caption, data_uri(file)) for picture, file in zip(sheet.pictures, files, strict=True)]
-    page = filled("page.html.j2", page=sheet, tables=sheet.tables, pictures=pictures, version=__version__)
+    page = filled("sheet.html.j2", page=sheet, tables=sheet.tables, pictures=pictures, version=__version__)
     folder.path("report.html").write_text(page, encoding="utf-8", newline="\n")
     return folder.commit(facts)

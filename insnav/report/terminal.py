@@ -7,7 +7,7 @@ from insnav.report.page import Page, Table, section_tables
 
 
 def page_text(page: Page) -> str:
-    """Write a report for the terminal: title, summary, tables, warnings, assumptions.
+    """Write a report for the terminal: title, summary, tables, warnings, notes, assumptions.
 
     Parameters
     ----------
@@ -20,9 +20,8 @@ def page_text(page: Page) -> str:
     """
     blocks = ["\n".join([page.title, *page.summary])]
     blocks += [table_text(table) for section in page.sections for table in section_tables(section)]
-    for heading, lines in (("Warnings", page.warnings), ("Assumptions", page.assumptions)):
-        if lines:
-            blocks.append("\n".join([heading, *(f"  - {line}" for line in lines)]))
+    warnings = (("Warnings", page.warnings),) if page.warnings else ()
+    blocks += ["\n".join([heading, *(f"  - {line}" for line in lines)]) for heading, lines in (*warnings, *page.lists)]
     return "\n".join(plain_text(line) for line in "\n\n".join(blocks).splitlines())
 
 

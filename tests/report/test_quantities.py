@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from insnav.quantity import Quantity, key_suffix
-from insnav.report.html import page_html
+from insnav.report.html import page_fragment, page_html
 from insnav.report.page import FigureSpec, Page, Section, cell, section_tables
 from insnav.report.run_json import page_facts
 from insnav.report.terminal import page_text
@@ -68,6 +68,32 @@ def test_cells() -> None:
     assert cell(Quantity("a", [1.0, 2.0], "m")) == "1.00, 2.00"
     assert cell(Quantity("a", 1.0, "m", interval=(0.5, 1.5))) == "1.00 (0.500 … 1.50)"
     assert cell(Quantity("a", ("x", "y"))) == "x, y"
+    assert cell(Quantity("a", {"rms": 1.0, "max": None, "b\x1b[0m": "c"}, "m")) == "RMS 1.00, max –, b c"
+    assert cell(Quantity("a", 100001.04, "s", decimals=1)) == "100001.0"
+    assert cell(Quantity("a", ())) == cell(Quantity("a", {})) == "–"
+
+
+def test_a_mapping_is_columns_of_a_table_and_one_key_in_json() -> None:
+    north, east = ({"rms": k * DEG, "max": None} for k in (1.0, 2.0))
+    rows = tuple((Quantity("axis", name), Quantity("error", of, "deg")) for name, of in (("N", north), ("E", east)))
+    section = Section("errors", "Errors", rows=rows, parts=(Section("", rows=rows[:1]),))
+    whole, part = section_tables(section)
+    assert whole.columns == ("axis", "error RMS [deg]", "error max [deg]")
+    assert whole.rows == (("N", "1.00", "–"), ("E", "2.00", "–"))
+    assert part.rows == whole.rows[:1]
+    facts = page_facts(Page("", (), (section,), notes=("seen",)))
+    assert facts["errors"][0] == {"axis": "N", "error_deg": {"rms": 1.0, "max": None}}
+    assert len(facts["errors"]) == 2
+    assert facts["notes"] == ["seen"]
+
+
+def test_figures_stand_with_their_section(tmp_path) -> None:
+    file = tmp_path / "empty.png"
+    file.write_bytes(b"\x89PNG")
+    html = page_html(page(), [file])
+    assert html.index("Axes") < html.index("Sizes") < html.index("<img")
+    assert "An empty figure" not in page_fragment(page())
+    assert "<head" not in page_fragment(page())
 
 
 def test_suffixes_are_those_of_the_files() -> None:
