@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 def page_of(result: Result[Any]) -> Page:
     """Lay out a result."""
-    return cast(Page, _of_room(result.kind, "page")(result))
+    return replace(cast(Page, _of_room(result.kind, "page")(result)), notes=result.notes)
 
 
 def frame(result: Result[Any]) -> pd.DataFrame:
@@ -98,14 +98,13 @@ def save_result(
 
 
 def result_facts(result: Result[Any]) -> dict[str, Any]:
-    """Give what every result has for ``run.json``: kind, versions, options, inputs, IMU model, notes."""
+    """Give what every result has for ``run.json``: kind, versions, options, inputs, IMU model."""
     return {
         "kind": result.kind,
         "versions": versions(),
         "configuration": result.options,
         "input": {name: each.as_dict() for name, each in result.inputs.items()},
         "imu_model": None if result.imu_model is None else model_facts(*result.imu_model),
-        "notes": result.notes,
     }
 
 
