@@ -6,6 +6,7 @@ documented so means "not known"; no other value stands for it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, ClassVar, Literal, Self
@@ -201,6 +202,25 @@ class Trajectory(FromTable):
 
 
 @dataclass(frozen=True, slots=True)
+class SensorLog:
+    """Log of a further sensor, on a clock of its own.
+
+    Attributes
+    ----------
+    name : str
+        Kind of measurement that it is for, such as ``speedometer``.
+    time : (n,) array
+        Time [s], strictly increasing.
+    values : mapping of str to (n,) array
+        Columns by name, in SI units and radians; ``NaN`` where not known.
+    """
+
+    name: str
+    time: FloatArray
+    values: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
 class Increments(Tabular):
     """Integrated angular rate and specific force over successive intervals, with high-order corrections.
 
@@ -239,7 +259,10 @@ class Increments(Tabular):
 
 
 class EventKind(StrEnum):
-    """Everything that can happen to the data or the filter and that a user must be able to find again."""
+    """Everything that can happen to the data or the filter and that a user must be able to find again.
+
+    Aiding measurements bring kinds of their own: ``gate.<name>``, such as ``gate.nhc``.
+    """
 
     IMU_DUPLICATE = "imu.duplicate"
     IMU_UNSORTED = "imu.unsorted"
@@ -266,11 +289,6 @@ class EventKind(StrEnum):
     GATE_VELOCITY = "gate.velocity"
     SOFT_POSITION = "soft.position"
     SOFT_VELOCITY = "soft.velocity"
-    GATE_WHEELS = "gate.wheels"
-    GATE_ODOMETER = "gate.odometer"
-    GATE_REST = "gate.rest"
-    GATE_HEIGHT = "gate.height"
-    GATE_HEADING = "gate.heading"
     RESET = "filter.reset"
     REPAIR = "filter.repair"
     DIVERGED = "filter.diverged"
@@ -284,7 +302,7 @@ class Event:
     ----------
     time : float
         When [s], in the time of the data.
-    kind : EventKind
+    kind : EventKind or str
         What happened.
     value : float
         The number that decided [`unit`].
@@ -299,7 +317,7 @@ class Event:
     """
 
     time: float
-    kind: EventKind
+    kind: str
     value: float
     limit: float
     unit: str
@@ -380,26 +398,29 @@ class Innovations(Tabular):
 
 
 @dataclass(frozen=True, slots=True)
-class AidUse:
-    """What the filter made of one kind of measurement that is no fix.
+class AidingUse:
+    """Innovation statistics of one kind of aiding measurement.
 
     Attributes
     ----------
     name : str
-        Wheels, wheel speed, rest, height or heading.
-    offered, rejected : int
-        How often.
+        Such as ``nhc``, ``zupt``, ``odometer``, ``height``, ``heading``.
+    processed, rejected : int
+        How many.
     innovation_rms : float
-        Root mean square of the innovations that were used [m/s], of height [m], of heading [rad].
+        Root mean square of the accepted innovations, of the first three numbers at most [`unit`].
     nis : float
-        Mean normalised innovation squared per number of those used [-].
+        Mean normalised innovation squared of the accepted ones, per number [-].
+    unit : str
+        Of `innovation_rms`.
     """
 
     name: str
-    offered: int
+    processed: int
     rejected: int
     innovation_rms: float
     nis: float
+    unit: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -501,8 +522,8 @@ class Run:
         Antenna seen from the IMU, body axes [m], as given or estimated, and its standard deviation.
     smoothed : Smoothed or None
         The same recording seen from its end, if it was smoothed.
-    aids : tuple of AidUse
-        Measurements that are no fixes.
+    aiding : tuple of AidingUse
+        Aiding measurements besides fixes.
     """
 
     solution: Trajectory
@@ -516,4 +537,4 @@ class Run:
     lever_b: FloatArray = field(default_factory=lambda: np.zeros(3))
     lever_sd: FloatArray = field(default_factory=lambda: np.zeros(3))
     smoothed: Smoothed | None = None
-    aids: tuple[AidUse, ...] = ()
+    aiding: tuple[AidingUse, ...] = ()

@@ -114,7 +114,7 @@ def recorded(options: RecordedOptions, stage: Callable[..., None]) -> RecordedRe
 
     from insnav.cli import inputs
     from insnav.filter import FilterSettings
-    from insnav.filter.navigate import DELAY_SD
+    from insnav.filter.prepare import DELAY_SD
 
     lever_b = parse.vector(options.lever_arm, "--lever-arm") if options.lever_arm else np.zeros(3)
     delay = None if options.gps_delay is None else parse.finite(options.gps_delay, "--gps-delay", largest=10.0)
@@ -128,7 +128,7 @@ def recorded(options: RecordedOptions, stage: Callable[..., None]) -> RecordedRe
     stage("reading")
     from insnav.errors.budget.from_windows import RecordedSettings, recorded_budget
     from insnav.filter.gps_noise import with_sd
-    from insnav.filter.navigate import first_rest, prepare
+    from insnav.filter.prepare import first_rest, prepare
     from insnav.input import check_overlap
 
     fixes = inputs.read_fixes(options.gps, options.gps_columns, options.gps_height) if options.gps else None

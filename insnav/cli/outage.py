@@ -98,7 +98,8 @@ def outage(
         from insnav.errors.outage.gnss_outage import growth, outages
         from insnav.filter import FilterSettings
         from insnav.filter.gps_noise import with_sd
-        from insnav.filter.navigate import DELAY_SD, aided, first_rest, prepare
+        from insnav.filter.navigate import aided
+        from insnav.filter.prepare import DELAY_SD, first_rest, prepare
         from insnav.input import check_overlap
 
         fixes = inputs.read_fixes(gps, gps_columns, gps_height)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from insnav.exceptions import ConfigError
 
 if TYPE_CHECKING:
-    from insnav.filter.navigate import Start
+    from insnav.filter.prepare import Start
     from insnav.types import FloatArray
 
 
@@ -116,7 +116,7 @@ def start(path: Path) -> Start:
     import numpy as np
 
     from insnav.exceptions import InputError
-    from insnav.filter.navigate import Start
+    from insnav.filter.prepare import Start
 
     try:
         content = json.loads(path.read_text(encoding="utf-8"))

@@ -178,7 +178,8 @@ def run(
         stage("reading")
         from insnav.filter import FilterSettings
         from insnav.filter.gps_noise import with_sd
-        from insnav.filter.navigate import DELAY_SD, navigate_recording
+        from insnav.filter.navigate import navigate_recording
+        from insnav.filter.prepare import DELAY_SD
         from insnav.input import check_overlap
 
         # The small files first: what is wrong with them is then known at once.
@@ -305,7 +306,7 @@ def _judge(facts: dict[str, Any], limit: float) -> None:
 
 def _from_rest(samples: ImuData, fixes: GpsData, static_span: tuple[float, float] | None) -> tuple[ImuSpec, str]:
     from insnav.cli.inputs import imu_from_rest
-    from insnav.filter.navigate import first_rest
+    from insnav.filter.prepare import first_rest
 
     return imu_from_rest(samples, static_span or first_rest(samples, fixes))
 

@@ -17,7 +17,8 @@ from insnav.earth import ned_offset
 from insnav.errors.metrics import position_errors
 from insnav.exceptions import InputError
 from insnav.filter.error_model import error_model
-from insnav.filter.navigate import DELAY_SD, navigate_recording
+from insnav.filter.navigate import navigate_recording
+from insnav.filter.prepare import DELAY_SD
 from insnav.filter.settings import FilterSettings
 from insnav.imu import ImuSpec
 from insnav.simulate.ideal_sensors import reference

@@ -39,17 +39,17 @@ class CorrelatedNoise:
         Correlation time [s].
     sd : (3,) array
         Standard deviation of that part, North, East, Down [m].
-    by_claim : bool
+    by_reported : bool
         Seen only as what the variance claimed by the fixes lacks from one fix to the next.
     """
 
     share: float
     time: float
     sd: FloatArray
-    by_claim: bool = False
+    by_reported: bool = False
 
 
-def correlated_noise(gps: GpsData, lag: float, *, claimed: bool = True) -> CorrelatedNoise | None:
+def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> CorrelatedNoise | None:
     """Find the part of the position error that lasts.
 
     Position change minus integrated velocity over m fixes is the difference of two position errors plus the sum of m
@@ -112,15 +112,15 @@ def correlated_noise(gps: GpsData, lag: float, *, claimed: bool = True) -> Corre
     total = white + lasting
     # the lasting term must earn its place, be a visible part of what the fixes claim, and have been seen to its end
     seen = TIMES[0] < time <= x[-1] / 5.0 and CLAIMED < total <= TOO_MUCH
-    by_claim = not (seen and rest <= 0.8 * white_only and lasting >= 0.05 and lasting >= WORTH * total)
-    if by_claim:
-        share, time = _by_claim(x, y, scale, white_only) if claimed else (0.0, 0.0)
+    by_reported = not (seen and rest <= 0.8 * white_only and lasting >= 0.05 and lasting >= WORTH * total)
+    if by_reported:
+        share, time = _by_reported(x, y, scale, white_only) if reported else (0.0, 0.0)
         if share < WORTH_CLAIM:
             return None
     else:
         share = lasting / total
     share = min(float(share), 0.95)
-    return CorrelatedNoise(share, time, np.sqrt(share) * np.median(sd, axis=0), by_claim)
+    return CorrelatedNoise(share, time, np.sqrt(share) * np.median(sd, axis=0), by_reported)
 
 
 def _fit(x: FloatArray, y: FloatArray, scale: FloatArray, time: float) -> tuple[float, float, FloatArray]:
@@ -130,7 +130,7 @@ def _fit(x: FloatArray, y: FloatArray, scale: FloatArray, time: float) -> tuple[
     return float(rest), time, parts
 
 
-def _by_claim(x: FloatArray, y: FloatArray, scale: FloatArray, white_only: float) -> tuple[float, float]:
+def _by_reported(x: FloatArray, y: FloatArray, scale: FloatArray, white_only: float) -> tuple[float, float]:
     """Share and correlation time of what lasts, if the variance that the fixes claim is right.
 
     A drive that is short by the correlation time shows the white part only. Fixes that scatter less than they claim

@@ -15,10 +15,10 @@ import numpy as np
 from insnav import strapdown
 from insnav.exceptions import ConfigError
 from insnav.filter import gates as gate
-from insnav.filter.aiding import INTERVAL
-from insnav.filter.aiding_updates import Helper
+from insnav.filter.aiding_updates import AidingUpdates
 from insnav.filter.error_model import ErrorModel, FilterState, InitialState
 from insnav.filter.estimate import Estimate
+from insnav.filter.measurements.measurement import INTERVAL
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import SmoothedErrors
@@ -85,7 +85,7 @@ class Navigator:
         self._coast = COAST if settings.aiding is None else INTERVAL
         self._record = Record(self._fix.shape[0])
         self._estimate = Estimate(start, model, settings, self._record, self._coast)
-        self._helper = Helper(self._estimate, settings, self._record, start.time)
+        self._aiding = AidingUpdates(self._estimate, settings, self._record, gps, start.time)
         n = self._estimate.at.states
         self._z, self._h, self._sd = np.zeros(6), np.zeros((6, n)), np.zeros(6)
         self._r, self._s = np.zeros((6, 6)), np.zeros((6, 6))
@@ -167,9 +167,8 @@ class Navigator:
             k = self._run(inc, hole, k, int(i) + 1, True, out)
             self._update(inc.time[i])
             row = int(self._fix[self._next])
-            if self._gps.heading is not None:
-                self._helper.steer(inc.time[i], float(self._gps.heading[row]))
-            self._helper.use(inc.time[i])
+            self._aiding.at_fix(inc.time[i])
+            self._aiding.at_epoch(inc.time[i])
             self._show(inc.time[i], out)
             if row in self._marks:
                 self.kept[row] = self._estimate.kept(inc.time[i])
@@ -183,10 +182,10 @@ class Navigator:
         while k < last:
             done = k
             k = estimate.propagate(inc, hole, k, last, close, self._grid, out)
-            self._helper.turned(inc, done, k)
+            self._aiding.turned(inc, done, k)
             if estimate.span[0] >= self._coast - 1e-9 and not (close and k == last):
                 estimate.predict(inc.time[k - 1])
-                self._helper.use(inc.time[k - 1])
+                self._aiding.at_epoch(inc.time[k - 1])
                 self._show(inc.time[k - 1], out)
         out.delay[begin : out.used] = estimate.delay
         return k

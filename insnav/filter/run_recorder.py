@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import SmoothedErrors
 from insnav.filter.state_layout import layout
@@ -15,7 +16,7 @@ from insnav.kernels.errorstate import SENSOR, STATES, feed_back, move_along
 from insnav.kernels.output import solution
 from insnav.kernels.smoother import apply
 from insnav.types import (
-    AidUse,
+    AidingUse,
     Alignment,
     BoolArray,
     Epochs,
@@ -30,13 +31,6 @@ from insnav.types import (
 )
 
 CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long [s]
-AIDS = {
-    EventKind.GATE_WHEELS: "wheels",
-    EventKind.GATE_ODOMETER: "wheel speed",
-    EventKind.GATE_REST: "rest",
-    EventKind.GATE_HEIGHT: "height",
-    EventKind.GATE_HEADING: "heading",
-}
 # Mean NIS, by its expectation, beyond which the filter has diverged. A mean far below one is no divergence: at rest,
 # and with the cautious standard deviations of many receivers, it is the rule (30 minutes of a good recorded drive).
 TOO_LARGE = 5.0
@@ -64,7 +58,7 @@ class Record:
     def __init__(self, fixes: int) -> None:
         self._rows: list[tuple[FloatArray, FloatArray, BoolArray, FloatArray, FloatArray]] = []
         self._events: list[Event] = []
-        self._aids: dict[EventKind, list[tuple[float, float, float]]] = {}
+        self._aiding: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
         self._count = 0
         self._time, self._innovation, self._sd = np.empty(fixes), np.empty((fixes, 6)), np.empty((fixes, 6))
         self._nis, self._use = np.empty((fixes, 2)), np.zeros((fixes, 2), dtype=bool)
@@ -88,10 +82,10 @@ class Record:
         """Note an event."""
         self._events.append(event)
 
-    def aid(self, kind: EventKind, innovation: FloatArray, nis: float, used: bool) -> None:
-        """Note what the filter made of something that is no fix; the first three numbers, at most, are velocities."""
-        square = float(np.mean(innovation[:3] ** 2))
-        self._aids.setdefault(kind, []).append((nis / innovation.shape[0], square, float(used)))
+    def aiding(self, measurement: Measurement, innovation: FloatArray, nis: float, used: bool) -> None:
+        """Note what the filter made of an aiding measurement; at most its first three numbers are of one unit."""
+        rows = self._aiding.setdefault((measurement.name, measurement.unit.split(",")[0]), [])
+        rows.append((nis / innovation.shape[0], float(np.mean(innovation[:3] ** 2)), float(used)))
 
     def fix(
         self,
@@ -175,14 +169,14 @@ class Record:
             smoothed=smoothed,
             lever_b=lever_b.copy(),
             lever_sd=np.sqrt(covariance.diagonal()[at.lever : at.lever + 3]) if at.lever >= 0 else np.zeros(3),
-            aids=tuple(_aid_use(name, np.array(self._aids[kind])) for kind, name in AIDS.items() if kind in self._aids),
+            aiding=tuple(_aiding_use(*what, np.array(rows)) for what, rows in sorted(self._aiding.items())),
         )
 
 
-def _aid_use(name: str, rows: FloatArray) -> AidUse:
+def _aiding_use(name: str, unit: str, rows: FloatArray) -> AidingUse:
     used = rows[:, 2] > 0.0
     nis, square = (float(np.mean(rows[used, i])) if used.any() else 0.0 for i in (0, 1))
-    return AidUse(name, rows.shape[0], int((~used).sum()), float(np.sqrt(square)), nis)
+    return AidingUse(name, rows.shape[0], int((~used).sum()), float(np.sqrt(square)), nis, unit)
 
 
 def _trajectory(

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from insnav.filter.aiding import Aiding
 from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import CorrelatedNoise
-from insnav.types import FloatArray
+from insnav.filter.measurements.measurement import Measurement
+from insnav.types import FloatArray, SensorLog
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,29 +23,31 @@ class FilterSettings:
     lever_sd : float
         How uncertain each component of that is [m]; positive: estimated as three more states.
     delay : float
-        How much older the fixes are than their stamps [s]; the first guess if `delay_sd` is positive.
+        How much older the fixes are than their timestamps [s]; the first guess if `delay_sd` is positive.
     delay_sd : float
         How uncertain that is [s]; positive: estimated as a 22nd state, and the solution is put into the time of the
         fixes, since it cannot be told which of the two clocks is off.
     velocity_lag : float
-        How much older than its position the velocity of a fix is [s]; see `insnav.filter.gps_noise.velocity_lag`.
+        By which the velocity of a fix lags its position [s]; see `insnav.filter.gps_noise.velocity_lag`.
     jitter : float
-        Standard deviation of the time stamps of samples against fixes [s]; what it makes of speed and acceleration is
-        added to the noise of every fix.
+        Standard deviation of the timestamps of samples against fixes [s]; times speed and acceleration it is added to
+        the noise of every fix.
     correlated : CorrelatedNoise or None
-        Part of the position error that lasts; three more states.
+        Time-correlated part of the position error; three more states.
     output_interval : float
         Time between rows of the solution [s]; 0 for every sample.
     gates : Gates
         Limits of the gates.
     heading_sd : float
-        Standard deviation of the heading that fixes may have, of two antennas for one [rad]; zero: not used.
+        Standard deviation of the heading that fixes may come with, of two antennas for one [rad]; zero: not used.
     fixed_height_sd : float
         The vehicle stays within so much of the height of its first fix [m]; zero: not assumed.
-    aiding : Aiding or None
-        What helps besides fixes.
+    logs : tuple of SensorLog
+        Logs of further sensors; the first pass over a drive makes measurements of them.
+    aiding : tuple of Measurement or None
+        Aiding besides fixes, in the order of use; None: not looked for.
     smooth : bool
-        Go backwards over the recording at its end; see `insnav.filter.smoother`.
+        Run the backward pass over the recording at its end; see `insnav.filter.smoother`.
     """
 
     lever_b: FloatArray = field(default_factory=lambda: np.zeros(3))
@@ -59,5 +61,6 @@ class FilterSettings:
     gates: Gates = field(default_factory=Gates)
     heading_sd: float = 0.0
     fixed_height_sd: float = 0.0
-    aiding: Aiding | None = None
+    logs: tuple[SensorLog, ...] = ()
+    aiding: tuple[Measurement, ...] | None = None
     smooth: bool = True

@@ -83,10 +83,10 @@ class History:
         kind = (kernel.POSITION if position else 0) + (kernel.VELOCITY if velocity else 0)
         kernel.keep_measurement(self._blocks[-1][self._used - 1], kind, kernel.FIX, z, h, r)
 
-    def aid(self, first: int, last: int, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
-        """Note which rows of another measurement were used at the last epoch."""
-        kind = (1 << last) - (1 << first)
-        kernel.keep_measurement(self._blocks[-1][self._used - 1], kind, kernel.AID, z, h, r)
+    def aiding(self, part: slice, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
+        """Note which rows of an aiding measurement were used at the last epoch."""
+        kind = (1 << part.stop) - (1 << part.start)
+        kernel.keep_measurement(self._blocks[-1][self._used - 1], kind, kernel.AIDING, z, h, r)
 
     def updated(self, x: FloatArray, correction: FloatArray) -> None:
         """Note the state after the measurement of the last epoch."""

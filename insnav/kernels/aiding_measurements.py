@@ -10,7 +10,7 @@ from insnav.kernels.gps_measurement import rotation
 
 
 @njit(cache=True)
-def wheels(x, rate, to_vehicle, lever, speed, z, h):  # type: ignore[no-untyped-def]
+def vehicle_velocity(x, rate, to_vehicle, lever, speed, z, h):  # type: ignore[no-untyped-def]
     """Velocity of the point on the rear axle in the axes of the vehicle, less what the wheels say of it.
 
     Parameters
@@ -63,7 +63,7 @@ def wheels(x, rate, to_vehicle, lever, speed, z, h):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def still(x, bias, rate, z, h):  # type: ignore[no-untyped-def]
+def zero_velocity(x, bias, rate, z, h):  # type: ignore[no-untyped-def]
     """Velocity and angular rate against the Earth, which are zero at rest.
 
     Parameters
@@ -96,7 +96,7 @@ def still(x, bias, rate, z, h):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def course(x, heading, z, h):  # type: ignore[no-untyped-def]
+def body_heading(x, heading, z, h):  # type: ignore[no-untyped-def]
     """Heading of the body less a measured one, in the first row.
 
     Parameters

@@ -20,7 +20,7 @@ TIME, KIND, OFFERED, STATE, CORRECTION, RESIDUAL, NOISE = 0, 1, 2, 3, 13, 25, 31
 JACOBIAN = NOISE + 36
 COAST, RESTART = 0, -1  # kinds; else a bit for each row of the measurement that was used
 POSITION, VELOCITY = 7, 56
-FIX, AID = 1, 2  # what was offered
+FIX, AIDING = 1, 2  # what was measured
 
 
 @njit(cache=True)

@@ -11,7 +11,7 @@ import numpy as np
 from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import lla_offset
 from insnav.exceptions import InputError
-from insnav.filter.navigate import DELAY_SD, first_rest
+from insnav.filter.prepare import DELAY_SD, first_rest
 from insnav.filter.settings import FilterSettings
 from insnav.imu import ImuSpec, identify, load_imu
 from insnav.imu.imu_file import to_toml

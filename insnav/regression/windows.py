@@ -8,7 +8,8 @@ from insnav import strapdown
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.outage.gnss_outage import outages
 from insnav.exceptions import InputError
-from insnav.filter.navigate import Navigated, aided, prepare
+from insnav.filter.navigate import Navigated, aided
+from insnav.filter.prepare import prepare
 from insnav.imu import ImuErrors, correct
 from insnav.regression.accuracy_metrics import FREE, OUTAGES
 from insnav.regression.cases import Material

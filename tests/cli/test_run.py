@@ -80,7 +80,7 @@ def test_json_alone_is_on_standard_output_and_is_that_of_the_folder(drive: Path,
     facts = json.loads(shown.out)
     assert shown.out == Path("run/run.json").read_text(encoding="utf-8")
     assert list(facts) == [
-        *("versions", "configuration", "input", "imu_model", "alignment", "solution", "fixes", "aids", "outages"),
+        *("versions", "configuration", "input", "imu_model", "alignment", "solution", "fixes", "aiding", "outages"),
         *("sensor_errors", "events", "accuracy", "smoothed", "warnings", "files"),
     ]
     assert facts["configuration"]["lever_arm"] == "0.8,-0.3,-1.2"

@@ -13,7 +13,7 @@ from tests.cli.conftest import QUICK, SAMPLE, Cli
 ARM = ("--lever-arm", "0.8,-0.3,-1.2")
 
 
-def hole(first: float, last: float) -> None:
+def gap(first: float, last: float) -> None:
     """Take the fixes of an interval out of gps.csv [s after the first]."""
     head, *rows = Path("gps.csv").read_text().splitlines()
     start = float(rows[0].split(",")[0])
@@ -22,26 +22,26 @@ def hole(first: float, last: float) -> None:
 
 
 def used(out: str) -> set[str]:
-    return {aid["name"] for aid in read_facts(Path(out))["aids"]}
+    return {aid["name"] for aid in read_facts(Path(out))["aiding"]}
 
 
-def test_wheels_and_rest_are_used_where_fixes_are_missing(drive: Path, cli: Cli):
-    assert cli("run", *QUICK, *ARM, "--out", "without-hole").code == 0
-    assert not read_facts(Path("without-hole")).get("aids")
-    hole(100.0, 110.0)
+def test_zupt_is_used_where_fixes_are_missing(drive: Path, cli: Cli):
+    assert cli("run", *QUICK, *ARM, "--out", "without-gap").code == 0
+    assert not read_facts(Path("without-gap")).get("aiding")
+    gap(100.0, 110.0)
     assert cli("run", *QUICK, *ARM, "--out", "auto").code == 0
-    assert used("auto") == {"rest"}  # a minute of driving is too little to know the wheels by
+    assert used("auto") == {"zupt"}  # a minute of driving is too little for the mounting angles
     assert cli("run", *QUICK, *ARM, "--aiding", "off", "--out", "off").code == 0
-    assert not read_facts(Path("off")).get("aids")
+    assert not read_facts(Path("off")).get("aiding")
 
 
-def test_wheels_are_used_where_the_drive_shows_that_they_do_not_slip(tmp_path: Path, cli: Cli):
+def test_nhc_is_used_where_the_drive_shows_that_it_holds(tmp_path: Path, cli: Cli):
     files = (SAMPLE / "imu.csv.gz", "--gps", SAMPLE / "gps.csv", "--imu", "automotive", "--figures", "none")
     shown = cli("run", *files, *ARM, "--out", tmp_path / "run")
     assert shown.code == 0, shown.err
-    assert used(str(tmp_path / "run")) == {"wheels", "rest"}
-    assert any(line.startswith("aids        wheels:") for line in shown.out.splitlines())
-    assert "across the direction of travel" in shown.out
+    assert used(str(tmp_path / "run")) == {"nhc", "zupt"}
+    assert any(line.startswith("aiding      nhc:") for line in shown.out.splitlines())
+    assert "IMU-to-vehicle pitch" in shown.out
 
 
 def test_a_lever_arm_that_is_only_roughly_known_is_estimated(drive: Path, cli: Cli):
@@ -54,7 +54,7 @@ def test_a_lever_arm_that_is_only_roughly_known_is_estimated(drive: Path, cli: C
 
 
 def test_the_height_stays_where_it_is_said_to(drive: Path, cli: Cli):
-    hole(75.0, 200.0)  # the whole way, which goes up and down
+    gap(75.0, 200.0)  # the whole way, which goes up and down
     span = []
     for out, options in (("free", ()), ("level", ("--fixed-height", "0.5"))):
         assert cli("run", *QUICK, *ARM, *options, "--aiding", "off", "--out", out).code == 0

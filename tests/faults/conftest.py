@@ -13,7 +13,8 @@ import pytest
 
 from insnav.earth import ned_offset
 from insnav.filter import FilterSettings
-from insnav.filter.navigate import Prepared, feed
+from insnav.filter.navigate import feed
+from insnav.filter.prepare import Prepared
 from insnav.imu.health import inspect
 from insnav.simulate import reference
 from insnav.simulate.faults import parse_fault

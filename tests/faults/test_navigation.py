@@ -10,7 +10,8 @@ import pytest
 from insnav.attitude import wrap_pi
 from insnav.exceptions import AlignmentError
 from insnav.filter import FilterSettings, Gates, gates
-from insnav.filter.navigate import DELAY_SD, navigate_recording
+from insnav.filter.navigate import navigate_recording
+from insnav.filter.prepare import DELAY_SD
 from insnav.imu.health import CLIPPED
 from insnav.simulate import Profile, Segment, Vehicle, drive, gps_from_truth, imu_from_truth, reference
 from insnav.simulate.faults import parse_fault

@@ -1,4 +1,4 @@
-"""Wheels and rest help where fixes do not, and only where the data say that there are wheels."""
+"""Non-holonomic constraint and ZUPT aid where fixes are missing, and only where the data support them."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ import pytest
 from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_multiply
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter import FilterSettings, Navigator
-from insnav.filter.aiding import Aiding, Wheels
 from insnav.filter.gps_correlation import CorrelatedNoise
-from insnav.filter.navigate import DELAY_SD
-from insnav.filter.vehicle_calibration import learn, rests
+from insnav.filter.measurements import measurements_from_drive
+from insnav.filter.measurements.first_pass import FirstPass
+from insnav.filter.measurements.measurement import Measurement
+from insnav.filter.measurements.non_holonomic import NonHolonomic
+from insnav.filter.measurements.zero_velocity import ZeroVelocity, find_stops
+from insnav.filter.prepare import DELAY_SD
 from insnav.kernels import aiding_measurements as kernel
 from insnav.kernels.errorstate import STATES
 from insnav.simulate import reference, without_fixes
-from insnav.types import EventKind
 from insnav.units import DEG
 from tests.filter import drives
 
@@ -37,31 +39,31 @@ def moved(x: np.ndarray, error: np.ndarray) -> np.ndarray:
     return y
 
 
-def test_derivatives_of_the_wheels_are_those_of_differences():
+def test_derivatives_of_the_vehicle_velocity_are_those_of_differences():
     rng = np.random.default_rng(1)
     x, rate, lever = state(rng), rng.standard_normal(3), np.array([-1.2, 0.1, 0.4])
     to_vehicle = dcm_from_rph(np.array([0.05, 0.1, -0.2]))
     z, h = np.empty(6), np.empty((6, STATES))
-    kernel.wheels(x, rate, to_vehicle, lever, 3.0, z, h)
+    kernel.vehicle_velocity(x, rate, to_vehicle, lever, 3.0, z, h)
     truth, unused = z.copy(), np.empty((6, STATES))
     for j in range(3, 12):
         error = np.zeros(STATES)
         error[j] = 1e-6
         # the rate is measured minus the estimated bias
-        kernel.wheels(moved(x, error), rate - error[9:12], to_vehicle, lever, 3.0, z, unused)
+        kernel.vehicle_velocity(moved(x, error), rate - error[9:12], to_vehicle, lever, 3.0, z, unused)
         np.testing.assert_allclose((z[:3] - truth[:3]) / 1e-6, h[:3, j], atol=1e-4)
 
 
-def test_derivatives_of_rest_are_those_of_differences():
+def test_derivatives_of_zero_velocity_are_those_of_differences():
     rng = np.random.default_rng(2)
     x, bias, rate = state(rng), 0.01 * rng.standard_normal(3), 0.01 * rng.standard_normal(3)
     z, h = np.empty(6), np.empty((6, STATES))
-    kernel.still(x, bias, rate, z, h)
+    kernel.zero_velocity(x, bias, rate, z, h)
     truth, unused = z.copy(), np.empty((6, STATES))
     for j in range(3, 12):
         error = np.zeros(STATES)
         error[j] = 1e-3
-        kernel.still(moved(x, error), bias + error[9:12], rate, z, unused)
+        kernel.zero_velocity(moved(x, error), bias + error[9:12], rate, z, unused)
         np.testing.assert_allclose((z - truth) / 1e-3, h[:, j], atol=1e-7)
 
 
@@ -87,68 +89,76 @@ def run(imu, gps, start, aiding=None, **settings):
     return drives.navigate(imu, gps, start, drives.MODEL, **{"aiding": aiding, "output_interval": 0.1, **settings})
 
 
-def learned(seed: int, gps=None):
+def first_pass(seed: int, gps=None):
     imu, fixes, start = recording(seed, gps)
     first = run(imu, fixes, start)
-    return imu, fixes, start, learn(first.smoothed.solution, imu, fixes, drives.SPEC), first
+    return imu, fixes, start, FirstPass(first.smoothed.solution, imu, fixes, drives.SPEC), first
+
+
+def kind(first: FirstPass, name: str) -> Measurement | None:
+    return next((each for each in measurements_from_drive(first)[0] if each.name == name), None)
+
+
+def zupt(stretches, rate_sd) -> tuple[Measurement, ...]:
+    return (ZeroVelocity(stretches, np.array([0.02, 0.02, 0.02, *rate_sd])),)
 
 
 def test_mounting_angles_are_found_within_a_tenth_of_a_degree():
     for seed in range(5):
-        found = learned(seed)[3]
+        found = first_pass(seed)[3]
         # the car moves along its own forward axis: seen from the IMU, which is rolled and pitched in it
         ahead = dcm_from_rph(np.array([ROLL, PITCH, YAW])).T @ [1.0, 0.0, 0.0]
         expected = np.array([np.arctan2(-ahead[2], ahead[0]), np.arctan2(ahead[1], ahead[0])])
-        error = found.mount - expected
-        print(f"mount {found.mount / DEG}, error {error / DEG}, sd {found.mount_sd / DEG} deg")
+        error = found.mounting.angles - expected
+        print(f"mounting {found.mounting.angles / DEG}, error {error / DEG}, sd {found.mounting.sd / DEG} deg")
         assert np.abs(error).max() < 0.1 * DEG
-        assert np.all(np.abs(error) < 4.0 * np.hypot(found.mount_sd, 0.01 * DEG))
+        assert np.all(np.abs(error) < 4.0 * np.hypot(found.mounting.sd, 0.01 * DEG))
 
 
-def test_wheels_and_rest_shorten_the_way_astray_and_know_it():
+def test_nhc_and_zupt_reduce_the_drift_and_know_it():
     motion = drives.truth()
     begin, length = motion.start + 180.0, 30.0
     plain, helped, inside = [], [], []
     for seed in range(8):
-        imu, fixes, start, found, first = learned(seed, without_fixes(drives.perfect_gps(), begin, begin + length))
-        assert found.aiding.wheels is not None
-        second = run(imu, fixes, start, found.aiding)
+        imu, fixes, start, found, first = first_pass(seed, without_fixes(drives.perfect_gps(), begin, begin + length))
+        assert kind(found, "nhc") is not None
+        second = run(imu, fixes, start, measurements_from_drive(found)[0])
         for kept, each in ((plain, first), (helped, second)):
             row = int(np.searchsorted(each.solution.time, begin + length - 1e-3))
             error = ned_offset(each.solution.lla[row], reference(motion, each.solution.time[row : row + 1]).lla[0])
             kept.append(float(np.hypot(error[0], error[1])))
         inside.append(np.abs(error[:2]) < 3.0 * second.solution.sd[row, :2])
-        assert {use.name for use in second.aids} >= {"wheels"}
-    print("after 30 s without fixes:", np.round(plain, 2), "with wheels:", np.round(helped, 2))
+        assert {use.name for use in second.aiding} >= {"nhc"}
+    print("after 30 s without fixes:", np.round(plain, 2), "with NHC:", np.round(helped, 2))
     assert np.sqrt(np.mean(np.square(helped))) < 0.5 * np.sqrt(np.mean(np.square(plain)))
     assert np.mean(inside) >= 0.9
 
 
-def test_a_vehicle_that_drifts_sideways_is_not_taken_for_one_on_wheels():
+def test_a_vehicle_that_drifts_sideways_has_no_non_holonomic_constraint():
     imu, fixes, start = recording(0)
     first = run(imu, fixes, start)
     solution = first.smoothed.solution
     wind = 1.0 * np.sin(0.05 * (solution.time - solution.time[0]))
     adrift = replace(solution, v_n=solution.v_n + np.column_stack([wind, wind, 0.0 * wind]))
-    found = learn(adrift, imu, fixes, drives.SPEC)
-    assert found.aiding.wheels is None
-    assert any("not assumed" in note for note in found.notes)
+    found, notes = measurements_from_drive(FirstPass(adrift, imu, fixes, drives.SPEC))
+    assert "nhc" not in {each.name for each in found}
+    assert any("NHC: not used" in note for note in notes)
 
 
 def test_a_skid_is_rejected_by_name():
-    imu, fixes, start, found, _ = learned(1)
-    wheels = found.aiding.wheels
-    assert wheels is not None
-    askew = replace(wheels, to_vehicle=dcm_from_rph(np.array([0.0, 0.0, 20 * DEG])) @ wheels.to_vehicle)
-    second = run(imu, fixes, start, Aiding(askew))
-    (use,) = second.aids
-    assert use.rejected > 0.3 * use.offered
-    assert any(event.kind is EventKind.GATE_WHEELS for event in second.events)
+    imu, fixes, start, found, _ = first_pass(1)
+    nhc = kind(found, "nhc")
+    assert isinstance(nhc, NonHolonomic)
+    askew = replace(nhc, to_vehicle=dcm_from_rph(np.array([0.0, 0.0, 20 * DEG])) @ nhc.to_vehicle)
+    second = run(imu, fixes, start, (askew,))
+    (use,) = second.aiding
+    assert use.rejected > 0.3 * use.processed
+    assert any(event.kind == "gate.nhc" for event in second.events)
 
 
-def test_rests_are_those_of_the_drive():
+def test_stops_are_those_of_the_drive():
     imu, fixes, _ = recording(2)
-    stretches, rate_sd, note = rests(imu, fixes, drives.SPEC)
+    stretches, rate_sd, note = find_stops(imu, fixes, drives.SPEC)
     print(note)
     motion = drives.truth()
     middle = 0.5 * stretches.sum(axis=1)
@@ -158,11 +168,11 @@ def test_rests_are_those_of_the_drive():
     assert np.isfinite(rate_sd).all()
 
 
-def test_rest_holds_the_velocity_and_finds_the_gyro_bias():
+def test_zupt_holds_the_velocity_and_finds_the_gyro_bias():
     imu, fixes, start = recording(3)
-    stretches, rate_sd, _ = rests(imu, fixes, drives.SPEC)
+    stretches, rate_sd, _ = find_stops(imu, fixes, drives.SPEC)
     wide = replace(fixes, velocity_sd=10.0 * fixes.velocity_sd, position_sd=10.0 * fixes.position_sd)
-    plain, helped = run(imu, wide, start), run(imu, wide, start, Aiding(None, None, stretches, 0.02, rate_sd))
+    plain, helped = run(imu, wide, start), run(imu, wide, start, zupt(stretches, rate_sd))
     last = stretches[-1]
     for each in (plain, helped):
         rows = (each.solution.time > last[0] + 1.0) & (each.solution.time < last[1])
@@ -171,30 +181,30 @@ def test_rest_holds_the_velocity_and_finds_the_gyro_bias():
     assert np.all(helped.sensor_errors.sd[-1, :3] < plain.sensor_errors.sd[-1, :3])
 
 
-def test_what_helps_changes_nothing_in_the_result_for_other_block_sizes():
-    imu, fixes, start, found, _ = learned(4)
-    whole = run(imu, fixes, start, found.aiding)
-    parts = run(imu, fixes, start, found.aiding, blocks=777)
+def test_aiding_changes_nothing_in_the_result_for_other_block_sizes():
+    imu, fixes, start, found, _ = first_pass(4)
+    whole = run(imu, fixes, start, measurements_from_drive(found)[0])
+    parts = run(imu, fixes, start, measurements_from_drive(found)[0], blocks=777)
     np.testing.assert_allclose(whole.solution.lla, parts.solution.lla, rtol=0, atol=1e-15)
 
 
-def test_a_wheel_arm_shows_only_in_turns():
+def test_the_lever_arm_of_the_axle_shows_only_in_turns():
     x = np.concatenate([[0.8, 0.1, 200.0, 10.0, 0.0, 0.0], quat_from_rph(np.zeros(3))])
     z, h = np.empty(6), np.empty((6, STATES))
-    wheels = Wheels(np.eye(3), np.array([-1.5, 0.0, 0.0]), np.ones(2))
-    kernel.wheels(x, np.zeros(3), wheels.to_vehicle, wheels.lever_b, np.nan, z, h)
+    axle = np.array([-1.5, 0.0, 0.0])
+    kernel.vehicle_velocity(x, np.zeros(3), np.eye(3), axle, np.nan, z, h)
     assert z[1] == 0.0
-    kernel.wheels(x, np.array([0.0, 0.0, 0.2]), wheels.to_vehicle, wheels.lever_b, np.nan, z, h)
+    kernel.vehicle_velocity(x, np.array([0.0, 0.0, 0.2]), np.eye(3), axle, np.nan, z, h)
     assert z[1] == pytest.approx(-0.3)
 
 
 def test_position_error_moves_with_the_fixes_after_all():
     """Aiding has not cut the filter off from its fixes: a step of all of them is followed."""
-    imu, fixes, start, found, _ = learned(5)
+    imu, fixes, start, found, _ = first_pass(5)
     late = fixes.time > drives.truth().start + 150.0
     lla = fixes.lla.copy()
     lla[late] = lla_offset(lla[late], np.array([0.8, 0.0, 0.0]))
-    a, b = (run(imu, replace(fixes, lla=each), start, found.aiding) for each in (fixes.lla, lla))
+    a, b = (run(imu, replace(fixes, lla=each), start, measurements_from_drive(found)[0]) for each in (fixes.lla, lla))
     moved_by = ned_offset(b.solution.lla[-200:], a.solution.lla[-200:])
     assert moved_by[:, 0] == pytest.approx(0.8, abs=0.15)
 
@@ -235,15 +245,15 @@ def test_derivatives_of_the_heading_are_those_of_differences():
     rng = np.random.default_rng(4)
     x = state(rng)
     z, h = np.empty(6), np.empty((6, STATES))
-    kernel.course(x, 1.9, z, h)
+    kernel.body_heading(x, 1.9, z, h)
     truth, unused = z[0], np.empty((6, STATES))
     assert truth == pytest.approx(0.1)
     for j in range(6, 9):
         error = np.zeros(STATES)
         error[j] = 1e-6
-        kernel.course(moved(x, error), 1.9, z, unused)
+        kernel.body_heading(moved(x, error), 1.9, z, unused)
         assert (z[0] - truth) / 1e-6 == pytest.approx(h[0, j], abs=1e-4)
-    kernel.course(x, 1.9 + 2.0 * np.pi, z, h)
+    kernel.body_heading(x, 1.9 + 2.0 * np.pi, z, h)
     assert z[0] == pytest.approx(0.1)
 
 
@@ -259,7 +269,7 @@ def test_a_heading_of_two_antennas_is_followed():
         phi = drives.attitude_error(each.epochs.q_nb, reference(drives.truth(), each.epochs.time).rph)
         errors.append(np.sqrt(np.mean(phi[5:, 2] ** 2)))
     assert errors[1] < 0.5 * errors[0]
-    (use,) = helped.aids
+    (use,) = helped.aiding
     assert use.name == "heading"
     assert use.nis == pytest.approx(1.0, abs=0.3)
     assert use.rejected == 0
@@ -273,10 +283,9 @@ def test_a_barometer_holds_the_height_without_fixes():
     rng = np.random.default_rng(2)
     imu = replace(imu, baro=height - 37.0 + 0.2 * rng.standard_normal(height.shape))
     first = run(imu, fixes, start)
-    found = learn(first.smoothed.solution, imu, fixes, drives.SPEC)
-    assert found.aiding.height is not None
-    only = Aiding(height=found.aiding.height)
-    second = run(imu, fixes, start, only)
+    height_aiding = kind(FirstPass(first.smoothed.solution, imu, fixes, drives.SPEC), "height")
+    assert height_aiding is not None
+    second = run(imu, fixes, start, (height_aiding,))
     row = int(np.searchsorted(first.solution.time, begin + 59.0))
     true = reference(motion, first.solution.time[row : row + 1]).lla[0, 2]
     errors = [abs(each.solution.lla[row, 2] - true) for each in (first, second)]
@@ -289,8 +298,8 @@ def test_rows_at_the_epochs_hold_what_came_of_them():
     """Where fix and rest are used at the same time, too: the smoother counts on it."""
     _, fixes, start = recording(3)
     imu = drives.perfect_imu(100.0)  # rest is used four times a second: at every fix, too
-    stretches, rate_sd, _ = rests(imu, fixes, drives.SPEC)
-    settings = FilterSettings(aiding=Aiding(None, None, stretches, 0.02, rate_sd), lever_b=drives.LEVER_B)
+    stretches, rate_sd, _ = find_stops(imu, fixes, drives.SPEC)
+    settings = FilterSettings(aiding=zupt(stretches, rate_sd), lever_b=drives.LEVER_B)
     every = range(fixes.time.shape[0])
     navigator = Navigator(start.initial, drives.MODEL, fixes, start.alignment, 0.01, settings, marks=every)
     navigator.feed(imu)

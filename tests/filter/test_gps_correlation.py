@@ -66,7 +66,7 @@ def test_a_variance_that_nobody_claims_tells_nothing():
     gps = drives.perfect_gps(1.0, laps=4)
     errors = GpsErrors((0.7, 0.7, 1.4), (1.3, 1.3, 2.6), 100.0, (0.05, 0.05, 0.1))
     assert correlated_noise(corrupt_gps(gps, errors, 1), 0.0) is not None
-    assert correlated_noise(corrupt_gps(gps, errors, 1), 0.0, claimed=False) is None
+    assert correlated_noise(corrupt_gps(gps, errors, 1), 0.0, reported=False) is None
 
 
 def test_a_claim_that_a_long_record_refutes_is_not_believed():

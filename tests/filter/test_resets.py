@@ -11,7 +11,8 @@ from insnav.earth import ned_offset
 from insnav.exceptions import DivergenceError
 from insnav.filter import FilterSettings
 from insnav.filter.engine import Engine
-from insnav.filter.navigate import Start, navigate_recording
+from insnav.filter.navigate import navigate_recording
+from insnav.filter.prepare import Start
 from insnav.simulate import Profile, Segment, Truth, Vehicle, drive, gps_from_truth, imu_from_truth, reference
 from insnav.types import EventKind, GpsData, Run
 from insnav.units import DEG, DEG_PER_H

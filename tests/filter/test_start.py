@@ -12,7 +12,8 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, initial_state
 from insnav.filter.gps_correlation import CorrelatedNoise
-from insnav.filter.navigate import DELAY_SD, Start, navigate_recording
+from insnav.filter.navigate import navigate_recording
+from insnav.filter.prepare import DELAY_SD, Start
 from insnav.simulate import GpsErrors, corrupt_gps, reference
 from insnav.types import EventKind, GpsData, ImuData, Run
 from insnav.units import DEG
@@ -135,10 +136,10 @@ def test_a_record_that_ends_at_its_start_is_refused():
     assert "no sample lies after" in error.what
 
 
-def test_a_hole_that_is_too_long_is_refused_with_its_time():
+def test_a_data_gap_that_is_too_long_is_refused_with_its_time():
     imu = drives.perfect_imu(laps=1)
     keep = (imu.time <= 1030.0) | (imu.time > 1040.05)
     cut = replace(imu, time=imu.time[keep], gyro=imu.gyro[keep], accel=imu.accel[keep])
     error = refused(cut, start_at(1010.0))
-    assert "hole of 10.1 s" in error.what
+    assert "data gap of 10.1 s" in error.what
     assert "1030.000" in error.where

@@ -10,7 +10,8 @@ from insnav.alignment import rest_of
 from insnav.cli.inputs import imu_from_rest
 from insnav.filter import FilterSettings
 from insnav.filter.gps_noise import with_sd
-from insnav.filter.navigate import DELAY_SD, Navigated, navigate_recording
+from insnav.filter.navigate import Navigated, navigate_recording
+from insnav.filter.prepare import DELAY_SD
 from insnav.imu import ImuSpec
 from insnav.input import read_gps, read_imu
 from insnav.strapdown import intervals

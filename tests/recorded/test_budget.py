@@ -11,7 +11,7 @@ from insnav.errors.budget.from_windows import RecordedBudget, RecordedSettings, 
 from insnav.errors.outage.statistics import COMPONENTS
 from insnav.errors.outage.window_reference import Judge, at_rest, judged_by_reference
 from insnav.filter import FilterSettings
-from insnav.filter.navigate import DELAY_SD, prepare
+from insnav.filter.prepare import DELAY_SD, prepare
 from insnav.imu import load_imu
 from insnav.input import read_imu, read_reference
 from insnav.report.budget.windows import recorded_sentences, recorded_warnings

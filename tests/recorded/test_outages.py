@@ -6,7 +6,8 @@ import numpy as np
 
 from insnav.errors.outage.gnss_outage import growth, outages
 from insnav.filter import FilterSettings
-from insnav.filter.navigate import DELAY_SD, aided, prepare
+from insnav.filter.navigate import aided
+from insnav.filter.prepare import DELAY_SD, prepare
 from insnav.input import read_gps
 from insnav.types import GpsData, ImuData
 from tests.recorded.recording import imu_model, recording

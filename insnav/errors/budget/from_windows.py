@@ -19,7 +19,7 @@ from insnav.errors.outage.window_reference import Judge, judged_by_fixes
 from insnav.errors.outage.window_start import StartChoice
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import ErrorModel
-from insnav.filter.navigate import Prepared
+from insnav.filter.prepare import Prepared
 from insnav.imu import ImuSpec
 from insnav.sample_statistics import CONFIDENCE
 from insnav.types import Trajectory

@@ -20,7 +20,7 @@ from insnav.errors.outage.window_reference import Judge
 from insnav.exceptions import InputError
 from insnav.filter.error_model import InitialState
 from insnav.filter.gps_correlation import CorrelatedNoise
-from insnav.filter.navigate import Prepared
+from insnav.filter.prepare import Prepared
 from insnav.imu import ImuSpec
 from insnav.sample_statistics import CONFIDENCE
 from insnav.simulate.ideal_sensors import gps_from_truth

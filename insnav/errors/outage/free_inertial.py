@@ -16,8 +16,9 @@ from insnav.errors.outage.window_start import StartChoice, alone, forward_start,
 from insnav.errors.outage.windows import part_of, shown_only
 from insnav.exceptions import InputError
 from insnav.filter.error_model import FilterState
-from insnav.filter.navigate import Prepared, feed
+from insnav.filter.navigate import feed
 from insnav.filter.navigator import Navigator
+from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
 from insnav.kernels.errorstate import STATES
 from insnav.types import BoolArray, FloatArray, GpsData

@@ -15,8 +15,9 @@ from insnav.attitude import rph_from_quat, wrap_pi
 from insnav.errors.outage.windows import good, part_of, shown_only
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.error_model import FilterState
-from insnav.filter.navigate import Prepared, feed
+from insnav.filter.navigate import feed
 from insnav.filter.navigator import Navigator
+from insnav.filter.prepare import Prepared
 from insnav.types import FloatArray, GpsData
 
 RECOVERY = 60.0  # time after the window whose fixes the smoother gets [s]

@@ -10,7 +10,8 @@ import numpy as np
 from insnav.errors.outage.windows import good
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.error_model import FilterState
-from insnav.filter.navigate import Prepared, feed
+from insnav.filter.navigate import feed
+from insnav.filter.prepare import Prepared
 from insnav.types import FloatArray, Run
 
 SHORTEST, LONGEST = 10.0, 300.0  # windows [s]

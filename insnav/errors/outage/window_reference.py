@@ -8,7 +8,7 @@ import numpy as np
 
 from insnav.errors.outage.windows import good
 from insnav.exceptions import InputError
-from insnav.filter.navigate import Prepared
+from insnav.filter.prepare import Prepared
 from insnav.types import FloatArray, GpsData, Trajectory
 
 _LEAST_SD = 1e-4  # nothing is known better [m], [m/s]

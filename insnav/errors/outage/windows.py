@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from insnav.filter.error_model import FilterState
-from insnav.filter.navigate import Prepared
+from insnav.filter.prepare import Prepared
 from insnav.types import BoolArray, GpsData
 
 _LEAD = 2.0  # samples before the window, for the polynomials at its first interval [s]

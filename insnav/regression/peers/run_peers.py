@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from insnav.exceptions import AlignmentError, InsnavError
-from insnav.filter.navigate import Prepared, navigate_recording, prepare
+from insnav.filter.navigate import navigate_recording
+from insnav.filter.prepare import Prepared, prepare
 from insnav.regression.cases import Material, source_of
 from insnav.regression.corpus import Corpus, RecordedCase
 from insnav.regression.evaluate import judged, settled

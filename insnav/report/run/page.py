@@ -15,7 +15,7 @@ _SECTIONS = {
     "imu_model": "IMU model",
     "solution": "Solution",
     "fixes": "Fixes",
-    "aids": "What helped besides fixes",
+    "aiding": "Aiding besides fixes",
     "outages": "Outages",
     "sensor_errors": "Estimated sensor errors",
     "smoothed": "Smoothed solution",

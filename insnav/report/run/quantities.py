@@ -63,7 +63,7 @@ def run_facts(
     -------
     dict
         Keys ``versions``, ``configuration``, ``input``, ``imu_model``, ``alignment``, ``solution``,
-        ``fixes``, ``aids``, ``outages``, ``sensor_errors``, ``events``, ``accuracy``, ``smoothed``, ``warnings``.
+        ``fixes``, ``aiding``, ``outages``, ``sensor_errors``, ``events``, ``accuracy``, ``smoothed``, ``warnings``.
     """
     facts = {
         "versions": versions(),
@@ -73,10 +73,10 @@ def run_facts(
         "alignment": alignment_facts(run.alignment),
         "solution": _solution_facts(run.solution),
         "fixes": _fix_facts(run),
-        "aids": [asdict(use) for use in run.aids],
+        "aiding": [asdict(use) for use in run.aiding],
         "outages": [{"start_s": start, "end_s": end, "duration_s": end - start} for start, end in outages(run)],
         "sensor_errors": _sensor_facts(run.sensor_errors),
-        "events": dict(sorted(Counter(event.kind.value for event in run.events).items())),
+        "events": dict(sorted(Counter(str(event.kind) for event in run.events).items())),
         "accuracy": _accuracy_facts(errors, reference_name),
         "smoothed": _smoothed_facts(run, errors, smoothed_errors, reference_name),
         "warnings": list(warnings),

@@ -15,7 +15,6 @@ WIDTH = 100
 LINES = 46
 _MARGIN = 12
 _FIRST_FILE = "report.html"
-_AID_UNITS = {"height": "m", "heading": "rad"}
 _NOTES = 4  # the others are in run.json
 _DIVERGED = "filter.diverged"
 _LATE = 0.02  # an offset of the clocks that matters [s]
@@ -160,11 +159,11 @@ def _fixes(facts: Mapping[str, Any]) -> list[str]:
         )
     reasons = "; ".join(f"{count} by {reason}" for reason, count in fixes["rejected_for"].items())
     lines += _entry("rejected", reasons or "none", rows=2)
-    for number_of, aid in enumerate(facts.get("aids", [])):
+    for number_of, aid in enumerate(facts.get("aiding", [])):
         lines += _entry(
-            "" if number_of else "aids",
-            f"{aid['name']}: {aid['offered'] - aid['rejected']} of {aid['offered']} used, innovation RMS "
-            f"{number(aid['innovation_rms'], 2)} {_AID_UNITS.get(aid['name'], 'm/s')}, NIS {number(aid['nis'], 2)}",
+            "" if number_of else "aiding",
+            f"{aid['name']}: {aid['processed'] - aid['rejected']} of {aid['processed']} accepted, innovation RMS "
+            f"{number(aid['innovation_rms'], 2)} {aid['unit']}, NIS {number(aid['nis'], 2)}",
         )
     outages = facts["outages"]
     if outages:

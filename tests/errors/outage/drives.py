@@ -11,7 +11,7 @@ from insnav.errors.outage.free_inertial import Windows, free_windows
 from insnav.errors.outage.window_drive import driven, starts
 from insnav.errors.outage.window_reference import judged_by_fixes
 from insnav.filter import FilterSettings
-from insnav.filter.navigate import Prepared, prepare
+from insnav.filter.prepare import Prepared, prepare
 from insnav.imu import ImuErrors, ImuSpec, SensorSpec, corrupt
 from insnav.simulate import LevelTruth, Profile, Segment, Vehicle, drive
 from insnav.simulate.gps_errors import GpsErrors, GpsSpec, measure_gps

@@ -11,7 +11,8 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.errors.outage.gnss_outage import RECOVERY, growth, outages
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter import FilterSettings
-from insnav.filter.navigate import Prepared, feed
+from insnav.filter.navigate import feed
+from insnav.filter.prepare import Prepared
 from insnav.simulate import reference, without_fixes
 from tests.filter import drives
 

@@ -1,0 +1,49 @@
+"""Heading of the body, of two antennas for one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+
+from insnav.filter.measurements.first_pass import FirstPass
+from insnav.filter.measurements.measurement import INTERVAL, NOTHING, FilterView
+from insnav.kernels.aiding_measurements import body_heading
+from insnav.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """Heading that the fixes come with.
+
+    Attributes
+    ----------
+    time, heading : (n,) array
+        Times [s] and heading [rad]; ``NaN`` where not known.
+    sd : (1,) array
+        Standard deviation [rad].
+    """
+
+    time: FloatArray
+    heading: FloatArray
+    sd: FloatArray
+
+    name: ClassVar[str] = "heading"
+    unit: ClassVar[str] = "rad"
+    when: ClassVar[Literal["interval", "fix"]] = "fix"
+    excludes: ClassVar[frozenset[str]] = frozenset()
+
+    def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
+        """See `Measurement`."""
+        after = int(np.clip(np.searchsorted(self.time, at.time), 1, self.time.shape[0] - 1))
+        row = after - (at.time - self.time[after - 1] < self.time[after] - at.time)
+        if not abs(self.time[row] - at.time) < 0.5 * INTERVAL or not np.isfinite(self.heading[row]):
+            return NOTHING
+        body_heading(at.x, float(self.heading[row]), z, h)
+        return slice(0, 1)
+
+    @classmethod
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+        """Nothing to find: the user says how good it is, and it is used in the first pass already."""
+        return None, ""

@@ -1,0 +1,62 @@
+"""Height, of a barometer whose zero is found from the drive, or as assumed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+
+from insnav.filter.measurements.first_pass import FirstPass
+from insnav.filter.measurements.measurement import FilterView
+from insnav.filter.measurements.residual_noise import time_correlated_sd
+from insnav.types import FloatArray
+
+LARGEST_RMS = 20.0  # a barometer that misses the height by more is none, or in another unit [m]
+LEAST_SD = 0.3  # wind and doors change the pressure by this much [m]
+
+
+@dataclass(frozen=True, slots=True)
+class HeightAiding:
+    """Height over time; before the first and after the last it stays as there.
+
+    Attributes
+    ----------
+    time, height : (n,) array
+        Times [s] and height above the ellipsoid [m].
+    sd : (1,) array
+        Standard deviation [m].
+    """
+
+    time: FloatArray
+    height: FloatArray
+    sd: FloatArray
+
+    name: ClassVar[str] = "height"
+    unit: ClassVar[str] = "m"
+    when: ClassVar[Literal["interval", "fix"]] = "interval"
+    excludes: ClassVar[frozenset[str]] = frozenset()
+
+    def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
+        """See `Measurement`."""
+        h[0] = 0.0
+        h[0, 2] = -1.0  # the error of position is North, East, Down
+        z[0] = at.x[2] - float(np.interp(at.time, self.time, self.height))
+        return slice(0, 1)
+
+    @classmethod
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+        """See `Measurement`."""
+        imu, solution = first.imu, first.solution
+        if imu.baro is None or not np.isfinite(imu.baro).any():
+            return None, ""
+        known = np.isfinite(imu.baro)
+        offset = solution.lla[:, 2] - np.interp(solution.time, imu.time[known], imu.baro[known])
+        zero = float(np.median(offset))
+        residual = offset - zero
+        rms = float(np.sqrt(np.mean(residual**2)))
+        found = f"barometer: residual {rms:.2f} m RMS, zero at {zero:.2f} m"
+        if rms > LARGEST_RMS:
+            return None, f"{found}; not used"
+        sd = np.array([max(LEAST_SD, time_correlated_sd(residual, first.step))])
+        return cls(imu.time[known], imu.baro[known] + zero, sd), found

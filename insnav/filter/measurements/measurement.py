@@ -1,0 +1,88 @@
+"""What every aiding measurement has in common, whatever sensor or assumption it comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, Protocol, Self
+
+from insnav.types import FloatArray
+
+if TYPE_CHECKING:
+    from insnav.filter.measurements.first_pass import FirstPass
+
+INTERVAL = 0.25  # from one aiding measurement of a kind to the next [s]
+NOTHING = slice(0, 0)  # rows of a measurement that has nothing to say now
+
+
+@dataclass(frozen=True, slots=True)
+class FilterView:
+    """What a measurement may know of the filter.
+
+    Attributes
+    ----------
+    begin, time : float
+        The interval since the last measurements, which ends now [s].
+    x : (10,) array
+        State; see `insnav.kernels.mechanization`. It follows the measurements used before at the same time.
+    correction : (12,) array
+        Estimated sensor errors.
+    rate : (3,) array
+        Body rate, corrected [rad/s].
+    mean_gyro : (3,) array
+        Mean gyro output over the interval, as sensed [rad/s].
+    speed : float
+        Horizontal speed before the first measurement of this time [m/s].
+    """
+
+    begin: float
+    time: float
+    x: FloatArray
+    correction: FloatArray
+    rate: FloatArray
+    mean_gyro: FloatArray
+    speed: float
+
+
+class Measurement(Protocol):
+    """One kind of aiding measurement; each is a file of its own in this folder."""
+
+    @property
+    def name(self) -> str:
+        """Also that of its event, ``gate.<name>``, and of its row in the result."""
+
+    @property
+    def unit(self) -> str:
+        """Unit of the innovation."""
+
+    @property
+    def sd(self) -> FloatArray:
+        """Standard deviation of each of its numbers, as noise that is new every time, (m,)."""
+
+    @property
+    def when(self) -> Literal["interval", "fix"]:
+        """Whether it is used every `INTERVAL`, or at the GPS fixes."""
+
+    @property
+    def excludes(self) -> frozenset[str]:
+        """Kinds that have nothing to add where this one is used."""
+
+    def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
+        """Write predicted minus measured into `z`, (6,), and its derivative by the error states into `h`, (6, n).
+
+        Returns
+        -------
+        slice
+            The rows that hold it; the first of them goes with the first of `sd`.
+        """
+
+    @classmethod
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+        """Find from a first pass over the drive what is unknown, and how good the measurement is.
+
+        Returns
+        -------
+        measurement : Self or None
+            None if there is no such sensor, or the drive does not support it.
+        note : str
+            In words; empty if there is nothing to say.
+        """

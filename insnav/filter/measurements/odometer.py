@@ -1,0 +1,86 @@
+"""Odometer: speed along the forward axis of the vehicle, with its scale factor and lag found from the drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+
+from insnav.filter.measurements.first_pass import FAST, FirstPass
+from insnav.filter.measurements.measurement import NOTHING, FilterView
+from insnav.filter.measurements.residual_noise import time_correlated_sd
+from insnav.kernels.aiding_measurements import vehicle_velocity
+from insnav.types import FloatArray
+
+LEAST_SD = 0.05  # wheel slip and tyre pressure leave no speed better than this [m/s]
+LARGEST_RMS = 0.5  # of a speed that is of use: that of the free-inertial solution after tens of seconds [m/s]
+LAGS = np.arange(-0.2, 2.0, 0.02)  # of an odometer behind the motion; buses and filters delay it by up to a second [s]
+SCALES = (0.5, 2.0)  # of a speed in the unit that its header says
+FEWEST = 100  # values that scale factor and lag are found from
+LONGEST_GAP = 1.0  # speeds farther apart are not interpolated [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Odometer:
+    """Forward speed of the point on the axle, over time.
+
+    Attributes
+    ----------
+    time, speed : (n,) array
+        Times [s] and speed with the scale factor taken off [m/s].
+    to_vehicle, lever_b : (3, 3), (3,) array
+        As in `insnav.filter.measurements.non_holonomic`.
+    sd : (1,) array
+        Standard deviation [m/s].
+    """
+
+    time: FloatArray
+    speed: FloatArray
+    to_vehicle: FloatArray
+    lever_b: FloatArray
+    sd: FloatArray
+
+    name: ClassVar[str] = "odometer"
+    unit: ClassVar[str] = "m/s"
+    when: ClassVar[Literal["interval", "fix"]] = "interval"
+    excludes: ClassVar[frozenset[str]] = frozenset()
+
+    def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
+        """See `Measurement`."""
+        row = int(np.clip(np.searchsorted(self.time, at.time), 1, self.time.shape[0] - 1))
+        near = self.time[row] - self.time[row - 1] <= LONGEST_GAP and abs(self.time[row] - at.time) <= LONGEST_GAP
+        if at.speed < FAST or not near:
+            return NOTHING
+        speed = float(np.interp(at.time, self.time, self.speed))
+        vehicle_velocity(at.x, at.rate, self.to_vehicle, self.lever_b, speed, z, h)
+        return slice(0, 1)
+
+    @classmethod
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+        """See `Measurement`."""
+        if first.imu.odometer is None or first.mounting is None or not first.mounting.holds:
+            return None, ""
+        known = np.isfinite(first.imu.odometer)
+        return cls.fitted(first, first.imu.time[known], first.imu.odometer[known], LAGS)
+
+    @classmethod
+    def fitted(cls, first: FirstPass, time: FloatArray, speed: FloatArray, lags: FloatArray) -> tuple[Self | None, str]:
+        """Find scale factor and lag of a speed, of all `lags` [s] that which leaves the smallest residual."""
+        if time.shape[0] < FEWEST:
+            return None, f"{cls.name}: not used, only {time.shape[0]} values"
+        assert first.mounting is not None
+        at, forward = first.solution.time[first.fast], first.forward[first.fast]
+        fits = []
+        for lag in lags:
+            shown = np.interp(at + lag, time, speed)
+            scale = float(shown @ forward / max(float(shown @ shown), 1e-9))
+            fits.append((float(np.sqrt(np.mean((forward - scale * shown) ** 2))), scale))
+        best = int(np.argmin([rms for rms, _ in fits]))
+        (rms, scale), lag = fits[best], float(lags[best])
+        found = f"{cls.name}: residual {rms:.2f} m/s RMS, lag {lag:.2f} s, scale {scale:.4f}"
+        if rms > LARGEST_RMS or not SCALES[0] < scale < SCALES[1]:
+            return None, f"{found}; not used"
+        residual = forward - scale * np.interp(at + lag, time, speed)
+        sd = np.array([max(LEAST_SD, time_correlated_sd(residual, first.step))])
+        return cls(time - lag, scale * speed, first.mounting.to_vehicle, first.mounting.lever_b, sd), found

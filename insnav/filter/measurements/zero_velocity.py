@@ -1,0 +1,130 @@
+"""Zero-velocity update (ZUPT): where the IMU alone shows that the vehicle is stationary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+
+from insnav.alignment import in_motion as motion
+from insnav.filter.measurements.first_pass import FirstPass
+from insnav.filter.measurements.measurement import INTERVAL, NOTHING, FilterView
+from insnav.imu.specification import ImuSpec
+from insnav.kernels.aiding_measurements import zero_velocity
+from insnav.types import BoolArray, FloatArray, GpsData, ImuData
+
+WINDOW = 0.5  # length of the windows that are classified: several periods of an idling engine [s]
+STATIONARY, MOVING = 0.15, 1.0  # GPS speed below, or above, which there is no doubt [m/s]
+FALSE_STOPS = 0.002  # share of moving windows that may be taken for stationary: a false ZUPT costs metres
+FEWEST_STOPS = 0.5  # share of stationary windows that must be found for it to be worth while
+VELOCITY_SD = 0.02  # of a vehicle that stands with its engine running [m/s]
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroVelocity:
+    """Velocity and angular rate against the Earth are zero.
+
+    Attributes
+    ----------
+    stops : (k, 2) array
+        Begin and end of the stationary intervals [s].
+    sd : (6,) array
+        Standard deviation of the velocity [m/s] and of the mean gyro output over `INTERVAL` [rad/s]; infinite if the
+        rate is not to be used.
+    """
+
+    stops: FloatArray
+    sd: FloatArray
+
+    name: ClassVar[str] = "zupt"
+    unit: ClassVar[str] = "m/s, rad/s"
+    when: ClassVar[Literal["interval", "fix"]] = "interval"
+    excludes: ClassVar[frozenset[str]] = frozenset({"nhc", "odometer", "speedometer"})
+
+    def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
+        """See `Measurement`."""
+        row = int(np.searchsorted(self.stops[:, 0], at.begin, side="right")) - 1
+        if row < 0 or at.time > float(self.stops[row, 1]):
+            return NOTHING
+        zero_velocity(at.x, at.correction[:3], at.mean_gyro, z, h)
+        return slice(0, 6 if np.isfinite(self.sd).all() else 3)
+
+    @classmethod
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+        """See `Measurement`."""
+        stops, rate_sd, note = find_stops(first.imu, first.gps, first.spec)
+        return (cls(stops, np.array([*[VELOCITY_SD] * 3, *rate_sd])) if stops.size else None), note
+
+
+def find_stops(imu: ImuData, gps: GpsData, spec: ImuSpec) -> tuple[FloatArray, FloatArray, str]:
+    """Stationary intervals by the IMU alone, with limits found where GPS shows that the vehicle stands, or moves.
+
+    Parameters
+    ----------
+    imu : ImuData
+        Samples.
+    gps : GpsData
+        Fixes, in the time of the samples.
+    spec : ImuSpec
+        IMU error specification.
+
+    Returns
+    -------
+    stops : (k, 2) array
+        Begin and end [s]; none if standing and moving cannot be told apart.
+    rate_sd : (3,) array
+        Standard deviation of the mean gyro output over `INTERVAL` at a stop [rad/s].
+    note : str
+        In words.
+    """
+    none = np.empty((0, 2))
+    no_sd = np.full(3, np.inf)
+    step = float(np.median(np.diff(imu.time)))
+    size = max(4, round(WINDOW / step))
+    n = imu.time.shape[0] // size
+    speed = motion.velocity(gps)
+    if n < 20 or speed.time.shape[0] < 10:
+        return none, no_sd, "ZUPT: not used, the record is too short"
+    scale = 1.0 / step if imu.sampling == "increment" else 1.0
+    blocks = [v[: n * size].reshape(n, size, 3) * scale for v in (imu.gyro, imu.accel)]
+    begin, end = imu.time[: n * size : size] - step, imu.time[size - 1 : n * size : size]
+    still, moving = _seen_by_gps(speed, begin, end)
+    if still.sum() < 10 or moving.sum() < 50:
+        return none, no_sd, "ZUPT: not used, GPS shows too little of stops and of motion"
+    stationary = np.ones(n, dtype=bool)
+    for feature in np.log([np.linalg.norm(b.std(axis=1), axis=1) + 1e-9 for b in blocks]):
+        high, low = np.quantile(feature[still], 0.9), np.quantile(feature[moving], 0.01)
+        if high < low:
+            stationary &= feature < 0.5 * (high + low)
+    wrong, right = float(np.mean(stationary[moving])), float(np.mean(stationary[still]))
+    rates = f"{100 * right:.0f} % of stops detected, {100 * wrong:.2g} % false"
+    if stationary.all() or wrong > FALSE_STOPS or right < FEWEST_STOPS:
+        return none, no_sd, f"ZUPT: not used, {rates}"
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], stationary.astype(np.int8), [0]])))
+    # the first and the last window of a stop may hold a moment of braking or starting
+    stops = np.array([[begin[a] + 0.5 * WINDOW, end[b - 1] - 0.5 * WINDOW] for a, b in edges.reshape(-1, 2)])
+    stops = stops[stops[:, 1] - stops[:, 0] >= WINDOW]
+    if not stops.size:
+        return none, no_sd, "ZUPT: no stops"
+    few = max(2, round(INTERVAL / step))
+    quiet = blocks[0][still & stationary]
+    means = quiet[:, : size // few * few].reshape(quiet.shape[0], -1, few, 3).mean(axis=2)
+    # two means a window: their scatter about the common mean is the smaller by the root of two
+    scatter = (means - means.mean(axis=1, keepdims=True)).std(axis=(0, 1)) * np.sqrt(2.0)
+    # doubled: at a stop people and wind move the vehicle now and then, which the scatter of most windows does not show
+    rate_sd = 2.0 * np.hypot(scatter, spec.gyro.random_walk / np.sqrt(INTERVAL))
+    total = float(np.sum(stops[:, 1] - stops[:, 0]))
+    return stops, rate_sd, f"ZUPT: {stops.shape[0]} stops, {total:.0f} s; {rates}"
+
+
+def _seen_by_gps(speed: motion.Velocity, begin: FloatArray, end: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """Windows in which the vehicle stands, and in which it moves, without doubt."""
+    fast = np.linalg.norm(speed.v_n, axis=1)
+    margin = np.maximum(0.5, 0.6 * float(np.median(np.diff(speed.time))))
+    first, last = np.searchsorted(speed.time, begin - margin), np.searchsorted(speed.time, end + margin)
+    seen = last > first
+    most = np.array([fast[a:b].max() if b > a else np.nan for a, b in zip(first, last, strict=True)])
+    least = np.array([fast[a:b].min() if b > a else np.nan for a, b in zip(first, last, strict=True)])
+    noise = 3.0 * float(np.median(speed.sd))
+    return seen & (most < max(STATIONARY, noise)), seen & (least > max(MOVING, 2.0 * noise))
