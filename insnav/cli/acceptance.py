@@ -10,7 +10,7 @@ import typer
 from insnav.cli import options as opt
 from insnav.cli import parse
 from insnav.cli.calibrate import command as common
-from insnav.cli.console import Stages, note, result_sheet
+from insnav.cli.console import Stages, note, result_page
 
 SHORT_HELP = "Acceptance figures from the bench: scale factor, bias, stability, repeatability."
 HELP = """Acceptance figures from the bench: scale factor, bias, stability, repeatability.
@@ -89,12 +89,14 @@ def acceptance(
         stage("figures")
         found = lab.acceptance(steps, rest, several, times)
         stage("writing")
-        from insnav.report.acceptance.page import acceptance_report
-        from insnav.report.sheet import write_sheet
+        from insnav.report.acceptance.page import acceptance_page
+        from insnav.report.calibration.common import bench_input
+        from insnav.report.save import write_page
 
         files = [*steps, *([rest] if rest else []), *several]
-        sheet, facts = acceptance_report(found, files)
-        for text in sheet.warnings:
+        page = acceptance_page(found, files)
+        for text in page.warnings:
             note(text)
-        where = write_sheet(folder, sheet, facts)
-    result_sheet(where, sheet, out, as_json=as_json)
+        metadata = {"command": "acceptance", "input": bench_input([each.table for each in files])}
+        where = write_page(folder, page, metadata)
+    result_page(where, page, out, as_json=as_json)

@@ -9,7 +9,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, result_sheet
+from insnav.cli.console import Stages, note, result_page
 
 SHORT_HELP = "Noise of an IMU from a record at rest: Allan deviation and imu.toml."
 HELP = """Noise of an IMU from a record at rest: Allan deviation and imu.toml.
@@ -71,8 +71,8 @@ def allan(
         stage("noise")
         from insnav.imu import to_toml
         from insnav.lab.noise.static_noise import static_noise
-        from insnav.report.noise.page import deviations_csv, noise_facts, noise_sheet
-        from insnav.report.sheet import write_sheet
+        from insnav.report.noise.page import deviations_csv, noise_page
+        from insnav.report.save import write_page
 
         name = Path(reading.facts.path).name
         found = static_noise(
@@ -86,7 +86,7 @@ def allan(
         for text in found.warnings:
             note(text)
         stage("writing")
-        sheet = noise_sheet(found, name)
+        page = noise_page(found, name)
         texts = {IMU_TOML: to_toml(found.spec), "allan.csv": deviations_csv(found)}
-        where = write_sheet(folder, sheet, noise_facts(found, reading.facts.as_dict()), texts)
-    result_sheet(where, sheet, out, as_json=as_json, more=texts)
+        where = write_page(folder, page, {"command": "allan", "imu": reading.facts.as_dict()}, texts)
+    result_page(where, page, out, as_json=as_json, more=texts)

@@ -10,7 +10,7 @@ import typer
 from insnav.cli import options as opt
 from insnav.cli import parse
 from insnav.cli.calibrate import command as common
-from insnav.cli.console import Stages, note, result_sheet
+from insnav.cli.console import Stages, note, result_page
 
 SHORT_HELP = "Drift of MEMS gyros: model, Kalman smoothing, and what both do to the noise."
 HELP = """Drift of MEMS gyros: model, Kalman smoothing, and what both do to the noise.
@@ -57,12 +57,13 @@ def drift(
         found = drift_study(record)
         stage("writing")
         from insnav.imu import calibration_to_toml
-        from insnav.report.drift.page import drift_report, rates_csv
-        from insnav.report.sheet import write_sheet
+        from insnav.report.calibration.common import bench_input
+        from insnav.report.drift.page import drift_page, rates_csv
+        from insnav.report.save import write_page
 
-        sheet, facts = drift_report(found, table)
-        for text in sheet.warnings:
+        page = drift_page(found, table.name)
+        for text in page.warnings:
             note(text)
         texts = {"calibration.toml": calibration_to_toml(found.errors), "rates.csv": rates_csv(found)}
-        where = write_sheet(folder, sheet, facts, texts)
-    result_sheet(where, sheet, out, as_json=as_json, more=texts)
+        where = write_page(folder, page, {"command": "drift", "input": bench_input([table])[0]}, texts)
+    result_page(where, page, out, as_json=as_json, more=texts)

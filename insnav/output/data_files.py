@@ -121,6 +121,18 @@ def rounded(names: tuple[str, ...], values: FloatArray, decimals: int) -> dict[s
     return known(tuple((name, decimals) for name in names), values)
 
 
+def csv_text(columns: Mapping[str, FloatArray], digits: int) -> str:
+    """Write columns as text of a csv table, each number in so many significant digits.
+
+    Parameters
+    ----------
+    columns : mapping of str to (n,) array
+    digits : int
+    """
+    lines = (",".join(f"{value:.{digits}g}" for value in row) for row in np.column_stack(list(columns.values())))
+    return "\n".join([",".join(columns), *lines]) + "\n"
+
+
 def write_table(path: Path, columns: Mapping[str, FloatArray | IntArray]) -> None:
     """Write columns as csv, compressed if the name ends in ``.gz``; a NaN becomes an empty cell.
 

@@ -63,7 +63,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def rounded(value: float, sd: float) -> str:
-    """Number to the second digit of its standard deviation, never in less than four.
+    """Number to the second digit of its standard deviation, never in less than three.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def rounded(value: float, sd: float) -> str:
     if not sd > 0.0:
         return f"{value:.6g}"
     digits = math.floor(math.log10(scale)) - math.floor(math.log10(sd)) + 2
-    text = f"{value:#.{min(max(digits, 4), 12)}g}"
+    text = f"{value:#.{min(max(digits, 3), 12)}g}"
     return text.rstrip(".")
 
 

@@ -1,59 +1,35 @@
-"""The noise of a static record as a sheet, facts and files."""
+"""The noise of a static record as a page, and its deviations as a table."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from insnav.lab.noise.allan import AXES
-from insnav.lab.noise.noise_model import Coefficient, NoiseModel
+from insnav.lab.noise.noise_model import NoiseModel
 from insnav.lab.noise.static_noise import StaticNoise
+from insnav.output.data_files import csv_text
+from insnav.quantity import Quantity, key_suffix
 from insnav.report.noise.figures import draw_allan
-from insnav.report.numbers import number
-from insnav.report.page import Table
-from insnav.report.run_json import json_ready
-from insnav.report.sheet import Picture, Sheet
-from insnav.report.style import drawing
-from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, HOUR, M_S_PER_SQRT_H, UG
+from insnav.report.page import FigureSpec, Page, Section
+from insnav.types import FloatArray
+from insnav.units import M_S_PER_SQRT_H, UG, UNITS
 
 _TIMES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0)  # of the table of deviations [s]
 _NEAR = 1.3  # a table entry stands for times this near
 
-
-@dataclass(frozen=True, slots=True)
-class _Unit:
-    key: str  # of the fact in field units
-    unit: str
-    factor: float
-    si: str  # key of the fact in SI
-
-
-GYRO_UNITS = {
-    "Q": _Unit("quantisation_arcsec", "arcsec", DEG / 3600.0, "quantisation_rad"),
-    "N": _Unit("random_walk_deg_sqrt_h", "deg/√h", DEG_PER_SQRT_H, "random_walk_rad_sqrt_s"),
-    "B": _Unit("bias_instability_deg_h", "deg/h", DEG_PER_H, "bias_instability_rad_s"),
-    "K": _Unit("rate_random_walk_deg_h_sqrt_h", "deg/h/√h", DEG_PER_H / np.sqrt(HOUR), "rate_random_walk_rad_s_sqrt_s"),
-    "GM": _Unit("gauss_markov_deg_h", "deg/h", DEG_PER_H, "gauss_markov_rad_s"),
-    "R": _Unit("rate_ramp_deg_h_h", "deg/h/h", DEG_PER_H / HOUR, "rate_ramp_rad_s2"),
-}
-ACCEL_UNITS = {
-    "Q": _Unit("quantisation_mm_s", "mm/s", 1e-3, "quantisation_m_s"),
-    "N": _Unit("random_walk_m_s_sqrt_h", "m/s/√h", M_S_PER_SQRT_H, "random_walk_m_s_sqrt_s"),
-    "B": _Unit("bias_instability_ug", "ug", UG, "bias_instability_m_s2"),
-    "K": _Unit("rate_random_walk_ug_sqrt_h", "ug/√h", UG / np.sqrt(HOUR), "rate_random_walk_m_s2_sqrt_s"),
-    "GM": _Unit("gauss_markov_ug", "ug", UG, "gauss_markov_m_s2"),
-    "R": _Unit("rate_ramp_ug_h", "ug/h", UG / HOUR, "rate_ramp_m_s3"),
-}
-_WORDS = {
-    "Q": "quantisation Q",
-    "N": "random walk N",
-    "B": "bias instability B",
-    "K": "rate random walk K",
-    "GM": "Gauss-Markov bias, sd",
-    "R": "rate ramp R",
+# term -> key, label, unit shown and unit in SI of gyros, of accelerometers
+_TERMS = {
+    "Q": ("quantisation", "quantisation Q", ("arcsec", "rad"), ("mm/s", "m/s")),
+    "N": ("random_walk", "random walk N", ("deg/sqrt(h)", "rad/sqrt(s)"), ("m/s/sqrt(h)", "m/s/sqrt(s)")),
+    "B": ("bias_instability", "bias instability B", ("deg/h", "rad/s"), ("ug", "m/s^2")),
+    "K": (
+        "rate_random_walk",
+        "rate random walk K",
+        ("deg/h/sqrt(h)", "rad/s/sqrt(s)"),
+        ("ug/sqrt(h)", "m/s^2/sqrt(s)"),
+    ),
+    "GM": ("gauss_markov", "Gauss-Markov bias, sd", ("deg/h", "rad/s"), ("ug", "m/s^2")),
+    "R": ("rate_ramp", "rate ramp R", ("deg/h/h", "rad/s^2"), ("ug/h", "m/s^3")),
 }
 ASSUMPTIONS = (
     "overlapping Allan deviation, NIST SP 1065 (2008) section 5.2.5; noise terms of IEEE Std 952-1997 annex C",
@@ -65,12 +41,32 @@ ASSUMPTIONS = (
 )
 
 
-def _units(column: int) -> Mapping[str, _Unit]:
-    return GYRO_UNITS if column < 3 else ACCEL_UNITS
+def noise_quantity(
+    term: str,
+    value: float | None,
+    sd: float | None = None,
+    interval: tuple[float, float] | None = None,
+    *,
+    gyro: bool = True,
+    si: bool = False,
+) -> Quantity:
+    """One noise coefficient of a gyro or an accelerometer.
+
+    Parameters
+    ----------
+    term : {"Q", "N", "B", "K", "GM", "R"}
+    value, sd, interval : float
+        In SI.
+    gyro : bool
+    si : bool
+        Shown in SI, not in the unit usual for it.
+    """
+    key, label, *units = _TERMS[term]
+    return Quantity(key, value, units[0 if gyro else 1][1 if si else 0], sd, interval, label)
 
 
-def noise_sheet(found: StaticNoise, name: str) -> Sheet:
-    """Make the sheet of a noise analysis.
+def noise_page(found: StaticNoise, name: str) -> Page:
+    """Report the noise of a static record.
 
     Parameters
     ----------
@@ -78,157 +74,92 @@ def noise_sheet(found: StaticNoise, name: str) -> Sheet:
     name : str
         Of the record.
     """
-    record = found.record
-    with drawing():
-        figure = draw_allan(found.allan, found.models, f"Allan deviation of {name}")
-    return Sheet(
+    record, tau = found.record, found.allan.tau
+    figure = FigureSpec(
+        "allan",
+        "Overlapping Allan deviation, fitted models and 95 % intervals",
+        lambda: draw_allan(found.allan, found.models, f"Allan deviation of {name}"),
+    )
+    axes = [_axis(found, column) for column in range(6)]
+    return Page(
         f"Noise of {name}",
         (
-            f"{record.length:.6g} s at {1.0 / record.interval:.6g} Hz, {len(found.allan.tau)} averaging times from "
-            f"{found.allan.tau[0]:.3g} to {found.allan.tau[-1]:.4g} s",
+            f"{record.length:.6g} s at {1.0 / record.interval:.6g} Hz, {len(tau)} averaging times from {tau[0]:.3g} to "
+            f"{tau[-1]:.4g} s",
         ),
-        (_coefficients(found), _deviations(found), _filter_figures(found)),
-        (Picture("allan", figure, "Overlapping Allan deviation, fitted models and 95 % intervals"),),
-        (*ASSUMPTIONS, *found.notes),
+        (
+            Section(
+                "",
+                items=(Quantity("length", record.length, "s"), Quantity("interval", record.interval, "s")),
+                show="json",
+            ),
+            Section("axes", parts=tuple(part for parts in axes for part in parts), figures=(figure,)),
+            Section("deviations", "Allan deviation", rows=_deviations(found)),
+            _filter_figures(found),
+        ),
         found.warnings,
+        (*ASSUMPTIONS, *found.notes),
     )
 
 
-def _coefficients(found: StaticNoise) -> Table:
-    rows = []
-    for column, model in enumerate(found.models):
-        if model is None:
-            continue
-        for name, each in model.coefficients.items():
-            unit = _units(column)[name]
-            value, sd, low, high = (x / unit.factor for x in (each.value, each.sd, each.low, each.high))
-            rows.append(
-                (
-                    AXES[column],
-                    _WORDS[name],
-                    number(value),
-                    number(sd, 2),
-                    f"{number(low)} .. {number(high)}",
-                    unit.unit,
-                )
-            )
-        if np.isfinite(model.correlation_time):
-            sd = model.correlation_time_sd
-            rows.append((AXES[column], "its correlation time", number(model.correlation_time), number(sd, 2), "", "s"))
-    return Table(
-        "Noise coefficients",
-        ("axis", "term", "value", "1 sd", "95 %", "unit"),
-        tuple(rows),
-        "only terms that the data support; 1 m/s/√h of an accelerometer is "
-        f"{M_S_PER_SQRT_H / UG:.0f} ug/√Hz, 1 deg/√h is 60 deg/h/√Hz",
-    )
+def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
+    """Coefficients of one axis as they are usually told, and in SI."""
+    model, floor, gyro = found.models[column], found.floors[column], column < 3
+    key = AXES[column].replace(" ", "_")
+    if model is None or floor is None:
+        return (Section("", items=(Quantity(key, None),), show="json"),)
+    items = [
+        noise_quantity(term, each.value, each.sd, (each.low, each.high), gyro=gyro)
+        for term, each in model.coefficients.items()
+    ]
+    if np.isfinite(model.correlation_time):
+        items.append(Quantity("correlation_time", model.correlation_time, "s", model.correlation_time_sd))
+    items += [
+        Quantity("floor", floor.value, "deg/h" if gyro else "ug", meaning="lowest deviation"),
+        Quantity("floor_tau", floor.tau, "s", meaning="at averaging time"),
+        Quantity("misfit", model.misfit, meaning="relative misfit of the model"),
+    ]
+    si = tuple(noise_quantity(term, each.value, gyro=gyro, si=True) for term, each in model.coefficients.items())
+    return (Section(key, f"Noise coefficients of {AXES[column]}", tuple(items)), Section(key, items=si, show="json"))
 
 
-def _deviations(found: StaticNoise) -> Table:
-    tau = found.allan.tau
-    rows = []
+def _deviations(found: StaticNoise) -> tuple[tuple[Quantity, ...], ...]:
+    tau, rows = found.allan.tau, []
     for wanted in _TIMES:
         row = int(np.argmin(np.abs(np.log(tau / wanted))))
-        if not 1.0 / _NEAR < tau[row] / wanted < _NEAR:
-            continue
-        cells = [number(float(tau[row]))]
-        cells += [number(float(found.allan.deviation[row, i]) / _units(i)["B"].factor) for i in range(6)]
-        cells.append(number(min((float(m.freedom[row]) for m in found.models if m is not None), default=None), 2))
-        rows.append(tuple(cells))
-    cells = ["floor"]
-    cells += [number(None if f is None else f.value / _units(i)["B"].factor) for i, f in enumerate(found.floors)]
-    rows.append((*cells, ""))
-    where = ", ".join(f"{AXES[i]} {f.tau:.3g}" for i, f in enumerate(found.floors) if f is not None)
-    return Table(
-        "Allan deviation",
-        ("tau [s]", *(f"{axis} [{_units(i)['B'].unit}]" for i, axis in enumerate(AXES)), "degrees of freedom"),
-        tuple(rows),
-        f"floor: lowest deviation with ten degrees of freedom, at tau [s] {where}" if where else "no axis shows noise",
-    )
+        if 1.0 / _NEAR < tau[row] / wanted < _NEAR:
+            freedom = min((float(m.freedom[row]) for m in found.models if m is not None), default=None)
+            axes = (
+                Quantity(axis.replace(" ", "_"), float(found.allan.deviation[row, i]), "deg/h" if i < 3 else "ug")
+                for i, axis in enumerate(AXES)
+            )
+            least = Quantity("degrees_of_freedom", freedom, digits=2)
+            rows.append((Quantity("tau", float(tau[row]), "s"), *axes, least))
+    return tuple(rows)
 
 
-def _filter_figures(found: StaticNoise) -> Table:
+def _filter_figures(found: StaticNoise) -> Section:
     rows = []
-    for first, sensor, units in ((0, found.spec.gyro, GYRO_UNITS), (3, found.spec.accel, ACCEL_UNITS)):
-        for axis in range(3):
-            cells = [
-                number(float(value[axis]) / units[term].factor or None)
-                for term, value in (
-                    ("N", sensor.random_walk),
-                    ("B", sensor.bias_instability),
-                    ("K", sensor.rate_random_walk),
-                    ("Q", sensor.quantisation),
-                    ("R", sensor.rate_ramp),
-                )
-            ]
-            time = sensor.correlation_time if np.isfinite(sensor.correlation_time) else None
-            named = ", ".join(units[term].unit for term in "NBKQR")
-            rows.append((AXES[first + axis], cells[0], cells[1], number(time), *cells[2:], named))
-    columns = (
-        "random walk",
-        "bias instability, sd",
-        "correlation time [s]",
-        "rate random walk",
-        "quantisation",
-        "ramp",
-    )
-    return Table(
-        "Figures for filters and simulations (imu.toml)",
-        ("axis", *columns, "units"),
-        tuple(rows),
-        "bias instability as the standard deviation of a Gauss-Markov process; quantisation and rate ramp are only "
-        "simulated; use with insnav run --imu imu.toml",
-    )
-
-
-def noise_facts(found: StaticNoise, reading: Mapping[str, Any]) -> dict[str, Any]:
-    """Gather the results, JSON-ready, units in the keys.
-
-    Parameters
-    ----------
-    found : StaticNoise
-    reading : mapping
-        What was read.
-    """
-    axes = {}
-    for column, (axis, model) in enumerate(zip(AXES, found.models, strict=True)):
-        axes[axis.replace(" ", "_")] = None if model is None else _axis_facts(found, column, model)
-    facts: dict[str, Any] = json_ready(
-        {
-            "command": "allan",
-            "imu": dict(reading),
-            "length_s": found.record.length,
-            "interval_s": found.record.interval,
-            "axes": axes,
-            "notes": list(found.notes),
-            "warnings": list(found.warnings),
-            "assumptions": list(ASSUMPTIONS),
+    for column, axis in enumerate(AXES):
+        sensor, k = (found.spec.gyro, column) if column < 3 else (found.spec.accel, column - 3)
+        terms = {
+            "N": sensor.random_walk,
+            "GM": sensor.bias_instability,
+            "K": sensor.rate_random_walk,
+            "Q": sensor.quantisation,
+            "R": sensor.rate_ramp,
         }
+        figures = [noise_quantity(term, float(value[k]) or None, gyro=column < 3) for term, value in terms.items()]
+        time = sensor.correlation_time if np.isfinite(sensor.correlation_time) else None
+        figures.insert(2, Quantity("correlation_time", time, "s"))
+        rows.append((Quantity("axis", axis), *figures))
+    return Section(
+        "imu_model",
+        "IMU model for filters and simulations (imu.toml)",
+        rows=tuple(rows),
+        note=f"1 m/s/√h is {M_S_PER_SQRT_H / UG:.0f} ug/√Hz, 1 deg/√h is 60 deg/h/√Hz. Quantisation and rate ramp: "
+        "in simulations only. Use it with insnav run --imu imu.toml.",
     )
-    return facts
-
-
-def _axis_facts(found: StaticNoise, column: int, model: NoiseModel) -> dict[str, Any]:
-    units, floor = _units(column), found.floors[column]
-    facts: dict[str, Any] = {}
-    for name, each in model.coefficients.items():
-        unit = units[name]
-        facts[unit.key] = _figures(each, unit.factor)
-        facts[unit.si] = each.value
-    if np.isfinite(model.correlation_time):
-        facts["correlation_time_s"] = {"value": model.correlation_time, "sd": model.correlation_time_sd}
-    assert floor is not None
-    key = units["B"].key.replace("bias_instability", "floor")
-    return facts | {key: floor.value / units["B"].factor, "floor_tau_s": floor.tau, "misfit": model.misfit}
-
-
-def _figures(each: Coefficient, factor: float) -> dict[str, float]:
-    return {
-        "value": each.value / factor,
-        "sd": each.sd / factor,
-        "low": each.low / factor,
-        "high": each.high / factor,
-    }
 
 
 def deviations_csv(found: StaticNoise) -> str:
@@ -238,18 +169,21 @@ def deviations_csv(found: StaticNoise) -> str:
     ----------
     found : StaticNoise
     """
-    columns = [("tau_s", found.allan.tau)]
+    columns = {"tau_s": found.allan.tau}
     for i, (axis, model) in enumerate(zip(AXES, found.models, strict=True)):
-        unit = "deg_h" if i < 3 else "ug"
-        name, factor = axis.replace(" ", "_"), _units(i)["B"].factor
-        columns.append((f"{name}_{unit}", found.allan.deviation[:, i] / factor))
-        if model is not None:
-            columns += [
-                (f"{name}_low_{unit}", model.low / factor),
-                (f"{name}_high_{unit}", model.high / factor),
-                (f"{name}_model_{unit}", np.sqrt(model.variance) / factor),
-                (f"{name}_freedom", model.freedom),
-            ]
-    rows = np.column_stack([values for _, values in columns])
-    lines = [",".join(name for name, _ in columns)]
-    return "\n".join([*lines, *(",".join(f"{value:.9g}" for value in row) for row in rows)]) + "\n"
+        unit = "deg/h" if i < 3 else "ug"
+        columns |= _columns(axis.replace(" ", "_"), found.allan.deviation[:, i], model, unit)
+    return csv_text(columns, digits=9)
+
+
+def _columns(name: str, deviation: FloatArray, model: NoiseModel | None, unit: str) -> dict[str, FloatArray]:
+    end, factor = key_suffix(unit), UNITS[unit][1]
+    columns = {f"{name}{end}": deviation / factor}
+    if model is not None:
+        columns |= {
+            f"{name}_low{end}": model.low / factor,
+            f"{name}_high{end}": model.high / factor,
+            f"{name}_model{end}": np.sqrt(model.variance) / factor,
+            f"{name}_freedom": model.freedom,
+        }
+    return columns
