@@ -38,6 +38,8 @@ class Quantity:
         Label in text; the key in words if empty.
     digits : int
         Significant digits in text, where no `sd` says how many are worth showing.
+    mark : str
+        Put behind the value in text: ``!`` where it exceeds a limit.
     decimals : int, optional
         Decimals in text instead, for what is counted from an arbitrary zero: times, latitudes.
     """
@@ -49,6 +51,7 @@ class Quantity:
     interval: tuple[float, float] | None = None
     meaning: str = ""
     digits: int = 3
+    mark: str = ""
     decimals: int | None = None
 
     @property

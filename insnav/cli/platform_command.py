@@ -11,11 +11,12 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, result, result_facts
+from insnav.cli.console import Stages, note, result_page
 
 if TYPE_CHECKING:
     from insnav.gimbal import PlatformErrors
     from insnav.input.readers.heights import Heights
+    from insnav.report.page import Page
     from insnav.types import FloatArray
 
 SHORT_HELP = "North-pointing gimballed platform: velocity, position and torquing rates."
@@ -39,7 +40,7 @@ Examples:
   insnav platform rest.csv --lat 45 --lon 0 --gyro-drift 0.01,0,0
   insnav platform --demo --out demo
 
-The demonstration integrates y = 2x, y = sin t and a flight whose truth is known, and shows a day of a platform beside a
+The demonstration integrates y = 2x, y = sin t and a flight whose truth is known, and shows a day of a platform and of a
 strapdown navigator with the same errors.
 """
 ERRORS = "Errors of the platform"
@@ -106,7 +107,7 @@ def platform(
     ] = None,
     ref: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Reference to judge the integrators by.", rich_help_panel=opt.FILES),
+        typer.Option(metavar="FILE", help="Reference to evaluate the integrators against.", rich_help_panel=opt.FILES),
     ] = None,
     lat: Annotated[
         float | None, typer.Option(metavar="DEG", help="Latitude, north positive.", rich_help_panel=opt.START)
@@ -176,7 +177,7 @@ def platform(
                 where=", ".join(names),
                 fix="leave these out, or --demo",
             )
-        where, text = _demonstrate(out, force)
+        where, page = _demonstrate(out, force)
     else:
         if force_file is None or lat is None or lon is None:
             missing = [
@@ -244,8 +245,9 @@ def platform(
             stage("writing")
             from insnav.output.data_files import write_table
             from insnav.output.solution_tables import write_events, write_kml, write_solution
-            from insnav.report.platform.page import PlatformStudy, platform_facts, platform_sheet, torquing_columns
-            from insnav.report.sheet import sheet_text, write_sheet
+            from insnav.report.platform.page import PlatformStudy, platform_page, torquing_columns
+            from insnav.report.run_json import versions
+            from insnav.report.save import write_page
 
             name = Path(reading.facts.path).name
             study = PlatformStudy(
@@ -253,34 +255,30 @@ def platform(
             )
             readings = {"force": reading.facts.as_dict()}
             readings |= {key: each.facts.as_dict() for key, each in (("height", heights), ("ref", judge)) if each}
-            sheet, facts = platform_sheet(study), platform_facts(study, readings, configuration)
+            page = platform_page(study)
+            metadata = {"versions": versions(), "configuration": configuration, "input": readings}
             write_solution(folder.directory, study.run.solution)
             write_table(folder.path("torquing.csv"), torquing_columns(study.run))
             write_events(folder.directory, reading.events)
             write_kml(folder.directory, study.run.solution, name)
-            where, text = write_sheet(folder, sheet, facts), sheet_text(sheet)
-    if as_json:
-        result_facts(where)
-    else:
-        files = (
-            "report.html, figures, run.json" if demo else "report.html, solution.csv, torquing.csv, figures, run.json"
-        )
-        result(f"{text}\n\nfiles       {out}: {files}")
+            where = write_page(folder, page, metadata)
+    result_page(where, page, out, as_json=as_json, more=() if demo else ("solution.csv", "torquing.csv"))
 
 
-def _demonstrate(out: Path, force: bool) -> tuple[Path, str]:
-    """Write the demonstration; its folder and its text."""
+def _demonstrate(out: Path, force: bool) -> tuple[Path, Page]:
+    """Write the demonstration."""
     from insnav.output.folder import RunFolder
 
     with RunFolder(out, force=force) as folder, Stages() as stage:
         note("a day at rest, two hours of a holding pattern: some seconds")
         stage("navigating")
         from insnav.report.platform.demonstration import demonstration
-        from insnav.report.sheet import sheet_text, write_sheet
+        from insnav.report.run_json import versions
+        from insnav.report.save import write_page
 
-        sheet, facts = demonstration()
+        page = demonstration()
         stage("writing")
-        return write_sheet(folder, sheet, facts), sheet_text(sheet)
+        return write_page(folder, page, {"versions": versions()}), page
 
 
 def _start(lat: float, lon: float, height: float, v_neu: tuple[float, float, float]) -> tuple[FloatArray, FloatArray]:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from insnav.cli import options as opt
-from insnav.cli.console import Stages, note, result, result_sheet
+from insnav.cli.console import Stages, note, result, result_page
 
 SHORT_HELP = "Certify the numerics of this installation against closed forms."
 HELP = """Certify the numerics of this installation against closed forms.
@@ -24,14 +24,14 @@ Examples:
   insnav verify --json | jq .failed
   insnav verify --markdown > certificate.md
 \b
-Ends with exit code 1 if a bar is missed.
+Ends with exit code 1 if a limit is exceeded.
 """
 
 
 def verify(
     peer: Annotated[
         bool,
-        typer.Option("--peer", help="Put python-ins beside, if it is installed.", rich_help_panel=opt.START),
+        typer.Option("--peer", help="Compare with python-ins, if it is installed.", rich_help_panel=opt.START),
     ] = False,
     out: opt.Out = Path("certificate"),
     force: opt.Force = False,
@@ -54,15 +54,16 @@ def verify(
         peers = (pyins(),) if peer else ()
         found = certify(peers, lambda fraction: stage("certifying", fraction))
         stage("writing")
-        from insnav.report.certificate.page import certificate_facts, certificate_markdown, certificate_sheet
-        from insnav.report.sheet import write_sheet
+        from insnav.report.certificate.page import certificate_markdown, certificate_page
+        from insnav.report.run_json import versions
+        from insnav.report.save import write_page
 
-        sheet = certificate_sheet(found)
-        where = write_sheet(folder, sheet, certificate_facts(found))
+        page = certificate_page(found)
+        where = write_page(folder, page, {"versions": versions()})
     if markdown:
         result(certificate_markdown(found))
     else:
-        result_sheet(where, sheet, out, as_json=as_json)
+        result_page(where, page, out, as_json=as_json)
     if found.failed:
         note(f"{len(found.failed)} of {len(found.checks)} checks failed")
         raise typer.Exit(1)

@@ -65,6 +65,8 @@ class Section:
         How to read it.
     show : {"all", "page", "json"}
         Everywhere; on the page and in JSON; in JSON only.
+    keyed : bool
+        In JSON the rows stand under their names, not in a list.
     """
 
     key: str
@@ -75,6 +77,7 @@ class Section:
     parts: tuple[Section, ...] = ()
     note: str = ""
     show: Show = "all"
+    keyed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,6 +213,11 @@ def cell(each: Quantity) -> str:
     ----------
     each : Quantity
     """
+    text = _value_text(each)
+    return f"{text} {each.mark}" if each.mark else text
+
+
+def _value_text(each: Quantity) -> str:
     if isinstance(each.value, Mapping):
         members = ((name, cell(replace(each, value=one))) for name, one in each.value.items())
         return ", ".join(f"{plain_text(STATISTICS.get(name, name))} {text}" for name, text in members) or number(None)
@@ -244,5 +252,5 @@ def _with_sd(value: float | None, sd: Any, each: Quantity) -> str:
     elif sd is not None and np.isfinite(sd):
         text = rounded(float(value), float(sd))
     else:
-        return number(float(value), each.digits)
+        return number(float(value), each.digits) if value else "0"
     return text if sd is None or not np.isfinite(sd) else f"{text} ± {number(float(sd), 2)}"

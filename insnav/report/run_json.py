@@ -10,6 +10,7 @@ import platform
 from collections.abc import Mapping, Sequence
 from enum import Enum
 from importlib import metadata
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +50,10 @@ def _put(facts: dict[str, Any], section: Section) -> None:
     for part in section.parts:
         _put(content, part)
     rows = [{key: value for each in row for key, value in each.facts().items()} for row in section.rows]
+    if section.keyed:
+        for row, found in zip(section.rows, rows, strict=True):
+            content[str(row[0].value)] = dict(islice(found.items(), 1, None))
+        rows = []
     if not section.key:
         facts |= content
     elif rows and not content:

@@ -108,11 +108,11 @@ def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli:
     shown = cli("platform", "--demo")
     assert shown.code == 0, shown.err
     facts = verify_folder(Path("platform"))
-    assert [facts["order_on_sine"][name] for name in ("forward", "backward", "mean", "fourth")] == pytest.approx(
-        [1.0, 1.0, 2.0, 4.0], abs=0.1
-    )
-    assert facts["day_largest_n_e_m"]["platform"] == pytest.approx(facts["day_largest_n_e_m"]["closed form"], rel=0.02)
-    assert facts["day_largest_n_e_m"]["strapdown"] == pytest.approx(facts["day_largest_n_e_m"]["closed form"], rel=0.02)
+    assert [
+        facts["known_functions"][name]["order_on_sine"] for name in ("forward", "backward", "mean", "fourth")
+    ] == pytest.approx([1.0, 1.0, 2.0, 4.0], abs=0.1)
+    assert facts["day_largest_n_e"]["platform_m"] == pytest.approx(facts["day_largest_n_e"]["closed form_m"], rel=0.02)
+    assert facts["day_largest_n_e"]["strapdown_m"] == pytest.approx(facts["day_largest_n_e"]["closed form_m"], rel=0.02)
     assert {file.stem for file in Path("platform/figures").iterdir()} == {"line", "sine", "flight", "day", "pattern"}
 
 

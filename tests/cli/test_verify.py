@@ -42,9 +42,9 @@ def test_folder_and_tables(short: None, cli: Cli):
     assert shown.code == 0, shown.err
     lines = shown.out.splitlines()
     assert lines[0] == "Numerical certificate: all checks passed"
-    assert any(line.split() == ["polynomial", "rk4", "rotvec", "euler", "bar"] for line in lines)
+    assert any(line.split() == ["case", "result", "limit", "polynomial", "rk4", "rotvec", "euler"] for line in lines)
     (coning,) = (line for line in lines if line.startswith("  1 deg, 10 Hz [deg/h]"))
-    assert coning.split()[-2:] == ["0.1", "passed"]
+    assert coning.split()[5:7] == ["passed", "0.1"]
     assert coning.count("!") == 3
     assert "FAILED" not in shown.out
     verify_folder(Path("certificate"))
@@ -63,7 +63,7 @@ def test_a_broken_integrator_is_named_and_ends_with_1(broken: None, cli: Cli):
     lines = shown.out.splitlines()
     assert lines[0] == "Numerical certificate: 2 FAILED"
     (row,) = (line for line in lines if line.startswith("  0.1 deg, 1 g, 10 Hz [ug]"))
-    assert row.endswith("FAILED")
+    assert row.split()[7] == "FAILED"
     assert row.count("!") == 4
     assert "  - FAILED: sculling: 0.1 deg, 1 g, 10 Hz" in lines
     assert "2 of 28 checks failed" in shown.err

@@ -10,9 +10,11 @@ import pytest
 from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
 from insnav.report.certificate.figures import draw_certificate
-from insnav.report.certificate.page import certificate_facts, certificate_markdown, certificate_sheet
-from insnav.report.sheet import sheet_text
+from insnav.report.certificate.page import certificate_markdown, certificate_page
+from insnav.report.page import Table, section_tables
+from insnav.report.run_json import page_facts
 from insnav.report.style import drawing
+from insnav.report.terminal import page_text
 
 CHECKS = (
     Check("coning", "1 deg, 5 Hz", "deg/h", 0.02, (("polynomial", 0.0145), ("euler", 16.2))),
@@ -24,19 +26,23 @@ CHECKS = (
 CERTIFICATE = Certificate(CHECKS, 1.25)
 
 
+def tables_of(certificate: Certificate) -> list[Table]:
+    return [table for section in certificate_page(certificate).sections for table in section_tables(section)]
+
+
 def test_tables_have_the_columns_of_their_topic():
-    tables = {table.title: table for table in certificate_sheet(CERTIFICATE).tables}
+    tables = {table.title: table for table in tables_of(CERTIFICATE)}
     assert list(tables) == ["coning", "poles", "platform", "gravity"]
-    assert tables["coning"].columns == ("", "polynomial", "euler", "bar", "")
-    assert tables["coning"].rows == (("1 deg, 5 Hz [deg/h]", "0.015", "16 !", "0.02", "passed"),)
-    assert tables["poles"].rows[0] == ("latitude beyond 90 deg [deg]", "0", "– !", "0", "passed")
-    assert tables["poles"].rows[1] == ("rest [m]", "– !", "– !", "0.01", "FAILED")
-    assert tables["platform"].rows == (("order of convergence", "0.20 !", "0.010", "0.1", "FAILED"),)
-    assert tables["gravity"].columns == ("", "error", "bar", "")
+    assert tables["coning"].columns == ("case", "result", "limit", "polynomial", "euler")
+    assert tables["coning"].rows == (("1 deg, 5 Hz [deg/h]", "passed", "0.02", "0.015", "16 !"),)
+    assert tables["poles"].rows[0] == ("latitude beyond 90 deg [deg]", "passed", "0", "0", "– !")
+    assert tables["poles"].rows[1] == ("rest [m]", "FAILED", "0.01", "– !", "– !")
+    assert tables["platform"].rows == (("order of convergence", "FAILED", "0.1", "0.20 !", "0.010"),)
+    assert tables["gravity"].columns == ("case", "result", "limit", "error")
 
 
 def test_text_begins_with_the_verdict_and_names_what_failed():
-    lines = sheet_text(certificate_sheet(CERTIFICATE)).splitlines()
+    lines = page_text(certificate_page(CERTIFICATE)).splitlines()
     assert lines[0] == "Numerical certificate: 2 FAILED"
     assert "3 of 5 checks passed in 1.2 s" in lines[1]
     assert "  - FAILED: poles: rest" in lines
@@ -44,7 +50,7 @@ def test_text_begins_with_the_verdict_and_names_what_failed():
 
 
 def test_facts_are_json_without_nan():
-    facts = certificate_facts(CERTIFICATE)
+    facts = page_facts(certificate_page(CERTIFICATE))
     json.dumps(facts, allow_nan=False)
     assert facts["failed"] == ["poles: rest", "platform: order of convergence"]
     assert facts["checks"][2]["errors"] == {"polynomial": None, "euler": None}
@@ -74,7 +80,7 @@ def test_the_figure_has_every_figure_and_reddens_what_failed():
 
 def test_where_all_are_judged_the_worst_counts():
     check = Check("platform", "order", "1", 0.1, (("fourth", 0.01), ("mean", 0.3)), judged=2)
-    facts = certificate_facts(Certificate((check,), 1.0))
+    facts = page_facts(certificate_page(Certificate((check,), 1.0)))
     assert facts["failed"] == ["platform: order"]
     assert facts["checks"][0]["judged"] == ["fourth", "mean"]
     with drawing():
@@ -87,4 +93,4 @@ def test_a_certificate_that_passes_has_nothing_red():
     with drawing():
         axes = draw_certificate(CHECKS[:2]).axes[0]
     assert "insnav: FAILED" not in axes.get_legend_handles_labels()[1]
-    assert certificate_sheet(Certificate(CHECKS[:2], 1.0)).warnings == ()
+    assert certificate_page(Certificate(CHECKS[:2], 1.0)).warnings == ()

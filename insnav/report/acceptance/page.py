@@ -62,7 +62,8 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
             Section("", figures=_figures(found)),
         ),
         (*found.warnings, *condition_warnings(fits)),
-        (*ASSUMPTIONS, *found.notes),
+        ASSUMPTIONS,
+        found.notes,
     )
 
 

@@ -131,8 +131,8 @@ def impact_section(effects: Sequence[Effect], note: str = "") -> Section:
         for item in effects
     )
     method = (
-        "Horizontal position error after 60 s, RMS, simulated: true errors sampled about the calibrated ones with their "
-        "uncertainty, no other errors, exact initial state, height held. "
+        "Horizontal position error after 60 s, RMS, simulated: true errors sampled about the calibrated ones with "
+        "their uncertainty, no other errors, exact initial state, height held. "
     )
     return Section("navigation_impact", "Impact on navigation", rows=rows, note=(method + note).rstrip())
 

@@ -1,4 +1,4 @@
-"""Errors of all integrators in parts of the bar, a row for every check."""
+"""Errors of all integrators in parts of the limit, a row for every check."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter
 from insnav.certificate.check import Check
 from insnav.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, blank, legend_above
 
-_LEAST, _MOST = 1e-7, 1e7  # parts of the bar; beyond, figures stand at the edge
+_LEAST, _MOST = 1e-7, 1e7  # parts of the limit; beyond, figures stand at the edge
 _ROW = 0.185  # height [inch]
 _LABELS = 4.1  # width of the names of the checks [inch]
 _STYLES = (
@@ -28,7 +28,7 @@ _STYLES = (
 
 
 def draw_certificate(checks: Sequence[Check]) -> Figure:
-    """Draw one row for every check, the judged figure large, on a logarithmic axis.
+    """Draw one row for every check, the figure that counts large, on a logarithmic axis.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def draw_certificate(checks: Sequence[Check]) -> Figure:
         10.0,
         height,
         f"Numerical certificate: {len(checks) - failed} of {len(checks)} checks passed",
-        "errors against closed forms and published values, in parts of the bar; filled: insnav as it navigates",
+        "errors against closed forms and published values, in parts of the limit; filled: insnav as it navigates",
     )
     figure.subplots_adjust(left=_LABELS / 10.0)
     axes = figure.subplots()
@@ -67,13 +67,13 @@ def draw_certificate(checks: Sequence[Check]) -> Figure:
     axes.set_xlim(_LEAST / 3.0, _MOST * 3.0)
     axes.set_ylim(len(checks) - 0.4, -0.6)
     axes.set_yticks(rows, [f"{check.topic}: {check.case}" for check in checks], fontsize=7.0)
-    axes.set_xlabel(f"error / bar [-]; at the edges: {_LEAST:g} or less, {_MOST:g} or more")
+    axes.set_xlabel(f"error / limit [-]; at the edges: {_LEAST:g} or less, {_MOST:g} or more")
     legend_above(axes)
     return figure
 
 
 def _part(check: Check, value: float) -> float:
-    """Error in parts of the bar, within the axis; what is no number is as bad as can be."""
+    """Error in parts of the limit, within the axis; what is no number is as bad as can be."""
     if not np.isfinite(value):
         return _MOST
     if check.bar == 0.0:

@@ -1,4 +1,4 @@
-"""Facts, page and Markdown of the numerical certificate."""
+"""The numerical certificate as a page and as Markdown."""
 
 from __future__ import annotations
 
@@ -6,82 +6,62 @@ import math
 import platform
 from collections.abc import Sequence
 from itertools import groupby
-from typing import Any
 
 from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
+from insnav.quantity import Quantity
 from insnav.report.certificate.figures import draw_certificate
-from insnav.report.numbers import number
-from insnav.report.page import Table
-from insnav.report.run_json import json_ready, versions
-from insnav.report.sheet import Picture, Sheet
-from insnav.report.style import drawing
+from insnav.report.page import FigureSpec, Page, Section, cell
+from insnav.report.run_json import versions
 
-_BEYOND = "!"  # behind a figure that misses the bar
+_EXCEEDS = "!"  # behind an error that exceeds the limit
 
 
-def certificate_facts(certificate: Certificate) -> dict[str, Any]:
-    """Gather the figures, JSON-ready; an error that is no number is None.
-
-    Parameters
-    ----------
-    certificate : Certificate
-    """
-    ready: dict[str, Any] = json_ready(
-        {
-            "versions": versions(),
-            "machine": _machine(),
-            "duration_s": certificate.seconds,
-            "passed": not certificate.failed,
-            "failed": [f"{check.topic}: {check.case}" for check in certificate.failed],
-            "checks": [
-                {
-                    "topic": check.topic,
-                    "case": check.case,
-                    "unit": check.unit,
-                    "bar": check.bar,
-                    "judged": [name for name, _ in check.values[: check.judged]],
-                    "errors": dict(check.values),
-                    "passed": check.passed,
-                }
-                for check in certificate.checks
-            ],
-        }
-    )
-    return ready
-
-
-def certificate_sheet(certificate: Certificate) -> Sheet:
-    """Put a table for every topic and a figure of all on one page.
+def certificate_page(certificate: Certificate) -> Page:
+    """Report all checks, a table for every topic.
 
     Parameters
     ----------
     certificate : Certificate
     """
     checks, failed = certificate.checks, certificate.failed
-    tables = [_table(topic, list(rows)) for topic, rows in groupby(checks, key=lambda check: check.topic)]
-    names = _names(checks)
-    with drawing():
-        figure = draw_certificate(checks)
-    return Sheet(
+    lines = tuple(f"{check.topic}: {check.case}" for check in failed)
+    machine = f"{platform.system()} {platform.machine()}"
+    figure = FigureSpec(
+        "certificate", "Error of every integrator in parts of its limit", lambda: draw_certificate(checks)
+    )
+    return Page(
         "Numerical certificate: " + ("all checks passed" if not failed else f"{len(failed)} FAILED"),
         (
-            f"insnav {versions()['insnav']} on {_machine()}: {len(checks) - len(failed)} of {len(checks)} checks "
+            f"insnav {versions()['insnav']} on {machine}: {len(checks) - len(failed)} of {len(checks)} checks "
             f"passed in {certificate.seconds:.1f} s.",
-            "Every figure is an error against a closed form or a published value. The first column is judged, the "
-            f"others are there to compare (orders of convergence are judged in all); {_BEYOND} marks what misses the "
-            "bar, – what is no number.",
+            "Every figure is an error against a closed form or a published value. The limit applies to the first of "
+            f"them, the others are there to compare (orders of convergence: to all); {_EXCEEDS} marks what "
+            "exceeds the limit, – what is no number.",
         ),
-        tuple(tables),
-        (Picture("certificate", figure, "Error of every integrator in parts of the bar"),),
+        (
+            Section(
+                "",
+                items=(
+                    Quantity("machine", machine),
+                    Quantity("duration", certificate.seconds, "s"),
+                    Quantity("passed", not failed),
+                    Quantity("failed", lines),
+                ),
+                show="json",
+            ),
+            Section("checks", rows=tuple(_facts(check) for check in checks), show="json"),
+            *(_topic(topic, list(rows)) for topic, rows in groupby(checks, key=lambda check: check.topic)),
+            Section("", figures=(figure,)),
+        ),
+        tuple(f"FAILED: {line}" for line in lines),
         (
             "Samples are exact increments at 100 Hz, at 50 Hz for an hour or longer motions, at 20 to 1 Hz at rest.",
             "polynomial is the integrator insnav navigates with; rk4 is Runge-Kutta on straight lines between samples, "
             "rotvec takes each increment for a rotation vector, euler goes straight on from sample to sample.",
             "20 Hz coning at 100 Hz is five samples a cycle, on which no algorithm knows the motion.",
-            *(_NOTES[name] for name in names if name in _NOTES),
+            *(_NOTES[name] for name in _names(checks) if name in _NOTES),
         ),
-        tuple(f"FAILED: {check.topic}: {check.case}" for check in failed),
     )
 
 
@@ -103,39 +83,44 @@ def certificate_markdown(certificate: Certificate) -> str:
     others = [name for name in _names(certificate.checks) if name not in {c.values[0][0] for c in certificate.checks}]
     rows = [("check", "bar", "insnav", *others)]
     for check in certificate.checks:
-        values = dict(check.values)
-        cells = [_cell(check, values[name]) if name in values else "" for name in others]
+        errors = {name: cell(_error(check, name, value)) for name, value in check.values}
         bar = f"{check.bar:g}{'' if check.unit == '1' else f' {check.unit}'}"
-        rows.append((f"{check.topic}: {check.case}", bar, _cell(check, check.values[0][1]), *cells))
+        first = errors[check.values[0][0]]
+        rows.append((f"{check.topic}: {check.case}", bar, first, *(errors.get(name, "") for name in others)))
     lines = [f"| {' | '.join(row)} |" for row in rows]
-    return "\n".join([lines[0], f"|{'---|' * 1}{'--:|' * (len(rows[0]) - 1)}", *lines[1:]])
+    return "\n".join([lines[0], f"|---|{'--:|' * (len(rows[0]) - 1)}", *lines[1:]])
 
 
-def _table(topic: str, checks: list[Check]) -> Table:
-    names = _names(checks)
-    columns = ("", *(names if len(names) > 1 else ("error",)), "bar", "")
+def _facts(check: Check) -> tuple[Quantity, ...]:
+    return (
+        Quantity("topic", check.topic),
+        Quantity("case", check.case),
+        Quantity("unit", check.unit),
+        Quantity("bar", check.bar),
+        Quantity("judged", [name for name, _ in check.values[: check.judged]]),
+        Quantity("errors", dict(check.values)),
+        Quantity("passed", check.passed),
+    )
+
+
+def _topic(topic: str, checks: list[Check]) -> Section:
+    alone = len(_names(checks)) == 1
     rows = tuple(
         (
-            check.case if check.unit == "1" else f"{check.case} [{check.unit}]",
-            *(_cell(check, dict(check.values).get(name)) for name in names),
-            f"{check.bar:g}",
-            "passed" if check.passed else "FAILED",
+            Quantity("case", check.case if check.unit == "1" else f"{check.case} [{check.unit}]"),
+            Quantity("result", "passed" if check.passed else "FAILED"),
+            Quantity("limit", f"{check.bar:g}"),
+            *(_error(check, "error" if alone else name, value) for name, value in check.values),
         )
         for check in checks
     )
-    return Table(topic, columns, rows)
+    return Section("", topic, rows=rows)
+
+
+def _error(check: Check, name: str, value: float) -> Quantity:
+    known = math.isfinite(value)
+    return Quantity(name, value if known else None, digits=2, mark="" if value <= check.bar else _EXCEEDS)
 
 
 def _names(checks: Sequence[Check]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for check in checks for name, _ in check.values))
-
-
-def _cell(check: Check, value: float | None) -> str:
-    if value is None:
-        return ""
-    text = "0" if value == 0.0 else number(value, 2) if math.isfinite(value) else number(None)
-    return text if value <= check.bar else f"{text} {_BEYOND}"
-
-
-def _machine() -> str:
-    return f"{platform.system()} {platform.machine()}"

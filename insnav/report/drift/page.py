@@ -62,7 +62,8 @@ def drift_page(found: DriftStudy, name: str) -> Page:
             quality_section(fits, "rad/s", dict.fromkeys(fits, times)),
         ),
         (*found.warnings, *condition_warnings(fits)),
-        (*ASSUMPTIONS, *found.notes),
+        ASSUMPTIONS,
+        found.notes,
     )
 
 

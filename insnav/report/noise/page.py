@@ -98,7 +98,8 @@ def noise_page(found: StaticNoise, name: str) -> Page:
             _filter_figures(found),
         ),
         found.warnings,
-        (*ASSUMPTIONS, *found.notes),
+        ASSUMPTIONS,
+        found.notes,
     )
 
 

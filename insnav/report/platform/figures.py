@@ -139,7 +139,7 @@ def draw_platform_errors(run: PlatformRun, theory: StaticErrors | None) -> Figur
         What the closed form says, if the vehicle is at rest.
     """
     note = "solution minus the same without the platform's errors"
-    figure, panels = stacked(3, "What the platform's errors do", note + ("; black: closed form" if theory else ""))
+    figure, panels = stacked(3, "Impact of the platform's errors", note + ("; black: closed form" if theory else ""))
     time = run.solution.time
     clock = Clock.of(time)
     position = ned_offset(run.solution.lla, run.undisturbed.lla)[:, :2]
@@ -161,8 +161,8 @@ def draw_platform_errors(run: PlatformRun, theory: StaticErrors | None) -> Figur
     return figure
 
 
-def draw_beside(found: Beside, theory: StaticErrors | None, motion: str, errors: str) -> Figure:
-    """Draw the position error of a platform beside that of a strapdown navigator with the same errors.
+def draw_platform_and_strapdown(found: Beside, theory: StaticErrors | None, motion: str, errors: str) -> Figure:
+    """Draw the position error of a platform and of a strapdown navigator with the same errors.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def draw_beside(found: Beside, theory: StaticErrors | None, motion: str, errors:
     motion, errors : str
         What was done, and with which errors.
     """
-    figure, panels = stacked(2 if theory is None else 3, f"Platform beside strapdown: {motion}", errors)
+    figure, panels = stacked(2 if theory is None else 3, f"Platform and strapdown: {motion}", errors)
     hours = (found.time - found.time[0]) / _HOUR
     both = (("platform", found.platform, BLUE, 2.6, 0.55), ("strapdown", found.strapdown, VERMILLION, 1.2, 1.0))
     for column, ((axes,), axis) in enumerate(zip(panels[:2], ("north", "east"), strict=True)):
@@ -186,7 +186,7 @@ def draw_beside(found: Beside, theory: StaticErrors | None, motion: str, errors:
         for name, error, colour, width, alpha in both:
             off = np.hypot(*(error[:, :2] - theory.position).T)
             line(last, hours, off, colour, name, linewidth=width, alpha=alpha)
-        last.set_ylabel("off closed form [m]")
+        last.set_ylabel("difference to closed form [m]")
     if hours[-1] > 12.0:
         last.xaxis.set_major_locator(MultipleLocator(3.0))
     legend_above(panels[0][0])

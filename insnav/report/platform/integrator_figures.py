@@ -117,30 +117,34 @@ def draw_flight_errors(found: Mapping[float, Sequence[TrajectoryErrors]], motion
     return figure
 
 
-def draw_differences(
-    time: FloatArray, position: Mapping[Integrator, FloatArray], velocity: Mapping[Integrator, FloatArray], judge: str
-) -> Figure:
+def draw_differences(differences: Mapping[Integrator, TrajectoryErrors], against: str) -> Figure:
     """Draw how far the integrators are from one of them, or from a reference.
 
     Parameters
     ----------
-    time : (n,) array
-        [s]
-    position, velocity : mapping to (n,) array
-        Size of the horizontal difference [m], [m/s].
-    judge : str
+    differences : mapping to TrajectoryErrors
+    against : str
         What they are compared with.
     """
-    figure, panels = stacked(2, "Difference between the integrators", f"horizontal, against {judge}", height=5.6)
-    clock = Clock.of(time)
-    for (axes,), sizes, label in zip(panels, (position, velocity), ("position [m]", "velocity [m/s]"), strict=True):
-        for name, size in sizes.items():
-            _log_line(axes, clock(time), size, name)
+    figure, panels = stacked(2, "Difference between the integrators", f"horizontal, against {against}", height=5.6)
+    clock = Clock.of(next(iter(differences.values())).time)
+    sizes = {
+        "position [m]": {name: each.horizontal for name, each in differences.items()},
+        "velocity [m/s]": {name: speed_of(each) for name, each in differences.items()},
+    }
+    for (axes,), (label, lines) in zip(panels, sizes.items(), strict=True):
+        for name, each in differences.items():
+            _log_line(axes, clock(each.time), lines[name], name)
         axes.set_ylabel(label)
-        _decades(axes, list(sizes.values()))
+        _decades(axes, list(lines.values()))
     legend_above(panels[0][0])
     panels[-1][0].set_xlabel(clock.label)
     return figure
+
+
+def speed_of(errors: TrajectoryErrors) -> FloatArray:
+    """Size of the horizontal velocity error, (n,) [m/s]."""
+    return np.hypot(errors.velocity[:, 0], errors.velocity[:, 1])
 
 
 def _log_line(axes: Axes, time: FloatArray, size: FloatArray, name: Integrator) -> None:

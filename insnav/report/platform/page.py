@@ -1,10 +1,9 @@
-"""Facts, page and tables of a north-pointing platform."""
+"""A north-pointing platform as a page."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -12,20 +11,17 @@ from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors, position_errors
 from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods, static_errors
 from insnav.gimbal import DAMPING_TIME, Integrator, PlatformErrors, PlatformRun, torquing_rates
-from insnav.report.numbers import number
-from insnav.report.page import Table
+from insnav.quantity import Quantity
+from insnav.report.page import FigureSpec, Page, Section
 from insnav.report.platform.figures import (
     draw_platform_errors,
     draw_platform_track,
     draw_platform_velocity,
     draw_torquing,
 )
-from insnav.report.platform.integrator_figures import draw_differences
-from insnav.report.run_json import json_ready, versions
-from insnav.report.sheet import Picture, Sheet
-from insnav.report.style import drawing
+from insnav.report.platform.integrator_figures import draw_differences, speed_of
 from insnav.types import FloatArray, Trajectory
-from insnav.units import DEG, DEG_PER_H, UG
+from insnav.units import DEG, DEG_PER_H, UNITS
 
 REST_M_S = 0.1  # a platform that says less without its errors is at rest
 _AGAINST: Integrator = "fourth"
@@ -43,7 +39,7 @@ class PlatformStudy:
         By integrator; with the errors of the platform.
     errors : PlatformErrors
     reference : Trajectory or None
-        What to judge by.
+        What the integrators are evaluated against.
     name : str
         The file.
     notes : tuple of str
@@ -76,8 +72,8 @@ class PlatformStudy:
         """Each integrator, on a platform without errors, against the reference; else the others against the fourth."""
         if self.reference is not None:
             return {name: position_errors(run.undisturbed, self.reference) for name, run in self.runs.items()}
-        judge = self.runs[_AGAINST].solution
-        return {name: position_errors(run.solution, judge) for name, run in self.runs.items() if name != _AGAINST}
+        fourth = self.runs[_AGAINST].solution
+        return {name: position_errors(run.solution, fourth) for name, run in self.runs.items() if name != _AGAINST}
 
 
 def torquing_columns(run: PlatformRun) -> dict[str, FloatArray]:
@@ -95,165 +91,126 @@ def torquing_columns(run: PlatformRun) -> dict[str, FloatArray]:
     return {name: np.round(values, 9) + 0.0 for name, values in named.items()}
 
 
-def platform_facts(
-    study: PlatformStudy, reading: Mapping[str, Any], configuration: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Gather the facts of a platform, JSON-ready, units in the keys.
-
-    Parameters
-    ----------
-    study : PlatformStudy
-    reading : mapping
-        What was understood of each file.
-    configuration : mapping
-        Options in force.
-    """
-    judged = "reference" if study.reference is not None else _AGAINST
-    facts = {
-        "versions": versions(),
-        "configuration": configuration,
-        "input": reading,
-        "integrator": study.chosen,
-        "vertical": study.run.vertical,
-        "end": {name: _state(run) for name, run in study.runs.items()},
-        f"largest_difference_to_{judged}": {
-            name: {
-                "horizontal_m": float(each.horizontal.max()),
-                "velocity_m_s": float(np.nanmax(np.abs(each.velocity), initial=0.0)),
-            }
-            for name, each in study.differences().items()
-        },
-        "platform_errors": _error_facts(study),
-        "notes": list(study.notes),
-    }
-    ready: dict[str, Any] = json_ready(facts)
-    return ready
-
-
-def platform_sheet(study: PlatformStudy) -> Sheet:
-    """Put tables and figures of a platform on one page.
+def platform_page(study: PlatformStudy) -> Page:
+    """Report a record integrated on a platform.
 
     Parameters
     ----------
     study : PlatformStudy
     """
-    run, theory = study.run, study.theory
-    differences = study.differences()
-    tables = [_end_table(study.runs), _difference_table(differences, study.reference is not None)]
-    if study.errors.any:
-        tables += _error_tables(study, theory)
-    judge = "the reference" if study.reference is not None else "fourth order"
-    time = next(iter(differences.values())).time
-    sizes = {name: each.horizontal for name, each in differences.items()}
-    speeds = {name: np.hypot(each.velocity[:, 0], each.velocity[:, 1]) for name, each in differences.items()}
-    with drawing():
-        pictures = [
-            Picture("track", draw_platform_track(run, study.reference), "Track"),
-            Picture("velocity", draw_platform_velocity(run), "Velocity"),
-            Picture("torquing", draw_torquing(run), "Torquing rates"),
-            Picture("integrators", draw_differences(time, sizes, speeds, judge), "Difference between the integrators"),
-        ]
-        if study.errors.any:
-            pictures.append(Picture("errors", draw_platform_errors(run, theory), "What the platform's errors do"))
+    run, theory, differences = study.run, study.theory, study.differences()
     end = run.solution
     lat, lon, height = end.lla[-1]
-    duration = end.time[-1] - end.time[0]
-    return Sheet(
+    return Page(
         f"North-pointing platform: {study.name}",
         (
-            f"After {duration:.1f} s, integrator {study.chosen}, vertical channel {run.vertical}: latitude "
-            f"{lat / DEG:.7f} deg, longitude {lon / DEG:.7f} deg, height {height:.2f} m, velocity east "
+            f"After {end.time[-1] - end.time[0]:.1f} s, integrator {study.chosen}, vertical channel {run.vertical}: "
+            f"latitude {lat / DEG:.7f} deg, longitude {lon / DEG:.7f} deg, height {height:.2f} m, velocity east "
             f"{end.v_n[-1, 1]:.4f}, north {end.v_n[-1, 0]:.4f}, up {-end.v_n[-1, 2] + 0.0:.4f} m/s.",
         ),
-        tuple(tables),
-        tuple(pictures),
-        (*_assumptions(study), *study.notes),
+        (
+            Section("", items=(Quantity("integrator", study.chosen), Quantity("vertical", run.vertical)), show="json"),
+            Section("end", "At the end", rows=tuple(_state(*each) for each in study.runs.items()), keyed=True),
+            _differences(differences, judged=study.reference is not None),
+            *(_errors(study, theory) if study.errors.any else ()),
+            Section("", figures=_figures(study, theory, differences)),
+        ),
+        assumptions=_assumptions(study),
+        notes=study.notes,
     )
 
 
-def _state(run: PlatformRun) -> dict[str, float]:
+def _figures(
+    study: PlatformStudy, theory: StaticErrors | None, differences: Mapping[Integrator, TrajectoryErrors]
+) -> tuple[FigureSpec, ...]:
+    run = study.run
+    against = "the reference" if study.reference is not None else "fourth order"
+    figures = (
+        FigureSpec("track", "Track", lambda: draw_platform_track(run, study.reference)),
+        FigureSpec("velocity", "Velocity", lambda: draw_platform_velocity(run)),
+        FigureSpec("torquing", "Torquing rates", lambda: draw_torquing(run)),
+        FigureSpec("integrators", "Difference between the integrators", lambda: draw_differences(differences, against)),
+    )
+    if not study.errors.any:
+        return figures
+    caption = "Impact of the platform's errors"
+    return (*figures, FigureSpec("errors", caption, lambda: draw_platform_errors(run, theory)))
+
+
+def _state(name: Integrator, run: PlatformRun) -> tuple[Quantity, ...]:
     lla, v_n = run.solution.lla[-1], run.solution.v_n[-1]
-    return {
-        "lat_deg": lla[0] / DEG,
-        "lon_deg": lla[1] / DEG,
-        "height_m": lla[2],
-        "v_east_m_s": v_n[1],
-        "v_north_m_s": v_n[0],
-        "v_up_m_s": -v_n[2] + 0.0,
-    }
+    return (
+        Quantity("integrator", name),
+        Quantity("lat", float(lla[0]), "deg", decimals=8),
+        Quantity("lon", float(lla[1]), "deg", decimals=8),
+        Quantity("height", float(lla[2]), "m", decimals=3),
+        Quantity("v_east", float(v_n[1]), "m/s", meaning="east", decimals=5),
+        Quantity("v_north", float(v_n[0]), "m/s", meaning="north", decimals=5),
+        Quantity("v_up", float(-v_n[2] + 0.0), "m/s", meaning="up", decimals=5),
+    )
 
 
-def _end_table(runs: Mapping[Integrator, PlatformRun]) -> Table:
-    rows = []
-    for name, run in runs.items():
-        state = _state(run)
-        speeds = tuple(f"{round(state[key], 5) + 0.0:.5f}" for key in ("v_east_m_s", "v_north_m_s", "v_up_m_s"))
-        rows.append((name, f"{state['lat_deg']:.8f}", f"{state['lon_deg']:.8f}", f"{state['height_m']:.3f}", *speeds))
-    columns = ("integrator", "lat [deg]", "lon [deg]", "height [m]", "east [m/s]", "north [m/s]", "up [m/s]")
-    return Table("At the end", columns, tuple(rows))
-
-
-def _difference_table(differences: Mapping[Integrator, TrajectoryErrors], judged: bool) -> Table:
+def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, judged: bool) -> Section:
     rows = tuple(
         (
-            name,
-            number(float(each.horizontal.max())),
-            number(float(each.horizontal[-1])),
-            number(float(np.nanmax(np.hypot(each.velocity[:, 0], each.velocity[:, 1]), initial=0.0))),
+            Quantity("integrator", name),
+            Quantity("horizontal", float(each.horizontal.max()), "m", meaning="largest"),
+            Quantity("end", float(each.horizontal[-1]), "m", meaning="at the end"),
+            Quantity("velocity", float(np.nanmax(speed_of(each), initial=0.0)), "m/s", meaning="velocity, largest"),
         )
         for name, each in differences.items()
     )
-    columns = ("integrator", "largest [m]", "at the end [m]", "velocity, largest [m/s]")
-    note = "on a platform without errors" if judged else ""
-    return Table(f"Horizontal difference to {'the reference' if judged else 'fourth order'}", columns, rows, note)
+    return Section(
+        f"largest_difference_to_{'reference' if judged else _AGAINST}",
+        f"Horizontal difference to {'the reference' if judged else 'fourth order'}",
+        rows=rows,
+        note="on a platform without errors" if judged else "",
+        keyed=True,
+    )
 
 
-def _error_facts(study: PlatformStudy) -> dict[str, Any] | None:
-    if not study.errors.any:
-        return None
-    run, theory = study.run, study.theory
-    off = ned_offset(run.solution.lla, run.undisturbed.lla)
-    facts: dict[str, Any] = {
-        "tilt_n_e_d_deg": study.errors.tilt / DEG,
-        "drift_n_e_d_deg_h": study.errors.drift / DEG_PER_H,
-        "bias_n_e_d_ug": study.errors.bias / UG,
-        "largest_position_error_n_e_m": np.abs(off[:, :2]).max(axis=0),
-        "position_error_at_the_end_n_e_m": off[-1, :2],
-    }
-    if theory is not None:
-        facts["largest_by_closed_form_n_e_m"] = np.abs(theory.position).max(axis=0)
-        facts["largest_difference_to_closed_form_m"] = float(np.abs(off[:, :2] - theory.position).max())
-    return facts
-
-
-def _error_tables(study: PlatformStudy, theory: StaticErrors | None) -> list[Table]:
-    run = study.run
+def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section, ...]:
+    """What the errors of the platform do, and the closed form where there is one."""
+    run, given = study.run, study.errors
     off = ned_offset(run.solution.lla, run.undisturbed.lla)[:, :2]
     speed = (run.solution.v_n - run.undisturbed.v_n)[:, :2]
-    rows = []
+    items = [
+        Quantity("tilt_n_e_d", given.tilt, "deg"),
+        Quantity("drift_n_e_d", given.drift, "deg/h"),
+        Quantity("bias_n_e_d", given.bias, "ug"),
+        Quantity("largest_position_error_n_e", np.abs(off).max(axis=0), "m"),
+        Quantity("position_error_at_the_end_n_e", off[-1], "m"),
+    ]
     expected = (theory.position, theory.velocity) if theory else (None, None)
-    for label, values, closed in (("position [m]", off, expected[0]), ("velocity [m/s]", speed, expected[1])):
-        for column, axis in enumerate(("north", "east")):
+    if theory is not None:
+        items.append(Quantity("largest_by_closed_form_n_e", np.abs(theory.position).max(axis=0), "m"))
+        largest = float(np.abs(off - theory.position).max())
+        items.append(Quantity("largest_difference_to_closed_form", largest, "m"))
+    rows = []
+    for what, values, closed, unit in (("position", off, expected[0], "m"), ("velocity", speed, expected[1], "m/s")):
+        for k, axis in enumerate(("north", "east")):
             row = [
-                f"{axis} {label}",
-                number(float(np.abs(values[:, column]).max())),
-                number(float(values[-1, column])),
+                Quantity("error", f"{axis} {what}"),
+                Quantity("largest", float(np.abs(values[:, k]).max()), unit),
+                Quantity("end", float(values[-1, k]), unit, meaning="at the end"),
             ]
             if closed is not None:
-                row.append(number(float(np.abs(closed[:, column]).max())))
-                row.append(number(float(np.abs(values - closed)[:, column].max())))
+                row.append(Quantity("closed_form", float(np.abs(closed[:, k]).max()), unit))
+                row.append(Quantity("difference", float(np.abs(values - closed)[:, k].max()), unit))
             rows.append(tuple(row))
-    columns = ("error", "largest", "at the end", *(("closed form", "off it by") if theory else ()))
-    tables = [Table("What the platform's errors do", columns, tuple(rows))]
+    sections = (
+        Section("platform_errors", items=tuple(items), show="json"),
+        Section("", "Impact of the platform's errors", rows=tuple(rows)),
+    )
     lat, _, height = run.undisturbed.lla[0]
     time = run.solution.time - run.solution.time[0]
-    if theory is not None and time[-1] >= SHORTEST_RECORD * 86400.0 and lat != 0.0:
-        tables.append(periods_table({"platform": off}, time, float(lat), float(height)))
-    return tables
+    if theory is None or time[-1] < SHORTEST_RECORD * 86400.0 or lat == 0.0:
+        return sections
+    return (*sections, periods_section({"platform": off}, time, float(lat), float(height)))
 
 
-def periods_table(records: Mapping[str, FloatArray], time: FloatArray, lat: float, height: float) -> Table:
-    """Periods found in records of position errors at rest beside those of theory.
+def periods_section(records: Mapping[str, FloatArray], time: FloatArray, lat: float, height: float) -> Section:
+    """Periods found in records of position errors at rest, and those of theory.
 
     Parameters
     ----------
@@ -267,26 +224,23 @@ def periods_table(records: Mapping[str, FloatArray], time: FloatArray, lat: floa
     expected = periods(lat, height)
     found = {name: measured_periods(time, position, lat, height) for name, position in records.items()}
     rows = []
-    for label, key, unit in (
-        ("Schuler [min]", "schuler", 60.0),
-        ("Foucault [h]", "foucault", 3600.0),
-        ("Earth [h]", "earth", 3600.0),
-    ):
-        theory = getattr(expected, key)
-        row = [label, f"{theory / unit:.4f}"]
-        for each in found.values():
-            value = getattr(each, key)
-            row.append("not seen" if value is None else f"{value / unit:.4f} ({100.0 * (value / theory - 1.0):+.3f} %)")
+    for period, unit in (("Schuler", "min"), ("Foucault", "h"), ("Earth", "h")):
+        theory = getattr(expected, period.lower())
+        row = [Quantity("period", f"{period} [{unit}]"), Quantity("theory", theory / UNITS[unit][1], digits=6)]
+        for name, each in found.items():
+            value = getattr(each, period.lower())
+            mark = "" if value is None else f"({100.0 * (value / theory - 1.0):+.3f} %)"
+            row.append(Quantity(name, None if value is None else value / UNITS[unit][1], digits=6, mark=mark))
         rows.append(tuple(row))
-    note = "found in the position error by least squares, amplitudes free"
-    return Table("Periods of the error", ("period", "theory", *found), tuple(rows), note)
+    note = "found in the position error by least squares, amplitudes free; –: not observable"
+    return Section("periods", "Periods of the error", rows=tuple(rows), note=note)
 
 
-def _assumptions(study: PlatformStudy) -> Sequence[str]:
+def _assumptions(study: PlatformStudy) -> tuple[str, ...]:
     vertical = {
         "off": "The height is held at that of the start, the vertical velocity at zero.",
-        "free": "The vertical channel is free: its error grows by e every 570 s.",
-        "damped": f"The vertical channel is drawn to the height input with three time constants of {DAMPING_TIME:g} s.",
+        "free": "The vertical channel is free: e-folding time of its error 570 s.",
+        "damped": f"The vertical channel is damped to the height input by three time constants of {DAMPING_TIME:g} s.",
     }
     lines = [
         "forward and backward take the rates of each step's start and end, mean their mean; fourth is Runge-Kutta of "
@@ -295,5 +249,5 @@ def _assumptions(study: PlatformStudy) -> Sequence[str]:
         vertical[study.run.vertical],
     ]
     if study.errors.any:
-        lines.append("The samples are taken for those of a platform without errors; tilted, it senses them rotated.")
-    return lines
+        lines.append("The samples are taken as those of a platform without errors; tilted, it senses them rotated.")
+    return tuple(lines)
