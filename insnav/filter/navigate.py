@@ -95,12 +95,23 @@ def navigate_recording(
         The filter lost consistency.
     """
     ready = prepare(imu, gps, spec, settings, states=states, start=start, static_span=static_span, heading=heading)
-    if aiding == "on" or (aiding == "auto" and (settings.logs or longest_gap(ready.gps) > GAP_WORTH)):
+    return navigate_prepared(ready, spec, aiding=aiding, progress=progress)
+
+
+def navigate_prepared(
+    ready: Prepared,
+    spec: ImuSpec,
+    *,
+    aiding: AidingChoice = "auto",
+    progress: Callable[[float], None] | None = None,
+) -> Navigated:
+    """Navigate a recording that is aligned; see `navigate_recording`."""
+    if aiding == "on" or (aiding == "auto" and (ready.settings.logs or longest_gap(ready.gps) > GAP_WORTH)):
         ready = aided(ready, spec, None if progress is None else _half_of(progress, 0.0))
         progress = None if progress is None else _half_of(progress, 0.5)
     run = _run(ready, progress)
-    on_time = ready.gps.time - settings.delay
-    events = (*ready.faults, *run.events, *_outside(on_time, ready.initial.time, float(imu.time[-1])))
+    on_time = ready.gps.time - ready.settings.delay
+    events = (*ready.faults, *run.events, *_outside(on_time, ready.initial.time, float(ready.imu.time[-1])))
     return Navigated(replace(run, events=events), ready.gps, ready.notes)
 
 

@@ -67,13 +67,13 @@ def formats() -> tuple[Format, ...]:
     return tuple(cast(Format, module) for module in sorted(readers, key=lambda module: module is delimited_text))
 
 
-def open_table(path: str | Path, part: str = "") -> Table:
+def open_table(path: str | Path | Table, part: str = "") -> Table:
     """Open a data file of any format and read its header.
 
     Parameters
     ----------
-    path : str or Path
-        A file, also compressed with gzip, or ``-`` for standard input.
+    path : str, Path or Table
+        A file, also compressed with gzip, or ``-`` for standard input; a table is already open.
     part : {"", "imu", "gps"}
         Which table is wanted if the file holds several.
 
@@ -82,6 +82,8 @@ def open_table(path: str | Path, part: str = "") -> Table:
     InputError
         The file cannot be read, is of no supported format, or does not hold that part.
     """
+    if isinstance(path, Table):
+        return path
     try:
         source = open_source(path)
     except IsADirectoryError:

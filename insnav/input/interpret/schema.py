@@ -145,6 +145,7 @@ REFERENCE_SCHEMA: tuple[Quantity, ...] = (
     _TIME_COLUMN,
     *_POSITION,
     *_VELOCITY,
+    *_SDS,
     _one("roll", "roll_deg", "angle", "deg", "roll rollangle phi"),
     _one("pitch", "pitch_deg", "angle", "deg", "pitch pitchangle theta"),
     _HEADING,

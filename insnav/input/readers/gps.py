@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import GPS_KINDS
 from insnav.input.interpret.schema import GPS_SCHEMA
 from insnav.input.readers.positions import Height, read_positions
@@ -15,13 +16,13 @@ from insnav.types import GpsData
 
 
 def read_gps(
-    path: str | Path, *, columns: Mapping[str, str] | None = None, height: Height | None = None
+    path: str | Path | Table, *, columns: Mapping[str, str] | None = None, height: Height | None = None
 ) -> Reading[GpsData]:
     """Read GPS fixes.
 
     Parameters
     ----------
-    path : str or Path
+    path : str, Path or Table
         A data file of any supported format, or ``-`` for standard input.
     columns : mapping of str to str, optional
         Quantity, with or without unit, to header: ``{"sd_n_m": "sigma"}``; an empty header leaves it out.

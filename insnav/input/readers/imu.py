@@ -32,7 +32,7 @@ _SLOWEST = 0.5  # longest interval of an IMU [s]
 
 
 def read_imu(
-    path: str | Path,
+    path: str | Path | Table,
     *,
     axes: str | None = None,
     columns: Mapping[str, str] | None = None,
@@ -45,7 +45,7 @@ def read_imu(
 
     Parameters
     ----------
-    path : str or Path
+    path : str, Path or Table
         A data file of any supported format, or ``-`` for standard input.
     axes : str, optional
         Where the sensor's x, y, z point, such as ``FLU``; default ``FRD``, refused if gravity says otherwise.

@@ -55,7 +55,7 @@ class Positions:
 
 
 def read_positions(
-    path: str | Path,
+    path: str | Path | Table,
     kind: str,
     schema: Sequence[Quantity],
     kinds: Kinds,
@@ -67,7 +67,7 @@ def read_positions(
 
     Parameters
     ----------
-    path : str or Path
+    path : str, Path or Table
         A data file of any supported format, or ``-`` for standard input.
     kind : str
         Word for the file.

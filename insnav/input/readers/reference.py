@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import REFERENCE_KINDS
 from insnav.input.interpret.schema import REFERENCE_SCHEMA
 from insnav.input.readers.positions import read_positions
@@ -14,12 +15,12 @@ from insnav.input.readers.reading import Reading
 from insnav.types import Trajectory
 
 
-def read_reference(path: str | Path, *, columns: Mapping[str, str] | None = None) -> Reading[Trajectory]:
-    """Read a reference: position, and velocity and attitude as far as the file has them.
+def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | None = None) -> Reading[Trajectory]:
+    """Read a reference: position, and velocity, attitude and standard deviations as far as the file has them.
 
     Parameters
     ----------
-    path : str or Path
+    path : str, Path or Table
         A data file of any supported format, or ``-`` for standard input.
     columns : mapping of str to str, optional
         Quantity, with or without unit, to header.
@@ -40,5 +41,7 @@ def read_reference(path: str | Path, *, columns: Mapping[str, str] | None = None
     read = reading.data
     rph = read.stacked(("roll", "pitch", "heading"))
     rph[:, 2] %= 2.0 * np.pi
-    data = Trajectory(read.columns["time"], read.lla, read.v_n, rph)
+    sd = np.column_stack([read.stacked(("sd_n", "sd_e", "sd_d")), read.stacked(("sd_vn", "sd_ve", "sd_vd"))])
+    known = np.hstack([sd, np.full_like(rph, np.nan)]) if np.isfinite(sd).any() else None
+    data = Trajectory(read.columns["time"], read.lla, read.v_n, rph, known)
     return Reading(data, reading.events, reading.facts, reading.fix)

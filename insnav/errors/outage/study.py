@@ -1,0 +1,26 @@
+"""GNSS outages all over a drive, and what they come to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from insnav.errors.outage.gnss_outage import Growth, Outage
+
+
+@dataclass(frozen=True, slots=True)
+class OutageStudy:
+    """Windows without fixes.
+
+    Attributes
+    ----------
+    windows : tuple of Outage
+        In order of length, then of time.
+    growth : tuple of Growth
+        Their errors, summed up by length.
+    reference : str
+        What errors are against, in words.
+    """
+
+    windows: tuple[Outage, ...]
+    growth: tuple[Growth, ...]
+    reference: str

@@ -1,0 +1,116 @@
+"""The error budget of an IMU: along a motion, or in the windows of a recorded drive."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from insnav.errors.budget import SampledMotion, at_rest, first_movement, sampled
+from insnav.errors.budget import budget as drawn_up
+from insnav.errors.budget.drive_motion import spec_in_windows, start_sources, window_motion, with_recorded
+from insnav.errors.budget.from_windows import RecordedBudget
+from insnav.errors.budget.study import BudgetStudy
+from insnav.exceptions import ConfigError
+from insnav.imu.specification import ImuSpec
+from insnav.result import Result
+from insnav.simulate.motion import load_profile
+from insnav.simulate.recording import MOTION_STREAM
+
+LONGEST_FREE = 300.0  # up to here the instability of the vertical channel does no harm [s]
+
+
+@dataclass(frozen=True, slots=True)
+class BudgetSettings:
+    """How a budget is drawn up.
+
+    Attributes
+    ----------
+    times : sequence of float
+        When errors are reported [s].
+    runs : int
+        Simulated runs; none with zero.
+    seed : int
+        Random seed.
+    deflection : float
+        Deflection of the vertical, 1 sd of each axis, that the gravity model does not have [rad].
+    hold : bool or None
+        Hold the vertical channel to the reference; None: where it would become unstable.
+    """
+
+    times: Sequence[float] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
+    runs: int = 0
+    seed: int = 1
+    deflection: float = 0.0
+    hold: bool | None = None
+
+
+def motion_of(profile: str | None, begin: float | None, settings: BudgetSettings) -> SampledMotion:
+    """Motion of a budget without a recorded drive: a part of a profile, or rest.
+
+    Parameters
+    ----------
+    profile : str or None
+        Name or file of a profile.
+    begin : float or None
+        Start after that of the profile [s]; by default 1 s before it sets off.
+    settings : BudgetSettings
+
+    Raises
+    ------
+    ConfigError
+        A start without a profile, an unknown profile.
+    """
+    duration = max(settings.times)
+    if profile is None:
+        if begin is not None:
+            raise ConfigError("there is no motion to begin in", where="--begin", fix="it goes with --profile")
+        return at_rest(duration)
+    chosen = load_profile(profile)
+    truth = chosen.truth((settings.seed, MOTION_STREAM))
+    start = first_movement(truth) if begin is None else begin
+    return sampled(truth, start, duration, f"{chosen.name}, from {start:g} s on ({chosen.purpose.rstrip('.')})")
+
+
+def budget_of_motion(
+    spec: ImuSpec,
+    motion: SampledMotion,
+    settings: BudgetSettings,
+    options: Mapping[str, Any],
+    progress: Callable[[float], None] | None = None,
+) -> Result[BudgetStudy]:
+    """Draw up the budget of an IMU on a motion; see `BudgetSettings`."""
+    found = drawn_up(
+        spec,
+        motion,
+        settings.times,
+        runs=settings.runs,
+        seed=settings.seed,
+        deflection=settings.deflection,
+        hold=_hold(settings),
+        known=(),
+        progress=progress,
+    )
+    return Result("budget", BudgetStudy(found), options=options, imu_model=(spec, "given"))
+
+
+def budget_of_windows(
+    windows: RecordedBudget, settings: BudgetSettings, progress: Callable[[float], None] | None = None
+) -> BudgetStudy:
+    """Draw up the budget of the typical window of a drive, and compare it with all of them."""
+    found = drawn_up(
+        spec_in_windows(windows),
+        window_motion(windows, max(settings.times)),
+        settings.times,
+        runs=settings.runs,
+        seed=settings.seed,
+        deflection=settings.deflection,
+        hold=_hold(settings),
+        known=start_sources(windows),
+        progress=progress,
+    )
+    return BudgetStudy(with_recorded(found, windows), windows)
+
+
+def _hold(settings: BudgetSettings) -> bool:
+    return max(settings.times) > LONGEST_FREE if settings.hold is None else settings.hold

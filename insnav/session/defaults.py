@@ -1,0 +1,86 @@
+"""What insnav assumes about a drive where nothing was given: the same for every command and every notebook."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insnav.alignment import find_rest
+from insnav.errors.outage.window_reference import at_rest, never_moves
+from insnav.filter import FilterSettings
+from insnav.filter.gps_noise import with_sd
+from insnav.filter.prepare import DELAY_SD, first_rest
+from insnav.imu import identify, load_imu
+from insnav.imu.specification import ImuSpec
+from insnav.input import Reading
+from insnav.session.inputs import Inputs, vector
+from insnav.strapdown import intervals
+from insnav.types import GpsData, ImuData, Trajectory
+
+SHORTEST_REST = 5.0  # shorter ones do not show the noise of an IMU [s]
+BENCH_SD = (0.01, 0.005)  # how well a place that is not left is known [m], [m/s]
+REFERENCE_SD = (0.05, None)  # of reference positions; velocities count only if theirs is given [m], [m/s]
+
+
+def given_imu(model: object) -> tuple[ImuSpec, str] | None:
+    """IMU model as given, and how; None if it is left to the data."""
+    if model is None:
+        return None
+    if isinstance(model, ImuSpec):
+        spec, how = model, "given"
+    else:
+        spec, how = load_imu(str(model)), f"from --imu {model}"
+    return spec, f"{how}; not given, taken as zero: {', '.join(spec.absent)}" if spec.absent else how
+
+
+def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSpec, str]:
+    """IMU model from the noise of a stationary part, and how it was chosen.
+
+    Parameters
+    ----------
+    imu : ImuData
+    rest : tuple of float or None
+        Its start and end [s].
+    """
+    if rest is None or rest[1] - rest[0] < SHORTEST_REST:
+        reason = f"no static part of {SHORTEST_REST:g} s shows the noise"
+        return load_imu("consumer"), f"assumed, as {reason}; choose another with --imu"
+    spec, sentence = identify(imu, *rest)
+    return spec, sentence.rstrip(".")
+
+
+def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tuple[float, float] | None:
+    """Stationary interval as given, else the first one by IMU and GPS, or by the IMU alone [s]."""
+    span = inputs.get("static")
+    if span is not None:
+        return span
+    return find_rest(intervals(imu)) if fixes is None else first_rest(imu, fixes)
+
+
+def complete_fixes(
+    imu: ImuData, gps: Reading[GpsData] | None, reference: Reading[Trajectory] | None
+) -> tuple[GpsData | None, tuple[str, ...]]:
+    """Fixes with a standard deviation for every value, and what was assumed; None if there is no position.
+
+    Without GPS, a reference that never moves stands for it: the place of a bench.
+    """
+    if gps is not None:
+        return with_sd(gps.data)
+    begin, end = float(imu.time[0]), float(imu.time[-1])
+    if reference is None or not never_moves(reference.data, begin, end):
+        return None, ()
+    return at_rest(reference.data.lla[0], begin, end, *BENCH_SD), (
+        "No GPS: the reference says the vehicle never moves",
+    )
+
+
+def filter_settings(inputs: Inputs, *, receiver: bool) -> FilterSettings:
+    """Settings of the filter; the delay of a receiver is estimated unless it was given."""
+    lever_b, delay = vector(inputs, "lever_arm"), inputs.get("gps_delay")
+    return FilterSettings(
+        lever_b=np.zeros(3) if lever_b is None else lever_b,
+        lever_sd=inputs.get("lever_arm_sd") or 0.0,
+        delay=delay or 0.0,
+        delay_sd=DELAY_SD if delay is None and receiver else 0.0,
+        heading_sd=inputs.get("gps_heading_sd") or 0.0,
+        fixed_height_sd=inputs.get("fixed_height_sd") or 0.0,
+    )

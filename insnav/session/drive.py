@@ -1,0 +1,444 @@
+"""A recorded drive: read, understood, and everything that can be done with it.
+
+`load` reads and chooses; nothing is navigated before a method of `Drive` is called. The command line calls the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Unpack
+
+import numpy as np
+
+from insnav.alignment import find_rest
+from insnav.errors.budget.from_windows import RecordedSettings, recorded_budget
+from insnav.errors.budget.study import BudgetStudy
+from insnav.errors.evaluated_run import EvaluatedRun, evaluate_run, fixed_epochs
+from insnav.errors.metrics import at_point
+from insnav.errors.outage.gnss_outage import LENGTHS, growth, outages
+from insnav.errors.outage.study import OutageStudy
+from insnav.errors.outage.window_reference import Judge, judged_by_reference
+from insnav.errors.short_duration_errors import short_windows
+from insnav.exceptions import AlignmentError, ConfigError
+from insnav.filter import FilterSettings
+from insnav.filter.fine_alignment import FineAlignment, fine_alignment
+from insnav.filter.gps_noise import with_sd
+from insnav.filter.navigate import AidingChoice, aided, navigate_prepared
+from insnav.filter.prepare import Prepared, Start, prepare
+from insnav.imu.specification import ImuSpec
+from insnav.input import Reading, check_overlap
+from insnav.result import Result
+from insnav.session import defaults
+from insnav.session.budget import BudgetSettings, budget_of_windows
+from insnav.session.inputs import Inputs, options_of, reference_sd, vector
+from insnav.session.read import Readings, read
+from insnav.strapdown import intervals
+from insnav.types import Event, FloatArray, GpsData, ImuData, Trajectory
+
+if TYPE_CHECKING:
+    from insnav.session.read import Given
+
+SHORT_REST = 10.0  # so long may steady motion look like rest [s]
+
+
+def load(
+    imu: Given | ImuData,
+    gps: Given | GpsData | None = None,
+    ref: Given | Trajectory | None = None,
+    **inputs: Unpack[Inputs],
+) -> Drive:
+    """Read a recorded drive, find out what it is, and choose the IMU model.
+
+    Parameters
+    ----------
+    imu : path, data frame, arrays or ImuData
+        Samples: a file of any supported format; a data frame with any columns a file may have; arrays
+        ``(time, gyro, accel)`` in [s], [rad/s], [m/s^2], or ``(gyro, accel)`` with ``rate=``.
+    gps : path, data frame, arrays or GpsData, optional
+        Fixes; arrays are ``(time, lla)`` in [s], [deg], [deg], [m].
+    ref : path, data frame, arrays or Trajectory, optional
+        Reference trajectory.
+    **inputs
+        What the data do not say themselves, as in `insnav.session.inputs.Inputs`.
+
+    Returns
+    -------
+    Drive
+
+    Raises
+    ------
+    ConfigError, InputError
+        What cannot be meant, or used.
+
+    Examples
+    --------
+    >>> drive = insnav.load("imu.csv", gps="gps.csv", lever_arm=(0.8, -0.3, -1.2))  # doctest: +SKIP
+    >>> drive.navigate().save("run1")  # doctest: +SKIP
+    """
+    return drive_of(read(imu, gps, ref, inputs))
+
+
+def drive_of(readings: Readings) -> Drive:
+    """Check that readings belong together, and choose what was not given.
+
+    Parameters
+    ----------
+    readings : Readings
+
+    Returns
+    -------
+    Drive
+
+    Raises
+    ------
+    InputError
+        IMU and GPS have no time in common.
+    """
+    inputs, samples = readings.inputs, readings.imu.data
+    given_model = defaults.given_imu(inputs.get("imu_model"))
+    if readings.gps is not None:
+        check_overlap(samples, readings.gps.data)
+    fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference)
+    spec, chosen = given_model or defaults.imu_from_rest(samples, defaults.stationary_part(samples, fixes, inputs))
+    settings = defaults.filter_settings(inputs, receiver=readings.gps is not None)
+    return Drive(readings, fixes, spec, chosen, settings, assumed)
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A recorded drive, read and understood but not navigated; made by `load`.
+
+    Attributes
+    ----------
+    readings : Readings
+        Data as read, with what was understood, and the inputs given with them.
+    fixes : GpsData or None
+        Fixes with a standard deviation for every value.
+    imu_spec : ImuSpec
+        IMU error specification.
+    imu_chosen : str
+        How it was chosen.
+    settings : FilterSettings
+        Lever arm, delay, gates.
+    notes : tuple of str
+        What was assumed.
+    """
+
+    readings: Readings
+    fixes: GpsData | None
+    imu_spec: ImuSpec
+    imu_chosen: str
+    settings: FilterSettings
+    notes: tuple[str, ...]
+
+    @property
+    def imu(self) -> Reading[ImuData]:
+        """Samples, known errors corrected."""
+        return self.readings.imu
+
+    @property
+    def gps(self) -> Reading[GpsData] | None:
+        """Fixes as read."""
+        return self.readings.gps
+
+    @property
+    def reference(self) -> Reading[Trajectory] | None:
+        """Reference as read."""
+        return self.readings.reference
+
+    def __repr__(self) -> str:
+        lines = [each.lines()[0] for each in self.readings.facts.values()]
+        return "\n".join(["Drive", *lines, f"IMU model: {self.imu_spec.name}: {self.imu_chosen}"])
+
+    def prepared(self, states: int = 21) -> Prepared:
+        """Align the drive and set the filter up; nothing is navigated yet.
+
+        Parameters
+        ----------
+        states : {21, 15}
+            With or without scale factor errors.
+
+        Returns
+        -------
+        Prepared
+
+        Raises
+        ------
+        ConfigError
+            Neither GPS nor a reference at rest gives a position.
+        InputError, AlignmentError
+            The data cannot be navigated.
+        """
+        if states not in (15, 21):
+            raise ConfigError(f"{states} states are not supported", where="states", fix="use 21 or 15")
+        if self.fixes is None:
+            moves = ", and no reference" if self.reference is None else ", and by the reference it moves"
+            raise ConfigError(
+                "nothing tells where the vehicle was",
+                where="gps",
+                why=f"there are no fixes{moves}",
+                fix="give fixes with --gps; for a bench, --ref with its place at the start and the end, velocity zero",
+            )
+        initial = self.readings.inputs.get("initial")
+        return prepare(
+            self.imu.data,
+            self.fixes,
+            self.imu_spec,
+            self.settings,
+            states=states,
+            start=initial if isinstance(initial, Start) else None,
+            static_span=self.readings.inputs.get("static"),
+            heading=self.readings.inputs.get("heading"),
+        )
+
+    def navigate(
+        self,
+        *,
+        states: int = 21,
+        aiding: AidingChoice = "auto",
+        smooth: bool = True,
+        output_interval: float = 0.1,
+        mechanization: Literal["full", "short"] = "full",
+        progress: Callable[[float], None] | None = None,
+    ) -> Result[EvaluatedRun]:
+        """Navigate the drive, and evaluate it against the reference if there is one.
+
+        Parameters
+        ----------
+        states : {21, 15}
+            With or without scale factor errors.
+        aiding : {"auto", "on", "off"}
+            Non-holonomic constraint, odometer, ZUPT: where GPS has gaps, always, never.
+        smooth : bool
+            Also give the smoothed solution.
+        output_interval : float
+            Time between rows of the solution [s]; 0 for every sample.
+        mechanization : {"full", "short"}
+            short: also compare the short-duration form with the full one.
+        progress : callable, optional
+            Called with the fraction done.
+
+        Returns
+        -------
+        Result of EvaluatedRun
+
+        Raises
+        ------
+        InputError, AlignmentError, DivergenceError
+            The data cannot be navigated.
+        """
+        ready = self.prepared(states)
+        ready = replace(ready, settings=replace(ready.settings, smooth=smooth, output_interval=output_interval))
+        done = navigate_prepared(ready, self.imu_spec, aiding=aiding, progress=progress)
+        events = self._events(done.run.events)
+        done = replace(done, run=replace(done.run, events=events))
+        found, notes = evaluate_run(done, self.reference, vector(self.readings.inputs, "ref_lever_arm"))
+        if mechanization == "short":
+            windows = short_windows(self.imu.data, done.run.solution, done.run.sensor_errors)
+            found = replace(found, short_duration=tuple(windows))
+        options = {
+            "states": states,
+            "aiding": aiding,
+            "smooth": smooth,
+            "output_interval_s": output_interval,
+            "mechanization": mechanization,
+        }
+        return self._result("run", found, options, (*self.notes, *done.notes, *notes), events)
+
+    def outage(
+        self,
+        *,
+        lengths: Sequence[float] = LENGTHS,
+        first: float | None = None,
+        spacing: float | None = None,
+        aiding: AidingChoice = "auto",
+        workers: int = 2,
+        progress: Callable[[float], None] | None = None,
+    ) -> Result[OutageStudy]:
+        """Simulate GNSS outages all over the drive.
+
+        Parameters
+        ----------
+        lengths : sequence of float
+            Lengths of the outage windows [s].
+        first : float, optional
+            Where the first begins, after the start of navigation [s].
+        spacing : float, optional
+            From one to the next [s]; by default so that about sixty fit.
+        aiding : {"auto", "on", "off"}
+            Use other aiding in the windows: auto and on do, off does not.
+        workers : int
+            Processes.
+        progress : callable, optional
+            Called with the fraction done.
+
+        Returns
+        -------
+        Result of OutageStudy
+
+        Raises
+        ------
+        ConfigError, InputError, AlignmentError
+            Windows that make no sense, or data that cannot be navigated.
+        """
+        ready = self.prepared()
+        if aiding != "off":
+            ready = aided(ready, self.imu_spec)
+        reference = None if self.reference is None else self._antenna_positions(self.reference)
+        windows = outages(
+            ready,
+            lengths=lengths,
+            first=first,
+            spacing=spacing,
+            truth=reference,
+            workers=workers,
+            progress=progress,
+        )
+        found = OutageStudy(tuple(windows), tuple(growth(windows)), self._compared_with())
+        options = {"lengths_s": list(lengths), "first_s": first, "spacing_s": spacing, "aiding": aiding}
+        return self._result("outage", found, options, (*self.notes, *ready.notes), self._events(()))
+
+    def budget(
+        self,
+        *,
+        times: Sequence[float] = BudgetSettings().times,
+        runs: int = 0,
+        windows: RecordedSettings | None = None,
+        hold: bool | None = None,
+        deflection: float = 0.0,
+        seed: int = 1,
+        progress: Callable[[float], None] | None = None,
+    ) -> Result[BudgetStudy]:
+        """Find out how much error the IMU makes without GPS, and from what.
+
+        Parameters
+        ----------
+        times : sequence of float
+            When errors are reported [s]; the windows of the drive are as long as the last.
+        runs : int
+            Simulated runs; none with zero.
+        windows : RecordedSettings, optional
+            How free-inertial windows are slid along the drive; their length and seed are those given here.
+        hold : bool, optional
+            Hold the vertical channel to the reference; by default beyond 300 s.
+        deflection : float
+            Deflection of the vertical, 1 sd of each axis [rad].
+        seed : int
+            Random seed.
+        progress : callable, optional
+            Called with the fraction done of the windows.
+
+        Returns
+        -------
+        Result of BudgetStudy
+
+        Raises
+        ------
+        ConfigError, InputError, AlignmentError
+            Windows that make no sense, or data that cannot be navigated.
+        """
+        settings = BudgetSettings(times, runs, seed, deflection, hold)
+        ready = self.prepared()
+        reference = None if self.gps is None or self.reference is None else self._judge(self.reference)
+        chosen = replace(windows or RecordedSettings(), length=float(max(times)), seed=seed)
+        recorded = recorded_budget(ready, self.imu_spec, reference, chosen, progress)
+        given = self.readings.inputs.get("imu_model") is not None
+        said = () if given else (f"IMU file: none was given; {self.imu_spec.name}: {self.imu_chosen}",)
+        recorded = replace(recorded, notes=(*self.notes, *said, *recorded.notes))
+        found = budget_of_windows(recorded, settings)
+        options = {"times_s": list(times), "runs": runs, "hold": hold, "deflection_rad": deflection, "seed": seed}
+        return self._result("budget", found, options, recorded.notes, self._events(()))
+
+    def align(self) -> Result[FineAlignment]:
+        """Align the drive at rest: from means, then by the filter with zero velocity.
+
+        Returns
+        -------
+        Result of FineAlignment
+
+        Raises
+        ------
+        ConfigError
+            Neither ``lat`` nor GPS gives a latitude.
+        AlignmentError
+            No stationary part, or the data do not determine the attitude.
+        """
+        inputs, notes = self.readings.inputs, list(self.notes)
+        span = inputs.get("static")
+        rest = span or find_rest(intervals(self.imu.data))
+        if rest is None:
+            raise AlignmentError(
+                "no rest was found",
+                where=self.imu.facts.path,
+                why="every half second shows turns or vibration",
+                fix="give the static interval with --static FROM:TO",
+            )
+        if span is None and rest[1] - rest[0] < SHORT_REST:
+            notes.append(
+                f"the stretch that looks like rest is only {rest[1] - rest[0]:.1f} s; was it? --static FROM:TO"
+            )
+        found = fine_alignment(self.imu.data, self.imu_spec, self._place(), rest, inputs.get("heading"))
+        return self._result("alignment", found, {}, tuple(notes), self._events(()))
+
+    def _place(self) -> FloatArray:
+        """Latitude, longitude [rad] and height [m] of a stationary record."""
+        inputs = self.readings.inputs
+        lat = inputs.get("lat")
+        if lat is not None:
+            return np.array([lat, 0.0, inputs.get("height") or 0.0])
+        if self.fixes is None:
+            raise ConfigError("nothing tells the latitude", where="lat", fix="give it with --lat, or fixes with --gps")
+        return np.asarray(self.fixes.lla[0])
+
+    def _antenna_positions(self, reference: Reading[Trajectory]) -> GpsData:
+        """Positions of the reference brought to the antenna, every value with a standard deviation."""
+        lever_b, data = vector(self.readings.inputs, "ref_lever_arm"), reference.data
+        if lever_b is not None and not np.allclose(lever_b, self.settings.lever_b, atol=1e-3):
+            if not np.isfinite(data.rph).all():
+                raise ConfigError(
+                    "the reference cannot be brought to the antenna",
+                    where="ref_lever_arm",
+                    why="it has no attitude",
+                    fix="leave it out for a reference of the antenna itself",
+                )
+            data = at_point(data, self.settings.lever_b - lever_b)
+        sd = np.full((len(data.time), 6), np.nan) if data.sd is None else data.sd[:, :6].copy()
+        given = reference_sd(self.readings.inputs)
+        if given is not None:
+            sd[:, :3] = np.where(np.isfinite(sd[:, :3]), sd[:, :3], given[0])
+        complete, _ = with_sd(GpsData(data.time, data.lla, data.v_n, sd[:, :3], sd[:, 3:], reference.fix))
+        fix = complete.fix
+        return complete if fix is None or not (fix == 1).any() else complete.rows(fix == 1)
+
+    def _judge(self, reference: Reading[Trajectory]) -> Judge:
+        """The reference as what free-inertial windows are compared with."""
+        position_sd, velocity_sd = reference_sd(self.readings.inputs) or defaults.REFERENCE_SD
+        data = fixed_epochs(reference)
+        if velocity_sd is None:
+            data = replace(data, v_n=np.full_like(data.v_n, np.nan))
+        lever_b = vector(self.readings.inputs, "ref_lever_arm")
+        return judged_by_reference(
+            data,
+            self._compared_with(),
+            position_sd=position_sd,
+            velocity_sd=1.0 if velocity_sd is None else velocity_sd,
+            lever_b=vector(self.readings.inputs, "lever_arm") if lever_b is None else lever_b,
+        )
+
+    def _compared_with(self) -> str:
+        if self.reference is None:
+            return "the withheld fixes"
+        return f"the positions of {Path(self.reference.facts.path).name}"
+
+    def _events(self, more: Sequence[Event]) -> tuple[Event, ...]:
+        """Events of reading and these, in order of time."""
+        read_events = [event for reading in self.readings.given().values() for event in reading.events]
+        return tuple(sorted([*read_events, *more], key=lambda event: event.time))
+
+    def _result(
+        self, kind: str, found: Any, options: Mapping[str, object], notes: tuple[str, ...], events: tuple[Event, ...]
+    ) -> Result[Any]:
+        given = options_of(self.readings.inputs, **options)
+        return Result(kind, found, self.readings.facts, given, (self.imu_spec, self.imu_chosen), notes, events)

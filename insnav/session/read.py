@@ -1,0 +1,204 @@
+"""Data as they were given (files, tables, arrays, insnav's own types) to readings."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
+
+import numpy as np
+
+from insnav.exceptions import ConfigError, InsnavError
+from insnav.imu import correct, load_calibration
+from insnav.input import Reading, ReadingFacts, read_gps, read_imu, read_reference
+from insnav.input.formats.table import ArrayCells, Table
+from insnav.session.inputs import Inputs, checked
+from insnav.types import FloatArray, GpsData, ImuData, Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from typing_extensions import TypeIs
+
+    Given: TypeAlias = "str | Path | pd.DataFrame | Sequence[FloatArray]"
+
+T = TypeVar("T", ImuData, GpsData, Trajectory)
+_DESCRIBING = ("axes", "units", "columns", "sampling", "stamp")
+_GYRO = ("gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s")
+_ACCEL = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2")
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """What was read.
+
+    Attributes
+    ----------
+    imu : Reading of ImuData
+        Known errors corrected.
+    gps : Reading of GpsData or None
+    reference : Reading of Trajectory or None
+    inputs : Inputs
+        What was given with them, checked.
+    """
+
+    imu: Reading[ImuData]
+    gps: Reading[GpsData] | None
+    reference: Reading[Trajectory] | None
+    inputs: Inputs
+
+    def given(self) -> dict[str, Reading[ImuData] | Reading[GpsData] | Reading[Trajectory]]:
+        """Readings by name: ``imu``, ``gps``, ``reference``."""
+        named = {"imu": self.imu, "gps": self.gps, "reference": self.reference}
+        return {name: each for name, each in named.items() if each is not None}
+
+    @property
+    def facts(self) -> dict[str, ReadingFacts]:
+        """What was understood of each."""
+        return {name: each.facts for name, each in self.given().items()}
+
+
+def read(imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Trajectory | None, inputs: Inputs) -> Readings:
+    """Read a drive; the small files first, so that what is wrong with them is known at once.
+
+    Parameters
+    ----------
+    imu, gps, ref
+        As for `insnav.load`.
+    inputs : Inputs
+
+    Raises
+    ------
+    ConfigError, InputError
+        What cannot be meant, or used; `where` names the input.
+    """
+    inputs = checked(inputs)
+    sources = [name for name, source in (("imu", imu), ("gps", gps), ("ref", ref)) if _is_stdin(source)]
+    if len(sources) > 1:
+        raise ConfigError(
+            "only one file can come from standard input", where=", ".join(sources), fix="give the others by name"
+        )
+    fixes = None if gps is None else _read_gps(gps, inputs)
+    reference = None if ref is None else _read_reference(ref, inputs)
+    return Readings(read_samples(imu, inputs), fixes, reference, inputs)
+
+
+def _is_stdin(source: object) -> bool:
+    return isinstance(source, str | Path) and str(source) == "-"
+
+
+def read_samples(imu: Given | ImuData, inputs: Inputs) -> Reading[ImuData]:
+    """Read the samples and correct known errors.
+
+    Volts and counts become rates and specific forces by the lines of the calibration.
+
+    Parameters
+    ----------
+    imu
+        As for `insnav.load`.
+    inputs : Inputs
+    """
+    calibration = inputs.get("calibration")
+    known = None if calibration is None else load_calibration(Path(calibration))
+    if isinstance(imu, ImuData):
+        described = [key for key in _DESCRIBING if inputs.get(key) is not None]
+        if described:
+            raise ConfigError("ImuData needs no description", where=described[0], fix="leave it out")
+        reading = _in_memory(imu, "IMU")
+    else:
+        scales = {} if known is None else {"gyro": known.gyro_raw, "accel": known.accel_raw}
+        with _named("columns"):
+            reading = read_imu(
+                _source(imu, inputs.get("rate")),
+                axes=inputs.get("axes"),
+                columns=inputs.get("columns"),
+                units=inputs.get("units"),
+                sampling=inputs.get("sampling"),
+                stamp=inputs.get("stamp"),
+                raw_scales={triad: scale for triad, scale in scales.items() if scale is not None},
+            )
+    return reading if known is None else replace(reading, data=correct(reading.data, known))
+
+
+def _read_gps(gps: Given | GpsData, inputs: Inputs) -> Reading[GpsData]:
+    if isinstance(gps, GpsData):
+        return _in_memory(gps, "GPS")
+    with _named("gps_columns"):
+        return read_gps(_table(gps), columns=inputs.get("gps_columns"), height=inputs.get("gps_height"))
+
+
+def _read_reference(reference: Given | Trajectory, inputs: Inputs) -> Reading[Trajectory]:
+    if isinstance(reference, Trajectory):
+        return _in_memory(reference, "reference")
+    with _named("ref_columns"):
+        return read_reference(_table(reference), columns=inputs.get("ref_columns"))
+
+
+@contextmanager
+def _named(columns: Literal["columns", "gps_columns", "ref_columns"]) -> Iterator[None]:
+    """Let errors of the readers name the input that gives the columns of this file."""
+    try:
+        yield
+    except InsnavError as error:
+        error.where = re.sub(r"^columns\b", columns, error.where)
+        error.fix = error.fix.replace("--columns", f"--{columns.replace('_', '-')}")
+        raise
+
+
+def _source(imu: Given, rate: float | None) -> str | Path | Table:
+    """Samples as a file or a table; arrays are time [s], gyro [rad/s], accel [m/s^2], or the last two with `rate`."""
+    if isinstance(imu, str | Path) or _is_frame(imu):
+        return _table(imu)
+    arrays = [np.asarray(each, dtype=np.float64) for each in imu]
+    if len(arrays) == 2 and rate is not None:
+        arrays = [np.arange(1, len(arrays[0]) + 1) / rate, *arrays]
+    if len(arrays) != 3 or any(each.shape != (len(arrays[0]), 3) for each in arrays[1:]) or arrays[0].ndim != 1:
+        raise ConfigError(
+            "these arrays are no samples of an IMU",
+            why=f"their shapes are {', '.join(str(each.shape) for each in arrays)}",
+            fix="give (time, gyro, accel) of shapes (n,), (n, 3), (n, 3) in s, rad/s, m/s^2; or (gyro, accel) and rate",
+        )
+    return _named_columns(("time_s", *_GYRO, *_ACCEL), np.column_stack(arrays))
+
+
+def _table(given: Given) -> str | Path | Table:
+    """A file as it is; a data frame, or time [s] and latitude, longitude [deg], height [m], as a table."""
+    if isinstance(given, str | Path):
+        return given
+    if _is_frame(given):
+        return _named_columns(tuple(str(name) for name in given.columns), given.to_numpy(dtype=np.float64))
+    arrays = [np.asarray(each, dtype=np.float64) for each in given]
+    if len(arrays) != 2 or arrays[1].shape != (len(arrays[0]), 3):
+        raise ConfigError(
+            "these arrays are no positions",
+            why=f"their shapes are {', '.join(str(each.shape) for each in arrays)}",
+            fix="give (time, lla) of shapes (n,), (n, 3) in s, deg, deg, m; or GpsData, Trajectory, a data frame",
+        )
+    return _named_columns(("time_s", "lat_deg", "lon_deg", "height_m"), np.column_stack(arrays))
+
+
+def _is_frame(given: object) -> TypeIs[pd.DataFrame]:
+    return hasattr(given, "columns") and hasattr(given, "to_numpy")  # pandas takes a third of a second to import
+
+
+def _named_columns(headers: tuple[str, ...], numbers: FloatArray) -> Table:
+    cells = ArrayCells(tuple(np.ascontiguousarray(numbers.T)), lambda row: f"row {row + 1}")
+    return Table("data in memory", hashlib.sha256(numbers.tobytes()).hexdigest(), headers, cells)
+
+
+def _in_memory(data: T, kind: str) -> Reading[T]:
+    """Reading of data that need no understanding."""
+    time: Any = data.time
+    if len(time) < 2 or not (np.diff(time) > 0.0).all():
+        raise ConfigError(f"the {kind} data need two rows or more, in order of time", where=type(data).__name__)
+    digest = hashlib.sha256(b"".join(value.tobytes() for value in data._arrays().values())).hexdigest()
+    step = float(np.median(np.diff(time)))
+    facts = ReadingFacts(
+        kind, "data in memory", digest, len(time), len(time), float(time[0]), float(time[-1]), 1.0 / step, 0, 0.0, {}
+    )
+    if isinstance(data, ImuData):
+        facts = replace(facts, axes="FRD", sampling=data.sampling, stamp=data.stamp)
+    return Reading(data, (), facts)
