@@ -15,14 +15,15 @@ from insnav.cli.console import Stages, note, result, result_facts
 
 if TYPE_CHECKING:
     from insnav.output.folder import RunFolder
+    from insnav.report.page import Page
     from insnav.report.simulation.page import Plan
 
 SHORT_HELP = "IMU and GPS files of a motion that is exactly known; or hundreds of runs of it."
 HELP = """IMU and GPS files of a motion that is exactly known.
 
-The motion comes from a profile, by name or as a file, or from a recorded track. One IMU and one receiver are drawn from
-their specifications; out comes a folder with imu.csv, gps.csv, ref.csv, and the command that navigates them. With
---runs every run draws its own, is navigated at once, and the errors are compared with what the filter says of them.
+The motion comes from a profile, by name or as a file, or from a recorded track. One IMU and one receiver are sampled
+from their specifications; out comes a folder with imu.csv, gps.csv, ref.csv, and the command that navigates them. With
+--runs every run samples its own, is navigated at once, and the errors are compared with what the filter states.
 
 \b
 Examples:
@@ -31,7 +32,7 @@ Examples:
   insnav simulate city --imu tactical --gps rtk --seed 7 --out monday
   insnav simulate drive.toml --imu mems.toml --rate 200 --sampling increment
   insnav simulate city --fault gps-jump:60m@120s+8s --fault imu-gap@200s+1s
-  insnav simulate --from run --imu automotive --out twin
+  insnav simulate --from run --imu automotive --out replica
   insnav simulate city --imu ideal --gps ideal
   insnav simulate city --runs 500 --out ensemble
 
@@ -54,7 +55,10 @@ def simulate(
     source: Annotated[
         Path | None,
         typer.Option(
-            "--from", metavar="TRACK", help="Run folder or reference file to make a twin of.", rich_help_panel=MOTION
+            "--from",
+            metavar="TRACK",
+            help="Run folder or reference file to make a simulated replica of.",
+            rich_help_panel=MOTION,
         ),
     ] = None,
     listed: Annotated[
@@ -144,24 +148,23 @@ def simulate(
     _check(profile, source, runs, run, (imu, gps), resume)
     target = out or Path("sim")
     warming = _temperatures(temperature) if temperature else None
-    from insnav.output.folder import RunFolder, read_facts
+    from insnav.output.folder import RunFolder
 
     with RunFolder(target, force=force) as folder, Stages() as stage:
         stage("motion")
         plan = _plan(configuration, profile, source)
         stage("simulating")
         if runs is None:
-            where = _one(folder, plan, warming, stage)
+            where, page = _one(folder, plan, warming, stage)
         else:
-            where = _many(folder, plan, runs, workers, resume, warming, stage)
+            where, page = _many(folder, plan, runs, workers, resume, warming, stage)
     if as_json:
         result_facts(where)
         return
     from insnav.report.simulation.ensemble import ensemble_lines
-    from insnav.report.simulation.page import simulation_lines
+    from insnav.report.simulation.page import shown_lines
 
-    lines = simulation_lines if runs is None else ensemble_lines
-    result("\n".join(lines(read_facts(where), target)))
+    result("\n".join((shown_lines if runs is None else ensemble_lines)(page, target)))
 
 
 def _check(
@@ -217,7 +220,7 @@ def _plan(configuration: dict[str, Any], profile: str | None, source: Path | Non
         "sampling": configuration["sampling"],
         "configuration": configuration,
     }
-    motion = _twin(source) if source is not None else _profiled(str(profile), seed)
+    motion = _replica(source) if source is not None else _profiled(str(profile), seed)
     return Plan(**models, **motion | {"truth": replace(motion["truth"], gravity=configuration["gravity"])})
 
 
@@ -236,11 +239,10 @@ def _profiled(name: str, seed: int) -> dict[str, Any]:
     }
 
 
-def _twin(source: Path) -> dict[str, Any]:
+def _replica(source: Path) -> dict[str, Any]:
     """Motion of a recorded track: the smoothed solution of a run folder, or its solution, or a file."""
     from insnav.cli.inputs import read_truth, say_reading
     from insnav.exceptions import InputError
-    from insnav.report.simulation.page import twin_facts
     from insnav.simulate.truth_from_track import apart, truth_from_track
 
     track = source
@@ -258,21 +260,17 @@ def _twin(source: Path) -> dict[str, Any]:
     reading = read_truth(track, None)
     say_reading(reading.facts)
     truth = truth_from_track(reading.data)
-    twin = twin_facts(apart(truth, reading.data))
     return {
-        "name": f"twin of {source.name or source.resolve().name}",
+        "name": f"replica of {source.name or source.resolve().name}",
         "purpose": "",
-        "source": {
-            "track": str(track),
-            "track_sha256": reading.facts.sha256,
-            "twin": twin,
-        },
+        "source": {"track": str(track), "track_sha256": reading.facts.sha256},
+        "residual": apart(truth, reading.data),
         "profile": "",
         "truth": truth,
     }
 
 
-def _one(folder: RunFolder, plan: Plan, warming: tuple[float, float] | None, stage: Stages) -> Path:
+def _one(folder: RunFolder, plan: Plan, warming: tuple[float, float] | None, stage: Stages) -> tuple[Path, Page]:
     from insnav.report.simulation.page import write_recording
     from insnav.simulate.recording import perfect_imu, simulate_recording, warmed
 
@@ -299,7 +297,7 @@ def _many(
     resume: bool,
     warming: tuple[float, float] | None,
     stage: Stages,
-) -> Path:
+) -> tuple[Path, Page]:
     import joblib
 
     from insnav.cli.signals import Stopped
@@ -329,13 +327,13 @@ def _many(
         )
         stage("writing")
         _quiet_figures()
-        where = write_runs(folder, plan, done)
+        written = write_runs(folder, plan, done)
     except Stopped:
         if checkpoint.path.exists():
             note("the runs that have ended are kept: the same command with --resume goes on")
         raise
     checkpoint.remove()
-    return where
+    return written
 
 
 def _quiet_figures() -> None:
@@ -357,7 +355,7 @@ def _list(out: Path | None, force: bool, as_json: bool) -> None:
         with RunFolder(out, force=force) as folder, Stages() as stage:
             stage("drawing")
             _quiet_figures()
-            write_sketches(folder, profiles, shown)
+            write_sketches(folder, profiles)
     if as_json:
         result(json.dumps(shown, indent=1, ensure_ascii=False))
         return

@@ -141,8 +141,10 @@ def test_every_file_is_there_and_can_be_read_again(prepared: Path, monkeypatch: 
     assert len(gps.time) == facts["gps_fixes"]
     assert ref.time[0] == facts["motion"]["start_s"]
     assert load_imu("sim/imu.toml").name == "consumer"
-    drawn = load_calibration(Path("sim/specimen.toml"))
-    np.testing.assert_allclose(np.degrees(drawn.gyro_bias) * 3600.0, facts["specimen"]["gyro_bias_deg_h"], rtol=1e-9)
+    drawn = load_calibration(Path("sim/sensor_realisation.toml"))
+    np.testing.assert_allclose(
+        np.degrees(drawn.gyro_bias) * 3600.0, facts["sensor_realisation"]["gyro_bias_deg_h"], rtol=1e-9
+    )
     assert load_profile("sim/profile.toml").duration == load_profile(Path(MOTION)).duration
     for name in ("gps.toml", "report.html", "figures/way.png", "figures/motion.png"):
         assert (prepared / "sim" / name).stat().st_size > 0
@@ -154,7 +156,9 @@ def test_the_same_options_give_the_same_bytes(prepared: Path, here: Path, cli: C
     once = digests(prepared / "sim")
     assert digests(here / "sim") == once  # in another process
     assert shown.out == (here / "sim" / "run.json").read_text()
-    assert {"seed", "versions", "motion", "specimen", "faults", "command", "files"} <= set(json.loads(shown.out))
+    assert {"seed", "versions", "motion", "sensor_realisation", "faults", "command", "files"} <= set(
+        json.loads(shown.out)
+    )
     # the models that were written make the same files again
     models = ("--imu", "sim/imu.toml", "--gps", "sim/gps.toml")
     assert cli("simulate", "sim/profile.toml", *models, "--rate", "20", "--out", "again").code == 0
@@ -215,21 +219,21 @@ def test_gravity_can_be_that_of_other_packages(prepared: Path, here: Path, cli: 
     assert 0.0 < np.abs(linear - full).max() < 1e-7
 
 
-def test_a_run_and_a_reference_have_twins(drive: Path, cli: Cli):
+def test_a_run_and_a_reference_have_simulated_replicas(drive: Path, cli: Cli):
     done = cli("run", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", "--figures", "none")
     assert done.code == 0, done.err
     for source in ("run", "ref.csv"):
         shown = cli("simulate", "--from", source, "--imu", "ideal", "--rate", "20", "--force")
         assert shown.code == 0, shown.err
-        (told,) = [line for line in shown.out.splitlines() if line.startswith("twin")]
+        (told,) = [line for line in shown.out.splitlines() if line.startswith("replica")]
         assert "m/s RMS from its track, at most " in told
         facts = read_facts(drive / "sim")
-        assert facts["motion"]["twin"]["position_rms_m"] < 0.05
-        assert facts["motion"]["twin"]["doubts"] == []
+        assert facts["motion"]["replica"]["position_rms_m"] < 0.05
+        assert facts["motion"]["replica"]["doubts"] == []
         assert "profile.toml" not in facts["files"]
-        twin, original = read_reference("sim/ref.csv").data, read_reference("ref.csv").data
-        at = np.searchsorted(twin.time, original.time[50:-50])
-        difference = np.degrees(twin.lla[at, :2] - original.lla[50:-50, :2]) * 111e3
+        replica, original = read_reference("sim/ref.csv").data, read_reference("ref.csv").data
+        at = np.searchsorted(replica.time, original.time[50:-50])
+        difference = np.degrees(replica.lla[at, :2] - original.lla[50:-50, :2]) * 111e3
         assert np.abs(difference).max() < 5.0
 
 
@@ -238,7 +242,7 @@ def test_a_poor_track_is_doubted(drive: Path, cli: Cli):
     (drive / "holed.csv").write_text("".join(lines[:800] + lines[900:]))
     shown = cli("simulate", "--from", "holed.csv", "--imu", "ideal", "--rate", "20")
     assert shown.code == 0, shown.err
-    assert "\ndoubt       the track has no row for 10.1 s" in shown.out
+    assert "\nwarning     the track has no row for 10.1 s" in shown.out
     assert "no row for 10.1 s" in (drive / "sim" / "report.html").read_text()
 
 
@@ -294,7 +298,7 @@ def test_many_runs_give_the_same_bytes_for_any_number_of_workers(here: Path, cli
     table, epochs = rows(here / "by1" / "runs.csv"), rows(here / "by1" / "ensemble.csv")
     assert [int(row["run"]) for row in table] == [1, 2, 3, 4, 5]
     north = [float(row["rms_north_m"]) for row in table]
-    assert facts["rms"]["north_m"] == pytest.approx(np.sqrt(np.mean(np.square(north))), rel=0.02)
+    assert facts["errors"]["north"]["rms_m"] == pytest.approx(np.sqrt(np.mean(np.square(north))), rel=0.02)
     assert {int(row["runs"]) for row in epochs} <= set(range(1, 6))
     assert all(float(row["sd_north_m"]) > 0.0 for row in epochs)
 

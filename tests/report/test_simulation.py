@@ -12,17 +12,15 @@ import pytest
 from insnav.errors.ensemble import FIGURES, ensemble, epochs
 from insnav.imu import load_calibration, load_imu
 from insnav.output.folder import RunFolder, verify_folder
-from insnav.report.run_json import json_ready
-from insnav.report.simulation.ensemble import ensemble_facts, ensemble_lines, runs_lines, write_runs
+from insnav.report.simulation.ensemble import correlation_notes, ensemble_lines, write_runs
 from insnav.report.simulation.ensemble_figures import draw_ensemble, draw_nees
 from insnav.report.simulation.page import (
     Plan,
     in_folder,
-    plan_facts,
     plan_key,
     run_command,
     seen,
-    simulation_lines,
+    shown_lines,
     write_recording,
 )
 from insnav.report.simulation.profile_figures import draw_motion, draw_sketch, draw_way, way
@@ -119,20 +117,20 @@ def test_length_of_the_way():
 def test_a_recording_leaves_everything_behind(tmp_path):
     plan = plan_of(TOWN)
     with RunFolder(tmp_path / "sim", force=False) as folder:
-        where = write_recording(folder, plan, recording_of(plan))
+        where, _ = write_recording(folder, plan, recording_of(plan))
     verify_folder(where)
     facts = json.loads((where / "run.json").read_text())
     assert set(facts["files"]) == {
-        "imu.csv", "gps.csv", "ref.csv", "imu.toml", "profile.toml", "specimen.toml", "report.html",
+        "imu.csv", "gps.csv", "ref.csv", "imu.toml", "profile.toml", "sensor_realisation.toml", "report.html",
         "figures/way.png", "figures/motion.png",
     }  # fmt: skip
     assert facts["motion"]["start_lat_deg"] == pytest.approx(48.0)
     assert facts["motion"]["max_specific_force_m_s2"][2] > 9.8
-    drawn = load_calibration(where / "specimen.toml")
-    assert facts["specimen"]["accel_bias_mg"] == pytest.approx(list(drawn.accel_bias / 9.80665e-3), rel=1e-9)
-    page = (where / "report.html").read_text()
-    assert "two minutes of a car" in page
-    assert facts["command"] in page
+    drawn = load_calibration(where / "sensor_realisation.toml")
+    assert facts["sensor_realisation"]["accel_bias_mg"] == pytest.approx(list(drawn.accel_bias / 9.80665e-3), rel=1e-9)
+    html = (where / "report.html").read_text()
+    assert "two minutes of a car" in html
+    assert facts["command"] in html
 
 
 def test_the_command_names_what_a_reader_cannot_know(tmp_path):
@@ -154,8 +152,8 @@ def test_the_command_names_what_a_reader_cannot_know(tmp_path):
 def test_lines_say_what_was_simulated_and_how_to_go_on(tmp_path):
     plan = plan_of(TOWN)
     with RunFolder(tmp_path / "sim", force=False) as folder:
-        where = write_recording(folder, plan, recording_of(plan))
-    lines = simulation_lines(json.loads((where / "run.json").read_text()), where)
+        where, page = write_recording(folder, plan, recording_of(plan))
+    lines = shown_lines(page, where)
     assert [line[:12].strip() for line in lines] == ["motion", "IMU", "GPS", "files", "next"]
     assert "seed 7" in lines[2]
 
@@ -163,7 +161,7 @@ def test_lines_say_what_was_simulated_and_how_to_go_on(tmp_path):
 def test_runs_leave_a_row_each_and_a_row_each_second(tmp_path):
     runs = runs_of(TOWN)
     with RunFolder(tmp_path / "ens", force=False) as folder:
-        where = write_runs(folder, plan_of(TOWN), runs)
+        where, page = write_runs(folder, plan_of(TOWN), runs)
     verify_folder(where)
     facts = json.loads((where / "run.json").read_text())
     with (where / "runs.csv").open() as file:
@@ -184,7 +182,7 @@ def test_runs_leave_a_row_each_and_a_row_each_second(tmp_path):
     found = facts["ensemble"]
     assert found["failed"] == [{"run": 3, "seed": 1003, "reason": "no fix"}]
     assert (found["fixes"], found["rejected"], found["resets"]) == (400, 8, 0)
-    lines = "\n".join(ensemble_lines(facts, where))
+    lines = "\n".join(ensemble_lines(page, where))
     assert "run 3 (seed 1003): no fix" in lines
     assert "8 of 400 fixes" in lines
     assert "run 3 (seed 1003): no fix" in (where / "report.html").read_text()
@@ -217,22 +215,19 @@ def test_runs_without_a_fix_are_told_as_such(tmp_path):
     runs = runs_of(TOWN)
     runs.total[:, 19:] = 0.0
     with RunFolder(tmp_path / "ens", force=False) as folder:
-        where = write_runs(folder, plan_of(TOWN), runs)
+        where, page = write_runs(folder, plan_of(TOWN), runs)
     facts = json.loads((where / "run.json").read_text())
     assert facts["ensemble"]["nees_inside_band"] == {}
-    assert any("there was no fix" in line for line in ensemble_lines(facts, where))
-    assert draw_nees(ensemble(runs, TOWN)) is None
+    assert any("there was no fix" in line for line in ensemble_lines(page, where))
+    assert not (where / "figures" / "nees.png").exists()
 
 
-def test_lasting_errors_of_the_receiver_explain_a_position_that_is_stated_too_well():
-    plan = plan_of(TOWN, gps=load_gps("single"))
-    white = replace(plan.gps, errors=replace(plan.gps.errors, position_drift=(0.0, 0.0, 0.0)))
-    found = ensemble_facts(ensemble(runs_of(TOWN), TOWN), runs_of(TOWN))
-    for gps, nees, said in ((plan.gps, 9.0, True), (plan.gps, 1.0, False), (white, 9.0, False)):
-        facts = json_ready(plan_facts(replace(plan, gps=gps), *seen(TOWN)))
-        facts["ensemble"] = found | {"nees_per_axis": found["nees_per_axis"] | {"position": nees}}
-        text = "\n".join(runs_lines(facts))
-        assert ("78 % of the position variance of single lasts for about 100 s" in text) == said
+def test_time_correlated_errors_of_the_receiver_explain_an_over_confident_position():
+    single = load_gps("single")
+    white = replace(single, errors=replace(single.errors, position_drift=(0.0, 0.0, 0.0)))
+    for gps, nees, said in ((single, 9.0, True), (single, 1.0, False), (white, 9.0, False), (None, 9.0, False)):
+        text = "".join(correlation_notes(gps, {"position": nees}))
+        assert ("78 % of the position variance of single is time-correlated over about 100 s" in text) == said
 
 
 def test_a_digest_stands_for_everything_that_matters():

@@ -1,44 +1,50 @@
-"""What an ensemble of simulated runs leaves on the disk: a row for each run, errors over time, figures, page, facts."""
+"""An ensemble of simulated runs as a folder: a row for each run, errors over time, and a page."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from insnav.errors.ensemble import BAND, COMPONENTS, FIGURES, GROUPS, Ensemble, ensemble, inside
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
+from insnav.quantity import Quantity, key_suffix
 from insnav.report.numbers import number
-from insnav.report.page import Table
-from insnav.report.run_json import json_ready
-from insnav.report.sheet import Picture, Sheet, write_sheet
+from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.save import write_page
 from insnav.report.simulation.ensemble_figures import draw_ensemble, draw_nees
 from insnav.report.simulation.page import (
     Plan,
+    correlated_share,
+    entry,
+    model_name,
     model_texts,
+    motion_figures,
     motion_lines,
-    motion_pictures,
-    motion_table,
-    plan_facts,
+    motion_section,
+    plan_metadata,
     seen,
+    sensor_section,
 )
-from insnav.report.style import drawing
 from insnav.simulate.montecarlo import Runs
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG
 
-_UNITS = (*("m",) * 3, *("m_s",) * 3, *("deg",) * 3)
+if TYPE_CHECKING:
+    from insnav.simulate.gps_errors import GpsSpec
+
+_UNITS = (*("m",) * 3, *("m/s",) * 3, *("deg",) * 3)
 _FACTORS = np.array([1.0] * 6 + [1.0 / DEG] * 3)
-_MUCH, _TOO_GOOD = 0.3, 2.0  # of lasting errors, and of NEES, for one to explain the other
-_SHOWN = 5  # failures that are told one by one
+_MUCH, _TOO_GOOD = 0.3, 2.0  # share of time-correlated errors, and NEES, for one to explain the other
+_SHOWN = 5  # failures that are named one by one
 _COUNTS = ("positions", "rejected", "resets")
 
 
-def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> Path:
-    """Write the whole folder and put it in its place.
+def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> tuple[Path, Page]:
+    """Write an ensemble of runs and put its folder in its place.
 
     Parameters
     ----------
@@ -51,8 +57,8 @@ def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> Path:
 
     Returns
     -------
-    Path
-        The finished folder.
+    Path, Page
+        The finished folder, and its report.
 
     Raises
     ------
@@ -62,121 +68,141 @@ def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> Path:
     found = ensemble(runs, plan.truth)
     write_table(folder.path("runs.csv"), _rows(runs))
     write_table(folder.path("ensemble.csv"), _epochs(found))
-    time, motion = seen(plan.truth)
-    facts = json_ready({**plan_facts(plan, time, motion), "ensemble": ensemble_facts(found, runs)})
-    with drawing():
-        pictures = [Picture("ensemble", draw_ensemble(found, len(runs.number)), "RMS error and stated sd over time")]
-        nees = draw_nees(found)
-        if nees is not None:
-            pictures.append(Picture("nees", nees, "Normalised error squared over time"))
-    sheet = Sheet(
-        f"{len(runs.number)} simulated runs of {plan.name}",
-        tuple(runs_lines(facts)),
-        (_table(facts["ensemble"]), motion_table(facts["motion"])),
-        (*pictures, *motion_pictures(plan, time, motion)),
-        ("every run has an IMU, noise and fixes of its own; the motion is the same in all",),
-        tuple(_failure_lines(facts["ensemble"])),
-    )
-    return write_sheet(folder, sheet, facts, model_texts(plan))
+    page = ensemble_page(plan, found, runs)
+    return write_page(folder, page, plan_metadata(plan), model_texts(plan)), page
 
 
-def ensemble_facts(found: Ensemble, runs: Runs) -> dict[str, Any]:
-    """Figures of all runs together, units in the keys.
+def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
+    """Report an ensemble of simulated runs.
 
     Parameters
     ----------
+    plan : Plan
+        What was simulated.
     found : Ensemble
         The runs over time.
     runs : Runs
         The runs one by one.
     """
-    share = inside(found).mean(axis=0) if len(found.nees) else ()
-    rms, sd = (np.sqrt(np.mean(value**2, axis=0)) * _FACTORS for value in (found.rms, found.sd))
+    time, motion = seen(plan.truth)
     columns = dict(zip(FIGURES, runs.figures.T, strict=True))
-    return {
-        "runs": len(runs.number),
-        "failed": [{"run": each.number, "seed": each.seed, "reason": each.reason} for each in runs.failures],
-        "rms": {f"{name}_{unit}": rms[i] for i, (name, unit) in enumerate(zip(COMPONENTS, _UNITS, strict=True))},
-        "stated_sd": {f"{name}_{unit}": sd[i] for i, (name, unit) in enumerate(zip(COMPONENTS, _UNITS, strict=True))},
-        "rms_horizontal_m": {
-            "mean": columns["rms_horizontal"].mean(),
-            "largest": columns["rms_horizontal"].max(),
-        },
-        "nees_per_axis": {name: columns[f"nees_{name}"].mean() for name in GROUPS[: len(share)]},
-        "nees_band": BAND,
-        "nees_inside_band": dict(zip(GROUPS, share, strict=False)),
-        "fixes": int(columns["positions"].sum()),
-        "rejected": int(columns["rejected"].sum()),
-        "resets": int(columns["resets"].sum()),
-    }
+    share = inside(found).mean(axis=0) if len(found.nees) else ()
+    nees = {name: float(columns[f"nees_{name}"].mean()) for name in GROUPS[: len(share)]}
+    horizontal = columns["rms_horizontal"]
+    positions, rejected, resets = (int(columns[name].sum()) for name in _COUNTS)
+    failed = _failure_lines(runs)
+    items = (
+        Quantity("runs", len(runs.number)),
+        Quantity("rms_horizontal", {"mean": float(horizontal.mean()), "largest": float(horizontal.max())}, "m"),
+        Quantity("nees_per_axis", nees, meaning="NEES per axis"),
+        Quantity(
+            "nees_inside_band", dict(zip(GROUPS, map(float, share), strict=False)), meaning="share inside the band"
+        ),
+        Quantity("nees_band", BAND, meaning="probability of the band", digits=2),
+        Quantity("fixes", positions),
+        Quantity("rejected", rejected),
+        Quantity("resets", resets),
+    )
+    inside_text = ", ".join(
+        f"{name} {number(nees[name])} ({100.0 * part:.0f} %)" for name, part in zip(nees, share, strict=False)
+    )
+    figures = [
+        FigureSpec("ensemble", "RMS error and stated sd over time", lambda: draw_ensemble(found, len(runs.number)))
+    ]
+    if len(found.nees):
+        figures.append(FigureSpec("nees", "Normalised error squared over time", lambda: draw_nees(found)))
+    return Page(
+        f"{len(runs.number)} simulated runs of {plan.name}",
+        (
+            *motion_lines(plan, time, motion),
+            entry("runs", f"{len(runs.number)} of {model_name(plan.imu)} and {model_name(plan.gps)}, seed {plan.seed}"),
+            entry(
+                "horizontal",
+                f"RMS {number(float(horizontal.mean()))} m in the mean of the runs, "
+                f"{number(float(horizontal.max()))} m in the worst",
+            ),
+            entry("NEES", inside_text or "not known: there was no fix"),
+            entry(
+                "", f"per axis: 1 if the stated sd is right (share of the fixes inside the {100.0 * BAND:.0f} % band)"
+            ),
+            entry("rejected", f"{rejected} of {positions} fixes, {resets} resets"),
+            *(entry("note", text) for text in correlation_notes(plan.gps, nees)),
+            *(entry("failed", text) for text in failed),
+        ),
+        (
+            Section("ensemble", "Consistency and rejections", items, parts=(_failures(runs), _errors(found))),
+            motion_section(plan, time, motion),
+            sensor_section(plan),
+            Section("", figures=tuple(figures)),
+            motion_figures(plan, time, motion),
+        ),
+        failed,
+        ("every run has an IMU, noise and fixes of its own; the motion is the same in all",),
+    )
 
 
-def ensemble_lines(facts: Mapping[str, Any], out: Path) -> list[str]:
-    """Say what the runs came to, and where it is.
+def ensemble_lines(page: Page, out: Path) -> list[str]:
+    """What the terminal shows of an ensemble: its summary and its files.
 
     Parameters
     ----------
-    facts : mapping
-        As in ``run.json``.
+    page : Page
+        Of `ensemble_page`.
     out : Path
         The folder as the user gave it.
     """
-    return [*runs_lines(facts), f"{'files':<12}{out}: runs.csv, ensemble.csv, report.html, run.json, …"]
+    return [*page.summary, entry("files", f"{out}: runs.csv, ensemble.csv, report.html, run.json, …")]
 
 
-def runs_lines(facts: Mapping[str, Any]) -> list[str]:
-    """Say what the runs came to."""
-    found = facts["ensemble"]
-    nees = ", ".join(
-        f"{name} {number(found['nees_per_axis'][name])} ({100.0 * share:.0f} %)"
-        for name, share in found["nees_inside_band"].items()
+def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[str, ...]:
+    """Say why the stated position is too good, if it is and the errors of the receiver explain it.
+
+    Parameters
+    ----------
+    gps : GpsSpec or None
+        The receiver.
+    nees : mapping of str to float
+        Mean per axis, by group.
+    """
+    if gps is None or nees.get("position", 1.0) < _TOO_GOOD:
+        return ()
+    share = correlated_share(gps)
+    if share < _MUCH:
+        return ()
+    return (
+        f"{100.0 * share:.0f} % of the position variance of {gps.name} is time-correlated over about "
+        f"{gps.errors.correlation_time:g} s; a filter that takes it as white, as on a short drive, is over-confident",
     )
-    lines = [
-        *motion_lines(facts),
-        f"{'runs':<12}{found['runs']} of {facts['imu_model']['name']} and {facts['gps_model']}, seed {facts['seed']}",
-        f"{'horizontal':<12}RMS {number(found['rms_horizontal_m']['mean'])} m in the mean of the runs, "
-        f"{number(found['rms_horizontal_m']['largest'])} m in the worst",
-        f"{'NEES':<12}{nees or 'not known: there was no fix'}",
-        f"{'':<12}per axis: 1 if the stated sd is true (share of the fixes inside the {100.0 * BAND:.0f} % band)",
-        f"{'rejected':<12}{found['rejected']} of {found['fixes']} fixes, {found['resets']} resets",
-    ]
-    return lines + _lasting_lines(facts) + [f"{'failed':<12}{text}" for text in _failure_lines(found)]
 
 
-def _lasting_lines(facts: Mapping[str, Any]) -> list[str]:
-    """Why the stated position is too good, if it is and the receiver is to blame."""
-    lasting, nees = facts["gps_lasting"], facts["ensemble"]["nees_per_axis"].get("position", 1.0)
-    if lasting is None or lasting["share"] < _MUCH or nees < _TOO_GOOD:
-        return []
-    return [
-        f"{'note':<12}{100.0 * lasting['share']:.0f} % of the position variance of {facts['gps_model']} lasts for "
-        f"about {lasting['correlation_time_s']:g} s; a filter that takes",
-        f"{'':<12}it for white, as it must on a short drive, states its position too well",
-    ]
-
-
-def _failure_lines(found: Mapping[str, Any]) -> list[str]:
-    failed = found["failed"]
-    lines = [f"run {each['run']} (seed {each['seed']}): {each['reason']}" for each in failed[:_SHOWN]]
-    if len(failed) > _SHOWN:
-        lines.append(f"and {len(failed) - _SHOWN} more: see run.json")
-    return lines
-
-
-def _table(found: Mapping[str, Any]) -> Table:
+def _failures(runs: Runs) -> Section:
+    if not runs.failures:
+        return Section("", items=(Quantity("failed", ()),), show="json")
     rows = tuple(
-        (key.replace("_m_s", " [m/s]").replace("_deg", " [deg]").removesuffix("_m"), number(rms), number(sd), ratio)
-        for (key, rms), sd, ratio in zip(
-            found["rms"].items(),
-            found["stated_sd"].values(),
-            (
-                number(rms / sd) if sd else number(None)
-                for rms, sd in zip(found["rms"].values(), found["stated_sd"].values(), strict=True)
-            ),
-            strict=True,
-        )
+        (Quantity("run", each.number), Quantity("seed", each.seed), Quantity("reason", each.reason))
+        for each in runs.failures
     )
-    return Table("Errors over all runs and times", ("", "RMS error", "stated sd", "ratio"), rows)
+    return Section("failed", rows=rows, show="json")
+
+
+def _failure_lines(runs: Runs) -> tuple[str, ...]:
+    failed = runs.failures
+    lines = [f"run {each.number} (seed {each.seed}): {each.reason}" for each in failed[:_SHOWN]]
+    return (*lines, *([f"and {len(failed) - _SHOWN} more: see run.json"] if len(failed) > _SHOWN else []))
+
+
+def _errors(found: Ensemble) -> Section:
+    rms, sd = (np.sqrt(np.mean(value**2, axis=0)) for value in (found.rms, found.sd))
+    rows = tuple(
+        (
+            Quantity("component", name),
+            Quantity("rms", float(rms[i]), unit, meaning="RMS error"),
+            Quantity("stated_sd", float(sd[i]), unit),
+            Quantity("ratio", float(rms[i] / sd[i]) if sd[i] else None),
+        )
+        for i, (name, unit) in enumerate(zip(COMPONENTS, _UNITS, strict=True))
+    )
+    return Section("errors", "Errors over all runs and times", rows=rows, keyed=True)
 
 
 def _rows(runs: Runs) -> dict[str, FloatArray | IntArray]:
@@ -188,7 +214,7 @@ def _rows(runs: Runs) -> dict[str, FloatArray | IntArray]:
             table[f"{name}_per_axis"] = np.round(values, 6)
         else:
             unit, factor = _unit(name.split("_", 1)[1])
-            table[f"{name}_{unit}"] = np.round(values * factor, 6)
+            table[f"{name}{key_suffix(unit)}"] = np.round(values * factor, 6)
     return table
 
 
@@ -204,7 +230,7 @@ def _epochs(found: Ensemble) -> dict[str, FloatArray | IntArray]:
     table: dict[str, FloatArray | IntArray] = {"time_s": np.round(found.time, 6), "runs": found.count}
     for kind, values in (("rms", found.rms), ("sd", found.sd)):
         for i, (name, unit) in enumerate(zip(COMPONENTS, _UNITS, strict=True)):
-            table[f"{kind}_{name}_{unit}"] = np.round(values[:, i] * _FACTORS[i], 7)
+            table[f"{kind}_{name}{key_suffix(unit)}"] = np.round(values[:, i] * _FACTORS[i], 7)
     # a second without a fix has none, and an empty cell says so
     at, fixes = np.searchsorted(found.time, found.nees_time), np.isin(found.nees_time, found.time)
     for name, column in zip(GROUPS, found.nees.T, strict=True):

@@ -1,4 +1,4 @@
-"""An ensemble of runs: how large the errors were, how large the filter said, and whether the two agree."""
+"""An ensemble of runs: errors, the standard deviations that the filter stated, and whether the two agree."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def draw_ensemble(found: Ensemble, runs: int) -> Figure:
     figure = blank(
         11.4,
         7.4,
-        f"Errors of {runs} simulated runs, and what the filter said of them",
+        f"Errors of {runs} simulated runs, and the sd stated by the filter",
         f"if the filter is right, {100 * BAND:.0f} % of the RMS errors lie within the band about its sd",
     )
     panels = figure.subplots(3, 3, sharex=True, squeeze=False, gridspec_kw={"hspace": 0.14, "wspace": 0.26})
@@ -62,7 +62,7 @@ def draw_ensemble(found: Ensemble, runs: int) -> Figure:
             line(axes, time, error, VERMILLION, "RMS error")
             axes.set_yscale("log")
             logarithmic(axes.yaxis)
-            # by what the filter said: at rest before the start an error may be as good as none
+            # by the stated sd: at rest before the start an error may be as good as none
             axes.set_ylim(0.5 * np.nanmin(least), 1.5 * max(np.nanmax(most), np.nanmax(error)))
             axes.set_ylabel(label)
         panels[0][group].set_title(title)
@@ -71,27 +71,21 @@ def draw_ensemble(found: Ensemble, runs: int) -> Figure:
     return figure
 
 
-def draw_nees(found: Ensemble) -> Figure | None:
+def draw_nees(found: Ensemble) -> Figure:
     """Draw the mean normalised error squared of position, velocity and attitude over time.
 
     Parameters
     ----------
     found : Ensemble
-
-    Returns
-    -------
-    Figure or None
-        None if no run had a fix.
+        Of runs with fixes.
     """
-    if len(found.nees) == 0:
-        return None
     clock = Clock.of(found.nees_time)
     low, high = band(3 * found.nees_count)
     share = inside(found).mean(axis=0)
     figure, panels = stacked(
         3,
         "Normalised error squared at the fixes, mean over the runs and the three axes",
-        f"one if the stated covariance is true; band: {100 * BAND:.0f} % of the means of a consistent filter",
+        f"1 if the stated covariance is right; band: {100 * BAND:.0f} % of the means of a consistent filter",
     )
     time, columns = broken_at_gaps(clock(found.nees_time), np.column_stack((found.nees, low, high)))
     for row, (name, colour) in enumerate(zip(GROUPS, AXIS_COLOURS, strict=True)):

@@ -1,4 +1,4 @@
-"""What a simulated recording leaves on the disk: data files, the models behind them, figures, page, facts."""
+"""A simulated recording as a folder: data files, the models behind them, and a page."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import math
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,26 +21,27 @@ from insnav.imu import ImuErrors, ImuSpec, calibration_to_toml, to_toml
 from insnav.imu.specification import gyro_bias_sd
 from insnav.output.data_files import write_gps, write_imu, write_reference
 from insnav.output.folder import RunFolder
+from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.page import Table
+from insnav.report.page import FigureSpec, Page, Section
 from insnav.report.run_json import json_ready, versions
-from insnav.report.save import model_facts
-from insnav.report.sheet import Picture, Sheet, write_sheet
+from insnav.report.save import model_facts, write_page
 from insnav.report.simulation.profile_figures import draw_motion, draw_sketch, draw_way, way
-from insnav.report.style import drawing
 from insnav.simulate.recording import Recording, times
 from insnav.simulate.truth import Kinematics, Truth
 from insnav.types import FloatArray, Sampling
-from insnav.units import DEG, DEG_PER_H, G0, PPM
+from insnav.units import DEG
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from insnav.simulate.faults import Fault
-    from insnav.simulate.gps_errors import GpsErrors, GpsSpec
+    from insnav.simulate.gps_errors import GpsSpec
     from insnav.simulate.motion import MotionProfile
     from insnav.simulate.truth_from_track import Residual
 
 IDEAL = "ideal"  # name of a sensor without errors
-_DRAWN = 20_000  # most instants of the motion that figures and facts look at
+_DRAWN = 20_000  # most instants of the motion that reports look at
 _DRAWN_RATE = 97.0  # no multiple of what people make motions of, whose peaks would all be missed [Hz]
 _MARGIN = 12
 _GRAVITY = {
@@ -58,7 +60,7 @@ class Plan:
     name, purpose : str
         Of the motion.
     source : mapping
-        Where the motion comes from, for the facts.
+        Track that the motion is a simulated replica of, and its digest.
     profile : str
         Text of the motion profile; empty if the motion is that of a recorded track.
     truth : Truth
@@ -75,6 +77,8 @@ class Plan:
         What goes wrong.
     configuration : mapping
         Options as given.
+    residual : Residual or None
+        How far a simulated replica is from its track.
     """
 
     name: str
@@ -89,10 +93,11 @@ class Plan:
     sampling: Sampling
     faults: tuple[Fault, ...]
     configuration: Mapping[str, Any]
+    residual: Residual | None = None
 
 
-def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> Path:
-    """Write the whole folder and put it in its place.
+def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Path, Page]:
+    """Write a simulated recording and put its folder in its place.
 
     Parameters
     ----------
@@ -105,33 +110,56 @@ def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> Path:
 
     Returns
     -------
-    Path
-        The finished folder.
+    Path, Page
+        The finished folder, and its report.
     """
     write_imu(folder.path("imu.csv"), made.imu)
     write_gps(folder.path("gps.csv"), made.gps)
     write_reference(folder.path("ref.csv"), made.reference)
     texts = model_texts(plan)
     if made.specimen is not None:
-        texts["specimen.toml"] = calibration_to_toml(made.specimen.errors)
+        texts["sensor_realisation.toml"] = calibration_to_toml(made.specimen.errors)
+    page = recording_page(plan, made)
+    return write_page(folder, page, plan_metadata(plan), texts), page
+
+
+def recording_page(plan: Plan, made: Recording) -> Page:
+    """Report a simulated recording; its last line is the command that navigates it.
+
+    Parameters
+    ----------
+    plan : Plan
+        What was simulated.
+    made : Recording
+        The result.
+    """
     time, motion = seen(plan.truth)
-    facts = {
-        **plan_facts(plan, time, motion),
-        "imu_samples": len(made.imu.time),
-        "gps_fixes": len(made.gps.time),
-        "lever_arm_m": made.lever_b,
-        "specimen": None if made.specimen is None else specimen_facts(made.specimen.errors),
-        "command": run_command(plan, made.lever_b, motion),
-    }
-    ready = json_ready(facts)
-    sheet = Sheet(
-        f"Simulated recording of {plan.name}",
-        (*recording_lines(ready), _entry("next", ready["command"])),
-        tuple(table for table in (motion_table(ready["motion"]), _specimen_table(ready["specimen"])) if table),
-        motion_pictures(plan, time, motion),
-        _assumptions(plan),
+    command = run_command(plan, made.lever_b, motion)
+    samples = f"{len(made.imu.time)} samples at {plan.rate:g} Hz, {_SAMPLES[plan.sampling]}"
+    counts = (
+        Quantity("imu_samples", len(made.imu.time)),
+        Quantity("gps_fixes", len(made.gps.time)),
+        Quantity("lever_arm", made.lever_b, "m"),
+        Quantity("command", command),
     )
-    return write_sheet(folder, sheet, ready, texts)
+    realisation = () if made.specimen is None else (_realisation(made.specimen.errors),)
+    return Page(
+        f"Simulated recording of {plan.name}",
+        (
+            *motion_lines(plan, time, motion),
+            entry("IMU", f"{model_name(plan.imu)}: {samples}"),
+            entry("GPS", f"{model_name(plan.gps)}: {len(made.gps.time)} fixes; seed {plan.seed}"),
+            *(entry("fault", text) for text in plan.configuration.get("fault", [])),
+            entry("next", command),
+        ),
+        (
+            motion_section(plan, time, motion),
+            *realisation,
+            sensor_section(plan, *counts),
+            motion_figures(plan, time, motion),
+        ),
+        assumptions=_assumptions(plan),
+    )
 
 
 def model_texts(plan: Plan) -> dict[str, str]:
@@ -148,67 +176,43 @@ def model_texts(plan: Plan) -> dict[str, str]:
     return texts
 
 
-def plan_facts(plan: Plan, time: FloatArray, motion: Kinematics) -> dict[str, Any]:
-    """Facts of every simulation, not yet JSON-ready.
-
-    Parameters
-    ----------
-    plan : Plan
-        What was simulated.
-    time : (n,) array
-        Instants to look at [s].
-    motion : Kinematics
-        The motion at these.
-    """
-    lat, lon, height = plan.truth.evaluate(np.array([plan.truth.start])).lla[0]
-    speed = np.linalg.norm(motion.v_n, axis=1)
+def plan_metadata(plan: Plan) -> dict[str, Any]:
+    """Give what every simulation has first in ``run.json``: releases, options, seed and IMU model."""
     return {
         "versions": versions(),
         "configuration": plan.configuration,
         "seed": plan.seed,
-        "motion": {
-            "name": plan.name,
-            "purpose": plan.purpose,
-            **plan.source,
-            "start_s": plan.truth.start,
-            "duration_s": plan.truth.duration,
-            "gravity": plan.truth.gravity,
-            "distance_m": way(time, motion),
-            "start_lat_deg": lat / DEG,
-            "start_lon_deg": lon / DEG,
-            "start_height_m": height,
-            "height_range_m": [motion.lla[:, 2].min(), motion.lla[:, 2].max()],
-            "max_speed_m_s": speed.max(),
-            "max_rate_deg_s": np.abs(motion.w_ib_b).max(axis=0) / DEG,
-            "max_specific_force_m_s2": np.abs(motion.f_b).max(axis=0),
-        },
-        "imu_rate_hz": plan.rate,
-        "imu_sampling": plan.sampling,
         "imu_model": {"name": IDEAL} if plan.imu is None else model_facts(plan.imu, "simulated"),
-        "gps_model": IDEAL if plan.gps is None else plan.gps.name,
-        "gps_lasting": None if plan.gps is None else _lasting(plan.gps.errors),
         "faults": plan.configuration.get("fault", []),
     }
 
 
-def _lasting(errors: GpsErrors) -> dict[str, float]:
-    """Share of the variance of a receiver's horizontal errors that lasts, and for how long."""
-    drift, whole = np.array(errors.position_drift[:2]), errors.position_sd[:2]
-    return {"share": float(np.sum(drift**2) / np.sum(whole**2)), "correlation_time_s": errors.correlation_time}
+def model_name(model: ImuSpec | GpsSpec | None) -> str:
+    """Name of a sensor model."""
+    return IDEAL if model is None else model.name
 
 
-def twin_facts(residual: Residual) -> dict[str, Any]:
-    """How far a twin is from its track, and why it may be none."""
-    return {
-        "position_rms_m": residual.position,
-        "velocity_rms_m_s": residual.velocity,
-        "farthest_m": residual.farthest,
-        "farthest_time_s": residual.farthest_time,
-        "max_acceleration_m_s2": residual.acceleration,
-        "max_acceleration_time_s": residual.acceleration_time,
-        "longest_gap_s": residual.gap,
-        "doubts": list(residual.doubts),
-    }
+def sensor_section(plan: Plan, *more: Quantity) -> Section:
+    """Rate, sampling and receiver of a simulation, and more, for ``run.json``."""
+    items = (
+        Quantity("imu_rate", plan.rate, "Hz"),
+        Quantity("imu_sampling", plan.sampling),
+        Quantity("gps_model", model_name(plan.gps)),
+        *more,
+    )
+    if plan.gps is None:
+        return Section("", items=items, show="json")
+    correlated = (
+        Quantity("share", correlated_share(plan.gps)),
+        Quantity("correlation_time", plan.gps.errors.correlation_time, "s"),
+    )
+    return Section("", items=items, parts=(Section("gps_time_correlated", items=correlated),), show="json")
+
+
+def correlated_share(gps: GpsSpec) -> float:
+    """Time-correlated share of the variance of the horizontal errors of a receiver [-]."""
+    errors = gps.errors
+    return float(np.sum(np.array(errors.position_drift[:2]) ** 2) / np.sum(errors.position_sd[:2] ** 2))
 
 
 def plan_key(plan: Plan) -> str:
@@ -223,7 +227,7 @@ def plan_key(plan: Plan) -> str:
     return hashlib.sha256(json.dumps(json_ready(content), sort_keys=True).encode()).hexdigest()
 
 
-def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile], facts: Sequence[Mapping[str, Any]]) -> Path:
+def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile]) -> Path:
     """Draw a sketch of every profile into a folder and put it in its place.
 
     Parameters
@@ -232,37 +236,43 @@ def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile], facts: 
         Entered, not committed.
     profiles : sequence of MotionProfile
         What to draw.
-    facts : sequence of mapping
-        About each of them, for ``run.json``.
     """
-    pictures = []
-    with drawing():
-        for profile in profiles:
-            figure = draw_sketch(*seen(profile.truth(0)), profile.name, profile.purpose)
-            pictures.append(Picture(profile.name, figure, profile.purpose))
-    rows = tuple((each["name"], f"{each['duration_s']:.0f}", each["purpose"]) for each in facts)
-    table = Table("Profiles", ("name", "duration [s]", "purpose"), rows)
-    return write_sheet(folder, Sheet("Motion profiles", (), (table,), tuple(pictures)), {"profiles": list(facts)})
+
+    def draw(profile: MotionProfile) -> Figure:
+        return draw_sketch(*seen(profile.truth(0)), profile.name, profile.purpose)
+
+    rows = tuple(
+        (
+            Quantity("name", each.name),
+            Quantity("duration", each.duration, "s", decimals=0),
+            Quantity("purpose", each.purpose),
+        )
+        for each in profiles
+    )
+    figures = tuple(FigureSpec(each.name, each.purpose, partial(draw, each)) for each in profiles)
+    return write_page(folder, Page("Motion profiles", (), (Section("profiles", rows=rows, figures=figures),)))
 
 
 def seen(truth: Truth) -> tuple[FloatArray, Kinematics]:
-    """Instants that figures and facts of a motion look at, and the motion there."""
+    """Instants at which reports look at a motion, and the motion there."""
     time = times(truth, min(_DRAWN_RATE, _DRAWN / truth.duration))
     return time, truth.evaluate(time)
 
 
-def specimen_facts(errors: ImuErrors) -> dict[str, Any]:
-    """Constant errors of the IMU that was drawn, in field units; all of them are in ``specimen.toml``."""
-    return {
-        "gyro_bias_deg_h": errors.gyro_bias / DEG_PER_H,
-        "gyro_scale_ppm": (np.diag(errors.gyro_matrix) - 1.0) / PPM,
-        "accel_bias_mg": errors.accel_bias / (1e-3 * G0),
-        "accel_scale_ppm": (np.diag(errors.accel_matrix) - 1.0) / PPM,
-    }
+def _realisation(errors: ImuErrors) -> Section:
+    """Constant errors of the IMU that was sampled from its specification."""
+    items = (
+        Quantity("gyro_bias", errors.gyro_bias, "deg/h"),
+        Quantity("gyro_scale", np.diag(errors.gyro_matrix) - 1.0, "ppm", meaning="gyro scale factor"),
+        Quantity("accel_bias", errors.accel_bias, "mg", meaning="accelerometer bias"),
+        Quantity("accel_scale", np.diag(errors.accel_matrix) - 1.0, "ppm", meaning="accelerometer scale factor"),
+    )
+    note = "constant errors, x, y, z; all of them: sensor_realisation.toml"
+    return Section("sensor_realisation", "Sensor realisation", items, note=note)
 
 
 def run_command(plan: Plan, lever_b: FloatArray, motion: Kinematics) -> str:
-    """Command that navigates the recording, said from inside its folder.
+    """Command that navigates the recording, from inside its folder.
 
     Parameters
     ----------
@@ -295,108 +305,112 @@ def _hides_heading(plan: Plan, motion: Kinematics) -> bool:
 
 
 def in_folder(command: str, folder: Path) -> str:
-    """Command from `run_command`, said from where the folder is given from."""
+    """Command of `run_command`, from outside its folder."""
     names = {"imu.csv", "gps.csv", "ref.csv", "imu.toml"}
     return shlex.join(str(folder / word) if word in names else word for word in command.split())
 
 
-def simulation_lines(facts: Mapping[str, Any], out: Path) -> list[str]:
-    """Say what was simulated and how to go on.
+def shown_lines(page: Page, out: Path) -> list[str]:
+    """What the terminal shows of a simulated recording: its summary, its files, and the command as from here.
 
     Parameters
     ----------
-    facts : mapping
-        As in ``run.json``.
+    page : Page
+        Of `recording_page`.
     out : Path
         The folder as the user gave it.
     """
-    return [
-        *recording_lines(facts),
-        _entry("files", f"{out}: imu.csv, gps.csv, ref.csv, report.html, run.json, …"),
-        _entry("next", in_folder(facts["command"], out)),
-    ]
+    *lines, last = page.summary
+    files = entry("files", f"{out}: imu.csv, gps.csv, ref.csv, report.html, run.json, …")
+    return [*lines, files, entry("next", in_folder(last.removeprefix("next").strip(), out))]
 
 
-def recording_lines(facts: Mapping[str, Any]) -> list[str]:
-    """Say what was simulated."""
-    samples = f"{facts['imu_samples']} samples at {facts['imu_rate_hz']:g} Hz, {_SAMPLES[facts['imu_sampling']]}"
-    return [
-        *motion_lines(facts),
-        _entry("IMU", f"{facts['imu_model']['name']}: {samples}"),
-        _entry("GPS", f"{facts['gps_model']}: {facts['gps_fixes']} fixes; seed {facts['seed']}"),
-        *(_entry("fault", text) for text in facts["faults"]),
-    ]
-
-
-def motion_lines(facts: Mapping[str, Any]) -> list[str]:
-    """Lines about the motion."""
-    motion = facts["motion"]
-    lines = [
-        _entry(
-            "motion",
-            f"{motion['name']}: {motion['duration_s']:.1f} s, {number(motion['distance_m'])} m, up to "
-            f"{number(motion['max_speed_m_s'])} m/s",
-        )
-    ]
-    if motion["gravity"] != "full":
-        lines.append(_entry("gravity", _GRAVITY[motion["gravity"]]))
-    if "twin" not in motion:
+def motion_lines(plan: Plan, time: FloatArray, motion: Kinematics) -> list[str]:
+    """Sum up the motion in lines of text."""
+    top = float(np.linalg.norm(motion.v_n, axis=1).max())
+    extent = f"{plan.truth.duration:.1f} s, {number(way(time, motion))} m, up to {number(top)} m/s"
+    lines = [entry("motion", f"{plan.name}: {extent}")]
+    if plan.truth.gravity != "full":
+        lines.append(entry("gravity", _GRAVITY[plan.truth.gravity]))
+    apart = plan.residual
+    if apart is None:
         return lines
-    twin = motion["twin"]
-    velocity = "" if twin["velocity_rms_m_s"] is None else f" and {number(twin['velocity_rms_m_s'])} m/s"
-    apart = f"{number(twin['position_rms_m'])} m{velocity} RMS from its track, at most {number(twin['farthest_m'])} m"
-    return [*lines, _entry("twin", apart), *(_entry("doubt", text) for text in twin["doubts"])]
+    velocity = f" and {number(apart.velocity)} m/s" if math.isfinite(apart.velocity) else ""
+    text = f"{number(apart.position)} m{velocity} RMS from its track, at most {number(apart.farthest)} m"
+    return [*lines, entry("replica", text), *(entry("warning", doubt) for doubt in apart.doubts)]
 
 
-def _entry(name: str, text: str) -> str:
+def entry(name: str, text: str) -> str:
+    """One line of a summary, under its name."""
     return f"{name:<{_MARGIN}}{text}"
 
 
-def motion_table(motion: Mapping[str, Any]) -> Table:
-    """Rows about the motion.
+def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
+    """Extent and dynamics of the motion, and how far a simulated replica is from its track.
 
     Parameters
     ----------
-    motion : mapping
-        ``motion`` of the facts.
+    plan : Plan
+        What was simulated.
+    time : (n,) array
+        Instants to look at [s].
+    motion : Kinematics
+        The motion at these.
     """
-    low, high = motion["height_range_m"]
-    rows = (
-        ("duration [s]", f"{motion['duration_s']:.1f}"),
-        ("distance [m]", number(motion["distance_m"], 4)),
-        ("largest speed [m/s]", number(motion["max_speed_m_s"])),
-        ("height [m]", f"{low:.1f} to {high:.1f}"),
-        ("largest rate x, y, z [deg/s]", ", ".join(number(value) for value in motion["max_rate_deg_s"])),
-        (
-            "largest specific force x, y, z [m/s²]",
-            ", ".join(number(value) for value in motion["max_specific_force_m_s2"]),
+    lat, lon, height = plan.truth.evaluate(np.array([plan.truth.start])).lla[0]
+    heights = motion.lla[:, 2]
+    shown = (
+        Quantity("duration", plan.truth.duration, "s", decimals=1),
+        Quantity("distance", way(time, motion), "m", digits=4),
+        Quantity("max_speed", float(np.linalg.norm(motion.v_n, axis=1).max()), "m/s", meaning="largest speed"),
+        Quantity(
+            "height_range", np.array([heights.min(), heights.max()]), "m", meaning="height, from and to", decimals=1
+        ),
+        Quantity("max_rate", np.abs(motion.w_ib_b).max(axis=0), "deg/s", meaning="largest rate x, y, z"),
+        Quantity(
+            "max_specific_force",
+            np.abs(motion.f_b).max(axis=0),
+            "m/s^2",
+            meaning="largest specific force x, y, z",
         ),
     )
-    return Table(f"Motion: {motion['purpose'] or motion['name']}", ("", "value"), rows)
-
-
-def motion_pictures(plan: Plan, time: FloatArray, motion: Kinematics) -> tuple[Picture, ...]:
-    """Figures of the motion."""
-    with drawing():
-        return (
-            Picture("way", draw_way(time, motion, plan.name), "The way over the ground"),
-            Picture("motion", draw_motion(time, motion, plan.name), "What sensors without errors would feel"),
-        )
-
-
-def _specimen_table(specimen: Mapping[str, Any] | None) -> Table | None:
-    if specimen is None:
-        return None
-    rows = tuple(
-        (name, *(number(value) for value in specimen[key]))
-        for name, key in (
-            ("gyro bias [deg/h]", "gyro_bias_deg_h"),
-            ("gyro scale factor [ppm]", "gyro_scale_ppm"),
-            ("accelerometer bias [mg]", "accel_bias_mg"),
-            ("accelerometer scale factor [ppm]", "accel_scale_ppm"),
-        )
+    more = (
+        Quantity("name", plan.name),
+        Quantity("purpose", plan.purpose),
+        *(Quantity(key, value) for key, value in plan.source.items()),
+        Quantity("start", plan.truth.start, "s"),
+        Quantity("gravity", plan.truth.gravity),
+        Quantity("start_lat", float(lat), "deg"),
+        Quantity("start_lon", float(lon), "deg"),
+        Quantity("start_height", float(height), "m"),
     )
-    return Table("The IMU that was drawn", ("", "x", "y", "z"), rows, "constant errors; all of them: specimen.toml")
+    parts = (Section("", items=more, show="json"), *(() if plan.residual is None else (_replica(plan.residual),)))
+    return Section("motion", f"Motion: {plan.purpose or plan.name}", shown, parts=parts)
+
+
+def _replica(apart: Residual) -> Section:
+    items = (
+        Quantity("position_rms", apart.position, "m"),
+        Quantity("velocity_rms", apart.velocity, "m/s"),
+        Quantity("farthest", apart.farthest, "m", meaning="largest difference of position"),
+        Quantity("farthest_time", apart.farthest_time, "s", meaning="at", decimals=1),
+        Quantity("max_acceleration", apart.acceleration, "m/s^2", meaning="largest acceleration"),
+        Quantity("max_acceleration_time", apart.acceleration_time, "s", meaning="at", decimals=1),
+        Quantity("longest_gap", apart.gap, "s", meaning="longest data gap of the track"),
+    )
+    parts = (Section("", items=(Quantity("doubts", apart.doubts),), show="json"),)
+    return Section("replica", "Simulated replica minus its track", items, parts=parts)
+
+
+def motion_figures(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
+    """Figures of the motion."""
+    return Section(
+        "",
+        figures=(
+            FigureSpec("way", "Track", lambda: draw_way(time, motion, plan.name)),
+            FigureSpec("motion", "What ideal sensors measure", lambda: draw_motion(time, motion, plan.name)),
+        ),
+    )
 
 
 def _assumptions(plan: Plan) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""A simulated motion, exactly as it is: its way over the ground, and everything that sensors will feel of it."""
+"""A simulated motion, exactly as it is: its track, and everything that ideal sensors measure of it."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def draw_motion(time: FloatArray, motion: Kinematics, name: str) -> Figure:
     clock = Clock.of(time)
     figure, panels = stacked(
         6,
-        f"Simulated motion {name}: what the sensors would feel, without errors",
+        f"Simulated motion {name}: what ideal sensors measure",
         "body axes x forward, y right, z down; rate against inertial space; specific force",
         height=10.4,
     )
