@@ -1,27 +1,46 @@
-"""How sure a figure of overlapping windows is: blocks of them drawn anew.
+"""RMS, and confidence intervals of figures of overlapping windows by a block bootstrap.
 
-Windows that overlap have errors alike. Blocks as long as the overlap keep neighbours together, so that what is drawn
-varies as much as other drives would (moving, circular blocks: Politis and Romano, "A circular block-resampling
-procedure for stationary data", 1992; Lahiri, "Resampling Methods for Dependent Data", 2003, chapter 2).
+Windows that overlap have correlated errors. Blocks as long as the overlap keep neighbours together, so that the
+resampled figures vary as much as other drives would (moving, circular blocks: Politis and Romano, "A circular
+block-resampling procedure for stationary data", 1992; Lahiri, "Resampling Methods for Dependent Data", 2003,
+chapter 2).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.stats import t as student
 
-from insnav.types import FloatArray
+from insnav.types import FloatArray, IntArray
 
-DRAWS = 1000
+SAMPLES = 1000
 CONFIDENCE = 0.95
-FEWEST = 4.0  # independent windows below which no interval is told
+FEWEST = 4.0  # effective sample size below which there is no interval
 _SEED = 20210412
 
 
+def rms(values: FloatArray | Sequence[float]) -> float:
+    """Root mean square of the values that are known; ``NaN`` if there are none.
+
+    Parameters
+    ----------
+    values : array_like
+        ``NaN`` where not known.
+
+    Returns
+    -------
+    float
+        In the unit of the values.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    known = array[np.isfinite(array)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
 def effective_count(start: FloatArray, length: float) -> float:
-    """How many windows that do not overlap the windows amount to.
+    """Effective sample size of windows: the time that they cover together over their length.
 
     Parameters
     ----------
@@ -33,7 +52,7 @@ def effective_count(start: FloatArray, length: float) -> float:
     Returns
     -------
     float
-        Time that they cover together by their length: between 1 and n.
+        Between 1 and n, 0 without any.
     """
     if len(start) == 0:
         return 0.0
@@ -41,8 +60,32 @@ def effective_count(start: FloatArray, length: float) -> float:
     return covered / length
 
 
-def block_weights(start: FloatArray, length: float, draws: int = DRAWS) -> FloatArray:
-    """How often each window is in each draw of blocks that are as long as the overlap.
+def block_rows(n: int, length: int, samples: int, seed: int, *, circular: bool = True) -> IntArray:
+    """Rows of each bootstrap sample, in blocks of successive ones.
+
+    Parameters
+    ----------
+    n : int
+        Number of rows.
+    length : int
+        Of the blocks.
+    samples, seed : int
+        How many samples; the same seed gives the same.
+    circular : bool
+        The first row follows the last; otherwise no block runs over the end.
+
+    Returns
+    -------
+    (samples, n) array
+    """
+    blocks = -(-n // length)
+    first = np.random.default_rng(seed).integers(0, n if circular else n - length + 1, (samples, blocks))
+    rows = (first[:, :, None] + np.arange(length)) % n
+    return np.asarray(rows.reshape(samples, -1)[:, :n])
+
+
+def block_weights(start: FloatArray, length: float, samples: int = SAMPLES) -> FloatArray:
+    """How often each window is in each bootstrap sample, in blocks that are as long as the overlap.
 
     Parameters
     ----------
@@ -50,35 +93,33 @@ def block_weights(start: FloatArray, length: float, draws: int = DRAWS) -> Float
         Where the windows begin, increasing [s].
     length : float
         Of each [s].
-    draws : int
+    samples : int
 
     Returns
     -------
-    (draws, n) array
+    (samples, n) array
         Always the same for the same windows; each row has the sum n.
     """
     n = len(start)
     size = min(n, max(1, int(np.ceil(n / effective_count(start, length)))))
-    rng = np.random.default_rng(_SEED)
-    first = rng.integers(0, n, size=(draws, -(-n // size)))
-    rows = ((first[:, :, None] + np.arange(size)) % n).reshape(draws, -1)[:, :n]
-    flat = np.bincount((rows + n * np.arange(draws)[:, None]).ravel(), minlength=draws * n)
-    return np.asarray(flat.reshape(draws, n), dtype=np.float64)
+    rows = block_rows(n, size, samples, _SEED)
+    flat = np.bincount((rows + n * np.arange(samples)[:, None]).ravel(), minlength=samples * n)
+    return np.asarray(flat.reshape(samples, n), dtype=np.float64)
 
 
 def means(values: FloatArray, weights: FloatArray) -> FloatArray:
-    """Mean over the windows in each draw of what is known.
+    """Mean over the windows of what is known, in each bootstrap sample.
 
     Parameters
     ----------
     values : (n, ...) array
         ``NaN`` where not known.
-    weights : (draws, n) array
+    weights : (samples, n) array
         From `block_weights`.
 
     Returns
     -------
-    (draws, ...) array
+    (samples, ...) array
         ``NaN`` where nothing is known.
     """
     known = np.isfinite(values)
@@ -92,7 +133,7 @@ def means(values: FloatArray, weights: FloatArray) -> FloatArray:
 def interval(
     start: FloatArray, length: float, statistic: Callable[[FloatArray], FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Interval of a figure that holds with 95 %.
+    """95 % confidence interval of a figure of windows.
 
     Parameters
     ----------
@@ -101,18 +142,18 @@ def interval(
     length : float
         Of each [s].
     statistic : callable
-        Given the weights ``(draws, n)``, the figure of each draw ``(draws, ...)``.
+        Given the weights ``(samples, n)``, the figure of each sample ``(samples, ...)``.
 
     Returns
     -------
     low, high : array
-        ``NaN`` where there are fewer than `FEWEST` independent windows.
+        ``NaN`` where the effective sample size is below `FEWEST`.
 
     Notes
     -----
-    Quantiles of the draws are too narrow for few independent windows: they hold with 62 % for four of them. The scatter
-    of the draws' logarithm, with Student's t of as many degrees of freedom as there are independent windows less one,
-    holds with about 90 % for four to sixty.
+    Quantiles of the bootstrap samples are too narrow for few independent windows: their coverage is 62 % for four of
+    them. The standard deviation of their logarithms, with Student's t of as many degrees of freedom as there are
+    independent windows less one, covers about 90 % for four to sixty.
     """
     weights = block_weights(start, length)
     found, middle = statistic(weights), statistic(np.ones((1, weights.shape[1])))[0]
@@ -120,7 +161,7 @@ def interval(
     if count < FEWEST:
         return np.full_like(middle, np.nan), np.full_like(middle, np.nan)
     reach = float(student.ppf(0.5 * (1.0 + CONFIDENCE), count - 1.0)) * np.sqrt(count / (count - 1.0))
-    # what may be nothing has no logarithm
+    # a figure that may be zero has no logarithm
     positive = (found > 0.0).all(axis=0) & (middle > 0.0)
     size = np.where(positive, found, 1.0)
     spread = np.exp(reach * np.std(np.log(size), axis=0))

@@ -15,7 +15,8 @@ from insnav.cli.budget_recorded import REFERENCE_SD, RecordedOptions, StartFrom,
 from insnav.cli.console import Stages, note, note_more, result, result_facts
 
 if TYPE_CHECKING:
-    from insnav.errors.budget import SampledMotion, Source
+    from insnav.errors.budget.sampled_motion import SampledMotion
+    from insnav.errors.budget.sources import Source
 
 SHORT_HELP = "How much error an IMU makes in a minute, from what: analytic, simulated, recorded."
 HELP = """How much error an IMU makes in a minute without aid, and from what.
@@ -191,15 +192,15 @@ def budget(
     hold = max(wanted) > LONGEST_FREE if height is None else height is Vertical.held
     slope = parse.not_negative(deflection, "--deflection", largest=3600.0) * UNITS["arcsec"][1]
     with RunFolder(out, force=force) as folder, Stages() as stage:
-        from insnav.errors.budget import budget as drawn_up
-        from insnav.errors.budget import check_times
+        from insnav.errors.budget.error_budget import budget as drawn_up
+        from insnav.errors.budget.error_budget import check_times
         from insnav.imu import load_imu
 
         check_times(wanted)
         windows = None
         known: tuple[Source, ...] = ()
         if drive is not None:
-            from insnav.errors.budget.drive_motion import spec_in_windows, start_sources, window_motion
+            from insnav.errors.budget.drive_motion import spec_in_windows, window_motion, window_start_sources
 
             windows = recorded(
                 RecordedOptions(
@@ -233,12 +234,12 @@ def budget(
                 stage,
             )
             spec, motion = spec_in_windows(windows.budget), window_motion(windows.budget, max(wanted))
-            known = start_sources(windows.budget)
+            known = window_start_sources(windows.budget)
         else:
             stage("motion")
             assert imu is not None
             spec, motion = load_imu(imu), _motion(profile, begin, max(wanted), seed)
-        note(f"motion: {motion.words}")
+        note(f"motion: {motion.description}")
         stage("computing")
         found = drawn_up(
             spec,
@@ -273,7 +274,7 @@ def budget(
 
 def _motion(profile: str | None, begin: float | None, duration: float, seed: int) -> SampledMotion:
     """Motion of the budget."""
-    from insnav.errors.budget import at_rest, first_movement, sampled
+    from insnav.errors.budget.sampled_motion import at_rest, first_movement, sampled
     from insnav.exceptions import ConfigError
 
     if begin is not None:

@@ -14,7 +14,7 @@ from insnav.cli.console import note, note_more
 if TYPE_CHECKING:
     from insnav.cli.options import Height, SamplingChoice, StampChoice
     from insnav.errors.budget.from_windows import RecordedBudget
-    from insnav.errors.outage.window_reference import Judge
+    from insnav.errors.outage.window_reference import WindowReference
     from insnav.imu import ImuSpec
     from insnav.input import Reading
     from insnav.types import GpsData, ImuData, Trajectory
@@ -126,7 +126,7 @@ def recorded(options: RecordedOptions, stage: Callable[..., None]) -> RecordedRe
     inputs.one_standard_input(imu_file=options.imu_file, gps=options.gps, ref=options.ref)
     told = inputs.chosen_imu(options.imu)
     stage("reading")
-    from insnav.errors.budget.from_windows import RecordedSettings, recorded_budget
+    from insnav.errors.budget.from_windows import WindowSettings, recorded_budget
     from insnav.filter.gps_noise import with_sd
     from insnav.filter.prepare import first_rest, prepare
     from insnav.input import check_overlap
@@ -171,7 +171,7 @@ def recorded(options: RecordedOptions, stage: Callable[..., None]) -> RecordedRe
         ready,
         spec,
         _judge(options, reference, known_sd) if fixes is not None and reference is not None else None,
-        RecordedSettings(
+        WindowSettings(
             options.window,
             options.first,
             options.spacing,
@@ -194,11 +194,11 @@ def recorded(options: RecordedOptions, stage: Callable[..., None]) -> RecordedRe
 
 def _fixes_at_rest(samples: ImuData, reference: Reading[Trajectory] | None) -> GpsData:
     """Fixes of the one place of a bench."""
-    from insnav.errors.outage.window_reference import at_rest, never_moves
+    from insnav.errors.outage.window_reference import is_stationary, stationary_fixes
     from insnav.exceptions import ConfigError
 
     begin, end = float(samples.time[0]), float(samples.time[-1])
-    if reference is None or not never_moves(reference.data, begin, end):
+    if reference is None or not is_stationary(reference.data, begin, end):
         raise ConfigError(
             "nothing tells where the vehicle was",
             where="--gps",
@@ -206,14 +206,14 @@ def _fixes_at_rest(samples: ImuData, reference: Reading[Trajectory] | None) -> G
             + (", and no reference" if reference is None else ", and by the reference it moves"),
             fix="give fixes with --gps; for a bench, --ref with its place at the begin and the end, velocity zero",
         )
-    return at_rest(reference.data.lla[0], begin, end, *REST_SD)
+    return stationary_fixes(reference.data.lla[0], begin, end, *REST_SD)
 
 
-def _judge(options: RecordedOptions, reference: Reading[Trajectory], known_sd: list[float]) -> Judge:
+def _judge(options: RecordedOptions, reference: Reading[Trajectory], known_sd: list[float]) -> WindowReference:
     """The reference, where its ambiguities are fixed if the file tells."""
     import numpy as np
 
-    from insnav.errors.outage.window_reference import judged_by_reference
+    from insnav.errors.outage.window_reference import reference_from_trajectory
 
     data, fix = reference.data, reference.fix
     keep = np.ones(len(data.time), dtype=np.bool_) if fix is None or not (fix == 1).any() else np.asarray(fix == 1)
@@ -222,7 +222,7 @@ def _judge(options: RecordedOptions, reference: Reading[Trajectory], known_sd: l
     if not with_velocity:
         data = replace(data, v_n=np.full_like(data.v_n, np.nan))
     lever = options.ref_lever_arm or options.lever_arm
-    return judged_by_reference(
+    return reference_from_trajectory(
         data,
         f"the positions of {Path(reference.facts.path).name}",
         position_sd=known_sd[0],

@@ -95,7 +95,8 @@ def outage(
     told = inputs.chosen_imu(imu)
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
-        from insnav.errors.outage.gnss_outage import growth, outages
+        from insnav.errors.outage.gnss_outage import outages
+        from insnav.errors.outage.statistics import outage_growth
         from insnav.filter import FilterSettings
         from insnav.filter.gps_noise import with_sd
         from insnav.filter.navigate import aided
@@ -132,7 +133,7 @@ def outage(
             lengths=wanted,
             first=first,
             spacing=spacing,
-            truth=_fixed(with_sd(better.data)[0]) if better else None,
+            reference=_fixed(with_sd(better.data)[0]) if better else None,
             workers=workers,
             progress=lambda fraction: stage("navigating", fraction),
         )
@@ -140,7 +141,7 @@ def outage(
         from insnav.report.outage.page import outage_facts, outage_sheet
         from insnav.report.sheet import write_sheet
 
-        sums = growth(windows)
+        sums = outage_growth(windows)
         judge = f"the positions of {Path(better.facts.path).name}" if better else "the withheld fixes"
         notes = (*assumed, *ready.notes)
         sheet = outage_sheet(windows, sums, judge, Path(reading.facts.path).name, notes)

@@ -1,4 +1,4 @@
-"""The figures of merit of one recording: navigate it, take fixes away, let it go free, and compare with the truth."""
+"""The accuracy metrics of one recording: with all fixes, in GNSS outages, free-inertial; against its reference."""
 
 from __future__ import annotations
 
@@ -10,16 +10,24 @@ from itertools import pairwise
 import numpy as np
 
 from insnav.errors.metrics import TrajectoryErrors, nees, position_errors
-from insnav.filter.navigate import navigate_recording
-from insnav.regression.accuracy_metrics import METRICS
+from insnav.errors.outage.from_reference import end_errors
+from insnav.errors.outage.gnss_outage import outages
+from insnav.errors.outage.statistics import horizontal_at
+from insnav.exceptions import InputError
+from insnav.filter.navigate import Navigated, aided, navigate_recording
+from insnav.filter.prepare import prepare
+from insnav.regression.accuracy_metrics import FREE, METRICS, OUTAGES
 from insnav.regression.cases import Material
-from insnav.regression.windows import free_inertial, rms, without_gps
+from insnav.sample_statistics import rms
 from insnav.types import BoolArray, FloatArray, Run, Trajectory
 from insnav.units import DEG
 
 SLICES = 8  # of a recording, in each of which predicted and actual error are compared
 _SHORTEST = 0.2  # a last piece shorter than this share of the others belongs to the one before
 _LOOP = 400  # turns of the calibration loop
+GROWTH = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0)  # times without GPS at which the error is kept [s]
+_WINDOWS = 20  # at most, in a recording
+_NEAR = 1.5  # a fix so near to one of these times stands for it [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +39,8 @@ class Measured:
     values : dict of str to (n,) array
         By metric: one value a recording, or one for each of its pieces.
     growth : (6, 3) array
-        At each of `insnav.regression.windows.GROWTH` the number of windows, the sum of squared horizontal errors
-        [m^2], and that of the predicted variances [m^2].
+        At each of `GROWTH` the number of windows, the sum of squared horizontal errors [m^2], and that of the
+        predicted variances [m^2].
     spread : (8, 9, 2) array
         In each slice of the recording and for N, E, D position [m], velocity [m/s], roll, pitch, heading [deg] the mean
         squared error and the mean stated variance; NaN where not known.
@@ -46,14 +54,10 @@ class Measured:
 def measure(material: Material) -> Measured:
     """Navigate a recording in every way and sum up the errors.
 
-    Parameters
-    ----------
-    material : Material
-
     Returns
     -------
     Measured
-        Metrics that cannot be had, for lack of a truth or of time, are left out.
+        Metrics that are unavailable, for lack of a reference or of time, are left out.
 
     Raises
     ------
@@ -68,16 +72,16 @@ def measure(material: Material) -> Measured:
     time = settled(done.run.solution, material)
     spread = np.full((SLICES, 9, 2), np.nan)
     if len(time):
-        errors = judged(done.run.solution, time, material)
+        errors = errors_of(done.run.solution, time, material)
         edges = _edges(time, material.block)
         values |= _accuracy(errors, edges)
         spread = _spread(errors)
         if done.run.smoothed is not None:
-            values |= _smoothed(judged(done.run.smoothed.solution, time, material), edges)
+            values |= _smoothed(errors_of(done.run.smoothed.solution, time, material), edges)
         values |= _fixes(done.run, edges)
-    windows, growth = without_gps(material)
+    windows, growth = _outages(material)
     values |= windows
-    values |= free_inertial(done, material)
+    values |= _free_inertial(done, material)
     order = [metric.key for metric in METRICS if metric.key in values and np.isfinite(values[metric.key]).any()]
     return Measured({key: values[key] for key in order}, growth, spread)
 
@@ -100,14 +104,14 @@ def loop_time() -> float:
 
 
 def settled(solution: Trajectory, material: Material) -> FloatArray:
-    """Times of the truth that count."""
+    """Times of the reference that count."""
     begin = max(solution.time[0], material.gps.time[0]) + material.settle
     time = material.truth.time
     return np.asarray(time[(time >= begin) & (time <= solution.time[-1])])
 
 
-def judged(solution: Trajectory, time: FloatArray, material: Material) -> TrajectoryErrors:
-    """Errors at the times that count; NaN in what the truth is not good for."""
+def errors_of(solution: Trajectory, time: FloatArray, material: Material) -> TrajectoryErrors:
+    """Errors at the times that count; NaN in what the reference is not good for."""
     first, last = np.searchsorted(material.truth.time, [time[0], time[-1] + 1e-9])
     part = material.truth.rows(slice(first, last))
     lever_b = material.truth_lever_b if material.truth_lever_b.any() else None
@@ -203,6 +207,51 @@ def _spread(errors: TrajectoryErrors) -> FloatArray:
             found[number, some, 0] = np.nansum(error[rows][:, some] ** 2, axis=0) / known[some]
             found[number, some, 1] = np.mean(sd[rows][:, some] ** 2, axis=0)
     return found
+
+
+def _outages(material: Material) -> tuple[dict[str, FloatArray], FloatArray]:
+    """Horizontal error after some time without fixes, and `Measured.growth`; no metrics if the drive is too short."""
+    growth = np.zeros((len(GROWTH), 3))
+    ready = aided(prepare(material.imu, material.gps, material.spec, material.settings), material.spec)
+    longest = max(OUTAGES)
+    spacing = max(longest, float(material.imu.time[-1] - material.imu.time[0]) / _WINDOWS)
+    try:
+        windows = outages(ready, lengths=(longest,), spacing=spacing, reference=material.exact)
+    except InputError:
+        return {}, growth
+    error, sd = horizontal_at(windows, GROWTH, _NEAR)
+    growth = np.stack([np.isfinite(error).sum(axis=0), np.nansum(error**2, axis=0), np.nansum(sd**2, axis=0)], axis=1)
+    chosen = {f"outage_{t:.0f}s_m": error[:, GROWTH.index(t)] for t in OUTAGES}
+    return {key: _by_recording(value, material.block) for key, value in chosen.items()}, growth
+
+
+def _free_inertial(done: Navigated, material: Material) -> dict[str, FloatArray]:
+    """Horizontal error after a minute by the IMU alone; none if the drive is too short.
+
+    Where the reference has no velocity, the smoothed solution stands for it.
+    """
+    clock = done.run.gps_delay - material.settings.delay  # the solution is in the time of the fixes
+    reference, reference_clock = material.truth, 0.0
+    if not material.whole_state:
+        if done.run.smoothed is None:
+            return {}
+        reference, reference_clock = done.run.smoothed.solution, clock
+    error = end_errors(
+        done.run,
+        material.imu,
+        reference,
+        FREE,
+        _WINDOWS,
+        settle=material.settle,
+        run_clock=clock,
+        reference_clock=reference_clock,
+    )
+    return {"free_inertial_60s_m": _by_recording(error, material.block)} if error.size else {}
+
+
+def _by_recording(value: FloatArray, block: float) -> FloatArray:
+    """Every window by itself where a drive is evaluated in pieces, else their root mean square."""
+    return value if block > 0.0 else np.array([rms(value)])
 
 
 def _mean(value: FloatArray) -> float:

@@ -21,15 +21,15 @@ import numpy as np
 from scipy.special import stdtr, stdtrit
 
 from insnav.regression.accuracy_metrics import Metric
+from insnav.sample_statistics import CONFIDENCE, block_rows
 from insnav.types import FloatArray
 
 ALPHA = 0.01  # of wrongly calling anything changed, over the whole corpus
 FEWEST = 5  # pairs below which nothing is called changed
 SMALLEST = 0.01  # a smaller change is none, however certain
-BLOCK = 2  # successive pieces that are drawn together
-_DRAWS = 2000
+BLOCK = 2  # successive pieces that are resampled together
+_SAMPLES = 2000
 _SEED = 20260101
-CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +121,7 @@ def standard_error(value: FloatArray, *, pieces: bool) -> tuple[float, float]:
     if not pieces:
         return float(np.std(value, ddof=1) / np.sqrt(n)), n - 1.0
     length = min(BLOCK, n - 1)
-    blocks = -(-n // length)
-    first = np.random.default_rng(_SEED).integers(0, n - length + 1, (_DRAWS, blocks))
-    rows = (first[:, :, None] + np.arange(length)).reshape(_DRAWS, -1)[:, :n]
-    means = value[rows].mean(axis=1)
+    means = value[block_rows(n, length, _SAMPLES, _SEED, circular=False)].mean(axis=1)
     # the bootstrap variance of few blocks is too small by the share of what it estimates from them
     return float(np.std(means) * np.sqrt(n / (n - length))), max(n / length - 1.0, 1.0)
 

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from insnav.errors.budget import SampledMotion, at_rest, first_movement, sampled
-from insnav.errors.budget import budget as drawn_up
-from insnav.errors.budget.drive_motion import spec_in_windows, start_sources, window_motion, with_recorded
+from insnav.errors.budget.drive_motion import spec_in_windows, window_motion, window_start_sources, with_recorded
+from insnav.errors.budget.error_budget import budget as drawn_up
 from insnav.errors.budget.from_windows import RecordedBudget
+from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, first_movement, sampled
 from insnav.errors.budget.study import BudgetStudy
 from insnav.exceptions import ConfigError
 from insnav.imu.specification import ImuSpec
@@ -106,7 +106,7 @@ def budget_of_windows(
         seed=settings.seed,
         deflection=settings.deflection,
         hold=_hold(settings),
-        known=start_sources(windows),
+        known=window_start_sources(windows),
         progress=progress,
     )
     return BudgetStudy(with_recorded(found, windows), windows)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from insnav.alignment import find_rest
-from insnav.errors.outage.window_reference import at_rest, never_moves
+from insnav.errors.outage.window_reference import is_stationary, stationary_fixes
 from insnav.filter import FilterSettings
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.prepare import DELAY_SD, first_rest
@@ -66,9 +66,9 @@ def complete_fixes(
     if gps is not None:
         return with_sd(gps.data)
     begin, end = float(imu.time[0]), float(imu.time[-1])
-    if reference is None or not never_moves(reference.data, begin, end):
+    if reference is None or not is_stationary(reference.data, begin, end):
         return None, ()
-    return at_rest(reference.data.lla[0], begin, end, *BENCH_SD), (
+    return stationary_fixes(reference.data.lla[0], begin, end, *BENCH_SD), (
         "No GPS: the reference says the vehicle never moves",
     )
 

@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 import numpy as np
 
 from insnav.alignment import find_rest
-from insnav.errors.budget.from_windows import RecordedSettings, recorded_budget
+from insnav.errors.budget.from_windows import WindowSettings, recorded_budget
 from insnav.errors.budget.study import BudgetStudy
 from insnav.errors.evaluated_run import EvaluatedRun, evaluate_run, fixed_epochs
 from insnav.errors.metrics import at_point
-from insnav.errors.outage.gnss_outage import LENGTHS, growth, outages
+from insnav.errors.outage.gnss_outage import LENGTHS, outages
+from insnav.errors.outage.statistics import outage_growth
 from insnav.errors.outage.study import OutageStudy
-from insnav.errors.outage.window_reference import Judge, judged_by_reference
+from insnav.errors.outage.window_reference import WindowReference, reference_from_trajectory
 from insnav.errors.short_duration_errors import short_windows
 from insnav.exceptions import AlignmentError, ConfigError
 from insnav.filter import FilterSettings
@@ -292,11 +293,11 @@ class Drive:
             lengths=lengths,
             first=first,
             spacing=spacing,
-            truth=reference,
+            reference=reference,
             workers=workers,
             progress=progress,
         )
-        found = OutageStudy(tuple(windows), tuple(growth(windows)), self._compared_with())
+        found = OutageStudy(tuple(windows), tuple(outage_growth(windows)), self._compared_with())
         options = {"lengths_s": list(lengths), "first_s": first, "spacing_s": spacing, "aiding": aiding}
         return self._result("outage", found, options, (*self.notes, *ready.notes), self._events(()))
 
@@ -305,7 +306,7 @@ class Drive:
         *,
         times: Sequence[float] = BudgetSettings().times,
         runs: int = 0,
-        windows: RecordedSettings | None = None,
+        windows: WindowSettings | None = None,
         hold: bool | None = None,
         deflection: float = 0.0,
         seed: int = 1,
@@ -319,7 +320,7 @@ class Drive:
             When errors are reported [s]; the windows of the drive are as long as the last.
         runs : int
             Simulated runs; none with zero.
-        windows : RecordedSettings, optional
+        windows : WindowSettings, optional
             How free-inertial windows are slid along the drive; their length and seed are those given here.
         hold : bool, optional
             Hold the vertical channel to the reference; by default beyond 300 s.
@@ -342,7 +343,7 @@ class Drive:
         settings = BudgetSettings(times, runs, seed, deflection, hold)
         ready = self.prepared()
         reference = None if self.gps is None or self.reference is None else self._judge(self.reference)
-        chosen = replace(windows or RecordedSettings(), length=float(max(times)), seed=seed)
+        chosen = replace(windows or WindowSettings(), length=float(max(times)), seed=seed)
         recorded = recorded_budget(ready, self.imu_spec, reference, chosen, progress)
         given = self.readings.inputs.get("imu_model") is not None
         said = () if given else (f"IMU file: none was given; {self.imu_spec.name}: {self.imu_chosen}",)
@@ -412,14 +413,14 @@ class Drive:
         fix = complete.fix
         return complete if fix is None or not (fix == 1).any() else complete.rows(fix == 1)
 
-    def _judge(self, reference: Reading[Trajectory]) -> Judge:
+    def _judge(self, reference: Reading[Trajectory]) -> WindowReference:
         """The reference as what free-inertial windows are compared with."""
         position_sd, velocity_sd = reference_sd(self.readings.inputs) or defaults.REFERENCE_SD
         data = fixed_epochs(reference)
         if velocity_sd is None:
             data = replace(data, v_n=np.full_like(data.v_n, np.nan))
         lever_b = vector(self.readings.inputs, "ref_lever_arm")
-        return judged_by_reference(
+        return reference_from_trajectory(
             data,
             self._compared_with(),
             position_sd=position_sd,

@@ -47,7 +47,7 @@ def test_from_files_to_a_folder(drive: Path):
 
 def test_a_reference_is_what_it_is_judged_by(drive: Path):
     found = recorded(replace(QUICK, ref=Path("ref.csv"), ref_sd="0.01,0.01"), silent)
-    assert found.budget.judge == "the positions of ref.csv"
+    assert found.budget.reference == "the positions of ref.csv"
     assert not any("withheld" in note for note in found.budget.notes)
     assert np.isfinite(found.budget.calibrated.windows.error[..., 3:]).all()
     positions = recorded(replace(QUICK, ref=Path("ref.csv")), silent)

@@ -7,9 +7,9 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from insnav.errors.budget.from_windows import RecordedBudget, RecordedSettings, recorded_budget
+from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings, recorded_budget
 from insnav.errors.outage.statistics import COMPONENTS
-from insnav.errors.outage.window_reference import Judge, at_rest, judged_by_reference
+from insnav.errors.outage.window_reference import WindowReference, reference_from_trajectory, stationary_fixes
 from insnav.filter import FilterSettings
 from insnav.filter.prepare import DELAY_SD, prepare
 from insnav.imu import load_imu
@@ -38,15 +38,15 @@ def bench() -> RecordedBudget:
     imu = read_imu(folder / "imu.csv.gz").data
     lla = read_reference(folder / "ref.csv").data.lla[0]
     spec = load_imu("navigation")
-    fixes = at_rest(lla, float(imu.time[0]), float(imu.time[-1]), 0.01, 0.005)
+    fixes = stationary_fixes(lla, float(imu.time[0]), float(imu.time[-1]), 0.01, 0.005)
     ready = prepare(imu, fixes, spec, FilterSettings())
-    return recorded_budget(ready, spec, None, RecordedSettings(spacing=45.0, raw=True))
+    return recorded_budget(ready, spec, None, WindowSettings(spacing=45.0, uncalibrated=True))
 
 
 def test_ring_laser_gyros_at_rest_err_by_decimetres_in_a_minute():
     found = bench()
     say(found)
-    for part in (found.calibrated, found.raw):
+    for part in (found.calibrated, found.uncalibrated):
         assert part is not None
         assert part.windows.count >= 20
         assert (part.windows.motion == "static").all()
@@ -56,8 +56,8 @@ def test_ring_laser_gyros_at_rest_err_by_decimetres_in_a_minute():
         assert all(each.explained for each in part.verdicts), part.verdicts
         assert part.growth.inside[-1, AT["horizontal"]] > 0.95
     # 100 ug alone, levelled by themselves: 1.8 m would be the error of accelerometers that are not
-    assert found.raw is not None
-    assert found.raw.growth.rms[-1, AT["horizontal"]] < 0.5
+    assert found.uncalibrated is not None
+    assert found.uncalibrated.growth.rms[-1, AT["horizontal"]] < 0.5
     assert found.calibrated.growth.rms[-1, AT["along"]] != found.calibrated.growth.rms[-1, AT["along"]]  # no course
 
 
@@ -66,7 +66,7 @@ def consumer() -> RecordedBudget:
     imu, gps = recording("rtklib_drive_20250708")
     spec = imu_model(imu, gps)
     ready = prepare(imu, gps, spec, FilterSettings(lever_b=np.array([0.0, -0.05, 0.0]), delay_sd=DELAY_SD))
-    return recorded_budget(ready, spec, None, RecordedSettings(spacing=20.0, twins=3))
+    return recorded_budget(ready, spec, None, WindowSettings(spacing=20.0, replicas=3))
 
 
 def test_consumer_mems_in_town_is_worse_than_its_noise_at_rest_says():
@@ -81,8 +81,8 @@ def test_consumer_mems_in_town_is_worse_than_its_noise_at_rest_says():
     assert 1.2 < part.regression.slope < 2.6
     assert part.regression.low > 1.0
     assert not {each.component: each.explained for each in part.verdicts}["east"]
-    assert part.twins is not None
-    assert not part.twins.agree
+    assert part.replicas is not None
+    assert not part.replicas.agree
     assert any("outside the band" in text for text in recorded_warnings(found))
     assert not part.diagnosis.steady
 
@@ -93,23 +93,23 @@ def tokyo() -> RecordedBudget:
     spec = imu_model(imu, gps)
     read = read_reference(recorded("ixr_tsukishima_20210412") / "ref.csv")
     ready = prepare(imu, gps, spec, FilterSettings(lever_b=np.array([0.0, 0.3, 0.0]), delay_sd=DELAY_SD))
-    return recorded_budget(ready, spec, fixed(read.data, read.fix), RecordedSettings())
+    return recorded_budget(ready, spec, fixed(read.data, read.fix), WindowSettings())
 
 
-def fixed(data: Trajectory, fix: FloatArray | None) -> Judge:
+def fixed(data: Trajectory, fix: FloatArray | None) -> WindowReference:
     """Epochs with fixed ambiguities; the velocities are those of the receiver that is navigated with."""
     keep = fix == 1
     unknown = np.full((int(keep.sum()), 3), np.nan)
     rows = Trajectory(data.time[keep], data.lla[keep], unknown, data.rph[keep])
     lever = np.array([0.0, 0.3, 0.0])
-    return judged_by_reference(rows, "fixed positions", position_sd=0.05, velocity_sd=1.0, lever_b=lever)
+    return reference_from_trajectory(rows, "fixed positions", position_sd=0.05, velocity_sd=1.0, lever_b=lever)
 
 
 def test_tokyo_by_a_fixed_reference_with_holes():
     found = tokyo()
     say(found)
     part = found.calibrated
-    assert part.windows.dropped["gap in what it is judged by"] > 10
+    assert part.windows.dropped["gap in the reference"] > 10
     assert part.windows.count >= 20
     # a false fix here and there makes an error that is no curve
     assert part.diagnosis.steady
@@ -133,13 +133,13 @@ def test_a_drive_without_its_rest_says_what_was_assumed():
     some = GpsData(gps.time[fixes], gps.lla[fixes], gps.v_n[fixes], gps.position_sd[fixes], gps.velocity_sd[fixes])
     spec = load_imu("consumer")
     ready = prepare(cut(later, 150.0), some, spec, FilterSettings(delay_sd=DELAY_SD))
-    found = recorded_budget(ready, spec, None, RecordedSettings(length=30.0, spacing=10.0))
+    found = recorded_budget(ready, spec, None, WindowSettings(length=30.0, spacing=10.0))
     assert any("No window is at rest" in note for note in found.notes)
     assert any("withheld fixes" in note for note in found.notes)
     assert found.calibrated.windows.count >= 3
 
 
-@pytest.mark.parametrize("which", ["calibrated", "raw"])
+@pytest.mark.parametrize("which", ["calibrated", "uncalibrated"])
 def test_the_bench_shows_no_velocity_nor_drift(which: str):
     part = getattr(bench(), which)
     assert part.diagnosis.steady

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from insnav.errors.budget import Budget, RecordedColumn, at_rest, budget
+from insnav.errors.budget.error_budget import Budget, RecordedColumn, budget
+from insnav.errors.budget.sampled_motion import at_rest
 from insnav.errors.budget.sources import families, sources_of
 from insnav.imu import load_imu
 from insnav.report.budget.figures import ranked, shares
@@ -104,7 +105,7 @@ def test_page_shows_curves_tables_and_assumptions(found):
 
 def test_a_recorded_column_has_its_place(found):
     recorded = RecordedColumn(
-        np.array([10.0, 20.0]), np.array([1.5, 6.25]), np.ones(2), np.ones(2), np.ones((2, 3)), 12, "a drive"
+        np.array([10.0, 20.0]), np.array([[1.5, 1.0, 1.0], [6.25, 1.0, 1.0]]), np.ones((2, 3)), 12, "a drive"
     )
     joined = replace(found, recorded=recorded)
     table = columns_table(joined)

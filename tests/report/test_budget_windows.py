@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insnav.errors.budget.from_windows import RecordedBudget, RecordedSettings, recorded_budget
-from insnav.errors.diagnosis.simulated_replica import Twins
+from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings, recorded_budget
+from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS
 from insnav.report.budget.windows import (
     recorded_assumptions,
@@ -27,25 +27,25 @@ from tests.errors.outage import drives
 
 @pytest.fixture(scope="module")
 def budget() -> RecordedBudget:
-    settings = RecordedSettings(length=30.0, spacing=20.0, raw=True)
+    settings = WindowSettings(length=30.0, spacing=20.0, uncalibrated=True)
     return recorded_budget(drives.injected(), drives.SPEC, None, settings)
 
 
 def with_twins(budget: RecordedBudget, factor: float) -> RecordedBudget:
     part = budget.calibrated
-    recorded = part.growth.judged_rms
+    recorded = part.growth.total_rms
     rms = recorded * factor * np.linspace(0.8, 1.2, 11)[:, None, None]
-    made = Twins(
+    made = Replicas(
         part.growth.times,
         rms,
         0.7 * factor * recorded,
         1.3 * factor * recorded,
         recorded,
-        part.growth.judge,
+        part.growth.reference,
         Residual(0.01, 0.02, 0.05, 1.0, 2.0, 1.0, 0.1, 0.0),
         (),
     )
-    return replace(budget, calibrated=replace(part, twins=made))
+    return replace(budget, calibrated=replace(part, replicas=made))
 
 
 def test_tables_have_all_rows_and_times(budget: RecordedBudget):

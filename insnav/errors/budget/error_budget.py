@@ -86,23 +86,21 @@ class RecordedColumn:
     ----------
     time : (k,) array
         Since the start of a window [s].
-    rms_n, rms_e, rms_d : (k,) array
-        RMS error North, East, Down, the reference's own uncertainty taken off [m].
+    rms : (k, 3) array
+        RMS error North, East, Down, reference variance subtracted [m].
     predicted : (k, 3) array
         Predicted standard deviation North, East, Down [m].
     windows : int
         How many.
-    words : str
-        What was recorded, and against what it is judged.
+    description : str
+        What was recorded, and what errors are against.
     """
 
     time: FloatArray
-    rms_n: FloatArray
-    rms_e: FloatArray
-    rms_d: FloatArray
+    rms: FloatArray
     predicted: FloatArray
     windows: int
-    words: str
+    description: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +223,7 @@ def budget(
     variance = np.einsum("msii->msi", predicted.parts)
     found = Budget(
         imu=spec.name,
-        motion=motion.words,
+        motion=motion.description,
         time=motion.elapsed[rows - 1],
         chosen=chosen,
         families=names,

@@ -1,4 +1,4 @@
-"""The recorded half of an error budget in one call: windows, what was predicted, diagnosis, twins, verdict."""
+"""The recorded half of an error budget: windows, prediction, diagnosis, simulated replicas, verdict."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from scipy.stats import chi2
 from insnav.errors.diagnosis.causes import Diagnosis, diagnose
 from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit, fit_sensors
 from insnav.errors.diagnosis.error_regression import Regression, regression
-from insnav.errors.diagnosis.simulated_replica import FEWEST, Twins, twins
-from insnav.errors.outage.free_inertial import Windows, free_windows
-from insnav.errors.outage.statistics import COMPONENTS, Growth, by_motion, growth, table_times
-from insnav.errors.outage.window_drive import driven, starts
-from insnav.errors.outage.window_reference import Judge, judged_by_fixes
-from insnav.errors.outage.window_start import StartChoice
+from insnav.errors.diagnosis.simulated_replica import FEWEST, Replicas, replica_task, replicas
+from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
+from insnav.errors.outage.statistics import Growth, by_motion, growth, table_times
+from insnav.errors.outage.window_reference import WindowReference, reference_from_fixes
+from insnav.errors.outage.window_start import StartChoice, navigated_drive
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import ErrorModel
 from insnav.filter.prepare import Prepared
@@ -25,11 +24,10 @@ from insnav.sample_statistics import CONFIDENCE
 from insnav.types import Trajectory
 
 MINUTE = 60.0  # [s]
-_JUDGED = ("north", "east", "down", "horizontal")
 
 
 @dataclass(frozen=True, slots=True)
-class RecordedSettings:
+class WindowSettings:
     """What a user may want to choose about the windows.
 
     Attributes
@@ -41,13 +39,13 @@ class RecordedSettings:
     spacing : float or None
         From one to the next [s]; so that about sixty fit.
     start : {"forward", "smoothed"}
-        What windows begin with; smoothed starts are not independent of the errors they are judged by.
-    raw : bool
-        Also windows with the sensors as they were turned on.
-    twins : int
-        How many simulated twins; none with zero.
+        State at the start; a smoothed one is not independent of the reference.
+    uncalibrated : bool
+        Also windows with the turn-on errors of the sensors in full.
+    replicas : int
+        How many simulated replicas; none with zero.
     seed : int
-        Of the twins.
+        Of the replicas.
     workers : int
         Processes.
     """
@@ -56,27 +54,27 @@ class RecordedSettings:
     first: float | None = None
     spacing: float | None = None
     start: StartChoice = "forward"
-    raw: bool = False
-    twins: int = 0
+    uncalibrated: bool = False
+    replicas: int = 0
     seed: int = 0
     workers: int = 1
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether what was recorded at the end of the windows is what was predicted.
+    """Whether the recorded error at the end of the windows agrees with the prediction.
 
     Attributes
     ----------
     component : str
     recorded, low, high : float
-        RMS error and its interval [m].
+        RMS error and its 95 % confidence interval [m].
     predicted : float
         [m]
     explained : bool
-        Not larger than predicted, as far as the windows tell.
+        Not significantly larger than predicted.
     cautious : bool
-        So much smaller that the prediction is too large.
+        Significantly smaller: the prediction is too large.
     """
 
     component: str
@@ -90,7 +88,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class RecordedPart:
-    """All about windows of one kind: calibrated, or with sensors as turned on.
+    """All about windows of one kind, calibrated or uncalibrated.
 
     Attributes
     ----------
@@ -104,7 +102,7 @@ class RecordedPart:
     diagnosis : Diagnosis
     sensors : SensorFit
     regression : Regression
-    twins : Twins or None
+    replicas : Replicas or None
     verdicts : tuple of Verdict
         North, East, Down, horizontal at the end.
     """
@@ -116,7 +114,7 @@ class RecordedPart:
     diagnosis: Diagnosis
     sensors: SensorFit
     regression: Regression
-    twins: Twins | None
+    replicas: Replicas | None
     verdicts: tuple[Verdict, ...]
 
 
@@ -126,91 +124,100 @@ class RecordedBudget:
 
     Attributes
     ----------
-    settings : RecordedSettings
-    judge : str
+    settings : WindowSettings
+    reference : str
         What errors are against, in words.
     duration : float
         Of the drive as it was navigated [s].
     calibrated : RecordedPart
-        The filter's estimates of sensor errors taken off.
-    raw : RecordedPart or None
-        None taken off.
+        The filter's estimates of sensor errors corrected.
+    uncalibrated : RecordedPart or None
+        Nothing corrected.
     spec : ImuSpec
-        The stated IMU.
+        Specification of the IMU.
     track : Trajectory
         The smoothed drive.
     notes : tuple of str
         What was assumed and found.
     """
 
-    settings: RecordedSettings
-    judge: str
+    settings: WindowSettings
+    reference: str
     duration: float
     calibrated: RecordedPart
-    raw: RecordedPart | None
+    uncalibrated: RecordedPart | None
     spec: ImuSpec
     track: Trajectory
     notes: tuple[str, ...]
+
+    @property
+    def shown(self) -> RecordedPart:
+        """Windows to compare the other columns with: uncalibrated if these were asked for."""
+        return self.calibrated if self.uncalibrated is None else self.uncalibrated
 
 
 def recorded_budget(
     ready: Prepared,
     spec: ImuSpec,
-    judge: Judge | None = None,
-    settings: RecordedSettings | None = None,
+    reference: WindowReference | None = None,
+    settings: WindowSettings | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> RecordedBudget:
-    """Cut a drive into free-inertial windows and find out why they err as they do.
+    """Cut a drive into free-inertial windows and find the causes of their errors.
 
     Parameters
     ----------
     ready : Prepared
-        The drive; whatever else helps the filter besides fixes is not used within the windows.
+        The drive; aiding besides fixes is not used in the windows either.
     spec : ImuSpec
-        The stated IMU.
-    judge : Judge, optional
-        What counts as true; the withheld fixes by default.
-    settings : RecordedSettings, optional
+        Specification of the IMU.
+    reference : WindowReference, optional
+        What errors are against; the fixes of the drive by default.
+    settings : WindowSettings, optional
     progress : callable, optional
         Called with the fraction done.
+
+    Returns
+    -------
+    RecordedBudget
 
     Raises
     ------
     ConfigError
-        Windows outside 10 to 300 s, one or two twins.
+        Windows outside 10 to 300 s, one or two replicas.
     InputError
         A drive too short for one window, or no window without a gap.
     """
-    settings = settings or RecordedSettings()
-    if settings.twins < 0 or 0 < settings.twins < FEWEST:
-        raise ConfigError(f"{settings.twins} twins make no band", fix=f"ask for {FEWEST} or more, or for 0")
-    judge = judge or judged_by_fixes(ready)
-    stamps = starts(ready, settings.length, settings.first, settings.spacing)
-    drive = driven(ready, stamps, _share(progress, 0.0, 0.15))
-    spacing = float(np.median(np.diff(stamps))) if len(stamps) > 1 else settings.length
-    kinds = (False, True) if settings.raw else (False,)
-    share = 0.1 if settings.twins else 0.8
+    settings = settings or WindowSettings()
+    if settings.replicas < 0 or 0 < settings.replicas < FEWEST:
+        raise ConfigError(
+            f"{settings.replicas} simulated replicas make no band", fix=f"ask for {FEWEST} or more, or for 0"
+        )
+    reference = reference or reference_from_fixes(ready)
+    starts = free_window_starts(ready, settings.length, settings.first, settings.spacing)
+    drive = navigated_drive(ready, starts, _share(progress, 0.0, 0.15))
+    spacing = float(np.median(np.diff(starts))) if len(starts) > 1 else settings.length
+    kinds = (False, True) if settings.uncalibrated else (False,)
+    share = 0.1 if settings.replicas else 0.8
     windows = [
         free_windows(
             drive,
-            judge,
+            reference,
             settings.length,
             spacing,
-            raw=raw,
+            uncalibrated=kind,
             start=settings.start,
             progress=_share(progress, 0.15 + share * number / len(kinds), share / len(kinds)),
         )
-        for number, raw in enumerate(kinds)
+        for number, kind in enumerate(kinds)
     ]
-    made: tuple[Twins | None, ...] = (None,) * len(kinds)
-    if settings.twins and settings.start == "forward":
-        made = twins(
+    made: tuple[Replicas | None, ...] = (None,) * len(kinds)
+    if settings.replicas and settings.start == "forward":
+        made = replicas(
             drive,
-            judge,
-            spec,
+            replica_task(drive, reference, spec, windows, table_times(windows[0])),
             windows,
-            table_times(windows[0]),
-            settings.twins,
+            settings.replicas,
             seed=settings.seed,
             workers=settings.workers,
             progress=_share(progress, 0.15 + share, 0.8 - share),
@@ -220,19 +227,20 @@ def recorded_budget(
         progress(1.0)
     solution = drive.run.solution
     assert drive.run.smoothed is not None
+    correlated = ready.settings.correlated is not None
     return RecordedBudget(
         settings,
-        judge.name,
+        reference.name,
         float(solution.time[-1] - solution.time[0]),
         parts[0],
-        parts[1] if settings.raw else None,
+        parts[1] if settings.uncalibrated else None,
         spec,
         drive.run.smoothed.solution,
-        (*ready.notes, *_notes(judge, spec, settings, parts[0], lasting=ready.settings.correlated is not None)),
+        (*ready.notes, *_notes(reference, spec, settings, parts[0], correlated=correlated)),
     )
 
 
-def _part(windows: Windows, model: ErrorModel, made: Twins | None) -> RecordedPart:
+def _part(windows: Windows, model: ErrorModel, made: Replicas | None) -> RecordedPart:
     times = table_times(windows)
     summed = growth(windows, times)
     return RecordedPart(
@@ -244,31 +252,36 @@ def _part(windows: Windows, model: ErrorModel, made: Twins | None) -> RecordedPa
         fit_sensors(windows, model),
         regression(windows),
         made,
-        verdicts(summed, one_specimen=windows.raw),
+        verdicts(summed, one_sensor=windows.uncalibrated),
     )
 
 
-def verdicts(found: Growth, *, one_specimen: bool = False) -> tuple[Verdict, ...]:
+def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
     """Compare recorded and predicted error at the last time.
 
-    Errors are explained if their interval reaches down to the prediction; with too few windows for an interval, if
-    their square is one that as many normal errors could have.
+    Errors are explained if their confidence interval reaches down to the prediction; with too few windows for an
+    interval, if their square is one that as many normal errors could have.
 
     Parameters
     ----------
     found : Growth
-    one_specimen : bool
-        All windows err by the same few numbers, the turn-on errors of one IMU: what was predicted for many of them may
-        be missed as far as one draw may miss it.
+    one_sensor : bool
+        The errors of all windows come from the same few numbers, the turn-on errors of one IMU: their RMS may differ
+        from the prediction as much as a single sample may.
+
+    Returns
+    -------
+    tuple of Verdict
+        North, East, Down, horizontal.
     """
     out = []
     tail = 0.5 * (1.0 - CONFIDENCE)
-    for name in _JUDGED:
-        i = COMPONENTS.index(name)
+    for name in ("north", "east", "down", "horizontal"):
+        i = found.column(name)
         rms, low, high, predicted = (float(v[-1, i]) for v in (found.rms, found.low, found.high, found.predicted))
-        draws = (2.0 if name == "horizontal" else 1.0) if one_specimen else max(found.effective, 1.0)
-        below, above = (predicted * float(np.sqrt(chi2.ppf(p, draws) / draws)) for p in (tail, 1.0 - tail))
-        if np.isfinite(low) and not one_specimen:
+        samples = (2.0 if name == "horizontal" else 1.0) if one_sensor else max(found.effective, 1.0)
+        below, above = (predicted * float(np.sqrt(chi2.ppf(p, samples) / samples)) for p in (tail, 1.0 - tail))
+        if np.isfinite(low) and not one_sensor:
             explained, cautious = low <= predicted, high < predicted
         else:
             explained, cautious = rms <= above, rms < below
@@ -276,13 +289,15 @@ def verdicts(found: Growth, *, one_specimen: bool = False) -> tuple[Verdict, ...
     return tuple(out)
 
 
-def _notes(judge: Judge, spec: ImuSpec, settings: RecordedSettings, part: RecordedPart, *, lasting: bool) -> list[str]:
+def _notes(
+    reference: WindowReference, spec: ImuSpec, settings: WindowSettings, part: RecordedPart, *, correlated: bool
+) -> list[str]:
     """What was assumed, and what is missing, in words."""
     notes = []
-    if judge.withheld:
+    if reference.own_fixes:
         notes.append(
-            "No reference was given: the drive is judged by its own withheld fixes, and errors that they have in "
-            "common with those before a window are not seen"
+            "No reference was given: errors are against the drive's own GPS fixes; GPS errors common to the window and "
+            "to the fixes before it are not seen"
         )
     short = [
         f"{name} {sensor.correlation_time:.3g} s"
@@ -291,30 +306,29 @@ def _notes(judge: Judge, spec: ImuSpec, settings: RecordedSettings, part: Record
     ]
     if short:
         notes.append(
-            f"In-run bias changes within a window (correlation time {', '.join(short)}): columns analytic, covariance "
-            "and simulated count it as a random walk, which is too much; that of the filter is right"
+            f"In-run bias changes within a window (correlation time {', '.join(short)}): the analytic, covariance and "
+            "simulated columns model it as a random walk, which is too large; the prediction of the filter is right"
         )
-    if judge.withheld and lasting:
+    if reference.own_fixes and correlated:
         notes.append(
-            "Errors of these fixes last, and are in the start of a window as in what judges it: recorded errors come "
-            "out too small by up to the size of the fixes' own; only the twins make the same mistake"
+            "Time-correlated GPS errors are in the start of a window and in its reference: recorded errors are too "
+            "small by up to the GPS error; only the simulated replicas have the same effect"
         )
     if spec.absent:
         notes.append(
-            f"The IMU file does not give {', '.join(spec.absent)}: taken as zero, so that less is predicted than there "
-            "may be"
+            f"The IMU file does not give {', '.join(spec.absent)}: taken as zero, so the prediction may be too small"
         )
     if settings.start == "smoothed":
         notes.append(
-            "Not independent: windows begin with the smoothed state, which knows the fixes that judge them; the error "
-            "is then smaller than that of any navigation in real time"
-            + ("; no twins were made" if settings.twins else "")
+            "Not independent: windows begin with the smoothed state, which uses the fixes of the reference; the error "
+            "is smaller than that of any real-time navigation"
+            + ("; no simulated replicas were made" if settings.replicas else "")
         )
     missing = [name for name, found in part.motions.items() if found is None]
     if "static" in missing:
-        notes.append("No window is at rest: what bias and tilt do without motion was not seen")
+        notes.append("No stationary window: the effect of bias and tilt without motion was not observed")
     if "straight" in missing and "static" in missing:
-        notes.append("All windows have turns: which curve an error follows is told less well")
+        notes.append("All windows have turns: growth curves are less certain")
     return notes
 
 

@@ -29,7 +29,7 @@ _NAMES: tuple[tuple[Group, str, tuple[str, ...], int], ...] = (
 _NOTHING = 1e-9  # of a variance that is left when those before are known
 
 
-def known_sources(covariance: FloatArray) -> tuple[Source, ...]:
+def start_sources(covariance: FloatArray) -> tuple[Source, ...]:
     """Make independent sources of a filter's covariance.
 
     Parameters
@@ -57,17 +57,13 @@ def known_sources(covariance: FloatArray) -> tuple[Source, ...]:
     return tuple(found)
 
 
-def beside_known(spec: ImuSpec) -> ImuSpec:
-    """What an IMU adds to errors that a filter knows: noise, what is new of the bias, what the filter has no state for.
+def in_run_errors(spec: ImuSpec) -> ImuSpec:
+    """What an IMU adds to the errors at the start: noise, change of the bias, terms the filter has no states for.
 
     In-run bias since the start is a random walk that is driven as the Gauss-Markov process of the IMU file is,
     ``2 sd^2 / T`` (Gelb 1974, section 3.6), right for times far below T. Misalignment of accelerometers shows in
     gravity as a bias, and is counted there.
 
-    Parameters
-    ----------
-    spec : ImuSpec
-        As stated.
     """
     return replace(
         spec,

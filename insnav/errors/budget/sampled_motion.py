@@ -38,7 +38,7 @@ class SampledMotion:
         Mean angular rate [rad/s] and specific force [m/s^2] of each sample, body axes.
     increments : Increments
         What the mechanization takes, with coning and sculling.
-    words : str
+    description : str
         What the motion is.
     """
 
@@ -50,7 +50,7 @@ class SampledMotion:
     rate: FloatArray
     force: FloatArray
     increments: Increments
-    words: str = ""
+    description: str = ""
 
     @property
     def elapsed(self) -> FloatArray:
@@ -63,7 +63,7 @@ class SampledMotion:
         return np.asarray(np.einsum("kij,kj->ki", self.C_nb, self.force))
 
 
-def sampled(truth: Truth, begin: float, duration: float, words: str = "", rate: float = RATE) -> SampledMotion:
+def sampled(truth: Truth, begin: float, duration: float, description: str = "", rate: float = RATE) -> SampledMotion:
     """Cut a stretch out of a motion.
 
     Parameters
@@ -74,7 +74,7 @@ def sampled(truth: Truth, begin: float, duration: float, words: str = "", rate: 
         Start of the stretch, since that of the motion [s].
     duration : float
         Its length [s].
-    words : str
+    description : str
         What the motion is.
     rate : float
         Of the samples [Hz].
@@ -114,7 +114,7 @@ def sampled(truth: Truth, begin: float, duration: float, words: str = "", rate: 
         samples.gyro,
         samples.accel,
         increments(intervals(samples)),
-        words,
+        description,
     )
 
 
@@ -127,8 +127,8 @@ def at_rest(duration: float) -> SampledMotion:
         Length [s].
     """
     truth = straight(REST, 0.0, 0.0, duration + 1.0)
-    words = "at rest, level, heading north, at a latitude of 45 deg"
-    return sampled(truth, 0.0, duration, words)
+    description = "at rest, level, heading north, at a latitude of 45 deg"
+    return sampled(truth, 0.0, duration, description)
 
 
 def first_movement(truth: Truth, lead: float = 1.0) -> float:

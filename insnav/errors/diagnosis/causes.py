@@ -1,4 +1,4 @@
-"""Why windows err as they do: velocity, tilt or bias, and drift by axis, against filter and specification."""
+"""What makes the errors of free-inertial windows: velocity, tilt or bias, drift; against filter and specification."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from insnav.attitude import dcm_from_quat
 from insnav.earth import gravity_n
 from insnav.errors.diagnosis.growth_curves import TERMS, Curve, about_the_curve, fit_curve, position_terms
 from insnav.errors.outage.free_inertial import Windows
-from insnav.errors.outage.window_start import effective
+from insnav.errors.outage.window_start import growth_by_start_error
 from insnav.filter.error_model import ErrorModel
-from insnav.sample_statistics import CONFIDENCE, FEWEST, effective_count
+from insnav.sample_statistics import CONFIDENCE, FEWEST, effective_count, rms
 from insnav.types import FloatArray
 
 AXES = ("north", "east")
 CAUSES = ("velocity", "acceleration", "drift")
-ROUGH = 10.0  # a window that is this much rougher than noise follows no curve [-]
+ROUGH = 10.0  # residuals this much larger than noise explains follow no curve [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,22 +28,22 @@ class Cause:
     Attributes
     ----------
     rms : float
-        Root mean square over the windows, less what noise makes of it: velocity [m/s], effective horizontal
+        Root mean square over the windows, noise variance subtracted: velocity [m/s], effective horizontal
         acceleration [m/s^2], drift [rad/s].
     mean, mean_sd : float
-        Mean over the windows, and its standard deviation by their scatter and the number that are independent.
+        Mean over the windows, and its standard deviation from their scatter and effective sample size.
     fit_sd : float
         RMS standard deviation of the fit of one window.
     filter_sd : float
-        RMS standard deviation that the filter, or for sensors as turned on the specification, states at the starts.
+        RMS standard deviation at the starts, of the filter, or for uncalibrated sensors of the specification.
     spec_sd : float
-        What the specification alone allows: accelerometer bias, gyro bias; ``NaN`` for a velocity.
+        By the specification alone: accelerometer bias, gyro bias; ``NaN`` for a velocity.
     share : float
-        Part of the mean square error at the end that it makes [-]; the parts may compensate one another.
+        Share of the mean square error at the end [-]; contributions may compensate one another.
     ratio : float
-        Mean square of the value by that of `filter_sd` and `fit_sd` together: one if predicted right [-].
+        Mean square of the value over that of `filter_sd` and `fit_sd` together: one if predicted right [-].
     limit : float
-        Largest ratio that is still likely [-].
+        Upper 97.5 % limit of that ratio [-].
     """
 
     rms: float
@@ -75,9 +75,9 @@ class AxisDiagnosis:
     curves : tuple of Curve
         One a window.
     terms : dict
-        How many windows need which terms.
+        Number of windows by the terms that they need.
     leading : int
-        Which of `CAUSES` makes the largest part.
+        Which of `CAUSES` contributes most.
     """
 
     axis: str
@@ -96,15 +96,14 @@ class Diagnosis:
     axes : tuple of AxisDiagnosis
         North, then East.
     gravity : float
-        By which acceleration is tilt and jerk is drift [m/s^2].
+        Converts acceleration to tilt and jerk to drift [m/s^2].
     windows : Windows
-        Those that count, in the order of the curves.
+        Those that were used, in the order of the curves.
     rough : int
-        Number of windows set aside because their error is no curve of t, t² and t³: what they are judged by jumps, or
-        the sensors do.
+        Number of windows left out because their error is no curve of t, t² and t³: reference or sensors jump.
     steady : bool
-        They are at rest or straight, and tilt and bias cannot be told apart in any; else there were too few of these,
-        all windows were taken, and in a turn no error of a sensor follows a curve.
+        All are stationary or straight, where tilt and bias are not separately observable; else there were too few of
+        these and all windows were used, although in a turn no sensor error follows a curve.
     """
 
     axes: tuple[AxisDiagnosis, ...]
@@ -121,7 +120,7 @@ def diagnose(windows: Windows, model: ErrorModel) -> Diagnosis:
     ----------
     windows : Windows
     model : ErrorModel
-        Noise and turn-on figures of the sensors.
+        Noise and turn-on errors of the sensors.
     """
     calm = windows.motion != "turning"
     steady = effective_count(windows.start[calm], windows.length) >= FEWEST
@@ -138,7 +137,7 @@ def diagnose(windows: Windows, model: ErrorModel) -> Diagnosis:
     for axis, name in enumerate(AXES):
         # North tilts about East, and East about North
         accel, gyro = C_nb[:, axis] * model.sd[3:6], C_nb[:, 1 - axis] * model.sd[:3]
-        spec = np.array([np.nan, _rms(np.linalg.norm(accel, axis=-1)), _rms(np.linalg.norm(gyro, axis=-1))])
+        spec = np.array([np.nan, rms(np.linalg.norm(accel, axis=-1)), rms(np.linalg.norm(gyro, axis=-1))])
         kept = [curve for curve, keep in zip(curves[axis], smooth, strict=True) if keep]
         found.append(_axis(name, kept, predicted[:, axis], spec, windows, gravity))
     return Diagnosis(tuple(found), gravity, windows, int((~smooth).sum()), steady)
@@ -146,18 +145,18 @@ def diagnose(windows: Windows, model: ErrorModel) -> Diagnosis:
 
 def _fitted(windows: Windows, i: int, axis: int, model: ErrorModel, gravity: float) -> Curve:
     """Curve of one window on one axis."""
-    judge = np.concatenate([windows.judge_sd[i, :, axis], windows.judge_sd[i, :, 3 + axis]]) ** 2
+    reference = np.concatenate([windows.reference_sd[i, :, axis], windows.reference_sd[i, :, 3 + axis]]) ** 2
     at_start = float(windows.start_covariance[i, axis, axis])
     accel_noise, gyro_noise = float(model.noise[3:6].mean()), float(model.noise[:3].mean())
-    noise = about_the_curve(windows.elapsed[i], judge, at_start, accel_noise, gyro_noise, gravity)
+    noise = about_the_curve(windows.elapsed[i], reference, at_start, accel_noise, gyro_noise, gravity)
     return fit_curve(windows.elapsed[i], windows.error[i, :, axis], windows.error[i, :, 3 + axis], noise)
 
 
 def _predicted(windows: Windows) -> FloatArray:
-    """Covariance of velocity, acceleration and jerk that the filter states at each start, (n, 2, 3, 3)."""
+    """Covariance of velocity, acceleration and jerk from that of the filter at each start, (n, 2, 3, 3)."""
     out = np.empty((windows.count, 2, 3, 3))
     for i in range(windows.count):
-        shows = effective(windows.q_nb[i, 0], windows.lla[i])
+        shows = growth_by_start_error(windows.q_nb[i, 0], windows.lla[i])
         out[i] = shows @ windows.start_covariance[i] @ np.swapaxes(shows, 1, 2)
     return out
 
@@ -176,8 +175,8 @@ def _axis(
     count = effective_count(windows.start, windows.length)
     grown = value * position_terms(windows.elapsed[:, -1])
     part = np.mean(grown**2, axis=0)
-    units = np.array([1.0, 1.0, 1.0 / gravity])  # jerk is told as drift
-    draws = 1.0 if windows.raw else max(count, 1.0)  # turn-on errors are the same in all windows
+    units = np.array([1.0, 1.0, 1.0 / gravity])  # from jerk to drift
+    draws = 1.0 if windows.uncalibrated else max(count, 1.0)  # turn-on errors are the same in all windows
     limit = float(chi2.ppf(0.5 + 0.5 * CONFIDENCE, draws) / draws)
     causes = []
     for k in range(3):
@@ -188,7 +187,7 @@ def _axis(
                 float(np.mean(value[:, k])) * units[k],
                 float(np.std(value[:, k]) / np.sqrt(max(count - 1.0, 1.0))) * units[k],
                 float(np.sqrt(noise)) * units[k],
-                _rms(stated[:, k]) * units[k],
+                rms(stated[:, k]) * units[k],
                 float(spec_sd[k]),
                 float(part[k] / part.sum()) if part.sum() > 0.0 else np.nan,
                 float(np.mean(value[:, k] ** 2 / (fit[:, k] ** 2 + stated[:, k] ** 2))),
@@ -201,7 +200,3 @@ def _axis(
         terms[label] = terms.get(label, 0) + 1
     assert len(TERMS) == len(causes)
     return AxisDiagnosis(name, tuple(causes), tuple(curves), terms, int(np.argmax(part)))
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))

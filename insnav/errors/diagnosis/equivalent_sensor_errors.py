@@ -1,7 +1,7 @@
-"""Which constant sensor errors would make all the windows err as they did, turns and all.
+"""Equivalent sensor error: the constant biases that best explain the errors of all windows, turns included.
 
-A bias of the body keeps its direction in the body, a tilt of the start its direction on the ground. Windows on several
-headings, or with turns in them, tell the two apart, which a single straight one cannot.
+A bias keeps its direction in the body, a tilt at the start its direction on the ground. Windows on several headings, or
+with turns, make the two separately observable; a single straight one does not.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from insnav.sample_statistics import effective_count
 from insnav.types import FloatArray
 
 _EVERY = 5.0  # points of a window that are used, apart [s]
-_TOLD = 0.8  # mean of the unit vectors ahead, below which the headings differ [-]
+_DIFFERENT = 0.8  # mean of the unit vectors ahead, below which the headings differ [-]
 
 
 @dataclass(frozen=True, slots=True)
 class SensorFit:
-    """Constant errors of the sensors, body axes, that were not taken off in the windows.
+    """Constant errors of the sensors, body axes, that were not corrected in the windows.
 
     Attributes
     ----------
@@ -34,9 +34,9 @@ class SensorFit:
     gyro, gyro_sd : (3,) array
         Gyro bias [rad/s].
     spread : float
-        Misfit by its expectation [-]; above one, the standard deviations are already widened by its root.
-    level_told : bool
-        Headings differ enough to tell the level accelerometers' bias from a tilt that all starts have in common.
+        Misfit over its expectation [-]; above one, the standard deviations are already widened by its root.
+    level_observable : bool
+        Headings differ enough to separate the level accelerometers' bias from a tilt that all starts have in common.
     """
 
     accel: FloatArray
@@ -44,18 +44,18 @@ class SensorFit:
     gyro: FloatArray
     gyro_sd: FloatArray
     spread: float
-    level_told: bool
+    level_observable: bool
 
 
 def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
     """Fit six biases to all windows together.
 
-    Every window has errors of its own at the start, as large as the filter states them; they are estimated along.
+    The errors of each start, with the covariance of the filter, are estimated along.
 
     Parameters
     ----------
     windows : Windows
-        Best not calibrated: what is found is what was left in.
+        Best uncalibrated: what is found is what was left in.
     model : ErrorModel
         Noise of the sensors.
 
@@ -126,21 +126,21 @@ def _stacked(columns: FloatArray) -> FloatArray:
 
 
 def _noise(windows: Windows, i: int, at: np.ndarray, model: ErrorModel) -> FloatArray:
-    """Covariance that judge and white noise make, (6 k, 6 k)."""
+    """Covariance from reference and white noise, (6 k, 6 k)."""
     k = len(at)
     total = np.zeros((6 * k, 6 * k))
     gravity = float(gravity_n(windows.lla[i, 0], windows.lla[i, 2])[2])
     for axis in range(3):
-        judge = np.concatenate([windows.judge_sd[i, at, axis], windows.judge_sd[i, at, 3 + axis]]) ** 2
+        reference = np.concatenate([windows.reference_sd[i, at, axis], windows.reference_sd[i, at, 3 + axis]]) ** 2
         turning = float(model.noise[:3].mean()) if axis < 2 else 0.0
-        own = about_the_curve(windows.elapsed[i, at], judge, 0.0, float(model.noise[3:6].mean()), turning, gravity)
+        own = about_the_curve(windows.elapsed[i, at], reference, 0.0, float(model.noise[3:6].mean()), turning, gravity)
         rows = np.concatenate([np.arange(k) + axis * k, np.arange(k) + (3 + axis) * k])
         total[np.ix_(rows, rows)] = own
     return total
 
 
 def _headings_differ(windows: Windows) -> bool:
-    """Whether the mean direction of the body's axes over all windows is short: a common tilt then averages out."""
+    """Whether the mean forward vector over all windows is short: a common tilt then averages out."""
     c = dcm_from_quat(windows.q_nb[:, :, :])
     ahead = c[..., :2, 0].reshape(-1, 2).mean(axis=0)
-    return float(np.linalg.norm(ahead)) < _TOLD
+    return float(np.linalg.norm(ahead)) < _DIFFERENT

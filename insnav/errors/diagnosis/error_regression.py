@@ -21,15 +21,15 @@ class Regression:
     Attributes
     ----------
     slope : float
-        One if what was predicted is right, two if errors are twice as large.
+        One if the prediction is right, two if errors are twice as large.
     low, high : float
-        Interval that holds with 95 %, from blocks of windows; ``NaN`` if too few are independent.
+        95 % confidence interval from a block bootstrap; ``NaN`` if the effective sample size is too small.
     r_squared : float
-        Part of the variation of the sizes that the line explains [-]: at most about 0.6 for normal errors of very
+        Share of the variation of the sizes that the line explains [-]: at most about 0.6 for normal errors of very
         different predicted size, and less the more alike the predictions are.
     predicted, recorded : (m,) array
-        The points: predicted standard deviation, judge included, and size by that of a normal number of unit standard
-        deviation [m].
+        The points: predicted standard deviation, reference included, and size of the error over the mean size of a
+        standard normal number [m].
     """
 
     slope: float
@@ -41,17 +41,13 @@ class Regression:
 
 
 def regression(windows: Windows) -> Regression:
-    """Regress North and East errors at the times of the tables on what was predicted, through the origin.
+    """Regress North and East errors at the times of the tables on their prediction, through the origin.
 
     The points are weighted by the inverse of their predicted variance, as the scatter grows with the size.
-
-    Parameters
-    ----------
-    windows : Windows
     """
     at = columns_at(windows, table_times(windows))
-    error, variance, judge = (values[:, at, :2] for values in components(windows))
-    predicted = np.sqrt(variance + judge)
+    error, variance, reference = (values[:, at, :2] for values in components(windows))
+    predicted = np.sqrt(variance + reference)
     recorded = np.abs(error) / _MEAN_SIZE
 
     ratio, known = recorded / predicted, np.isfinite(recorded)

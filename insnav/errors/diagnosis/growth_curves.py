@@ -32,8 +32,8 @@ class Curve:
     Attributes
     ----------
     value, sd : (3,) array
-        Velocity [m/s], acceleration [m/s^2], jerk [m/s^3], all three fitted together; standard deviation as far as
-        noise and judge make it. Infinite where the points do not tell.
+        Velocity [m/s], acceleration [m/s^2], jerk [m/s^3], all three fitted together; standard deviation from noise
+        and reference. Infinite where not observable.
     covariance : (3, 3) array
         Of these.
     terms : tuple of str
@@ -139,7 +139,7 @@ def velocity_terms(elapsed: FloatArray) -> FloatArray:
 
 def about_the_curve(
     elapsed: FloatArray,
-    judge_variance: FloatArray,
+    reference_variance: FloatArray,
     start_variance: float,
     accel_noise: float,
     gyro_noise: float,
@@ -151,8 +151,8 @@ def about_the_curve(
     ----------
     elapsed : (k,) array
         Time since the start [s].
-    judge_variance : (2 k,) array
-        Of what the positions, then the velocities, are judged by; anything where it is not known [m^2], [m^2/s^2].
+    reference_variance : (2 k,) array
+        Of the reference positions, then velocities; anything where not known [m^2], [m^2/s^2].
     start_variance : float
         Of the position at the start, common to all positions [m^2].
     accel_noise, gyro_noise : float
@@ -185,7 +185,7 @@ def about_the_curve(
         total[k:, :k] += mixed.T
         total[k:, k:] += density * (v_i * v_j * weight).sum(axis=-1)
     total[:k, :k] += start_variance
-    return np.asarray(total + np.diag(np.where(np.isfinite(judge_variance), judge_variance, 1.0)))
+    return np.asarray(total + np.diag(np.where(np.isfinite(reference_variance), reference_variance, 1.0)))
 
 
 def _solve(

@@ -1,6 +1,7 @@
-"""The simulated twin of a drive: its track, the stated IMU and the stated fixes, the same filter, the same windows.
+"""The simulated replica of a drive: its track, the specified IMU and GPS errors, the same filter, the same windows.
 
-If the figures of the IMU and of the fixes are right, the recorded drive is one more of its twins.
+If the specification of the IMU and the reported standard deviations of the fixes are right, the recorded drive is one
+more of its replicas.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_
 from insnav.earth import lla_offset
 from insnav.errors.outage.free_inertial import Windows, free_windows
 from insnav.errors.outage.statistics import growth
-from insnav.errors.outage.window_drive import Driven, driven
-from insnav.errors.outage.window_reference import Judge
+from insnav.errors.outage.window_reference import WindowReference
+from insnav.errors.outage.window_start import NavigatedDrive, navigated_drive
 from insnav.exceptions import InputError
 from insnav.filter.error_model import InitialState
 from insnav.filter.gps_correlation import CorrelatedNoise
@@ -29,33 +30,33 @@ from insnav.simulate.montecarlo import Sample, monte_carlo
 from insnav.simulate.recording import perfect_imu
 from insnav.simulate.truth import LevelTruth, Truth
 from insnav.simulate.truth_from_track import Residual, apart, truth_from_track
-from insnav.types import FloatArray, GpsData, ImuData, Trajectory
+from insnav.types import FloatArray, GpsData, Trajectory
 
-FEWEST = 3  # twins from which a band can be told
-_EDGE = 0.05  # of the track is not asked for fixes [s]
-_IMU, _FIXES, _START, _JUDGE = 1, 2, 3, 4  # streams of random numbers
+FEWEST = 3  # replicas that make a band
+_EDGE = 0.05  # at both ends of the track there are no fixes [s]
+_IMU, _FIXES, _START, _REFERENCE = 1, 2, 3, 4  # streams of random numbers
 
 
 @dataclass(frozen=True, slots=True)
-class Twins:
-    """What the windows of several twins amount to, and where the recorded ones lie among them.
+class Replicas:
+    """Errors of the windows of several replicas, and where the recorded ones lie among them.
 
     Attributes
     ----------
     times : (k,) array
         [s]
     rms : (s, k, 6) array
-        RMS of each twin with the judge's uncertainty in it, `insnav.errors.outage.statistics.COMPONENTS` [m].
+        RMS error of each replica, reference errors included, `insnav.errors.outage.statistics.COMPONENTS` [m].
     low, high : (k, 6) array
-        Band that holds one more twin with 95 %, all three axes of it together [m].
+        95 % prediction band of one more replica, all three axes of it together [m].
     recorded : (k, 6) array
-        RMS of the recorded windows, also with the judge's uncertainty in it [m].
-    judge : (k, 6) array
-        RMS of that uncertainty [m].
+        RMS error of the recorded windows, reference errors included [m].
+    reference : (k, 6) array
+        RMS standard deviation of the reference [m].
     apart : Residual
-        How far the twin's motion is from the recorded track.
+        How far the motion of the replica is from the recorded track.
     failures : tuple of str
-        Twins that could not be navigated, and why.
+        Replicas that could not be navigated, and why.
     """
 
     times: FloatArray
@@ -63,7 +64,7 @@ class Twins:
     low: FloatArray
     high: FloatArray
     recorded: FloatArray
-    judge: FloatArray
+    reference: FloatArray
     apart: Residual
     failures: tuple[str, ...]
 
@@ -74,8 +75,8 @@ class Twins:
 
     @property
     def band(self) -> tuple[FloatArray, FloatArray]:
-        """(k, 6) arrays: `low` and `high` with the uncertainty of the judge taken off [m]."""
-        low, high = (np.sqrt(np.maximum(each**2 - self.judge**2, 0.0)) for each in (self.low, self.high))
+        """(k, 6) arrays: `low` and `high`, reference variance subtracted [m]."""
+        low, high = (np.sqrt(np.maximum(each**2 - self.reference**2, 0.0)) for each in (self.low, self.high))
         return np.asarray(low), np.asarray(high)
 
     @property
@@ -85,29 +86,26 @@ class Twins:
 
 
 @dataclass(frozen=True, slots=True)
-class TwinTask:
-    """One twin, given its seed: the task of a Monte Carlo.
+class ReplicaTask:
+    """One replica, given its seed: the task of a Monte Carlo.
 
     Attributes
     ----------
     ready : Prepared
-        The recorded drive: settings, model, start. Its samples are not used.
+        The recorded drive with perfect samples.
     spec : ImuSpec
-        The stated IMU.
     truth : Truth
         The motion.
-    perfect : ImuData
-        What an IMU without errors measures.
     fixes : GpsData
-        What a receiver without errors measures at the recorded epochs, with the standard deviations stated there.
-    judge : Judge
-        The same of the judge.
-    stamps : (n,) array
+        Perfect fixes at the recorded epochs, with the standard deviations reported there.
+    reference : WindowReference
+        The same of the reference.
+    starts : (n,) array
         Where windows begin [s].
     length, spacing : float
         Of the windows [s].
     kinds : tuple of bool
-        For each kind of windows whether sensor errors are left in.
+        For each kind of windows whether it is uncalibrated.
     times : (k,) array
         Of the tables [s].
     """
@@ -115,10 +113,9 @@ class TwinTask:
     ready: Prepared
     spec: ImuSpec
     truth: LevelTruth
-    perfect: ImuData
     fixes: GpsData
-    judge: Judge
-    stamps: FloatArray
+    reference: WindowReference
+    starts: FloatArray
     length: float
     spacing: float
     kinds: tuple[bool, ...]
@@ -126,41 +123,47 @@ class TwinTask:
 
     def __call__(self, seed: int) -> Sample:
         """RMS of its windows of each kind at the times of the tables, one after the other."""
-        found = [growth(windows, self.times).judged_rms for windows in self.windows(seed)]
+        found = [growth(windows, self.times).total_rms for windows in self.windows(seed)]
         return Sample(np.concatenate([each.ravel() for each in found]), np.zeros(1))
 
     def windows(self, seed: int) -> tuple[Windows, ...]:
-        """Simulate, navigate, cut."""
-        specimen = corrupt_imu(self.perfect, self.spec, (seed, _IMU))
-        lasting = self.ready.settings.correlated
-        fixes = _measured(self.fixes, (seed, _FIXES), lasting)
+        """Simulate, navigate and cut into windows."""
+        sensors = corrupt_imu(self.ready.imu, self.spec, (seed, _IMU))
+        fixes = _with_errors(self.fixes, (seed, _FIXES), self.ready.settings.correlated)
         ready = replace(
             self.ready,
-            imu=specimen.imu,
+            imu=sensors.imu,
             gps=fixes,
             settings=replace(self.ready.settings, delay=0.0, velocity_lag=0.0, aiding=None),
-            initial=_started(self.ready.initial, self.truth, specimen, np.random.default_rng((seed, _START))),
+            initial=_started(self.ready.initial, self.truth, sensors, np.random.default_rng((seed, _START))),
         )
-        if self.judge.withheld:
-            judge = replace(self.judge, fixes=fixes.rows(np.isin(fixes.time, self.judge.fixes.time)))
+        if self.reference.own_fixes:
+            compared = fixes.rows(np.isin(fixes.time, self.reference.fixes.time))
         else:
-            judge = replace(self.judge, fixes=_measured(self.judge.fixes, (seed, _JUDGE), None))
-        drive = driven(ready, self.stamps, smooth=False)
+            compared = _with_errors(self.reference.fixes, (seed, _REFERENCE), None)
+        reference = replace(self.reference, fixes=compared)
+        drive = navigated_drive(ready, self.starts, smooth=False)
         return tuple(
-            free_windows(drive, judge, self.length, self.spacing, raw=raw, times=self.times) for raw in self.kinds
+            free_windows(drive, reference, self.length, self.spacing, uncalibrated=each, times=self.times)
+            for each in self.kinds
         )
 
 
-def twin_task(drive: Driven, judge: Judge, spec: ImuSpec, windows: Sequence[Windows], times: FloatArray) -> TwinTask:
-    """Make the twin's motion from the smoothed drive, and what perfect sensors measure of it.
+def replica_task(
+    drive: NavigatedDrive,
+    reference: WindowReference,
+    spec: ImuSpec,
+    windows: Sequence[Windows],
+    times: FloatArray,
+) -> ReplicaTask:
+    """Make the motion of the replica from the smoothed drive, and what perfect sensors measure of it.
 
     Parameters
     ----------
-    drive : Driven
+    drive : NavigatedDrive
         Smoothed.
-    judge : Judge
+    reference : WindowReference
     spec : ImuSpec
-        The stated IMU.
     windows : sequence of Windows
         The recorded ones, of each kind.
     times : (k,) array
@@ -168,51 +171,47 @@ def twin_task(drive: Driven, judge: Judge, spec: ImuSpec, windows: Sequence[Wind
     """
     ready = drive.ready
     assert drive.run.smoothed is not None
-    track = drive.run.smoothed.solution
-    truth = truth_from_track(_whole(track))
-    rate = 1.0 / ready.nominal
-    sampling = ready.imu.sampling
-    perfect = perfect_imu(truth, rate, sampling)
-    return TwinTask(
-        replace(ready, imu=perfect),
+    truth = truth_from_track(_distinct(drive.run.smoothed.solution))
+    antenna = drive.run.lever_b
+    point = antenna if reference.lever_b is None else reference.lever_b
+    return ReplicaTask(
+        replace(ready, imu=perfect_imu(truth, 1.0 / ready.nominal, ready.imu.sampling)),
         spec,
         truth,
-        perfect,
-        _perfect_fixes(truth, ready.gps, drive.run.lever_b),
-        replace(
-            judge,
-            fixes=_perfect_fixes(truth, judge.fixes, drive.run.lever_b if judge.lever_b is None else judge.lever_b),
-        ),
+        _perfect_fixes(truth, ready.gps, antenna),
+        replace(reference, fixes=_perfect_fixes(truth, reference.fixes, point)),
         windows[0].start,
         windows[0].length,
         windows[0].spacing,
-        tuple(each.raw for each in windows),
+        tuple(each.uncalibrated for each in windows),
         times,
     )
 
 
-def twins(
-    drive: Driven,
-    judge: Judge,
-    spec: ImuSpec,
+def replicas(
+    drive: NavigatedDrive,
+    task: ReplicaTask,
     windows: Sequence[Windows],
-    times: FloatArray,
     count: int,
     *,
     seed: int = 0,
     workers: int = 1,
     progress: Callable[[float], None] | None = None,
-) -> tuple[Twins, ...]:
-    """Make some twins and look where the recorded windows of each kind lie among them.
+) -> tuple[Replicas, ...]:
+    """Simulate replicas and find where the recorded windows of each kind lie among them.
 
     Parameters
     ----------
-    drive, judge, spec, windows, times
-        See `twin_task`.
+    drive : NavigatedDrive
+        Smoothed.
+    task : ReplicaTask
+        From `replica_task`.
+    windows : sequence of Windows
+        The recorded ones, of each kind.
     count : int
         How many, three or more.
     seed : int
-        The same seed gives the same twins.
+        The same seed gives the same replicas.
     workers : int
         Processes.
     progress : callable, optional
@@ -221,53 +220,43 @@ def twins(
     Raises
     ------
     InputError
-        Fewer than three twins could be navigated.
+        Fewer than three replicas could be navigated.
 
     Notes
     -----
     The band is the prediction interval of one more number from a log-normal distribution whose mean and deviation are
-    those of the twins (Hahn and Meeker, "Statistical Intervals", 1991, section 4.7).
+    those of the replicas (Hahn and Meeker, "Statistical Intervals", 1991, section 4.7).
     """
     assert drive.run.smoothed is not None
-    task = twin_task(drive, judge, spec, windows, times)
     runs = monte_carlo(task, count, seed, workers=workers, progress=progress)
-    failures = tuple(f"twin {each.number}: {each.reason}" for each in runs.failures)
+    failures = tuple(f"replica {each.number}: {each.reason}" for each in runs.failures)
     n = len(runs.number)
     if n < FEWEST:
         raise InputError(
-            "too few twins make no band",
+            "too few simulated replicas make no band",
             why=f"{n} of {count} could be navigated" + (f"; {failures[0]}" if failures else ""),
             fix=f"ask for {FEWEST} or more",
         )
-    rms = runs.figures.reshape(n, len(windows), len(times), -1)
+    rms = runs.figures.reshape(n, len(windows), len(task.times), -1)
     far = apart(task.truth, drive.run.smoothed.solution)
-    return tuple(_among(each, rms[:, kind], times, far, failures) for kind, each in enumerate(windows))
+    return tuple(_among(each, rms[:, kind], task.times, far, failures) for kind, each in enumerate(windows))
 
 
-def _among(windows: Windows, rms: FloatArray, times: FloatArray, far: Residual, failures: tuple[str, ...]) -> Twins:
-    """Recorded windows among those of their twins."""
+def _among(windows: Windows, rms: FloatArray, times: FloatArray, far: Residual, failures: tuple[str, ...]) -> Replicas:
+    """Recorded windows among those of their replicas."""
     n = len(rms)
     size = np.log(np.maximum(rms, 1e-12))
-    # a third of what may be missed for each axis, so that together they miss it no more often
+    # a third of the probability of a miss for each axis, so that together they miss no more often
     certain = 1.0 - 0.5 * (1.0 - CONFIDENCE) / 3.0
     half = float(student.ppf(certain, n - 1)) * np.std(size, axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / n)
     middle, summed = size.mean(axis=0), growth(windows, times)
-    return Twins(
-        times,
-        rms,
-        np.exp(middle - half),
-        np.exp(middle + half),
-        summed.judged_rms,
-        summed.judge,
-        far,
-        failures,
-    )
+    low, high = np.exp(middle - half), np.exp(middle + half)
+    return Replicas(times, rms, low, high, summed.total_rms, summed.reference, far, failures)
 
 
-def _whole(track: Trajectory) -> Trajectory:
+def _distinct(track: Trajectory) -> Trajectory:
     """The track without rows at the same time, as a reset or the end of a block may leave them."""
-    keep = np.concatenate([[True], np.diff(track.time) > 1e-6])
-    return track.rows(keep)
+    return track.rows(np.concatenate([[True], np.diff(track.time) > 1e-6]))
 
 
 def _perfect_fixes(truth: Truth, gps: GpsData, lever_b: FloatArray) -> GpsData:
@@ -279,30 +268,29 @@ def _perfect_fixes(truth: Truth, gps: GpsData, lever_b: FloatArray) -> GpsData:
     return replace(like, lla=made.lla, v_n=np.where(np.isfinite(like.v_n), made.v_n, np.nan))
 
 
-def _measured(gps: GpsData, seed: tuple[int, int], lasting: CorrelatedNoise | None) -> GpsData:
-    """Add errors of the size that each fix states; a part of them lasts."""
+def _with_errors(gps: GpsData, seed: tuple[int, int], correlated: CorrelatedNoise | None) -> GpsData:
+    """Add errors of the reported standard deviation to each fix, a share of their variance time-correlated."""
     rng = np.random.default_rng(seed)
-    share = 0.0 if lasting is None else lasting.share
+    share = 0.0 if correlated is None else correlated.share
     error = rng.standard_normal(gps.lla.shape) * np.sqrt(1.0 - share)
-    if lasting is not None:
-        process = gauss_markov(rng, gps.time, np.ones(3), lasting.time)
-        error += np.sqrt(share) * process
+    if correlated is not None:
+        error += np.sqrt(share) * gauss_markov(rng, gps.time, np.ones(3), correlated.time)
     velocity = rng.standard_normal(gps.v_n.shape) * np.nan_to_num(gps.velocity_sd)
     return replace(gps, lla=lla_offset(gps.lla, error * gps.position_sd), v_n=gps.v_n + velocity)
 
 
-def _started(initial: InitialState, truth: Truth, specimen: ImuSimulation, rng: np.random.Generator) -> InitialState:
-    """A start of the filter that is as wrong as its covariance says, given what is wrong with the sensors."""
+def _started(initial: InitialState, truth: Truth, sensors: ImuSimulation, rng: np.random.Generator) -> InitialState:
+    """An initial state with errors of its covariance, given the errors of the sensors."""
     begin = max(initial.time, truth.start)
     at = truth.evaluate(np.array([begin]))
     p = initial.covariance
-    errors = specimen.errors
-    row = min(int(np.searchsorted(specimen.imu.time, begin)), len(specimen.imu.time) - 1)
-    gyro_bias = specimen.gyro_bias[row] + rng.standard_normal(3) * np.sqrt(np.diag(p)[9:12])
+    errors = sensors.errors
+    row = min(int(np.searchsorted(sensors.imu.time, begin)), len(sensors.imu.time) - 1)
+    gyro_bias = sensors.gyro_bias[row] + rng.standard_normal(3) * np.sqrt(np.diag(p)[9:12])
     sensor = -np.concatenate(
         [
-            specimen.gyro_bias[row] - gyro_bias,
-            specimen.accel_bias[row],
+            sensors.gyro_bias[row] - gyro_bias,
+            sensors.accel_bias[row],
             np.diag(errors.gyro_matrix) - 1.0,
             np.diag(errors.accel_matrix) - 1.0,
         ]

@@ -1,4 +1,4 @@
-"""Free-inertial windows slid along a drive: navigated from the filter's state, compared with what is known better."""
+"""Free-inertial windows along a drive: from the filter's state, without fixes and aiding, against a reference."""
 
 from __future__ import annotations
 
@@ -10,11 +10,17 @@ import numpy as np
 
 from insnav.attitude import rph_from_quat
 from insnav.errors.metrics import MOVING_M_S
-from insnav.errors.outage.window_drive import Driven
-from insnav.errors.outage.window_reference import Judge
-from insnav.errors.outage.window_start import StartChoice, alone, forward_start, smoothed_start, uncalibrated
-from insnav.errors.outage.windows import part_of, shown_only
-from insnav.exceptions import InputError
+from insnav.errors.outage.window_reference import WindowReference
+from insnav.errors.outage.window_start import (
+    NavigatedDrive,
+    StartChoice,
+    forward_start,
+    free_inertial_settings,
+    smoothed_start,
+    uncalibrated_start,
+)
+from insnav.errors.outage.windows import comparison_only, part_of, valid, window_starts
+from insnav.exceptions import ConfigError, InputError
 from insnav.filter.error_model import FilterState
 from insnav.filter.navigate import feed
 from insnav.filter.navigator import Navigator
@@ -26,35 +32,36 @@ from insnav.types import BoolArray, FloatArray, GpsData
 Motion = Literal["static", "straight", "turning"]
 MOTIONS: tuple[Motion, ...] = ("static", "straight", "turning")
 
+SHORTEST, LONGEST = 10.0, 300.0  # windows [s]
+LEAST = 0.1  # shortest spacing that may be asked for [s]
 TURNED = np.deg2rad(15.0)  # a window whose heading stays within this is straight [rad]
-HOLE = 10.0  # without anything to judge by for longer than this, and than three intervals of it, is a gap [s]
-LOST = 6  # samples in a row that make a gap of the IMU record
+REFERENCE_GAP = 10.0  # a longer time without the reference, and than three of its intervals, is a gap [s]
+IMU_GAP = 6  # so many lost samples in a row are a gap of the IMU record
 _UNDER_WAY = 1.0  # course is the direction of the velocity above this [m/s]
 
 
 @dataclass(frozen=True, slots=True)
 class Windows:
-    """n windows of one length, seen at k times since their start.
+    """n windows of one length, compared at k times since their start.
 
     Attributes
     ----------
     length, spacing : float
         Of each, and from one to the next as asked for [s].
     start : (n,) array
-        Stamp of the last fix each has seen [s].
+        Timestamp of the last fix that each has used [s].
     grid : (k,) array
-        Times since the start that the tables are for [s].
+        Nominal times since the start [s].
     elapsed : (n, k) array
-        Times since the start of the epochs that stand for them [s].
+        Times since the start of the epochs nearest to these [s].
     error : (n, k, 6) array
-        Navigated minus judged position North, East, Down [m] and velocity [m/s]; ``NaN`` where there is nothing to
-        judge by.
+        Of position North, East, Down [m] and velocity [m/s]; ``NaN`` where there is no reference.
     covariance : (n, k, 6, 6) array
         Predicted, of position and velocity.
-    judge_sd : (n, k, 6) array
-        Standard deviation of what it is judged by.
+    reference_sd : (n, k, 6) array
+        Standard deviation of the reference.
     course : (n, k) array
-        Direction of travel [rad]; ``NaN`` in windows at rest.
+        Direction of travel [rad]; ``NaN`` in stationary windows.
     q_nb : (n, k + 1, 4) array
         Navigated attitude, the first at the start.
     v_n : (n, k + 1, 3) array
@@ -66,9 +73,9 @@ class Windows:
     motion : (n,) array of str
         ``static``, ``straight`` or ``turning``.
     dropped : dict
-        Reason to number of windows left out for it.
-    raw : bool
-        The filter's estimates of sensor errors were not taken off.
+        Number of windows left out, by the reason.
+    uncalibrated : bool
+        The filter's estimates of sensor errors were not corrected.
     """
 
     length: float
@@ -78,7 +85,7 @@ class Windows:
     elapsed: FloatArray
     error: FloatArray
     covariance: FloatArray
-    judge_sd: FloatArray
+    reference_sd: FloatArray
     course: FloatArray
     q_nb: FloatArray
     v_n: FloatArray
@@ -86,7 +93,7 @@ class Windows:
     start_covariance: FloatArray
     motion: np.ndarray
     dropped: dict[str, int]
-    raw: bool
+    uncalibrated: bool
 
     @property
     def count(self) -> int:
@@ -98,13 +105,57 @@ class Windows:
         return replace(self, **{name: getattr(self, name)[chosen] for name in _Window.__slots__})
 
 
+def free_window_starts(
+    ready: Prepared, length: float, first: float | None = None, spacing: float | None = None
+) -> FloatArray:
+    """Timestamps of the fixes at which windows may begin, evenly along the drive.
+
+    Parameters
+    ----------
+    ready : Prepared
+    length : float
+        Of the windows [s].
+    first : float, optional
+        Where the first begins, after the start of navigation [s]; a minute, or less if the drive is short.
+    spacing : float, optional
+        From one to the next [s]; by default so that about sixty fit.
+
+    Returns
+    -------
+    (n,) array
+        [s]
+
+    Raises
+    ------
+    ConfigError
+        A length outside 10 to 300 s, a spacing of less than 0.1 s, or a negative `first`.
+    InputError
+        The drive is too short.
+    """
+    if not SHORTEST <= length <= LONGEST:
+        raise ConfigError(
+            f"windows of {length:g} s make no budget",
+            why="below 10 s the uncertainty of the reference dominates; beyond 300 s errors no longer grow alike",
+            fix=f"give a length of {SHORTEST:g} to {LONGEST:g} s",
+        )
+    if spacing is not None and not LEAST <= spacing < np.inf:
+        raise ConfigError(f"windows cannot be {spacing:g} s apart", fix=f"give a spacing of {LEAST:g} s or more")
+    if first is not None and not 0.0 <= first < np.inf:
+        raise ConfigError(f"the first window cannot begin {first:g} s after the start", fix="give zero or more")
+    stamps = ready.gps.time[valid(ready.gps)]
+    fixes = stamps - ready.settings.delay
+    begin, end = ready.initial.time, float(min(ready.imu.time[-1], fixes[-1]))
+    rows = window_starts(fixes, begin, end, length, first=first, spacing=spacing, rule="half of rest")
+    return np.asarray(stamps[rows])
+
+
 def free_windows(
-    drive: Driven,
-    judge: Judge,
+    drive: NavigatedDrive,
+    reference: WindowReference,
     length: float,
     spacing: float,
     *,
-    raw: bool = False,
+    uncalibrated: bool = False,
     start: StartChoice = "forward",
     times: FloatArray | None = None,
     progress: Callable[[float], None] | None = None,
@@ -113,42 +164,47 @@ def free_windows(
 
     Parameters
     ----------
-    drive : Driven
-        With the states they begin at.
-    judge : Judge
-        What counts as true.
+    drive : NavigatedDrive
+        With the states at which windows begin.
+    reference : WindowReference
+        What errors are against.
     length, spacing : float
-        Of the windows, as in `starts` [s].
-    raw : bool
-        Do not take off the sensor errors that the filter has estimated; what is predicted then comes from the turn-on
-        figures of the IMU.
+        Of the windows, as in `free_window_starts` [s].
+    uncalibrated : bool
+        Do not correct the sensor errors that the filter has estimated; the prediction then comes from the specified
+        turn-on errors of the IMU.
     start : {"forward", "smoothed"}
-        A smoothed start knows the fixes in and after the window: it is not independent of them.
+        A smoothed start uses the fixes in and after the window: it is not independent of them.
     times : (k,) array, optional
-        Since the start, at which to compare [s]; by default every second, or as often as there is something.
+        Since the start, at which to compare [s]; by default every second, or as often as there is a reference.
     progress : callable, optional
         Called with the fraction done.
+
+    Returns
+    -------
+    Windows
+        Without those that touch a gap; `Windows.dropped` counts these.
 
     Raises
     ------
     InputError
-        No window is left: each touches a gap.
+        No window is left.
     """
     ready, delay = drive.ready, drive.ready.settings.delay
-    settings = alone(ready.settings, withheld=judge.withheld)
-    spread = max(1.0, float(np.median(np.diff(judge.fixes.time))))
+    settings = free_inertial_settings(ready.settings, own_fixes=reference.own_fixes)
+    spread = max(1.0, float(np.median(np.diff(reference.fixes.time))))
     grid: FloatArray = np.arange(1.0, int(length / spread + 1e-6) + 1.0) * spread if times is None else times
-    gaps = _gaps(ready, judge)
+    gaps = _gaps(ready, reference)
     course = _course(drive)
     found: list[_Window] = []
     dropped: dict[str, int] = {}
     for number, state in enumerate(drive.states):
         begin = state.time + delay
         reason = _touches(gaps, begin, begin + length)
-        shown, known = _shown(judge.fixes, begin + grid, 0.5 * spread)
+        compared, known = _compared(reference.fixes, begin + grid, 0.5 * spread)
         if reason is None and not known[-1]:
-            reason = "nothing to judge by at its end"
-        first = forward_start(state, settings, judge.lever_b)
+            reason = "no reference at the end"
+        first = forward_start(state, settings, reference.lever_b)
         if start == "smoothed" and reason is None:
             seen = smoothed_start(first, drive.run, drive.clock)
             reason = "no fix was used at its start" if seen is None else None
@@ -156,8 +212,8 @@ def free_windows(
         if reason is not None:
             dropped[reason] = dropped.get(reason, 0) + 1
             continue
-        first = uncalibrated(first, ready.model) if raw else first
-        found.append(_navigated(part_of(ready, first, length), first, shown, known, settings, course))
+        first = uncalibrated_start(first, ready.model) if uncalibrated else first
+        found.append(_navigated(part_of(ready, first, length), first, compared, known, settings, course))
         if progress is not None:
             progress((number + 1) / len(drive.states))
     if not found:
@@ -165,10 +221,10 @@ def free_windows(
         raise InputError(
             f"no window of {length:g} s is left",
             why=f"of {len(drive.states)}, {why or 'none begins at a fix'}",
-            fix="give a shorter window, a longer drive or a reference without holes",
+            fix="give a shorter window, a longer drive or a reference without gaps",
         )
     columns = {name: np.stack([getattr(each, name) for each in found]) for name in _Window.__slots__}
-    return Windows(length=length, spacing=spacing, grid=grid, dropped=dropped, raw=raw, **columns)
+    return Windows(length=length, spacing=spacing, grid=grid, dropped=dropped, uncalibrated=uncalibrated, **columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +235,7 @@ class _Window:
     elapsed: FloatArray
     error: FloatArray
     covariance: FloatArray
-    judge_sd: FloatArray
+    reference_sd: FloatArray
     course: FloatArray
     q_nb: FloatArray
     v_n: FloatArray
@@ -191,34 +247,34 @@ class _Window:
 def _navigated(
     part: Prepared,
     first: FilterState,
-    shown: GpsData,
+    compared: GpsData,
     known: BoolArray,
     settings: FilterSettings,
     course: tuple[FloatArray, FloatArray, FloatArray],
 ) -> _Window:
     """Navigate one window from its first state to the last of its epochs."""
     delay = part.settings.delay
-    navigator = Navigator(first, part.model, shown, part.alignment, part.nominal, settings)
+    navigator = Navigator(first, part.model, compared, part.alignment, part.nominal, settings)
     feed(navigator, part.imu)
     run = navigator.finish()
     seen, at = run.innovations, run.epochs
-    judge_sd = np.column_stack([shown.position_sd, shown.velocity_sd])
+    reference_sd = np.column_stack([compared.position_sd, compared.velocity_sd])
     covariance = at.covariance[:, :6, :6].copy()
-    # the filter's own uncertainty of what is compared: arm and clock are in it, the judge is not
-    own = seen.sd**2 - judge_sd**2
+    # the filter's own uncertainty of what is compared: lever arm and clock are in it, the reference is not
+    own = seen.sd**2 - reference_sd**2
     axis = np.arange(6)
     covariance[:, axis, axis] = np.where(np.isfinite(own) & (own > 0.0), own, covariance[:, axis, axis])
     begin = first.time + delay
     time, speed, direction = course
-    inside = (time >= begin) & (time <= shown.time[-1])
+    inside = (time >= begin) & (time <= compared.time[-1])
     motion = _motion(speed[inside], rph_from_quat(np.vstack([first.x[None, 6:], at.q_nb]))[:, 2])
     return _Window(
         begin,
-        shown.time - begin,
+        compared.time - begin,
         np.where(known[:, None], -seen.innovation, np.nan),
         covariance,
-        judge_sd,
-        np.interp(shown.time, time, direction) if motion != "static" else np.full(len(shown.time), np.nan),
+        reference_sd,
+        np.interp(compared.time, time, direction) if motion != "static" else np.full(len(compared.time), np.nan),
         np.vstack([first.x[None, 6:], at.q_nb]),
         np.vstack([first.x[None, 3:6], at.v_n]),
         first.x[:3].copy(),
@@ -233,32 +289,31 @@ def _motion(speed: FloatArray, heading: FloatArray) -> Motion:
     return "straight" if float(np.ptp(np.unwrap(heading))) <= TURNED else "turning"
 
 
-def _shown(judge: GpsData, wanted: FloatArray, close: float) -> tuple[GpsData, BoolArray]:
+def _compared(reference: GpsData, wanted: FloatArray, close: float) -> tuple[GpsData, BoolArray]:
     """What a window is compared with at the times of the grid, and whether there is anything so close to each."""
-    after = np.clip(np.searchsorted(judge.time, wanted), 1, len(judge.time) - 1)
-    at = np.where(wanted - judge.time[after - 1] < judge.time[after] - wanted, after - 1, after)
-    nearest = judge.time[at]
+    after = np.clip(np.searchsorted(reference.time, wanted), 1, len(reference.time) - 1)
+    at = np.where(wanted - reference.time[after - 1] < reference.time[after] - wanted, after - 1, after)
+    nearest = reference.time[at]
     known: BoolArray = np.asarray(np.abs(nearest - wanted) <= close + 1e-6)
     known[1:] &= nearest[1:] > nearest[:-1]
-    # the filter tells its state at all of them
-    return shown_only(replace(judge.rows(at), time=np.where(known, nearest, wanted))), known
+    # the filter gives its state at all of them
+    return comparison_only(replace(reference.rows(at), time=np.where(known, nearest, wanted))), known
 
 
-def _gaps(ready: Prepared, judge: Judge) -> list[tuple[FloatArray, FloatArray, str]]:
-    """Begins and ends of the holes of the IMU record and of the judge [s], in the time of the fixes."""
-    time = ready.imu.time
-    lost = np.flatnonzero(np.diff(time) > (LOST + 0.5) * ready.nominal)
-    delay = ready.settings.delay
-    stamps = judge.fixes.time
+def _gaps(ready: Prepared, reference: WindowReference) -> list[tuple[FloatArray, FloatArray, str]]:
+    """Starts and ends of the gaps of the IMU record and of the reference, on the clock of the fixes [s]."""
+    time, delay = ready.imu.time, ready.settings.delay
+    lost = np.flatnonzero(np.diff(time) > (IMU_GAP + 0.5) * ready.nominal)
+    stamps = reference.fixes.time
     step = np.diff(stamps)
-    dark = np.flatnonzero(step > max(HOLE, 3.0 * float(np.median(step))))
+    dark = np.flatnonzero(step > max(REFERENCE_GAP, 3.0 * float(np.median(step))))
     begin, end = (
         np.concatenate([[-np.inf], stamps[dark], stamps[-1:]]),
         np.concatenate([stamps[:1], stamps[dark + 1], [np.inf]]),
     )
     return [
-        (time[lost] + delay, time[lost + 1] + delay, "hole in the IMU record"),
-        (begin, end, "gap in what it is judged by"),
+        (time[lost] + delay, time[lost + 1] + delay, "gap in the IMU record"),
+        (begin, end, "gap in the reference"),
     ]
 
 
@@ -269,7 +324,7 @@ def _touches(gaps: Sequence[tuple[FloatArray, FloatArray, str]], begin: float, e
     return None
 
 
-def _course(drive: Driven) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _course(drive: NavigatedDrive) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Time in that of the fixes, speed and direction of travel of the whole drive, straight across the stops."""
     solution = drive.run.solution
     time = solution.time - drive.clock + drive.ready.settings.delay

@@ -1,63 +1,85 @@
-"""What windows amount to: RMS, 95 % and largest error at chosen times, their intervals, and what was predicted."""
+"""How errors grow in windows: RMS, 95 % and largest error with intervals, and what was predicted."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from insnav.errors.outage.free_inertial import MOTIONS, Windows
+from insnav.errors.outage.gnss_outage import Outage
 from insnav.sample_statistics import effective_count, interval, means
 from insnav.types import FloatArray, IntArray
 
 COMPONENTS = ("north", "east", "down", "along", "cross", "horizontal")
+OUTAGE_COMPONENTS = ("horizontal", "vertical", "velocity", "heading", "smoothed horizontal", "smoothed vertical")
 _STEP = 10.0  # of the times of the tables, for windows up to a minute [s]
 _ROWS = 6  # times of a table of longer ones
 
 
 @dataclass(frozen=True, slots=True)
 class Growth:
-    """Errors of windows at some times since their start.
+    """Errors of windows of one length at some times since their start, in SI units and radians.
 
     Attributes
     ----------
     times : (k,) array
         [s]
+    components : (q,) tuple of str
+        What the columns are of: `COMPONENTS` or `OUTAGE_COMPONENTS`.
     count : int
         Number of windows.
-    judged : (k,) array
-        Number of them whose error is known at each time.
+    known : (k, q) array
+        Number of them whose error is known.
     effective : float
-        How many that do not overlap they amount to.
-    rms : (k, 6) array
-        Root mean square error, less what is the uncertainty of the judge: `COMPONENTS` [m]; ``NaN`` where not known.
-    judged_rms : (k, 6) array
-        The same with that uncertainty in it [m].
-    judge : (k, 6) array
-        RMS of that uncertainty [m].
-    low, high : (k, 6) array
-        Interval of `rms` that holds with 95 % [m]; ``NaN`` if too few windows are independent.
-    p95, largest : (k, 6) array
-        95 % quantile and largest of the size of the errors, the judge's own in them [m].
-    predicted : (k, 6) array
-        RMS of the predicted standard deviation [m].
-    inside : (k, 6) array
-        Share of the errors inside 3 sd of prediction and judge together; of the horizontal error, of both its axes [-].
+        Effective sample size: so many windows without overlap are equivalent.
+    rms : (k, q) array
+        Root mean square error, reference variance subtracted; ``NaN`` where not known.
+    total_rms : (k, q) array
+        The same with the reference variance in it.
+    reference : (k, q) array
+        RMS standard deviation of the reference.
+    low, high : (k, q) array
+        95 % confidence interval of `rms`; ``NaN`` if the effective sample size is too small.
+    p95, largest : (k, q) array
+        95 % quantile and largest of the size of the errors, those of the reference in them.
+    predicted : (k, q) array
+        RMS predicted standard deviation.
+    inside : (k, q) array
+        Share of the errors within 3 sd of prediction and reference together; of several axes their mean [-].
     """
 
     times: FloatArray
+    components: tuple[str, ...]
     count: int
-    judged: IntArray
+    known: IntArray
     effective: float
     rms: FloatArray
-    judged_rms: FloatArray
-    judge: FloatArray
+    total_rms: FloatArray
+    reference: FloatArray
     low: FloatArray
     high: FloatArray
     p95: FloatArray
     largest: FloatArray
     predicted: FloatArray
     inside: FloatArray
+
+    @property
+    def length(self) -> float:
+        """Last of the times [s]."""
+        return float(self.times[-1])
+
+    @property
+    def inside_at_end(self) -> float:
+        """Share of the North, East and Down errors at the last time within 3 sd [-]."""
+        vertical = "vertical" if "vertical" in self.components else "down"
+        inside = self.inside[-1]
+        return float(2.0 * inside[self.column("horizontal")] + inside[self.column(vertical)]) / 3.0
+
+    def column(self, component: str) -> int:
+        """Column of a component."""
+        return self.components.index(component)
 
 
 def table_times(windows: Windows) -> FloatArray:
@@ -73,22 +95,18 @@ def columns_at(windows: Windows, times: FloatArray) -> IntArray:
 
 
 def components(windows: Windows) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Errors, predicted variances and the judge's variances on every axis, and along and across the track.
-
-    Parameters
-    ----------
-    windows : Windows
+    """Errors, predicted variances and reference variances on every axis, and along and across the track.
 
     Returns
     -------
-    error, variance, judge : (n, k, 6) array
+    error, variance, reference : (n, k, 6) array
         `COMPONENTS`; of the horizontal error its size, and the sum of the variances on both axes.
     """
     c, s = np.cos(windows.course), np.sin(windows.course)
     north, east, down = np.moveaxis(windows.error[:, :, :3], -1, 0)
     error = np.stack([north, east, down, c * north + s * east, c * east - s * north, np.hypot(north, east)], axis=-1)
     parts = []
-    for p in (windows.covariance[:, :, :3, :3], windows.judge_sd[:, :, :3, None] ** 2 * np.eye(3)):
+    for p in (windows.covariance[:, :, :3, :3], windows.reference_sd[:, :, :3, None] ** 2 * np.eye(3)):
         nn, ee, dd, ne = p[..., 0, 0], p[..., 1, 1], p[..., 2, 2], p[..., 0, 1]
         along, cross = c * c * nn + 2 * c * s * ne + s * s * ee, s * s * nn - 2 * c * s * ne + c * c * ee
         parts.append(np.stack([nn, ee, dd, along, cross, nn + ee], axis=-1))
@@ -96,7 +114,7 @@ def components(windows: Windows) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
-    """Sum up windows at some times.
+    """Sum up free-inertial windows at some times.
 
     Parameters
     ----------
@@ -104,42 +122,124 @@ def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
     times : (k,) array, optional
         [s]; those of `table_times` by default.
     """
-    times = table_times(windows) if times is None else times
-    at = columns_at(windows, times)
-    error, variance, judge = (values[:, at] for values in components(windows))
-    size = np.abs(error)
-
-    def rms(weights: FloatArray) -> FloatArray:
-        return np.sqrt(np.maximum(means(error**2 - judge, weights), 0.0))
-
-    low, high = interval(windows.start, windows.length, rms)
-    inside = size <= 3.0 * np.sqrt(variance + judge)
+    at = columns_at(windows, table_times(windows) if times is None else times)
+    error, variance, reference = (values[:, at] for values in components(windows))
+    inside = (np.abs(error) <= 3.0 * np.sqrt(variance + reference)).astype(np.float64)
     inside[..., 5] = inside[..., :2].mean(axis=-1)
-    known, once = np.isfinite(error), np.ones((1, windows.count))
-    return Growth(
-        windows.grid[at],
-        windows.count,
-        known[..., 5].sum(axis=0),
-        effective_count(windows.start, windows.length),
-        rms(once)[0],
-        np.sqrt(means(error**2, once)[0]),
-        np.sqrt(means(np.where(known, judge, np.nan), once)[0]),
-        low,
-        high,
-        _quantile(size, 0.95),
-        _quantile(size, 1.0),
-        np.sqrt(means(np.where(known, variance, np.nan), once)[0]),
-        means(np.where(known, inside, np.nan), once)[0],
+    return _summed(
+        windows.grid[at], COMPONENTS, windows.start, windows.length, np.abs(error), variance, reference, inside
     )
 
 
+def outage_growth(windows: Sequence[Outage]) -> list[Growth]:
+    """Sum up GNSS outages at their end, by their length; smoothed errors where the horizontal one is largest.
+
+    Parameters
+    ----------
+    windows : sequence of Outage
+        From `insnav.errors.outage.gnss_outage.outages`.
+
+    Returns
+    -------
+    list of Growth
+        One a length, its only time.
+    """
+    found = []
+    for length in sorted({window.length for window in windows}):
+        chosen = [window for window in windows if window.length == length]
+        vectors = [np.stack(each) for each in zip(*(_vectors(window) for window in chosen), strict=True)]
+        size, variance, reference, inside = (np.empty((len(chosen), 1, len(vectors))) for _ in range(4))
+        for column, vector in enumerate(vectors):
+            error, sd, reference_sd = np.moveaxis(vector, 1, 0)
+            size[:, 0, column] = np.linalg.norm(error, axis=1)
+            variance[:, 0, column] = np.sum(sd**2, axis=1)
+            reference[:, 0, column] = np.nansum(reference_sd**2, axis=1)
+            inside[:, 0, column] = np.mean(np.abs(error) <= 3.0 * np.hypot(sd, reference_sd), axis=1)
+        start = np.array([window.start for window in chosen])
+        found.append(_summed(np.array([length]), OUTAGE_COMPONENTS, start, length, size, variance, reference, inside))
+    return found
+
+
+def horizontal_at(windows: Sequence[Outage], times: Sequence[float], near: float) -> tuple[FloatArray, FloatArray]:
+    """Horizontal error and standard deviation of outages at the epochs nearest to some times.
+
+    Parameters
+    ----------
+    windows : sequence of Outage
+    times : sequence of float
+        Since their start [s].
+    near : float
+        How near such an epoch must be [s].
+
+    Returns
+    -------
+    error, sd : (n, k) array
+        [m]; ``NaN`` where there is no epoch.
+    """
+    found = np.full((2, len(windows), len(times)), np.nan)
+    for row, window in enumerate(windows):
+        for column, wanted in enumerate(times):
+            at = int(np.argmin(np.abs(window.elapsed - wanted)))
+            if abs(window.elapsed[at] - wanted) < near:
+                found[:, row, column] = np.hypot(*window.error[at, :2]), np.hypot(*window.sd[at, :2])
+    return found[0], found[1]
+
+
 def by_motion(windows: Windows, times: FloatArray | None = None) -> dict[str, Growth | None]:
-    """`growth` of windows at rest, straight and with turns apart; None where there are none."""
+    """`growth` of stationary, straight and turning windows; None where there are none."""
     found: dict[str, Growth | None] = {}
     for motion in MOTIONS:
         chosen = windows.motion == motion
         found[motion] = growth(windows.only(chosen), times) if chosen.any() else None
     return found
+
+
+def _vectors(window: Outage) -> list[FloatArray]:
+    """Error, sd and reference sd, (3, axes), of each of `OUTAGE_COMPONENTS`."""
+    end = np.stack([window.error[-1], window.sd[-1], window.reference_sd[-1]])
+    heading = np.array([[window.heading[-1]], [window.heading_sd[-1]], [0.0]])
+    at = int(np.nanargmax(np.hypot(window.smoothed[:, 0], window.smoothed[:, 1])))
+    smoothed = np.stack([window.smoothed[at], window.smoothed_sd[at], window.reference_sd[at]])
+    return [end[:, :2], end[:, 2:3], end[:, 3:], heading, smoothed[:, :2], smoothed[:, 2:3]]
+
+
+def _summed(
+    times: FloatArray,
+    names: tuple[str, ...],
+    start: FloatArray,
+    length: float,
+    size: FloatArray,
+    variance: FloatArray,
+    reference: FloatArray,
+    inside: FloatArray,
+) -> Growth:
+    """Sum up sizes of errors, their predicted and reference variances, and whether they are inside, all (n, k, q)."""
+
+    def rms(weights: FloatArray) -> FloatArray:
+        return np.sqrt(np.maximum(means(size**2 - reference, weights), 0.0))
+
+    known, once = np.isfinite(size), np.ones((1, len(start)))
+
+    def mean(values: FloatArray) -> FloatArray:
+        return np.asarray(means(np.where(known, values, np.nan), once)[0])
+
+    low, high = interval(start, length, rms)
+    return Growth(
+        times,
+        names,
+        len(start),
+        known.sum(axis=0),
+        effective_count(start, length),
+        rms(once)[0],
+        np.sqrt(mean(size**2)),
+        np.sqrt(mean(reference)),
+        low,
+        high,
+        _quantile(size, 0.95),
+        _quantile(size, 1.0),
+        np.sqrt(mean(variance)),
+        mean(inside),
+    )
 
 
 def _quantile(values: FloatArray, share: float) -> FloatArray:

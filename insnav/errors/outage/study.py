@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from insnav.errors.outage.gnss_outage import Growth, Outage
+from insnav.errors.outage.gnss_outage import Outage
+from insnav.errors.outage.statistics import Growth
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What free-inertial windows are judged by: the withheld fixes, better positions, or a reference."""
+"""What windows are compared with: the drive's own fixes, better positions, or a reference trajectory."""
 
 from __future__ import annotations
 
@@ -6,70 +6,65 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from insnav.errors.outage.windows import good
+from insnav.errors.outage.windows import valid
 from insnav.exceptions import InputError
 from insnav.filter.prepare import Prepared
 from insnav.types import FloatArray, GpsData, Trajectory
 
 _LEAST_SD = 1e-4  # nothing is known better [m], [m/s]
-_WHOLE = 0.98  # at rest: the reference begins and ends so close to the record, by its length
+_WHOLE = 0.98  # part of the record that the rows of a stationary reference must span
 
 
 @dataclass(frozen=True, slots=True)
-class Judge:
-    """Positions that count as true, each with its own standard deviation.
+class WindowReference:
+    """Reference positions, each with its own standard deviation.
 
     Attributes
     ----------
     fixes : GpsData
         Positions, and velocities where they are known, every value with a standard deviation.
     name : str
-        In words, such as "the withheld fixes".
+        In words, such as "the drive's own GPS fixes".
     lever_b : (3,) array or None
-        Point that they are of, seen from the IMU, body axes [m]; None for the antenna of the drive.
-    withheld : bool
-        They are the drive's own fixes.
+        Their point, seen from the IMU, body axes [m]; None for the antenna of the drive.
+    own_fixes : bool
+        They are the fixes of the drive itself.
     """
 
     fixes: GpsData
     name: str
     lever_b: FloatArray | None = None
-    withheld: bool = False
+    own_fixes: bool = False
 
 
-def judged_by_fixes(ready: Prepared) -> Judge:
-    """The fixes of the drive itself, which a window is not shown."""
-    gps = ready.gps
-    return Judge(gps.rows(good(gps) & np.isfinite(gps.lla).all(axis=1)), "the withheld fixes", withheld=True)
+def reference_from_fixes(ready: Prepared) -> WindowReference:
+    """The fixes of the drive itself, which the filter does not get in a window."""
+    return WindowReference(_usable(ready.gps), "the drive's own GPS fixes", own_fixes=True)
 
 
-def judged_by_positions(gps: GpsData, name: str) -> Judge:
-    """Better positions of the same antenna.
-
-    Parameters
-    ----------
-    gps : GpsData
-        Every value with a standard deviation.
-    name : str
-        In words.
-    """
-    return Judge(gps.rows(good(gps) & np.isfinite(gps.lla).all(axis=1)), name)
+def reference_from_positions(gps: GpsData, name: str) -> WindowReference:
+    """Better positions of the same antenna, every value with a standard deviation."""
+    return WindowReference(_usable(gps), name)
 
 
-def judged_by_reference(
+def _usable(gps: GpsData) -> GpsData:
+    return gps.rows(valid(gps) & np.isfinite(gps.lla).all(axis=1))
+
+
+def reference_from_trajectory(
     reference: Trajectory,
     name: str,
     *,
     position_sd: float,
     velocity_sd: float,
     lever_b: FloatArray | None = None,
-) -> Judge:
+) -> WindowReference:
     """A reference trajectory.
 
     Parameters
     ----------
     reference : Trajectory
-        Its own standard deviations count where it has them.
+        Its own standard deviations are used where it has them.
     name : str
         In words.
     position_sd, velocity_sd : float
@@ -90,11 +85,11 @@ def judged_by_reference(
     sd = np.maximum(sd, _LEAST_SD)
     velocity_sd_n = np.where(np.isfinite(reference.v_n), sd[:, 3:], np.nan)
     fixes = GpsData(reference.time, reference.lla, reference.v_n, sd[:, :3], velocity_sd_n)
-    return Judge(fixes, name, np.zeros(3) if lever_b is None else np.asarray(lever_b, dtype=np.float64))
+    return WindowReference(fixes, name, np.zeros(3) if lever_b is None else np.asarray(lever_b, dtype=np.float64))
 
 
-def at_rest(lla: FloatArray, begin: float, end: float, position_sd: float, velocity_sd: float) -> GpsData:
-    """Fixes once a second of a place that is not left: what a bench knows without a receiver.
+def stationary_fixes(lla: FloatArray, begin: float, end: float, position_sd: float, velocity_sd: float) -> GpsData:
+    """Fixes once a second of a stationary vehicle: what a bench knows without a receiver.
 
     Parameters
     ----------
@@ -103,7 +98,7 @@ def at_rest(lla: FloatArray, begin: float, end: float, position_sd: float, veloc
     begin, end : float
         First and last time [s].
     position_sd, velocity_sd : float
-        How well place and rest are known, each axis [m], [m/s].
+        How well place and zero velocity are known, each axis [m], [m/s].
     """
     time: FloatArray = np.arange(begin, end + 1e-6, 1.0)
     shape = (len(time), 3)
@@ -112,8 +107,8 @@ def at_rest(lla: FloatArray, begin: float, end: float, position_sd: float, veloc
     )
 
 
-def never_moves(reference: Trajectory, begin: float, end: float) -> bool:
-    """Whether a reference of a few rows says that the whole record is at one place.
+def is_stationary(reference: Trajectory, begin: float, end: float) -> bool:
+    """Whether a reference of a few rows stays at one place for the whole record.
 
     Parameters
     ----------

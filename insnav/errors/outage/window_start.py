@@ -1,8 +1,9 @@
-"""What a window starts from, and what the filter says of its first state: the prediction before anything happens."""
+"""What a window starts from: the drive navigated once, its states at the starts, and how errors of these grow."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -10,6 +11,8 @@ import numpy as np
 from insnav.attitude import dcm_from_quat
 from insnav.earth import gravity_n
 from insnav.filter.error_model import ErrorModel, FilterState
+from insnav.filter.navigate import feed
+from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
 from insnav.filter.state_layout import layout
 from insnav.kernels.dynamics import NAV
@@ -17,24 +20,69 @@ from insnav.kernels.errorstate import STATES
 from insnav.types import FloatArray, Run
 
 StartChoice = Literal["forward", "smoothed"]
+_SOLUTION = 0.1  # output interval of the whole drive: for speed, course and the simulated replica [s]
 
 
-def alone(settings: FilterSettings, *, withheld: bool) -> FilterSettings:
-    """Settings of a filter that goes on without fixes, wheels, rest or anything else.
+@dataclass(frozen=True, slots=True)
+class NavigatedDrive:
+    """The whole drive, navigated with all fixes, and the filter's states where windows begin.
+
+    Attributes
+    ----------
+    ready : Prepared
+    run : Run
+    states : tuple of FilterState
+        In order of time.
+    clock : float
+        Time of the run minus that of the samples [s].
+    """
+
+    ready: Prepared
+    run: Run
+    states: tuple[FilterState, ...]
+    clock: float
+
+
+def navigated_drive(
+    ready: Prepared, starts: FloatArray, progress: Callable[[float], None] | None = None, *, smooth: bool = True
+) -> NavigatedDrive:
+    """Navigate the whole drive and keep the filter's state at some fixes.
+
+    Parameters
+    ----------
+    ready : Prepared
+    starts : (n,) array
+        Timestamps of these fixes [s].
+    progress : callable, optional
+        Called with the fraction done.
+    smooth : bool
+        Smooth as well, for smoothed starts and for a simulated replica.
+    """
+    rows = np.searchsorted(ready.gps.time, starts - 1e-6)
+    settings = replace(ready.settings, smooth=smooth, output_interval=_SOLUTION)
+    navigator = replace(ready, settings=settings).navigator(marks=set(rows.tolist()))
+    feed(navigator, ready.imu, progress)
+    run = navigator.finish()
+    states = tuple(state for _, state in sorted(navigator.kept.items()))
+    return NavigatedDrive(ready, run, states, run.gps_delay - ready.settings.delay)
+
+
+def free_inertial_settings(settings: FilterSettings, *, own_fixes: bool) -> FilterSettings:
+    """Settings of a filter without fixes and without other aiding.
 
     Parameters
     ----------
     settings : FilterSettings
         Of the drive.
-    withheld : bool
-        It is compared with the fixes of the drive, whose velocities may lag.
+    own_fixes : bool
+        The reference is the fixes of the drive, whose velocities may lag.
     """
     return replace(
         settings,
         correlated=None,
         lever_sd=0.0,
         jitter=0.0,
-        velocity_lag=settings.velocity_lag if withheld else 0.0,
+        velocity_lag=settings.velocity_lag if own_fixes else 0.0,
         heading_sd=0.0,
         aiding=None,
         smooth=False,
@@ -50,9 +98,9 @@ def forward_start(state: FilterState, settings: FilterSettings, lever_b: FloatAr
     state : FilterState
         As kept by the filter of the drive.
     settings : FilterSettings
-        Of the window, from `alone`.
+        Of the window, from `free_inertial_settings`.
     lever_b : (3,) array or None
-        Point that is judged, seen from the IMU [m]; None for the antenna.
+        Point of the reference, seen from the IMU [m]; None for the antenna.
     """
     n = layout(settings).states
     return replace(
@@ -63,19 +111,19 @@ def forward_start(state: FilterState, settings: FilterSettings, lever_b: FloatAr
     )
 
 
-def uncalibrated(start: FilterState, model: ErrorModel) -> FilterState:
-    """The same start with no sensor error taken off: the sensors as they were turned on.
+def uncalibrated_start(start: FilterState, model: ErrorModel) -> FilterState:
+    """The same start without the filter's estimates of sensor errors: turn-on biases and scale factors in full.
 
-    The filter's estimates and their errors are uncorrelated, as those of a least mean-square estimate are if what it
-    was told to begin with is right; so the error of taking none off is as large as the turn-on figures say, and goes
-    with position, velocity and attitude as the error of the estimate did.
+    Estimates and their errors are uncorrelated, as those of a least mean-square estimate are if its prior is right; so
+    the error of correcting nothing is as large as the specified turn-on errors, and correlates with position, velocity
+    and attitude as the error of the estimate did.
 
     Parameters
     ----------
     start : FilterState
         From `forward_start`.
     model : ErrorModel
-        With the turn-on figures of the IMU.
+        With the turn-on errors of the IMU.
     """
     covariance = start.covariance.copy()
     sensors = slice(NAV, STATES)
@@ -84,10 +132,10 @@ def uncalibrated(start: FilterState, model: ErrorModel) -> FilterState:
 
 
 def smoothed_start(start: FilterState, run: Run, clock: float) -> FilterState | None:
-    """The start with what the whole drive, later fixes included, says of it; None where no fix was used.
+    """The same start from the smoothed drive; None where no fix was used.
 
-    Position, velocity and attitude keep their covariance, sensor errors their variances; how they go together is not
-    kept, so that the prediction is somewhat too large.
+    Position, velocity and attitude keep their covariance, sensor errors their variances; the cross-covariance of the
+    two is not kept, so that the prediction is somewhat too large.
 
     Parameters
     ----------
@@ -112,8 +160,8 @@ def smoothed_start(start: FilterState, run: Run, clock: float) -> FilterState | 
     return replace(start, x=x, correction=sensors.value[at].copy(), delay=clock, covariance=covariance)
 
 
-def effective(q_nb: FloatArray, lla: FloatArray) -> FloatArray:
-    """How errors of a first state show in the growth that follows.
+def growth_by_start_error(q_nb: FloatArray, lla: FloatArray) -> FloatArray:
+    """How errors at the start of a window show in the growth that follows.
 
     A level vehicle that does not turn: velocity error, effective horizontal acceleration ``g x phi - C db`` and its
     change ``g x C dw``, for estimate minus truth with ``C_hat = (I - [phi x]) C`` (Groves 2013, section 5.7).

@@ -15,6 +15,7 @@ from insnav.earth import OMEGA_EARTH, gravity_n
 from insnav.imu import ImuSpec
 from insnav.imu.model import sample_intervals
 from insnav.imu.specification import SensorSpec
+from insnav.sample_statistics import rms
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 from insnav.units import DEG
 
@@ -77,10 +78,6 @@ class PeerRun:
     solution: Trajectory
 
 
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 def _bias_sd(sensor: SensorSpec) -> FloatArray:
     return np.hypot(sensor.bias, sensor.bias_instability)
 
@@ -137,10 +134,10 @@ def _pyins(task: Task, end: float) -> PeerRun:
     )
     start = np.concatenate([task.lla / _DEGREES, task.v_n, task.rph / DEG])
     pva = pd.Series(start, index=LLA_COLS + VEL_COLS + RPH_COLS, name=task.time)
-    level, heading = _rms(task.attitude_sd[:2]) / DEG, float(task.attitude_sd[2]) / DEG
+    level, heading = rms(task.attitude_sd[:2]) / DEG, float(task.attitude_sd[2]) / DEG
     begin = clock.process_time()
     result = filters.run_feedback_filter(
-        pva, _rms(task.position_sd), _rms(task.velocity_sd), level, heading, increments, gyro, accel, used
+        pva, rms(task.position_sd), rms(task.velocity_sd), level, heading, increments, gyro, accel, used
     )
     cpu = clock.process_time() - begin
     found = result.trajectory

@@ -16,11 +16,12 @@ from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import Prepared, prepare
 from insnav.regression.cases import Material, source_of
 from insnav.regression.corpus import Corpus, RecordedCase
-from insnav.regression.evaluate import judged, settled
+from insnav.regression.evaluate import errors_of, settled
 from insnav.regression.peers.programs import PeerRun, Task, run_gtsam, run_pyins
 from insnav.regression.run_corpus import SERIES
+from insnav.sample_statistics import rms
 from insnav.simulate.montecarlo import run_seed
-from insnav.types import FloatArray, Trajectory
+from insnav.types import Trajectory
 from insnav.units import DEG
 
 LONGEST = 150.0  # of a drive: pyins needs a quarter of a minute for it [s]
@@ -127,15 +128,11 @@ def _row(case: str, program: str, solution: Trajectory, material: Material, cpu_
         material, time = replace(material, truth=material.truth.rows(chosen)), time[near]
     if not len(time):
         return PeerRow(case, program, (None,) * 3, (None, None), cpu_us, "no epoch in common with the reference")
-    errors = judged(solution, time, material)
+    errors = errors_of(solution, time, material)
     level = np.linalg.norm(errors.attitude[:, :2], axis=1)
     columns = (*errors.position.T, level / DEG, errors.attitude[:, 2] / DEG)
-    figures = [_rms(column[np.isfinite(column)]) for column in columns]
+    figures = [rms(column) if np.isfinite(column).any() else None for column in columns]
     return PeerRow(case, program, tuple(figures[:3]), tuple(figures[3:]), cpu_us)
-
-
-def _rms(error: FloatArray) -> float | None:
-    return float(np.sqrt(np.mean(error**2))) if error.size else None
 
 
 def _begun(whole: Material) -> tuple[Material, Prepared]:

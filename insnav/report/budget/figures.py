@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from insnav.errors.budget import Budget
+from insnav.errors.budget.error_budget import Budget
 from insnav.report.page import Table
 from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, blank, logarithmic
 from insnav.types import FloatArray
@@ -115,7 +115,7 @@ def _mark_measured(axes: Axes, budget: Budget) -> None:
             label=f"simulated, {simulated.runs} runs",
         )
     if recorded is not None:
-        value = np.hypot(recorded.rms_n, recorded.rms_e)
+        value = np.hypot(*recorded.rms[:, :2].T)
         axes.plot(
             recorded.time, value, "s", color=PURPLE, markersize=4.0, label=f"recorded, {recorded.windows} windows"
         )
@@ -158,7 +158,7 @@ def _mark_measured_plain(axes: Axes, budget: Budget) -> None:
         value = horizontal(budget.simulated.total[budget.chosen])
         axes.plot(budget.time[budget.chosen], value, "o", color=VERMILLION, markersize=3.0)
     if budget.recorded is not None:
-        value = np.hypot(budget.recorded.rms_n, budget.recorded.rms_e)
+        value = np.hypot(*budget.recorded.rms[:, :2].T)
         axes.plot(budget.recorded.time, value, "s", color=PURPLE, markersize=3.5)
 
 

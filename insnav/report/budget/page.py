@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from insnav.errors.budget import Budget, Column, SimulatedColumn
-from insnav.errors.budget.error_budget import BAND
+from insnav.errors.budget.error_budget import BAND, Budget, Column, SimulatedColumn
 from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.laws import SHORT
 from insnav.output.folder import RunFolder
@@ -146,8 +145,8 @@ def summary(budget: Budget) -> tuple[str, ...]:
         )
     recorded = budget.recorded
     if recorded is not None:
-        level = number(float(np.hypot(recorded.rms_n[-1], recorded.rms_e[-1])))
-        lines.append(f"Recorded: {level} m horizontally, RMS of {recorded.words}.")
+        level = number(float(np.hypot(*recorded.rms[-1, :2])))
+        lines.append(f"Recorded: {level} m horizontally, RMS of {recorded.description}.")
     return tuple(lines)
 
 
@@ -212,7 +211,7 @@ def assumptions(budget: Budget) -> tuple[str, ...]:
         "Misalignment of accelerometers shows in gravity as a bias, and is counted there.",
     ]
     if budget.recorded is not None:
-        lines.append(f"recorded: {budget.recorded.words}.")
+        lines.append(f"recorded: {budget.recorded.description}.")
     if not any(source.sd > 0.0 for source in budget.sources if source.group == "gravity"):
         lines.append("Gravity is taken as that of the model (WGS-84 normal gravity); see --deflection.")
     if budget.simulated is not None:
@@ -236,7 +235,7 @@ def columns_table(budget: Budget) -> Table:
         groups.append(("simul.", budget.simulated.total[at, :3]))
     recorded = budget.recorded
     if recorded is not None:
-        errors = np.stack([recorded.rms_n, recorded.rms_e, recorded.rms_d], axis=1)
+        errors = recorded.rms
         groups.append(("record.", _at(recorded.time, errors, budget.time[at])))
         groups.append(("filter", _at(recorded.time, recorded.predicted, budget.time[at])))
         groups = [(_SHORT[name], values) for name, values in groups]
@@ -374,11 +373,11 @@ def budget_facts(budget: Budget, configuration: Mapping[str, Any]) -> dict[str, 
         if recorded is None
         else {
             "windows": recorded.windows,
-            "words": recorded.words,
+            "words": recorded.description,
             "time_s": recorded.time,
-            "rms_north_m": recorded.rms_n,
-            "rms_east_m": recorded.rms_e,
-            "rms_down_m": recorded.rms_d,
+            "rms_north_m": recorded.rms[:, 0],
+            "rms_east_m": recorded.rms[:, 1],
+            "rms_down_m": recorded.rms[:, 2],
             "predicted_m": recorded.predicted,
         },
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from insnav.errors.budget import Budget
+from insnav.errors.budget.error_budget import Budget
 from insnav.units import DEG, UNITS
 
 _ROOT_HOUR = 60.0  # square root of an hour [sqrt(s)]

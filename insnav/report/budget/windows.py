@@ -9,7 +9,7 @@ import numpy as np
 from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Verdict
 from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Cause, Diagnosis
 from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit
-from insnav.errors.diagnosis.simulated_replica import Twins
+from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS, Growth
 from insnav.report.budget.windows_figures import draw_causes, draw_growth, draw_regression
 from insnav.report.budget.windows_quantities import GROWS, MG, UNITS
@@ -45,9 +45,11 @@ def recorded_pictures(budget: RecordedBudget) -> tuple[Picture, ...]:
     pictures = []
     with drawing():
         for kind, part in _parts(budget):
-            name = "raw" if part.windows.raw else "recorded"
+            name = "raw" if part.windows.uncalibrated else "recorded"
             pictures += [
-                Picture(f"{name}_growth", draw_growth(part, kind, budget.judge), f"Recorded error without GPS, {kind}"),
+                Picture(
+                    f"{name}_growth", draw_growth(part, kind, budget.reference), f"Recorded error without GPS, {kind}"
+                ),
                 Picture(f"{name}_causes", draw_causes(part, kind), f"What each window errs by, {kind}"),
                 Picture(f"{name}_regression", draw_regression(part, kind), f"Recorded over predicted error, {kind}"),
             ]
@@ -74,8 +76,8 @@ def recorded_sentences(budget: RecordedBudget) -> tuple[str, ...]:
         lines += [_verdict(each, windows.length) for each in part.verdicts]
         lines += [_diagnosed(axis, part.diagnosis) for axis in part.diagnosis.axes]
         lines.append(_regressed(part))
-        if part.twins is not None:
-            lines.append(_against_twins(part.twins))
+        if part.replicas is not None:
+            lines.append(_against_twins(part.replicas))
     return tuple(lines)
 
 
@@ -94,9 +96,9 @@ def recorded_warnings(budget: RecordedBudget) -> tuple[str, ...]:
                 f"{kind}: the error {', '.join(wrong)} is larger than predicted, and not explained by what is stated "
                 "of IMU and fixes"
             )
-        if part.twins is not None and not part.twins.agree:
+        if part.replicas is not None and not part.replicas.agree:
             lines.append(f"{kind}: recorded error outside the band of the simulated twins: see the summary")
-    made = budget.calibrated.twins
+    made = budget.calibrated.replicas
     if made is not None:
         lines += made.apart.doubts
     return tuple(lines)
@@ -113,7 +115,7 @@ def recorded_assumptions(budget: RecordedBudget) -> tuple[str, ...]:
     lines = [
         f"Each window begins with the state of {begin} at its first epoch and goes on without fixes, wheels or rest; "
         "it is not aligned again to anything.",
-        f"Errors are against {budget.judge}; from the RMS the variance that these state themselves is taken off, "
+        f"Errors are against {budget.reference}; from the RMS the variance that these state themselves is taken off, "
         "quantiles and largest errors are as they are.",
         "Predicted is the covariance of that first state and the noise inside the window; with sensors as turned on, "
         "the turn-on figures of the IMU stand for the sensor errors in it.",
@@ -147,25 +149,26 @@ def recorded_sheet(budget: RecordedBudget, name: str) -> Sheet:
 
 def _parts(budget: RecordedBudget) -> list[tuple[str, RecordedPart]]:
     parts = [(CALIBRATED, budget.calibrated)]
-    return parts if budget.raw is None else [*parts, (RAW, budget.raw)]
+    return parts if budget.uncalibrated is None else [*parts, (RAW, budget.uncalibrated)]
 
 
 def _tables(kind: str, part: RecordedPart) -> list[Table]:
     found = part.growth
-    names = [(i, name) for i, name in enumerate(COMPONENTS) if np.isfinite(found.judged_rms[:, i]).any()]
+    names = [(i, name) for i, name in enumerate(COMPONENTS) if np.isfinite(found.total_rms[:, i]).any()]
+    known = found.known[:, found.column("horizontal")]
     at_end = f"{found.times[-1]:g} s"
-    band = [] if part.twins is None else ["twins, 95 % band [m]"]
+    band = [] if part.replicas is None else ["twins, 95 % band [m]"]
     return [
         Table(
             f"Recorded error, {kind}: RMS / 95 % / largest [m]",
             ("", *(f"{time:g} s" for time in found.times)),
             tuple((name, *(_three(found, k, i) for k in range(len(found.times)))) for i, name in names),
-            f"windows judged at each time: {', '.join(str(count) for count in found.judged)}",
+            f"windows judged at each time: {', '.join(map(str, known))}",
         ),
         Table(
             f"Recorded and predicted after {at_end}, {kind}",
             ("", "RMS [m]", "interval [m]", "predicted [m]", "recorded / predicted", "inside 3 sd", *band),
-            tuple((name, *_against_predicted(found, i, part.twins)) for i, name in names),
+            tuple((name, *_against_predicted(found, i, part.replicas)) for i, name in names),
             _regressed(part),
         ),
         Table(
@@ -184,7 +187,7 @@ def _three(found: Growth, k: int, i: int) -> str:
     return "–" if not all(math.isfinite(v) for v in values) else " / ".join(number(float(v)) for v in values)
 
 
-def _against_predicted(found: Growth, i: int, made: Twins | None) -> tuple[str, ...]:
+def _against_predicted(found: Growth, i: int, made: Replicas | None) -> tuple[str, ...]:
     rms, predicted = float(found.rms[-1, i]), float(found.predicted[-1, i])
     cells = [
         number(rms),
@@ -263,7 +266,7 @@ def _sensor_table(kind: str, fit: SensorFit) -> Table:
         )
     note = (
         "headings differ: bias and tilt are told apart over the drive"
-        if fit.level_told
+        if fit.level_observable
         else "headings hardly differ: of the level accelerometers this is bias and tilt together"
     )
     if fit.spread > 2.0:
@@ -323,7 +326,7 @@ def _regressed(part: RecordedPart) -> str:
     )
 
 
-def _against_twins(made: Twins) -> str:
+def _against_twins(made: Replicas) -> str:
     count, last = len(made.rms), made.times[-1]
     if made.agree:
         return (

@@ -72,8 +72,8 @@ def _curves(panel: Axes, part: RecordedPart, i: int, *, both_sides: bool) -> Non
     rms = np.where(curve.rms[:, i] > 0.0, curve.rms[:, i], np.nan)  # nothing is left where the judge is the error
     for sign in (1.0, -1.0) if both_sides else (1.0,):
         first = sign > 0.0
-        if part.twins is not None:
-            made = part.twins
+        if part.replicas is not None:
+            made = part.replicas
             panel.fill_between(
                 made.times,
                 sign * made.band[0][:, i],

@@ -7,7 +7,7 @@ from typing import Any
 from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart
 from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis
 from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit
-from insnav.errors.diagnosis.simulated_replica import Twins
+from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS, Growth
 from insnav.report.run_json import json_ready
 from insnav.types import FloatArray
@@ -26,14 +26,14 @@ def recorded_facts(budget: RecordedBudget) -> dict[str, Any]:
     budget : RecordedBudget
     """
     facts: dict[str, Any] = {
-        "judged_by": budget.judge,
+        "judged_by": budget.reference,
         "start": budget.settings.start,
         "independent": budget.settings.start == "forward",
         "duration_s": budget.duration,
         "imu": budget.spec.name,
         "notes": list(budget.notes),
         "calibrated": _part_facts(budget.calibrated),
-        "raw": None if budget.raw is None else _part_facts(budget.raw),
+        "raw": None if budget.uncalibrated is None else _part_facts(budget.uncalibrated),
     }
     ready: dict[str, Any] = json_ready(facts)
     return ready
@@ -70,7 +70,7 @@ def _part_facts(part: RecordedPart) -> dict[str, Any]:
             "interval": [part.regression.low, part.regression.high],
             "r_squared": part.regression.r_squared,
         },
-        "twins": None if part.twins is None else _twin_facts(part.twins),
+        "twins": None if part.replicas is None else _twin_facts(part.replicas),
     }
     return facts
 
@@ -82,14 +82,14 @@ def _growth_facts(found: Growth) -> dict[str, Any]:
     return {
         "times_s": found.times,
         "count": found.count,
-        "judged": found.judged,
+        "judged": found.known[:, found.column("horizontal")],
         "effective": found.effective,
         "rms_m": named(found.rms),
         "rms_low_m": named(found.low),
         "rms_high_m": named(found.high),
         "p95_m": named(found.p95),
         "max_m": named(found.largest),
-        "judge_sd_m": named(found.judge),
+        "judge_sd_m": named(found.reference),
         "predicted_m": named(found.predicted),
         "inside_3_sd": named(found.inside),
     }
@@ -120,11 +120,11 @@ def _sensor_facts(fit: SensorFit) -> dict[str, Any]:
         "gyro_bias_deg_h": fit.gyro / DEG_PER_H,
         "gyro_bias_sd_deg_h": fit.gyro_sd / DEG_PER_H,
         "misfit": fit.spread,
-        "bias_told_from_tilt": fit.level_told,
+        "bias_told_from_tilt": fit.level_observable,
     }
 
 
-def _twin_facts(made: Twins) -> dict[str, Any]:
+def _twin_facts(made: Replicas) -> dict[str, Any]:
     return {
         "count": len(made.rms),
         "inside_band": made.agree,

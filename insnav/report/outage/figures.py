@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from insnav.errors.outage.gnss_outage import Growth, Outage
+from insnav.errors.outage.gnss_outage import Outage
+from insnav.errors.outage.statistics import Growth
 from insnav.report.style import BLACK, BLUE, GREY, SKY, VERMILLION, legend_above, logarithmic, stacked
 from insnav.types import FloatArray
 
@@ -46,7 +47,7 @@ def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], judge: str) 
         )
         axes.plot(
             [each.length for each in sums],
-            [each.quantities[f"smoothed {name}"][0] for each in sums],
+            [each.rms[-1, each.column(f"smoothed {name}")] for each in sums],
             "o-",
             color=VERMILLION,
             markersize=4.0,
@@ -74,6 +75,6 @@ def _over_time(
     for row, window in enumerate(windows):
         size[row] = np.interp(time, window.elapsed, np.linalg.norm(window.error[:, columns], axis=1))
         sd[row] = np.interp(
-            time, window.elapsed, np.linalg.norm(np.hypot(window.sd, window.judge_sd)[:, columns], axis=1)
+            time, window.elapsed, np.linalg.norm(np.hypot(window.sd, window.reference_sd)[:, columns], axis=1)
         )
     return time, np.sqrt(np.mean(size**2, axis=0)), np.quantile(size, 0.95, axis=0), np.sqrt(np.mean(sd**2, axis=0))

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from insnav.errors.outage.gnss_outage import Growth, Outage
+import numpy as np
+
+from insnav.errors.outage.gnss_outage import Outage
+from insnav.errors.outage.statistics import Growth
 from insnav.report.numbers import number
 from insnav.report.outage.figures import draw_outages
 from insnav.report.page import Table
@@ -51,10 +54,10 @@ def outage_facts(
         {
             "length_s": each.length,
             "windows": each.count,
-            "inside_3_sd": each.inside,
+            "inside_3_sd": each.inside_at_end,
             **{
                 _KEYS[name]: dict(
-                    zip(("rms", "p95", "max", "predicted"), (v / unit for v in each.quantities[name]), strict=True)
+                    zip(("rms", "p95", "max", "predicted"), (v / unit for v in _figures(each, name)), strict=True)
                 )
                 for name, _, unit in _ROWS
             },
@@ -87,12 +90,12 @@ def outage_sheet(
         Table(
             title,
             ("without GPS [s]", "windows", "RMS", "95 %", "max", "predicted sd"),
-            tuple((f"{each.length:g}", str(each.count), *_cells(each.quantities[key], unit)) for each in sums),
+            tuple((f"{each.length:g}", str(each.count), *_cells(_figures(each, key), unit)) for each in sums),
         )
         for key, title, unit in _ROWS
-        if any(each.quantities[key][0] == each.quantities[key][0] for each in sums)
+        if any(np.isfinite(_figures(each, key)[0]) for each in sums)
     ]
-    inside = ", ".join(f"{100.0 * each.inside:.0f} % of {each.length:g} s" for each in sums)
+    inside = ", ".join(f"{100.0 * each.inside_at_end:.0f} % of {each.length:g} s" for each in sums)
     with drawing():
         figure = draw_outages(windows, sums, judge)
     return Sheet(
@@ -111,6 +114,12 @@ def outage_sheet(
         ),
         tuple(notes),
     )
+
+
+def _figures(found: Growth, component: str) -> tuple[float, ...]:
+    """RMS, 95 %, largest, predicted."""
+    column = found.column(component)
+    return tuple(float(each[-1, column]) for each in (found.rms, found.p95, found.largest, found.predicted))
 
 
 def _cells(values: tuple[float, ...], unit: float) -> list[str]:

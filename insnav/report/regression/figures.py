@@ -15,10 +15,10 @@ from scipy.special import stdtrit
 
 from insnav.regression.accuracy_metrics import METRICS, Metric
 from insnav.regression.baseline import Baseline
+from insnav.regression.evaluate import GROWTH
 from insnav.regression.history import Entry
 from insnav.regression.run_corpus import CaseResult
 from insnav.regression.verdict import FAILS_FROM, Comparison
-from insnav.regression.windows import GROWTH
 from insnav.report.style import (
     AXIS_COLOURS,
     BLACK,

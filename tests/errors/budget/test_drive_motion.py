@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insnav.errors.budget import budget, known_sources
 from insnav.errors.budget.drive_motion import (
-    shown_part,
     spec_in_windows,
-    start_sources,
     typical_window,
     window_motion,
+    window_start_sources,
     with_recorded,
 )
-from insnav.errors.budget.from_windows import RecordedBudget, RecordedSettings, recorded_budget
+from insnav.errors.budget.error_budget import budget
+from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings, recorded_budget
+from insnav.errors.budget.initial_covariance import start_sources
 from tests.errors.outage import drives
 
 TIMES = (10.0, 30.0, 60.0)
@@ -24,7 +24,7 @@ TIMES = (10.0, 30.0, 60.0)
 def both() -> dict[bool, RecordedBudget]:
     ready = drives.drawn(3)
     return {
-        raw: recorded_budget(ready, drives.SPEC, None, RecordedSettings(60.0, None, 15.0, raw=raw, twins=0))
+        raw: recorded_budget(ready, drives.SPEC, None, WindowSettings(60.0, None, 15.0, uncalibrated=raw, replicas=0))
         for raw in (False, True)
     }
 
@@ -32,9 +32,9 @@ def both() -> dict[bool, RecordedBudget]:
 @pytest.mark.parametrize("raw", [False, True])
 def test_sources_one_by_one_add_up_to_what_the_filter_predicts(both: dict[bool, RecordedBudget], raw: bool):
     windows = both[raw]
-    motion, known = window_motion(windows, 60.0), start_sources(windows)
+    motion, known = window_motion(windows, 60.0), window_start_sources(windows)
     found = with_recorded(budget(spec_in_windows(windows), motion, TIMES, known=known, runs=200), windows)
-    part = shown_part(windows)
+    part = windows.shown
     at = [int(np.argmin(np.abs(part.windows.grid - time))) for time in TIMES]
     predicted = np.sqrt(np.diagonal(part.windows.covariance[typical_window(part), at], axis1=1, axis2=2))[:, :6]
     by_sources = found.covariance.total[found.chosen, :6]
@@ -69,7 +69,7 @@ def test_the_sources_of_a_start_are_its_covariance():
     a = rng.standard_normal((21, 21)) * 10.0 ** rng.uniform(-6, 1, 21)[:, None]
     a[16:19] = 0.0  # states that are known
     covariance = a @ a.T
-    found = known_sources(covariance)
+    found = start_sources(covariance)
     total = sum(source.sd**2 * np.outer(source.joint, source.joint) for source in found)
     scale = np.sqrt(np.diag(covariance)) + 1e-30
     np.testing.assert_allclose(total / np.outer(scale, scale), covariance / np.outer(scale, scale), atol=1e-7)

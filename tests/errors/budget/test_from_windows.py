@@ -1,4 +1,4 @@
-"""The whole recorded budget: verdicts, notes, and twins that agree with a right IMU file and with no other."""
+"""The whole recorded budget: verdicts, notes, and replicas that agree with a right IMU file and with no other."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insnav.errors.budget.from_windows import RecordedSettings, recorded_budget, verdicts
-from insnav.errors.diagnosis.simulated_replica import twin_task
-from insnav.errors.outage.free_inertial import free_windows
+from insnav.errors.budget.from_windows import WindowSettings, recorded_budget, verdicts
+from insnav.errors.diagnosis.simulated_replica import replica_task
+from insnav.errors.outage.free_inertial import free_window_starts, free_windows
 from insnav.errors.outage.statistics import COMPONENTS, components, growth
-from insnav.errors.outage.window_drive import driven, starts
-from insnav.errors.outage.window_reference import judged_by_fixes, judged_by_reference
+from insnav.errors.outage.window_reference import reference_from_fixes, reference_from_trajectory
+from insnav.errors.outage.window_start import navigated_drive
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec
 from insnav.simulate import reference
 from tests.errors.outage import drives
 
-FEW = RecordedSettings(length=30.0, spacing=40.0, twins=6, seed=3)
+FEW = WindowSettings(length=30.0, spacing=40.0, replicas=6, seed=3)
 
 
 def scaled(spec: ImuSpec, factor: float) -> ImuSpec:
@@ -28,23 +28,23 @@ def scaled(spec: ImuSpec, factor: float) -> ImuSpec:
     return replace(spec, gyro=sensor(spec.gyro), accel=sensor(spec.accel))
 
 
-def test_both_kinds_of_windows_have_their_twins():
-    found = recorded_budget(drives.drawn(11), drives.SPEC, None, replace(FEW, twins=3, raw=True))
-    assert found.raw is not None
-    raw, calibrated = found.raw.twins, found.calibrated.twins
+def test_both_kinds_of_windows_have_their_replicas():
+    found = recorded_budget(drives.drawn(11), drives.SPEC, None, replace(FEW, replicas=3, uncalibrated=True))
+    assert found.uncalibrated is not None
+    raw, calibrated = found.uncalibrated.replicas, found.calibrated.replicas
     assert raw is not None
     assert calibrated is not None
     assert (raw.rms[:, -1, 5] > 3.0 * calibrated.rms[:, -1, 5]).all()
-    alone = recorded_budget(drives.drawn(11), drives.SPEC, None, replace(FEW, twins=3)).calibrated.twins
+    alone = recorded_budget(drives.drawn(11), drives.SPEC, None, replace(FEW, replicas=3)).calibrated.replicas
     assert alone is not None
     np.testing.assert_array_equal(alone.rms, calibrated.rms)
 
 
-def test_a_right_imu_file_agrees_with_its_twins():
+def test_a_right_imu_file_agrees_with_its_replicas():
     agreed = []
     for seed in (11, 12, 13):
         found = recorded_budget(drives.drawn(seed), drives.SPEC, None, FEW)
-        made = found.calibrated.twins
+        made = found.calibrated.replicas
         assert made is not None
         assert not made.failures
         print(f"recorded {made.recorded[-1, :3].round(3)} m, band {made.low[-1, :3].round(3)} to {made.high[-1, :3]}")
@@ -54,12 +54,12 @@ def test_a_right_imu_file_agrees_with_its_twins():
     assert all(agreed)
 
 
-def test_twins_err_as_their_filter_predicts_and_their_fixes_as_stated():
+def test_replicas_err_as_their_filter_predicts_and_their_fixes_as_stated():
     ready = drives.injected()
-    stamps = starts(ready, 30.0, spacing=20.0)
-    drive, judge = driven(ready, stamps), judged_by_fixes(ready)
-    windows = free_windows(drive, judge, 30.0, 20.0)
-    task = twin_task(drive, judge, drives.SPEC, [windows], np.array([1.0, 10.0, 20.0, 30.0]))
+    stamps = free_window_starts(ready, 30.0, spacing=20.0)
+    drive, against = navigated_drive(ready, stamps), reference_from_fixes(ready)
+    windows = free_windows(drive, against, 30.0, 20.0)
+    task = replica_task(drive, against, drives.SPEC, [windows], np.array([1.0, 10.0, 20.0, 30.0]))
     square, first = [], []
     for seed in range(8):
         (made,) = task.windows(seed)
@@ -74,16 +74,18 @@ def test_twins_err_as_their_filter_predicts_and_their_fixes_as_stated():
 
 def test_an_imu_much_worse_than_its_file_does_not():
     found = recorded_budget(drives.drawn(11, scaled(drives.SPEC, 12.0)), drives.SPEC, None, FEW)
-    made = found.calibrated.twins
+    made = found.calibrated.replicas
     assert made is not None
     assert not made.agree
     assert (made.recorded[-1, :3] > made.high[-1, :3]).any()
 
 
-def test_twins_are_the_same_for_any_number_of_workers():
+def test_replicas_are_the_same_for_any_number_of_workers():
     ready = drives.drawn(11)
-    three = replace(FEW, twins=3)
-    one, two = (recorded_budget(ready, drives.SPEC, None, replace(three, workers=n)).calibrated.twins for n in (1, 2))
+    three = replace(FEW, replicas=3)
+    one, two = (
+        recorded_budget(ready, drives.SPEC, None, replace(three, workers=n)).calibrated.replicas for n in (1, 2)
+    )
     assert one is not None
     assert two is not None
     np.testing.assert_array_equal(one.rms, two.rms)
@@ -93,27 +95,29 @@ def test_both_kinds_of_windows_and_what_is_said_of_them():
     absent = replace(drives.SPEC, absent=("gyro.scale_factor",))
     told: list[float] = []
     found = recorded_budget(
-        drives.injected(), absent, None, RecordedSettings(length=30.0, spacing=30.0, raw=True), told.append
+        drives.injected(), absent, None, WindowSettings(length=30.0, spacing=30.0, uncalibrated=True), told.append
     )
-    assert found.raw is not None
-    assert found.raw.windows.raw
-    assert not found.calibrated.windows.raw
-    np.testing.assert_array_equal(found.raw.windows.start, found.calibrated.windows.start)
+    assert found.uncalibrated is not None
+    assert found.uncalibrated.windows.uncalibrated
+    assert not found.calibrated.windows.uncalibrated
+    np.testing.assert_array_equal(found.uncalibrated.windows.start, found.calibrated.windows.start)
     notes = " ".join(found.notes)
-    assert "withheld fixes" in notes
+    assert "own GPS fixes" in notes
     assert "gyro.scale_factor" in notes
-    assert "No window is at rest" in notes
+    assert "No stationary window" in notes
     assert told == sorted(told)
     assert told[-1] == 1.0
     # one specimen of a bias of 1 mg is what was predicted for many, give or take
-    assert all(each.explained for each in found.raw.verdicts)
+    assert all(each.explained for each in found.uncalibrated.verdicts)
 
 
 def test_a_smoothed_start_is_better_and_said_not_to_be_independent():
     ready = drives.injected()
-    truth = judged_by_reference(reference(drives.motion(), ready.gps.time), "truth", position_sd=1e-3, velocity_sd=1e-3)
+    truth = reference_from_trajectory(
+        reference(drives.motion(), ready.gps.time), "truth", position_sd=1e-3, velocity_sd=1e-3
+    )
     forward, smoothed = (
-        recorded_budget(ready, drives.SPEC, truth, RecordedSettings(length=30.0, spacing=20.0, start=start))
+        recorded_budget(ready, drives.SPEC, truth, WindowSettings(length=30.0, spacing=20.0, start=start))
         for start in ("forward", "smoothed")
     )
     at = COMPONENTS.index("horizontal")
@@ -121,28 +125,28 @@ def test_a_smoothed_start_is_better_and_said_not_to_be_independent():
     assert smoothed.calibrated.growth.rms[-1, at] < forward.calibrated.growth.rms[-1, at]
     assert any("Not independent" in note for note in smoothed.notes)
     assert not any("Not independent" in note for note in forward.notes)
-    assert not any("withheld" in note for note in forward.notes)
+    assert not any("own GPS" in note for note in forward.notes)
 
 
-def test_verdicts_by_interval_and_by_one_specimen():
+def test_verdicts_by_interval_and_by_one_sensor():
     found = growth(drives.windows())
     factor = found.rms[-1:] / found.predicted[-1:]
 
-    def judged(scale: float, **how):
+    def verdict(scale: float, **how):
         predicted = np.broadcast_to(found.predicted * factor / scale, found.predicted.shape)
         return {each.component: each for each in verdicts(replace(found, predicted=predicted), **how)}
 
-    assert all(each.explained for each in judged(1.0).values())
-    assert not any(each.cautious for each in judged(1.0).values())
-    assert not any(each.explained for each in judged(20.0).values())
-    assert all(each.cautious for each in judged(0.05).values())
+    assert all(each.explained for each in verdict(1.0).values())
+    assert not any(each.cautious for each in verdict(1.0).values())
+    assert not any(each.explained for each in verdict(20.0).values())
+    assert all(each.cautious for each in verdict(0.05).values())
     # of one draw 2.2 sd are nothing special, 3 are
-    assert judged(2.2, one_specimen=True)["north"].explained
-    assert not judged(3.0, one_specimen=True)["north"].explained
-    assert not judged(2.2, one_specimen=True)["horizontal"].explained
+    assert verdict(2.2, one_sensor=True)["north"].explained
+    assert not verdict(3.0, one_sensor=True)["north"].explained
+    assert not verdict(2.2, one_sensor=True)["horizontal"].explained
 
 
 @pytest.mark.parametrize("count", [-1, 1, 2])
-def test_too_few_twins_are_refused(count: int):
+def test_too_few_replicas_are_refused(count: int):
     with pytest.raises(ConfigError, match="make no band"):
-        recorded_budget(drives.injected(), drives.SPEC, None, RecordedSettings(twins=count))
+        recorded_budget(drives.injected(), drives.SPEC, None, WindowSettings(replicas=count))

@@ -10,10 +10,10 @@ from scipy.stats import chi2, f
 
 from insnav.attitude import quat_conjugate, quat_from_rph, quat_multiply, rotvec_from_quat
 from insnav.earth import ned_offset
-from insnav.errors.budget import free_runs
 from insnav.errors.budget.covariance import covariance
 from insnav.errors.budget.error_budget import budget
 from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, sampled
+from insnav.errors.budget.simulated import free_runs
 from insnav.errors.budget.sources import families, only, sources_of
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec, SensorSpec, corrupt, draw_errors, load_imu

@@ -15,7 +15,7 @@ from tests.errors.outage import drives
 
 
 def test_ten_degrees_per_hour_and_a_milli_g_are_recovered():
-    fit = fit_sensors(drives.windows(raw=True), drives.injected().model)
+    fit = fit_sensors(drives.windows(uncalibrated=True), drives.injected().model)
     accel, gyro = fit.accel * drives.SIGNS / UG, fit.gyro * drives.SIGNS / DEG_PER_H
     print(f"accelerometers {accel.round(1)} ug, gyros {gyro.round(3)} deg/h, misfit {fit.spread:.2f}")
     np.testing.assert_allclose(accel, 1000.0, rtol=0.05)
@@ -25,23 +25,23 @@ def test_ten_degrees_per_hour_and_a_milli_g_are_recovered():
     assert (np.abs(accel - 1000.0) < 4.0 * fit.accel_sd / UG).all()
     assert (np.abs(gyro - 10.0) < 4.0 * fit.gyro_sd / DEG_PER_H).all()
     assert 0.3 < fit.spread < 2.0
-    assert fit.level_told
+    assert fit.level_observable
 
 
 def test_a_filter_that_has_found_them_leaves_little():
-    raw, left = (fit_sensors(drives.windows(raw=r), drives.injected().model) for r in (True, False))
+    raw, left = (fit_sensors(drives.windows(uncalibrated=r), drives.injected().model) for r in (True, False))
     assert np.abs(left.accel).max() < 0.1 * np.abs(raw.accel).min()
     assert np.abs(left.gyro[:2]).max() < 0.1 * np.abs(raw.gyro[:2]).min()
 
 
-def test_one_heading_does_not_tell_bias_from_tilt():
-    windows = drives.windows(raw=True)
+def test_on_one_heading_bias_and_tilt_are_not_separately_observable():
+    windows = drives.windows(uncalibrated=True)
     rows = np.flatnonzero(windows.motion == "straight")[:2]
-    assert not fit_sensors(windows.only(rows), drives.injected().model).level_told
+    assert not fit_sensors(windows.only(rows), drives.injected().model).level_observable
 
 
 def test_straight_windows_show_the_projected_errors():
-    windows = drives.windows(raw=True, length=30.0)
+    windows = drives.windows(uncalibrated=True, length=30.0)
     found = diagnose(windows, drives.injected().model)
     assert found.steady
     assert found.windows.count < windows.count
@@ -58,7 +58,7 @@ def test_straight_windows_show_the_projected_errors():
 
 
 def test_errors_beyond_the_stated_ones_are_unexplained():
-    windows = drives.windows(raw=True, length=30.0)
+    windows = drives.windows(uncalibrated=True, length=30.0)
     tenth = np.diag(np.concatenate([np.ones(9), np.full(12, 0.1)]))
     stated = replace(windows, start_covariance=tenth @ windows.start_covariance @ tenth)
     found = diagnose(stated, drives.injected().model)
@@ -67,7 +67,7 @@ def test_errors_beyond_the_stated_ones_are_unexplained():
 
 
 def test_windows_that_jump_are_set_aside():
-    windows = drives.windows(raw=True, length=30.0)
+    windows = drives.windows(uncalibrated=True, length=30.0)
     error = windows.error.copy()
     jumped = int(np.flatnonzero(windows.motion == "straight")[0])
     error[jumped, 12:, 0] += 20.0
@@ -84,7 +84,7 @@ def test_the_slope_is_one_where_predictions_are_right():
 
     def one():
         made = (root @ rng.standard_normal((*windows.error.shape, 1)))[..., 0]
-        return replace(windows, error=made + windows.judge_sd * rng.standard_normal(made.shape))
+        return replace(windows, error=made + windows.reference_sd * rng.standard_normal(made.shape))
 
     draws = [one() for _ in range(30)]
     found = [regression(each) for each in draws]

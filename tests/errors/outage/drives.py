@@ -7,9 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from insnav.errors.outage.free_inertial import Windows, free_windows
-from insnav.errors.outage.window_drive import driven, starts
-from insnav.errors.outage.window_reference import judged_by_fixes
+from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
+from insnav.errors.outage.window_reference import reference_from_fixes
+from insnav.errors.outage.window_start import navigated_drive
 from insnav.filter import FilterSettings
 from insnav.filter.prepare import Prepared, prepare
 from insnav.imu import ImuErrors, ImuSpec, SensorSpec, corrupt
@@ -75,7 +75,7 @@ def drawn(seed: int, spec: ImuSpec = SPEC) -> Prepared:
 
 
 @lru_cache(maxsize=4)
-def windows(raw: bool = False, length: float = 60.0, spacing: float = 10.0) -> Windows:
+def windows(uncalibrated: bool = False, length: float = 60.0, spacing: float = 10.0) -> Windows:
     ready = injected()
-    drive_ = driven(ready, starts(ready, length, spacing=spacing))
-    return free_windows(drive_, judged_by_fixes(ready), length, spacing, raw=raw)
+    drive_ = navigated_drive(ready, free_window_starts(ready, length, spacing=spacing))
+    return free_windows(drive_, reference_from_fixes(ready), length, spacing, uncalibrated=uncalibrated)

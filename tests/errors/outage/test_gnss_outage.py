@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from insnav.earth import lla_offset, ned_offset
-from insnav.errors.outage.gnss_outage import RECOVERY, growth, outages
+from insnav.errors.outage import gnss_outage
+from insnav.errors.outage.gnss_outage import RECOVERY, outages
+from insnav.errors.outage.statistics import outage_growth
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter import FilterSettings
 from insnav.filter.navigate import feed
@@ -29,7 +31,7 @@ def prepared(seed: int) -> Prepared:
 
 
 def exact() -> object:
-    """Fixes without errors, to judge by."""
+    """Fixes without errors, as a reference."""
     gps = drives.perfect_gps()
     small = np.full_like(gps.position_sd, QUIET)
     return replace(gps, position_sd=small, velocity_sd=small)
@@ -54,32 +56,34 @@ def test_a_window_is_what_a_filter_without_those_fixes_does():
 
 
 def test_errors_are_as_large_as_predicted():
-    windows = [w for seed in range(10) for w in outages(prepared(seed), lengths=[20.0], spacing=40.0, truth=exact())]
-    (found,) = growth(windows)
-    rms, _, _, predicted = found.quantities["horizontal"]
-    smoothed, _, _, smoothed_sd = found.quantities["smoothed horizontal"]
+    windows = [
+        w for seed in range(10) for w in outages(prepared(seed), lengths=[20.0], spacing=40.0, reference=exact())
+    ]
+    (found,) = outage_growth(windows)
+    rms, smoothed = (found.rms[-1, found.column(name)] for name in ("horizontal", "smoothed horizontal"))
+    predicted, smoothed_sd = (found.predicted[-1, found.column(name)] for name in ("horizontal", "smoothed horizontal"))
     print(
         f"{found.count} windows: RMS {rms:.2f} m, predicted {predicted:.2f} m; smoothed {smoothed:.2f}, its sd "
-        f"{smoothed_sd:.2f} m; inside 3 sd {100 * found.inside:.1f} %"
+        f"{smoothed_sd:.2f} m; inside 3 sd {100 * found.inside_at_end:.1f} %"
     )
     assert found.count > 40
     assert 0.75 < rms / predicted < 1.3
-    assert found.inside > 0.97
+    assert found.inside_at_end > 0.97
     assert smoothed < 0.5 * rms
 
 
-def test_the_judge_s_own_variance_is_taken_off():
+def test_reference_variance_is_subtracted():
     noisy = [w for seed in range(6) for w in outages(prepared(seed), lengths=[2.0], spacing=10.0)]
-    clean = [w for seed in range(6) for w in outages(prepared(seed), lengths=[2.0], spacing=10.0, truth=exact())]
-    by_fixes, by_truth = growth(noisy)[0].quantities["horizontal"], growth(clean)[0].quantities["horizontal"]
-    print("RMS by fixes, corrected:", by_fixes[0], "by truth:", by_truth[0])
-    assert by_fixes[0] == pytest.approx(by_truth[0], rel=0.25)
-    assert by_fixes[1] > 1.5 * by_truth[1]  # quantiles are left as they are
+    clean = [w for seed in range(6) for w in outages(prepared(seed), lengths=[2.0], spacing=10.0, reference=exact())]
+    by_fixes, by_truth = (outage_growth(each)[0] for each in (noisy, clean))
+    print("RMS by fixes, corrected:", by_fixes.rms[-1, 0], "by truth:", by_truth.rms[-1, 0])
+    assert by_fixes.rms[-1, 0] == pytest.approx(by_truth.rms[-1, 0], rel=0.25)
+    assert by_fixes.p95[-1, 0] > 1.5 * by_truth.p95[-1, 0]  # quantiles are left as they are
 
 
 def test_errors_grow_with_the_length():
-    sums = growth(outages(prepared(1), lengths=[5.0, 15.0, 45.0], truth=exact()))
-    rms = [each.quantities["horizontal"][0] for each in sums]
+    sums = outage_growth(outages(prepared(1), lengths=[5.0, 15.0, 45.0], reference=exact()))
+    rms = [each.rms[-1, 0] for each in sums]
     assert rms == sorted(rms)
     assert rms[-1] > 3.0 * rms[0]
     assert [each.length for each in sums] == [5.0, 15.0, 45.0]
@@ -94,7 +98,7 @@ def test_two_processes_find_the_same():
         np.testing.assert_array_equal(a.smoothed, b.smoothed)
 
 
-def test_a_fix_marked_as_none_is_not_judged_by():
+def test_a_fix_marked_as_none_is_no_reference():
     ready = prepared(3)
     fix = np.ones(ready.gps.time.shape[0], dtype=np.int64)
     wild = lla_offset(ready.gps.lla, np.full((fix.shape[0], 3), 1e4))
@@ -113,3 +117,16 @@ def test_lengths_and_spacing_must_be_above_zero(lengths, spacing):
 def test_a_window_longer_than_the_drive_is_refused():
     with pytest.raises(InputError, match="too short"):
         outages(prepared(0), lengths=[1000.0])
+
+
+def test_receiver_headings_are_lost_in_the_outage_and_back_after_it():
+    ready = prepared(1)
+    gps = replace(ready.gps, heading=np.linspace(0.0, 1.0, len(ready.gps.time)))
+    start = float(gps.time[40])
+    fixes = gnss_outage._fixes(gps, None, start, start + 20.0, start + 30.0)
+    inside = fixes.time <= start + 20.0
+    assert np.isnan(fixes.heading[inside]).all()
+    assert not fixes.fix[inside].any()
+    after = (gps.time > start + 20.0) & (gps.time <= start + 30.0)
+    np.testing.assert_array_equal(fixes.heading[~inside], gps.heading[after])
+    assert fixes.fix[~inside].all()

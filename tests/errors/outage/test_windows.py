@@ -10,18 +10,23 @@ import pytest
 from insnav import strapdown
 from insnav.attitude import dcm_from_rph, quat_from_rph, rph_from_quat
 from insnav.earth import lla_offset, ned_offset
-from insnav.errors.outage.free_inertial import Windows, free_windows
+from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
 from insnav.errors.outage.gnss_outage import outages
 from insnav.errors.outage.statistics import COMPONENTS, components, growth, table_times
-from insnav.errors.outage.window_drive import driven, starts
 from insnav.errors.outage.window_reference import (
-    at_rest,
-    judged_by_fixes,
-    judged_by_positions,
-    judged_by_reference,
-    never_moves,
+    is_stationary,
+    reference_from_fixes,
+    reference_from_positions,
+    reference_from_trajectory,
+    stationary_fixes,
 )
-from insnav.errors.outage.window_start import alone, effective, forward_start, uncalibrated
+from insnav.errors.outage.window_start import (
+    forward_start,
+    free_inertial_settings,
+    growth_by_start_error,
+    navigated_drive,
+    uncalibrated_start,
+)
 from insnav.exceptions import ConfigError, InputError
 from insnav.simulate import reference
 from insnav.types import ImuData, Trajectory
@@ -34,13 +39,13 @@ LENGTH = 30.0
 @pytest.fixture(scope="module")
 def drive():
     ready = drives.injected()
-    return driven(ready, starts(ready, LENGTH, spacing=25.0))
+    return navigated_drive(ready, free_window_starts(ready, LENGTH, spacing=25.0))
 
 
 @pytest.fixture(scope="module")
 def both(drive) -> tuple[Windows, Windows]:
-    judge = judged_by_fixes(drive.ready)
-    return tuple(free_windows(drive, judge, LENGTH, 25.0, raw=raw) for raw in (False, True))
+    against = reference_from_fixes(drive.ready)
+    return tuple(free_windows(drive, against, LENGTH, 25.0, uncalibrated=raw) for raw in (False, True))
 
 
 def test_a_raw_window_is_free_inertial_navigation_of_the_samples(drive, both):
@@ -78,16 +83,16 @@ def test_fixes_inside_a_window_change_nothing(drive, both):
     wild = (ready.gps.time > begin) & (ready.gps.time <= begin + LENGTH)
     lla = np.where(wild[:, None], lla_offset(ready.gps.lla, np.full((len(wild), 3), 4.0)), ready.gps.lla)
     spoilt = replace(ready, gps=replace(ready.gps, lla=lla))
-    again = driven(spoilt, windows.start[: number + 1])
-    found = free_windows(again, judged_by_fixes(ready), LENGTH, 25.0)
+    again = navigated_drive(spoilt, windows.start[: number + 1])
+    found = free_windows(again, reference_from_fixes(ready), LENGTH, 25.0)
     np.testing.assert_array_equal(found.error[number], windows.error[number])
 
 
 def test_errors_are_as_large_as_predicted(both):
     for windows in both:
-        error, variance, judge = components(windows)
-        ratio = error[:, :, :2] ** 2 / (variance + judge)[:, :, :2]
-        print(f"raw {windows.raw}: mean square by prediction {ratio.mean():.2f}")
+        error, variance, against = components(windows)
+        ratio = error[:, :, :2] ** 2 / (variance + against)[:, :, :2]
+        print(f"raw {windows.uncalibrated}: mean square by prediction {ratio.mean():.2f}")
         assert 0.3 < ratio.mean() < 2.5
     calibrated, raw = (growth(w) for w in both)
     assert raw.predicted[-1, 0] > 5.0 * calibrated.predicted[-1, 0]
@@ -96,9 +101,9 @@ def test_errors_are_as_large_as_predicted(both):
 
 def test_turning_on_keeps_how_errors_go_together():
     ready = drives.injected()
-    state = driven(ready, starts(ready, LENGTH, spacing=200.0)).states[0]
-    first = forward_start(state, alone(ready.settings, withheld=True), None)
-    raw = uncalibrated(first, ready.model)
+    state = navigated_drive(ready, free_window_starts(ready, LENGTH, spacing=200.0)).states[0]
+    first = forward_start(state, free_inertial_settings(ready.settings, own_fixes=True), None)
+    raw = uncalibrated_start(first, ready.model)
     np.testing.assert_array_equal(raw.covariance[:9], first.covariance[:9])
     np.testing.assert_allclose(np.diag(raw.covariance)[9:21], ready.model.sd**2, rtol=1e-12)
     assert np.linalg.eigvalsh(raw.covariance[:15, :15]).min() > 0.0
@@ -108,7 +113,7 @@ def test_turning_on_keeps_how_errors_go_together():
 
 def test_first_errors_show_as_the_formulas_say():
     rph, lla = np.array([0.02, -0.03, 1.1]), drives.PLACE
-    shows = effective(quat_from_rph(rph), lla)
+    shows = growth_by_start_error(quat_from_rph(rph), lla)
     gravity, c = 9.806, dcm_from_rph(rph)
     # an accelerometer bias taken off too much pushes the other way; a tilt about East pushes North
     np.testing.assert_allclose(shows[0, 1, 12:15], -c[0])
@@ -141,54 +146,54 @@ def test_along_and_cross_turn_with_the_course(both):
 
 
 def test_windows_touching_a_hole_are_left_out_and_counted(drive):
-    ready, whole = drive.ready, judged_by_fixes(drive.ready)
+    ready, whole = drive.ready, reference_from_fixes(drive.ready)
     gps = whole.fixes
     hole = (gps.time > 150.0) & (gps.time < 175.0)
-    torn = judged_by_positions(
+    torn = reference_from_positions(
         gps.rows(~hole),
         "torn",
     )
     windows = free_windows(drive, torn, LENGTH, 25.0)
-    assert windows.dropped == {"gap in what it is judged by": len(drive.states) - windows.count}
-    assert 1 <= windows.dropped["gap in what it is judged by"] <= 4
+    assert windows.dropped == {"gap in the reference": len(drive.states) - windows.count}
+    assert 1 <= windows.dropped["gap in the reference"] <= 4
     assert not ((windows.start < 175.0) & (windows.start + LENGTH > 151.0)).any()
     keep = ~((ready.imu.time > 200.0) & (ready.imu.time < 200.5))
     imu = ready.imu.rows(keep)
     broken = free_windows(replace(drive, ready=replace(ready, imu=imu)), whole, LENGTH, 25.0)
-    assert set(broken.dropped) == {"hole in the IMU record"}
+    assert set(broken.dropped) == {"gap in the IMU record"}
 
 
-def test_a_short_hole_of_the_judge_leaves_the_window_and_its_other_times(drive):
-    gps = judged_by_fixes(drive.ready).fixes
-    start = driven(drive.ready, starts(drive.ready, LENGTH, spacing=25.0)).states[2].time
+def test_a_short_gap_of_the_reference_leaves_the_window_and_its_other_times(drive):
+    gps = reference_from_fixes(drive.ready).fixes
+    start = navigated_drive(drive.ready, free_window_starts(drive.ready, LENGTH, spacing=25.0)).states[2].time
     gone = (gps.time > start + 8.5) & (gps.time < start + 12.5)
     few = gps.rows(~gone)
-    windows = free_windows(drive, judged_by_positions(few, "few"), LENGTH, 25.0)
+    windows = free_windows(drive, reference_from_positions(few, "few"), LENGTH, 25.0)
     row = int(np.argmin(np.abs(windows.start - start)))
     assert np.isnan(windows.error[row, 9, 0])
     assert np.isfinite(windows.error[row, 19, 0])
-    assert growth(windows).judged[0] == windows.count - 1
+    assert growth(windows).known[0, 5] == windows.count - 1
     assert np.isfinite(growth(windows).rms).all()
 
 
-def test_the_judges_own_variance_is_taken_off(drive):
+def test_reference_variance_is_subtracted(drive):
     truth = reference(drives.motion(), drive.ready.gps.time)
-    exact = judged_by_reference(truth, "truth", position_sd=1e-3, velocity_sd=1e-3)
+    exact = reference_from_trajectory(truth, "truth", position_sd=1e-3, velocity_sd=1e-3)
     by_truth = growth(free_windows(drive, exact, LENGTH, 25.0))
     rng = np.random.default_rng(0)
     noisy = replace(truth, lla=lla_offset(truth.lla, 0.5 * rng.standard_normal(truth.lla.shape)))
     by_noise = growth(
-        free_windows(drive, judged_by_reference(noisy, "noisy", position_sd=0.5, velocity_sd=1e-3), LENGTH, 25.0)
+        free_windows(drive, reference_from_trajectory(noisy, "noisy", position_sd=0.5, velocity_sd=1e-3), LENGTH, 25.0)
     )
-    print(by_truth.rms[:, 5], by_noise.rms[:, 5], by_noise.judged_rms[:, 5])
-    assert by_noise.judged_rms[0, 5] > 2.0 * by_truth.rms[0, 5]
-    assert abs(by_noise.rms[0, 5] - by_truth.rms[0, 5]) < 0.35 * by_noise.judged_rms[0, 5]
+    print(by_truth.rms[:, 5], by_noise.rms[:, 5], by_noise.total_rms[:, 5])
+    assert by_noise.total_rms[0, 5] > 2.0 * by_truth.rms[0, 5]
+    assert abs(by_noise.rms[0, 5] - by_truth.rms[0, 5]) < 0.35 * by_noise.total_rms[0, 5]
 
 
 @pytest.mark.parametrize("length", [5.0, 301.0, np.nan])
 def test_lengths_have_limits(length: float):
     with pytest.raises(ConfigError, match="make no budget"):
-        starts(drives.injected(), length)
+        free_window_starts(drives.injected(), length)
 
 
 def test_a_window_longer_than_the_drive_is_refused():
@@ -198,16 +203,16 @@ def test_a_window_longer_than_the_drive_is_refused():
         imu=ImuData(*(v[: int(90 * drives.RATE)] for v in (ready.imu.time, ready.imu.gyro, ready.imu.accel)), "mean"),
     )
     with pytest.raises(InputError, match="too short for windows of 120 s"):
-        starts(short, 120.0)
-    assert len(starts(short, 60.0)) >= 1  # but the first minute is given up for a window that fits
+        free_window_starts(short, 120.0)
+    assert len(free_window_starts(short, 60.0)) >= 1  # but the first minute is given up for a window that fits
 
 
-def test_nothing_to_judge_by_is_an_error(drive):
-    gps = judged_by_fixes(drive.ready).fixes
+def test_no_reference_is_an_error(drive):
+    gps = reference_from_fixes(drive.ready).fixes
     early = gps.time < 40.0
     few = gps.rows(early)
     with pytest.raises(InputError, match="no window of 30 s is left"):
-        free_windows(drive, judged_by_positions(few, "few"), LENGTH, 25.0)
+        free_windows(drive, reference_from_positions(few, "few"), LENGTH, 25.0)
 
 
 def test_times_of_the_tables(both):
@@ -219,9 +224,9 @@ def test_times_of_the_tables(both):
 def test_a_bench_that_never_moves():
     lla = np.array([0.6, 1.9, 380.0])
     twice = Trajectory(np.array([0.0, 1000.0]), np.tile(lla, (2, 1)), np.zeros((2, 3)), np.full((2, 3), np.nan))
-    assert never_moves(twice, 0.0, 1001.0)
-    assert not never_moves(twice, 0.0, 3000.0)
-    assert not never_moves(replace(twice, lla=np.stack([lla, lla + 1e-6])), 0.0, 1000.0)
-    fixes = at_rest(lla, 10.0, 20.0, 0.01, 0.005)
+    assert is_stationary(twice, 0.0, 1001.0)
+    assert not is_stationary(twice, 0.0, 3000.0)
+    assert not is_stationary(replace(twice, lla=np.stack([lla, lla + 1e-6])), 0.0, 1000.0)
+    fixes = stationary_fixes(lla, 10.0, 20.0, 0.01, 0.005)
     assert len(fixes.time) == 11
     np.testing.assert_array_equal(fixes.position_sd, 0.01)
