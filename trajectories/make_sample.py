@@ -7,30 +7,75 @@ from __future__ import annotations
 
 import sys
 import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from insnav.imu import load_imu
-from insnav.output.data_files import write_gps, write_imu, write_reference
+from insnav.output.data_files import write_data
 from insnav.simulate import (
     GpsErrors,
-    Profile,
-    Segment,
     Truth,
-    Vehicle,
     corrupt_gps,
     corrupt_imu,
-    drive,
     gps_from_truth,
     imu_from_truth,
     reference,
     without_fixes,
 )
+from insnav.simulate.imu_errors import Seed
+from insnav.simulate.motion.assemble import Start, commands_of, spacing_of, truth_of
+from insnav.simulate.motion.kinds import KINDS
+from insnav.simulate.motion.moves import Move, State
+from insnav.simulate.motion.smooth_steps import step
+from insnav.simulate.motion.vehicle import Vehicle
+from insnav.simulate.motion.vibration import Vibration
 from insnav.units import DEG
 
 SAMPLE = Path(__file__).parent / "sample"
+
+
+@dataclass(frozen=True)
+class Segment:
+    """One manoeuvre of a car: over `duration` [s] speed [m/s], heading and grade [rad] change together and smoothly."""
+
+    duration: float
+    speed: float | None = None  # at the end; None keeps it
+    turn: float = 0.0
+    grade: float | None = None  # at the end, positive upwards; None keeps it
+
+
+def drive(
+    segments: Sequence[Segment],
+    lla: np.ndarray,
+    *,
+    seed: Seed,
+    heading: float = 0.0,
+    roll: float = 0.0,
+    pitch: float = 0.0,
+    start: float = 0.0,
+    body: Vehicle = KINDS["car"].body,
+) -> Truth:
+    """Exact motion of a car from rest; `roll` and `pitch` are those of the IMU in the level car [rad]."""
+    moves, state, grade = [], State(0.0, heading), 0.0
+    for segment in segments:
+        end = State(state.speed if segment.speed is None else segment.speed, state.heading + segment.turn)
+        slope = grade if segment.grade is None else segment.grade
+        pairs = ((state.speed, end.speed), (state.heading, end.heading), (grade, slope))
+        moves.append(Move(segment.duration, state, end, *(partial(change, segment.duration, *pair) for pair in pairs)))
+        state, grade = end, slope
+    begin, vibration = Start(lla, heading, 0.0, roll, pitch, start), Vibration()
+    commands = commands_of(moves, begin, spacing_of(moves, vibration))
+    return truth_of(commands, moves, begin, replace(KINDS["car"], body=body), vibration, seed)
+
+
+def change(duration: float, begin: float, end: float, t: np.ndarray) -> np.ndarray:
+    """Smooth change over a duration, at times `t` since its begin."""
+    return begin + (end - begin) * step(t / duration)
 
 
 def read_settings() -> dict[str, Any]:
@@ -49,12 +94,14 @@ def make_truth(settings: dict[str, Any]) -> Truth:
         )
         for row in settings["segment"]
     )
-    roll, pitch, heading = (angle * DEG for angle in settings["vehicle"]["mount_deg"])
+    roll, pitch, _ = (angle * DEG for angle in settings["vehicle"]["mount_deg"])
     return drive(
-        Profile(segments, heading=settings["heading_deg"] * DEG),
+        segments,
         np.array([settings["lat_deg"] * DEG, settings["lon_deg"] * DEG, settings["height_m"]]),
-        Vehicle(mount=(roll, pitch, heading)),
         seed=(settings["seed"], 0),
+        heading=settings["heading_deg"] * DEG,
+        roll=roll,
+        pitch=pitch,
         start=settings["start_time_s"],
     )
 
@@ -74,7 +121,7 @@ def main(folder: Path) -> None:
     spec = load_imu(str(SAMPLE / "imu.toml"))
     seed = settings["seed"]
     steps = {"gyro_step": imu["gyro_step_rad_s"], "accel_step": imu["accel_step_m_s2"]}
-    write_imu(folder / "imu.csv.gz", corrupt_imu(perfect, spec, (seed, 1), **steps).imu)
+    write_data(folder / "imu.csv.gz", corrupt_imu(perfect, spec, (seed, 1), **steps).imu)
 
     errors = GpsErrors(
         position_noise=tuple(gps["position_noise_m"]),
@@ -84,9 +131,9 @@ def main(folder: Path) -> None:
     )
     fixes = gps_from_truth(truth, times(truth, gps["rate_hz"])[1:], np.array(settings["lever_arm_m"]))
     begin, end = (truth.start + second for second in gps["outage_s"])
-    write_gps(folder / "gps.csv", without_fixes(corrupt_gps(fixes, errors, (seed, 2)), begin, end))
+    write_data(folder / "gps.csv", without_fixes(corrupt_gps(fixes, errors, (seed, 2)), begin, end))
 
-    write_reference(folder / "ref.csv", reference(truth, times(truth, settings["reference"]["rate_hz"])[1:]))
+    write_data(folder / "ref.csv", reference(truth, times(truth, settings["reference"]["rate_hz"])[1:]))
 
 
 if __name__ == "__main__":

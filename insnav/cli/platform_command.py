@@ -244,7 +244,8 @@ def platform(
             }
             stage("writing")
             from insnav.output.data_files import write_table
-            from insnav.output.solution_tables import write_events, write_kml, write_solution
+            from insnav.output.kml import write_kml
+            from insnav.output.solution_tables import write_events, write_run_table
             from insnav.report.platform.page import PlatformStudy, platform_page, torquing_columns
             from insnav.report.run_json import versions
             from insnav.report.save import write_page
@@ -257,7 +258,7 @@ def platform(
             readings |= {key: each.facts.as_dict() for key, each in (("height", heights), ("ref", judge)) if each}
             page = platform_page(study)
             metadata = {"versions": versions(), "configuration": configuration, "input": readings}
-            write_solution(folder.directory, study.run.solution)
+            write_run_table(folder.directory, study.run.solution)
             write_table(folder.path("torquing.csv"), torquing_columns(study.run))
             write_events(folder.directory, reading.events)
             write_kml(folder.directory, study.run.solution, name)

@@ -13,112 +13,67 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv
 
 from insnav.exceptions import OutputError
+from insnav.output.columns import AXES, NED, Column, Fields, arrow_array, cells_of, degrees, labels, rounded, write_csv
 from insnav.types import FloatArray, GpsData, ImuData, IntArray, Trajectory
-from insnav.units import DEG
 
-# Far below what any sensor resolves or any test looks at.
-_TIME, _RATE, _INCREMENT, _ANGLE, _METRE = 9, 9, 13, 11, 6
+# Decimals far below what any sensor resolves or any test looks at.
+_TIME = ("time", (Column("time_s", 9),))
+_EXTRAS: Fields = (
+    ("temperature", (Column("temperature_c", 3),)),
+    ("odometer", (Column("odometer_m_s", 6),)),
+    ("baro", (Column("baro_height_m", 6),)),
+)
+_RATES: Fields = (
+    _TIME,
+    ("gyro", labels("gyro_{}_rad_s", AXES, 9)),
+    ("accel", labels("accel_{}_m_s2", AXES, 9)),
+    *_EXTRAS,
+)
+_INCREMENTS: Fields = (
+    _TIME,
+    ("gyro", labels("dtheta_{}_rad", AXES, 13)),
+    ("accel", labels("dvel_{}_m_s", AXES, 13)),
+    *_EXTRAS,
+)
+_POSITION: Fields = (
+    _TIME,
+    ("lla", (*degrees(11, "lat", "lon"), Column("height_m", 6))),
+    ("v_n", labels("v{}_m_s", NED, 6)),
+)
+_GPS: Fields = (
+    *_POSITION,
+    ("position_sd", labels("sd_{}_m", NED, 6)),
+    ("velocity_sd", labels("sd_v{}_m_s", NED, 6)),
+    ("heading", degrees(8, "heading")),
+    ("fix", (Column("fix", 0),)),
+)
+_REFERENCE: Fields = (*_POSITION, ("rph", degrees(8, "roll", "pitch", "heading")))
 
-_IMU_COLUMNS = {
-    False: (*(f"gyro_{axis}_rad_s" for axis in "xyz"), *(f"accel_{axis}_m_s2" for axis in "xyz")),
-    True: (*(f"dtheta_{axis}_rad" for axis in "xyz"), *(f"dvel_{axis}_m_s" for axis in "xyz")),
-}
-_POSITION = (("lat_deg", _ANGLE), ("lon_deg", _ANGLE), ("height_m", _METRE))
-_VELOCITY = tuple((f"v{axis}_m_s", _METRE) for axis in "ned")
-_ATTITUDE = tuple((f"{angle}_deg", 8) for angle in ("roll", "pitch", "heading"))
 
-
-def write_imu(path: Path, imu: ImuData) -> None:
-    """Write rates or increments as csv, compressed if the name ends in ``.gz``.
+def write_data(path: Path, data: ImuData | GpsData | Trajectory) -> None:
+    """Write samples, fixes or a reference as csv, compressed if the name ends in ``.gz``.
 
     Parameters
     ----------
     path : Path
         The file; its folder must exist.
-    imu : ImuData
-        Samples, and temperature and wheel speed if there are any. Sampling and stamp are not in the file: they are
-        options of whoever reads it.
+    data : ImuData, GpsData or Trajectory
+        Columns of which nothing is known are left out. Sampling and timestamp convention of an IMU are not in the
+        file: they are options of whoever reads it.
 
     Raises
     ------
     OutputError
         The file cannot be written.
     """
-    increments = imu.sampling == "increment"
-    names = _IMU_COLUMNS[increments]
-    values = np.column_stack([imu.gyro, imu.accel])
-    columns = rounded(names, values, _INCREMENT if increments else _RATE)
-    for name, extra, decimals in (("temperature_c", imu.temperature, 3), ("odometer_m_s", imu.odometer, _METRE)):
-        if extra is not None:
-            columns |= known(((name, decimals),), extra[:, None])
-    write_table(path, {"time_s": np.round(imu.time, _TIME), **columns})
-
-
-def write_gps(path: Path, gps: GpsData) -> None:
-    """Write fixes as csv; columns of which nothing is known are left out.
-
-    Parameters
-    ----------
-    path : Path
-        The file; its folder must exist.
-    gps : GpsData
-        Fixes.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
-    columns = position_columns(gps.lla) | known(_VELOCITY, gps.v_n)
-    columns |= known(tuple((f"sd_{axis}_m", _METRE) for axis in "ned"), gps.position_sd)
-    columns |= known(tuple((f"sd_v{axis}_m_s", _METRE) for axis in "ned"), gps.velocity_sd)
-    if gps.heading is not None:
-        columns |= known((("heading_deg", 8),), gps.heading[:, None] / DEG)
-    fix = {} if gps.fix is None else {"fix": gps.fix}
-    write_table(path, {"time_s": np.round(gps.time, _TIME), **columns, **fix})
-
-
-def write_reference(path: Path, reference: Trajectory) -> None:
-    """Write a reference trajectory as csv.
-
-    Parameters
-    ----------
-    path : Path
-        The file; its folder must exist.
-    reference : Trajectory
-        Position, velocity and attitude, all known.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
-    """
-    columns = position_columns(reference.lla) | known(_VELOCITY, reference.v_n)
-    columns |= known(_ATTITUDE, reference.rph / DEG)
-    columns["heading_deg"] %= 360.0  # rounding may have made it 360
-    write_table(path, {"time_s": np.round(reference.time, _TIME), **columns})
-
-
-def position_columns(lla: FloatArray) -> dict[str, FloatArray]:
-    """Columns of latitude, longitude [deg] and height [m]."""
-    return known(_POSITION, lla / np.array([DEG, DEG, 1.0]))
-
-
-def known(columns: tuple[tuple[str, int], ...], values: FloatArray) -> dict[str, FloatArray]:
-    """Columns rounded to their decimals, without those that are all NaN."""
-    return {
-        name: np.round(values[:, i], decimals) + 0.0  # no negative zero
-        for i, (name, decimals) in enumerate(columns)
-        if not np.all(np.isnan(values[:, i]))
-    }
-
-
-def rounded(names: tuple[str, ...], values: FloatArray, decimals: int) -> dict[str, FloatArray]:
-    """Columns rounded to the same decimals."""
-    return known(tuple((name, decimals) for name in names), values)
+    if isinstance(data, ImuData):
+        fields = _INCREMENTS if data.sampling == "increment" else _RATES
+    else:
+        fields = _GPS if isinstance(data, GpsData) else _REFERENCE
+    known = {name: cells for name, cells in cells_of(data, fields).items() if not np.isnan(cells[0]).all()}
+    write_table(path, {name: v if v.dtype.kind == "i" else rounded(v, column) for name, (v, column) in known.items()})
 
 
 def csv_text(columns: Mapping[str, FloatArray], digits: int) -> str:
@@ -134,24 +89,15 @@ def csv_text(columns: Mapping[str, FloatArray], digits: int) -> str:
 
 
 def write_table(path: Path, columns: Mapping[str, FloatArray | IntArray]) -> None:
-    """Write columns as csv, compressed if the name ends in ``.gz``; a NaN becomes an empty cell.
-
-    Parameters
-    ----------
-    path : Path
-        The file; its folder must exist.
-    columns : mapping of str to (n,) array
-        Already rounded.
+    """Write columns ``(n,)``, already rounded, as csv, compressed if the name ends in ``.gz``; NaN is an empty cell.
 
     Raises
     ------
     OutputError
         The file cannot be written.
     """
-    table = pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})
     text = io.BytesIO()
-    text.write((",".join(table.column_names) + "\n").encode())
-    pyarrow.csv.write_csv(table, text, pyarrow.csv.WriteOptions(include_header=False))
+    write_csv(pa.table({name: arrow_array(np.asarray(values)) for name, values in columns.items()}), text)
     content = text.getvalue()
     if path.suffix == ".gz":
         content = gzip.compress(content, compresslevel=9, mtime=0)

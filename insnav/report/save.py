@@ -19,13 +19,11 @@ from insnav.filter.navigate import Navigated
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.input.readers.reading import Reading, ReadingFacts
 from insnav.output.folder import RunFolder, read_facts
+from insnav.output.kml import write_kml
 from insnav.output.solution_tables import (
     TableFormat,
-    write_biases,
     write_events,
-    write_innovations,
-    write_kml,
-    write_solution,
+    write_run_table,
 )
 from insnav.report.html import page_html
 from insnav.report.page import Page
@@ -193,11 +191,11 @@ def write_run(
         warnings=warnings,
     )
     facts |= more_facts or {}
-    write_solution(folder.directory, run.solution, table_format)
+    write_run_table(folder.directory, run.solution, table_format)
     if run.smoothed is not None:
-        write_solution(folder.directory, run.smoothed.solution, table_format, "smoothed")
-    write_innovations(folder.directory, run.innovations, table_format)
-    write_biases(folder.directory, run.sensor_errors, table_format)
+        write_run_table(folder.directory, run.smoothed.solution, table_format, "smoothed")
+    write_run_table(folder.directory, run.innovations, table_format)
+    write_run_table(folder.directory, run.sensor_errors, table_format)
     write_events(folder.directory, run.events)
     write_kml(folder.directory, run.solution, Path(given["imu"].facts.path).name)
     if figure_format is not None:

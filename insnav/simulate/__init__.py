@@ -6,7 +6,7 @@
 
 A truth is made of two curves, position and attitude; everything else is derived from them. `straight` and `circle` are
 truths in closed form; `insnav.simulate.motion` makes them from motion profiles, `truth_from_track` from recorded
-tracks, and `drive`, smaller, from a list of segments.
+tracks.
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ from insnav.simulate.closed_forms import circle, straight
 from insnav.simulate.gps_errors import GpsErrors, corrupt_gps, without_fixes
 from insnav.simulate.ideal_sensors import gps_from_truth, imu_from_truth, reference
 from insnav.simulate.imu_errors import ImuSimulation, corrupt_imu
-from insnav.simulate.motion.vehicle import Vehicle, drive
-from insnav.simulate.profile import Profile, Segment
 from insnav.simulate.truth import Kinematics, LevelTruth, Truth
 
 __all__ = [
@@ -24,14 +22,10 @@ __all__ = [
     "ImuSimulation",
     "Kinematics",
     "LevelTruth",
-    "Profile",
-    "Segment",
     "Truth",
-    "Vehicle",
     "circle",
     "corrupt_gps",
     "corrupt_imu",
-    "drive",
     "gps_from_truth",
     "imu_from_truth",
     "reference",

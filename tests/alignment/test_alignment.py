@@ -24,20 +24,18 @@ from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.simulate import (
     GpsErrors,
-    Profile,
-    Segment,
     Truth,
-    Vehicle,
     corrupt_gps,
     corrupt_imu,
-    drive,
     gps_from_truth,
     imu_from_truth,
     straight,
 )
+from insnav.simulate.motion.vehicle import Vehicle
 from insnav.strapdown import intervals
 from insnav.types import Alignment, GpsData, ImuData
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, PPM, UG
+from tests.simulate.motions import Segment, drive
 
 PLACE = np.array([50.0 * DEG, -4.0 * DEG, 120.0])
 AUTOMOTIVE = load_imu("automotive")
@@ -47,8 +45,8 @@ CAR = replace(
     gyro=replace(AUTOMOTIVE.gyro, misalignment=np.zeros(3)),
     accel=replace(AUTOMOTIVE.accel, misalignment=np.zeros(3)),
 )
+STILL = Vehicle(velocity_shake=(0.0, 0.0, 0.0), angle_shake=(0.0, 0.0, 0.0))
 RECEIVER = GpsErrors((1.0, 1.0, 2.0), velocity_noise=(0.1, 0.1, 0.1))
-SMOOTH = Vehicle(mount=(0.03, -0.02, 0.0), velocity_shake=(0.0, 0.0, 0.0), angle_shake=(0.0, 0.0, 0.0))
 
 
 def navigation_grade(bias: float = 0.01) -> ImuSpec:
@@ -80,7 +78,7 @@ def started(rest: float = 30.0, heading: float = 2.0, seed: int = 5) -> Truth:
         Segment(12.0, speed=18.0),
         Segment(10.0, turn=-100 * DEG),
     )
-    return drive(Profile(segments, heading), PLACE, SMOOTH, seed=seed, start=500.0)
+    return drive(segments, PLACE, seed=seed, heading=heading, roll=0.03, pitch=-0.02, start=500.0, body=STILL)
 
 
 def perfect(truth: Truth, rate: float) -> ImuData:

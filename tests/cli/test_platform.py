@@ -10,7 +10,7 @@ import pytest
 
 from insnav.earth import gravity_n
 from insnav.errors.platform_errors import level_force
-from insnav.output.data_files import write_reference, write_table
+from insnav.output.data_files import write_data, write_table
 from insnav.output.folder import read_facts, verify_folder
 from insnav.output.solution_tables import read_solution
 from insnav.simulate import circle, reference, straight
@@ -31,7 +31,7 @@ def flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, ...]:
     truth = circle(np.array([np.radians(48.0), np.radians(11.0), 1000.0]), 100.0, 0.05, 60.0)
     time = np.arange(1201) / 20.0
     write_force(Path("fw.csv"), time, level_force(truth, time))
-    write_reference(Path("ref.csv"), reference(truth, time))
+    write_data(Path("ref.csv"), reference(truth, time))
     at = truth.evaluate(time[:1])
     lat, lon = np.degrees(at.lla[0, :2])
     return ("--lat", f"{lat:.12f}", "--lon", f"{lon:.12f}", "--height", "1000", "--v-north", f"{at.v_n[0, 0]:.9f}")
@@ -151,7 +151,7 @@ def test_what_cannot_be_is_refused(
     Path("level.csv").write_text("\n".join([*level, ""]), encoding="utf-8")
     Path("gap.csv").write_text("\n".join([*rows[:400], *rows[500:], ""]), encoding="utf-8")
     truth = straight(np.array([0.8, 0.2, 1000.0]), 10.0, 0.0, 100.0, start=20.0)
-    write_reference(Path("late.csv"), reference(truth, 20.0 + np.arange(0.0, 100.0)))
+    write_data(Path("late.csv"), reference(truth, 20.0 + np.arange(0.0, 100.0)))
     time = np.arange(0.0, 30000.0, 5.0)
     write_force(Path("away.csv"), time, np.tile([0.0, 0.0, -9.9], (len(time), 1)))
     shown = cli("platform", *arguments)

@@ -13,12 +13,13 @@ from insnav.filter import FilterSettings, Gates, gates
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD
 from insnav.imu.health import CLIPPED
-from insnav.simulate import Profile, Segment, Vehicle, drive, gps_from_truth, imu_from_truth, reference
+from insnav.simulate import gps_from_truth, imu_from_truth, reference
 from insnav.simulate.faults import parse_fault
 from insnav.types import EventKind
 from insnav.units import DEG
 from tests.faults.conftest import LAPS, SD, data, deviation, healthy, navigated
 from tests.filter import drives
+from tests.simulate.motions import Segment, drive
 
 REJECTIONS = {EventKind.GATE_POSITION, EventKind.GATE_PHYSICAL_POSITION}
 
@@ -149,14 +150,14 @@ def test_n15_one_sample_off(bars, size):
 
 def test_n12_samples_that_are_no_numbers_are_a_gap(tmp_path):
     from insnav.input import read_gps, read_imu
-    from insnav.output.data_files import write_gps, write_imu
+    from insnav.output.data_files import write_data
 
     imu, gps = data(0)
     imu, gps = parse_fault("imu-nan@200s+0.1s").apply(imu, gps)
-    write_imu(tmp_path / "imu.csv", imu)
+    write_data(tmp_path / "imu.csv", imu)
     lla = gps.lla.copy()
     lla[300] = np.nan
-    write_gps(tmp_path / "gps.csv", replace(gps, lla=lla))
+    write_data(tmp_path / "gps.csv", replace(gps, lla=lla))
     read, fixes = read_imu(tmp_path / "imu.csv", sampling="increment"), read_gps(tmp_path / "gps.csv")
     assert read.data.time.shape[0] == imu.time.shape[0] - 5
     assert np.isfinite(read.data.gyro).all()
@@ -234,8 +235,8 @@ def test_n28_noise_wrong_by_ten_thousand(bars):
 
 def test_n29_heading_that_no_turn_shows_stays_uncertain(bars):
     """Straight ahead at constant speed, nothing tells the heading: its sd must not shrink below the error."""
-    profile = Profile((Segment(0.5), Segment(10.0, speed=15.0), Segment(200.0)), heading=0.7)
-    motion = drive(profile, drives.PLACE, Vehicle(), seed=1, start=0.0)
+    segments = (Segment(0.5), Segment(10.0, speed=15.0), Segment(200.0))
+    motion = drive(segments, drives.PLACE, seed=1, heading=0.7)
     # from the steady part on: no acceleration either
     time = 20.0 + np.arange(round(180.0 * 50) + 1) / 50
     exact = imu_from_truth(motion, time, "increment")

@@ -12,9 +12,10 @@ from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_from_rph, qua
 from insnav.earth import lla_offset
 from insnav.filter import ErrorModel, FilterSettings, Gates, InitialState, Navigator, error_model, initial_state
 from insnav.imu.specification import ImuSpec, SensorSpec
-from insnav.simulate import Profile, Segment, Truth, Vehicle, drive, gps_from_truth, imu_from_truth
+from insnav.simulate import Truth, gps_from_truth, imu_from_truth
 from insnav.types import Alignment, FloatArray, GpsData, ImuData, Run
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, PPM, UG
+from tests.simulate.motions import Segment, drive
 
 PLACE = np.array([45.0 * DEG, 7.0 * DEG, 240.0])
 LEVER_B = np.array([0.4, -0.3, -1.1])
@@ -52,7 +53,7 @@ def truth(laps: int = 4) -> Truth:
         Segment(8.0, speed=0.0),
         Segment(8.0),
     )
-    return drive(Profile(lap * laps, heading=0.4), PLACE, Vehicle(mount=(0.02, -0.03, 0.0)), seed=11, start=1000.0)
+    return drive(lap * laps, PLACE, seed=11, heading=0.4, roll=0.02, pitch=-0.03, start=1000.0)
 
 
 @lru_cache(maxsize=8)

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from insnav.filter.gps_correlation import correlated_noise
-from insnav.simulate import GpsErrors, Profile, Segment, Vehicle, corrupt_gps, drive, gps_from_truth
+from insnav.simulate import GpsErrors, corrupt_gps, gps_from_truth
 from insnav.types import GpsData
 from insnav.units import DEG
 from tests.filter import drives
+from tests.simulate.motions import Segment, drive
 
 SEEDS = range(8)
 WHITE = GpsErrors((1.5, 1.5, 3.0))
@@ -21,7 +22,7 @@ RTK = GpsErrors((0.02, 0.02, 0.03), velocity_noise=(0.03, 0.03, 0.05))
 def aircraft() -> GpsData:
     """Half an hour at 200 m/s, with gentle turns."""
     turns = (Segment(40.0, turn=60 * DEG), Segment(40.0, turn=-60 * DEG))
-    motion = drive(Profile((Segment(60.0, speed=200.0), *(turns * 22)), 0.3), drives.PLACE, Vehicle(), seed=1)
+    motion = drive((Segment(60.0, speed=200.0), *(turns * 22)), drives.PLACE, seed=1, heading=0.3)
     return gps_from_truth(motion, np.arange(1.0, motion.duration), np.zeros(3))
 
 

@@ -13,12 +13,13 @@ from insnav.filter import FilterSettings
 from insnav.filter.engine import Engine
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import Start
-from insnav.simulate import Profile, Segment, Truth, Vehicle, drive, gps_from_truth, imu_from_truth, reference
+from insnav.simulate import Truth, gps_from_truth, imu_from_truth, reference
 from insnav.types import EventKind, GpsData, Run
 from insnav.units import DEG, DEG_PER_H
 from tests.filter import drives
 from tests.filter import test_gates as gates
 from tests.filter.test_gates import SPIKED, apart, kinds, moved, run_with
+from tests.simulate.motions import Segment, drive
 
 recorded, untouched = gates.recorded, gates.untouched  # fixtures
 
@@ -133,7 +134,7 @@ def test_a_hole_is_bridged_as_surely_as_it_says(begin, length):
 
 def driven_at(lat_deg: float) -> tuple[Run, Truth]:
     lap = (Segment(10.0, speed=20.0), Segment(20.0), Segment(10.0, turn=90 * DEG), Segment(20.0))
-    motion = drive(Profile(lap), np.array([lat_deg * DEG, 1.0, 100.0]), Vehicle(), seed=2)
+    motion = drive(lap, np.array([lat_deg * DEG, 1.0, 100.0]), seed=2)
     imu = imu_from_truth(motion, np.arange(round(motion.duration * 50.0) + 1) / 50.0)
     gps = gps_from_truth(motion, np.arange(1.0, motion.duration), drives.LEVER_B)
     n = gps.time.size

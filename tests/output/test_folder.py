@@ -208,10 +208,10 @@ try:
             folder.path("solution.csv").write_text("1" * 1_000_000)
         else:
             import numpy as np
-            from insnav.output.solution_tables import write_solution
+            from insnav.output.solution_tables import write_run_table
             from insnav.types import Trajectory
             z = np.random.default_rng(0).normal(size=(100_000, 3))
-            write_solution(folder.directory, Trajectory(np.arange(1e5), z, z, z), sys.argv[2])
+            write_run_table(folder.directory, Trajectory(np.arange(1e5), z, z, z), sys.argv[2])
         folder.commit({})
 except OutputError as error:
     print(error)

@@ -11,15 +11,8 @@ import pyarrow.parquet
 import pytest
 
 from insnav.exceptions import InputError
-from insnav.output.solution_tables import (
-    KML_POINTS,
-    read_solution,
-    write_biases,
-    write_events,
-    write_innovations,
-    write_kml,
-    write_solution,
-)
+from insnav.output.kml import KML_POINTS, write_kml
+from insnav.output.solution_tables import read_solution, write_events, write_run_table
 from insnav.plain_text import cell_text, plain_text
 from insnav.types import Event, EventKind, Innovations, SensorErrors, Trajectory
 
@@ -52,7 +45,7 @@ def cells(path):
 @pytest.mark.parametrize("sd", [True, False])
 def test_a_solution_comes_back_to_a_hundredth_of_a_millimetre(tmp_path, file_format, sd):
     wrote = trajectory(sd=sd)
-    path = write_solution(tmp_path, wrote, file_format)
+    path = write_run_table(tmp_path, wrote, file_format)
     assert path.name == f"solution.{file_format}"
     read = read_solution(tmp_path)
     np.testing.assert_allclose(read.time, wrote.time, atol=1e-6)
@@ -67,17 +60,17 @@ def test_a_solution_comes_back_to_a_hundredth_of_a_millimetre(tmp_path, file_for
 
 
 def test_the_columns_of_the_solution_are_the_documented_ones(tmp_path):
-    header, rows = cells(write_solution(tmp_path, trajectory()))
+    header, rows = cells(write_run_table(tmp_path, trajectory()))
     assert header == SOLUTION
     assert float(rows[0][1]) == pytest.approx(math.degrees(0.8), abs=1e-9)
-    assert pyarrow.parquet.read_schema(write_solution(tmp_path, trajectory(), "parquet")).names == SOLUTION
+    assert pyarrow.parquet.read_schema(write_run_table(tmp_path, trajectory(), "parquet")).names == SOLUTION
 
 
 @pytest.mark.parametrize("file_format", ["csv", "parquet"])
 def test_what_is_not_finite_is_an_empty_cell(tmp_path, file_format):
     solution = trajectory()
     solution.v_n[3], solution.sd[4, 8] = np.nan, np.inf
-    path = write_solution(tmp_path, solution, file_format)
+    path = write_run_table(tmp_path, solution, file_format)
     if file_format == "csv":
         text = path.read_text().lower()
         assert "nan" not in text
@@ -94,13 +87,13 @@ def test_what_is_not_finite_is_an_empty_cell(tmp_path, file_format):
 def test_heading_stays_below_360_after_rounding_and_zero_has_no_sign(tmp_path):
     solution = trajectory(2)
     solution.rph[:] = [[-1e-12, 0.0, 2.0 * np.pi - 1e-12], [0.0, 0.0, 0.0]]
-    rows = cells(write_solution(tmp_path, solution))[1]
+    rows = cells(write_run_table(tmp_path, solution))[1]
     assert rows[0][7:10] == ["0", "0", "0"]
 
 
 def test_the_same_solution_gives_the_same_bytes(tmp_path):
-    first = write_solution(tmp_path, trajectory()).read_bytes()
-    assert write_solution(tmp_path, trajectory()).read_bytes() == first
+    first = write_run_table(tmp_path, trajectory()).read_bytes()
+    assert write_run_table(tmp_path, trajectory()).read_bytes() == first
     assert b"\r" not in first
 
 
@@ -120,7 +113,7 @@ def test_a_folder_without_a_usable_solution_is_an_input_error(tmp_path):
 
 def test_innovations_of_fixes_without_velocity_have_empty_cells(tmp_path):
     nothing = np.full((2, 3), np.nan)
-    path = write_innovations(
+    path = write_run_table(
         tmp_path,
         Innovations(
             np.array([1.0, 2.0]),
@@ -142,7 +135,7 @@ def test_innovations_of_fixes_without_velocity_have_empty_cells(tmp_path):
 
 def test_biases_are_in_the_units_of_the_field(tmp_path):
     value = np.array([[np.radians(1.0) / 3600.0] * 3 + [9.80665e-3] * 3 + [1e-6] * 3 + [2e-6] * 3])
-    header, rows = cells(write_biases(tmp_path, SensorErrors(np.array([5.0]), value, 2.0 * value)))
+    header, rows = cells(write_run_table(tmp_path, SensorErrors(np.array([5.0]), value, 2.0 * value)))
     row = {name: float(cell) for name, cell in zip(header, rows[0], strict=True)}
     assert row["gyro_bias_x_deg_h"] == 1.0
     assert row["accel_bias_y_mg"] == 1.0

@@ -13,7 +13,7 @@ from insnav import strapdown
 from insnav.attitude import dcm_from_rph
 from insnav.certificate.polar import PolarTruth, around_pole, axes_of, over_pole
 from insnav.earth import earth_rate_n, gravity_n
-from insnav.output.solution_tables import write_solution
+from insnav.output.solution_tables import write_run_table
 from insnav.simulate import imu_from_truth
 from insnav.types import FloatArray, ImuData, Trajectory
 from insnav.units import DEG
@@ -154,7 +154,7 @@ def test_a_thing_at_rest_at_a_pole_stays_there(lat):
 
 def test_a_heading_not_told_is_an_empty_cell(tmp_path):
     found = flown(over_pole(250.0, 20.0))
-    with write_solution(tmp_path, found).open(encoding="utf-8") as file:
+    with write_run_table(tmp_path, found).open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     empty = np.array([row["heading_deg"] == "" for row in rows])
     np.testing.assert_array_equal(empty, np.isnan(found.rph[:, 2]))

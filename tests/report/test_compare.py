@@ -10,14 +10,14 @@ import pytest
 from insnav.earth import lla_offset
 from insnav.errors.comparison import compare
 from insnav.exceptions import InputError
-from insnav.output.solution_tables import write_solution
+from insnav.output.solution_tables import write_run_table
 from insnav.report.comparison import comparison_lines
 
 
 def folder(tmp_path, name, solution, file_format="csv"):
     path = tmp_path / name
     path.mkdir()
-    write_solution(path, solution, file_format)
+    write_run_table(path, solution, file_format)
     return path
 
 

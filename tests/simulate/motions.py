@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import runpy
+from pathlib import Path
+
 import numpy as np
 
-from insnav.simulate.motion.vehicle import Vehicle, drive
-from insnav.simulate.profile import Profile, Segment
+from insnav.simulate.motion.vehicle import Vehicle
 from insnav.simulate.truth import Truth
 
 PLACE = np.array([np.radians(48.0), np.radians(11.0), 500.0])
+_SAMPLE = runpy.run_path(str(Path(__file__).parents[2] / "trajectories" / "make_sample.py"))
+# A car driven as that of the sample: speed, heading and grade change together within a segment.
+Segment, drive = _SAMPLE["Segment"], _SAMPLE["drive"]
 
 
-def town(start: float = 0.0, place: np.ndarray = PLACE, **options: object) -> Truth:
+def town(start: float = 0.0, place: np.ndarray = PLACE, **body: object) -> Truth:
     """Two minutes of a car: at rest, off, through two bends, over a hill, and to rest again."""
     segments = (
         Segment(12.0),
@@ -24,5 +29,4 @@ def town(start: float = 0.0, place: np.ndarray = PLACE, **options: object) -> Tr
         Segment(20.0, speed=0.0, grade=0.0),
         Segment(10.0),
     )
-    car = Vehicle(mount=(0.01, -0.02, 0.0), **options)
-    return drive(Profile(segments, heading=0.5), place, car, seed=7, start=start)
+    return drive(segments, place, seed=7, heading=0.5, roll=0.01, pitch=-0.02, start=start, body=Vehicle(**body))

@@ -14,7 +14,7 @@ from insnav import strapdown
 from insnav.earth import ned_offset
 from insnav.earth_fixed import earth_from_lla
 from insnav.input import read_imu
-from insnav.output.data_files import write_imu
+from insnav.output.data_files import write_data
 from insnav.simulate import Truth, imu_from_truth, reference
 from insnav.simulate.earthfixed import EarthTruth
 from insnav.simulate.motion import library, load_profile
@@ -140,7 +140,7 @@ def test_another_package_agrees_on_the_same_file_under_its_own_gravity(tmp_path,
     off = {}
     for gravity in ("linear", "full"):
         truth = replace(smooth, gravity=gravity, origin=smooth.origin + np.array([0.0, 0.0, 900.0]))
-        write_imu(tmp_path / "imu.csv", imu_from_truth(truth, 125.0 + np.arange(600 * 100 + 1) / 100))
+        write_data(tmp_path / "imu.csv", imu_from_truth(truth, 125.0 + np.arange(600 * 100 + 1) / 100))
         imu = read_imu(tmp_path / "imu.csv").data
         end, true = by_pyins(imu, reference(truth, imu.time[:1])), reference(truth, imu.time[-1:])
         found = np.array([[*np.radians(end[["lat", "lon"]]), end["alt"]]])

@@ -80,8 +80,8 @@ def navigate_in_inertial_space(truth: Truth, begin: float, seconds: float, step:
 SMOOTH = {"band": (0.2, 0.7)}  # slow enough for the steps of a general integrator
 SOUTH = np.array([np.radians(-67.0), np.radians(179.9995), 3000.0])
 MOTIONS = {  # and start [s], and longest step [s]: the error estimate of the integrator misses the knots
-    "car": (town(**SMOOTH), 10.0, 0.2),
-    "car far south at the date line": (town(place=SOUTH, **SMOOTH), 10.0, 0.2),
+    "car": (town(**SMOOTH), 10.0, 0.1),
+    "car far south at the date line": (town(place=SOUTH, **SMOOTH), 10.0, 0.1),
     "circle": (circle(PLACE, 30.0, 0.1, 100.0, heading=2.0), 5.0, np.inf),
     "fast climb": (straight(PLACE, 250.0, 1.0, 100.0, climb=12.0, roll=0.3, pitch=0.1), 0.0, np.inf),
     "at rest": (straight(PLACE, 0.0, 1.0, 100.0), 0.0, np.inf),

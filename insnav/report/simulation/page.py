@@ -19,7 +19,7 @@ from insnav.alignment.in_motion import SLOWEST
 from insnav.earth import OMEGA_EARTH
 from insnav.imu import ImuErrors, ImuSpec, calibration_to_toml, to_toml
 from insnav.imu.specification import gyro_bias_sd
-from insnav.output.data_files import write_gps, write_imu, write_reference
+from insnav.output.data_files import write_data
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
@@ -113,9 +113,9 @@ def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Pat
     Path, Page
         The finished folder, and its report.
     """
-    write_imu(folder.path("imu.csv"), made.imu)
-    write_gps(folder.path("gps.csv"), made.gps)
-    write_reference(folder.path("ref.csv"), made.reference)
+    write_data(folder.path("imu.csv"), made.imu)
+    write_data(folder.path("gps.csv"), made.gps)
+    write_data(folder.path("ref.csv"), made.reference)
     texts = model_texts(plan)
     if made.specimen is not None:
         texts["sensor_realisation.toml"] = calibration_to_toml(made.specimen.errors)

@@ -1,4 +1,4 @@
-"""From a commanded drive to the exact motion of a car: lean, squat, vibration, position and attitude."""
+"""How a car body moves on its wheels, and the position curve of a velocity."""
 
 from __future__ import annotations
 
@@ -9,11 +9,8 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from insnav.earth import radii
-from insnav.exceptions import ConfigError
 from insnav.simulate.curves import Spline, spline_through
 from insnav.simulate.imu_errors import Seed
-from insnav.simulate.profile import Profile, commands
-from insnav.simulate.truth import LevelTruth, components
 from insnav.types import FloatArray
 
 _TONES = 24
@@ -26,8 +23,6 @@ class Vehicle:
 
     Attributes
     ----------
-    mount : (3,) tuple
-        Roll, pitch, heading of the IMU in the level car at rest [rad], small.
     lean : float
         Roll per acceleration to the right [rad/(m/s^2)]; a car leans out of the turn.
     squat : float
@@ -40,83 +35,11 @@ class Vehicle:
         Lowest and highest frequency of the vibration [Hz].
     """
 
-    mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lean: float = 0.009
     squat: float = 0.006
     velocity_shake: tuple[float, float, float] = (0.01, 0.01, 0.04)
     angle_shake: tuple[float, float, float] = (0.0020, 0.0016, 0.0005)
     band: tuple[float, float] = (0.8, 6.0)
-
-
-def drive(
-    profile: Profile,
-    lla: FloatArray,
-    vehicle: Vehicle,
-    *,
-    seed: Seed,
-    start: float = 0.0,
-    knot_spacing: float = 0.04,
-) -> LevelTruth:
-    """Exact motion of a car that drives a profile.
-
-    The rates of position are splines through the commanded ones and are integrated as polynomials. What the
-    truth hands out are derivatives of the result, so the spacing of the knots decides how closely the
-    commands are followed, never how consistent the motion is.
-
-    Parameters
-    ----------
-    profile : Profile
-        The drive.
-    lla : (3,) array
-        Start: latitude [rad], longitude [rad], height [m].
-    vehicle : Vehicle
-        The car.
-    seed : int or tuple of int
-        Seed of the vibration.
-    start : float
-        Time of the first instant [s].
-    knot_spacing : float
-        Largest distance of knots [s].
-
-    Returns
-    -------
-    LevelTruth
-        The motion, continuous in seven derivatives of position and six of attitude.
-
-    Raises
-    ------
-    ConfigError
-        A drive that cannot be driven, or knots too far apart for the vibration.
-    """
-    if not 0.0 < knot_spacing <= 0.25 / vehicle.band[1]:
-        raise ConfigError(
-            "the knots of the motion are too far apart for its vibration",
-            where="knot_spacing",
-            why=f"{knot_spacing} s, and a quarter of the shortest period is {0.25 / vehicle.band[1]:.3f} s",
-        )
-    command = commands(profile)
-    # Knots on round times: those of the samples fall on them and quadrature has no slivers to do.
-    t: FloatArray = knot_spacing * np.arange(math.ceil(profile.duration / knot_spacing - 1e-9) + 1.0)
-    held = np.minimum(t, profile.duration)
-    speed, heading, grade = components(command(held))
-    acceleration, turn_rate, _ = components(command(held, 1))
-    velocity_shake, angle_shake = shake(t, speed, vehicle, seed)
-
-    roll = vehicle.mount[0] - vehicle.lean * speed * turn_rate + angle_shake[:, 0]
-    pitch = vehicle.mount[1] + grade + vehicle.squat * acceleration + angle_shake[:, 1]
-    attitude = np.column_stack([roll, pitch, vehicle.mount[2] + heading + angle_shake[:, 2]])
-
-    ahead, right = speed * np.cos(grade) + velocity_shake[:, 0], velocity_shake[:, 1]
-    climb = speed * np.sin(grade) - velocity_shake[:, 2]
-    north = ahead * np.cos(heading) - right * np.sin(heading)
-    east = ahead * np.sin(heading) + right * np.cos(heading)
-    return LevelTruth(
-        np.asarray(lla, dtype=np.float64),
-        position_curve(t, np.column_stack([north, east, climb]), lla),
-        spline_through(t, attitude),
-        profile.duration,
-        start,
-    )
 
 
 def position_curve(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> Spline:

@@ -13,12 +13,13 @@ from insnav.errors.outage.window_start import navigated_drive
 from insnav.filter import FilterSettings
 from insnav.filter.prepare import Prepared, prepare
 from insnav.imu import ImuErrors, ImuSpec, SensorSpec, corrupt
-from insnav.simulate import LevelTruth, Profile, Segment, Vehicle, drive
+from insnav.simulate import LevelTruth
 from insnav.simulate.gps_errors import GpsErrors, GpsSpec, measure_gps
 from insnav.simulate.imu_errors import corrupt_imu
 from insnav.simulate.recording import perfect_imu
 from insnav.types import ImuData
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, UG
+from tests.simulate.motions import Segment, drive
 
 PLACE = np.array([45.0 * DEG, 7.0 * DEG, 240.0])
 ONES = np.ones(3)
@@ -46,7 +47,7 @@ LAP = (
 
 @lru_cache(maxsize=2)
 def motion(laps: int = 2) -> LevelTruth:
-    made = drive(Profile(LAP * laps, heading=0.4), PLACE, Vehicle(mount=(0.02, -0.03, 0.0)), seed=1)
+    made = drive(LAP * laps, PLACE, seed=1, heading=0.4, roll=0.02, pitch=-0.03)
     assert isinstance(made, LevelTruth)
     return made
 
