@@ -56,13 +56,7 @@ class Checkpoint:
     key: str
 
     def save(self, progress: Progress) -> None:
-        """Replace the file in one step: whatever stops the program, it is as it was or complete.
-
-        Raises
-        ------
-        OutputError
-            It cannot be written.
-        """
+        """Replace the file in one step: whatever stops the program, it is as it was or complete."""
         aside = self.path.with_name(f"{self.path.name}.new")
         try:
             with aside.open("wb") as file:
@@ -87,13 +81,7 @@ class Checkpoint:
             ) from error
 
     def load(self) -> Progress | None:
-        """Read the file; None if there is none.
-
-        Raises
-        ------
-        ConfigError
-            It belongs to other runs, or is none of ours.
-        """
+        """Read the file; None if there is none. A file of other runs, or of another program, is refused."""
         try:
             # opened here: numpy leaves a file open that turns out to be none of its own
             with self.path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:

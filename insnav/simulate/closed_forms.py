@@ -82,21 +82,12 @@ def circle(
     ----------
     lla : (3,) array
         Centre: latitude [rad], longitude [rad], height [m].
-    speed : float
-        Speed [m/s].
-    turn_rate : float
-        Rate of heading [rad/s], positive to the right, not zero.
-    duration : float
-        Length [s].
+    speed, turn_rate : float
+        [m/s]; rate of heading [rad/s], positive to the right, not zero.
+    duration, start : float
+        Length, and time of the first instant [s].
     heading : float
-        Heading at the start [rad].
-    start : float
-        Time of the first instant [s].
-
-    Returns
-    -------
-    LevelTruth
-        The motion.
+        At the start [rad].
 
     Raises
     ------

@@ -95,29 +95,13 @@ class Spline:
 
 
 def spline_of(polynomials: PPoly) -> Spline:
-    """Curve of a piecewise polynomial with three columns.
-
-    Parameters
-    ----------
-    polynomials : PPoly
-        Coefficients of shape ``(degree + 1, pieces, 3)``.
-    """
+    """Curve of a piecewise polynomial with coefficients of shape ``(degree + 1, pieces, 3)``."""
     first = polynomials.derivative()
     return Spline((polynomials, first, first.derivative()))
 
 
 def spline_through(t: FloatArray, values: FloatArray, degree: int = 7) -> Spline:
-    """Interpolating spline, continuous in ``degree - 1`` derivatives.
-
-    Parameters
-    ----------
-    t : (m,) array
-        Times [s], strictly increasing, more than `degree` of them.
-    values : (m, 3) array
-        Values at these times.
-    degree : int
-        Odd degree of the polynomials.
-    """
+    """Interpolating spline of odd degree through values ``(m, 3)``, continuous in ``degree - 1`` derivatives."""
     basis = make_interp_spline(t, values, k=degree)
     breaks = np.unique(basis.t)
     taylor = [basis(breaks[:-1], nu=k) / factorial(k) for k in range(degree, -1, -1)]

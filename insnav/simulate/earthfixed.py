@@ -104,15 +104,7 @@ def _columns(q: FloatArray) -> Quaternion:
 
 
 def turned_back(q: Quaternion, vector: Vector) -> Vector:
-    """``C(q)^T @ vector`` of quaternions of any length (Groves 2013, eq. 2.34).
-
-    Parameters
-    ----------
-    q : four (n,) arrays
-        Quaternion that takes body coordinates to those of `vector`.
-    vector : three (n,) arrays
-        Components.
-    """
+    """``C(q)^T @ vector``, of a body-to-`vector` quaternion of any length (Groves 2013, eq. 2.34)."""
     a, b, c, d = q
     x, y, z = vector
     twice = 2.0 / (a * a + b * b + c * c + d * d)
@@ -122,15 +114,7 @@ def turned_back(q: Quaternion, vector: Vector) -> Vector:
 
 
 def gravity_e(x: FloatArray, y: FloatArray, z: FloatArray, gravity: Gravity) -> Vector:
-    """Gravity, centrifugal acceleration included, in Earth-fixed axes [m/s^2].
-
-    Parameters
-    ----------
-    x, y, z : (n,) array
-        Position [m].
-    gravity : {"full", "plumb", "linear"}
-        See `Truth`.
-    """
+    """Gravity, centrifugal acceleration included, in Earth-fixed axes [m/s^2], at Earth-fixed positions [m]."""
     p, lat, height = geodetic(x, y, z)
     north, down = gravity_of(gravity, lat, height)
     s, c = np.sin(lat), np.cos(lat)

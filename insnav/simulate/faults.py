@@ -69,19 +69,8 @@ class Fault:
     def apply(self, imu: ImuData, gps: GpsData, start: float | None = None) -> tuple[ImuData, GpsData]:
         """Put the fault into the data, which themselves stay as they are.
 
-        Parameters
-        ----------
-        imu : ImuData
-            Samples.
-        gps : GpsData
-            Fixes.
-        start : float, optional
-            Time that `begin` counts from [s]; that of the first sample by default.
-
-        Returns
-        -------
-        imu, gps
-            With the fault. Order and finiteness that these types promise may be what is wrong.
+        Times count from `start` [s], by default that of the first sample. Order and finiteness that the types promise
+        may be what is wrong.
         """
         begin = self.begin + (float(imu.time[0]) if start is None else start)
         span = begin, begin + self.length
@@ -93,12 +82,7 @@ class Fault:
 
 
 def parse_fault(text: str) -> Fault:
-    """Read a fault as it is written on the command line.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``gps-jump:60m@120s+8s``.
+    """Read a fault as it is written on the command line, such as ``gps-jump:60m@120s+8s``.
 
     Raises
     ------

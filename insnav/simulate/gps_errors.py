@@ -114,22 +114,10 @@ class GpsSpec:
 
 
 def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
-    """Let a receiver measure a motion.
+    """Fixes of a receiver that measures a motion, with what it reports of them.
 
-    Parameters
-    ----------
-    truth : Truth
-        The motion.
-    spec : GpsSpec
-        The receiver.
-    seed : int or tuple of int
-        The same seed gives the same fixes; every kind of error has a stream of its own, so that none changes when
-        another one is switched on.
-
-    Returns
-    -------
-    GpsData
-        Fixes with what the receiver says of them.
+    The same seed gives the same fixes; every kind of error has a stream of its own, so that none changes when another
+    one is switched on.
 
     Raises
     ------
@@ -211,21 +199,7 @@ def _within(time: FloatArray, spells: list[tuple[float, float]]) -> BoolArray:
 
 
 def corrupt_gps(gps: GpsData, errors: GpsErrors, seed: Seed) -> GpsData:
-    """Add errors, and standard deviations that tell their true size.
-
-    Parameters
-    ----------
-    gps : GpsData
-        Error-free fixes.
-    errors : GpsErrors
-        Sizes of the errors.
-    seed : int or tuple of int
-        The same seed gives the same errors.
-
-    Returns
-    -------
-    GpsData
-        The same fixes with errors.
+    """Add errors, drawn with a seed, to error-free fixes, and standard deviations that are their true size.
 
     Raises
     ------

@@ -57,17 +57,10 @@ def imu_from_truth(truth: Truth, time: FloatArray, sampling: Sampling = "increme
 
 
 def integrate(truth: Truth, edges: FloatArray) -> FloatArray:
-    """Integrals of angular rate [rad] and specific force [m/s] between successive edges, ``(n, 6)``.
+    """Integrals of angular rate [rad] and specific force [m/s] between successive edges ``(n + 1,)`` [s], ``(n, 6)``.
 
     Gauss-Legendre quadrature on pieces that end at every edge and every knot, so that no piece hides a jump
-    of a derivative.
-
-    Parameters
-    ----------
-    truth : Truth
-        The motion.
-    edges : (n + 1,) array
-        Times since its start [s], strictly increasing.
+    of a derivative. The edges count from the start of the motion.
     """
     knots = truth.knots
     breaks = pieces(edges, knots)
@@ -104,14 +97,7 @@ def pieces(edges: FloatArray, knots: FloatArray) -> FloatArray:
 
 
 def reference(truth: Truth, time: FloatArray) -> Trajectory:
-    """Tell position, velocity and attitude of the IMU.
-
-    Parameters
-    ----------
-    truth : Truth
-        The motion.
-    time : (n,) array
-        Times [s], strictly increasing.
+    """Position, velocity and attitude of the IMU at times ``(n,)`` [s], strictly increasing.
 
     Raises
     ------
@@ -123,16 +109,7 @@ def reference(truth: Truth, time: FloatArray) -> Trajectory:
 
 
 def gps_from_truth(truth: Truth, time: FloatArray, lever_b: FloatArray) -> GpsData:
-    """Measure with a perfect receiver.
-
-    Parameters
-    ----------
-    truth : Truth
-        The motion.
-    time : (n,) array
-        Times of the fixes [s], strictly increasing.
-    lever_b : (3,) array
-        Antenna seen from the IMU, body axes [m].
+    """Measure with a perfect receiver at times ``(n,)`` [s], its antenna at `lever_b` ``(3,)`` from the IMU [m].
 
     Returns
     -------

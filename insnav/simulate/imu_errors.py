@@ -106,18 +106,9 @@ def corrupt_imu(
 
 
 def shown(values: FloatArray, sensor: SensorSpec, dt: FloatArray, span: FloatArray | float) -> FloatArray:
-    """What is left of samples by quantisation of their integral, the end of the range, and resolution.
+    """What is left of samples ``(n, 3)`` by quantisation of their integral, the end of the range, and resolution.
 
-    Parameters
-    ----------
-    values : (n, 3) array
-        Samples.
-    sensor : SensorSpec
-        Sizes.
-    dt : (n, 1) array
-        Intervals [s].
-    span : (n, 1) array or float
-        What makes a rate a sample: the intervals for increments, else 1.
+    `dt` ``(n, 1)`` are the intervals [s]; `span` is what makes a rate a sample: the intervals for increments, else 1.
     """
     step = math.sqrt(12.0) * sensor.quantisation
     if np.any(step):
@@ -137,21 +128,15 @@ def shown(values: FloatArray, sensor: SensorSpec, dt: FloatArray, span: FloatArr
 
 
 def flicker(seed: np.random.SeedSequence, time: FloatArray, size: FloatArray) -> FloatArray:
-    """Flicker noise as a sum of Gauss-Markov processes whose correlation times go in steps.
+    """Flicker noise ``(n, 3)`` as a sum of Gauss-Markov processes whose correlation times go in steps.
 
     Parameters
     ----------
     seed : SeedSequence
-        Source of randomness.
     time : (n,) array
         Times [s], taken as evenly spaced.
     size : (3,) array
         Coefficient B of IEEE Std 952-1997, equation C.8: two-sided density ``B^2 / (2 pi f)``.
-
-    Returns
-    -------
-    (n, 3) array
-        In the unit of `size`.
 
     Notes
     -----
@@ -170,21 +155,9 @@ def flicker(seed: np.random.SeedSequence, time: FloatArray, size: FloatArray) ->
 
 
 def flicker_processes(spacing: float, length: float) -> tuple[float, list[float]]:
-    """Gauss-Markov processes that together are flicker noise; see `flicker`.
+    """Standard deviation, in coefficients of the noise, and correlation times [s] of the processes of `flicker`.
 
-    Parameters
-    ----------
-    spacing : float
-        From one sample to the next [s].
-    length : float
-        From the first sample to the last [s].
-
-    Returns
-    -------
-    share : float
-        Standard deviation of each, in coefficients of the flicker noise.
-    correlation_times : list of float
-        [s].
+    `spacing` is the interval of the samples and `length` that from the first to the last one [s].
     """
     found = []
     correlation_time = 0.3 * spacing
@@ -204,22 +177,9 @@ def local_variance(force: FloatArray, dt: float) -> FloatArray:
 
 
 def stamp(imu: ImuData, clock: ClockSpec, rng: np.random.Generator) -> tuple[ImuData, BoolArray]:
-    """Give samples the times of a clock that is not right, and lose some.
+    """Give samples the times of a clock with errors, and lose some; also which ``(n,)`` are kept.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Samples at true times.
-    clock : ClockSpec
-        Its errors. Jitter beyond 0.4 of an interval is cut there, so that the order stays.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    imu : ImuData
-    kept : (n,) array
-        Which of the samples are still there.
+    Jitter beyond 0.4 of an interval is cut there, so that the order stays.
     """
     spacing = float(np.median(np.diff(imu.time)))
     jitter = np.clip(clock.jitter * rng.standard_normal(len(imu.time)), -0.4 * spacing, 0.4 * spacing)
@@ -239,23 +199,9 @@ def stamp(imu: ImuData, clock: ClockSpec, rng: np.random.Generator) -> tuple[Imu
 def drift_and_noise(
     time: FloatArray, dt: FloatArray, sensor: SensorSpec, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """In-run bias, and white noise as the mean over each interval.
+    """In-run bias, and white noise as the mean over each interval `dt` [s]: both ``(n, 3)``, in the unit of the bias.
 
-    Parameters
-    ----------
-    time : (n,) array
-        Times of the samples [s].
-    dt : (n, 1) array
-        Lengths of their intervals [s].
-    sensor : SensorSpec
-        Sizes.
-    rng : numpy.random.Generator
-        Source of randomness; how much is taken does not depend on the sizes.
-
-    Returns
-    -------
-    drift, noise : (n, 3) array
-        In the unit of the bias.
+    How many random numbers are taken does not depend on the sizes.
     """
     noise = rng.standard_normal((len(time), 3)) * (sensor.random_walk / np.sqrt(dt))
     drift = gauss_markov(rng, time, sensor.bias_instability, sensor.correlation_time)
@@ -269,24 +215,11 @@ def to_steps(values: FloatArray, step: float) -> FloatArray:
 
 
 def gauss_markov(rng: np.random.Generator, time: FloatArray, sd: FloatArray, correlation_time: float) -> FloatArray:
-    """Stationary first-order Gauss-Markov process on three axes.
+    """Stationary first-order Gauss-Markov process on three axes, ``(n, 3)``.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Source of randomness.
-    time : (n,) array
-        Times [s], taken as evenly spaced at their mean distance.
-    sd : (3,) array
-        Standard deviation at every instant.
-    correlation_time : float
-        Time after which the correlation is 1/e [s]; infinite makes a constant.
-
-    Returns
-    -------
-    (n, 3) array
-        Samples, in the unit of `sd`: ``x_k = a x_(k-1) + sd sqrt(1 - a^2) w_k`` with ``a = exp(-dt / T)``
-        (Maybeck, Stochastic Models, Estimation, and Control, vol. 1, 1979, section 4.11).
+    ``x_k = a x_(k-1) + sd sqrt(1 - a^2) w_k`` with ``a = exp(-dt / T)`` (Maybeck, Stochastic Models, Estimation, and
+    Control, vol. 1, 1979, section 4.11). Times ``(n,)`` are taken as evenly spaced at their mean distance; `sd`
+    ``(3,)`` holds at every instant; an infinite correlation time [s] makes a constant.
     """
     ratio = (time[-1] - time[0]) / max(1, len(time) - 1) / correlation_time
     decay = math.exp(-ratio)

@@ -85,15 +85,7 @@ class Runs:
 
 
 def run_seed(seed: int, number: int) -> int:
-    """Seed of one run: independent of all others, and the same however many there are.
-
-    Parameters
-    ----------
-    seed : int
-        Of the series, not negative.
-    number : int
-        Of the run, from 1.
-    """
+    """Seed of a run, counted from 1, of a series: independent of all others, and the same however many there are."""
     child = np.random.SeedSequence(seed, spawn_key=(number - 1,))  # what `spawn` gives, one at a time
     return int(child.generate_state(1, np.uint64)[0]) >> (64 - _SEED_BITS)
 
@@ -113,17 +105,14 @@ def monte_carlo(
     ----------
     task : Task
         Called with the seed of each run. Large arrays in it are shared by the workers, not copied.
-    runs : int
-        How many.
-    seed : int
-        Of the series.
+    runs, seed : int
+        How many, and the seed of the series.
     workers : int
         Processes; with one, everything happens in this process.
     progress : callable, optional
         Called with the fraction done.
     checkpoint : Checkpoint, optional
-        Where to go on from, if there is something, and to keep what is done. The caller removes it when the result is
-        safe.
+        Where to continue from, and to keep what is done. The caller removes it when the result is safe.
 
     Returns
     -------

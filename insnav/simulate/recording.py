@@ -142,36 +142,11 @@ def perfect_imu(truth: Truth, rate: float = 100.0, sampling: Sampling = "mean") 
 
 
 def warmed(imu: ImuData, ends: tuple[float, float] | None) -> FloatArray | None:
-    """Temperature at each sample, evenly from the first to the last.
-
-    Parameters
-    ----------
-    imu : ImuData
-        n samples.
-    ends : tuple of float or None
-        Temperature of the first and of the last sample [deg C].
-
-    Returns
-    -------
-    (n,) array or None
-        [deg C]; None if there is no temperature.
-    """
+    """Temperature at each sample ``(n,)`` [deg C], linear between the first and the last one; None without `ends`."""
     return None if ends is None else np.linspace(*ends, len(imu.time))
 
 
 def times(truth: Truth, rate: float) -> FloatArray:
-    """Evenly spaced times of the whole motion, its start included.
-
-    Parameters
-    ----------
-    truth : Truth
-    rate : float
-        [Hz]
-
-    Returns
-    -------
-    (n,) array
-        [s]
-    """
+    """Evenly spaced times of the whole motion at a rate [Hz], its start included, ``(n,)`` [s]."""
     count = math.floor(truth.duration * rate * (1.0 + 1e-12)) + 1
     return truth.start + np.arange(count) / rate

@@ -80,22 +80,11 @@ class Truth(ABC):
 
     @abstractmethod
     def sensed(self, tau: FloatArray) -> tuple[Vector, Vector]:
-        """Angular rate against inertial space [rad/s] and specific force [m/s^2], components in body axes.
-
-        Parameters
-        ----------
-        tau : (n,) array
-            Times since `start` [s].
-        """
+        """Inertial angular rate [rad/s] and specific force [m/s^2] in body axes, at times since `start` [s]."""
 
     @abstractmethod
     def evaluate(self, time: FloatArray) -> Kinematics:
-        """Motion at the given times.
-
-        Parameters
-        ----------
-        time : (n,) array
-            Times [s], in any order.
+        """Motion at times ``(n,)`` [s], in any order.
 
         Raises
         ------
@@ -104,13 +93,7 @@ class Truth(ABC):
         """
 
     def elapsed(self, time: FloatArray) -> FloatArray:
-        """Time since `start` ``(n,)`` [s].
-
-        Raises
-        ------
-        ConfigError
-            A time outside the motion.
-        """
+        """Time since `start` ``(n,)`` [s]; a time outside the motion is refused."""
         tau: FloatArray = np.asarray(time, dtype=np.float64) - self.start
         slack = 4.0 * np.spacing(abs(self.start) + self.duration)  # stamps such as k * 0.01 round to either side
         if tau.size and not (tau.min() >= -slack and tau.max() <= self.duration + slack):
@@ -171,17 +154,7 @@ class LevelTruth(Truth):
 def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]:
     """Angular rate [rad/s] and specific force [m/s^2] in body axes, and velocity North, East, Down [m/s].
 
-    Parameters
-    ----------
-    truth : LevelTruth
-        The motion.
-    tau : (n,) array
-        Times since its start [s].
-
-    Returns
-    -------
-    w_ib_b, f_b, v_n : tuple of three (n,) arrays each
-        Components: Groves 2013, eq. 2.111 solved for the velocity, eq. 5.53 for the specific force.
+    At times since the start [s]: Groves 2013, eq. 2.111 solved for the velocity, eq. 5.53 for the specific force.
     """
     lat, _, height = components(truth.position(tau) + truth.origin)
     d_lat, d_lon, d_height = components(truth.position(tau, 1))
@@ -221,20 +194,7 @@ def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]
 
 
 def gravity_of(model: Gravity, lat: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """North and Down component of gravity.
-
-    Parameters
-    ----------
-    model : {"full", "plumb", "linear"}
-        See `Truth`.
-    lat, height : (n,) array
-        [rad], [m].
-
-    Returns
-    -------
-    north, down : (n,) array
-        [m/s^2].
-    """
+    """North and Down component of gravity [m/s^2] by a model of `Truth`, at latitudes [rad] and heights [m]."""
     north, _, down = components(gravity_n(lat, height if model != "linear" else np.zeros_like(height)))
     if model == "full":
         return north, down
@@ -248,14 +208,9 @@ def components(rows: FloatArray) -> Vector:
 
 
 def to_body(trig: tuple[tuple[FloatArray, FloatArray], ...], vector: Vector) -> Vector:
-    """``C_bn @ vector``, one turn after the other: heading, pitch, roll (Groves 2013, eq. 2.22).
+    """``C_bn @ vector``, one rotation after the other: heading, pitch, roll (Groves 2013, eq. 2.22).
 
-    Parameters
-    ----------
-    trig : three pairs of (n,) arrays
-        Sine and cosine of roll, pitch and heading.
-    vector : three (n,) arrays
-        North, East, Down components.
+    `trig` are sine and cosine ``(n,)`` of roll, pitch and heading; `vector` North, East, Down.
     """
     (s_roll, c_roll), (s_pitch, c_pitch), (s_heading, c_heading) = trig
     north, east, down = vector

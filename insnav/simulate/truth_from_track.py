@@ -146,15 +146,7 @@ class Residual:
 
 
 def apart(truth: Truth, track: Trajectory) -> Residual:
-    """Compare a motion with the track it was made of.
-
-    Parameters
-    ----------
-    truth : Truth
-        The motion.
-    track : Trajectory
-        Where it should have been.
-    """
+    """Compare a motion with the track it was made of."""
     at = truth.evaluate(track.time)
     off = np.linalg.norm(ned_offset(track.lla, at.lla), axis=1)
     known = np.isfinite(track.v_n).all(axis=1)

@@ -112,26 +112,11 @@ def commands_on(way: Way) -> Commands:
 def truth_of(
     commands: Commands, moves: Sequence[Move], start: Start, vehicle: Kind, vibration: Vibration, seed: Seed
 ) -> Truth:
-    """Make the exact motion.
+    """Make the exact motion of a vehicle from its commands, with those moves that turn the body in it.
 
     The rates of position are splines through the commanded ones, integrated as polynomials; attitude is a spline too.
     What the truth hands out are derivatives of these, so the knots decide how closely the commands are followed,
     never how consistent the motion is.
-
-    Parameters
-    ----------
-    commands : Commands
-        What the vehicle does.
-    moves : sequence of Move
-        Those that turn the body in it.
-    start : Start
-        Where.
-    vehicle : Kind
-        How it leans.
-    vibration : Vibration
-        How it shakes.
-    seed : int or tuple of int
-        Of that.
 
     Returns
     -------
@@ -169,8 +154,8 @@ def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Sp
     t : (n,) array
         Times [s].
     velocity : (n, 3) array
-        Velocity along two level axes that are North and East at the start and turn with the vertical but not about
-        it, and up [m/s].
+        Along two level axes that are North and East at the start and turn with the vertical but not about it, and
+        up [m/s].
     lla : (3,) array
         Start: latitude [rad], longitude [rad], height [m].
 

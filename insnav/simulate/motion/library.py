@@ -8,18 +8,7 @@ FOLDER = "trajectories"
 
 
 def library(folder: Path | None = None) -> list[Path]:
-    """Find the profiles of the library, by name.
-
-    Parameters
-    ----------
-    folder : Path, optional
-        Other folder to look into.
-
-    Returns
-    -------
-    list of Path
-        Motion profiles, in alphabetical order; none if the library is not here.
-    """
+    """Motion profiles of the library, or of another folder, in alphabetical order; none if it is not here."""
     package = Path(__file__).parents[2]
     # beside the package where it is developed, inside it where it was installed
     places = [package.parent / FOLDER, package / FOLDER] if folder is None else [folder]

@@ -109,13 +109,7 @@ class MotionProfile:
     _way: Way | None
 
     def truth(self, seed: Seed) -> Truth:
-        """Make the exact motion.
-
-        Parameters
-        ----------
-        seed : int or tuple of int
-            Of the vibration; nothing else is random.
-        """
+        """Make the exact motion; only its vibration is random."""
         if self._way is not None:
             commands = commands_on(self._way)
         else:
@@ -124,18 +118,7 @@ class MotionProfile:
 
 
 def load_profile(name_or_path: str | Path, library: Path | None = None) -> MotionProfile:
-    """Read a motion profile and check that it can be driven.
-
-    Parameters
-    ----------
-    name_or_path : str or Path
-        Name of a profile of the library, or a file.
-    library : Path, optional
-        Folder of the library.
-
-    Returns
-    -------
-    MotionProfile
+    """Read a motion profile, by its name in the library or as a file, and check that it can be driven.
 
     Raises
     ------

@@ -43,21 +43,9 @@ class Vehicle:
 
 
 def position_curve(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> Spline:
-    """Integral of a velocity over the ellipsoid.
+    """Integral of a velocity North, East, up ``(n, 3)`` [m/s] over the ellipsoid: position minus its start `lla`.
 
-    Parameters
-    ----------
-    t : (n,) array
-        Times [s].
-    velocity : (n, 3) array
-        Velocity North, East, up [m/s].
-    lla : (3,) array
-        Where it starts: latitude [rad], longitude [rad], height [m].
-
-    Returns
-    -------
-    Spline
-        Latitude [rad], longitude [rad], height [m] minus `lla`.
+    Latitude [rad], longitude [rad], height [m].
     """
     here = np.tile(np.asarray(lla, dtype=np.float64), (len(t), 1))
     # The rates need the position only for the radii and the parallel, which change by parts in 1e7 per metre:
@@ -71,16 +59,7 @@ def position_curve(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> Spli
 
 
 def shake(t: FloatArray, speed: FloatArray, vehicle: Vehicle, seed: Seed) -> tuple[FloatArray, FloatArray]:
-    """Vibration as a sum of tones, in proportion to the speed: none at rest.
-
-    Parameters
-    ----------
-    t, speed : (n,) array
-        Times [s] and forward speed [m/s].
-    vehicle : Vehicle
-        Size and band of the vibration.
-    seed : int or tuple of int
-        Seed of frequencies and phases.
+    """Vibration as a sum of tones, in proportion to the speed ``(n,)`` [m/s]: none at rest.
 
     Returns
     -------

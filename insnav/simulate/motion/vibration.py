@@ -42,26 +42,7 @@ class Vibration:
 def shaken(
     t: FloatArray, speed: FloatArray, body: Vehicle, vibration: Vibration, seed: Seed
 ) -> tuple[FloatArray, FloatArray]:
-    """Vibration of velocity and attitude.
-
-    Parameters
-    ----------
-    t, speed : (n,) array
-        Times [s] and forward speed [m/s].
-    body : Vehicle
-        Suspension.
-    vibration : Vibration
-        What shakes.
-    seed : int or tuple of int
-        Of frequencies and phases.
-
-    Returns
-    -------
-    velocity : (n, 3) array
-        Forward, right, down [m/s].
-    angle : (n, 3) array
-        Roll, pitch, heading [rad].
-    """
+    """Vibration of velocity forward, right, down [m/s] and of roll, pitch, heading [rad], each ``(n, 3)``."""
     scaled = replace(
         body,
         velocity_shake=_times(vibration.suspension, body.velocity_shake),

@@ -34,24 +34,10 @@ class Way:
 
 
 def way_through(lla: FloatArray, speed: FloatArray, spacing: float, vehicle: Kind) -> tuple[Way | None, list[str]]:
-    """Make the way, or say why it cannot be driven.
+    """Make the way through points at even instants `spacing` apart [s], or say what keeps it from being driven.
 
-    Parameters
-    ----------
-    lla : (n, 3) array
-        Points: latitude [rad], longitude [rad], height [m].
-    speed : (n,) array
-        Speed at each [m/s]; zero at the first and the last makes a drive from rest to rest.
-    spacing : float
-        Of the instants [s].
-    vehicle : Kind
-        What drives.
-
-    Returns
-    -------
-    way : Way or None
-    problems : list of str
-        What is wrong with it, each with the number of the point.
+    Speeds of zero at the first and the last of the points `lla` make a drive from rest to rest. The problems name
+    their points.
 
     Notes
     -----
