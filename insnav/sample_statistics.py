@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from insnav.types import FloatArray, IntArray
 
@@ -160,7 +160,7 @@ def interval(
     count = effective_count(start, length)
     if count < FEWEST:
         return np.full_like(middle, np.nan), np.full_like(middle, np.nan)
-    reach = float(student.ppf(0.5 * (1.0 + CONFIDENCE), count - 1.0)) * np.sqrt(count / (count - 1.0))
+    reach = float(stdtrit(count - 1.0, 0.5 * (1.0 + CONFIDENCE))) * np.sqrt(count / (count - 1.0))
     # a figure that may be zero has no logarithm
     positive = (found > 0.0).all(axis=0) & (middle > 0.0)
     size = np.where(positive, found, 1.0)

@@ -76,24 +76,24 @@ def acceptance(
         )
     times = sorted(set(parse.positive_numbers(lengths, "--lengths", "1,10,100")))
     named = parse.columns(columns, "--columns")
-    limit = common.limit(spike_limit)
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
-        from insnav.lab.acceptance import acceptance as lab
-        from insnav.lab.bench_data import records as bench
+        from insnav.session.bench import acceptance as accepted
 
         with inputs.named_options():
-            steps = [bench.read_steps(path, named, limit) for path in (*(rates or ()), *(positions or ()))]
-            rest = bench.read_static(static, named) if static else None
-            several = [bench.read_powerups(path, named) for path in powerups or ()]
-        stage("figures")
-        found = lab.acceptance(steps, rest, several, times)
+            found, files = accepted(
+                [*(rates or ()), *(positions or ())],
+                static,
+                powerups or (),
+                lengths=times,
+                columns=named,
+                spike_limit=spike_limit,
+            )
         stage("writing")
         from insnav.report.acceptance.page import acceptance_page
         from insnav.report.calibration.common import bench_input
         from insnav.report.save import write_page
 
-        files = [*steps, *([rest] if rest else []), *several]
         page = acceptance_page(found, files)
         for text in page.warnings:
             note(text)

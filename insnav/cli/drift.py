@@ -47,14 +47,10 @@ def drift(
 
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
-        from insnav.lab.bench_data.records import read_drift
+        from insnav.session.bench import drift as studied
 
         with inputs.named_options():
-            record, table = read_drift(file, parse.columns(columns, "--columns"))
-        stage("fitting")
-        from insnav.lab.drift.allan_before_after import drift_study
-
-        found = drift_study(record)
+            found, table = studied(file, columns=parse.columns(columns, "--columns"))
         stage("writing")
         from insnav.imu import calibration_to_toml
         from insnav.report.calibration.common import bench_input

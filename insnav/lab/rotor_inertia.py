@@ -9,14 +9,16 @@ sections 5.7 and 5.8 (fast top).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from insnav.exceptions import InputError
+from insnav.exceptions import ConfigError, InputError
 from insnav.input.interpret.schema import Quantity
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, measured
 from insnav.lab.least_squares import Fit, coverage_factor, linear_fit, outliers
 from insnav.types import FloatArray
 
@@ -87,14 +89,91 @@ class Agreement:
         return abs(self.difference) <= self.limit
 
 
-def read_fall(path: str | Path) -> BenchTable:
-    """Read heights and times of a falling weight."""
-    return read_bench(path, FALL, ("height", "fall_time"), alternatives={"fall_time": "time"})
+@dataclass(frozen=True, slots=True)
+class Inertias:
+    """Moment of inertia by a falling weight and by precession, and whether they agree."""
+
+    fall: Inertia
+    precession: Inertia
+    agreement: Agreement
 
 
-def read_precession(path: str | Path) -> BenchTable:
-    """Read precession periods and rotor rates."""
-    return read_bench(path, PRECESSION, ("period", "rotor_rate"))
+def read(files: Sequence[str | Path], how: BenchOptions) -> tuple[BenchTable, BenchTable]:
+    """Read heights and times of a falling weight, and precession periods and rotor rates.
+
+    Parameters
+    ----------
+    files : sequence of str or Path
+        These two.
+    how : BenchOptions
+        Weights, radius and arm, which are checked here.
+
+    Returns
+    -------
+    BenchTable, BenchTable
+
+    Raises
+    ------
+    ConfigError
+        A mass or length that cannot be.
+    InputError
+        A file cannot be used.
+    """
+    for name in ("fall_mass", "radius", "mass", "arm"):
+        value = getattr(how, name)
+        if not 0.0 < value < 100.0:
+            option = f"--{name.replace('_', '-')}"
+            raise ConfigError(f"{value:g} cannot be", where=option, fix="give kilograms or metres, above zero")
+    fall, precession = files
+    return (
+        read_bench(fall, FALL, ("height", "fall_time"), alternatives={"fall_time": "time"}),
+        read_bench(precession, PRECESSION, ("period", "rotor_rate")),
+    )
+
+
+def fit(
+    record: tuple[BenchTable, BenchTable], how: BenchOptions
+) -> Calibration[tuple[BenchTable, BenchTable], Inertias]:
+    """Moments of inertia by both methods.
+
+    Parameters
+    ----------
+    record : (BenchTable, BenchTable)
+        From `read`.
+    how : BenchOptions
+        Weights, radius, arm and gravity.
+
+    Returns
+    -------
+    Calibration
+        Without errors: a rotor is no IMU.
+
+    Raises
+    ------
+    InputError
+        See `inertia_from_fall` and `inertia_from_precession`.
+    """
+    falls, turns = record
+    time = falls.columns["fall_time" if "fall_time" in falls.columns else "time"]
+    first = inertia_from_fall(falls.columns["height"], time, how.fall_mass, how.radius, how.gravity, where=falls.name)
+    second = inertia_from_precession(
+        turns.columns["period"], turns.columns["rotor_rate"], how.mass, how.arm, how.gravity, where=turns.name
+    )
+    both = (first, second)
+    return Calibration(
+        "rotor",
+        None,
+        CalibrationSd(),
+        tuple(
+            measured(f"moment of inertia, {item.method}", item.value, "kg m^2", item.sd, item.half_width)
+            for item in both
+        ),
+        {item.method: item.fit for item in both},
+        record,
+        Inertias(first, second, agreement(first, second)),
+        how,
+        tuple(f"{item.method}: {line}" for item in both for line in item.warnings),
+    )
 
 
 def inertia_from_fall(

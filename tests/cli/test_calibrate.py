@@ -60,7 +60,7 @@ def test_published_tumble_on_the_terminal(bench: Path, cli: Cli) -> None:
     for printed in ("K0 -0.1847 ", "K1 -2.4121 ", "K2 0.01127 ", "K3 -0.02113 "):
         assert printed in shown.out
     assert "RMS: root of the sum of squares over the number of points" in shown.out
-    assert "Effect of the calibration on navigation" in shown.out
+    assert "Impact on navigation" in shown.out
     assert all(e["with_m"] < e["without_m"] for e in facts["minute"])
 
 

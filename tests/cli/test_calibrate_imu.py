@@ -34,7 +34,7 @@ def test_sweeps_on_the_terminal_and_in_the_folder(bench: Path, cli: Cli) -> None
         "matrix and pieces",
         "Pieces: error = k rate + b'",
         "condition",
-        "Effect of the calibration on navigation",
+        "Impact on navigation",
         "Corrected data",
         "times smaller",
     ):

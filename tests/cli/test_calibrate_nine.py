@@ -37,7 +37,7 @@ def test_modules_are_recovered(
     facts = read_facts(Path("calibration"))
     printed = {item["name"]: item for item in facts["parameters"]}
     for i, j in np.argwhere(~np.eye(3, dtype=bool)):
-        half_width = 2.0 * printed[f"{'xyz'[i]} senses {'xyz'[j]}"]["half_width_95"]
+        half_width = 2.0 * printed[f"gyro {'xyz'[i]} senses {'xyz'[j]}"]["half_width_95"]
         assert 1e3 * errors.gyro_matrix[i, j] == pytest.approx(1e3 * truth[i, j], abs=half_width)
     biases = facts["parameters"][:6]
     for item, true in zip(biases, modules.bias, strict=True):

@@ -65,7 +65,7 @@ def test_the_sheet_shows_field_units_and_every_pose_only_on_the_page(bench: Path
     assert "tells [%]" in page
     assert "normal gravity" not in shown.err
     assert "as given" in shown.err
-    assert "feel specific force" in shown.out
+    assert "g-sensitivity of the gyros up to" in shown.out
 
 
 @pytest.mark.parametrize("axes", ["FRD", "RFU"])
@@ -96,9 +96,9 @@ def test_counts_and_the_calibration_give_what_was_true(bench: Path, cli: Cli, ax
         assert abs(np.linalg.norm(got.accel[still], axis=1).mean() - 9.81) < 0.01
 
 
-def test_what_the_calibration_is_worth_is_on_the_sheet(bench: Path, cli: Cli) -> None:
+def test_impact_on_navigation_is_on_the_sheet(bench: Path, cli: Cli) -> None:
     shown = cli("calibrate", "poses", "imu.csv", *G)
-    assert "Effect of the calibration on navigation" in shown.out
+    assert "Impact on navigation" in shown.out
     assert "Corrected data" in shown.out
     facts = read_facts(Path("calibration"))
     assert all(item["with_m"] < 0.1 * item["without_m"] for item in facts["minute"])

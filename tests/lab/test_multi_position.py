@@ -15,7 +15,7 @@ from insnav.input.readers.raw_counts import read_counts
 from insnav.lab.multi_position.gravity_norm import fit_gravity_norm, norm_error, perfect, sphere
 from insnav.lab.multi_position.gyro_rotations import prepare, rotations
 from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses
-from insnav.lab.multi_position.method import hand_errors, hand_uncertainty
+from insnav.lab.multi_position.method import errors_in_si, file_errors
 from insnav.lab.multi_position.stationary_spans import clipped, find_poses, liveliness, moving_variance, pose_between
 from insnav.lab.multi_position.triad import Triad, corrected, directions
 from insnav.types import FloatArray, ImuData
@@ -64,8 +64,9 @@ def scores_of_corrected(found: PosesCalibration, rng: np.random.Generator) -> Fl
     rate, force = 3.0 * rng.uniform(-1.0, 1.0, (60, 3)), G * rng.uniform(-1.0, 1.0, (60, 3))
     time = 0.01 * np.arange(60.0)
     shown = corrupt(ImuData(time, rate, force), replace(TRUE, gyro_terms=ErrorTerms(g_sensitivity=G_SENSITIVITY)))
-    got = correct(shown, hand_errors(found))
-    rate_sd, force_sd = hand_uncertainty(found).corrected_sd(rate, force)
+    got = correct(shown, file_errors(found))
+    errors, sd = errors_in_si(found)
+    rate_sd, force_sd = sd.corrected(errors, rate, force)
     return np.column_stack(((got.gyro - rate) / rate_sd, (got.accel - force) / force_sd))
 
 

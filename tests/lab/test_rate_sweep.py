@@ -11,8 +11,9 @@ import pytest
 
 from insnav.exceptions import InputError
 from insnav.imu import calibration_to_toml, correct, load_calibration
-from insnav.lab.rate_sweep.method import SweepCalibration, calibrate_sweeps, rms, sweep_uncertainty
+from insnav.lab.rate_sweep.method import SweepCalibration, calibrate_sweeps, sweep_errors
 from insnav.lab.rate_sweep.records import read_sweeps
+from insnav.sample_statistics import rms
 from insnav.types import ImuData
 from insnav.units import DEG
 from tests.lab.sweeps import RATES, Gyros, asymmetric, broken, cubic, gyros, straight, table, write
@@ -46,8 +47,8 @@ def test_a_known_non_linearity_is_five_times_smaller_after_the_second_step(shape
     found = solve(sensor, rng)
     assert found.pieces[1] is None
     assert rms(found.error_matrix) > 5.0 * rms(found.error_map)
-    calibrated = sweep_uncertainty(found, "deg/s")
-    (tmp_path / "calibration.toml").write_text(calibration_to_toml(calibrated.errors))
+    errors, _ = sweep_errors(found, "deg/s")
+    (tmp_path / "calibration.toml").write_text(calibration_to_toml(errors))
     known = load_calibration(tmp_path / "calibration.toml")
     rate = rng.uniform(-300.0, 300.0, (5000, 3))
     shown = ImuData(0.01 * np.arange(5000.0), sensor.show(rate, 0.0, rng) * DEG, np.zeros((5000, 3)))
@@ -76,7 +77,7 @@ def test_the_error_at_rest_is_met_best() -> None:
     rng = np.random.default_rng(5)
     sensor = gyros(rng, (asymmetric, cubic, straight))
     found = solve(sensor, rng)
-    errors = sweep_uncertainty(found, "deg/s").errors
+    errors = sweep_errors(found, "deg/s")[0]
     rest = ImuData(np.arange(2.0), np.tile(sensor.bias * DEG, (2, 1)), np.zeros((2, 3)))
     np.testing.assert_allclose(correct(rest, errors).gyro / DEG, 0.0, atol=4.0 * NOISE / np.sqrt(120.0))
 
@@ -119,10 +120,9 @@ def test_volts_become_lines_of_the_calibration_file(tmp_path: Path) -> None:
     record = read_sweeps(paths)
     assert record.raw
     found = calibrate_sweeps(record.rate, record.output, record.sd, raw=True)
-    calibrated = sweep_uncertainty(found, record.unit)
-    errors = calibrated.errors
+    errors, sd = sweep_errors(found, record.unit)
     # 10 uV of noise by 5 mV/(deg/s), over the root of 183 dwells
-    np.testing.assert_allclose(calibrated.gyro_bias_sd / DEG, 0.002 / np.sqrt(183.0), rtol=0.3)
+    np.testing.assert_allclose(sd.gyro_bias / DEG, 0.002 / np.sqrt(183.0), rtol=0.3)
     assert errors.gyro_raw is not None
     rate = np.array([[30.0, -20.0, 10.0]])
     shown = volts.show(rate, 0.0, rng)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
-from insnav.lab.rotor_inertia import agreement, inertia_from_fall, inertia_from_precession, read_fall, read_precession
+from insnav.lab.calibration import BenchOptions
+from insnav.lab.rotor_inertia import agreement, inertia_from_fall, inertia_from_precession, read
 
 INERTIA, G = 8.0e-3, 9.81
 FALL = {"mass": 0.06, "radius": 0.0225, "gravity": G}
@@ -67,9 +68,10 @@ def test_a_late_release_is_pointed_out() -> None:
 def test_files_in_other_units(tmp_path: Path) -> None:
     (tmp_path / "fall.csv").write_text("height_cm,time_s\n30,5.1\n50,6.2\n70,7.3\n")
     (tmp_path / "turn.csv").write_text("period_s,rotor_rate_rpm\n12,300\n16,400\n20,500\n")
-    np.testing.assert_allclose(read_fall(tmp_path / "fall.csv").columns["height"], [0.3, 0.5, 0.7])
-    rate = read_precession(tmp_path / "turn.csv").columns["rotor_rate"]
-    np.testing.assert_allclose(rate, np.array([300.0, 400.0, 500.0]) * np.pi / 30.0)
+    weights = BenchOptions(fall_mass=0.06, radius=0.0225, mass=0.05, arm=0.25)
+    fall, turn = read((tmp_path / "fall.csv", tmp_path / "turn.csv"), weights)
+    np.testing.assert_allclose(fall.columns["height"], [0.3, 0.5, 0.7])
+    np.testing.assert_allclose(turn.columns["rotor_rate"], np.array([300.0, 400.0, 500.0]) * np.pi / 30.0)
 
 
 @pytest.mark.parametrize(

@@ -8,21 +8,13 @@ import numpy as np
 import pytest
 
 from insnav.imu import ImuErrors, calibration_to_toml, correct, load_calibration
+from insnav.lab.calibration import BenchOptions, CalibrationSd, carried_over
 from insnav.lab.least_squares import coverage_factor
-from insnav.lab.navigation_impact import Calibrated
 from insnav.lab.nine_position.method import calibrate_nine
-from insnav.lab.rate_sweep.method import calibrate_sweeps, sweep_uncertainty
-from insnav.lab.single_axis.method import (
-    RATE_TABLE,
-    TUMBLE,
-    accel_errors,
-    calibrate_accel,
-    calibrate_gyro,
-    carried_over,
-    gyro_errors,
-    read_record,
-    single_uncertainty,
-)
+from insnav.lab.rate_sweep.method import calibrate_sweeps, sweep_errors
+from insnav.lab.single_axis import accel as accel_method
+from insnav.lab.single_axis import gyro as gyro_method
+from insnav.lab.single_axis.records import read_record
 from insnav.types import ImuData
 from insnav.units import DEG
 from tests.lab.modules import NINE, make
@@ -61,16 +53,18 @@ def test_raw_volts_of_rate_table_and_tumble(tmp_path: Path) -> None:
         zero, scale = rng.normal(size=6), rng.uniform(0.04, 0.06, 6)
         records = []
         for i in range(6):
-            x, header, schema = (rates, "rate_deg_s", RATE_TABLE) if i < 3 else (angles, "angle_deg", TUMBLE)
+            x, header, schema = (
+                (rates, "rate_deg_s", gyro_method.SCHEMA) if i < 3 else (angles, "angle_deg", accel_method.SCHEMA)
+            )
             felt = rates if i < 3 else 40.0 * np.sin(np.radians(angles))
             volts = zero[i] + scale[i] * felt + 2e-3 * rng.normal(size=x.size)
             path = tmp_path / f"{i}.csv"
             np.savetxt(path, np.column_stack((x, volts)), "%.9g", ",", header=f"{header},output_v", comments="")
             records.append(read_record(path, schema))
-        tables = [calibrate_gyro(record, (-80.0, 80.0)) for record in records[:3]]
-        tumbles = [calibrate_accel(record) for record in records[3:]]
-        gyro = single_uncertainty(gyro_errors(records[:3], tables), tables, DEG)
-        accel = single_uncertainty(accel_errors(records[3:], tumbles, G), tumbles, G)
+        gyro = gyro_method.fit(tuple(records[:3]), BenchOptions(keep=(-80.0, 80.0)))
+        accel = accel_method.fit(tuple(records[3:]), BenchOptions(gravity=G))
+        assert gyro.errors is not None
+        assert accel.errors is not None
         known = through_the_file(carried_over(gyro.errors, accel.errors, "accel"), tmp_path)
         rate, force = motion(rng)
         rate *= 0.4  # within the table
@@ -80,9 +74,9 @@ def test_raw_volts_of_rate_table_and_tumble(tmp_path: Path) -> None:
         read = [known.gyro_raw.value(volts[:, i], i) for i in range(3)]
         read += [known.accel_raw.value(volts[:, 3 + i], i) for i in range(3)]
         got = correct(shown(np.column_stack(read[:3]), np.column_stack(read[3:])), known)
-        rate_sd, _ = gyro.corrected_sd(rate, force)
-        _, force_sd = accel.corrected_sd(rate, force)
-        limit = coverage_factor(tables[0].fit.dof), coverage_factor(tumbles[0].fit.dof)
+        rate_sd, _ = gyro.sd.corrected(gyro.errors, rate, force)
+        _, force_sd = accel.sd.corrected(accel.errors, rate, force)
+        limit = coverage_factor(gyro.detail[0].fit.dof), coverage_factor(accel.detail[0].fit.dof)
         of_rate.append(np.mean(np.abs(got.gyro - rate) < limit[0] * rate_sd))
         of_force.append(np.mean(np.abs(got.accel - force) < limit[1] * force_sd))
     covered(of_rate)
@@ -94,12 +88,10 @@ def test_gyro_matrix_of_rate_sweeps(tmp_path: Path) -> None:
     for _ in range(TRIALS):
         sensor, at = gyros(rng), table(RATES[::10])
         found = calibrate_sweeps(at * DEG, sensor.show(at, 0.05, rng) * DEG, np.full(at.shape, 0.05 * DEG), raw=False)
-        calibrated = sweep_uncertainty(found, "deg/s")
+        errors, sd_of = sweep_errors(found, "deg/s")
         rate, force = motion(rng)
-        got = correct(
-            shown(sensor.show(rate / DEG, 0.0, rng) * DEG, force), through_the_file(calibrated.errors, tmp_path)
-        )
-        sd, _ = calibrated.corrected_sd(rate, force)
+        got = correct(shown(sensor.show(rate / DEG, 0.0, rng) * DEG, force), through_the_file(errors, tmp_path))
+        sd, _ = sd_of.corrected(errors, rate, force)
         inside.append(np.mean(np.abs(got.gyro - rate) < coverage_factor(found.fits[0].dof) * sd))
     covered(inside)
 
@@ -110,10 +102,10 @@ def test_accelerometers_of_nine_positions(tmp_path: Path) -> None:
         modules = make(rng, 0.002, 0.002)
         found = calibrate_nine(*NINE.T, modules.measure(NINE, 0.005, rng), G)
         errors = ImuErrors(gyro_matrix=found.gyro_matrix, accel_bias=found.accel_bias, accel_matrix=found.accel_matrix)
-        calibrated = Calibrated(errors, accel_bias_sd=found.accel_bias_sd, accel_matrix_sd=found.accel_matrix_sd)
+        sd_of = CalibrationSd(accel_bias=found.accel_bias_sd, accel_matrix=found.accel_matrix_sd)
         rate, force = motion(rng)
         bias = [0.5 * (modules.bias[a] + modules.bias[b]) for a, b in ((3, 4), (0, 5), (1, 2))]
         got = correct(shown(rate, force @ true_triad(modules).T + bias), through_the_file(errors, tmp_path))
-        _, sd = calibrated.corrected_sd(rate, force)
+        _, sd = sd_of.corrected(errors, rate, force)
         inside.append(np.mean(np.abs(got.accel - force) < coverage_factor(found.dof) * sd))
     covered(inside)

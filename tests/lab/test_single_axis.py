@@ -9,19 +9,13 @@ import pytest
 
 from insnav.exceptions import InputError
 from insnav.imu import calibration_to_toml, load_calibration
-from insnav.lab.single_axis.method import (
-    RATE_TABLE,
-    TUMBLE,
-    Record,
-    accel_errors,
-    calibrate_accel,
-    calibrate_gyro,
-    carried_over,
-    gyro_errors,
-    rate_table_warnings,
-    read_record,
-    tumble_warnings,
-)
+from insnav.lab.calibration import BenchOptions, carried_over
+from insnav.lab.single_axis import accel, gyro
+from insnav.lab.single_axis.accel import SCHEMA as TUMBLE
+from insnav.lab.single_axis.accel import calibrate_accel, tumble_warnings
+from insnav.lab.single_axis.gyro import SCHEMA as RATE_TABLE
+from insnav.lab.single_axis.gyro import calibrate_gyro, rate_table_warnings
+from insnav.lab.single_axis.records import Record, read_record
 from tests.lab.published import lab_file
 
 RATES = np.array([-80, -60, -40, -20, -10, 0, 10, 20, 40, 60, 80.0])
@@ -88,7 +82,7 @@ def test_raw_dwells_are_cleaned_of_drift_and_spikes(tmp_path: Path) -> None:
     found = calibrate_gyro(record)
     assert record.dwells.dropped.sum() == spiked.sum()
     assert np.all(np.abs(found.fit.value - [0.2, 0.05]) < 4.0 * found.fit.sd + 1e-6)
-    kept = read_record(path, RATE_TABLE, spike_limit=1.0)
+    kept = read_record(path, RATE_TABLE, BenchOptions(spike_limit=1.0))
     assert calibrate_gyro(kept).fit.value[0] - 0.2 > 1e-3  # the spikes all go one way
 
 
@@ -133,24 +127,23 @@ def test_an_outlying_position_is_pointed_out(tmp_path: Path) -> None:
 def test_volts_become_lines_and_rates_become_bias_and_scale(tmp_path: Path) -> None:
     volts = read_record(table(tmp_path / "v.csv", "rate_deg_s,output_mv", RATES, 200.0 + 50.0 * RATES), RATE_TABLE)
     digital = read_record(table(tmp_path / "d.csv", "rate_deg_s,output_deg_s", RATES, 0.5 + 1.01 * RATES), RATE_TABLE)
-    raw = gyro_errors([volts], [calibrate_gyro(volts)]).gyro_raw
+    raw = gyro.fit((volts,), BenchOptions()).errors.gyro_raw
     assert raw is not None
     assert raw.unit == "mV"
     np.testing.assert_allclose(raw.value(np.array([250.0]), 2), np.radians(1.0))
-    errors = gyro_errors([digital] * 3, [calibrate_gyro(digital)] * 3)
+    errors = gyro.fit((digital,) * 3, BenchOptions()).errors
     np.testing.assert_allclose(np.degrees(errors.gyro_bias), 0.5, atol=1e-9)
     np.testing.assert_allclose(errors.gyro_matrix, 1.01 * np.eye(3), atol=1e-9)
 
 
 def test_both_triads_fit_into_one_file(tmp_path: Path) -> None:
-    gyro = read_record(table(tmp_path / "g.csv", "rate_deg_s,output_v", RATES, 0.2 + 0.05 * RATES), RATE_TABLE)
+    rates = read_record(table(tmp_path / "g.csv", "rate_deg_s,output_v", RATES, 0.2 + 0.05 * RATES), RATE_TABLE)
     force = 0.1 + 2.0 * np.sin(np.radians(ANGLES))
-    accel = read_record(table(tmp_path / "a.csv", "angle_deg,output_v", ANGLES, force), TUMBLE)
-    first = gyro_errors([gyro], [calibrate_gyro(gyro)])
+    angles = read_record(table(tmp_path / "a.csv", "angle_deg,output_v", ANGLES, force), TUMBLE)
+    first = gyro.fit((rates,), BenchOptions()).errors
     (tmp_path / "c.toml").write_text(calibration_to_toml(first))
-    both = carried_over(
-        accel_errors([accel], [calibrate_accel(accel)], 9.81), load_calibration(tmp_path / "c.toml"), "gyro"
-    )
+    second = accel.fit((angles,), BenchOptions(gravity=9.81)).errors
+    both = carried_over(second, load_calibration(tmp_path / "c.toml"), "gyro")
     assert both.gyro_raw is not None
     assert both.accel_raw is not None
     np.testing.assert_allclose(both.accel_raw.value(np.array([2.1]), 0), 9.81)

@@ -8,9 +8,7 @@ from typing import Annotated
 import typer
 
 from insnav.cli import options as opt
-from insnav.cli import parse
 from insnav.cli.calibrate import command as common
-from insnav.cli.console import Stages
 
 SHORT_HELP = "Bias, scale factor, second order and cross-coupling from a tumble test."
 HELP = """Bias, scale factor, second order and cross-coupling of accelerometers from a tumble test.
@@ -41,34 +39,15 @@ def accel(
     as_json: opt.Json = False,
 ) -> None:
     """Calibrate accelerometers by tumbling."""
-    from insnav.cli import inputs
-    from insnav.output.folder import RunFolder
-
-    common.gravity(gravity)
-    with RunFolder(out, force=force) as folder, Stages() as stage:
-        stage("reading")
-        from insnav.lab.single_axis import method as single
-
-        with inputs.named_options():
-            records = [
-                single.read_record(
-                    file,
-                    single.TUMBLE,
-                    columns=parse.columns(columns, "--columns"),
-                    spike_limit=common.limit(spike_limit),
-                )
-                for file in files
-            ]
-        stage("fitting")
-        found = [single.calibrate_accel(record) for record in records]
-        errors = single.accel_errors(records, found, gravity, name)
-        calibrated = single.single_uncertainty(errors, found, gravity)
-        stage("navigating")
-        from insnav.lab.navigation_impact import minute_effect
-
-        effects = minute_effect(calibrated)
-        stage("writing")
-        from insnav.report.calibration.single_axis import accel_report
-
-        sheet, facts = accel_report(records, found, calibrated, effects, gravity)
-        common.finish(folder, out, sheet, facts, common.with_other(errors, add, "gyro"), as_json=as_json)
+    common.run(
+        "accel",
+        files,
+        out,
+        columns=columns,
+        gravity=gravity,
+        spike_limit=spike_limit,
+        add=add,
+        name=name,
+        force=force,
+        as_json=as_json,
+    )

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from insnav.cli import options as opt
-from insnav.cli.console import note, result_sheet
-
-if TYPE_CHECKING:
-    from insnav.imu.model import ImuErrors
-    from insnav.output.folder import RunFolder
-    from insnav.report.sheet import Sheet
+from insnav.cli import parse
+from insnav.cli.console import Stages, note, result_sheet
 
 METHOD = "Method"
 
@@ -46,53 +42,41 @@ Name = Annotated[str, typer.Option(metavar="TEXT", help="What was calibrated.", 
 OUT = Path("calibration")
 
 
-def limit(value: float | None) -> float | None:
-    """Check the limit of spikes."""
-    from insnav.exceptions import ConfigError
-
-    if value is not None and not 0.0 < value < float("inf"):
-        raise ConfigError(f"{value:g} is no limit", where="--spike-limit", fix="give a number above zero")
-    return value
-
-
-def gravity(value: float) -> float:
-    """Check gravity."""
-    from insnav.exceptions import ConfigError
-
-    if not 9.7 < value < 9.9:
-        raise ConfigError(
-            f"{value:g} m/s² is not gravity on the Earth", where="--gravity", fix="it is between 9.76 and 9.84 m/s²"
-        )
-    return value
-
-
-def with_other(errors: ImuErrors, other: Path | None, kept: str) -> ImuErrors:
-    """Carry over the other triad of an earlier calibration."""
-    if other is None:
-        return errors
-    from insnav.imu import load_calibration
-    from insnav.lab.single_axis.method import carried_over
-
-    return carried_over(errors, load_calibration(other), kept)
-
-
-def finish(
-    folder: RunFolder,
+def run(
+    method: str,
+    files: Sequence[Path],
     out: Path,
-    sheet: Sheet,
-    facts: Mapping[str, Any],
-    errors: ImuErrors | None,
     *,
+    columns: str | None = None,
+    force: bool,
     as_json: bool,
+    opened: Callable[[Any], None] | None = None,
+    **options: Any,
 ) -> None:
-    """Write calibration file and report, and print the result."""
-    from insnav.imu import calibration_to_toml
-    from insnav.report.run_json import json_ready
-    from insnav.report.sheet import write_sheet
+    """Calibrate, write the folder with calibration file and report, and print the result."""
+    from dataclasses import replace
 
-    texts = {} if errors is None else {"calibration.toml": calibration_to_toml(errors)}
-    where = write_sheet(folder, sheet, json_ready(facts), texts)
+    from insnav.cli import inputs
+    from insnav.output.folder import RunFolder
+
+    with RunFolder(out, force=force) as folder, Stages() as stage:
+        stage("loading")
+        from insnav.imu import calibration_to_toml
+        from insnav.report.calibration.page import calibration_report
+        from insnav.report.run_json import json_ready
+        from insnav.report.sheet import write_sheet
+        from insnav.session.bench import calibrate
+
+        with inputs.named_options():
+            named = parse.columns(columns, "--columns")
+            found = calibrate(method, files, columns=named, stage=stage, opened=opened, **options)
+        stage("writing")
+        sheet, facts = calibration_report(found)
+        texts = {} if found.errors is None else {"calibration.toml": calibration_to_toml(found.errors)}
+        where = write_sheet(folder, sheet, json_ready(facts), texts)
     if as_json:
         for line in sheet.warnings:
             note(f"warning: {line}")
+    if method == "poses":
+        sheet = replace(sheet, tables=sheet.tables[:-1])  # the last lists every pose: too long for a terminal
     result_sheet(where, sheet, out, as_json=as_json, more=texts)

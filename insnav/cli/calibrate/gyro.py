@@ -10,7 +10,6 @@ import typer
 from insnav.cli import options as opt
 from insnav.cli import parse
 from insnav.cli.calibrate import command as common
-from insnav.cli.console import Stages
 
 SHORT_HELP = "Zero and scale factor of gyros from a rate table."
 HELP = """Zero and scale factor of gyros from a rate table.
@@ -50,35 +49,15 @@ def gyro(
     as_json: opt.Json = False,
 ) -> None:
     """Calibrate gyros on a rate table."""
-    from insnav.cli import inputs
-    from insnav.output.folder import RunFolder
-
-    span = parse.span(keep, "--range") if keep else None
-    with RunFolder(out, force=force) as folder, Stages() as stage:
-        stage("reading")
-        from insnav.lab.single_axis import method as single
-        from insnav.units import DEG
-
-        with inputs.named_options():
-            records = [
-                single.read_record(
-                    file,
-                    single.RATE_TABLE,
-                    columns=parse.columns(columns, "--columns"),
-                    spike_limit=common.limit(spike_limit),
-                )
-                for file in files
-            ]
-        stage("fitting")
-        found = [single.calibrate_gyro(record, span) for record in records]
-        calibrated = single.single_uncertainty(single.gyro_errors(records, found, name), found, DEG)
-        stage("navigating")
-        from insnav.lab.navigation_impact import minute_effect
-
-        effects = minute_effect(calibrated)
-        stage("writing")
-        from insnav.report.calibration.single_axis import gyro_report
-
-        sheet, facts = gyro_report(records, found, calibrated, effects)
-        errors = common.with_other(calibrated.errors, add, "accel")
-        common.finish(folder, out, sheet, facts, errors, as_json=as_json)
+    common.run(
+        "gyro",
+        files,
+        out,
+        columns=columns,
+        keep=parse.span(keep, "--range") if keep else None,
+        spike_limit=spike_limit,
+        add=add,
+        name=name,
+        force=force,
+        as_json=as_json,
+    )

@@ -8,9 +8,7 @@ from typing import Annotated
 import typer
 
 from insnav.cli import options as opt
-from insnav.cli import parse
 from insnav.cli.calibrate import command as common
-from insnav.cli.console import Stages
 
 SHORT_HELP = "Gyro matrix and bias from rate sweeps, then compensation of what is left over the rate."
 HELP = """Full matrix and bias of three gyros from rate sweeps about three axes, then a piecewise-linear compensation.
@@ -41,26 +39,14 @@ def imu(
     as_json: opt.Json = False,
 ) -> None:
     """Calibrate three gyros by sweeps."""
-    from insnav.cli import inputs
-    from insnav.output.folder import RunFolder
-
-    with RunFolder(out, force=force) as folder, Stages() as stage:
-        stage("reading")
-        from insnav.lab.navigation_impact import minute_effect
-        from insnav.lab.rate_sweep.method import calibrate_sweeps, sweep_uncertainty
-        from insnav.lab.rate_sweep.records import read_sweeps
-
-        with inputs.named_options():
-            record = read_sweeps(
-                files, columns=parse.columns(columns, "--columns"), spike_limit=common.limit(spike_limit)
-            )
-        stage("fitting")
-        found = calibrate_sweeps(record.rate, record.output, record.sd, raw=record.raw, where=record.name)
-        calibrated = sweep_uncertainty(found, record.unit, name)
-        stage("navigating")
-        effects = minute_effect(calibrated)
-        stage("writing")
-        from insnav.report.calibration.rate_sweep import sweep_report
-
-        sheet, facts = sweep_report(record, found, calibrated, effects)
-        common.finish(folder, out, sheet, facts, common.with_other(calibrated.errors, add, "accel"), as_json=as_json)
+    common.run(
+        "imu",
+        files,
+        out,
+        columns=columns,
+        spike_limit=spike_limit,
+        add=add,
+        name=name,
+        force=force,
+        as_json=as_json,
+    )

@@ -8,9 +8,7 @@ from typing import Annotated
 import typer
 
 from insnav.cli import options as opt
-from insnav.cli import parse
 from insnav.cli.calibrate import command as common
-from insnav.cli.console import Stages
 
 SHORT_HELP = "Three dual-axis modules in nine positions, gyro misalignment without rotation."
 HELP = """Accelerometers, and the misalignment of gyros without any rotation, from nine positions of a position table.
@@ -37,34 +35,4 @@ def nine(
     as_json: opt.Json = False,
 ) -> None:
     """Calibrate dual-axis modules."""
-    from insnav.cli import inputs
-    from insnav.output.folder import RunFolder
-
-    common.gravity(gravity)
-    with RunFolder(out, force=force) as folder, Stages() as stage:
-        stage("reading")
-        from insnav.imu import ImuErrors
-        from insnav.lab.navigation_impact import Calibrated, minute_effect
-        from insnav.lab.nine_position.method import calibrate_nine, read_nine
-
-        with inputs.named_options():
-            table, dwells = read_nine(file, parse.columns(columns, "--columns"))
-        stage("fitting")
-        roll, pitch = dwells.setting.T
-        found = calibrate_nine(roll, pitch, dwells.value, gravity, where=table.name)
-        errors = ImuErrors(
-            gyro_matrix=found.gyro_matrix, accel_bias=found.accel_bias, accel_matrix=found.accel_matrix, name=name
-        )
-        calibrated = Calibrated(
-            errors,
-            gyro_matrix_sd=found.gyro_matrix_sd,
-            accel_bias_sd=found.accel_bias_sd,
-            accel_matrix_sd=found.accel_matrix_sd,
-        )
-        stage("navigating")
-        effects = minute_effect(calibrated)
-        stage("writing")
-        from insnav.report.calibration.nine_position import nine_report
-
-        sheet, facts = nine_report(table, dwells, found, calibrated, effects)
-        common.finish(folder, out, sheet, facts, errors, as_json=as_json)
+    common.run("nine", [file], out, columns=columns, gravity=gravity, name=name, force=force, as_json=as_json)

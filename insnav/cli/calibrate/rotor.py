@@ -9,7 +9,6 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli.calibrate import command as common
-from insnav.cli.console import Stages
 
 SHORT_HELP = "Moment of inertia of a rotor by a falling weight and by precession."
 HELP = """Moment of inertia of a gyroscope's rotor two ways, and whether they agree.
@@ -46,32 +45,15 @@ def rotor(
     as_json: opt.Json = False,
 ) -> None:
     """Measure a rotor."""
-    from insnav.exceptions import ConfigError
-    from insnav.output.folder import RunFolder
-
-    for value, option in ((fall_mass, "--fall-mass"), (radius, "--radius"), (mass, "--mass"), (arm, "--arm")):
-        if not 0.0 < value < 100.0:
-            raise ConfigError(f"{value:g} cannot be", where=option, fix="give kilograms or metres, above zero")
-    common.gravity(gravity)
-    with RunFolder(out, force=force) as folder, Stages() as stage:
-        stage("reading")
-        from insnav.lab import rotor_inertia as bench
-        from insnav.report.calibration.rotor_inertia import rotor_report
-
-        falls, turns = bench.read_fall(fall), bench.read_precession(precession)
-        stage("fitting")
-        time = falls.columns["fall_time" if "fall_time" in falls.columns else "time"]
-        first = bench.inertia_from_fall(falls.columns["height"], time, fall_mass, radius, gravity, where=falls.name)
-        second = bench.inertia_from_precession(
-            turns.columns["period"], turns.columns["rotor_rate"], mass, arm, gravity, where=turns.name
-        )
-        stage("writing")
-        given = {
-            "fall_mass_kg": fall_mass,
-            "radius_m": radius,
-            "mass_kg": mass,
-            "arm_m": arm,
-            "gravity_m_s2": gravity,
-        }
-        sheet, facts = rotor_report((falls, turns), first, second, bench.agreement(first, second), given)
-        common.finish(folder, out, sheet, facts, None, as_json=as_json)
+    common.run(
+        "rotor",
+        [fall, precession],
+        out,
+        fall_mass=fall_mass,
+        radius=radius,
+        mass=mass,
+        arm=arm,
+        gravity=gravity,
+        force=force,
+        as_json=as_json,
+    )

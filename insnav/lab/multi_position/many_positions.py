@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.lab.calibration import WRONG_UNIT
 from insnav.lab.multi_position.gravity_norm import (
     GravityFit,
     fit_gravity_norm,
@@ -41,7 +42,6 @@ FACTORS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # standard deviations at rest th
 ALIKE = 1.0  # logarithm of the determinant of two covariances that are about alike: 6 % a standard deviation
 LEAST_OWN = 0.1  # of the scatter of the turns that is their own at least
 FOLDS = 5
-WRONG_UNIT = 0.25  # scale factor error that no sensor in SI units has
 WRONG_NORM = 0.02  # scatter of gravity over its length that no pose at rest leaves
 
 

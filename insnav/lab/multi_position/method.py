@@ -1,26 +1,121 @@
-"""What a calibration by hand comes to: errors of an IMU for the calibration file, and how sure they are."""
+"""Multi-position calibration without a table: many poses with turns between them, or six positions and three turns."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
+
 import numpy as np
 
+from insnav.exceptions import ConfigError
 from insnav.imu.higher_order import ErrorTerms
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
-from insnav.lab.multi_position.many_positions import PosesCalibration
-from insnav.lab.multi_position.six_positions import SixPositions
+from insnav.input.interpret.axes import axes_matrix
+from insnav.input.readers.imu import read_imu
+from insnav.input.readers.raw_counts import read_counts
+from insnav.input.readers.reading import Reading
+from insnav.lab.calibration import BADLY_CONDITIONED, BenchOptions, Calibration, CalibrationSd
+from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses
+from insnav.lab.multi_position.sections_file import read_sections
+from insnav.lab.multi_position.six_positions import SixPositions, calibrate_six_positions
 from insnav.lab.multi_position.triad import Triad
-from insnav.lab.navigation_impact import Calibrated
-from insnav.types import FloatArray
+from insnav.plain_text import plain_text
+from insnav.quantity import Quantity
+from insnav.sample_statistics import rms
+from insnav.types import FloatArray, ImuData, Sampling, Stamp
+from insnav.units import DEG, G0
 
 Found = PosesCalibration | SixPositions
 RAW_UNIT = "LSB"  # of a record whose headers state none
+FEW_POSES = 20  # below, the uncertainty is itself uncertain
+ALONE = 0.9  # a pose that determines so much of a parameter alone is not checked by any other
+WARM = 2.0  # change of temperature worth a word [K]
+OVERFIT = 2.0  # a left-out error so many times the fitted one
+DRIFT = 6.0  # standard deviations of its bias by which a gyro that drifted has changed
 
 
-def hand_errors(
+def read(files: Sequence[str | Path], how: BenchOptions) -> Reading[ImuData]:
+    """Read a record of rests in many positions.
+
+    Parameters
+    ----------
+    files : sequence of str or Path
+        One.
+    how : BenchOptions
+        Counts or not, axes, columns, units, sampling and timestamps; how it was recorded is checked here.
+
+    Returns
+    -------
+    Reading of ImuData
+        In SI units, or of raw counts as in the file; in body axes.
+
+    Raises
+    ------
+    ConfigError
+        Options that contradict each other.
+    InputError
+        The file cannot be used.
+    """
+    if not how.six and how.sections is not None:
+        raise ConfigError("sections belong to six positions", where="--sections", fix="add --method six")
+    if how.counts and (how.units or how.sampling or how.stamp):
+        raise ConfigError("raw counts have no units", where="--counts", fix="leave out --imu-units, --imu-sampling …")
+    if not 0.5 * np.pi <= how.turn <= 200.0 * np.pi:
+        raise ConfigError(
+            f"{how.turn / DEG:g} degrees is not a turn to calibrate by", where="--turn", fix="such as 360"
+        )
+    if how.counts:
+        return read_counts(files[0], axes=how.axes, columns=how.columns)
+    return read_imu(
+        files[0],
+        axes=how.axes or "FRD",  # a bench record shows any side up: axes are not inferred from it
+        columns=how.columns,
+        units=how.units,
+        sampling=cast("Sampling | None", how.sampling),
+        stamp=cast("Stamp | None", how.stamp),
+    )
+
+
+def fit(record: Reading[ImuData], how: BenchOptions) -> Calibration[Reading[ImuData], Found]:
+    """Calibrate by `calibrate_poses` or `calibrate_six_positions`.
+
+    Parameters
+    ----------
+    record : Reading of ImuData
+        From `read`.
+    how : BenchOptions
+        Gravity, counts, six positions with their sections and turns, axes, name.
+
+    Returns
+    -------
+    Calibration
+        Its errors carry the axes of the file, a name and the mean temperature; uncertainty and impact are those in SI
+        units, of raw units against one zero and one scale factor for three sensors.
+    """
+    data, sections = record.data, how.sections
+    if isinstance(sections, str | Path):
+        sections = read_sections(Path(sections))
+    found: Found = (
+        calibrate_six_positions(data, how.gravity, sections, turn=how.turn, counts=how.counts)
+        if how.six
+        else calibrate_poses(data, how.gravity, counts=how.counts)
+    )
+    sensed, sd = errors_in_si(found)
+    errors = file_errors(
+        found,
+        axes=axes_matrix(how.axes or "FRD"),
+        name=how.name or plain_text(Path(record.facts.path).stem),
+        temperature=None if data.temperature is None else float(data.temperature.mean()),
+    )
+    return Calibration("poses", errors, sd, _parameters(found), {}, record, found, how, _warnings(found, data), sensed)
+
+
+def file_errors(
     found: Found, *, axes: FloatArray | None = None, name: str = "", temperature: float | None = None
 ) -> ImuErrors:
-    """Make the calibration: bias, matrix and g-sensitivity, of raw units also zero and scale of each sensor.
+    """Errors for the calibration file: bias, matrix and g-sensitivity, of raw units also zero and scale of each sensor.
 
     Parameters
     ----------
@@ -31,6 +126,10 @@ def hand_errors(
         What was calibrated.
     temperature : float or None
         At which mean temperature [deg C].
+
+    Returns
+    -------
+    ImuErrors
     """
     if not found.counts:
         return ImuErrors(
@@ -59,23 +158,17 @@ def _raw(triad: Triad, axes: FloatArray) -> RawScale:
     return RawScale(RAW_UNIT, axes.T @ triad.bias, np.abs(axes).T @ np.diag(triad.matrix))
 
 
-def hand_uncertainty(found: Found) -> Calibrated:
-    """Errors and their uncertainty in SI units; of raw units against one zero and one scale for three sensors.
-
-    Parameters
-    ----------
-    found : PosesCalibration or SixPositions
-    """
+def errors_in_si(found: Found) -> tuple[ImuErrors, CalibrationSd]:
+    """Errors in SI units and their uncertainty; of raw units against one zero and one scale for three sensors."""
     gyro, gyro_scale = _in_si(found.gyro, found.counts)
     accel, _ = _in_si(found.accel, found.counts)
     terms = ErrorTerms(g_sensitivity=found.g_sensitivity / gyro_scale)
-    return Calibrated(
-        ImuErrors(gyro.bias, gyro.matrix, accel.bias, accel.matrix, gyro_terms=terms),
-        gyro_bias_sd=gyro.bias_sd,
-        gyro_matrix_sd=gyro.matrix_sd,
-        accel_bias_sd=accel.bias_sd,
-        accel_matrix_sd=accel.matrix_sd,
-        g_sensitivity_sd=found.g_sensitivity_sd / abs(gyro_scale),
+    return ImuErrors(gyro.bias, gyro.matrix, accel.bias, accel.matrix, gyro_terms=terms), CalibrationSd(
+        gyro_bias=gyro.bias_sd,
+        gyro_matrix=gyro.matrix_sd,
+        accel_bias=accel.bias_sd,
+        accel_matrix=accel.matrix_sd,
+        g_sensitivity=found.g_sensitivity_sd / abs(gyro_scale),
     )
 
 
@@ -86,3 +179,58 @@ def _in_si(triad: Triad, counts: bool) -> tuple[Triad, float]:
     size = abs(scale)
     bias = (triad.bias - triad.bias.mean()) / scale
     return Triad(bias, triad.matrix / scale, triad.bias_sd / size, triad.matrix_sd / size, triad.condition), scale
+
+
+def _parameters(found: Found) -> tuple[Quantity, ...]:
+    items = []
+    for sensor, unit, triad in (("accel", "m/s^2", found.accel), ("gyro", "rad/s", found.gyro)):
+        of_bias, of_matrix = (RAW_UNIT, f"{RAW_UNIT}/({unit})") if found.counts else (unit, "")
+        items.append(Quantity(f"{sensor}_bias", triad.bias, of_bias, triad.bias_sd))
+        items.append(Quantity(f"{sensor}_matrix", triad.matrix, of_matrix, triad.matrix_sd))
+    of_force = f"{RAW_UNIT}/(m/s^2)" if found.counts else "(rad/s)/(m/s^2)"
+    items.append(Quantity("gyro_g_sensitivity", found.g_sensitivity, of_force, found.g_sensitivity_sd))
+    return tuple(items)
+
+
+def _warnings(found: Found, imu: ImuData) -> tuple[str, ...]:
+    warnings = _pose_warnings(found) if isinstance(found, PosesCalibration) else []
+    if found.clipped:
+        warnings.append(f"{found.clipped} samples of the gyros are at the end of their range: turn more slowly")
+    temperature = imu.temperature
+    if temperature is not None and float(np.ptp(temperature)) > WARM:
+        warnings.append(
+            f"the temperature went from {temperature.min():.1f} to {temperature.max():.1f} deg C: the biases are means "
+            "over that"
+        )
+    share = np.linalg.norm(np.linalg.solve(found.gyro.matrix, found.g_sensitivity), axis=1) * G0
+    limit = np.linalg.norm(np.linalg.solve(found.gyro.matrix, np.diag(found.gyro.bias_sd)), axis=1)
+    if (share > 3.0 * limit).any():
+        warnings.append(f"g-sensitivity of the gyros up to {share.max() / DEG:.3g} deg/s/g; corrected")
+    return tuple(warnings)
+
+
+def _pose_warnings(found: PosesCalibration) -> list[str]:
+    warnings = []
+    n = len(found.poses)
+    if n < FEW_POSES:
+        warnings.append(f"only {n} poses: with {n - 9} degrees of freedom the standard deviations are rough")
+    for sensor, triad in (("accelerometers", found.accel), ("gyros", found.gyro)):
+        if triad.condition > BADLY_CONDITIONED:
+            warnings.append(f"the poses are lopsided for the {sensor}: condition number {triad.condition:.3g}")
+    alone = [str(i + 1) for i in np.flatnonzero(found.accel_share > ALONE)]
+    if alone:
+        warnings.append(f"pose {', '.join(alone)} alone determines a parameter: add poses like it, to check it")
+    unused = int(np.count_nonzero(~found.turn_used))
+    if unused:
+        warnings.append(f"{unused} turns were not used: samples are missing in them, or at the end of the range")
+    for what, fitted, other in (
+        ("gravity", found.norm_after, found.norm_left_out),
+        ("turns", found.turn_after[found.turn_used], found.turn_left_out[found.turn_used]),
+    ):
+        if rms(other) > OVERFIT * rms(fitted):
+            warnings.append(f"{what}: {rms(other) / rms(fitted):.1f} times worse where not fitted: too few poses")
+    drift = np.abs(found.gyro_drift)
+    bias_sd = np.abs(np.linalg.solve(found.gyro.matrix, found.gyro.bias_sd))
+    if (drift > DRIFT * bias_sd).any():
+        warnings.append(f"the gyros drifted by up to {drift.max() / DEG:.3g} deg/s during the record: warm up first")
+    return warnings

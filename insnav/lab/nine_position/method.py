@@ -13,25 +13,29 @@ that order, the difference of two squares, cancels over positions that are symme
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.interpret.schema import Quantity
+from insnav.imu.model import ImuErrors
+from insnav.input.interpret.schema import Quantity as Column
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
-from insnav.lab.bench_data.dwells import Dwells, reduce_dwells
+from insnav.lab.bench_data.dwells import Dwells, dwell_warnings, reduce_dwells
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, condition_warnings, measured
 from insnav.lab.least_squares import LEVEL, Fit, coverage_factor, linear_fit
 from insnav.lab.nine_position.table_positions import OPPOSITE, check_positions, ideal_force, opposite_pairs
+from insnav.quantity import Quantity
 from insnav.types import FloatArray, IntArray
+from insnav.units import UG
 
 SCHEMA = (
-    Quantity("roll", "roll_deg", "angle", "deg", ("roll", "gamma", "rotationx")),
-    Quantity("pitch", "pitch_deg", "angle", "deg", ("pitch", "theta", "rotationy")),
+    Column("roll", "roll_deg", "angle", "deg", ("roll", "gamma", "rotationx")),
+    Column("pitch", "pitch_deg", "angle", "deg", ("pitch", "theta", "rotationy")),
     *(
-        Quantity(f"{m}_a{a}", f"{m}_a{a}_m_s2", "acceleration", "m/s^2", (f"{m}a{a}", f"{m}accel{a}", f"{m}modulea{a}"))
+        Column(f"{m}_a{a}", f"{m}_a{a}_m_s2", "acceleration", "m/s^2", (f"{m}a{a}", f"{m}accel{a}", f"{m}modulea{a}"))
         for m, a in ("xy", "xz", "yz", "yx", "zx", "zy")
     ),
 )
@@ -41,6 +45,14 @@ PRODUCTS = ((0, 1), (2, 3), (4, 5))  # the two sensors of each module
 TRIAD = ((3, 4), (0, 5), (1, 2))  # the two sensors of each axis
 SECOND_ORDER = 2.0  # covers 95 % of the errors of second order in simulations of three common sets of positions
 MOST_SENSITIVE, MOST_CROSSED = 0.2, 0.2  # farther from 1, or from 0, the columns are not what they are said to be
+
+
+@dataclass(frozen=True, slots=True)
+class NineRecord:
+    """The table of positions as read, and one mean a position: roll and pitch [rad], accelerometers [m/s^2]."""
+
+    table: BenchTable
+    dwells: Dwells
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,29 +264,78 @@ def _jacobian(function: Callable[[FloatArray], FloatArray], at: FloatArray, step
     return np.column_stack(columns)
 
 
-def read_nine(path: str | Path, columns: Mapping[str, str] | None = None) -> tuple[BenchTable, Dwells]:
+def read(files: Sequence[str | Path], how: BenchOptions) -> NineRecord:
     """Read the table of positions.
 
     Parameters
     ----------
-    path : str or Path
-        Columns ``roll_deg``, ``pitch_deg`` and, in any unit of acceleration, ``x_ay`` to ``z_ay``: module, then axis.
+    files : sequence of str or Path
+        One, with ``roll_deg``, ``pitch_deg`` and, in any unit of acceleration, ``x_ay`` to ``z_ay``: module, then axis.
         One row a position, or all its samples in successive rows.
-    columns : mapping of str to str, optional
-        As in `read_bench`.
+    how : BenchOptions
+        Columns.
 
     Returns
     -------
-    BenchTable, Dwells
-        As read, and one mean a position.
+    NineRecord
 
     Raises
     ------
     InputError
         The file cannot be used.
     """
-    table = read_bench(path, SCHEMA, ("roll", "pitch", *SENSORS), columns=columns)
-    dwells = reduce_dwells(
-        table.stack("roll", "pitch"), table.stack(*SENSORS), np.inf, table.get("time"), where=table.name
+    table = read_bench(files[0], SCHEMA, ("roll", "pitch", *SENSORS), columns=how.columns)
+    settings, samples = table.stack("roll", "pitch"), table.stack(*SENSORS)
+    return NineRecord(table, reduce_dwells(settings, samples, np.inf, table.get("time"), where=table.name))
+
+
+def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePositions]:
+    """Calibrate the modules; see `calibrate_nine`."""
+    table, dwells = record.table, record.dwells
+    roll, pitch = dwells.setting.T
+    found = calibrate_nine(roll, pitch, dwells.value, how.gravity, where=table.name)
+    fits = dict(zip(SENSORS, found.fits, strict=True))
+    return Calibration(
+        "nine",
+        ImuErrors(
+            gyro_matrix=found.gyro_matrix,
+            accel_bias=found.accel_bias,
+            accel_matrix=found.accel_matrix,
+            name=how.name,
+        ),
+        CalibrationSd(
+            gyro_matrix=found.gyro_matrix_sd, accel_bias=found.accel_bias_sd, accel_matrix=found.accel_matrix_sd
+        ),
+        _parameters(found),
+        fits,
+        record,
+        found,
+        how,
+        (
+            *found.warnings,
+            *dwell_warnings(dwells, SENSORS, table.get("temperature")),
+            *condition_warnings(fits),
+        ),
     )
-    return table, dwells
+
+
+def _parameters(found: NinePositions) -> tuple[Quantity, ...]:
+    """Bias of each accelerometer, scale factors and misalignments of their triad, misalignments of the gyros."""
+    items = []
+    half = found.half_width(found.bias_sd, first_order=False)
+    for sensor, *values in zip(SENSORS, found.bias, found.bias_sd, half, strict=True):
+        bias, sd, width = (value / (1e3 * UG) for value in values)
+        items.append(measured(f"{sensor} bias", bias, "mg", sd, width))
+    half = found.half_width(found.accel_matrix_sd, first_order=False)
+    own = [("accel", i, i) for i in range(3)]
+    crossed = [(sensor, i, j) for sensor in ("accel", "gyro") for i in range(3) for j in range(3) if i != j]
+    gyro_half = found.half_width(found.gyro_matrix_sd, first_order=True)
+    of = {
+        "accel": (found.accel_matrix - np.eye(3), found.accel_matrix_sd, half),
+        "gyro": (found.gyro_matrix, found.gyro_matrix_sd, gyro_half),
+    }
+    for sensor, i, j in (*own, *crossed):
+        name, scale, unit = ("scale factor error", 1e6, "ppm") if i == j else (f"senses {'xyz'[j]}", 1e3, "mrad")
+        value, sd, width = (scale * float(matrix[i, j]) for matrix in of[sensor])
+        items.append(measured(f"{sensor} {'xyz'[i]} {name}", value, unit, sd, width))
+    return tuple(items)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.lab.calibration import WRONG_UNIT
 from insnav.lab.least_squares import Fit
-from insnav.lab.single_axis.method import WRONG_UNIT
 from insnav.lab.single_axis.rate_table import FEWEST, Dropped
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG

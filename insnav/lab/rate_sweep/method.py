@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -16,11 +17,13 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.imu.dynamic_map import AxisMap, DynamicMap
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, condition_warnings, measured
 from insnav.lab.least_squares import Fit, linear_fit
-from insnav.lab.navigation_impact import Calibrated
 from insnav.lab.rate_sweep.checks import FEWEST_FOR_MAP, check_rates, refuse_crossed, saturated, shifted_zeros
 from insnav.lab.rate_sweep.piecewise_fit import Pieces, fit_pieces
+from insnav.lab.rate_sweep.records import SweepRecord, read_sweeps
 from insnav.lab.single_axis.rate_table import FEWEST, Dropped
+from insnav.quantity import Quantity
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
 
@@ -160,25 +163,41 @@ def calibrate_sweeps(
     )
 
 
-def sweep_uncertainty(found: SweepCalibration, unit: str, name: str = "") -> Calibrated:
-    """Make the calibration and put its uncertainty beside it.
+def read(files: Sequence[str | Path], how: BenchOptions) -> SweepRecord:
+    """Read three sweeps about x, y, z, or one file of all; see `read_sweeps`."""
+    return read_sweeps(files, columns=how.columns, spike_limit=how.spike_limit)
 
-    Parameters
-    ----------
-    found : SweepCalibration
-    unit : str
-        Of the outputs.
-    name : str
-        What was calibrated.
-    """
+
+def fit(record: SweepRecord, how: BenchOptions) -> Calibration[SweepRecord, SweepCalibration]:
+    """Fit matrix, bias and the error over the rate; see `calibrate_sweeps`."""
+    found = calibrate_sweeps(record.rate, record.output, record.sd, raw=record.raw, where=record.name)
+    errors, sd = sweep_errors(found, record.unit, how.name)
+    fits = {f"gyro {axis}": each for axis, each in zip("xyz", found.fits, strict=True)}
+    saturated = [f"{len(found.dropped)} rates were left out, at which a gyro is saturated"] * bool(found.dropped)
+    return Calibration(
+        "imu",
+        errors,
+        sd,
+        _parameters(found, record.unit if record.raw else "deg/s"),
+        fits,
+        record,
+        found,
+        how,
+        (*saturated, *record.warnings, *found.warnings, *condition_warnings(fits)),
+    )
+
+
+def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[ImuErrors, CalibrationSd]:
+    """Errors for the calibration file, outputs in `unit`, and their uncertainty."""
     maps = tuple(None if item is None else _axis_map(item) for item in found.pieces)
     gyro_map = DynamicMap(*maps) if any(item is not None for item in maps) else None
     bias_sd = np.array([fit.sd[3] for fit in found.fits])
     matrix_sd = np.array([fit.sd[:3] for fit in found.fits])
     spread = tuple(None if item is None else item.covariance for item in found.pieces)
     if not found.raw:
-        errors = ImuErrors(found.bias, found.matrix, name=name, gyro_map=gyro_map)
-        return Calibrated(errors, gyro_bias_sd=bias_sd, gyro_matrix_sd=matrix_sd, gyro_map_covariance=spread)
+        return ImuErrors(found.bias, found.matrix, name=name, gyro_map=gyro_map), CalibrationSd(
+            gyro_bias=bias_sd, gyro_matrix=matrix_sd, gyro_map=spread
+        )
     scale = np.diag(found.matrix).copy()
     errors = ImuErrors(
         gyro_matrix=found.matrix / scale[:, None],
@@ -187,14 +206,27 @@ def sweep_uncertainty(found: SweepCalibration, unit: str, name: str = "") -> Cal
         name=name,
     )
     size = np.abs(scale)
-    return Calibrated(
-        errors, gyro_bias_sd=bias_sd / size, gyro_matrix_sd=matrix_sd / size[:, None], gyro_map_covariance=spread
-    )
+    return errors, CalibrationSd(gyro_bias=bias_sd / size, gyro_matrix=matrix_sd / size[:, None], gyro_map=spread)
 
 
-def rms(errors: FloatArray) -> float:
-    """Root mean square of what is not NaN."""
-    return float(np.sqrt(np.nanmean(np.square(errors))))
+def _parameters(found: SweepCalibration, unit: str) -> tuple[Quantity, ...]:
+    """Bias, own scale factor and misalignments of each gyro."""
+    items = []
+    for i, (axis, each) in enumerate(zip("xyz", found.fits, strict=True)):
+        half, own = each.half_width(), float(each.value[i])
+        rate = 1.0 if found.raw else DEG
+        items.append(measured(f"gyro {axis} bias", each.value[3] / rate, unit, each.sd[3] / rate, half[3] / rate))
+        if found.raw:
+            scale = (own * DEG, f"{unit}/(deg/s)", each.sd[i] * DEG, half[i] * DEG)
+            items.append(measured(f"gyro {axis} scale factor", *scale))
+        else:
+            error = (1e6 * (own - 1.0), "ppm", 1e6 * each.sd[i], 1e6 * half[i])
+            items.append(measured(f"gyro {axis} scale factor error", *error))
+        for j, other in enumerate("xyz"):
+            if j != i:
+                crossed = (1e3 * each.value[j] / own, "mrad", 1e3 * each.sd[j] / abs(own), 1e3 * half[j] / abs(own))
+                items.append(measured(f"gyro {axis} senses {other}", *crossed))
+    return tuple(items)
 
 
 def _alone(rate: FloatArray, axis: int) -> IntArray:

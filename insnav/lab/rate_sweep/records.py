@@ -12,6 +12,7 @@ from insnav.exceptions import InputError
 from insnav.input.interpret.schema import Quantity
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
 from insnav.lab.bench_data.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
+from insnav.lab.calibration import common_unit
 from insnav.types import FloatArray
 from insnav.units import UNITS
 
@@ -104,7 +105,14 @@ def read_sweeps(
     needed = (*settings, *(f"gyro_{a}" for a in AXES))
     raw_too = {f"gyro_{a}": f"raw_{a}" for a in AXES}
     tables = tuple(read_bench(path, SCHEMA, needed, columns=columns, alternatives=raw_too) for path in paths)
-    unit = _common_unit(tables)
+    unit = common_unit(
+        [
+            (key.replace("raw", "gyro").replace("_", " "), table.units[key])
+            for table in tables
+            for key in table.columns
+            if key.startswith(("raw_", "gyro_"))
+        ]
+    )
     limit = spike_limit if spike_limit is not None else default_limit(unit)
     raw = UNITS[unit][0] == "signal"
     dwells, said = [], []
@@ -123,17 +131,3 @@ def read_sweeps(
             said.append(f"{table.name}: only {fewest} samples in a dwell; {USUAL_SAMPLES} or more are usual")
         dwells.append(found)
     return SweepRecord(tables, tuple(dwells), unit, tuple(said))
-
-
-def _common_unit(tables: Sequence[BenchTable]) -> str:
-    units = {
-        table.units[key] for table in tables for key in table.columns if key.startswith("raw_") or key[:5] == "gyro_"
-    }
-    if len(units) > 1:
-        raise InputError(
-            "the gyros have outputs in different units",
-            where=", ".join(table.name for table in tables),
-            why=", ".join(sorted(units)),
-            fix="bring them to one unit",
-        )
-    return units.pop()

@@ -10,9 +10,10 @@ import numpy as np
 from insnav.lab.acceptance.acceptance import Acceptance, Accepted
 from insnav.lab.acceptance.figures_of_merit import BENCH_UNIT, Spread
 from insnav.lab.bench_data.records import SI, BenchRecord
+from insnav.lab.calibration import condition_warnings
 from insnav.quantity import Quantity
 from insnav.report.acceptance.figures import draw_stability
-from insnav.report.calibration.common import condition_warnings, quality_rows, residuals_section
+from insnav.report.calibration.common import quality_rows, residuals_section
 from insnav.report.calibration.figures import Series, draw_residuals
 from insnav.report.page import FigureSpec, Page, Section
 from insnav.units import DEG, G0, UNITS

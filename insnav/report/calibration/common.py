@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,49 +9,12 @@ import numpy as np
 
 from insnav.imu.model import ImuErrors
 from insnav.lab.bench_data.bench_tables import BenchTable
+from insnav.lab.calibration import Calibration, measured
 from insnav.lab.least_squares import Fit
-from insnav.lab.navigation_impact import Calibrated, Effect
 from insnav.quantity import Quantity
-from insnav.report.numbers import number
 from insnav.report.page import Section
 from insnav.types import FloatArray
-from insnav.units import DEG, G0, UNITS
-
-BADLY_CONDITIONED = 30.0  # condition number from which parameters are hardly separated
-
-
-def measured(name: str, value: float, unit: str, sd: float | None = None, half_width: float | None = None) -> Quantity:
-    """Quantity of what is already in the unit shown.
-
-    Parameters
-    ----------
-    name : str
-        In words; the key is made of it.
-    value, sd, half_width : float
-        Estimate, standard deviation and half its 95 % interval, in `unit`.
-    unit : str
-    """
-    factor = UNITS[unit][1] if unit in UNITS else 1.0
-    interval = None if half_width is None else ((value - half_width) * factor, (value + half_width) * factor)
-    key = re.sub(r"[^0-9A-Za-z]+", "_", name).strip("_")
-    return Quantity(key, value * factor, unit, None if sd is None else sd * factor, interval, name)
-
-
-def fitted(fit: Fit, units: Sequence[str], sensor: str = "", factor: float = 1.0) -> list[Quantity]:
-    """Parameters of a fit with standard deviation and 95 % interval.
-
-    Parameters
-    ----------
-    fit : Fit
-    units : sequence of str
-        One a parameter.
-    sensor : str
-        Put before the names.
-    factor : float
-        From the unit of the fit to that shown.
-    """
-    rows = zip(fit.names, fit.value * factor, fit.sd * factor, fit.half_width() * factor, units, strict=True)
-    return [measured(f"{sensor} {name}".strip(), float(v), u, float(s), float(h)) for name, v, s, h, u in rows]
+from insnav.units import DEG, G0
 
 
 def quality_rows(
@@ -102,23 +64,8 @@ def residuals_section(rows: Sequence[tuple[Quantity, ...]]) -> Section:
     return Section("fits", "Residuals", rows=tuple(rows), note=note)
 
 
-def condition_warnings(fits: Mapping[str, Fit]) -> tuple[str, ...]:
-    """Say which fits hardly separate their parameters."""
-    return tuple(
-        f"{name}: condition number {number(fit.condition)}; these measurements hardly separate the parameters"
-        for name, fit in fits.items()
-        if fit.condition > BADLY_CONDITIONED
-    )
-
-
-def impact_section(effects: Sequence[Effect], note: str = "") -> Section:
-    """Position error in one minute of navigation without and with the calibration.
-
-    Parameters
-    ----------
-    effects : sequence of Effect
-    note : str
-    """
+def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Section:
+    """Position error in one minute of navigation without and with the calibration."""
     rows = tuple(
         (
             Quantity("motion", item.motion, meaning="one minute, free inertial"),
@@ -128,25 +75,23 @@ def impact_section(effects: Sequence[Effect], note: str = "") -> Section:
                 "ratio", item.without / item.corrected if item.corrected > 0.0 else None, meaning="ratio", digits=2
             ),
         )
-        for item in effects
+        for item in calibration.impact
     )
     method = (
         "Horizontal position error after 60 s, RMS, simulated: true errors sampled about the calibrated ones with "
         "their uncertainty, no other errors, exact initial state, height held. "
     )
-    return Section("navigation_impact", "Impact on navigation", rows=rows, note=(method + note).rstrip())
+    return Section(
+        "navigation_impact", "Impact on navigation", rows=rows, note=(method + (note or _without(calibration))).rstrip()
+    )
 
 
-def corrected_section(calibrated: Calibrated) -> Section:
-    """Uncertainty of corrected rates and specific forces that comes from the calibration.
-
-    Parameters
-    ----------
-    calibrated : Calibrated
-    """
+def corrected_section(calibration: Calibration[Any, Any]) -> Section:
+    """Uncertainty of corrected rates and specific forces that comes from the calibration."""
+    errors, spread = calibration.sensed or calibration.errors or ImuErrors(), calibration.sd
     still, diagonal, g = np.zeros((1, 3)), np.full((1, 3), 1.0 / np.sqrt(3.0)), np.array([[0.0, 0.0, -G0]])
-    at_rest, up = calibrated.corrected_sd(still, g)
-    turning, _ = calibrated.corrected_sd(100.0 * DEG * diagonal, g)
+    at_rest, up = spread.corrected(errors, still, g)
+    turning, _ = spread.corrected(errors, 100.0 * DEG * diagonal, g)
     cases: list[tuple[str, FloatArray, str]] = [
         ("rate at rest, z down", at_rest, "deg/s"),
         ("rate at 100 deg/s about (1, 1, 1)", turning, "deg/s"),
@@ -169,7 +114,8 @@ def bench_input(tables: Sequence[BenchTable]) -> list[dict[str, Any]]:
     return [{"path": table.name, "sha256": table.sha256, "units": dict(table.units)} for table in tables]
 
 
-def without_text(errors: ImuErrors) -> str:
+def _without(calibration: Calibration[Any, Any]) -> str:
     """What "without" means where the output is in volts or counts."""
-    raw = [name for name, item in (("gyro", errors.gyro_raw), ("accel", errors.accel_raw)) if item is not None]
+    errors, sd = calibration.errors or ImuErrors(), calibration.sd
+    raw = (errors.gyro_raw and sd.gyro_bias.any()) or (errors.accel_raw and sd.accel_bias.any())
     return "Without: zero output taken as 0, scale factor known." if raw else ""

@@ -1,57 +1,50 @@
-"""Facts, page and calibration file of a calibration by hand: poses and turns, or six positions and three turns."""
+"""Page and facts of a multi-position calibration: poses and turns, or six positions and three turns."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from insnav.input.readers.reading import Reading
+from insnav.lab.calibration import Calibration
 from insnav.lab.multi_position.many_positions import PosesCalibration
 from insnav.lab.multi_position.method import Found
 from insnav.lab.multi_position.six_positions import POSITIONS, TURN_SD, TURNS, SixPositions
-from insnav.lab.navigation_impact import Calibrated, Effect
 from insnav.report.calibration.multi_position_figures import draw_poses, draw_six_positions
-from insnav.report.calibration.page import corrected_table, effect_table, minute_facts
+from insnav.report.calibration.page import corrected_table, impact_facts, impact_table
 from insnav.report.calibration.triad import g_table, triad_table
 from insnav.report.numbers import number
 from insnav.report.page import Table
 from insnav.report.run_json import json_ready
 from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
-from insnav.types import FloatArray, ImuData
+from insnav.sample_statistics import rms
+from insnav.types import ImuData
 from insnav.units import DEG, G0
 
 _MG, _MRAD = 1e-3 * G0, 1e-3
-FEW_POSES = 20  # below, the uncertainty is itself uncertain
-_LONELY = 0.9  # a pose that determines so much of a parameter alone is not checked by any other
-_ILL = 30.0  # condition number from which the poses are lopsided
-_WARM = 2.0  # change of temperature worth a word [K]
-_OVERFIT = 2.0  # a left-out error so many times the fitted one
 
 
-def poses_facts(
-    found: Found,
-    effects: Sequence[Effect],
-    reading: Mapping[str, Any],
-    configuration: Mapping[str, Any],
-    warnings: Sequence[str],
-) -> dict[str, Any]:
-    """Gather the figures, JSON-ready, units in the keys.
+def poses_report(calibration: Calibration[Reading[ImuData], Found]) -> tuple[Sheet, dict[str, Any]]:
+    """Page and facts of a multi-position calibration."""
+    return _sheet(calibration), _facts(calibration)
 
-    Parameters
-    ----------
-    found : PosesCalibration or SixPositions
-    effects : sequence of Effect
-        What it is worth.
-    reading : mapping
-        What was understood of the file.
-    configuration : mapping
-        Options in force.
-    warnings : sequence of str
-    """
+
+def _facts(calibration: Calibration[Reading[ImuData], Found]) -> dict[str, Any]:
+    found, how = calibration.detail, calibration.options
+    configuration = {
+        "method": "six" if how.six else "poses",
+        "counts": how.counts,
+        "gravity_m_s2": how.gravity,
+        "gravity": how.gravity_source,
+    }
     unit = ("counts", "counts_per_") if found.counts else ("", "")
-    facts: dict[str, Any] = {"configuration": configuration, "input": reading, "gravity_m_s2": found.g}
+    facts: dict[str, Any] = {
+        "configuration": configuration,
+        "input": calibration.record.facts.as_dict(),
+        "gravity_m_s2": found.g,
+    }
     for sensor, si, triad in (("accel", "m_s2", found.accel), ("gyro", "rad_s", found.gyro)):
         matrix = f"matrix_{unit[1]}{si}" if found.counts else "matrix"
         facts[sensor] = {
@@ -85,96 +78,22 @@ def poses_facts(
         facts["sections"] = {name: list(span) for name, span in found.sections.items()}
         facts["position_tilt_mrad"] = found.tilt / _MRAD
         facts["turn_deg"] = found.angle / DEG
-    facts["minute"] = minute_facts(effects)
-    facts["warnings"] = list(warnings)
+    facts["minute"] = impact_facts(calibration)
+    facts["warnings"] = list(calibration.warnings)
     ready: dict[str, Any] = json_ready(facts)
     return ready
 
 
-def poses_warnings(found: Found, imu: ImuData) -> list[str]:
-    """Say what the reader of a calibration must not overlook.
-
-    Parameters
-    ----------
-    found : PosesCalibration or SixPositions
-    imu : ImuData
-        The record.
-    """
-    said = []
-    if isinstance(found, PosesCalibration):
-        said += _poses_doubts(found)
-    if found.clipped:
-        said.append(f"{found.clipped} samples of the gyros are at the end of their range: turn more slowly")
-    temperature = imu.temperature
-    if temperature is not None and float(np.ptp(temperature)) > _WARM:
-        said.append(
-            f"the temperature went from {temperature.min():.1f} to {temperature.max():.1f} deg C: the biases are means "
-            "over that"
-        )
-    share = np.linalg.norm(np.linalg.solve(found.gyro.matrix, found.g_sensitivity), axis=1) * G0
-    limit = np.linalg.norm(np.linalg.solve(found.gyro.matrix, np.diag(found.gyro.bias_sd)), axis=1)
-    if (share > 3.0 * limit).any():
-        said.append(
-            f"the gyros feel specific force: up to {share.max() / DEG:.3g} deg/s per g; the calibration takes it off"
-        )
-    return said
-
-
-def _poses_doubts(found: PosesCalibration) -> list[str]:
-    said = []
-    n = len(found.poses)
-    if n < FEW_POSES:
-        said.append(f"{n} poses are few: with {n - 9} to spare the standard deviations are themselves rough")
-    for sensor, triad in (("accelerometers", found.accel), ("gyros", found.gyro)):
-        if triad.condition > _ILL:
-            said.append(f"the poses are lopsided for the {sensor}: condition number {triad.condition:.3g}")
-    lonely = [str(i + 1) for i in np.flatnonzero(found.accel_share > _LONELY)]
-    if lonely:
-        said.append(f"pose {', '.join(lonely)} alone determines a parameter: add poses like it, to check it")
-    unused = int(np.count_nonzero(~found.turn_used))
-    if unused:
-        said.append(f"{unused} turns were not used: samples are missing in them, or at the end of the range")
-    for what, fitted, other in (
-        ("gravity", found.norm_after, found.norm_left_out),
-        ("turns", found.turn_after[found.turn_used], found.turn_left_out[found.turn_used]),
-    ):
-        if _rms(other) > _OVERFIT * _rms(fitted):
-            said.append(f"{what}: {_rms(other) / _rms(fitted):.1f} times worse where not fitted: too few poses")
-    drift = np.abs(found.gyro_drift)
-    bias_sd = np.abs(np.linalg.solve(found.gyro.matrix, found.gyro.bias_sd))
-    if (drift > 6.0 * bias_sd).any():
-        said.append(f"the gyros drifted by up to {drift.max() / DEG:.3g} deg/s during the record: warm up first")
-    return said
-
-
-def poses_sheet(
-    found: Found, calibrated: Calibrated, effects: Sequence[Effect], name: str, warnings: Sequence[str]
-) -> Sheet:
-    """Put tables and figure on one page.
-
-    Parameters
-    ----------
-    found : PosesCalibration or SixPositions
-    calibrated : Calibrated
-        The same in SI units.
-    effects : sequence of Effect
-        What it is worth.
-    name : str
-        What was calibrated.
-    warnings : sequence of str
-
-    Returns
-    -------
-    Sheet
-        Its last table lists every pose; too long for a terminal.
-    """
+def _sheet(calibration: Calibration[Reading[ImuData], Found]) -> Sheet:
+    """Its last table lists every pose: too long for a terminal."""
+    found = calibration.detail
     tables = [
         triad_table("Accelerometers", found.accel, found.counts, accel=True),
         triad_table("Gyros", found.gyro, found.counts, accel=False),
         g_table(found.g_sensitivity, found.g_sensitivity_sd, found.counts),
     ]
     without = "Without: one zero and one scale factor for three sensors." if found.counts else ""
-    worth = (corrected_table(calibrated), effect_table(effects, without))
+    impact = (corrected_table(calibration), impact_table(calibration, without))
     general = (
         f"Gravity is {found.g:.5f} m/s^2; accelerometer scale factors are as good as that.",
         "A positive output is a positive specific force (an axis pointing up) and a positive rate.",
@@ -183,7 +102,7 @@ def poses_sheet(
     with drawing():
         if isinstance(found, PosesCalibration):
             summary = _poses_summary(found)
-            tables += [_quality_table(found), *worth, _poses_table(found)]
+            tables += [_quality_table(found), *impact, _poses_table(found)]
             picture = Picture("poses", draw_poses(found), "Gravity in every pose, and turns between them")
             assumed: tuple[str, ...] = (
                 "Body x is the sensitive axis of accelerometer x; body y lies in the plane of x and y.",
@@ -193,7 +112,7 @@ def poses_sheet(
             )
         else:
             summary = _six_summary(found)
-            tables += [_turns_table(found), *worth, _positions_table(found)]
+            tables += [_turns_table(found), *impact, _positions_table(found)]
             picture = Picture("positions", draw_six_positions(found), "Gravity in the six positions")
             assumed = (
                 f"Turns are by {found.angle / DEG:g} deg within {TURN_SD / DEG:g} deg (1 sd), to either side.",
@@ -201,12 +120,13 @@ def poses_sheet(
                 "Method: Ferraris, Grimaldi, Parvis (1995).",
             )
     return Sheet(
-        f"Calibration by hand: {name}", summary, tuple(tables), (picture,), (*assumed, *general), tuple(warnings)
+        f"Multi-position calibration: {calibration.record.facts.path}",
+        summary,
+        tuple(tables),
+        (picture,),
+        (*assumed, *general),
+        calibration.warnings,
     )
-
-
-def _rms(values: FloatArray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _poses_summary(found: PosesCalibration) -> tuple[str, ...]:
@@ -214,13 +134,13 @@ def _poses_summary(found: PosesCalibration) -> tuple[str, ...]:
     return (
         f"{len(found.poses)} poses and {int(np.count_nonzero(used))} turns; rest is where the accelerometers scatter "
         f"less than {found.factor:g} times as in the quietest tenth.",
-        f"{_gravity_text(found)}; turns miss the next pose by {number(_rms(found.turn_before[used]) / DEG)} deg "
-        f"before, {number(_rms(found.turn_after[used]) / DEG)} deg after.",
+        f"{_gravity_text(found)}; turns miss the next pose by {number(rms(found.turn_before[used]) / DEG)} deg "
+        f"before, {number(rms(found.turn_after[used]) / DEG)} deg after.",
     )
 
 
 def _gravity_text(found: Found) -> str:
-    before, after = (number(_rms(values) / _MG) for values in (found.norm_before, found.norm_after))
+    before, after = (number(rms(values) / _MG) for values in (found.norm_before, found.norm_after))
     return f"Gravity error {before} mg before, {after} mg after (RMS)"
 
 
@@ -240,7 +160,7 @@ def _quality_table(found: PosesCalibration) -> Table:
     turns = (found.turn_before[used], found.turn_plain[used], found.turn_after[used], found.turn_left_out[used])
     rows = []
     for title, series, unit in (("gravity [mg]", gravity, _MG), ("turn [deg]", turns, DEG)):
-        for how, reduce in (("RMS", _rms), ("worst", lambda v: float(np.abs(v).max()))):
+        for how, reduce in (("RMS", rms), ("worst", lambda v: float(np.abs(v).max()))):
             rows.append(
                 (f"{title}, {how}", *(number(None if values is None else reduce(values) / unit) for values in series))
             )

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from insnav.lab.bench_data.bench_tables import BenchTable
-from insnav.lab.bench_data.dwells import Dwells, dwell_warnings
-from insnav.lab.navigation_impact import Calibrated, Effect
-from insnav.lab.nine_position.method import AXIS, SENSORS, NinePositions
+from insnav.lab.calibration import Calibration
+from insnav.lab.nine_position.method import AXIS, SENSORS, NinePositions, NineRecord
 from insnav.report.calibration.figures import Series, draw_residuals
 from insnav.report.calibration.page import (
-    Parameter,
     base_facts,
-    condition_warnings,
     corrected_table,
-    effect_table,
     fit_facts,
+    impact_table,
     parameter_table,
     quality_table,
 )
@@ -26,43 +21,18 @@ from insnav.report.numbers import number
 from insnav.report.page import Table
 from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
-from insnav.types import FloatArray
 from insnav.units import DEG, UG
 
 _MG = 1e3 * UG
 
 
-def nine_report(
-    table: BenchTable, dwells: Dwells, found: NinePositions, calibrated: Calibrated, effects: Sequence[Effect]
-) -> tuple[Sheet, dict[str, Any]]:
-    """Report on three dual-axis modules.
-
-    Parameters
-    ----------
-    table : BenchTable
-        The input.
-    dwells : Dwells
-        One mean a position.
-    found : NinePositions
-        The result.
-    calibrated : Calibrated
-        What is written.
-    effects : sequence of Effect
-        What it is worth.
-
-    Returns
-    -------
-    Sheet, dict
-        The page, and the facts for ``run.json``.
-    """
-    biases, accel, gyro = _biases(found), _accel(found), _gyro(found)
-    fits = dict(zip(SENSORS, found.fits, strict=True))
+def nine_report(calibration: Calibration[NineRecord, NinePositions]) -> tuple[Sheet, dict[str, Any]]:
+    """Page and facts of three dual-axis modules."""
+    table, dwells = calibration.record.table, calibration.record.dwells
+    found, fits = calibration.detail, calibration.fits
+    # in the order of the method: six biases, three scale factors and six misalignments of the triad, six of the gyros
+    biases, accel, gyro = (calibration.parameters[rows] for rows in (slice(6), slice(6, 15), slice(15, None)))
     places = [f"roll {roll:.4g}, pitch {pitch:.4g} deg" for roll, pitch in dwells.setting / DEG]
-    warnings = (
-        *found.warnings,
-        *dwell_warnings(dwells, SENSORS, table.get("temperature")),
-        *condition_warnings(fits),
-    )
     largest = 1e3 * float(np.abs(found.gyro_matrix - np.eye(3)).max())
     left = 1e3 * float(found.half_width(found.gyro_matrix_sd, first_order=True).max())
     with drawing():
@@ -82,7 +52,7 @@ def nine_report(
             "Nine positions: accelerometers minus the linear model",
             "two accelerometers an axis",
         )
-    facts = base_facts("nine positions", (table,), (*biases, *accel, *gyro), effects, warnings)
+    facts = base_facts("nine positions", (table,), calibration)
     facts |= {
         "fits": fit_facts(fits, "m/s^2"),
         "condition_accel": found.condition_accel,
@@ -113,8 +83,8 @@ def nine_report(
             ),
             conditions,
             quality_table(fits, "m/s²", dict.fromkeys(SENSORS, places)),
-            corrected_table(calibrated),
-            effect_table(effects),
+            corrected_table(calibration),
+            impact_table(calibration),
         ),
         (Picture("residuals", figure, "What the linear model of each accelerometer leaves."),),
         (
@@ -126,7 +96,7 @@ def nine_report(
             "accelerometers, not of the gyros: each row is divided by it. Gyro bias and scale factor stay unknown.",
             "M_G is the sensitivity of the gyros: its inverse corrects, itself it would double the error.",
         ),
-        warnings,
+        calibration.warnings,
     )
     return sheet, facts
 
@@ -136,41 +106,3 @@ def _methods(found: NinePositions) -> str:
     if not pairs:
         return "by least squares over all positions: no two have an axis along the vertical, up and down"
     return f"{', '.join(pairs)} from the two extreme positions, others by least squares over all"
-
-
-def _biases(found: NinePositions) -> list[Parameter]:
-    half = found.half_width(found.bias_sd, first_order=False)
-    return _parameters([f"{name} bias" for name in SENSORS], found.bias, found.bias_sd, half, _MG, "mg")
-
-
-def _accel(found: NinePositions) -> list[Parameter]:
-    half = found.half_width(found.accel_matrix_sd, first_order=False)
-    matrix = found.accel_matrix - np.eye(3)
-    scale = _parameters(
-        [f"{a} scale factor error" for a in "xyz"],
-        np.diag(matrix),
-        np.diag(found.accel_matrix_sd),
-        np.diag(half),
-        1e-6,
-        "ppm",
-    )
-    return scale + _crossed(matrix, found.accel_matrix_sd, half)
-
-
-def _gyro(found: NinePositions) -> list[Parameter]:
-    half = found.half_width(found.gyro_matrix_sd, first_order=True)
-    return _crossed(found.gyro_matrix, found.gyro_matrix_sd, half)
-
-
-def _crossed(matrix: FloatArray, sd: FloatArray, half: FloatArray) -> list[Parameter]:
-    off = [(i, j) for i in range(3) for j in range(3) if i != j]
-    names = [f"{'xyz'[i]} senses {'xyz'[j]}" for i, j in off]
-    rows, columns = np.array(off).T
-    return _parameters(names, matrix[rows, columns], sd[rows, columns], half[rows, columns], 1e-3, "mrad")
-
-
-def _parameters(
-    names: Sequence[str], value: FloatArray, sd: FloatArray, half: FloatArray, unit: float, word: str
-) -> list[Parameter]:
-    rows = zip(names, value / unit, sd / unit, half / unit, strict=True)
-    return [Parameter(name, float(v), float(s), float(h), word) for name, v, s, h in rows]

@@ -1,75 +1,58 @@
-"""What the reports of all calibrations have in common: parameters with their uncertainty, and what they are worth."""
+"""What the reports of all calibrations have in common: parameters, their uncertainty, impact on navigation."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from insnav.imu.model import ImuErrors
 from insnav.lab.bench_data.bench_tables import BenchTable
+from insnav.lab.calibration import Calibration
 from insnav.lab.least_squares import Fit
-from insnav.lab.navigation_impact import Calibrated, Effect
+from insnav.quantity import Quantity
 from insnav.report.numbers import number, rounded
 from insnav.report.page import Table
+from insnav.report.sheet import Sheet
 from insnav.units import DEG, G0
 
 COLUMNS = ("parameter", "value", "1 sd", "95 % interval ±", "unit")
-BADLY_CONDITIONED = 30.0  # beyond it the parameters are hardly told apart
 
 
-@dataclass(frozen=True, slots=True)
-class Parameter:
-    """One number of a result.
-
-    Attributes
-    ----------
-    name : str
-    value, sd, half_width : float
-        Estimate, its standard deviation and half its 95 % interval.
-    unit : str
-    """
-
-    name: str
-    value: float
-    sd: float
-    half_width: float
-    unit: str
+_REPORTS = {
+    "gyro": "single_axis.gyro_report",
+    "accel": "single_axis.accel_report",
+    "imu": "rate_sweep.sweep_report",
+    "nine": "nine_position.nine_report",
+    "poses": "multi_position.poses_report",
+    "rotor": "rotor_inertia.rotor_report",
+}
 
 
-def parameters(fit: Fit, units: Sequence[str], sensor: str = "", factor: float = 1.0) -> list[Parameter]:
-    """Parameters of a fit.
-
-    Parameters
-    ----------
-    fit : Fit
-    units : sequence of str
-        One a parameter.
-    sensor : str
-        Put before the names.
-    factor : float
-        From the unit of the fit to that shown.
-    """
-    rows = zip(fit.names, fit.value * factor, fit.sd * factor, fit.half_width() * factor, units, strict=True)
-    return [Parameter(f"{sensor} {name}".strip(), float(v), float(s), float(h), u) for name, v, s, h, u in rows]
+def calibration_report(calibration: Calibration[Any, Any]) -> tuple[Sheet, dict[str, Any]]:
+    """Page of a calibration, by whatever method, and its facts for ``run.json``."""
+    module, function = _REPORTS[calibration.method].split(".")
+    report = getattr(import_module(f"insnav.report.calibration.{module}"), function)
+    page, facts = report(calibration)
+    return page, facts
 
 
-def parameter_table(title: str, items: Sequence[Parameter], note: str = "") -> Table:
-    """Parameters in rows, each to the second digit of its standard deviation.
+def _shown(item: Quantity) -> tuple[float, float, float]:
+    """Value, standard deviation and half of the interval in the unit shown."""
+    low, high = item.interval or (np.nan, np.nan)
+    value, sd, half = (float(item.scaled(each)) for each in (item.value, item.sd, 0.5 * (high - low)))
+    return value, sd, half
 
-    Parameters
-    ----------
-    title : str
-    items : sequence of Parameter
-    note : str
-    """
-    rows = tuple(
-        (item.name, rounded(item.value, item.sd), number(item.sd, 2), number(item.half_width, 2), item.unit)
-        for item in items
-    )
-    return Table(title, COLUMNS, rows, note)
+
+def parameter_table(title: str, items: Sequence[Quantity], note: str = "") -> Table:
+    """Parameters in rows, each to the second digit of its standard deviation."""
+    rows = []
+    for item in items:
+        value, sd, half = _shown(item)
+        rows.append((item.label, rounded(value, sd), number(sd, 2), number(half, 2), item.shown_unit))
+    return Table(title, COLUMNS, tuple(rows), note)
 
 
 def quality_table(
@@ -108,23 +91,8 @@ def quality_table(
     return Table("Residuals", columns, rows, note)
 
 
-def condition_warnings(fits: Mapping[str, Fit]) -> tuple[str, ...]:
-    """Say which fits hardly tell their parameters apart."""
-    return tuple(
-        f"{name}: condition number {number(fit.condition)}; the parameters are hardly told apart by these measurements"
-        for name, fit in fits.items()
-        if fit.condition > BADLY_CONDITIONED
-    )
-
-
-def effect_table(effects: Sequence[Effect], note: str = "") -> Table:
-    """What the calibration is worth in one minute of navigation.
-
-    Parameters
-    ----------
-    effects : sequence of Effect
-    note : str
-    """
+def impact_table(calibration: Calibration[Any, Any], note: str = "") -> Table:
+    """Impact of the calibration on one minute of navigation."""
     rows = tuple(
         (
             item.motion,
@@ -132,75 +100,52 @@ def effect_table(effects: Sequence[Effect], note: str = "") -> Table:
             number(item.corrected, 2),
             number(item.without / item.corrected, 2) if item.corrected > 0.0 else "–",
         )
-        for item in effects
+        for item in calibration.impact
     )
     columns = ("one minute, free inertial", "without [m]", "with [m]", "times smaller")
-    told = (
+    simulated = (
         "Horizontal position error after 60 s, RMS, simulated: true errors drawn about the calibrated ones with their "
         "uncertainty, no other errors, true start, height held. "
     )
-    return Table("Effect of the calibration on navigation", columns, rows, (told + note).rstrip())
+    return Table("Impact on navigation", columns, rows, (simulated + (note or _without(calibration))).rstrip())
 
 
-def corrected_table(calibrated: Calibrated) -> Table:
-    """How sure corrected rates and specific forces are, as far as the calibration goes.
-
-    Parameters
-    ----------
-    calibrated : Calibrated
-    """
+def corrected_table(calibration: Calibration[Any, Any]) -> Table:
+    """Uncertainty of corrected rates and specific forces, as far as it comes from the calibration."""
+    errors, sd = calibration.sensed or calibration.errors or ImuErrors(), calibration.sd
     still, x, g = np.zeros((1, 3)), np.array([[1.0, 1.0, 1.0]]), np.array([[0.0, 0.0, -G0]])
     rows = []
-    rest, up = calibrated.corrected_sd(still, g)
-    turning, _ = calibrated.corrected_sd(100.0 * DEG * x / np.sqrt(3.0), g)
+    rest, up = sd.corrected(errors, still, g)
+    turning, _ = sd.corrected(errors, 100.0 * DEG * x / np.sqrt(3.0), g)
     cases = [
         ("rate at rest, z down", rest / DEG, "deg/s"),
         ("rate at 100 deg/s about (1, 1, 1)", turning / DEG, "deg/s"),
         ("specific force at rest, z down", up / (1e-3 * G0), "mg"),
     ]
-    for what, sd, unit in cases:
-        if np.any(sd):
-            rows.append((what, *(number(float(value), 2) for value in sd[0]), unit))
+    for what, spread, unit in cases:
+        if np.any(spread):
+            rows.append((what, *(number(float(value), 2) for value in spread[0]), unit))
     note = "1 sd from the uncertainty of the calibration alone, without noise and drift after it"
     return Table("Corrected data", ("", "x", "y", "z", "unit"), tuple(rows), note)
 
 
-def minute_facts(effects: Sequence[Effect]) -> list[dict[str, Any]]:
-    """What the calibration is worth, for ``run.json``.
-
-    Parameters
-    ----------
-    effects : sequence of Effect
-    """
-    return [{"motion": e.motion, "without_m": e.without, "with_m": e.corrected} for e in effects]
+def impact_facts(calibration: Calibration[Any, Any]) -> list[dict[str, Any]]:
+    """Impact on navigation for ``run.json``."""
+    return [{"motion": e.motion, "without_m": e.without, "with_m": e.corrected} for e in calibration.impact]
 
 
-def base_facts(
-    method: str,
-    tables: Sequence[BenchTable],
-    items: Sequence[Parameter],
-    effects: Sequence[Effect],
-    warnings: Sequence[str],
-) -> dict[str, Any]:
-    """Gather what every calibration leaves in ``run.json``, JSON-ready.
-
-    Parameters
-    ----------
-    method : str
-    tables : sequence of BenchTable
-        The input.
-    items : sequence of Parameter
-    effects : sequence of Effect
-    warnings : sequence of str
-    """
+def base_facts(title: str, tables: Sequence[BenchTable], calibration: Calibration[Any, Any]) -> dict[str, Any]:
+    """What every calibration leaves in ``run.json``: input, parameters, impact, warnings."""
+    items = []
+    for item in calibration.parameters:
+        value, sd, half = _shown(item)
+        items.append({"name": item.label, "value": value, "sd": sd, "half_width_95": half, "unit": item.shown_unit})
     return {
-        "method": method,
+        "method": title,
         "input": [{"path": table.name, "sha256": table.sha256, "units": dict(table.units)} for table in tables],
-        "parameters": [
-            {"name": p.name, "value": p.value, "sd": p.sd, "half_width_95": p.half_width, "unit": p.unit} for p in items
-        ],
-        "minute": minute_facts(effects),
-        "warnings": list(warnings),
+        "parameters": items,
+        "minute": impact_facts(calibration),
+        "warnings": list(calibration.warnings),
     }
 
 
@@ -230,7 +175,8 @@ def fit_facts(fits: Mapping[str, Fit], unit: str, factor: float = 1.0) -> list[d
     ]
 
 
-def without_words(errors: ImuErrors) -> str:
+def _without(calibration: Calibration[Any, Any]) -> str:
     """What "without" means where the output is in volts or counts."""
-    raw = [name for name, item in (("gyro", errors.gyro_raw), ("accel", errors.accel_raw)) if item is not None]
+    errors, sd = calibration.errors or ImuErrors(), calibration.sd
+    raw = (errors.gyro_raw and sd.gyro_bias.any()) or (errors.accel_raw and sd.accel_bias.any())
     return "Without: the zero taken for 0, the scale factor known." if raw else ""

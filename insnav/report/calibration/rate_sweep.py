@@ -7,76 +7,46 @@ from typing import Any
 
 import numpy as np
 
-from insnav.lab.navigation_impact import Calibrated, Effect
-from insnav.lab.rate_sweep.method import SweepCalibration, rms
+from insnav.lab.calibration import Calibration
+from insnav.lab.rate_sweep.method import SweepCalibration
 from insnav.lab.rate_sweep.records import SweepRecord
 from insnav.report.calibration.page import (
-    Parameter,
     base_facts,
-    condition_warnings,
     corrected_table,
-    effect_table,
     fit_facts,
+    impact_table,
     parameter_table,
     quality_table,
-    without_words,
 )
 from insnav.report.calibration.rate_sweep_figures import draw_sweeps
 from insnav.report.numbers import number
 from insnav.report.page import Table
 from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
+from insnav.sample_statistics import rms
 from insnav.types import FloatArray
 from insnav.units import DEG
 
 AXES = ("x", "y", "z")
 
 
-def sweep_report(
-    record: SweepRecord, found: SweepCalibration, calibrated: Calibrated, effects: Sequence[Effect]
-) -> tuple[Sheet, dict[str, Any]]:
-    """Report on three gyros swept about three axes.
-
-    Parameters
-    ----------
-    record : SweepRecord
-        The input.
-    found : SweepCalibration
-        The result.
-    calibrated : Calibrated
-        What is written.
-    effects : sequence of Effect
-        What it is worth.
-
-    Returns
-    -------
-    Sheet, dict
-        The page, and the facts for ``run.json``.
-    """
+def sweep_report(calibration: Calibration[SweepRecord, SweepCalibration]) -> tuple[Sheet, dict[str, Any]]:
+    """Page and facts of three gyros swept about three axes."""
+    record, found, fits = calibration.record, calibration.detail, calibration.fits
     unit = record.unit if record.raw else "deg/s"
-    items = _parameters(found, record.raw, unit)
-    fits = {f"gyro {axis}": fit for axis, fit in zip(AXES, found.fits, strict=True)}
-    warnings = (
-        *record.warnings,
-        *found.warnings,
-        *condition_warnings(fits),
-    )
-    dropped = _dropped(found)
     stages = (rms(found.error_line), rms(found.error_matrix), rms(found.error_map))
     summary = [
         f"Rate error, RMS over all dwells: {number(stages[0] / DEG)} deg/s by one line a gyro, "
         f"{number(stages[1] / DEG)} deg/s by the matrix, {_gain(found, stages)}.",
-        *dropped,
+        *_dropped(found),
     ]
-    if dropped:
-        warnings = (f"{len(found.dropped)} rates were left out, at which a gyro is saturated", *warnings)
     with drawing():
         figure = draw_sweeps(found)
     scale = 1.0 if record.raw else 1.0 / DEG
     settings = {name: _settings(found.rate[found.used[:, i]]) for i, name in enumerate(fits)}
     quality = quality_table(fits, unit, settings, scale)
     pieces = _pieces_table(found)
-    facts = base_facts("rate sweeps", record.tables, items, effects, warnings)
+    facts = base_facts("rate sweeps", record.tables, calibration)
     facts |= {
         "fits": fit_facts(fits, unit, scale),
         "condition_matrix": float(np.linalg.cond(found.matrix / np.diag(found.matrix)[:, None])),
@@ -102,12 +72,12 @@ def sweep_report(
         "Three gyros swept over rates about three axes",
         tuple(summary),
         (
-            parameter_table("Output = B rate + b", items, _words(found)),
+            parameter_table("Output = B rate + b", calibration.parameters, _words(found)),
             _errors_table(found),
             *([pieces] if pieces.rows else []),
             quality,
-            corrected_table(calibrated),
-            effect_table(effects, without_words(calibrated.errors)),
+            corrected_table(calibration),
+            impact_table(calibration),
         ),
         (Picture("rate_errors", figure, "What matrix and bias leave, the pieces through it, and what these leave."),),
         (
@@ -115,7 +85,7 @@ def sweep_report(
             "The corrected rate is inverse(B) (output - b); from it the error is taken off, k rate + b' in each piece.",
             "Beyond the swept rates the outer pieces are continued.",
         ),
-        warnings,
+        calibration.warnings,
     )
     return sheet, facts
 
@@ -146,28 +116,6 @@ def _words(found: SweepCalibration) -> str:
     if all(item is None for item in found.pieces):
         return ""
     return "given the pieces below, whose shape is not in the 1 sd"
-
-
-def _parameters(found: SweepCalibration, raw: bool, unit: str) -> list[Parameter]:
-    """Bias, own scale and what is across, each in field units."""
-    items = []
-    for i, (axis, fit) in enumerate(zip(AXES, found.fits, strict=True)):
-        half = fit.half_width()
-        own, size = float(fit.value[i]), abs(float(fit.value[i]))
-        bias = 1.0 if raw else DEG
-        values = [(f"gyro {axis} bias", fit.value[3] / bias, fit.sd[3] / bias, half[3] / bias, unit)]
-        if raw:
-            values.append((f"gyro {axis} scale factor", own * DEG, fit.sd[i] * DEG, half[i] * DEG, f"{unit}/(deg/s)"))
-        else:
-            error = f"gyro {axis} scale factor error"
-            values.append((error, 1e6 * (own - 1.0), 1e6 * fit.sd[i], 1e6 * half[i], "ppm"))
-        for j, other in enumerate(AXES):
-            if j != i:
-                value = 1e3 * fit.value[j] / own
-                name = f"gyro {axis} senses {other}"
-                values.append((name, value, 1e3 * fit.sd[j] / size, 1e3 * half[j] / size, "mrad"))
-        items += [Parameter(name, float(v), float(s), float(h), u) for name, v, s, h, u in values]
-    return items
 
 
 def _settings(rate: FloatArray) -> list[str]:

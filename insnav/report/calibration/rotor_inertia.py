@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from insnav.lab.bench_data.bench_tables import BenchTable
-from insnav.lab.rotor_inertia import Agreement, Inertia
+from insnav.lab.calibration import Calibration
+from insnav.lab.rotor_inertia import Inertias
 from insnav.report.calibration.figures import draw_line
-from insnav.report.calibration.page import Parameter, base_facts, fit_facts, parameter_table, quality_table
+from insnav.report.calibration.page import base_facts, fit_facts, parameter_table, quality_table
 from insnav.report.numbers import number
 from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
@@ -18,29 +18,18 @@ UNIT = "kg m²"
 
 
 def rotor_report(
-    tables: Sequence[BenchTable], fall: Inertia, precession: Inertia, both: Agreement, given: dict[str, float]
+    calibration: Calibration[tuple[BenchTable, BenchTable], Inertias],
 ) -> tuple[Sheet, dict[str, Any]]:
-    """Report on both methods and whether they agree.
-
-    Parameters
-    ----------
-    tables : sequence of BenchTable
-        The input.
-    fall, precession : Inertia
-        Results.
-    both : Agreement
-        Of these.
-    given : dict of str to float
-        Masses, radii and gravity, units in the keys.
-
-    Returns
-    -------
-    Sheet, dict
-        The page, and the facts for ``run.json``.
-    """
-    found = (fall, precession)
-    items = [Parameter(f"moment of inertia, {i.method}", i.value, i.sd, i.half_width, UNIT) for i in found]
-    warnings = tuple(f"{item.method}: {line}" for item in found for line in item.warnings)
+    """Page and facts of both methods and whether they agree."""
+    fall, precession, both = calibration.detail.fall, calibration.detail.precession, calibration.detail.agreement
+    found, how, items = (fall, precession), calibration.options, calibration.parameters
+    given = {
+        "fall_mass_kg": how.fall_mass,
+        "radius_m": how.radius,
+        "mass_kg": how.mass,
+        "arm_m": how.arm,
+        "gravity_m_s2": how.gravity,
+    }
     gap = (
         f"the difference {number(both.difference, 2)} is within"
         if both.agree
@@ -53,7 +42,7 @@ def rotor_report(
         )
     else:
         summary = f"The methods do not agree: {verdict}; one of them has a systematic error."
-        warnings = (summary, *warnings)
+        calibration = replace(calibration, warnings=(summary, *calibration.warnings))
     with drawing():
         figure = draw_line(
             [
@@ -71,7 +60,10 @@ def rotor_report(
     ]
     sheet = Sheet(
         "Moment of inertia of a gyroscope's rotor",
-        (*(f"{p.name}: {number(p.value, 4)} ± {number(p.sd, 2)} {UNIT}" for p in items), summary),
+        (
+            *(f"moment of inertia, {i.method}: {number(i.value, 4)} ± {number(i.sd, 2)} {UNIT}" for i in found),
+            summary,
+        ),
         (parameter_table("Moment of inertia", items), replace(quality[0], note=""), quality[1]),
         (Picture("lines", figure, "Measured points, the lines fitted to them, and what these leave."),),
         (
@@ -81,9 +73,9 @@ def rotor_report(
             "Falling weight: no friction, a cord without weight, released from rest.",
             "Precession: a rotor much faster than its precession, balanced without the added weight.",
         ),
-        warnings,
+        calibration.warnings,
     )
-    facts = base_facts("rotor", tables, items, (), warnings)
+    facts = base_facts("rotor", calibration.record, calibration)
     facts |= {
         "given": given,
         "agree": both.agree,

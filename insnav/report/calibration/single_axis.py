@@ -2,83 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from insnav.lab.least_squares import Fit
-from insnav.lab.navigation_impact import Calibrated, Effect
-from insnav.lab.single_axis.method import Record, rate_table_warnings, tumble_warnings
+from insnav.lab.calibration import Calibration
 from insnav.lab.single_axis.rate_table import RateTable
+from insnav.lab.single_axis.records import Record
 from insnav.lab.single_axis.tumble import Tumble
+from insnav.quantity import Quantity
 from insnav.report.calibration.figures import Series, draw_residuals
-from insnav.report.calibration.page import (
-    base_facts,
-    condition_warnings,
-    effect_table,
-    fit_facts,
-    parameter_table,
-    parameters,
-    quality_table,
-    without_words,
-)
+from insnav.report.calibration.page import base_facts, fit_facts, impact_table, parameter_table, quality_table
 from insnav.report.numbers import number
 from insnav.report.page import Table
 from insnav.report.sheet import Picture, Sheet
 from insnav.report.style import drawing
 from insnav.units import DEG
 
-_ONE_FOR_ALL = "one sensor was measured; the calibration file uses its values for x, y and z"
-
 
 def gyro_report(
-    records: Sequence[Record], found: Sequence[RateTable], calibrated: Calibrated, effects: Sequence[Effect]
+    calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]],
 ) -> tuple[Sheet, dict[str, Any]]:
-    """Report on gyros on a rate table.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        One or three.
-    found : sequence of RateTable
-        Of the same.
-    calibrated : Calibrated
-        What is written.
-    effects : sequence of Effect
-        What it is worth.
-
-    Returns
-    -------
-    Sheet, dict
-        The page, and the facts for ``run.json``.
-    """
-    names, unit = _names(len(records)), records[0].unit
+    """Page and facts of gyros on a rate table."""
+    records, found, items, fits = calibration.record, calibration.detail, calibration.parameters, calibration.fits
+    names, unit = tuple(fits), records[0].unit
     units = (unit, f"{unit}/(deg/s)")
-    fits = dict(zip(names, (item.fit for item in found), strict=True))
-    items = [p for name, fit in fits.items() for p in parameters(fit, units, name)]
     settings = {
         name: [f"{rate:+g} deg/s" for rate in item.rate[item.used]] for name, item in zip(names, found, strict=True)
     }
-    warnings = _common_warnings(records, names, fits)
-    warnings += tuple(
-        f"{name}: {line}" for name, item in zip(names, found, strict=True) for line in rate_table_warnings(item)
-    )
-    if len(records) == 1:
-        warnings += (_ONE_FOR_ALL,)
     dropped = [(name, drop) for name, item in zip(names, found, strict=True) for drop in item.dropped]
     lines = [
         f"{name} leaves out {drop.rate:+g} deg/s: {drop.reason}; residual {number(drop.residual)} {unit}, "
         f"chance explains up to {number(drop.limit, 2)} {unit}"
         for name, drop in dropped
     ]
-    summary = [f"{p.name} {_short(p.value)} ± {number(p.sd, 2)} {p.unit}" for p in items]
     tables = [
         parameter_table("Output = U0 + K rate", items),
         *_senses(names, found, units),
         quality_table(fits, unit, settings),
         *_dwells(records, names),
-        effect_table(effects, without_words(calibrated.errors)),
+        impact_table(calibration),
     ]
     with drawing():
         series = [
@@ -94,7 +58,7 @@ def gyro_report(
         figure = draw_residuals(
             series, "rate [deg/s]", "Rate table: output minus the straight line", _dropped_note(lines)
         )
-    facts = base_facts("gyro rate table", [r.table for r in records], items, effects, warnings)
+    facts = base_facts("gyro rate table", [r.table for r in records], calibration)
     facts["fits"] = fit_facts(fits, unit)
     facts["dropped"] = [
         {"sensor": n, "rate_deg_s": d.rate, "residual": d.residual, "limit": d.limit, "reason": d.reason}
@@ -103,59 +67,29 @@ def gyro_report(
     return (
         Sheet(
             "Gyros on a rate table",
-            (*summary, *lines),
+            (*_summary(items), *lines),
             tuple(tables),
             (Picture("residuals", figure, "Residuals of the fit; crosses were left out."),),
             (
                 "The rate of the table is exact, and the component of the Earth's rotation along the axis is in U0.",
                 "Forward are rates from zero up, reverse from zero down.",
             ),
-            warnings,
+            calibration.warnings,
         ),
         facts,
     )
 
 
 def accel_report(
-    records: Sequence[Record],
-    found: Sequence[Tumble],
-    calibrated: Calibrated,
-    effects: Sequence[Effect],
-    gravity: float,
+    calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]],
 ) -> tuple[Sheet, dict[str, Any]]:
-    """Report on accelerometers tumbled in gravity.
-
-    Parameters
-    ----------
-    records : sequence of Record
-        One or three.
-    found : sequence of Tumble
-        Of the same.
-    calibrated : Calibrated
-        What is written.
-    effects : sequence of Effect
-        What it is worth.
-    gravity : float
-        Local gravity [m/s^2].
-
-    Returns
-    -------
-    Sheet, dict
-        The page, and the facts for ``run.json``.
-    """
-    names, unit = _names(len(records)), records[0].unit
-    units = (unit, f"{unit}/g", f"{unit}/g²", f"{unit}/g²")
-    fits = dict(zip(names, (item.fit for item in found), strict=True))
-    items = [p for name, fit in fits.items() for p in parameters(fit, units, name)]
+    """Page and facts of accelerometers tumbled in gravity."""
+    records, found, items, fits = calibration.record, calibration.detail, calibration.parameters, calibration.fits
+    gravity = calibration.options.gravity
+    names, unit = tuple(fits), records[0].unit
     settings = {
         name: [f"{angle / DEG:.4g} deg" for angle in item.angle] for name, item in zip(names, found, strict=True)
     }
-    warnings = _common_warnings(records, names, fits)
-    warnings += tuple(
-        f"{name}: {line}" for name, item in zip(names, found, strict=True) for line in tumble_warnings(item)
-    )
-    if len(records) == 1:
-        warnings += (_ONE_FOR_ALL,)
     with drawing():
         series = [
             Series(
@@ -168,40 +102,35 @@ def accel_report(
             for name, item in zip(names, found, strict=True)
         ]
         figure = draw_residuals(series, "angle of the input axis [deg]", "Tumble test: output minus the model")
-    facts = base_facts("accelerometer tumble", [r.table for r in records], items, effects, warnings)
+    facts = base_facts("accelerometer tumble", [r.table for r in records], calibration)
     facts |= {"fits": fit_facts(fits, unit), "gravity_m_s2": gravity}
     sheet = Sheet(
         "Accelerometers tumbled in gravity",
-        tuple(f"{p.name} {_short(p.value)} ± {number(p.sd, 2)} {p.unit}" for p in items),
+        _summary(items),
         (
             parameter_table("Output = K0 + K1 ai + K2 ai² + K3 ai ao", items, "ai = sin, ao = cos of the angle, in g"),
             quality_table(fits, unit, settings),
             *_dwells(records, names),
-            effect_table(effects, without_words(calibrated.errors)),
+            impact_table(calibration),
         ),
         (Picture("residuals", figure, "Residuals of the fit."),),
         (
             f"Gravity is {gravity:.6g} m/s²; the angles are exact.",
             "The calibration file holds bias and scale factor; second order and cross-coupling are reported only.",
         ),
-        warnings,
+        calibration.warnings,
     )
     return sheet, facts
+
+
+def _summary(items: Sequence[Quantity]) -> tuple[str, ...]:
+    return tuple(f"{p.label} {_short(p.scaled(p.value))} ± {number(p.scaled(p.sd), 2)} {p.shown_unit}" for p in items)
 
 
 def _short(value: float) -> str:
     """Four digits, and four decimals as such calibrations are published."""
     size = abs(value)
     return number(value, 4) if size < 0.1 or size >= 1000.0 else f"{value:.4f}"
-
-
-def _names(count: int) -> tuple[str, ...]:
-    return ("x", "y", "z") if count == 3 else ("sensor",)
-
-
-def _common_warnings(records: Sequence[Record], names: Sequence[str], fits: Mapping[str, Fit]) -> tuple[str, ...]:
-    told = [f"{name}: {line}" for name, record in zip(names, records, strict=True) for line in record.warnings]
-    return (*told, *condition_warnings(fits))
 
 
 def _dropped_note(lines: Sequence[str]) -> str:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from insnav.lab.calibration import condition_warnings
 from insnav.lab.drift.allan_before_after import POWERS, DriftStudy, GyroDrift
 from insnav.lab.drift.drift_model import DriftModel
 from insnav.lab.drift.rate_smoothing import P0
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import condition_warnings, quality_section
+from insnav.report.calibration.common import quality_section
 from insnav.report.drift.figures import draw_drift
 from insnav.report.noise.page import noise_quantity
 from insnav.report.numbers import number

@@ -1,0 +1,321 @@
+"""What every calibration method has in common: options, reading, fitting and a result with its uncertainty.
+
+A method is a module with `read` and `fit` (see `Method`); `METHODS` says which module the name of a command means.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar, cast
+
+import numpy as np
+
+from insnav.exceptions import ConfigError, InputError
+from insnav.imu.higher_order import zero_matrix, zeros
+from insnav.imu.model import ImuErrors
+from insnav.lab.least_squares import Fit
+from insnav.quantity import Quantity
+from insnav.types import FloatArray
+from insnav.units import G0, UNITS
+
+R = TypeVar("R")
+D = TypeVar("D")
+
+METHODS = {
+    "gyro": "single_axis.gyro",
+    "accel": "single_axis.accel",
+    "imu": "rate_sweep.method",
+    "nine": "nine_position.method",
+    "poses": "multi_position.method",
+    "rotor": "rotor_inertia",
+}
+WRONG_UNIT = 0.25  # scale factor error that no sensor with a digital output, in SI units, has
+BADLY_CONDITIONED = 30.0  # condition number beyond which parameters are hardly separated
+
+
+@dataclass(frozen=True, slots=True)
+class BenchOptions:
+    """Options of the calibration methods; each method takes those that concern it.
+
+    Attributes
+    ----------
+    columns : mapping of str to str, optional
+        Quantity to header, for headers that are not understood by themselves.
+    spike_limit : float, optional
+        Samples further than this from a polynomial through their dwell are dropped, in the unit of the output;
+        default 0.005 V, and for other units than volts none are.
+    gravity : float
+        At the bench [m/s^2].
+    gravity_source : str
+        Where that is from.
+    name : str
+        What was calibrated.
+    keep : (float, float), optional
+        Smallest and largest rate of a rate table to use [deg/s]; default all that are linear.
+    counts : bool
+        A multi-position record is in raw counts or volts.
+    six : bool
+        It consists of six positions and three turns.
+    sections : mapping of str to (int, int), or path, optional
+        First and last plus one sample of each of these, or a file of them; default found.
+    turn : float
+        Angle of each of these turns [rad].
+    axes, units, sampling, stamp : str, optional
+        Of a multi-position record; see `insnav.input.read_imu`.
+    fall_mass, mass : float
+        Weights that spin up a rotor and that make it precess [kg].
+    radius, arm : float
+        Radius of the cord and distance of the second weight [m].
+
+    Raises
+    ------
+    ConfigError
+        A value that cannot be.
+    """
+
+    columns: Mapping[str, str] | None = None
+    spike_limit: float | None = None
+    gravity: float = G0
+    gravity_source: str = "as given"
+    name: str = ""
+    keep: tuple[float, float] | None = None
+    counts: bool = False
+    six: bool = False
+    sections: Mapping[str, tuple[int, int]] | str | Path | None = None
+    turn: float = 2.0 * np.pi
+    axes: str | None = None
+    units: str | None = None
+    sampling: str | None = None
+    stamp: str | None = None
+    fall_mass: float = 0.0
+    radius: float = 0.0
+    mass: float = 0.0
+    arm: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.spike_limit is not None and not 0.0 < self.spike_limit < float("inf"):
+            raise ConfigError(
+                f"{self.spike_limit:g} is no limit", where="--spike-limit", fix="give a number above zero"
+            )
+        if not 9.7 < self.gravity < 9.9:
+            raise ConfigError(
+                f"{self.gravity:g} m/s² is not gravity on the Earth",
+                where="--gravity",
+                fix="it is between 9.76 and 9.84 m/s²",
+            )
+
+
+STANDARD = BenchOptions()
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationSd:
+    """How sure calibrated errors are, one standard deviation of each number, all independent.
+
+    Attributes
+    ----------
+    gyro_bias, accel_bias : (3,) array
+        [rad/s], [m/s^2].
+    gyro_matrix, accel_matrix : (3, 3) array
+        [-].
+    g_sensitivity : (3, 3) array
+        [rad/s/(m/s^2)].
+    gyro_map : tuple of (k, k) array or None
+        Covariance of the errors at the knots of the map of each gyro [rad^2/s^2].
+    """
+
+    gyro_bias: FloatArray = field(default_factory=zeros)
+    gyro_matrix: FloatArray = field(default_factory=zero_matrix)
+    accel_bias: FloatArray = field(default_factory=zeros)
+    accel_matrix: FloatArray = field(default_factory=zero_matrix)
+    g_sensitivity: FloatArray = field(default_factory=zero_matrix)
+    gyro_map: tuple[FloatArray | None, ...] = (None, None, None)
+
+    def corrected(self, errors: ImuErrors, rate: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Uncertainty of corrected rates and specific forces that comes from the calibration alone.
+
+        Parameters
+        ----------
+        errors : ImuErrors
+            Of which these are the standard deviations.
+        rate, force : (n, 3) array
+            True ones [rad/s], [m/s^2].
+
+        Returns
+        -------
+        rate_sd, force_sd : (n, 3) array
+            One standard deviation, for sensors that are nearly a perfect triad [rad/s], [m/s^2].
+        """
+        of_rate = rate**2 @ self.gyro_matrix.T**2 + force**2 @ self.g_sensitivity.T**2 + self.gyro_bias**2
+        known = () if errors.gyro_map is None else zip(errors.gyro_map.axes, self.gyro_map, strict=True)
+        for axis, (item, spread) in enumerate(known):
+            if item is not None and spread is not None:
+                share = np.column_stack([np.interp(rate[:, axis], item.rate, row) for row in np.eye(item.rate.size)])
+                of_rate[:, axis] += np.sum((share @ spread) * share, axis=1)
+        return np.sqrt(of_rate), np.sqrt(force**2 @ self.accel_matrix.T**2 + self.accel_bias**2)
+
+
+@dataclass(frozen=True, slots=True)
+class Impact:
+    """Horizontal position error after one minute of free inertial navigation, root mean square.
+
+    Attributes
+    ----------
+    motion : str
+        In words.
+    without, corrected : float
+        Without the calibration, and with it [m].
+    """
+
+    motion: str
+    without: float
+    corrected: float
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration(Generic[R, D]):
+    """What a calibration method found.
+
+    Attributes
+    ----------
+    method : str
+        One of `METHODS`.
+    errors : ImuErrors or None
+        As written to the calibration file; None where the method is not of an IMU.
+    sd : CalibrationSd
+        Their uncertainty in SI units.
+    parameters : tuple of Quantity
+        Estimates with standard deviation and 95 % interval.
+    fits : mapping of str to Fit
+        The least-squares fits they come from, by sensor.
+    record : R
+        The input, as the method reads it.
+    detail : D
+        Everything else, in the form of the method.
+    options : BenchOptions
+        In force.
+    warnings : tuple of str
+        What must not be overlooked.
+    sensed : ImuErrors or None
+        The errors of rates and specific forces, where those of the file are of volts or counts too; see `physical`.
+    impact : tuple of Impact
+        On navigation.
+    """
+
+    method: str
+    errors: ImuErrors | None
+    sd: CalibrationSd
+    parameters: tuple[Quantity, ...]
+    fits: Mapping[str, Fit]
+    record: R
+    detail: D
+    options: BenchOptions
+    warnings: tuple[str, ...] = ()
+    sensed: ImuErrors | None = None
+    impact: tuple[Impact, ...] = ()
+
+
+class Method(Protocol[R, D]):
+    """How a calibration method is called."""
+
+    def read(self, files: Sequence[str | Path], how: BenchOptions) -> R:
+        """Read the files of the bench."""
+
+    def fit(self, record: R, how: BenchOptions) -> Calibration[R, D]:
+        """Estimate the errors, and how sure they are."""
+
+
+def method_named(name: str) -> Method[Any, Any]:
+    """Find a calibration method.
+
+    Parameters
+    ----------
+    name : str
+        One of `METHODS`.
+
+    Raises
+    ------
+    ConfigError
+        There is none of this name.
+    """
+    if name not in METHODS:
+        raise ConfigError(f"there is no calibration method {name!r}", fix=f"methods are {', '.join(METHODS)}")
+    return cast("Method[Any, Any]", import_module(f"insnav.lab.{METHODS[name]}"))
+
+
+def physical(errors: ImuErrors) -> ImuErrors:
+    """Errors of rates and specific forces, where the zero of volts or counts is taken for 0 of them."""
+    gyro, accel = errors.gyro_raw, errors.accel_raw
+    return replace(
+        errors,
+        gyro_bias=errors.gyro_bias + (0.0 if gyro is None else gyro.zero / gyro.scale),
+        accel_bias=errors.accel_bias + (0.0 if accel is None else accel.zero / accel.scale),
+        gyro_raw=None,
+        accel_raw=None,
+    )
+
+
+def carried_over(new: ImuErrors, other: ImuErrors, kept: str) -> ImuErrors:
+    """Put the other triad of an earlier calibration, ``gyro`` or ``accel``, beside a new one."""
+    fields = [field for field in new.__dataclass_fields__ if field.startswith(f"{kept}_")]
+    return replace(new, **{field: getattr(other, field) for field in fields})
+
+
+def measured(name: str, value: float, unit: str, sd: float | None = None, half_width: float | None = None) -> Quantity:
+    """Quantity of what is already in the unit shown.
+
+    Parameters
+    ----------
+    name : str
+        In words; the key is made of it.
+    value, sd, half_width : float
+        Estimate, standard deviation and half its 95 % interval, in `unit`.
+    unit : str
+        Of `insnav.units`, or any other.
+
+    Returns
+    -------
+    Quantity
+    """
+    factor = UNITS[unit][1] if unit in UNITS else 1.0
+    key = re.sub(r"[^0-9A-Za-z]+", "_", name).strip("_")
+    interval = None
+    if half_width is not None:
+        interval = float(value - half_width) * factor, float(value + half_width) * factor
+    return Quantity(key, float(value) * factor, unit, None if sd is None else float(sd) * factor, interval, name)
+
+
+def fitted(fit: Fit, units: Sequence[str], sensor: str = "") -> tuple[Quantity, ...]:
+    """Parameters of a fit with standard deviation and 95 % interval, each in its unit; the sensor leads the names."""
+    rows = zip(fit.names, fit.value, units, fit.sd, fit.half_width(), strict=True)
+    return tuple(measured(f"{sensor} {name}".strip(), *row) for name, *row in rows)
+
+
+def condition_warnings(fits: Mapping[str, Fit]) -> tuple[str, ...]:
+    """Say which fits hardly separate their parameters."""
+    return tuple(
+        f"{name}: condition number {fit.condition:.3g}; these measurements hardly separate the parameters"
+        for name, fit in fits.items()
+        if fit.condition > BADLY_CONDITIONED
+    )
+
+
+def common_unit(units: Sequence[tuple[str, str]]) -> str:
+    """Unit that all outputs share, of pairs of a name and a unit.
+
+    Raises
+    ------
+    InputError
+        They do not.
+    """
+    if len({unit for _, unit in units}) > 1:
+        raise InputError(
+            "the sensors have outputs in different units",
+            why=", ".join(dict.fromkeys(f"{name}: {unit}" for name, unit in units)),
+            fix="bring them to one unit",
+        )
+    return units[0][1]

@@ -1,0 +1,111 @@
+"""Calibration of accelerometers by tumbling, one after another: bias, scale factor, second order, cross-coupling."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from insnav.imu.model import ImuErrors
+from insnav.imu.raw_outputs import RawScale
+from insnav.input.interpret.schema import Quantity
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, fitted
+from insnav.lab.single_axis.records import (
+    OUTPUT,
+    Record,
+    all_warnings,
+    names_of,
+    read_records,
+    refuse_unit,
+    three,
+)
+from insnav.lab.single_axis.tumble import USUAL, Tumble, calibrate_tumble
+from insnav.units import DEG, G0
+
+SCHEMA = (
+    Quantity("angle", "angle_deg", "angle", "deg", ("angle", "theta", "position", "pitch")),
+    Quantity("output", "output_v", "signal", "V", OUTPUT),
+    Quantity("sensed", "output_m_s2", "acceleration", "m/s^2", (*OUTPUT, "accel")),
+)
+
+
+def read(files: Sequence[str | Path], how: BenchOptions) -> tuple[Record, ...]:
+    """Read the tumble tests of accelerometers x, y, z, or of one; see `read_records`."""
+    return read_records(files, SCHEMA, how)
+
+
+def fit(record: tuple[Record, ...], how: BenchOptions) -> Calibration[tuple[Record, ...], tuple[Tumble, ...]]:
+    """Fit the model of each accelerometer.
+
+    Parameters
+    ----------
+    record : tuple of Record
+        From `read`.
+    how : BenchOptions
+        Gravity and name.
+
+    Returns
+    -------
+    Calibration
+        Of accelerometers x, y, z; one stands for all three. Second order and cross-coupling are parameters only.
+
+    Raises
+    ------
+    InputError
+        See `calibrate_accel`.
+    """
+    found = tuple(calibrate_accel(item) for item in record)
+    zero, scale = (three([item.fit.value[k] for item in found]) for k in (0, 1))  # scale: unit per g
+    zero_sd, scale_sd = (three([item.fit.sd[k] for item in found]) / np.abs(scale) for k in (0, 1))
+    unit = record[0].unit
+    units = (unit, f"{unit}/g", f"{unit}/g^2", f"{unit}/g^2")
+    fits = {name: item.fit for name, item in zip(names_of(record), found, strict=True)}
+    return Calibration(
+        "accel",
+        ImuErrors(accel_raw=RawScale(unit, zero, scale / how.gravity), name=how.name)
+        if record[0].raw
+        else ImuErrors(accel_bias=zero, accel_matrix=np.diag(scale / how.gravity), name=how.name),
+        CalibrationSd(accel_bias=zero_sd * how.gravity, accel_matrix=np.diag(scale_sd)),
+        tuple(p for name, each in fits.items() for p in fitted(each, units, name)),
+        fits,
+        record,
+        found,
+        how,
+        all_warnings(record, fits, [tumble_warnings(item) for item in found]),
+    )
+
+
+def calibrate_accel(record: Record) -> Tumble:
+    """Model of an accelerometer.
+
+    Parameters
+    ----------
+    record : Record
+        Tumble test of one accelerometer.
+
+    Returns
+    -------
+    Tumble
+
+    Raises
+    ------
+    InputError
+        See `calibrate_tumble`; or a digital output in another unit than its column says.
+    """
+    found = calibrate_tumble(record.setting, record.output, where=record.table.name)
+    refuse_unit(record, float(found.fit.value[1]) / G0)
+    return found
+
+
+def tumble_warnings(found: Tumble) -> tuple[str, ...]:
+    """Say what is wrong with a tumble test that could still be used."""
+    said = []
+    if found.angle.size < USUAL:
+        said.append(f"only {found.angle.size} positions; {USUAL}, every 30 deg, are usual")
+    for row in found.suspicious:
+        said.append(
+            f"the position at {found.angle[row] / DEG:.4g} deg does not belong to the others: its residual is "
+            f"{found.fit.residual[row]:.3g}, beyond what their scatter explains"
+        )
+    return tuple(said)

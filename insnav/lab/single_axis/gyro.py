@@ -1,0 +1,118 @@
+"""Calibration of gyros on a rate table, one after another: zero and scale factor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from insnav.imu.model import ImuErrors
+from insnav.imu.raw_outputs import RawScale
+from insnav.input.interpret.schema import Quantity
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, fitted
+from insnav.lab.single_axis.rate_table import RateTable, calibrate_rate_table
+from insnav.lab.single_axis.records import (
+    OUTPUT,
+    Record,
+    all_warnings,
+    names_of,
+    read_records,
+    refuse_unit,
+    three,
+)
+from insnav.units import DEG
+
+USUAL_RATES = 10  # ± 10, 20, 40, 60, 80 deg/s
+SCHEMA = (
+    Quantity("rate", "rate_deg_s", "rate", "deg/s", ("rate", "tablerate", "angularrate", "omega", "w")),
+    Quantity("output", "output_v", "signal", "V", OUTPUT),
+    Quantity("sensed", "output_deg_s", "rate", "deg/s", (*OUTPUT, "gyro")),
+)
+
+
+def read(files: Sequence[str | Path], how: BenchOptions) -> tuple[Record, ...]:
+    """Read the rate tables of gyros x, y, z, or of one; see `read_records`."""
+    return read_records(files, SCHEMA, how)
+
+
+def fit(record: tuple[Record, ...], how: BenchOptions) -> Calibration[tuple[Record, ...], tuple[RateTable, ...]]:
+    """Fit zero and scale factor of each gyro.
+
+    Parameters
+    ----------
+    record : tuple of Record
+        From `read`.
+    how : BenchOptions
+        Range of rates to use, and the name.
+
+    Returns
+    -------
+    Calibration
+        Of gyros x, y, z; one gyro stands for all three.
+
+    Raises
+    ------
+    InputError
+        See `calibrate_gyro`.
+    """
+    found = tuple(calibrate_gyro(item, how.keep) for item in record)
+    zero, scale = (three([item.fit.value[k] for item in found]) for k in (0, 1))  # scale: unit per deg/s
+    zero_sd, scale_sd = (three([item.fit.sd[k] for item in found]) / np.abs(scale) for k in (0, 1))
+    unit = record[0].unit
+    fits = {name: item.fit for name, item in zip(names_of(record), found, strict=True)}
+    return Calibration(
+        "gyro",
+        ImuErrors(gyro_raw=RawScale(unit, zero, scale / DEG), name=how.name)
+        if record[0].raw
+        else ImuErrors(gyro_bias=zero * DEG, gyro_matrix=np.diag(scale), name=how.name),
+        CalibrationSd(gyro_bias=zero_sd * DEG, gyro_matrix=np.diag(scale_sd)),
+        tuple(p for name, each in fits.items() for p in fitted(each, (unit, f"{unit}/(deg/s)"), name)),
+        fits,
+        record,
+        found,
+        how,
+        all_warnings(record, fits, [rate_table_warnings(item) for item in found]),
+    )
+
+
+def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> RateTable:
+    """Zero and scale factor of a gyro; rates in deg/s as rate tables show them.
+
+    Parameters
+    ----------
+    record : Record
+        Rate table of one gyro.
+    keep : (float, float), optional
+        Smallest and largest rate to use [deg/s].
+
+    Returns
+    -------
+    RateTable
+
+    Raises
+    ------
+    InputError
+        See `calibrate_rate_table`; or a digital output in another unit than its column says.
+    """
+    # the table's rates are round numbers in deg/s: keep them so
+    rate = np.round(record.setting / DEG, 9)
+    found = calibrate_rate_table(rate, record.output, keep, where=record.table.name)
+    refuse_unit(record, float(found.fit.value[1]))
+    return found
+
+
+def rate_table_warnings(found: RateTable) -> tuple[str, ...]:
+    """Say what is wrong with a rate table that could still be used."""
+    said = []
+    used = np.unique(found.rate[found.used])
+    left = [item for item in found.dropped if np.isfinite(item.limit) and not item.reason.startswith("outside")]
+    if left:
+        said.append(
+            f"{len(left)} of {found.rate.size} rates were left out: the output has left the straight line there"
+        )
+    if used.size < USUAL_RATES:
+        said.append(f"only {used.size} different rates; {USUAL_RATES} or more are usual")
+    if used[0] >= 0.0 or used[-1] <= 0.0:
+        said.append("one sense of rotation only: a scale factor that differs between the senses is in the zero")
+    return tuple(said)
