@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -69,14 +69,8 @@ class Quantity:
 
     def scaled(self, value: Value) -> Any:
         """Bring a value from SI to the unit shown; texts, flags and None stay what they are."""
-        factor = UNITS[self.unit][1] if self.unit in UNITS else 1.0
-        if value is None or isinstance(value, str | bool) or factor == 1.0:
-            return value
-        if isinstance(value, float | int):
-            return value / factor
-        if isinstance(value, Mapping):
-            return {name: self.scaled(each) for name, each in value.items()}
-        return np.asarray(value, dtype=np.float64) / factor
+        factor = _factor(self.unit)
+        return value if factor == 1.0 else _mapped(value, lambda each: each / factor)
 
     def facts(self) -> dict[str, Any]:
         """Give value, standard deviation and interval for JSON, the unit in every key.
@@ -104,3 +98,49 @@ def key_suffix(unit: str) -> str:
     """
     words = re.sub(r"[^0-9A-Za-z]+", "_", unit.replace("^", "").replace("%", "percent")).strip("_")
     return f"_{words.lower() if words not in ('V', 'mV', 'K') else words}" if words and words != "1" else ""
+
+
+_SUFFIXES = {key_suffix(unit): unit for unit in UNITS}
+
+
+def quantity_of(key: str, value: Any) -> Quantity:
+    """Make a quantity of a key with its unit in it, and its value in that unit.
+
+    Parameters
+    ----------
+    key : str
+        Such as ``horizontal_m`` or ``gyro_bias_deg_h``.
+    value : number, array, text, flag, mapping or None
+
+    Returns
+    -------
+    Quantity
+
+    Examples
+    --------
+    >>> quantity_of("speed_m_s", 2.0).facts()
+    {'speed_m_s': 2.0}
+    """
+    suffix = max((each for each in _SUFFIXES if each and key.endswith(each)), key=len, default="")
+    unit = _SUFFIXES[suffix] if suffix else ""
+    factor = _factor(unit)
+    return Quantity(
+        key.removesuffix(suffix), value if factor == 1.0 else _mapped(value, lambda each: each * factor), unit
+    )
+
+
+def _factor(unit: str) -> float:
+    return UNITS[unit][1] if unit in UNITS else 1.0
+
+
+def _mapped(value: Any, function: Callable[[Any], Any]) -> Any:
+    """Apply a function to every number in a value."""
+    if value is None or isinstance(value, str | bool):
+        return value
+    if isinstance(value, Mapping):
+        return {name: _mapped(each, function) for name, each in value.items()}
+    if isinstance(value, float | int):
+        return function(value)
+    if len(value) and isinstance(value[0], str):
+        return value
+    return function(np.asarray(value, dtype=np.float64))

@@ -51,6 +51,7 @@ def align(
     as_json: opt.Json = False,
 ) -> None:
     """Align a static record."""
+    configuration = parse.configuration(locals())
     import numpy as np
 
     from insnav.cli import inputs
@@ -67,7 +68,8 @@ def align(
         stage("reading")
         from insnav.alignment import find_rest
         from insnav.filter.fine_alignment import fine_alignment
-        from insnav.report.alignment import alignment_facts, alignment_lines
+        from insnav.report.save import save_result
+        from insnav.result import Result
         from insnav.strapdown import intervals
 
         reading = inputs.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp, calibration)
@@ -89,10 +91,10 @@ def align(
         note_more(said)
         lla = np.array([np.deg2rad(lat), 0.0, height])
         found = fine_alignment(samples, spec, lla, rest, course)
-        facts = alignment_facts(found, reading.facts.as_dict(), spec, said, lat)
+        outcome = Result("alignment", found, {"imu": reading.facts}, configuration, (spec, said))
         stage("writing")
-        where = folder.commit(facts)
+        where = save_result(outcome, folder)
     if as_json:
         result_facts(where)
     else:
-        result("\n".join([*alignment_lines(facts), f"{'files':<12}{out}: run.json"]))
+        result("\n".join([*outcome.page().summary, f"{'files':<12}{out}: report.html, run.json"]))

@@ -14,9 +14,8 @@ from insnav.cli import parse
 from insnav.cli.console import Stages, error_block, note, note_more, result, result_facts
 
 if TYPE_CHECKING:
-    from insnav.filter.navigate import Navigated
     from insnav.imu.specification import ImuSpec
-    from insnav.output.folder import RunFolder
+    from insnav.input import Reading
     from insnav.types import GpsData, ImuData
 
 SHORT_HELP = "Navigate a recorded drive: IMU and GPS to a solution, figures and a report."
@@ -222,57 +221,42 @@ def run(
         stage("writing")
         import logging
 
-        from insnav.report.save import write_run
+        from insnav.errors.evaluated_run import evaluate_run
+        from insnav.errors.short_duration_errors import short_windows
+        from insnav.report.save import save_result
+        from insnav.result import Result
 
         logging.getLogger("matplotlib").setLevel(logging.ERROR)  # its care for its own cache is nobody's concern
 
-        image = None if figures is Figures.none else figures.value
-        short = mechanization is Mechanization.short
-        more_facts, more_figures = _short(samples, done, folder, image) if short else ({}, [])
-        facts, where = write_run(
-            folder,
-            replace(done, notes=assumed + done.notes),
-            readings={"imu": reading, "gps": fixes, "reference": reference},
-            configuration=configuration,
-            spec=spec,
-            imu_note=said,
-            reference_lever_b=ref_lever_b,
-            table_format=format.value,
-            figure_format=image,
-            more_facts=more_facts,
-            more_figures=more_figures,
-        )
+        readings: dict[str, Reading[Any]] = {"imu": reading, "gps": fixes}
+        if reference is not None:
+            readings["reference"] = reference
+        read_events = [event for each in readings.values() for event in each.events]
+        events = tuple(sorted([*read_events, *done.run.events], key=lambda event: event.time))
+        done = replace(done, run=replace(done.run, events=events), notes=assumed + done.notes)
+        found, notes = evaluate_run(done, reference, ref_lever_b)
+        if mechanization is Mechanization.short:
+            windows = short_windows(samples, done.run.solution, done.run.sensor_errors)
+            found = replace(found, short_duration=tuple(windows))
+        understood = {name: each.facts for name, each in readings.items()}
+        outcome = Result("run", found, understood, configuration, (spec, said), (*done.notes, *notes), events)
+        where = save_result(outcome, folder, figures=figures.value, table_format=format.value)
+    facts = read_facts(where)
     if as_json:
         result_facts(where)
     else:
         from insnav.report.run.summary import summary_lines
 
-        result("\n".join(summary_lines(read_facts(where), out)))
-        if short:
-            from insnav.report.run.short_duration import short_text
+        result("\n".join(summary_lines(facts, out)))
+        if found.short_duration:
+            from insnav.report.page import section_tables
+            from insnav.report.run.short_duration import short_section
+            from insnav.report.terminal import table_text
 
-            result("\n" + short_text(facts["short_mechanization"]))
+            for table in section_tables(short_section(found.short_duration)):
+                result("\n" + table_text(table))
     if fail_above is not None:
         _judge(facts, fail_above)
-
-
-def _short(
-    samples: ImuData, done: Navigated, folder: RunFolder, figure_format: Any
-) -> tuple[dict[str, Any], list[Path]]:
-    """Compare the short-duration mechanization with the full one; its facts and figures."""
-    from insnav.errors.short_duration_errors import short_windows
-    from insnav.output.data_files import write_table
-    from insnav.report.run.figures.short_duration import draw_short
-    from insnav.report.run.short_duration import short_columns, short_facts
-    from insnav.report.style import drawing, save
-
-    windows = short_windows(samples, done.run.solution, done.run.sensor_errors)
-    write_table(folder.path("short.csv"), short_columns(windows))
-    facts = {"short_mechanization": short_facts(windows)}
-    if figure_format is None:
-        return facts, []
-    with drawing():
-        return facts, [save(draw_short(windows), folder.path("figures/short_mechanization"), figure_format)]
 
 
 def _check_limit(fail_above: float | None, ref: Path | None) -> None:

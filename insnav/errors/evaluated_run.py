@@ -10,7 +10,7 @@ from insnav.errors.metrics import TrajectoryErrors, position_errors
 from insnav.errors.short_duration_errors import ShortWindow
 from insnav.filter.navigate import Navigated
 from insnav.input.readers.reading import Reading
-from insnav.types import EventKind, FloatArray, GpsData, Run, Trajectory
+from insnav.types import FloatArray, GpsData, Run, Trajectory
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +68,6 @@ def evaluate_run(
         left = len(reference.data.time) - len(good.time)
         if left:
             notes.append(f"accuracy counts reference epochs with fix = 1 only; {left} others are left out")
-    diverged = [event for event in done.run.events if event.kind is EventKind.DIVERGED]
-    if diverged:
-        notes.append(
-            f"innovations do not fit their predicted size in {len(diverged)} windows of a minute, first at "
-            f"{diverged[0].time:.1f} s: {diverged[0].unit} = {diverged[0].value:.2g}; {diverged[0].hint}"
-        )
     return EvaluatedRun(done.run, done.gps, errors, smoothed_errors), tuple(notes)
 
 

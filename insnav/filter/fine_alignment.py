@@ -32,11 +32,14 @@ class FineAlignment:
         By the filter, at the end of the record; None where the heading is unknown.
     sensor_latitude : float
         Latitude from the sensors alone [rad].
+    latitude : float
+        Latitude as given [rad].
     """
 
     coarse: Alignment
     fine: Alignment | None
     sensor_latitude: float
+    latitude: float
 
 
 def fine_alignment(
@@ -84,7 +87,7 @@ def fine_alignment(
     coarse = align_static(parts, spec, float(lla[0]), float(lla[2]), (begin, end), heading)
     latitude = latitude_from_sensors(summarize(parts, begin, end))
     if not np.isfinite(coarse.sd[2]):
-        return FineAlignment(coarse, None, latitude)
+        return FineAlignment(coarse, None, latitude, float(lla[0]))
     # the filter takes its start from the first part only, so that it does not see the same data twice
     first = min(end, begin + max(10.0, 0.1 * (end - begin)))
     start = align_static(parts, spec, float(lla[0]), float(lla[2]), (begin, first), heading)
@@ -93,7 +96,7 @@ def fine_alignment(
     start = replace(start, time=first if first < end - 10.0 else begin)
     n = int((end - start.time) / STILL_INTERVAL)
     if n < 2:
-        return FineAlignment(coarse, None, latitude)
+        return FineAlignment(coarse, None, latitude, float(lla[0]))
     time = np.asarray(start.time + STILL_INTERVAL * np.arange(1, n + 1), dtype=float)
     still = GpsData(
         time,
@@ -129,4 +132,4 @@ def fine_alignment(
         level_method="filter, zero velocity",
         heading_method=f"{start.heading_method}, then filter",
     )
-    return FineAlignment(coarse, fine, latitude)
+    return FineAlignment(coarse, fine, latitude, float(lla[0]))

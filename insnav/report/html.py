@@ -12,7 +12,6 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from insnav import __version__
 from insnav.plain_text import plain_text
-from insnav.report.numbers import label, number, shown
 from insnav.report.page import Page, Section, Show, Table, section_tables
 
 _MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
@@ -35,7 +34,7 @@ def filled(template: str, **values: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"label": label, "number": number, "shown": shown, "plain": plain_text}
+    environment.filters["plain"] = plain_text
     return environment.get_template(template).render(**values)
 
 

@@ -140,6 +140,32 @@ class Table:
     note: str = ""
 
 
+def one_each(key: str, title: str, items: Mapping[str, Sequence[Quantity]], first: str = "", note: str = "") -> Section:
+    """The same quantities of several things: in JSON under the name of each, in text one table with a row for each.
+
+    Parameters
+    ----------
+    key, title : str
+        Of the section.
+    items : mapping of str to sequence of Quantity
+        Name to quantities; the value of one without any is None in JSON, and it has no row.
+    first : str
+        Heading of the names.
+    note : str
+        How to read the table.
+
+    Returns
+    -------
+    Section
+    """
+    each_in_json = tuple(
+        Section(name, items=tuple(own), show="json") if own else Section("", items=(Quantity(name, None),), show="json")
+        for name, own in items.items()
+    )
+    rows = tuple((Quantity("name", name.replace("_", " "), meaning=first), *own) for name, own in items.items() if own)
+    return Section(key, parts=(*each_in_json, Section("", title, rows=rows, note=note)))
+
+
 def _figures(section: Section) -> tuple[FigureSpec, ...]:
     return (*section.figures, *(figure for part in section.parts for figure in _figures(part)))
 
@@ -249,8 +275,8 @@ def _with_sd(value: float | None, sd: Any, each: Quantity) -> str:
         return number(None)
     if each.decimals is not None:
         text = f"{value:.{each.decimals}f}"
-    elif sd is not None and np.isfinite(sd):
+    elif sd is not None and np.isfinite(sd) and sd > 0.0:
         text = rounded(float(value), float(sd))
     else:
         return number(float(value), each.digits) if value else "0"
-    return text if sd is None or not np.isfinite(sd) else f"{text} ± {number(float(sd), 2)}"
+    return text if sd is None or not np.isfinite(sd) or not sd > 0.0 else f"{text} ± {number(float(sd), 2)}"

@@ -35,10 +35,24 @@ def page_facts(page: Page) -> dict[str, Any]:
         Under the key of each section its quantities, units in the keys; the rows of a table as a list. ``summary``,
         ``warnings``, ``notes`` and ``assumptions`` last.
     """
+    facts = section_facts(page.sections)
+    return facts | {name: list(getattr(page, name)) for name in ("summary", "warnings", "notes", "assumptions")}
+
+
+def section_facts(sections: Sequence[Section]) -> dict[str, Any]:
+    """Give the quantities of some sections as one nested dict, ready for JSON.
+
+    Parameters
+    ----------
+    sections : sequence of Section
+
+    Returns
+    -------
+    dict
+    """
     facts: dict[str, Any] = {}
-    for section in page.sections:
+    for section in sections:
         _put(facts, section)
-    facts |= {name: list(getattr(page, name)) for name in ("summary", "warnings", "notes", "assumptions")}
     ready: dict[str, Any] = json_ready(facts)
     return ready
 

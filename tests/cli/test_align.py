@@ -21,10 +21,10 @@ def test_the_attitude_of_a_good_imu_is_found_within_its_uncertainty(at_rest: Pat
     facts = read_facts(Path("alignment"))
     for name in ("coarse", "fine"):
         found = facts[name]
-        assert found["roll_deg"] == pytest.approx(AT_REST["roll"], abs=3 * found["sd_tilt_north_deg"])
-        assert found["pitch_deg"] == pytest.approx(AT_REST["pitch"], abs=3 * found["sd_tilt_north_deg"])
-        assert found["heading_deg"] == pytest.approx(AT_REST["heading"], abs=3 * found["sd_heading_deg"])
-        assert found["sd_heading_deg"] < 0.3
+        assert found["roll_deg"] == pytest.approx(AT_REST["roll"], abs=3 * found["tilt_north_sd_deg"])
+        assert found["pitch_deg"] == pytest.approx(AT_REST["pitch"], abs=3 * found["tilt_north_sd_deg"])
+        assert found["heading_deg"] == pytest.approx(AT_REST["heading"], abs=3 * found["heading_sd_deg"])
+        assert found["heading_sd_deg"] < 0.3
     assert facts["latitude_from_sensors_deg"] == pytest.approx(AT_REST["lat"], abs=0.05)
 
 
@@ -42,9 +42,9 @@ def test_a_heading_that_cannot_be_found_is_not_made_up(at_rest: Path, cli: Cli):
     shown = cli("align", "static.csv", *HERE, "--imu", "consumer")
     assert shown.code == 0
     assert "heading not found" in shown.out
-    assert "their bias hides the Earth's rotation" in shown.out
+    assert "the gyro bias hides the Earth's rotation" in shown.out
     facts = read_facts(Path("alignment"))
-    assert facts["coarse"]["sd_heading_deg"] is None
+    assert facts["coarse"]["heading_sd_deg"] is None
     assert facts["fine"] is None
 
 

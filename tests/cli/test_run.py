@@ -16,7 +16,7 @@ from tests.cli.conftest import QUICK, Cli
 WITH_REFERENCE = (*QUICK, "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2")
 TABLES = ["biases.csv", "events.csv", "innovations.csv", "run.json", "smoothed.csv", "solution.csv", "track.kml"]
 FIGURES = ["attitude", "biases", "height", "innovations", "track", "uncertainty", "velocity"]
-ERROR_FIGURES = ["error_attitude", "error_distribution", "error_position", "error_velocity"]
+ERROR_FIGURES = ["attitude_error", "error_distribution", "position_error", "velocity_error"]
 
 
 def _files(folder: Path) -> list[str]:
@@ -80,8 +80,9 @@ def test_json_alone_is_on_standard_output_and_is_that_of_the_folder(drive: Path,
     facts = json.loads(shown.out)
     assert shown.out == Path("run/run.json").read_text(encoding="utf-8")
     assert list(facts) == [
-        *("versions", "configuration", "input", "imu_model", "alignment", "solution", "fixes", "aiding", "outages"),
-        *("sensor_errors", "events", "accuracy", "smoothed", "warnings", "files"),
+        *("kind", "versions", "accuracy", "smoothed", "solution", "fixes", "aiding", "outages", "sensor_errors"),
+        *("alignment", "events", "input", "imu_model", "configuration"),
+        *("summary", "warnings", "notes", "assumptions", "files"),
     ]
     assert facts["configuration"]["lever_arm"] == "0.8,-0.3,-1.2"
     assert facts["configuration"]["gps_height"] is None

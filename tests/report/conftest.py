@@ -5,27 +5,44 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import position_errors
-from insnav.report.run.quantities import run_facts
+from insnav.imu import load_imu
+from insnav.input.readers.reading import ReadingFacts
+from insnav.report.run_json import page_facts
+from insnav.result import Result
 from insnav.types import Innovations, Run, SensorErrors, Trajectory
 from tests.report.synthetic import drive
 
 READING = {
-    "imu": {
-        "path": "drive.csv",
-        "sha256": "ab" * 32,
-        "n_rows": 36001,
-        "n_used": 36000,
-        "start_s": 0.0,
-        "end_s": 600.0,
-        "rate_hz": 100.0,
-        "n_gaps": 2,
-        "longest_gap_s": 0.31,
-        "evidence": ["gravity is 9.81 at rest"],
-        "axes": "FRD",
-    },
-    "gps": {"path": "gps.csv", "n_rows": 571, "start_s": 0.0, "end_s": 600.0, "rate_hz": 1.0, "n_gaps": 0},
+    "imu": ReadingFacts(
+        kind="IMU",
+        path="drive.csv",
+        sha256="ab" * 32,
+        n_rows=36001,
+        n_used=36000,
+        start_s=0.0,
+        end_s=600.0,
+        rate_hz=100.0,
+        n_gaps=2,
+        longest_gap_s=0.31,
+        columns={"time_s": "t [s]"},
+        evidence=("gravity is 9.81 at rest",),
+        axes="FRD",
+    ),
+    "gps": ReadingFacts("GPS", "gps.csv", "cd" * 32, 571, 571, 0.0, 600.0, 1.0, 0, 0.0, {}),
+    "reference": ReadingFacts("reference", "ref.csv", "ef" * 32, 3001, 3001, 0.0, 600.0, 5.0, 0, 0.0, {}),
 }
+
+
+def result_of(run, errors=None, **more):
+    """Result of a run, with nothing else known unless given."""
+    return Result("run", EvaluatedRun(run, errors=errors), **more)
+
+
+def facts_of(run, errors=None, **more):
+    """Content of its run.json."""
+    return page_facts(result_of(run, errors, **more).page())
 
 
 @pytest.fixture(scope="session")
@@ -35,17 +52,21 @@ def driven():
 
 
 @pytest.fixture(scope="session")
-def facts(driven):
-    run, _, true = driven
-    return run_facts(
-        run,
-        reading=READING,
-        configuration={"states": 21, "lever_arm_m": [0.1, -0.3, -0.2]},
-        imu_model={"name": "consumer", "chosen": "nearest to the noise at rest"},
-        errors=position_errors(run.solution, true),
-        reference_name="ref.csv",
-        warnings=["heading is not observable before 300 s"],
+def navigated(driven):
+    run, gps, true = driven
+    return Result(
+        "run",
+        EvaluatedRun(run, gps, position_errors(run.solution, true)),
+        READING,
+        {"states": 21, "lever_arm_m": [0.1, -0.3, -0.2]},
+        (load_imu("consumer"), "nearest to the noise at rest"),
+        ("heading is not observable before 300 s",),
     )
+
+
+@pytest.fixture(scope="session")
+def facts(navigated):
+    return page_facts(navigated.page())
 
 
 @pytest.fixture(scope="session")

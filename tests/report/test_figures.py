@@ -9,22 +9,30 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import position_errors
-from insnav.report.run.figures import draw_all
 from insnav.report.run.figures.errors import draw_distribution
 from insnav.report.run.figures.innovations import draw_innovations
 from insnav.report.run.figures.states import draw_attitude
 from insnav.report.run.figures.track import draw_track
-from insnav.report.style import BINS, Clock, broken_at_gaps, envelope, thinned
+from insnav.report.run.page import run_figures
+from insnav.report.style import BINS, Clock, broken_at_gaps, drawing, envelope, save, thinned
 from insnav.types import GpsData
 from tests.report.synthetic import drive
 
 ALWAYS = ["track", "height", "velocity", "attitude"]
-ERRORS = ["error_position", "error_velocity", "error_attitude", "error_distribution"]
+ERRORS = ["position_error", "velocity_error", "attitude_error", "error_distribution"]
 
 
 def labels(axes):
     return axes.get_legend_handles_labels()[1]
+
+
+def draw_all(run, gps, errors, folder, file_format="png"):
+    with drawing():
+        return [
+            save(each.draw(), folder / each.name, file_format) for each in run_figures(EvaluatedRun(run, gps, errors))
+        ]
 
 
 def test_a_full_run_has_every_figure_with_ink_in_it(driven, tmp_path):
@@ -56,8 +64,8 @@ def test_a_reference_of_positions_only_gives_only_position_errors(driven, tmp_pa
     unknown = np.full_like(true.v_n, np.nan)
     errors = position_errors(run.solution, replace(true, v_n=unknown, rph=unknown))
     stems = [f.stem for f in draw_all(run, gps, errors, tmp_path)]
-    assert stems[1:3] == ["error_position", "error_distribution"]
-    assert "error_velocity" not in stems
+    assert stems[1:3] == ["position_error", "error_distribution"]
+    assert "velocity_error" not in stems
 
 
 def test_a_run_without_velocity_fixes_or_with_every_fix_refused_is_drawn(tmp_path):

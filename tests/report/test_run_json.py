@@ -11,9 +11,9 @@ import pytest
 
 from insnav.errors.gps_gaps import in_outage, outages
 from insnav.errors.metrics import position_errors
-from insnav.report.run.quantities import run_facts
 from insnav.report.run_json import json_ready
 from insnav.types import EventKind
+from tests.report.conftest import facts_of
 
 
 def leaves(value):
@@ -33,17 +33,17 @@ def test_facts_are_json_without_nan(facts):
 
 
 def test_facts_of_the_shortest_run_are_json_too(bare):
-    found = run_facts(bare, reading={}, configuration={})
+    found = facts_of(bare)
     json.dumps(found, allow_nan=False)
     assert found["accuracy"] is None
-    assert found["fixes"]["position"]["offered"] == 0
+    assert found["fixes"]["position"]["processed"] == 0
     assert found["fixes"]["position"]["nis_mean_per_axis"] is None
     assert found["outages"] == []
 
 
 def test_the_same_run_gives_the_same_facts(driven, facts):
     run, _, true = driven
-    again = [run_facts(run, reading={}, configuration={}, errors=position_errors(run.solution, true)) for _ in range(2)]
+    again = [facts_of(run, position_errors(run.solution, true)) for _ in range(2)]
     assert json.dumps(again[0]) == json.dumps(again[1])
     assert again[0]["accuracy"]["all"] == facts["accuracy"]["all"]
 
@@ -51,9 +51,9 @@ def test_the_same_run_gives_the_same_facts(driven, facts):
 def test_fixes_rejections_and_events_are_counted(driven, facts):
     run, _, _ = driven
     position = facts["fixes"]["position"]
-    assert position["offered"] == len(run.innovations.time)
+    assert position["processed"] == len(run.innovations.time)
     assert position["rejected"] == 3
-    assert position["used"] == position["offered"] - 3
+    assert position["accepted"] == position["processed"] - 3
     assert facts["fixes"]["velocity"]["rejected"] == 0
     assert facts["fixes"]["rejected_for"] == {"chi-square, position": 3}
     assert facts["events"] == {"gate.position": 3}
@@ -74,7 +74,7 @@ def test_distance_and_time_in_motion_are_those_of_the_truth(driven, facts):
 def test_an_unknown_gyro_bias_sd_is_none(driven):
     run, _, _ = driven
     never_at_rest = replace(run.alignment, gyro_bias_sd=np.full(3, np.inf), static=None)
-    found = run_facts(replace(run, alignment=never_at_rest), reading={}, configuration={})
+    found = facts_of(replace(run, alignment=never_at_rest))
     assert found["alignment"]["gyro_bias_sd_deg_h"] == [None] * 3
     assert found["alignment"]["static_s"] is None
 
@@ -84,7 +84,7 @@ def test_sensor_errors_are_in_the_units_of_the_field(driven):
     value = np.ones((1, 12))
     value[:, 6:] = np.nan  # scale factors not estimated
     errors = replace(run.sensor_errors, time=np.array([1.0]), value=value, sd=value)
-    found = run_facts(replace(run, sensor_errors=errors), reading={}, configuration={})["sensor_errors"]
+    found = facts_of(replace(run, sensor_errors=errors))["sensor_errors"]
     assert found["gyro_bias_deg_h"] == pytest.approx([206264.806] * 3)
     assert found["accel_bias_mg"] == pytest.approx([101.97162] * 3)
     assert "gyro_scale_ppm" not in found

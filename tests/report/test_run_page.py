@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
 
 from insnav.plain_text import plain_text
-from insnav.report.run.page import page_html, write_page
-from insnav.report.run.quantities import run_facts
+from insnav.report.html import page_html
+from insnav.report.page import Section
+from insnav.types import Event
+from tests.report.conftest import result_of
 
 HOSTILE = [
     "<script>alert(1)</script>",
@@ -42,19 +46,20 @@ class Dom(HTMLParser):
         self.text.append(data)
 
 
-@pytest.fixture
-def figure(tmp_path):
-    path = tmp_path / "track.png"
-    path.write_bytes(b"\x89PNG")
-    return path
+def html_of(result, tmp_path):
+    """Its page, with a picture of one dot for every figure."""
+    picture = tmp_path / "track.png"
+    picture.write_bytes(b"\x89PNG")
+    page = result.page()
+    return page_html(page, [picture] * len(page.figures))
 
 
 def skeleton(dom):
     return [(tag, sorted(attrs)) for tag, attrs in dom.elements]
 
 
-def test_the_page_shows_accuracy_figures_and_every_section(facts, figure):
-    dom = Dom(page_html(facts, [figure], title="drive.csv"))
+def test_the_page_shows_accuracy_figures_and_every_section(navigated, tmp_path):
+    dom = Dom(html_of(navigated, tmp_path))
     assert dom.open == []
     text = " ".join(" ".join(dom.text).split())
     for words in (
@@ -66,32 +71,58 @@ def test_the_page_shows_accuracy_figures_and_every_section(facts, figure):
     ):
         assert words in text
     assert "gyro bias [deg/h]" in text
-    (image,) = [attrs for tag, attrs in dom.elements if tag == "img"]
-    assert image["src"] == "data:image/png;base64,iVBORw=="
-    assert image["alt"]
+    images = [attrs for tag, attrs in dom.elements if tag == "img"]
+    assert len(images) == 10
+    assert images[0]["src"] == "data:image/png;base64,iVBORw=="
+    assert all(each["alt"] for each in images)
+    order = [
+        text.index(words) for words in ("Horizontal error", "all RMS", "Track, with", "GPS fixes", "Inputs", "Options")
+    ]
+    assert order == sorted(order)
+
+
+def test_no_number_of_the_page_has_more_digits_than_it_means(navigated, tmp_path):
+    cells = [text for text in Dom(html_of(navigated, tmp_path)).text if re.fullmatch(r"-?[0-9.]+", text)]
+    assert len(cells) > 50
+    assert not [text for text in cells if "." in text and len(text.split(".")[-1].lstrip("0")) > 7]
+
+
+def test_what_is_in_json_only_is_on_the_page_in_another_shape(navigated):
+    def hidden(section: Section):
+        if section.show == "json":
+            yield section.key or section.items[0].key
+        else:
+            yield from (key for part in section.parts for key in hidden(part))
+
+    assert {key for section in navigated.page().sections for key in hidden(section)} == {
+        *("reference", "all", "static", "moving", "position", "velocity", "attitude"),
+        *("imu", "gps", "configuration", "aiding", "smoothed"),
+    }
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_a_hostile_name_anywhere_adds_no_element(driven, facts, figure, name):
-    harmless = page_html({**facts, **planted("name")}, [figure], title="name")
-    hostile = page_html({**facts, **planted(name)}, [figure], title=name)
+def test_a_hostile_name_anywhere_adds_no_element(navigated, tmp_path, name):
+    harmless, hostile = (html_of(planted(navigated, text), tmp_path) for text in ("name", name))
     assert skeleton(Dom(hostile)) == skeleton(Dom(harmless))
     assert "\x1b" not in hostile
     shown = plain_text(name).strip()
     assert sum(shown in text for text in Dom(hostile).text) >= 8  # as text, as it is
 
 
-def planted(name):
-    return {
-        "input": {name: {"path": name, "columns": {name: name}, "evidence": [name]}},
-        "configuration": {"list": [1.0, name], name: name},
-        "warnings": [name],
-        "events": {name: 1},
-    }
+def planted(result, name):
+    imu = replace(result.inputs["imu"], path=name, columns={name: name}, evidence=(name,))
+    run = replace(result.found.run, events=(Event(1.0, name, 1.0, 1.0, "m", ""),))
+    return replace(
+        result,
+        found=replace(result.found, run=run),
+        inputs={"imu": imu, f"{name}2": imu},
+        options={"list": [1.0, name], name: name},
+        notes=(name,),
+    )
 
 
-def test_nothing_is_fetched_and_nothing_runs(facts, figure):
-    html = page_html(facts, [figure], title="x")
+def test_nothing_is_fetched_and_nothing_runs(navigated, tmp_path):
+    html = html_of(navigated, tmp_path)
     dom = Dom(html)
     assert not {"script", "link", "iframe", "object", "form"} & {tag for tag, _ in dom.elements}
     assert all(attrs.get("src", "data:").startswith("data:") for _, attrs in dom.elements)
@@ -102,6 +133,5 @@ def test_nothing_is_fetched_and_nothing_runs(facts, figure):
 
 
 def test_a_page_of_the_shortest_run_says_so(bare, tmp_path):
-    path = write_page(tmp_path / "report.html", run_facts(bare, reading={}, configuration={}), [], title="short")
-    dom = Dom(path.read_text(encoding="utf-8"))
-    assert "No reference was given." in dom.text
+    dom = Dom(html_of(result_of(bare), tmp_path))
+    assert "No reference was given" in " ".join(dom.text)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from insnav.report.numbers import label, number, shown
-from insnav.report.run.quantities import run_facts
+from insnav.quantity import Quantity, quantity_of
+from insnav.report.numbers import number
+from insnav.report.page import Section, cell, section_tables
 from insnav.report.run.summary import LINES, WIDTH, summary_lines
+from tests.report.conftest import facts_of
 
 
 def test_one_screen_with_everything_that_was_asked(facts):
@@ -44,7 +48,7 @@ def test_the_figures_of_the_table_are_those_of_the_facts(facts):
 def test_a_crowded_and_hostile_run_still_fits(facts):
     crowd = {
         **facts,
-        "warnings": [f"\x1b[31mwarning {i} " + "x" * 300 for i in range(50)],
+        "notes": [f"\x1b[31mwarning {i} " + "x" * 300 for i in range(50)],
         "input": {f"file{i}": {"path": "p" * 200, "n_rows": 10**9} for i in range(3)},
     }
     lines = summary_lines(crowd, Path("o" * 150))
@@ -55,15 +59,17 @@ def test_a_crowded_and_hostile_run_still_fits(facts):
     assert any(line.startswith("files") for line in lines[-2:])
 
 
-def test_many_rejected_fixes_are_pointed_out_and_few_are_not(facts):
+def test_many_rejected_fixes_are_pointed_out_and_few_are_not(driven, facts):
     assert "many fixes" not in "\n".join(summary_lines(facts))
-    bad = {**facts["fixes"]["position"], "rejected": 200, "used": 200, "offered": 400}
-    text = "\n".join(summary_lines({**facts, "fixes": {**facts["fixes"], "position": bad}}))
-    assert "note        many fixes were rejected, 50 % of position:" in text
+    run, _, _ = driven
+    every_other = np.arange(len(run.innovations.time)) % 2 == 0
+    bad = replace(run, innovations=replace(run.innovations, used_position=every_other))
+    text = "\n".join(summary_lines(facts_of(bad)))
+    assert "warning     many fixes were rejected, 50 % of position:" in text
 
 
 def test_the_shortest_run_is_summed_up(bare):
-    text = "\n".join(summary_lines(run_facts(bare, reading={}, configuration={})))
+    text = "\n".join(summary_lines(facts_of(bare)))
     assert "no reference was given" in text
     assert "fixes       none" in text
     assert "nan" not in text.lower().split()
@@ -77,6 +83,7 @@ def test_the_shortest_run_is_summed_up(bare):
         (1.2345, "1.23"),
         (12345.6, "12300"),
         (0.00012, "0.000120"),
+        (-4.0781e-05, "-0.0000408"),
         (-99.96, "-100"),
     ],
 )
@@ -85,10 +92,14 @@ def test_numbers_have_three_digits_and_no_exponent(value, text):
 
 
 def test_units_of_keys_are_put_in_brackets():
-    assert label("gyro_bias_deg_h") == "gyro bias [deg/h]"
-    assert label("max_speed_m_s") == "max speed [m/s]"
-    assert label("start_s") == "start [s]"
-    assert label("axes") == "axes"
-    assert label("random_walk_m_s_sqrt_h") == "random walk [m/s/√h]"
-    assert shown([1.0, None, "a\x1b[0m"]) == "1, –, a"
-    assert shown({"a_m": True}) == "a [m]: yes"
+    for key, text in (
+        ("gyro_bias_deg_h", "gyro bias [deg/h]"),
+        ("max_speed_m_s", "max speed [m/s]"),
+        ("start_s", "start [s]"),
+        ("axes", "axes"),
+        ("random_walk_m_s_sqrt_h", "random walk [m/s/√h]"),
+    ):
+        ((row,),) = (table.rows for table in section_tables(Section("", items=(quantity_of(key, 1.0),))))
+        assert row == (text, "1.00")
+    assert cell(Quantity("any", ("1", "a\x1b[0m"))) == "1, a"
+    assert cell(Quantity("any", {"a": True})) == "a yes"

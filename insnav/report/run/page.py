@@ -1,78 +1,169 @@
-"""The report page: one self-contained HTML file with the accuracy, the figures and every fact."""
+"""The report of a navigated drive: accuracy, figures, tables; its files, its main table."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-from insnav.report.html import data_uri, filled
-from insnav.report.run.accuracy_table import STATISTICS, accuracy_rows
+import numpy as np
 
-_SECTIONS = {
-    "input": "What was read",
-    "alignment": "Alignment",
-    "imu_model": "IMU model",
-    "solution": "Solution",
-    "fixes": "Fixes",
-    "aiding": "Aiding besides fixes",
-    "outages": "Outages",
-    "sensor_errors": "Estimated sensor errors",
-    "smoothed": "Smoothed solution",
-    "short_mechanization": "Short-duration mechanization",
-    "events": "Events",
-    "configuration": "Configuration",
-    "versions": "Versions",
-}
-_CAPTIONS = {
-    "track": "Track, with fixes and outages",
-    "error_position": "Position error and its ±3 sd",
-    "error_velocity": "Velocity error and its ±3 sd",
-    "error_attitude": "Attitude error and its ±3 sd",
-    "uncertainty": "Standard deviation of the filter and of the smoothed solution",
-    "error_distribution": "Distribution of the horizontal error",
-    "height": "Height",
-    "velocity": "Velocity",
-    "attitude": "Attitude",
-    "innovations": "Innovations against their gates",
-    "biases": "Estimated sensor errors",
-    "short_mechanization": "Short-duration mechanization against the full one",
-}
+from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.gps_gaps import outages
+from insnav.errors.metrics import nees
+from insnav.output.data_files import write_table
+from insnav.output.folder import RunFolder
+from insnav.output.kml import write_kml
+from insnav.output.solution_tables import TableFormat, write_events, write_run_table
+from insnav.report.numbers import number
+from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.run.figures.errors import draw_distribution, draw_errors
+from insnav.report.run.figures.innovations import draw_innovations
+from insnav.report.run.figures.sensor_errors import draw_sensor_errors
+from insnav.report.run.figures.states import draw_attitude, draw_height, draw_velocity
+from insnav.report.run.figures.track import draw_track
+from insnav.report.run.figures.uncertainty import draw_uncertainty
+from insnav.report.run.quantities import run_sections
+from insnav.report.run.short_duration import short_columns
+from insnav.report.run.warnings import run_warnings
+from insnav.report.style import Clock
+from insnav.result import Result
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
-def write_page(path: Path, facts: Mapping[str, Any], figures: Sequence[Path], *, title: str) -> Path:
-    """Write the report page.
+def page(result: Result[EvaluatedRun]) -> Page:
+    """Lay out a run.
 
     Parameters
     ----------
-    path : Path
-        The file, such as ``report.html``.
-    facts : mapping
-        As `insnav.report.run.quantities.run_facts` makes them.
-    figures : sequence of Path
-        PNG or SVG files, in the order to show them; they are copied into the page.
-    title : str
-        Any text.
+    result : Result of EvaluatedRun
 
     Returns
     -------
-    Path
-        The file written.
+    Page
     """
-    path.write_text(page_html(facts, figures, title=title), encoding="utf-8", newline="\n")
-    return path
-
-
-def page_html(facts: Mapping[str, Any], figures: Sequence[Path], *, title: str) -> str:
-    """Make the report page; see `write_page`."""
-    accuracy = facts["accuracy"]
-    table = accuracy_rows(accuracy) if accuracy and accuracy.get("all") else None
-    return filled(
-        "report.html.j2",
-        title=title,
-        facts=facts,
-        table=table,
-        statistics=[name for _, name in STATISTICS],
-        sections=[(heading, facts[key]) for key, heading in _SECTIONS.items() if facts.get(key)],
-        figures=[(_CAPTIONS.get(file.stem, file.stem), data_uri(file)) for file in figures],
+    found = result.found
+    reference = result.inputs["reference"].path if "reference" in result.inputs else ""
+    accuracy, *others = run_sections(found, reference)
+    name = result.inputs["imu"].path if "imu" in result.inputs else "a drive"
+    return Page(
+        f"Navigation of {name}",
+        run_summary(found, reference),
+        (accuracy, Section("", figures=run_figures(found), show="page"), *others),
+        warnings=run_warnings(found),
     )
+
+
+def run_summary(found: EvaluatedRun, reference: str) -> tuple[str, ...]:
+    """Say how accurate a run is, and how sure of itself.
+
+    Parameters
+    ----------
+    found : EvaluatedRun
+    reference : str
+        What the errors are against.
+
+    Returns
+    -------
+    tuple of str
+    """
+    errors, smoothed = found.errors, found.smoothed_errors
+    if errors is None:
+        return ("No reference was given: the accuracy is not known.",)
+    size = errors.horizontal
+    cep50, r95 = (number(float(np.percentile(size, share))) for share in (50.0, 95.0))
+    lines = [
+        f"Horizontal error {number(float(np.sqrt(np.mean(size**2))))} m RMS, CEP50 {cep50} m, R95 {r95} m, largest "
+        f"{number(float(size.max()))} m: solution minus {reference}, at {len(size)} epochs."
+    ]
+    if smoothed is not None:
+        lines.append(f"Smoothed: {number(float(np.sqrt(np.mean(smoothed.horizontal**2))))} m RMS.")
+    stated = nees(errors)
+    shares = {name: each["inside_3_sd"] for name, each in (stated or {}).items() if each}
+    if shares:
+        text = ", ".join(f"{name} {100.0 * share:.1f} %" for name, share in shares.items())
+        lines.append(f"Errors inside 3 sd (99.7 % if normal): {text}.")
+    return tuple(lines)
+
+
+def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
+    """Give every figure that there is something to show in.
+
+    Parameters
+    ----------
+    found : EvaluatedRun
+
+    Returns
+    -------
+    tuple of FigureSpec
+    """
+    run, gps, errors = found.run, found.gps, found.errors
+    if len(run.solution.time) == 0:
+        return ()
+    figures = [FigureSpec("track", "Track, with fixes and outages", partial(draw_track, run, gps))]
+    if errors is not None:
+        clock, spans = Clock.of(run.solution.time), outages(run)
+        figures += [
+            FigureSpec(
+                f"{group}_error",
+                f"{group.capitalize()} error and its ±3 sd",
+                partial(draw_errors, errors, group, clock, spans, found.smoothed_errors),
+            )
+            for group in ("position", "velocity", "attitude")
+            if np.isfinite(getattr(errors, group)).any()
+        ]
+        figures.append(
+            FigureSpec("error_distribution", "Distribution of the horizontal error", partial(draw_distribution, errors))
+        )
+    figures += [
+        FigureSpec("height", "Height", partial(draw_height, run, gps)),
+        FigureSpec("velocity", "Velocity", partial(draw_velocity, run, gps)),
+        FigureSpec("attitude", "Attitude", partial(draw_attitude, run)),
+    ]
+    if run.smoothed is not None and run.smoothed.solution.sd is not None and run.solution.sd is not None:
+        caption = "Standard deviation of the filtered and of the smoothed solution"
+        figures.append(FigureSpec("uncertainty", caption, partial(draw_uncertainty, run)))
+    if np.isfinite(run.innovations.innovation).any():
+        figures.append(FigureSpec("innovations", "Innovations and their gates", partial(draw_innovations, run)))
+    if np.isfinite(run.sensor_errors.value).any():
+        figures.append(FigureSpec("biases", "Estimated sensor errors", partial(draw_sensor_errors, run)))
+    return tuple(figures)
+
+
+def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: TableFormat) -> None:
+    """Write solution, innovations, sensor errors, events and track.
+
+    Parameters
+    ----------
+    result : Result of EvaluatedRun
+    folder : RunFolder
+        Entered, not committed.
+    table_format : {"csv", "parquet"}
+    """
+    found, run, place = result.found, result.found.run, folder.directory
+    write_run_table(place, run.solution, table_format)
+    if run.smoothed is not None:
+        write_run_table(place, run.smoothed.solution, table_format, "smoothed")
+    write_run_table(place, run.innovations, table_format)
+    write_run_table(place, run.sensor_errors, table_format)
+    write_events(place, result.events or run.events)
+    write_kml(place, run.solution, Path(result.inputs["imu"].path).name if "imu" in result.inputs else "track")
+    if found.short_duration:
+        write_table(folder.path("short.csv"), short_columns(found.short_duration))
+
+
+def frame(result: Result[EvaluatedRun]) -> pd.DataFrame:
+    """Give the solution as a table.
+
+    Parameters
+    ----------
+    result : Result of EvaluatedRun
+
+    Returns
+    -------
+    pandas.DataFrame
+        Columns as in ``solution.csv``.
+    """
+    return result.found.run.solution.to_frame()

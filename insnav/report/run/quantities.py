@@ -1,24 +1,31 @@
-"""Everything worth knowing about a run as one nested dict, ready for JSON.
-
-The unit is in every key; what is not known is None. Nothing depends on the clock or the machine, so the same
-input gives the same facts.
-"""
+"""The quantities of a run, said once for page, summary and ``run.json``."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.gps_gaps import outages
 from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_motion, distance_and_time, nees
-from insnav.report.run_json import json_ready, versions
+from insnav.quantity import Quantity, quantity_of
+from insnav.report.page import Section, one_each
+from insnav.report.run.short_duration import short_section
 from insnav.types import Alignment, BoolArray, EventKind, FloatArray, Run, SensorErrors, Trajectory
-from insnav.units import DEG, DEG_PER_H, G0, PPM
 
+PARTS = ("all", "static", "moving")
+SHOWN_STATISTICS = ("rms", "p95", "max")
+SHOWN_ERRORS = tuple(
+    Quantity(key, None, unit)
+    for key, unit in (
+        *((name, "m") for name in ("horizontal", "north", "east", "down")),
+        *((name, "m/s") for name in ("velocity_horizontal", "velocity_down")),
+        *((name, "deg") for name in ("roll", "pitch", "heading")),
+    )
+)
 _REASONS = {
     EventKind.GATE_QUALITY: "quality",
     EventKind.GATE_PHYSICAL_POSITION: "physical limit, position",
@@ -28,190 +35,263 @@ _REASONS = {
 }
 
 
-def run_facts(
-    run: Run,
-    *,
-    reading: Mapping[str, Mapping[str, Any]],
-    configuration: Mapping[str, Any],
-    imu_model: Mapping[str, Any] | None = None,
-    errors: TrajectoryErrors | None = None,
-    smoothed_errors: TrajectoryErrors | None = None,
-    reference_name: str = "",
-    warnings: Sequence[str] = (),
-) -> dict[str, Any]:
-    """Gather the facts of a run.
+def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...]:
+    """Give the quantities of a run, in the order of the page.
 
     Parameters
     ----------
-    run : Run
-    reading : mapping
-        For each input (``imu``, ``gps``, ``reference``) what was understood of it: file, sha256, rows, …
-    configuration : mapping
-        Every option in force.
-    imu_model : mapping, optional
-        Name, source and figures of the sensor error model, units in the keys.
-    errors : TrajectoryErrors, optional
-        Errors against a reference.
-    smoothed_errors : TrajectoryErrors, optional
-        The same of the smoothed solution.
-    reference_name : str
-        What the reference is.
-    warnings : sequence of str
-        What the user should know.
+    found : EvaluatedRun
+    reference : str
+        What the errors are against.
 
     Returns
     -------
-    dict
-        Keys ``versions``, ``configuration``, ``input``, ``imu_model``, ``alignment``, ``solution``,
-        ``fixes``, ``aiding``, ``outages``, ``sensor_errors``, ``events``, ``accuracy``, ``smoothed``, ``warnings``.
+    tuple of Section
+        Accuracy, smoothed, solution, fixes, aiding, outages, sensor errors, alignment, short-duration mechanization,
+        events; without figures.
     """
-    facts = {
-        "versions": versions(),
-        "configuration": configuration,
-        "input": reading,
-        "imu_model": imu_model,
-        "alignment": alignment_facts(run.alignment),
-        "solution": _solution_facts(run.solution),
-        "fixes": _fix_facts(run),
-        "aiding": [asdict(use) for use in run.aiding],
-        "outages": [{"start_s": start, "end_s": end, "duration_s": end - start} for start, end in outages(run)],
-        "sensor_errors": _sensor_facts(run.sensor_errors),
-        "events": dict(sorted(Counter(str(event.kind) for event in run.events).items())),
-        "accuracy": _accuracy_facts(errors, reference_name),
-        "smoothed": _smoothed_facts(run, errors, smoothed_errors, reference_name),
-        "warnings": list(warnings),
-    }
-    ready: dict[str, Any] = json_ready(facts)
-    return ready
+    run = found.run
+    kinds = Counter(str(event.kind) for event in run.events)
+    spans = [
+        (Quantity("start", a, "s", decimals=1), Quantity("end", b, "s", decimals=1), Quantity("duration", b - a, "s"))
+        for a, b in outages(run)
+    ]
+    return (
+        _accuracy("Accuracy", found.errors, reference),
+        _smoothed(found, reference),
+        _solution(run.solution),
+        _fixes(run),
+        _aiding(run),
+        Section("outages", "GPS outages", rows=tuple(spans)) if spans else _only("outages", ()),
+        Section("sensor_errors", "Estimated sensor errors at the end", _sensor_errors(run.sensor_errors)),
+        Section("alignment", "Initial alignment", alignment_items(run.alignment), show="page"),
+        *((short_section(found.short_duration),) if found.short_duration else ()),
+        _only("events", dict(sorted(kinds.items())), "events.csv has each of them", "page"),
+    )
 
 
-def alignment_facts(alignment: Alignment) -> dict[str, Any]:
-    """Give an alignment in degrees, units in the keys."""
-    roll, pitch, heading = alignment.rph / DEG
-    sd_north, sd_east, sd_down = alignment.sd / DEG
-    return {
-        "time_s": alignment.time,
-        "roll_deg": roll,
-        "pitch_deg": pitch,
-        "heading_deg": heading % 360.0,
-        "sd_tilt_north_deg": sd_north,
-        "sd_tilt_east_deg": sd_east,
-        "sd_heading_deg": sd_down,
-        "static_s": alignment.static,
-        "level_method": alignment.level_method,
-        "heading_method": alignment.heading_method,
-        "gyro_bias_deg_h": alignment.gyro_bias / DEG_PER_H,
-        "gyro_bias_sd_deg_h": alignment.gyro_bias_sd / DEG_PER_H,
-    }
+def _only(key: str, value: Any, note: str = "", show: Any = "json") -> Section:
+    return Section("", key.capitalize(), (Quantity(key, value),), note=note, show=show)
 
 
-def _solution_facts(solution: Trajectory) -> dict[str, Any]:
+def alignment_items(alignment: Alignment) -> tuple[Quantity, ...]:
+    """Give an alignment as quantities.
+
+    Parameters
+    ----------
+    alignment : Alignment
+
+    Returns
+    -------
+    tuple of Quantity
+    """
+    roll, pitch, heading = alignment.rph
+    sd_north, sd_east, sd_down = alignment.sd
+    return (
+        Quantity("time", alignment.time, "s", decimals=1),
+        Quantity("roll", roll, "deg"),
+        Quantity("pitch", pitch, "deg"),
+        Quantity("tilt_north_sd", sd_north, "deg", meaning="sd of the tilt about north"),
+        Quantity("tilt_east_sd", sd_east, "deg", meaning="sd of the tilt about east"),
+        Quantity("heading", heading % (2.0 * np.pi), "deg", sd=sd_down),
+        Quantity("static", alignment.static, "s", meaning="stationary from, to", decimals=1),
+        Quantity("level_method", alignment.level_method),
+        Quantity("heading_method", alignment.heading_method),
+        Quantity("gyro_bias", alignment.gyro_bias, "deg/h", sd=alignment.gyro_bias_sd),
+    )
+
+
+def _solution(solution: Trajectory) -> Section:
     time = solution.time
+    rows = Quantity("rows", len(time))
     if len(time) == 0:
-        return {"rows": 0}
+        return Section("solution", "Solution", (rows,))
     step = np.diff(time)
     distance, moving = distance_and_time(solution)
-    return {
-        "rows": len(time),
-        "start_s": time[0],
-        "end_s": time[-1],
-        "duration_s": time[-1] - time[0],
-        "rate_hz": 1.0 / np.median(step) if len(step) else None,
-        "distance_m": distance,
-        "moving_s": moving,
-        "max_speed_m_s": np.max(np.linalg.norm(solution.v_n, axis=1)),
-        "start": _state(solution, 0),
-        "end": _state(solution, -1),
-    }
+    return Section(
+        "solution",
+        "Solution",
+        (
+            rows,
+            Quantity("start", time[0], "s", decimals=1),
+            Quantity("end", time[-1], "s", decimals=1),
+            Quantity("duration", time[-1] - time[0], "s", decimals=1),
+            Quantity("rate", 1.0 / float(np.median(step)) if len(step) else None, "Hz"),
+            Quantity("distance", distance, "m"),
+            Quantity("moving", moving, "s", meaning="in motion", decimals=1),
+            Quantity("max_speed", float(np.max(np.linalg.norm(solution.v_n, axis=1))), "m/s"),
+        ),
+        parts=tuple(
+            Section(name, f"State at the {name}", _state(solution, row)) for name, row in (("start", 0), ("end", -1))
+        ),
+        show="page",
+    )
 
 
-def _state(solution: Trajectory, row: int) -> dict[str, Any]:
-    lat, lon, height = solution.lla[row]
-    state = {"lat_deg": lat / DEG, "lon_deg": lon / DEG, "height_m": height}
-    state |= dict(zip(("vn_m_s", "ve_m_s", "vd_m_s"), solution.v_n[row], strict=True))
-    state |= dict(zip(("roll_deg", "pitch_deg", "heading_deg"), solution.rph[row] / DEG, strict=True))
-    if solution.sd is not None:
-        sd = solution.sd[row]
-        state |= {
-            "sd_position_m": sd[0:3],
-            "sd_velocity_m_s": sd[3:6],
-            "sd_roll_pitch_heading_deg": sd[6:9] / DEG,
-        }
-    return state
+def _state(solution: Trajectory, row: int) -> tuple[Quantity, ...]:
+    (lat, lon, height), v_n, rph = solution.lla[row], solution.v_n[row], solution.rph[row]
+    state = (
+        Quantity("lat", lat, "deg", decimals=7),
+        Quantity("lon", lon, "deg", decimals=7),
+        Quantity("height", height, "m", decimals=2),
+        *(Quantity(name, float(v), "m/s") for name, v in zip(("vn", "ve", "vd"), v_n, strict=True)),
+        *(Quantity(name, float(a), "deg") for name, a in zip(("roll", "pitch", "heading"), rph, strict=True)),
+    )
+    if solution.sd is None:
+        return state
+    sd = solution.sd[row]
+    return (
+        *state,
+        Quantity("position_sd", sd[0:3], "m"),
+        Quantity("velocity_sd", sd[3:6], "m/s"),
+        Quantity("attitude_sd", sd[6:9], "deg"),
+    )
 
 
-def _fix_facts(run: Run) -> dict[str, Any]:
+def _fixes(run: Run) -> Section:
     fixes = run.innovations
     kinds = Counter(event.kind for event in run.events)
-    return {
-        "position": _group_facts(fixes.innovation[:, 0:3], fixes.nis_position, fixes.used_position, "m"),
-        "velocity": _group_facts(fixes.innovation[:, 3:6], fixes.nis_velocity, fixes.used_velocity, "m_s"),
-        "delay_s": run.gps_delay,
-        "delay_sd_s": run.gps_delay_sd,
-        "lever_arm_m": run.lever_b,
-        "lever_arm_sd_m": run.lever_sd,
-        "rejected_for": {reason: kinds[kind] for kind, reason in _REASONS.items() if kinds[kind]},
+    groups = {
+        "position": _innovations(fixes.innovation[:, 0:3], fixes.nis_position, fixes.used_position, "m"),
+        "velocity": _innovations(fixes.innovation[:, 3:6], fixes.nis_velocity, fixes.used_velocity, "m/s"),
     }
+    return Section(
+        "fixes",
+        "GPS: time offset and lever arm",
+        (
+            Quantity("delay", run.gps_delay, "s", sd=run.gps_delay_sd),
+            Quantity("lever_arm", run.lever_b, "m", sd=run.lever_sd),
+            Quantity("rejected_for", {why: kinds[kind] for kind, why in _REASONS.items() if kinds[kind]}),
+        ),
+        parts=(one_each("", "GPS fixes", groups, "GPS", "NIS per axis is 1 if fixes and filter agree"),),
+        show="page",
+    )
 
 
-def _group_facts(innovation: FloatArray, nis: FloatArray, used: BoolArray, unit: str) -> dict[str, Any]:
+def _innovations(innovation: FloatArray, nis: FloatArray, used: BoolArray, unit: str) -> tuple[Quantity, ...]:
     known = np.isfinite(innovation)
-    offered = known.any(axis=1)
+    processed = known.any(axis=1)
     counted = np.where(known & used[:, None], innovation, np.nan)
-    return {
-        "offered": int(offered.sum()),
-        "used": int((offered & used).sum()),
-        "rejected": int((offered & ~used).sum()),
-        "nis_mean_per_axis": _mean(nis[used & np.isfinite(nis)] / 3.0),
-        f"innovation_rms_{unit}": [_rms(counted[:, axis]) for axis in range(3)],
-    }
+    return (
+        Quantity("processed", int(processed.sum())),
+        Quantity("accepted", int((processed & used).sum())),
+        Quantity("rejected", int((processed & ~used).sum())),
+        Quantity("nis_mean_per_axis", _mean(nis[used & np.isfinite(nis)] / 3.0), meaning="mean NIS per axis"),
+        Quantity(
+            "innovation_rms", [_rms(counted[:, axis]) for axis in range(3)], unit, meaning="innovation RMS N, E, D"
+        ),
+    )
 
 
-def _sensor_facts(sensor_errors: SensorErrors) -> dict[str, Any]:
+def _aiding(run: Run) -> Section:
+    rows = [
+        (
+            Quantity("name", use.name, meaning="aiding"),
+            Quantity("processed", use.processed),
+            Quantity("rejected", use.rejected),
+            Quantity("innovation_rms", use.innovation_rms, use.unit, meaning="innovation RMS"),
+            Quantity("nis", use.nis, meaning="mean NIS"),
+        )
+        for use in run.aiding
+    ]
+    return Section("aiding", "Aiding besides GPS", rows=tuple(rows)) if rows else _only("aiding", ())
+
+
+def _sensor_errors(sensor_errors: SensorErrors) -> tuple[Quantity, ...]:
     if len(sensor_errors.time) == 0:
-        return {}
+        return ()
     value, sd = sensor_errors.value[-1], sensor_errors.sd[-1]
-    facts: dict[str, Any] = {"time_s": sensor_errors.time[-1]}
-    for name, unit_name, unit, first in (
-        ("gyro_bias", "deg_h", DEG_PER_H, 0),
-        ("accel_bias", "mg", 1e-3 * G0, 3),
-        ("gyro_scale", "ppm", PPM, 6),
-        ("accel_scale", "ppm", PPM, 9),
-    ):
-        columns = slice(first, first + 3)
-        if np.isfinite(value[columns]).any():
-            facts[f"{name}_{unit_name}"] = value[columns] / unit
-            facts[f"{name}_sd_{unit_name}"] = sd[columns] / unit
-    return facts
+    groups = (("gyro_bias", "deg/h"), ("accel_bias", "mg"), ("gyro_scale", "ppm"), ("accel_scale", "ppm"))
+    columns = [(*group, slice(3 * i, 3 * i + 3)) for i, group in enumerate(groups)]
+    return (
+        Quantity("time", sensor_errors.time[-1], "s", decimals=1),
+        *(
+            Quantity(name, value[axes], unit, sd=sd[axes])
+            for name, unit, axes in columns
+            if np.isfinite(value[axes]).any()
+        ),
+    )
 
 
-def _accuracy_facts(errors: TrajectoryErrors | None, reference_name: str) -> dict[str, Any] | None:
+def _accuracy(title: str, errors: TrajectoryErrors | None, reference: str) -> Section:
     if errors is None:
-        return None
-    return {
-        "reference": reference_name,
-        "epochs": len(errors.time),
-        "moving_is_faster_than_m_s": MOVING_M_S,
-        **accuracy_by_motion(errors),
-        "consistency": nees(errors),
+        return _only("accuracy", None)
+    parts = {
+        part: () if figures is None else tuple(quantity_of(key, value) for key, value in figures.items())
+        for part, figures in accuracy_by_motion(errors).items()
     }
+    counted = (
+        Quantity("reference", reference),
+        Quantity("epochs", len(errors.time)),
+        Quantity("moving_is_faster_than", MOVING_M_S, "m/s"),
+    )
+    return Section(
+        "accuracy",
+        parts=(
+            Section("", items=counted, show="json"),
+            *(
+                Section(part, items=items, show="json")
+                if items
+                else Section("", items=(Quantity(part, None),), show="json")
+                for part, items in parts.items()
+            ),
+            _accuracy_table(title, parts),
+            _consistency(nees(errors)),
+        ),
+        show="page",
+    )
 
 
-def _smoothed_facts(
-    run: Run, errors: TrajectoryErrors | None, smoothed_errors: TrajectoryErrors | None, reference_name: str
-) -> dict[str, Any] | None:
-    """What smoothing brought: uncertainty, and error where there is a reference, beside the filter's."""
+def _accuracy_table(title: str, parts: Mapping[str, tuple[Quantity, ...]]) -> Section:
+    """One row an error; RMS, 95 % and largest of each part of the drive in turn."""
+    named = {part: {each.key: each for each in items} for part, items in parts.items() if items}
+    if len(named) == 2:  # the run is all static or all moving
+        named = {"all": named["all"]}
+    rows = [
+        (
+            Quantity("error", f"{each.label} [{each.shown_unit}]"),
+            *(_shown(part, own[each.key]) for part, own in named.items()),
+        )
+        for each in SHOWN_ERRORS
+        if named["all"][each.key].value is not None
+    ]
+    return Section("", title, rows=tuple(rows), note=f"Moving: faster than {MOVING_M_S:g} m/s.")
+
+
+def _shown(part: str, error: Quantity) -> Quantity:
+    """Statistics of an error in its unit, which is in the name of the row."""
+    found = error.scaled(error.value) or {}
+    return Quantity(part, {name: found.get(name) for name in SHOWN_STATISTICS})
+
+
+def _consistency(found: Mapping[str, Any] | None) -> Section:
+    if found is None:
+        return _only("consistency", None)
+    groups = {
+        name: tuple(quantity_of(key, value) for key, value in (each or {}).items()) for name, each in found.items()
+    }
+    note = "Mean squared error over stated variance (1 if the stated sd is right), share inside 3 sd (0.997 if normal)."
+    return one_each("consistency", "Stated uncertainty", groups, "error", note)
+
+
+def _smoothed(found: EvaluatedRun, reference: str) -> Section:
+    """What smoothing brought: uncertainty, and error where there is a reference, compared with the filter's."""
+    run = found.run
     if run.smoothed is None:
-        return None
+        return _only("smoothed", None)
     sd = [_horizontal_sd(solution) for solution in (run.solution, run.smoothed.solution)]
-    facts: dict[str, Any] = {"horizontal_sd_m": sd[1], "horizontal_sd_by_filter": _ratio(sd[1], sd[0])}
-    if errors is not None and smoothed_errors is not None:
-        rms = [_rms(each.horizontal) for each in (errors, smoothed_errors)]
-        facts |= {
-            "horizontal_rms_by_filter": _ratio(rms[1], rms[0]),
-            "accuracy": _accuracy_facts(smoothed_errors, reference_name),
-        }
-    return facts
+    items = [
+        Quantity("horizontal_sd", sd[1], "m"),
+        Quantity("horizontal_sd_by_filter", _ratio(sd[1], sd[0]), meaning="over that of the filter"),
+    ]
+    parts: tuple[Section, ...] = ()
+    if found.errors is not None and found.smoothed_errors is not None:
+        rms = [_rms(each.horizontal) for each in (found.errors, found.smoothed_errors)]
+        items.append(
+            Quantity("horizontal_rms_by_filter", _ratio(rms[1], rms[0]), meaning="RMS error over the filter's")
+        )
+        parts = (_accuracy("Accuracy of the smoothed solution", found.smoothed_errors, reference),)
+    return Section("smoothed", "Smoothed solution", tuple(items), parts=parts, show="page")
 
 
 def _horizontal_sd(solution: Trajectory) -> float | None:
@@ -226,6 +306,6 @@ def _mean(values: FloatArray) -> float | None:
     return float(np.mean(values)) if values.size else None
 
 
-def _rms(values: FloatArray) -> float | None:
+def _rms(values: FloatArray) -> float:
     known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else None
+    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

@@ -1,73 +1,65 @@
-"""Facts, lines and table of the short-duration mechanization beside the full one."""
+"""Quantities and table of the short-duration mechanization compared with the full one."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from insnav.errors.short_duration_errors import ShortWindow, size_at
-from insnav.report.page import Table
-from insnav.report.run_json import json_ready
-from insnav.report.terminal import table_text
+from insnav.quantity import Quantity
+from insnav.report.page import FigureSpec, Section, one_each
+from insnav.report.run.figures.short_duration import draw_short
 from insnav.types import FloatArray
 
 TIMES = (10.0, 30.0, 60.0)  # since the start of a window [s]
 _ROWS = (
-    ("position", "position_m"),
-    ("dropped", "position_by_dropped_terms_m"),
-    ("rest", "position_by_euler_m"),
-    ("velocity", "velocity_m_s"),
-    ("untilted", "position_if_dropped_from_attitude_too_m"),
+    ("position", "position", "m", "position"),
+    ("dropped", "position_by_dropped_terms", "m", "by dropped terms"),
+    ("rest", "position_by_euler", "m", "by Euler's rule"),
+    ("velocity", "velocity", "m/s", "velocity"),
+    ("untilted", "position_if_dropped_from_attitude_too", "m", "attitude too"),
 )
 
 
-def short_facts(windows: Sequence[ShortWindow]) -> dict[str, Any]:
-    """Gather the figures, JSON-ready: RMS and largest horizontal difference after some times.
+def short_section(windows: Sequence[ShortWindow]) -> Section:
+    """Give RMS and largest horizontal difference after some times.
 
     Parameters
     ----------
     windows : sequence of ShortWindow
+
+    Returns
+    -------
+    Section
     """
-    facts: dict[str, Any] = {"windows": len(windows), "mean_speed_m_s": float(np.mean([w.speed for w in windows]))}
+    after = {}
     for time in TIMES:
-        at: dict[str, Any] = {}
-        for name, key in _ROWS:
-            size = size_at(windows, name, time)
-            at[key] = {"rms": float(np.sqrt(np.mean(size**2))), "max": float(size.max())}
-        facts[f"after_{time:g}_s"] = at
-    ready: dict[str, Any] = json_ready(facts)
-    return ready
-
-
-def short_text(facts: Mapping[str, Any]) -> str:
-    """Write the figures for the terminal.
-
-    Parameters
-    ----------
-    facts : mapping
-        From `short_facts`.
-    """
-    rows = []
-    for time in TIMES:
-        at = facts[f"after_{time:g}_s"]
-        rows.append((f"{time:g}", *(f"{at[key]['rms']:.3f} / {at[key]['max']:.3f}" for _, key in _ROWS)))
-    columns = (
-        "after [s]",
-        "position [m]",
-        "by dropped terms [m]",
-        "by Euler's rule [m]",
-        "velocity [m/s]",
-        "attitude too [m]",
-    )
-    return table_text(
-        Table(
-            f"Short-duration mechanization minus the full one, {facts['windows']} windows, horizontal, RMS / largest",
-            columns,
-            tuple(rows),
-            "Earth and transport rate dropped from the velocity; last column: position if from the attitude as well",
+        sizes = {key: size_at(windows, name, time) for name, key, _, _ in _ROWS}
+        after[f"after_{time:g}_s"] = tuple(
+            Quantity(
+                key,
+                {"rms": float(np.sqrt(np.mean(sizes[key] ** 2))), "max": float(sizes[key].max())},
+                unit,
+                meaning=label,
+            )
+            for _, key, unit, label in _ROWS
         )
+    title = "Short-duration mechanization minus the full one, horizontal"
+    note = "Earth and transport rate dropped from the velocity; last columns: position if from the attitude as well"
+    return Section(
+        "short_mechanization",
+        "Short-duration mechanization",
+        (
+            Quantity("windows", len(windows)),
+            Quantity("mean_speed", float(np.mean([w.speed for w in windows])), "m/s"),
+        ),
+        parts=(one_each("", title, after, "time", note),),
+        figures=(
+            FigureSpec(
+                "short_mechanization", "Short-duration mechanization against the full one", lambda: draw_short(windows)
+            ),
+        ),
     )
 
 
@@ -77,6 +69,10 @@ def short_columns(windows: Sequence[ShortWindow]) -> dict[str, FloatArray]:
     Parameters
     ----------
     windows : sequence of ShortWindow
+
+    Returns
+    -------
+    dict of str to (n,) array
     """
     columns = {
         "time_s": np.round(np.concatenate([w.start + w.elapsed for w in windows]), 9),

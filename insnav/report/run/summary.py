@@ -1,25 +1,23 @@
-"""One screen of text about a run, from its facts."""
+"""One screen of text about a run, from its ``run.json``."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from insnav.plain_text import plain_text
 from insnav.report.numbers import number
-from insnav.report.run.accuracy_table import STATISTICS, accuracy_rows
+from insnav.report.page import STATISTICS
+from insnav.report.run.quantities import PARTS, SHOWN_ERRORS, SHOWN_STATISTICS
 
 WIDTH = 100
 LINES = 46
 _MARGIN = 12
 _FIRST_FILE = "report.html"
 _NOTES = 4  # the others are in run.json
-_DIVERGED = "filter.diverged"
 _LATE = 0.02  # an offset of the clocks that matters [s]
-_INSIDE = 0.95  # share inside 3 sd that needs no word
-_MANY = 0.1  # share of rejected fixes that wants an explanation
 
 
 def summary_lines(facts: Mapping[str, Any], folder: Path | None = None) -> list[str]:
@@ -28,7 +26,7 @@ def summary_lines(facts: Mapping[str, Any], folder: Path | None = None) -> list[
     Parameters
     ----------
     facts : mapping
-        As `insnav.report.run.quantities.run_facts` makes them, or read from ``run.json``.
+        Content of ``run.json``.
     folder : Path, optional
         Where the files are.
 
@@ -38,16 +36,16 @@ def summary_lines(facts: Mapping[str, Any], folder: Path | None = None) -> list[
         At most `LINES` lines of at most `WIDTH` characters.
     """
     lines: list[str] = []
-    for kind, reading in facts["input"].items():
+    for kind, reading in facts.get("input", {}).items():
         lines += _entry(str(kind), _reading(reading))
     lines += _alignment(facts["alignment"])
-    if facts["imu_model"]:
-        model = facts["imu_model"]
+    model = facts.get("imu_model")
+    if model:
         lines += _entry("IMU model", ": ".join(str(model[k]) for k in ("name", "chosen") if model.get(k)), rows=3)
-    lines += _solution(facts)
-    lines += _fixes(facts)
-    lines += _accuracy(facts)
-    lines += _smoothed(facts.get("smoothed"))
+    lines += [*_solution(facts), *_named("fixes", _fixes(facts["fixes"]))]
+    reasons = "; ".join(f"{count} by {reason}" for reason, count in facts["fixes"]["rejected_for"].items())
+    lines += [*_entry("rejected", reasons or "none", rows=2), *_named("aiding", _aiding(facts["aiding"]))]
+    lines += [*_outages(facts["outages"]), *_accuracy(facts["accuracy"]), *_smoothed(facts["smoothed"])]
     files = _entry("files", f"{folder}{_file_names(facts)}", rows=2) if folder is not None else []
     return [*lines, *_notes(facts, LINES - len(lines) - len(files)), *files][-LINES:]
 
@@ -59,6 +57,11 @@ def _entry(name: str, text: str, rows: int = 1) -> list[str]:
         wrapped = [*wrapped[: rows - 1], _cut(" ".join(wrapped[rows - 1 :]), WIDTH - _MARGIN)]
     names = [_cut(plain_text(name), _MARGIN - 1)] + [""] * len(wrapped)
     return [f"{each:<{_MARGIN}}{row}" for each, row in zip(names, wrapped, strict=False)]
+
+
+def _named(name: str, texts: Iterator[str]) -> list[str]:
+    """Entries of which the first has the name."""
+    return [line for i, text in enumerate(texts) for line in _entry("" if i else name, text, rows=2)]
 
 
 def _cut(text: str, width: int) -> str:
@@ -92,15 +95,11 @@ def _reading(facts: Mapping[str, Any]) -> str:
 
 def _alignment(facts: Mapping[str, Any]) -> list[str]:
     roll, pitch = (number(facts[f"{name}_deg"]) for name in ("roll", "pitch"))
-    tilt = max(facts["sd_tilt_north_deg"] or 0.0, facts["sd_tilt_east_deg"] or 0.0)
-    heading = f"{number(facts['heading_deg'], 4)} ± {number(facts['sd_heading_deg'], 2)} deg"
-    return [
-        *_entry(
-            "alignment",
-            f"roll {roll}, pitch {pitch}, each ± {number(tilt, 2)} deg; heading {heading}; at {facts['time_s']:.1f} s",
-        ),
-        *_entry("", f"level: {facts['level_method']}; heading: {facts['heading_method']}"),
-    ]
+    tilt = max(facts["tilt_north_sd_deg"] or 0.0, facts["tilt_east_sd_deg"] or 0.0)
+    heading = f"{number(facts['heading_deg'], 4)} ± {number(facts['heading_sd_deg'], 2)} deg"
+    text = f"roll {roll}, pitch {pitch}, each ± {number(tilt, 2)} deg; heading {heading}; at {facts['time_s']:.1f} s"
+    methods = f"level: {facts['level_method']}; heading: {facts['heading_method']}"
+    return [*_entry("alignment", text), *_entry("", methods)]
 
 
 def _solution(facts: Mapping[str, Any]) -> list[str]:
@@ -112,82 +111,79 @@ def _solution(facts: Mapping[str, Any]) -> list[str]:
         f"{solution['rows']} rows, {_duration(solution['duration_s'])} ({_duration(solution['moving_s'])} moving), "
         f"{_distance(solution['distance_m'])}",
     )
-    end = solution["end"]
-    if "sd_position_m" in end:
-        groups = (
-            ("position", "sd_position_m", "m"),
-            ("velocity", "sd_velocity_m_s", "m/s"),
-            ("attitude", "sd_roll_pitch_heading_deg", "deg"),
-        )
-        sd = [f"{name} {' '.join(number(x, 2) for x in end[key])} {unit}" for name, key, unit in groups]
-        lines += _entry("sd at end", ", ".join(sd), rows=2)
-    sensor = facts["sensor_errors"]
-    found = [
-        f"{name} {' '.join(number(x) for x in sensor[key])} {unit}"
-        for name, key, unit in (
-            ("gyro", "gyro_bias_deg_h", "deg/h"),
-            ("accelerometer", "accel_bias_mg", "mg"),
-        )
-        if key in sensor
-    ]
-    return lines + (_entry("biases", ", ".join(found)) if found else [])
-
-
-def _fixes(facts: Mapping[str, Any]) -> list[str]:
-    fixes = facts["fixes"]
-    lines: list[str] = []
-    for group in ("position", "velocity"):
-        counts = fixes[group]
-        if counts["offered"]:
-            nis = counts["nis_mean_per_axis"]
-            rms = next(value for key, value in counts.items() if key.startswith("innovation_rms"))
-            unit = "m" if group == "position" else "m/s"
-            lines += _entry(
-                "" if lines else "fixes",
-                f"{group}: {counts['used']} of {counts['offered']} used, innovation RMS "
-                f"{' '.join(number(x, 2) for x in rms)} {unit}, NIS {number(nis, 2)} (1 is right)",
-            )
-    if not lines:
-        lines += _entry("fixes", "none")
-    if fixes["delay_s"] or fixes["delay_sd_s"]:
-        lines += _entry("", f"delay {fixes['delay_s']:.3f} ± {fixes['delay_sd_s']:.3f} s{_clock(fixes)}", 2)
-    if any(fixes.get("lever_arm_sd_m", ())):
-        lines += _entry(
-            "",
-            f"lever arm {' '.join(f'{v:.3f}' for v in fixes['lever_arm_m'])} ± "
-            f"{' '.join(f'{v:.3f}' for v in fixes['lever_arm_sd_m'])} m, estimated",
-        )
-    reasons = "; ".join(f"{count} by {reason}" for reason, count in fixes["rejected_for"].items())
-    lines += _entry("rejected", reasons or "none", rows=2)
-    for number_of, aid in enumerate(facts.get("aiding", [])):
-        lines += _entry(
-            "" if number_of else "aiding",
-            f"{aid['name']}: {aid['processed'] - aid['rejected']} of {aid['processed']} accepted, innovation RMS "
-            f"{number(aid['innovation_rms'], 2)} {aid['unit']}, NIS {number(aid['nis'], 2)}",
-        )
-    outages = facts["outages"]
-    if outages:
-        longest = max(outage["duration_s"] for outage in outages)
-        total = sum(outage["duration_s"] for outage in outages)
-        together = f", together {total:.1f} s" if len(outages) > 1 else ""
-        lines += _entry("outages", f"{len(outages)}, the longest {longest:.1f} s{together}")
+    end, sensor = solution["end"], facts.get("sensor_errors", {})
+    sd = (
+        ("position", "position_sd_m", "m"),
+        ("velocity", "velocity_sd_m_s", "m/s"),
+        ("attitude", "attitude_sd_deg", "deg"),
+    )
+    biases = (("gyro", "gyro_bias_deg_h", "deg/h"), ("accelerometer", "accel_bias_mg", "mg"))
+    for heading, found, groups, digits in (("sd at end", end, sd, 2), ("biases", sensor, biases, 3)):
+        shown = [
+            f"{name} {' '.join(number(x, digits) for x in found[key])} {unit}"
+            for name, key, unit in groups
+            if key in found
+        ]
+        lines += _entry(heading, ", ".join(shown), rows=2) if shown else []
     return lines
 
 
-def _accuracy(facts: Mapping[str, Any]) -> list[str]:
-    accuracy = facts["accuracy"]
+def _fixes(fixes: Mapping[str, Any]) -> Iterator[str]:
+    processed = [group for group in ("position", "velocity") if fixes[group]["processed"]]
+    for group in processed:
+        counts, unit = fixes[group], "m" if group == "position" else "m/s"
+        rms = next(value for key, value in counts.items() if key.startswith("innovation_rms"))
+        nis = number(counts["nis_mean_per_axis"], 2)
+        yield (
+            f"{group}: {counts['accepted']} of {counts['processed']} accepted, innovation RMS "
+            f"{' '.join(number(x, 2) for x in rms)} {unit}, NIS {nis} (1 ideal)"
+        )
+    if not processed:
+        yield "none"
+    if fixes["delay_s"] or fixes["delay_sd_s"]:
+        yield f"delay {fixes['delay_s']:.3f} ± {fixes['delay_sd_s']:.3f} s{_clock(fixes)}"
+    if any(fixes.get("lever_arm_sd_m", ())):
+        values, sds = (" ".join(f"{v:.3f}" for v in fixes[f"lever_arm_{key}"]) for key in ("m", "sd_m"))
+        yield f"lever arm {values} ± {sds} m, estimated"
+
+
+def _aiding(kinds: list[Mapping[str, Any]]) -> Iterator[str]:
+    for each in kinds:
+        key = next(key for key in each if key.startswith("innovation_rms_"))
+        unit = key.removeprefix("innovation_rms_").replace("_", "/")
+        yield (
+            f"{each['name']}: {each['processed'] - each['rejected']} of {each['processed']} accepted, innovation RMS "
+            f"{number(each[key], 2)} {unit}, NIS {number(each['nis'], 2)}"
+        )
+
+
+def _outages(outages: list[Mapping[str, Any]]) -> list[str]:
+    if not outages:
+        return []
+    lengths = [outage["duration_s"] for outage in outages]
+    total = f", together {sum(lengths):.1f} s" if len(outages) > 1 else ""
+    return _entry("outages", f"{len(outages)}, the longest {max(lengths):.1f} s{total}")
+
+
+def _accuracy(accuracy: Mapping[str, Any] | None) -> list[str]:
     if not accuracy or not accuracy.get("all"):
         return _entry("accuracy", "not known: no reference was given (--ref)")
-    parts, rows = accuracy_rows(accuracy)
-    wide = 8 * len(STATISTICS)
-    name = 28
+    parts = [part for part in PARTS if accuracy.get(part)]
+    if len(parts) == 2:  # the run is all static or all moving
+        parts = ["all"]
+    name, wide = 28, 8 * len(SHOWN_STATISTICS)
     epochs = f"error at {accuracy['epochs']} epochs of "
     lines = [
         *_entry("accuracy", epochs + _path(accuracy["reference"], WIDTH - _MARGIN - len(epochs))),
         " " * name + "".join(f"{part:>{wide}}" for part in parts),
-        " " * name + "".join(f"{title:>8}" for _ in parts for _, title in STATISTICS),
+        " " * name + "".join(f"{STATISTICS[each]:>8}" for _ in parts for each in SHOWN_STATISTICS),
     ]
-    lines += [f"  {text:<{name - 2}}" + "".join(f"{cell:>8}" for cell in cells) for text, cells in rows]
+    for each in SHOWN_ERRORS:
+        key = next(iter(each.facts()))
+        if accuracy["all"].get(key) is not None:
+            errors = [accuracy[part].get(key) or {} for part in parts]
+            cells = "".join(f"{number(figures.get(which)):>8}" for figures in errors for which in SHOWN_STATISTICS)
+            lines.append(f"  {f'{each.label} [{each.shown_unit}]':<{name - 2}}{cells}")
     lines.append(
         f"  CEP50 {number(accuracy['all']['cep50_m'])} m, R95 {number(accuracy['all']['r95_m'])} m"
         + _inside(accuracy["consistency"])
@@ -201,32 +197,23 @@ def _smoothed(facts: Mapping[str, Any] | None) -> list[str]:
     if "accuracy" in facts:
         accuracy = facts["accuracy"]
         rms, by = accuracy["all"]["horizontal_m"]["rms"], facts["horizontal_rms_by_filter"]
-        return _entry(
-            "smoothed",
-            f"horizontal RMS {number(rms)} m, {number(by, 2)} times that of the filter"
-            + _inside(accuracy["consistency"]),
-            rows=2,
-        )
+        text = f"horizontal RMS {number(rms)} m, {number(by, 2)} times the filtered{_inside(accuracy['consistency'])}"
+        return _entry("smoothed", text, rows=2)
     sd, by = facts["horizontal_sd_m"], facts["horizontal_sd_by_filter"]
-    return _entry("smoothed", f"horizontal sd {number(sd, 2)} m, {number(by, 2)} times that of the filter")
+    return _entry("smoothed", f"horizontal sd {number(sd, 2)} m, {number(by, 2)} times the filtered")
 
 
 def _inside(consistency: Mapping[str, Any] | None) -> str:
-    if consistency is None:
-        return ""
-    shares = [f"{group} {100.0 * figures['inside_3_sd']:.1f} %" for group, figures in consistency.items() if figures]
+    shares = [f"{group} {100.0 * each['inside_3_sd']:.1f} %" for group, each in (consistency or {}).items() if each]
     return f"; inside 3 sd: {', '.join(shares)}" if shares else ""
 
 
 def _notes(facts: Mapping[str, Any], room: int) -> list[str]:
-    """As many assumptions and warnings as there is room for, first that filter and fixes do not go together."""
-    texts = [plain_text(text) for text in facts["warnings"]]
-    if facts["events"].get(_DIVERGED):  # said last, and matters most
-        texts = [*texts[-1:], *texts[:-1]]
-    texts = [*_many_rejected(facts["fixes"]), *_too_sure(facts), *texts]
+    """As many warnings and notes as there is room for."""
+    texts = [("warning", text) for text in facts["warnings"]] + [("note", text) for text in facts["notes"]]
     shown = texts[:_NOTES]
     rows = 2 if 2 * len(shown) < room else 1
-    lines = [line for text in shown for line in _entry("note", text, rows)]
+    lines = [line for name, text in shown for line in _entry(name, text, rows)]
     if len(texts) > len(shown):
         lines += _entry("", f"{len(texts) - len(shown)} more notes in run.json")
     return lines[: max(room, 0)]
@@ -237,36 +224,7 @@ def _clock(fixes: Mapping[str, Any]) -> str:
     delay, sd = fixes["delay_s"], fixes["delay_sd_s"]
     if sd == 0.0 or abs(delay) < max(_LATE, 3.0 * sd):
         return ""
-    return (
-        "; laid to the clock of the IMU: the solution is in the time of the fixes. If the receiver is late instead, "
-        f"give --gps-delay {delay:.3f}"
-    )
-
-
-def _too_sure(facts: Mapping[str, Any]) -> list[str]:
-    """Say so if the reference is outside 3 sd much more often than it should be."""
-    found = []
-    for name, part in (("", facts.get("accuracy")), ("smoothed ", (facts.get("smoothed") or {}).get("accuracy"))):
-        position = ((part or {}).get("consistency") or {}).get("position")
-        if position and position["inside_3_sd"] < _INSIDE:
-            found.append(
-                f"{name}position is outside 3 sd at {100.0 * (1.0 - position['inside_3_sd']):.0f} % of the epochs: "
-                "fixes whose errors last, figures of IMU or fixes that are too good, or errors of the reference"
-            )
-    return found[:1]
-
-
-def _many_rejected(fixes: Mapping[str, Any]) -> list[str]:
-    """Say so if so many fixes were rejected that the fixes are hardly to blame."""
-    groups = [
-        f"{100.0 * fixes[group]['rejected'] / fixes[group]['offered']:.0f} % of {group}"
-        for group in ("position", "velocity")
-        if fixes[group]["rejected"] > _MANY * fixes[group]["offered"]
-    ]
-    if not groups:
-        return []
-    causes = "is a heading, lever arm, axis, clock or standard deviation wrong?"
-    return [f"many fixes were rejected, {' and '.join(groups)}: {causes} See innovations and events"]
+    return f", attributed to the IMU clock: solution in GPS time; if the receiver is late, give --gps-delay {delay:.3f}"
 
 
 def _file_names(facts: Mapping[str, Any]) -> str:

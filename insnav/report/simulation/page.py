@@ -24,8 +24,9 @@ from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.page import FigureSpec, Page, Section
-from insnav.report.run_json import json_ready, versions
-from insnav.report.save import model_facts, write_page
+from insnav.report.provenance import imu_model
+from insnav.report.run_json import json_ready, section_facts, versions
+from insnav.report.save import write_page
 from insnav.report.simulation.profile_figures import draw_motion, draw_sketch, draw_way, way
 from insnav.simulate.recording import Recording, times
 from insnav.simulate.truth import Kinematics, Truth
@@ -182,7 +183,9 @@ def plan_metadata(plan: Plan) -> dict[str, Any]:
         "versions": versions(),
         "configuration": plan.configuration,
         "seed": plan.seed,
-        "imu_model": {"name": IDEAL} if plan.imu is None else model_facts(plan.imu, "simulated"),
+        "imu_model": {"name": IDEAL}
+        if plan.imu is None
+        else section_facts([imu_model(plan.imu, "simulated")])["imu_model"],
         "faults": plan.configuration.get("fault", []),
     }
 

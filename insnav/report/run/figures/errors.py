@@ -39,8 +39,8 @@ def draw_errors(
     clock: Clock,
     spans: Sequence[tuple[float, float]],
     smoothed: TrajectoryErrors | None = None,
-) -> Figure | None:
-    """Draw three errors over time, each in what ±3 sd promise.
+) -> Figure:
+    """Draw three errors over time, and the ±3 sd that the solution states.
 
     Parameters
     ----------
@@ -54,13 +54,10 @@ def draw_errors(
 
     Returns
     -------
-    Figure or None
-        None if the reference does not know the group.
+    Figure
     """
     unit = 180.0 / np.pi if group == "attitude" else 1.0
     value: FloatArray = unit * getattr(errors, group)
-    if not np.isfinite(value).any():
-        return None
     first = 3 * list(_AXES).index(group)
     half = np.full_like(value, np.nan) if errors.sd is None else 3.0 * unit * errors.sd[:, first : first + 3]
     figure, panels = stacked(3, f"{group.capitalize()} error: solution minus reference", _inside(value, half))
@@ -69,7 +66,7 @@ def draw_errors(
         shade(axes, clock, spans)
         zero = np.where(np.isfinite(columns[:, axis]), 0.0, np.nan)
         band(axes, time, zero, columns[:, 3 + axis], SKY, "±3 sd")
-        line(axes, time, columns[:, axis], BLUE, "error" if smoothed is None else "error of the filter")
+        line(axes, time, columns[:, axis], BLUE, "error" if smoothed is None else "filtered")
         if smoothed is not None:
             _smoothed(axes, clock, smoothed, unit * getattr(smoothed, group)[:, axis], first + axis, unit)
         known = value[np.isfinite(value[:, axis]), axis]

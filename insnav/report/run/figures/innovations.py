@@ -16,17 +16,17 @@ _POSITION_GATE = (EventKind.GATE_POSITION, EventKind.SOFT_POSITION)
 _VELOCITY_GATE = (EventKind.GATE_VELOCITY, EventKind.SOFT_VELOCITY)
 
 
-def draw_innovations(run: Run) -> Figure | None:
+def draw_innovations(run: Run) -> Figure:
     """Draw the innovations of position and velocity in their ±3 sd, and the NIS against its gate.
 
     Parameters
     ----------
     run : Run
+        With at least one fix.
 
     Returns
     -------
-    Figure or None
-        None if no fix was offered.
+    Figure
     """
     fixes = run.innovations
     groups = [
@@ -37,13 +37,11 @@ def draw_innovations(run: Run) -> Figure | None:
         )
         if np.isfinite(fixes.innovation[:, first : first + 3]).any()
     ]
-    if not groups:
-        return None
     clock = Clock.of(run.solution.time)
     spans = outages(run)
-    shares = ", ".join(f"{name} {int(used.sum())} of {_offered(run, first)}" for first, name, _, used, _, _ in groups)
+    shares = ", ".join(f"{name} {int(used.sum())} of {_processed(run, first)}" for first, name, _, used, _, _ in groups)
     figure, panels = stacked(
-        4, "Innovations: measured minus predicted", f"used: {shares}", columns=len(groups), height=8.2
+        4, "Innovations: measured minus predicted", f"accepted: {shares}", columns=len(groups), height=8.2
     )
     for column, (first, name, unit, used, nis, gate) in enumerate(groups):
         for axis, direction in enumerate(("north", "east", "down")):
@@ -60,12 +58,12 @@ def draw_innovations(run: Run) -> Figure | None:
     return figure
 
 
-def _offered(run: Run, first: int) -> int:
+def _processed(run: Run, first: int) -> int:
     return int(np.isfinite(run.innovations.innovation[:, first : first + 3]).any(axis=1).sum())
 
 
 def _gates(run: Run, kinds: tuple[EventKind, ...]) -> list[float]:
-    """Limits that rejections and down-weightings were judged by."""
+    """Limits of the gates that rejected or de-weighted."""
     return sorted({e.limit for e in run.events if e.kind in kinds and np.isfinite(e.limit)})
 
 
@@ -79,7 +77,7 @@ def _innovation(axes: Axes, time: FloatArray, value: FloatArray, sd: FloatArray,
         1e-9,
     )
     band(axes, time[known], np.zeros(int(known.sum())), 3.0 * sd[known], SKY, "±3 sd")
-    axes.plot(*thinned(time[used], value[used]), ".", color=BLUE, markersize=2.5, label="used")
+    axes.plot(*thinned(time[used], value[used]), ".", color=BLUE, markersize=2.5, label="accepted")
     if refused.any():
         inside = refused & (np.abs(value) <= limit)
         beyond = refused & ~inside
@@ -115,7 +113,7 @@ def _nis(axes: Axes, time: FloatArray, nis: FloatArray, used: BoolArray, gates: 
             markersize=4.0,
             markerfacecolor="none",
             markeredgecolor=BLUE,
-            label="used, weighted down",
+            label="accepted, de-weighted",
         )
     axes.axhline(_CHI2_95, color=BLACK, linewidth=0.9, linestyle=":", label=f"95 % ({_CHI2_95:.1f})")
     for number, gate in enumerate(gates):

@@ -18,22 +18,20 @@ _GROUPS = (
 )
 
 
-def draw_sensor_errors(run: Run) -> Figure | None:
+def draw_sensor_errors(run: Run) -> Figure:
     """Draw the estimated biases and scale factor errors.
 
     Parameters
     ----------
     run : Run
+        With at least one estimate.
 
     Returns
     -------
-    Figure or None
-        None if none was estimated.
+    Figure
     """
     estimated = run.sensor_errors
     groups = [g for g in _GROUPS if np.isfinite(estimated.value[:, g[3] : g[3] + 3]).any()]
-    if not groups:
-        return None
     clock = Clock.of(run.solution.time)
     figure, panels = stacked(
         len(groups), "Estimated sensor errors", "line: estimate; band: ±3 sd", height=1.0 + 2.0 * len(groups)

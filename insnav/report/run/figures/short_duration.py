@@ -22,7 +22,7 @@ def draw_short(windows: Sequence[ShortWindow]) -> Figure:
     figure, panels = stacked(
         3,
         f"Short-duration mechanization minus the full one: {len(windows)} windows of {LENGTH:g} s",
-        "no Earth and transport rate, velocity by Euler's rule; both free inertial from the same state",
+        "no Earth and transport rate, velocity by Euler's rule; both free-inertial from the same state",
         height=7.2,
     )
     elapsed = windows[0].elapsed

@@ -1,4 +1,4 @@
-"""How sure the filter and the smoothed solution are of themselves, over time."""
+"""Standard deviation of the filtered and of the smoothed solution over time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from insnav.report.style import BLUE, VERMILLION, Clock, broken_at_gaps, legend_
 from insnav.types import FloatArray, Run
 
 
-def draw_uncertainty(run: Run) -> Figure | None:
+def draw_uncertainty(run: Run) -> Figure:
     """Draw the standard deviations of both solutions on logarithmic axes.
 
     Parameters
@@ -19,22 +19,18 @@ def draw_uncertainty(run: Run) -> Figure | None:
 
     Returns
     -------
-    Figure or None
-        None if the run was not smoothed.
+    Figure
     """
-    if run.smoothed is None or run.smoothed.solution.sd is None or run.solution.sd is None:
-        return None
     clock, spans = Clock.of(run.solution.time), outages(run)
     figure, panels = stacked(
         4,
         "Standard deviation of the solution",
-        "the filter knows the fixes so far, the smoothed solution all of them",
+        "filtered: from the fixes so far; smoothed (RTS): from all fixes",
     )
-    for name, solution, colour in (
-        ("filter", run.solution, BLUE),
-        ("smoothed", run.smoothed.solution, VERMILLION),
-    ):
-        assert solution.sd is not None
+    smoothed = [] if run.smoothed is None else [("smoothed", run.smoothed.solution, VERMILLION)]
+    for name, solution, colour in (("filtered", run.solution, BLUE), *smoothed):
+        if solution.sd is None:
+            continue
         time, columns = broken_at_gaps(clock(solution.time), _groups(solution.sd))
         for axis in range(4):
             line(panels[axis][0], time, columns[:, axis], colour, name)

@@ -1,0 +1,126 @@
+"""The report of an alignment on its own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from insnav.earth import OMEGA_EARTH
+from insnav.filter.fine_alignment import FineAlignment
+from insnav.imu.specification import ImuSpec, gyro_bias_sd
+from insnav.output.folder import RunFolder
+from insnav.output.solution_tables import TableFormat
+from insnav.quantity import Quantity
+from insnav.report.numbers import number
+from insnav.report.page import Page, Section
+from insnav.report.run.quantities import alignment_items
+from insnav.result import Result
+from insnav.types import Alignment
+from insnav.units import DEG
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_MARGIN = 12
+_USEFUL = 10.0 * DEG  # a latitude from the sensors with a larger sd is of no use
+
+
+def page(result: Result[FineAlignment]) -> Page:
+    """Lay out an alignment.
+
+    Parameters
+    ----------
+    result : Result of FineAlignment
+
+    Returns
+    -------
+    Page
+    """
+    found = result.found
+    sd = None if result.imu_model is None else _latitude_sd(result.imu_model[0])
+    steps = {"coarse": found.coarse, "fine": found.fine}
+    return Page(
+        "Alignment",
+        _summary(found, sd),
+        (
+            *(
+                Section("", items=(Quantity(name, None),), show="json")
+                if each is None
+                else Section(name, f"{name.capitalize()} alignment", alignment_items(each), show="page")
+                for name, each in steps.items()
+            ),
+            Section(
+                "",
+                "Latitude",
+                (
+                    Quantity("latitude_given", found.latitude, "deg", decimals=4),
+                    Quantity("latitude_from_sensors", found.sensor_latitude, "deg", sd=sd),
+                ),
+                show="page",
+            ),
+        ),
+    )
+
+
+def _latitude_sd(spec: ImuSpec) -> float:
+    """Tilt of the measured Earth rate by the gyro bias, at most a right angle [rad]."""
+    return min(float(np.max(gyro_bias_sd(spec.gyro))) / OMEGA_EARTH, 0.5 * np.pi)
+
+
+def _summary(found: FineAlignment, sd: float | None) -> tuple[str, ...]:
+    """Stationary interval, attitude and latitude, a line each."""
+    lines = []
+    if found.coarse.static is not None:
+        start, end = (round(time, 1) + 0.0 for time in found.coarse.static)
+        lines.append(_entry("static", f"{start:.1f} to {end:.1f} s, {end - start:.1f} s long"))
+    for name, each in (("coarse", found.coarse), ("fine", found.fine)):
+        if each is not None:
+            roll, pitch = (number(float(angle) / DEG, 4) for angle in each.rph[:2])
+            tilt = number(float(max(each.sd[:2])) / DEG, 2)
+            lines += [
+                _entry(name, f"roll {roll}, pitch {pitch}, each ± {tilt} deg  ({each.level_method})"),
+                _entry("", f"heading {_heading(each)}"),
+            ]
+    text = "not observable: the gyro bias hides the Earth's rotation"
+    if sd is not None and sd < _USEFUL:
+        text = f"{found.sensor_latitude / DEG:.4f} ± {number(sd / DEG, 2)} deg from the sensors alone"
+    return (*lines, _entry("latitude", f"{found.latitude / DEG:.4f} deg given, {text}"))
+
+
+def _entry(name: str, text: str) -> str:
+    return f"{name:<{_MARGIN}}{text}"
+
+
+def _heading(found: Alignment) -> str:
+    if not np.isfinite(found.sd[2]):
+        return "not found: the gyros do not show the Earth's rotation well enough; give --heading, or a better --imu"
+    heading, sd = number(float(found.rph[2]) / DEG % 360.0, 5), number(float(found.sd[2]) / DEG, 2)
+    return f"{heading} ± {sd} deg  ({found.heading_method})"
+
+
+def write_files(result: Result[FineAlignment], folder: RunFolder, table_format: TableFormat) -> None:
+    """Nothing but the page: an alignment has no tables."""
+
+
+def frame(result: Result[FineAlignment]) -> pd.DataFrame:
+    """Give coarse and fine attitude as a table.
+
+    Parameters
+    ----------
+    result : Result of FineAlignment
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row a step: ``time_s``, ``roll_deg``, ``heading_deg``, …
+    """
+    import pandas as pd
+
+    steps = {"coarse": result.found.coarse, "fine": result.found.fine}
+    rows = [
+        {"step": name} | {key: value for each in alignment_items(found) for key, value in each.facts().items()}
+        for name, found in steps.items()
+        if found is not None
+    ]
+    return pd.DataFrame(rows)

@@ -1,0 +1,67 @@
+"""What the reader of a run must not overlook, most harmful first."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.metrics import TrajectoryErrors, nees
+from insnav.types import EventKind, Run
+
+_INSIDE = 0.95  # share of errors inside 3 sd that needs no word
+_MANY = 0.1  # share of rejected fixes that wants an explanation
+
+
+def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
+    """Warn of what makes a solution worse than it states.
+
+    Parameters
+    ----------
+    found : EvaluatedRun
+
+    Returns
+    -------
+    tuple of str
+    """
+    stated = [("position", found.errors), ("smoothed position", found.smoothed_errors)]
+    overconfident = [text for name, errors in stated for text in _overconfident(name, errors)]
+    return (*_many_rejected(found.run), *overconfident[:1], *_diverged(found.run))
+
+
+def _many_rejected(run: Run) -> list[str]:
+    """So many fixes rejected that the fixes are hardly to blame."""
+    fixes = run.innovations
+    groups = []
+    for name, columns, used in (
+        ("position", slice(0, 3), fixes.used_position),
+        ("velocity", slice(3, 6), fixes.used_velocity),
+    ):
+        processed = np.isfinite(fixes.innovation[:, columns]).any(axis=1)
+        if processed.any() and (share := float(np.mean(~used[processed]))) > _MANY:
+            groups.append(f"{100.0 * share:.0f} % of {name}")
+    if not groups:
+        return []
+    causes = "is a heading, lever arm, axis, clock or standard deviation wrong?"
+    return [f"many fixes were rejected, {' and '.join(groups)}: {causes} See innovations and events"]
+
+
+def _overconfident(name: str, errors: TrajectoryErrors | None) -> list[str]:
+    """The reference is outside 3 sd much more often than it should be."""
+    position = None if errors is None else (nees(errors) or {}).get("position")
+    if not position or position["inside_3_sd"] >= _INSIDE:
+        return []
+    return [
+        f"{name} is outside 3 sd at {100.0 * (1.0 - position['inside_3_sd']):.0f} % of the epochs; likely causes: "
+        "time-correlated GPS errors, optimistic sigmas, reference errors"
+    ]
+
+
+def _diverged(run: Run) -> list[str]:
+    found = [event for event in run.events if event.kind is EventKind.DIVERGED]
+    if not found:
+        return []
+    first = found[0]
+    return [
+        f"innovations inconsistent with their predicted sd in {len(found)} windows of 1 min, first at {first.time:.1f} "
+        f"s: {first.unit} = {first.value:.2g}; {first.hint}"
+    ]
