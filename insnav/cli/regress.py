@@ -24,7 +24,7 @@ Examples:
   insnav regress --quick               a part of it, in less than a minute
   insnav regress --update-baseline     what later versions are compared with
   insnav regress --plot                plots over versions, and a page
-  insnav regress --peers --plot        beside other programs, for the README
+  insnav regress --peers --plot        with other programs, for the README
   insnav regress --json | jq .changes
 """
 
@@ -106,7 +106,7 @@ def regress(
         from insnav.regression.history import HISTORY_FILE, entry, read_history, with_entry, write_history
         from insnav.regression.provenance import origin
         from insnav.regression.verdict import compare
-        from insnav.report.regression.tables import peer_lines, regression_facts, regression_lines
+        from insnav.report.regression.tables import regression_lines
 
         for name, why in found.skipped.items():
             if not quick:
@@ -133,8 +133,15 @@ def regress(
             write_baseline(folder / BASELINE_FILE, renewed(baseline, found, now))
             note(f"baseline: {folder / BASELINE_FILE}")
     if as_json:
-        result(json.dumps(regression_facts(found, comparison, now, baseline), indent=1, ensure_ascii=False))
+        from dataclasses import asdict
+
+        from insnav.report.regression.page import regression_page
+        from insnav.report.run_json import json_ready, page_facts
+
+        metadata = {"origin": asdict(now), "baseline": None if baseline is None else asdict(baseline.origin)}
+        page = regression_page(found, baseline, comparison, now, rows)
+        result(json.dumps({**json_ready(metadata), **page_facts(page)}, indent=1, ensure_ascii=False))
     else:
-        result("\n".join([*regression_lines(found, comparison, baseline), *peer_lines(rows)]))
+        result("\n".join(regression_lines(found, comparison, baseline, rows)))
     if comparison is not None and not comparison.passed and not update_baseline:
         raise typer.Exit(1)

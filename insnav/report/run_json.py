@@ -68,13 +68,15 @@ def _put(facts: dict[str, Any], section: Section) -> None:
         for row, found in zip(section.rows, rows, strict=True):
             content[str(row[0].value)] = dict(islice(found.items(), 1, None))
         rows = []
+    old = facts.get(section.key, {})
     if not section.key:
         facts |= content
-    elif rows and not content:
+    elif section.rows and not section.keyed and not content:
         facts[section.key] = rows
     elif content or rows:
-        old = facts.get(section.key)
         facts[section.key] = {**(old if isinstance(old, dict) else {}), **content, **({"rows": rows} if rows else {})}
+    elif not (old or section.parts or section.figures):
+        facts[section.key] = {} if section.keyed else []  # a table without rows
 
 
 def json_ready(value: Any) -> Any:

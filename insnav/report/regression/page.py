@@ -3,26 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from insnav import __version__
 from insnav.exceptions import OutputError
+from insnav.quantity import Quantity
 from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.baseline import Baseline, write_text
 from insnav.regression.history import Entry
 from insnav.regression.peers.run_peers import PeerRow
 from insnav.regression.provenance import Origin
-from insnav.regression.run_corpus import Result
+from insnav.regression.run_corpus import CaseResult, Result
 from insnav.regression.verdict import Change, Comparison
-from insnav.report.html import data_uri, filled
-from insnav.report.numbers import number
-from insnav.report.page import Table
+from insnav.report.html import page_html
+from insnav.report.page import FigureSpec, Page, Section, Table, section_tables
 from insnav.report.regression.figures import draw_growth, draw_heat, draw_history, draw_predicted
-from insnav.report.regression.tables import case_table, change_text, peer_table, rules, verdict_text
-from insnav.report.sheet import Sheet
+from insnav.report.regression.tables import (
+    case_section,
+    change_rows,
+    change_text,
+    changed_section,
+    peer_section,
+    rules,
+    verdict_text,
+)
 from insnav.report.style import drawing, save
 
 PAGE, SECTION = "accuracy.html", "accuracy.md"
@@ -64,74 +71,115 @@ def write_pages(
     OutputError
         They cannot be written.
     """
-    figures: list[tuple[str, str, Callable[[], Figure | None]]] = []
-    if history:
-        figures += [
-            (
-                f"accuracy_{key}",
-                f"{BY_KEY[key].label} over the versions",
-                partial(draw_history, history, baseline, BY_KEY[key]),
-            )
-            for key in OVER_VERSIONS
-        ]
-    growth = partial(draw_growth, result.cases, baseline)
-    figures.append(("accuracy_growth", "Error without GPS, now and in the baseline", growth))
-    predicted = partial(draw_predicted, result.cases)
-    figures.append(("accuracy_predicted", "Actual error against the one predicted", predicted))
-    if comparison is not None:
-        figures.append(("accuracy_change", "Change of every figure since the baseline", partial(draw_heat, comparison)))
-    pictures: list[tuple[str, str, Path]] = []
+    page = regression_page(result, baseline, comparison, now, peers)
+    drawn = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with drawing():
-            for name, caption, draw in figures:
+            for name, caption, draw in _drawings(result, history, baseline, comparison):
                 figure = draw()
                 if figure is not None:
-                    pictures.append((name, caption, save(figure, folder / name, "png")))
+                    drawn.append((name, caption, save(figure, folder / name, "png")))
     except OSError as error:
         raise OutputError("the plots cannot be written", where=str(folder), why=error.strerror or str(error)) from error
-    sheet = _sheet(result, baseline, comparison, now, peers)
-    shown = [(caption, data_uri(file)) for _, caption, file in pictures]
-    write_text(folder / PAGE, filled("sheet.html.j2", sheet=sheet, pictures=shown, version=__version__))
-    names = {name: (caption, file.name) for name, caption, file in pictures}
-    chosen = [names[key] for key in _IN_SECTION if key in names]
-    write_text(folder / SECTION, section(result, comparison, now, peers, chosen))
-    return [*(file for _, _, file in pictures), folder / PAGE, folder / SECTION]
+    figures = tuple(FigureSpec(name, caption, Figure) for name, caption, _ in drawn)
+    files = [file for _, _, file in drawn]
+    shown = replace(page, sections=(*page.sections, Section("", figures=figures)))
+    write_text(folder / PAGE, page_html(shown, files))
+    chosen = [(caption, file.name) for name, caption, file in drawn if name in _IN_SECTION]
+    write_text(folder / SECTION, markdown(result, comparison, now, peers, chosen))
+    return [*files, folder / PAGE, folder / SECTION]
 
 
-def _sheet(
+def _drawings(
+    result: Result, history: Sequence[Entry], baseline: Baseline | None, comparison: Comparison | None
+) -> list[tuple[str, str, Callable[[], Figure | None]]]:
+    """Names, captions and how to draw them; what has no data draws nothing."""
+    found: list[tuple[str, str, Callable[[], Figure | None]]] = [
+        (
+            f"accuracy_{key}",
+            f"{BY_KEY[key].label} over the versions",
+            partial(draw_history, history, baseline, BY_KEY[key]),
+        )
+        for key in (OVER_VERSIONS if history else ())
+    ]
+    growth = partial(draw_growth, result.cases, baseline)
+    found.append(("accuracy_growth", "Error without GPS, now and in the baseline", growth))
+    predicted = partial(draw_predicted, result.cases)
+    found.append(("accuracy_predicted", "Actual error against the one predicted", predicted))
+    if comparison is not None:
+        found.append(("accuracy_change", "Change of every figure since the baseline", partial(draw_heat, comparison)))
+    return found
+
+
+def regression_page(
     result: Result,
     baseline: Baseline | None,
     comparison: Comparison | None,
     now: Origin,
-    peers: Sequence[PeerRow],
-) -> Sheet:
-    summary = [_where(now)]
-    tables = [case_table(result, comparison)]
-    warnings: list[str] = []
+    peers: Sequence[PeerRow] = (),
+) -> Page:
+    """Report the accuracy of this version, and what changed since the baseline.
+
+    Parameters
+    ----------
+    result : Result
+    baseline : Baseline or None
+    comparison : Comparison or None
+    now : Origin
+    peers : sequence of PeerRow
+        What other programs made of the same drives.
+    """
+    summary, warnings = [_where(now)], []
+    sections = [case_section(result, comparison)]
+    changes: Sequence[Change] = ()
     if comparison is not None and baseline is not None:
+        changes = comparison.changes
         summary.append(verdict_text(comparison, baseline.origin))
         warnings += [f"fails: {change_text(change)}" for change in comparison.failing]
         warnings += [f"broken: {name}: {why}" for name, why in comparison.broken.items()]
-        changed = [change for change in comparison.changes if change.verdict != "same"]
-        if changed:
-            rows = tuple(_changed(change) for change in changed)
-            columns = ("case", "figure", "then", "now", "change [%]", "p, corrected", "")
-            tables.append(Table("Figures that changed", columns, rows))
         warnings += [f"not compared: {name}: {why}" for name, why in comparison.apart.items()]
-    if peers:
-        tables.append(peer_table(peers))
-    skipped = [f"skipped: {name}: {why}" for name, why in result.skipped.items()]
-    return Sheet("insnav: accuracy over versions", tuple(summary), tuple(tables), (), rules(), (*warnings, *skipped))
+        sections += [changed_section(changes)] if any(change.verdict != "same" for change in changes) else []
+    warnings += [f"skipped: {name}: {why}" for name, why in result.skipped.items()]
+    return Page(
+        "insnav: accuracy over versions",
+        tuple(summary),
+        (
+            *sections,
+            *([peer_section(peers)] if peers else []),
+            _outcome(result, comparison),
+            Section(
+                "cases", rows=tuple(_case(name, case) for name, case in result.cases.items()), show="json", keyed=True
+            ),
+            Section("changes", rows=change_rows(changes), show="json"),
+        ),
+        tuple(warnings),
+        rules(),
+    )
 
 
-def _changed(change: Change) -> tuple[str, ...]:
-    percent = f"{100.0 * change.shift.change:+.1f}"
-    then, now = number(change.old), number(change.new)
-    return change.case, change.metric.label, then, now, percent, f"{change.adjusted:.1g}", change.verdict
+def _outcome(result: Result, comparison: Comparison | None) -> Section:
+    items = (
+        Quantity("quick", result.quick),
+        Quantity("passed", None if comparison is None else comparison.passed),
+        Quantity("skipped", result.skipped),
+        Quantity("apart", {} if comparison is None else comparison.apart),
+        Quantity("broken", {} if comparison is None else comparison.broken),
+    )
+    return Section("", items=items, show="json")
 
 
-def section(
+def _case(name: str, case: CaseResult) -> tuple[Quantity, ...]:
+    values = {} if case.measured is None else case.measured.values
+    return (
+        Quantity("case", name),
+        Quantity("digest", case.digest),
+        Quantity("failures", {str(number): why for number, why in case.failures.items()}),
+        Quantity("values", {key: BY_KEY[key].typical(value) for key, value in values.items()}),
+    )
+
+
+def markdown(
     result: Result,
     comparison: Comparison | None,
     now: Origin,
@@ -152,8 +200,8 @@ def section(
     lines = ["# Accuracy on the corpus", "", _where(now), ""]
     for caption, name in pictures:
         lines += [f"![{caption}]({name})", ""]
-    tables = [case_table(result, comparison), *([peer_table(peers)] if peers else [])]
-    for table in tables:
+    sections = [case_section(result, comparison), *([peer_section(peers)] if peers else [])]
+    for table in (table for section in sections for table in section_tables(section)):
         lines += [f"## {table.title}", "", *_markdown(table), "", table.note, ""]
     return "\n".join([*lines, *(f"- {rule}" for rule in rules()), ""])
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
+from insnav.quantity import Quantity
+from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.baseline import Baseline
 from insnav.regression.paired_tests import ALPHA
 from insnav.regression.peers.run_peers import LATEST, LONGEST, PeerRow
@@ -12,15 +13,21 @@ from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import Result
 from insnav.regression.verdict import CPU_FAILS_FROM, FAILS_FROM, Change, Comparison
 from insnav.report.numbers import number
-from insnav.report.page import Table
-from insnav.report.run_json import json_ready
+from insnav.report.page import Section, section_tables
 from insnav.report.terminal import table_text
 
 _PEER_NOTE = (
     f"RMS over the first {LONGEST:g} s of the first drive of each case (more where the heading needs it), from "
     f"{LATEST:g} s on at the latest; same samples, fixes, start and sensor figures; gtsam at the fixes alone"
 )
-HEADLINES = ("north_rms_m", "east_rms_m", "down_rms_m", "roll_pitch_rms_deg", "heading_rms_deg", "outage_60s_m")
+HEADLINES = {
+    "north_rms_m": "N [m]",
+    "east_rms_m": "E [m]",
+    "down_rms_m": "D [m]",
+    "roll_pitch_rms_deg": "tilt [deg]",
+    "heading_rms_deg": "heading [deg]",
+    "outage_60s_m": "60 s without GPS [m]",
+}
 
 
 def change_text(change: Change) -> str:
@@ -32,7 +39,7 @@ def change_text(change: Change) -> str:
     return f"{head} ({100.0 * change.shift.change:+.1f} %, p {change.adjusted:.1g})"
 
 
-def case_table(result: Result, comparison: Comparison | None) -> Table:
+def case_section(result: Result, comparison: Comparison | None) -> Section:
     """One row a case: headline figures, and how many figures are better, the same, worse.
 
     Parameters
@@ -41,56 +48,84 @@ def case_table(result: Result, comparison: Comparison | None) -> Table:
     comparison : Comparison or None
         None without a baseline.
     """
-    from insnav.regression.accuracy_metrics import BY_KEY
-
     rows = []
     for name, case in result.cases.items():
         values = {} if case.measured is None else case.measured.values
-        cells = [number(BY_KEY[key].typical(values[key])) if key in values else number(None) for key in HEADLINES]
-        rows.append((name, *cells, *_counts(name, comparison)))
-    columns = ("case", "N [m]", "E [m]", "D [m]", "tilt [deg]", "heading [deg]", "60 s without GPS [m]")
-    return Table(
+        cells = (
+            Quantity(key, BY_KEY[key].typical(values[key]) if key in values else None, meaning=label)
+            for key, label in HEADLINES.items()
+        )
+        rows.append((Quantity("case", name), *cells, *_counts(name, comparison)))
+    return Section(
+        "",
         "Accuracy, and figures that changed",
-        (*columns, "better", "same", "worse"),
-        tuple(rows),
-        "RMS, geometric mean over the drives (seeds) of a case, or over the pieces of a recorded drive",
+        rows=tuple(rows),
+        note="RMS, geometric mean over the drives (seeds) of a case, or over the pieces of a recorded drive",
     )
 
 
-def _counts(name: str, comparison: Comparison | None) -> tuple[str, str, str]:
-    changes = [] if comparison is None else [change for change in comparison.changes if change.case == name]
-    if not changes:
-        return ("–", "–", "–")
-    better, same, worse = (
-        str(sum(change.verdict == verdict for change in changes)) for verdict in ("better", "same", "worse")
+def _counts(name: str, comparison: Comparison | None) -> tuple[Quantity, ...]:
+    verdicts = [] if comparison is None else [change.verdict for change in comparison.changes if change.case == name]
+    return tuple(
+        Quantity(verdict, verdicts.count(verdict) if verdicts else None) for verdict in ("better", "same", "worse")
     )
-    return better, same, worse
 
 
-def peer_table(peers: Sequence[PeerRow]) -> Table:
+def change_rows(changes: Sequence[Change]) -> tuple[tuple[Quantity, ...], ...]:
+    """One row a change, for ``run.json``."""
+    return tuple(
+        (
+            Quantity("case", change.case),
+            Quantity("metric", change.metric.key),
+            Quantity("old", change.old),
+            Quantity("new", change.new),
+            Quantity("change", change.shift.change),
+            Quantity("p", change.adjusted),
+            Quantity("verdict", change.verdict),
+            Quantity("fails", change.fails),
+        )
+        for change in changes
+    )
+
+
+def changed_section(changes: Sequence[Change]) -> Section:
+    """Figures that changed, as they are read."""
+    rows = tuple(
+        (
+            Quantity("case", change.case),
+            Quantity("figure", change.metric.label),
+            Quantity("then", change.old),
+            Quantity("now", change.new),
+            Quantity("change", f"{100.0 * change.shift.change:+.1f}", "%"),
+            Quantity("p", change.adjusted, meaning="p, corrected", digits=1),
+            Quantity("verdict", change.verdict),
+        )
+        for change in changes
+        if change.verdict != "same"
+    )
+    return Section("", "Figures that changed", rows=rows)
+
+
+def peer_section(peers: Sequence[PeerRow]) -> Section:
     """Other programs on the same drives, in one table."""
     rows = tuple(
         (
-            row.case,
-            row.program,
-            *(number(value) for value in row.rms),
-            number(row.attitude_deg[0]),
-            number(row.attitude_deg[1]),
-            number(row.cpu_us),
-            row.remark,
+            Quantity("case", row.case),
+            Quantity("program", row.program),
+            *(Quantity(axis, value, "m") for axis, value in zip("NED", row.rms, strict=True)),
+            Quantity("tilt", row.attitude_deg[0], meaning="tilt [deg]"),  # already in degrees
+            Quantity("heading", row.attitude_deg[1], meaning="heading [deg]"),
+            Quantity("cpu", row.cpu_us, "us", meaning="CPU a sample"),
+            Quantity("remark", row.remark),
         )
         for row in peers
     )
-    columns = ("case", "program", "N [m]", "E [m]", "D [m]", "tilt [deg]", "heading [deg]", "CPU a sample [us]", "")
-    return Table("The same drives by other programs", columns, rows, _PEER_NOTE)
+    return Section("", "The same drives by other programs", rows=rows, note=_PEER_NOTE)
 
 
-def peer_lines(peers: Sequence[PeerRow]) -> list[str]:
-    """Write the table of the other programs for the terminal; nothing without them."""
-    return ["", *table_text(peer_table(peers)).splitlines()] if peers else []
-
-
-def regression_lines(result: Result, comparison: Comparison | None, baseline: Baseline | None) -> list[str]:
+def regression_lines(
+    result: Result, comparison: Comparison | None, baseline: Baseline | None, peers: Sequence[PeerRow] = ()
+) -> list[str]:
     """Write the result of a run for the terminal.
 
     Parameters
@@ -98,14 +133,16 @@ def regression_lines(result: Result, comparison: Comparison | None, baseline: Ba
     result : Result
     comparison : Comparison or None
     baseline : Baseline or None
+    peers : sequence of PeerRow
 
     Returns
     -------
     list of str
     """
-    lines = table_text(case_table(result, comparison)).splitlines()
+    below = ["", *_text(peer_section(peers))] if peers else []
+    lines = _text(case_section(result, comparison))
     if comparison is None or baseline is None:
-        return [*lines, "", "there is no baseline to compare with: --update-baseline makes one"]
+        return [*lines, "", "there is no baseline to compare with: --update-baseline makes one", *below]
     lines.append("")
     for name in ("better", "worse"):
         chosen = [change for change in comparison.changes if change.verdict == name and not change.fails]
@@ -113,8 +150,11 @@ def regression_lines(result: Result, comparison: Comparison | None, baseline: Ba
     lines += [f"apart   {name}: {why}" for name, why in comparison.apart.items()]
     lines += [f"BROKEN  {name}: {why}" for name, why in comparison.broken.items()]
     lines += [f"FAILS   {change_text(change)}" for change in comparison.failing]
-    lines.append(verdict_text(comparison, baseline.origin))
-    return lines
+    return [*lines, verdict_text(comparison, baseline.origin), *below]
+
+
+def _text(section: Section) -> list[str]:
+    return [line for table in section_tables(section) for line in table_text(table).splitlines()]
 
 
 def verdict_text(comparison: Comparison, then: Origin) -> str:
@@ -133,62 +173,7 @@ def rules() -> tuple[str, ...]:
         "simulated case, a standard error by moving-block bootstrap over the pieces of a recorded drive.",
         f"Holm's correction holds the probability of any false call over all figures of all cases to {ALPHA:g}.",
         f"Better and worse are significant changes of 1 % and more; {100 * FAILS_FROM:g} % worse fails.",
-        f"CPU time is that of a sample over that of a turn of a fixed loop beside it. It is noisy: it fails only from "
+        "CPU time is that of a sample over that of a turn of a fixed loop. It is noisy: it fails only from "
         f"{CPU_FAILS_FROM:g} times the baseline's on, in the median over five drives or more of a case.",
-        "NEES and NIS are judged by the factor by which they are off one, either way.",
+        "NEES and NIS are compared by their factor to one, either way.",
     )
-
-
-def regression_facts(
-    result: Result, comparison: Comparison | None, now: Origin, then: Baseline | None
-) -> dict[str, Any]:
-    """Gather everything, JSON-ready, units in the keys.
-
-    Parameters
-    ----------
-    result : Result
-    comparison : Comparison or None
-    now : Origin
-    then : Baseline or None
-    """
-    from dataclasses import asdict
-
-    from insnav.regression.accuracy_metrics import BY_KEY
-
-    cases = {
-        name: {
-            "digest": case.digest,
-            "failures": case.failures,
-            "values": {}
-            if case.measured is None
-            else {key: BY_KEY[key].typical(value) for key, value in case.measured.values.items()},
-        }
-        for name, case in result.cases.items()
-    }
-    changes = [] if comparison is None else comparison.changes
-    ready: dict[str, Any] = json_ready(
-        {
-            "origin": asdict(now),
-            "baseline": None if then is None else asdict(then.origin),
-            "quick": result.quick,
-            "passed": None if comparison is None else comparison.passed,
-            "cases": cases,
-            "skipped": result.skipped,
-            "apart": {} if comparison is None else comparison.apart,
-            "broken": {} if comparison is None else comparison.broken,
-            "changes": [
-                {
-                    "case": change.case,
-                    "metric": change.metric.key,
-                    "old": change.old,
-                    "new": change.new,
-                    "change": change.shift.change,
-                    "p": change.adjusted,
-                    "verdict": change.verdict,
-                    "fails": change.fails,
-                }
-                for change in changes
-            ],
-        }
-    )
-    return ready

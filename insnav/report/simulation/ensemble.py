@@ -176,8 +176,6 @@ def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[s
 
 
 def _failures(runs: Runs) -> Section:
-    if not runs.failures:
-        return Section("", items=(Quantity("failed", ()),), show="json")
     rows = tuple(
         (Quantity("run", each.number), Quantity("seed", each.seed), Quantity("reason", each.reason))
         for each in runs.failures
