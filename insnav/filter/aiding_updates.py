@@ -61,10 +61,10 @@ class AidingUpdates:
         view = self._view(self._last, time, self._turned[:3] / self._turned[3])
         self._turned[:] = 0.0
         self._last = time
-        excluded: frozenset[str] = frozenset()
+        seen: set[str] = set()
         for each in self._every:
-            if each.name not in excluded and self._use(each, view):
-                excluded |= each.excludes
+            if not each.excluded_by & seen and self._use(each, view):
+                seen.add(each.name)
 
     def _view(self, begin: float, time: float, mean_gyro: FloatArray) -> FilterView:
         at = self._estimate

@@ -41,7 +41,7 @@ SPEC = ImuSpec(
 
 @lru_cache(maxsize=4)
 def truth(laps: int = 4) -> Truth:
-    """Seventy-five seconds a lap, with a stop in each."""
+    """Seventy-five seconds a lap, with a stop in each; no laps: as long as four, but no part of it comes again."""
     lap = (
         Segment(8.0, speed=14.0),
         Segment(7.0, turn=80 * DEG),
@@ -53,7 +53,28 @@ def truth(laps: int = 4) -> Truth:
         Segment(8.0, speed=0.0),
         Segment(8.0),
     )
-    return drive(lap * laps, PLACE, seed=11, heading=0.4, roll=0.02, pitch=-0.03, start=1000.0)
+    varied = (
+        Segment(14.0, speed=17.0),
+        Segment(7.0, turn=80 * DEG),
+        Segment(21.0, speed=9.0, grade=0.03),
+        Segment(8.0, turn=-130 * DEG, grade=0.0),
+        Segment(16.0, speed=0.0),
+        Segment(11.0),
+        Segment(25.0, speed=24.0, grade=-0.02),
+        Segment(12.0, turn=100 * DEG, grade=0.0),
+        Segment(9.0, speed=12.0),
+        Segment(18.0, turn=-170 * DEG),
+        Segment(31.0, speed=20.0),
+        Segment(6.0, speed=5.0),
+        Segment(10.0, turn=90 * DEG),
+        Segment(23.0, speed=16.0),
+        Segment(13.0, turn=-60 * DEG, speed=11.0),
+        Segment(27.0, speed=19.0),
+        Segment(15.0, speed=0.0),
+        Segment(7.0),
+        Segment(28.0, speed=14.0),
+    )
+    return drive(lap * laps or varied, PLACE, seed=11, heading=0.4, roll=0.02, pitch=-0.03, start=1000.0)
 
 
 @lru_cache(maxsize=8)

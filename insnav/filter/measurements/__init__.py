@@ -1,18 +1,29 @@
-"""Aiding measurements besides GPS fixes: one file a kind, and the list of kinds in the order in which they are used."""
+"""Aiding measurements besides GPS fixes: every module of this folder that defines one adds a kind."""
 
 from __future__ import annotations
 
-from insnav.filter.measurements.first_pass import FirstPass
-from insnav.filter.measurements.height import HeightAiding
-from insnav.filter.measurements.measurement import Measurement
-from insnav.filter.measurements.non_holonomic import NonHolonomic
-from insnav.filter.measurements.odometer import Odometer
-from insnav.filter.measurements.zero_velocity import ZeroVelocity
+import importlib
+import pkgutil
+from functools import cache
 
-KINDS: tuple[type[Measurement], ...] = (HeightAiding, ZeroVelocity, Odometer, NonHolonomic)
+from insnav.filter.measurements.first_pass import FirstPass
+from insnav.filter.measurements.measurement import Measurement
+
+
+@cache
+def kinds() -> tuple[type[Measurement], ...]:
+    """Classes of all measurements, in the order in which they are used."""
+    modules = [importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
+    found = {
+        value
+        for module in modules
+        for value in vars(module).values()
+        if isinstance(value, type) and value is not Measurement and hasattr(value, "from_drive")
+    }
+    return tuple(sorted(found, key=lambda kind: kind.order))
 
 
 def measurements_from_drive(first: FirstPass) -> tuple[tuple[Measurement, ...], tuple[str, ...]]:
     """Every kind that the drive supports, in the order of use, and notes on all, the most important first."""
-    found = [kind.from_drive(first) for kind in KINDS]
+    found = [kind.from_drive(first) for kind in kinds()]
     return tuple(each for each, _ in found if each is not None), tuple(note for _, note in reversed(found) if note)

@@ -29,10 +29,11 @@ class Heading:
     heading: FloatArray
     sd: FloatArray
 
+    order: ClassVar[int] = 0
     name: ClassVar[str] = "heading"
     unit: ClassVar[str] = "rad"
     when: ClassVar[Literal["interval", "fix"]] = "fix"
-    excludes: ClassVar[frozenset[str]] = frozenset()
+    excluded_by: ClassVar[frozenset[str]] = frozenset()
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
         """See `Measurement`."""

@@ -32,10 +32,11 @@ class HeightAiding:
     height: FloatArray
     sd: FloatArray
 
+    order: ClassVar[int] = 10
     name: ClassVar[str] = "height"
     unit: ClassVar[str] = "m"
     when: ClassVar[Literal["interval", "fix"]] = "interval"
-    excludes: ClassVar[frozenset[str]] = frozenset()
+    excluded_by: ClassVar[frozenset[str]] = frozenset()
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
         """See `Measurement`."""

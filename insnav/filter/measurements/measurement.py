@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol, Self
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, Self
 
 from insnav.types import FloatArray
 
@@ -44,27 +44,33 @@ class FilterView:
 
 
 class Measurement(Protocol):
-    """One kind of aiding measurement; each is a file of its own in this folder."""
+    """One kind of aiding measurement; each is a file of its own in this folder.
 
-    @property
-    def name(self) -> str:
-        """Also that of its event, ``gate.<name>``, and of its row in the result."""
+    Attributes
+    ----------
+    order : int
+        Place among the measurements of one time: the lower come first.
+    name : str
+        Also that of its event, ``gate.<name>``, and of its row in the result.
+    unit : str
+        Unit of the innovation.
+    when : {"interval", "fix"}
+        Whether it is used every `INTERVAL`, or at the GPS fixes.
+    excluded_by : frozenset of str
+        Kinds beside which, at the same time, it has nothing to add.
+    sd : (m,) array
+        Standard deviation of each of its numbers, as noise that is new every time.
+    """
 
-    @property
-    def unit(self) -> str:
-        """Unit of the innovation."""
+    order: ClassVar[int]
+    name: ClassVar[str]
+    unit: ClassVar[str]
+    when: ClassVar[Literal["interval", "fix"]]
+    excluded_by: ClassVar[frozenset[str]]
 
     @property
     def sd(self) -> FloatArray:
-        """Standard deviation of each of its numbers, as noise that is new every time, (m,)."""
-
-    @property
-    def when(self) -> Literal["interval", "fix"]:
-        """Whether it is used every `INTERVAL`, or at the GPS fixes."""
-
-    @property
-    def excludes(self) -> frozenset[str]:
-        """Kinds that have nothing to add where this one is used."""
+        """Standard deviation of each of its numbers, (m,)."""
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
         """Write predicted minus measured into `z`, (6,), and its derivative by the error states into `h`, (6, n).

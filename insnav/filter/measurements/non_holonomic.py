@@ -35,10 +35,11 @@ class NonHolonomic:
     lever_b: FloatArray
     sd: FloatArray
 
+    order: ClassVar[int] = 90
     name: ClassVar[str] = "nhc"
     unit: ClassVar[str] = "m/s"
     when: ClassVar[Literal["interval", "fix"]] = "interval"
-    excludes: ClassVar[frozenset[str]] = frozenset()
+    excluded_by: ClassVar[frozenset[str]] = frozenset({"zupt"})
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
         """See `Measurement`; rows 1 and 2, since row 0 would be the forward speed."""

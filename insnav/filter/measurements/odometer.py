@@ -11,7 +11,7 @@ from insnav.filter.measurements.first_pass import FAST, FirstPass
 from insnav.filter.measurements.measurement import NOTHING, FilterView
 from insnav.filter.measurements.residual_noise import time_correlated_sd
 from insnav.kernels.aiding_measurements import vehicle_velocity
-from insnav.types import FloatArray
+from insnav.types import BoolArray, FloatArray
 
 LEAST_SD = 0.05  # wheel slip and tyre pressure leave no speed better than this [m/s]
 LARGEST_RMS = 0.5  # of a speed that is of use: that of the free-inertial solution after tens of seconds [m/s]
@@ -41,10 +41,11 @@ class Odometer:
     lever_b: FloatArray
     sd: FloatArray
 
+    order: ClassVar[int] = 30
     name: ClassVar[str] = "odometer"
     unit: ClassVar[str] = "m/s"
     when: ClassVar[Literal["interval", "fix"]] = "interval"
-    excludes: ClassVar[frozenset[str]] = frozenset()
+    excluded_by: ClassVar[frozenset[str]] = frozenset({"zupt"})
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
         """See `Measurement`."""
@@ -62,15 +63,17 @@ class Odometer:
         if first.imu.odometer is None or first.mounting is None or not first.mounting.holds:
             return None, ""
         known = np.isfinite(first.imu.odometer)
-        return cls.fitted(first, first.imu.time[known], first.imu.odometer[known], LAGS)
+        return cls.fitted(first, first.fast, first.imu.time[known], first.imu.odometer[known], LAGS)
 
     @classmethod
-    def fitted(cls, first: FirstPass, time: FloatArray, speed: FloatArray, lags: FloatArray) -> tuple[Self | None, str]:
-        """Find scale factor and lag of a speed, of all `lags` [s] that which leaves the smallest residual."""
+    def fitted(
+        cls, first: FirstPass, rows: BoolArray, time: FloatArray, speed: FloatArray, lags: FloatArray
+    ) -> tuple[Self | None, str]:
+        """Find scale factor and lag of a speed at `rows` of the solution: of all `lags` [s] the one that fits best."""
         if time.shape[0] < FEWEST:
             return None, f"{cls.name}: not used, only {time.shape[0]} values"
         assert first.mounting is not None
-        at, forward = first.solution.time[first.fast], first.forward[first.fast]
+        at, forward = first.solution.time[rows], first.forward[rows]
         fits = []
         for lag in lags:
             shown = np.interp(at + lag, time, speed)

@@ -37,10 +37,11 @@ class ZeroVelocity:
     stops: FloatArray
     sd: FloatArray
 
+    order: ClassVar[int] = 20
     name: ClassVar[str] = "zupt"
     unit: ClassVar[str] = "m/s, rad/s"
     when: ClassVar[Literal["interval", "fix"]] = "interval"
-    excludes: ClassVar[frozenset[str]] = frozenset({"nhc", "odometer", "speedometer"})
+    excluded_by: ClassVar[frozenset[str]] = frozenset()
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
         """See `Measurement`."""

@@ -24,9 +24,9 @@ class Kinds:
     ----------
     rows : str
         Word for a row, in the plural.
-    nan, unsorted, duplicate, cut_row : EventKind
+    nan, unsorted, duplicate, cut_row : str
         Names of the events.
-    gap : EventKind or None
+    gap : str or None
         Name of a gap; None if gaps are no event.
     gap_rows : int
         More rows missing than this make a gap.
@@ -35,11 +35,11 @@ class Kinds:
     """
 
     rows: str
-    nan: EventKind
-    unsorted: EventKind
-    duplicate: EventKind
-    cut_row: EventKind
-    gap: EventKind | None
+    nan: str
+    unsorted: str
+    duplicate: str
+    cut_row: str
+    gap: str | None
     gap_rows: int
     min_rows: int
 

@@ -82,7 +82,7 @@ def _axes(key: str, dimension: str, unit: str, suffix: str, spellings: str) -> t
     return tuple(
         Quantity(
             f"{key}_{axis}",
-            f"{key}_{axis}_{suffix}",
+            f"{key}_{axis}_{suffix}".rstrip("_"),
             dimension,
             unit,
             _spread(spellings, axis) + _spread(spellings, str(i)),
@@ -151,6 +151,22 @@ REFERENCE_SCHEMA: tuple[Quantity, ...] = (
     _HEADING,
     _FIX,
 )
+
+# Logs of further sensors: what each may hold, and the alternatives of columns of which it must hold one.
+LOG_SCHEMAS: dict[str, tuple[tuple[Quantity, ...], tuple[tuple[str, ...], ...]]] = {
+    "speedometer": (
+        (
+            _TIME_COLUMN,
+            _one("speed", "speed_m_s", "velocity", "m/s", f"speed velocity v groundspeed {_FORWARD_SPEED}"),
+            _one("sd", "sd_m_s", "velocity", "m/s", "sd std sigma sdspeed speedsd stdspeed"),
+        ),
+        (("speed",),),
+    ),
+    "magnetometer": (
+        (_TIME_COLUMN, _HEADING, *_axes("mag", "", "", "", "mag? magnetometer? magneticfield? m? b? ?mag")),
+        (("mag_x", "mag_y", "mag_z"), ("heading",)),
+    ),
+}
 
 # Words that loggers put before a name; taken off when the whole is not known.
 PREFIXES = (

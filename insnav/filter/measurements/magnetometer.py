@@ -1,0 +1,81 @@
+"""Magnetometer: heading from the Earth's magnetic field, in the axes of the body, or as its own computer gives it."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+
+from insnav.attitude import dcm_from_rph, wrap_pi
+from insnav.filter.measurements.clock import near_values
+from insnav.filter.measurements.first_pass import FirstPass
+from insnav.filter.measurements.heading import Heading
+from insnav.filter.measurements.residual_noise import time_correlated_sd
+from insnav.types import BoolArray, FloatArray
+from insnav.units import DEG
+
+KNOWN_HEADING = 3.0 * DEG  # standard deviation of a heading of the first pass that calibrates [rad]
+LARGEST_RMS = 10.0 * DEG  # of a heading that is of use; steel nearby makes more [rad]
+LEAST_SD = 1.0 * DEG  # bridges, tram lines and other cars turn the field by this much [rad]
+FEWEST = 100  # rows to calibrate from
+# Vertical field and vertical hard iron differ only by the tilt of the body: smaller singular values are left out.
+SINGULAR = 0.05
+
+
+class Magnetometer(Heading):
+    """Heading over time; hard iron and declination are found from the headings of the first pass."""
+
+    __slots__ = ()
+    order: ClassVar[int] = 50
+    name: ClassVar[str] = "magnetometer"
+    when: ClassVar[Literal["interval", "fix"]] = "interval"
+    # at a stop the error of the field stays the same, and would be taken for many independent ones
+    excluded_by: ClassVar[frozenset[str]] = frozenset({"zupt"})
+
+    @classmethod
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+        """See `insnav.filter.measurements.measurement.Measurement`."""
+        log = first.logs.get(cls.name)
+        if log is None:
+            return None, ""
+        solution = first.solution
+        values = np.column_stack(list(log.values.values()))
+        finite = np.isfinite(values).all(axis=1)
+        seen = np.zeros(solution.time.shape[0], dtype=np.bool_)
+        if finite.sum() >= FEWEST:
+            seen = near_values(log.time[finite], solution.time)
+        known = seen if solution.sd is None else seen & (solution.sd[:, 8] < KNOWN_HEADING)
+        if known.sum() < FEWEST:
+            return None, f"{cls.name}: not used, too few values where the heading is known"
+        time, rph = solution.time[seen], solution.rph[seen]
+        if "heading" in log.values:
+            angle = np.unwrap(log.values["heading"][finite])
+            heading, iron = np.interp(time, log.time[finite], angle), ""
+        else:
+            field_b = np.column_stack([np.interp(time, log.time[finite], column[finite]) for column in values.T])
+            heading, iron = _from_field(field_b, rph, known[seen])
+        offset = wrap_pi(rph[:, 2] - heading)[known[seen]]
+        declination = float(np.arctan2(np.median(np.sin(offset)), np.median(np.cos(offset))))
+        residual = wrap_pi(offset - declination)
+        rms = float(np.sqrt(np.mean(residual**2)))
+        found = f"{cls.name}: residual {rms / DEG:.1f} deg RMS, declination {declination / DEG:.1f} deg{iron}"
+        if rms > LARGEST_RMS:
+            return None, f"{found}; not used"
+        sd = np.array([max(LEAST_SD, time_correlated_sd(residual, first.step))])
+        return cls(time, heading + declination, sd), found
+
+
+def _from_field(field_b: FloatArray, rph: FloatArray, known: BoolArray) -> tuple[FloatArray, str]:
+    """Magnetic heading (n,) from the field in body axes (n, 3), less its hard iron, and words on that.
+
+    ``m_b = C_bn m_n + b`` with the constant field ``m_n`` and hard iron ``b`` is linear in both.
+    """
+    c_nb = dcm_from_rph(rph)
+    some = c_nb[known]
+    design = np.concatenate([np.swapaxes(some, 1, 2), np.broadcast_to(np.eye(3), some.shape)], axis=2).reshape(-1, 6)
+    found = np.linalg.lstsq(design, field_b[known].reshape(-1), rcond=SINGULAR)[0]
+    level = rph.copy()
+    level[:, 2] = 0.0
+    field = np.einsum("nij,nj->ni", dcm_from_rph(level), field_b - found[3:])
+    share = float(np.hypot(*found[3:5]) / max(np.hypot(*found[:2]), 1e-12))
+    return -np.arctan2(field[:, 1], field[:, 0]), f", hard iron {share:.2f} of the horizontal field"

@@ -1,0 +1,62 @@
+"""Speedometer: a log of speed with a clock of its own."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Self
+
+import numpy as np
+
+from insnav.filter.measurements.clock import clock_offset, near_values
+from insnav.filter.measurements.first_pass import FAST, FirstPass
+from insnav.filter.measurements.odometer import FEWEST, Odometer
+from insnav.types import BoolArray, FloatArray
+
+# Between fixes far apart the first pass drifts, and would spoil scale factor and lag.
+KNOWN_SPEED = 0.3  # standard deviation of a velocity that is good enough for them [m/s]
+LAGS = np.arange(-1.0, 1.0, 0.02)  # about the offset found by correlation [s]
+
+
+OUTLIER, LEAST_OUTLIER = 4.0, 1.0  # standard deviations, and [m/s], from which a speed does not calibrate, only test
+
+
+class Speedometer(Odometer):
+    """Forward speed by a log; offset of its clock, lag and scale factor are found from the drive."""
+
+    __slots__ = ()
+    order: ClassVar[int] = 40
+    name: ClassVar[str] = "speedometer"
+
+    @classmethod
+    def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
+        """See `insnav.filter.measurements.measurement.Measurement`."""
+        log = first.logs.get(cls.name)
+        if log is None:
+            return None, ""
+        if first.mounting is None or not first.mounting.holds:
+            return None, f"{cls.name}: not used, the axes of the vehicle are not known"
+        known = np.isfinite(log.values["speed"])
+        time, speed = log.time[known], log.values["speed"][known]
+        horizontal = np.hypot(*first.solution.v_n[:, :2].T)
+        offset = clock_offset(first.solution.time, horizontal, time, speed)
+        if offset is None:
+            return None, f"{cls.name}: not used, its clock cannot be matched: the speeds do not correlate"
+        sd = first.solution.sd
+        sure = first.fast if sd is None else first.fast & (np.hypot(sd[:, 3], sd[:, 4]) < KNOWN_SPEED)
+        rows = sure & near_values(time - offset, first.solution.time)
+        if rows.sum() < FEWEST:
+            return None, f"{cls.name}: not used, only {rows.sum()} rows where the speed is known"
+        shown = np.interp(first.solution.time + offset, time, speed)
+        rows &= ~_near_outliers(first.forward, shown, rows, round(2.0 * LAGS[-1] / first.step))
+        found, note = cls.fitted(first, rows, time, speed, offset + LAGS)
+        if found is not None and "sd" in log.values:
+            reported = float(np.nanmedian(log.values["sd"][known]))
+            found = cls(found.time, found.speed, found.to_vehicle, found.lever_b, np.fmax(found.sd, reported))
+        return found, note
+
+
+def _near_outliers(forward: FloatArray, shown: FloatArray, rows: BoolArray, spread: int) -> BoolArray:
+    """Where a speed shown does not fit, up to one factor, and up to half of `spread` rows beside: any lag is tried."""
+    factor = float(np.median(forward[rows] / np.maximum(shown[rows], FAST)))
+    residual = np.abs(forward - factor * shown)
+    wrong = rows & (residual > max(LEAST_OUTLIER, OUTLIER * 1.4826 * float(np.median(residual[rows]))))
+    return np.asarray(np.convolve(wrong, np.ones(spread + 1), mode="same") > 0.5)

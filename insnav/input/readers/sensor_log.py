@@ -1,0 +1,54 @@
+"""Logs of further sensors from a file: what each holds is in `insnav.input.interpret.schema.LOG_SCHEMAS`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from insnav.input.formats.registry import open_table
+from insnav.input.interpret.clean import Kinds
+from insnav.input.interpret.columns import require, understand
+from insnav.input.interpret.schema import LOG_SCHEMAS
+from insnav.input.readers.reading import Reading
+from insnav.input.readers.rows import read_rows
+from insnav.types import SensorLog
+
+_SLOWEST = 45.0  # longest interval that is taken for seconds [s]
+
+
+def read_sensor_log(path: str | Path, name: str, *, columns: Mapping[str, str] | None = None) -> Reading[SensorLog]:
+    """Read the log of a further sensor.
+
+    Parameters
+    ----------
+    path : str or Path
+        A data file of any supported format; that of the IMU may hold the columns of another sensor, too.
+    name : {"speedometer", "magnetometer"}
+        What it is for: columns ``time_s, speed_m_s`` and perhaps ``sd_m_s``, or ``time_s`` with ``heading_deg`` or
+        ``mag_x, mag_y, mag_z`` (any unit) in body axes.
+    columns : mapping of str to str, optional
+        Quantity, with or without unit, to header.
+
+    Returns
+    -------
+    Reading of SensorLog
+
+    Raises
+    ------
+    InputError
+        The file cannot be used.
+    """
+    schema, alternatives = LOG_SCHEMAS[name]
+    table = open_table(path, name)
+    found, notes = understand(table.headers, table.units, schema, columns=columns, where=table.name)
+    wanted = next((each for each in alternatives if set(each) <= set(found)), alternatives[-1])
+    require(found, ("time", *wanted), table.headers, schema, where=table.name)
+    kinds = Kinds("rows", f"{name}.nan", f"{name}.unsorted", f"{name}.duplicate", f"{name}.cut_row", None, 0, 3)
+    keys = ("time", *wanted, *(["sd"] if "sd" in found else []))
+    rows = read_rows(table, found, keys, kinds, slowest=_SLOWEST)
+    cleaned = rows.clean(~np.isfinite(rows.columns["time"]), "no time")
+    values = {key: cleaned.columns[key] * found[key].factor for key in keys[1:]}
+    read = {found[key].quantity.name: found[key].describe(rows.time_unit if key == "time" else None) for key in keys}
+    return rows.reading(name, SensorLog(name, cleaned.columns["time"], values), cleaned, read, notes)
