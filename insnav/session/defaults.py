@@ -14,7 +14,7 @@ from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
 from insnav.session.inputs import Inputs, vector
 from insnav.strapdown import intervals
-from insnav.types import GpsData, ImuData, Trajectory
+from insnav.types import GpsData, ImuData, SensorLog, Trajectory
 
 SHORTEST_REST = 5.0  # shorter ones do not show the noise of an IMU [s]
 BENCH_SD = (0.01, 0.005)  # how well a place that is not left is known [m], [m/s]
@@ -73,7 +73,7 @@ def complete_fixes(
     )
 
 
-def filter_settings(inputs: Inputs, *, receiver: bool) -> FilterSettings:
+def filter_settings(inputs: Inputs, logs: tuple[SensorLog, ...], *, receiver: bool) -> FilterSettings:
     """Settings of the filter; the delay of a receiver is estimated unless it was given."""
     lever_b, delay = vector(inputs, "lever_arm"), inputs.get("gps_delay")
     return FilterSettings(
@@ -83,4 +83,5 @@ def filter_settings(inputs: Inputs, *, receiver: bool) -> FilterSettings:
         delay_sd=DELAY_SD if delay is None and receiver else 0.0,
         heading_sd=inputs.get("gps_heading_sd") or 0.0,
         fixed_height_sd=inputs.get("fixed_height_sd") or 0.0,
+        logs=logs,
     )

@@ -103,7 +103,8 @@ def drive_of(readings: Readings) -> Drive:
         check_overlap(samples, readings.gps.data)
     fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference)
     spec, chosen = given_model or defaults.imu_from_rest(samples, defaults.stationary_part(samples, fixes, inputs))
-    settings = defaults.filter_settings(inputs, receiver=readings.gps is not None)
+    logs = tuple(log.data for log in readings.logs.values())
+    settings = defaults.filter_settings(inputs, logs, receiver=readings.gps is not None)
     return Drive(readings, fixes, spec, chosen, settings, assumed)
 
 

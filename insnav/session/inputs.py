@@ -6,15 +6,19 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal, TypedDict
+from typing import TYPE_CHECKING, Literal, TypedDict
 
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.prepare import Start
 from insnav.imu.specification import ImuSpec
+from insnav.input.interpret.schema import LOG_SCHEMAS
 from insnav.types import FloatArray, Sampling, Stamp
 from insnav.units import DEG
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Inputs(TypedDict, total=False):
@@ -56,6 +60,8 @@ class Inputs(TypedDict, total=False):
         Initial state with its standard deviations instead of an alignment.
     static : two numbers
         Stationary interval for the alignment [s].
+    logs : mapping of str to path or data frame
+        Further sensors that aid the filter, by name: ``{"speedometer": "speed.csv"}``, ``{"magnetometer": "imu.csv"}``.
     fixed_height_sd : float
         The vehicle stays within so much of the height of its first fix [m]; zero does not assume it.
     lat, height : float
@@ -82,6 +88,7 @@ class Inputs(TypedDict, total=False):
     heading: float | None
     initial: str | Path | Start | None
     static: tuple[float, float] | None
+    logs: Mapping[str, str | Path | pd.DataFrame] | None
     fixed_height_sd: float | None
     lat: float | None
     height: float | None
@@ -135,6 +142,9 @@ def checked(inputs: Inputs) -> Inputs:
     if span is not None and not span[1] > span[0]:
         raise ConfigError(f"{span[0]:g} to {span[1]:g} s ends before it begins", where="static")
     reference_sd(inputs)
+    for name in inputs.get("logs") or {}:
+        if name not in LOG_SCHEMAS:
+            raise ConfigError(f"a {name!r} is no known sensor", where="logs", fix=f"known are {', '.join(LOG_SCHEMAS)}")
     initial = inputs.get("initial")
     return {**inputs, "initial": read_start(Path(initial)) if isinstance(initial, str | Path) else initial}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,8 +16,9 @@ from insnav.exceptions import ConfigError, InsnavError
 from insnav.imu import correct, load_calibration
 from insnav.input import Reading, ReadingFacts, read_gps, read_imu, read_reference
 from insnav.input.formats.table import ArrayCells, Table
+from insnav.input.readers.sensor_log import read_sensor_log
 from insnav.session.inputs import Inputs, checked
-from insnav.types import FloatArray, GpsData, ImuData, Trajectory
+from insnav.types import FloatArray, GpsData, ImuData, SensorLog, Trajectory
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,6 +42,8 @@ class Readings:
         Known errors corrected.
     gps : Reading of GpsData or None
     reference : Reading of Trajectory or None
+    logs : mapping of str to Reading of SensorLog
+        Further sensors by name.
     inputs : Inputs
         What was given with them, checked.
     """
@@ -48,11 +51,12 @@ class Readings:
     imu: Reading[ImuData]
     gps: Reading[GpsData] | None
     reference: Reading[Trajectory] | None
+    logs: Mapping[str, Reading[SensorLog]]
     inputs: Inputs
 
-    def given(self) -> dict[str, Reading[ImuData] | Reading[GpsData] | Reading[Trajectory]]:
-        """Readings by name: ``imu``, ``gps``, ``reference``."""
-        named = {"imu": self.imu, "gps": self.gps, "reference": self.reference}
+    def given(self) -> dict[str, Reading[ImuData] | Reading[GpsData] | Reading[Trajectory] | Reading[SensorLog]]:
+        """Readings by name: ``imu``, ``gps``, ``reference`` and those of further sensors."""
+        named = {"imu": self.imu, "gps": self.gps, "reference": self.reference, **self.logs}
         return {name: each for name, each in named.items() if each is not None}
 
     @property
@@ -76,14 +80,17 @@ def read(imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Traject
         What cannot be meant, or used; `where` names the input.
     """
     inputs = checked(inputs)
-    sources = [name for name, source in (("imu", imu), ("gps", gps), ("ref", ref)) if _is_stdin(source)]
+    given_logs = inputs.get("logs") or {}
+    given = {"imu": imu, "gps": gps, "ref": ref, **given_logs}
+    sources = [name for name, source in given.items() if _is_stdin(source)]
     if len(sources) > 1:
         raise ConfigError(
             "only one file can come from standard input", where=", ".join(sources), fix="give the others by name"
         )
     fixes = None if gps is None else _read_gps(gps, inputs)
     reference = None if ref is None else _read_reference(ref, inputs)
-    return Readings(read_samples(imu, inputs), fixes, reference, inputs)
+    logs = {name: read_sensor_log(_table(log), name) for name, log in given_logs.items()}
+    return Readings(read_samples(imu, inputs), fixes, reference, logs, inputs)
 
 
 def _is_stdin(source: object) -> bool:

@@ -10,13 +10,14 @@ import pytest
 
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import ned_offset
-from insnav.exceptions import InputError
+from insnav.exceptions import ConfigError, InputError
 from insnav.filter import error_model
 from insnav.filter.measurements import kinds, measurements_from_drive
 from insnav.filter.measurements.clock import clock_offset
 from insnav.filter.measurements.first_pass import FirstPass
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.sensor_log import read_sensor_log
+from insnav.session.drive import load
 from insnav.simulate import reference, without_fixes
 from insnav.types import SensorLog
 from insnav.units import DEG, DEG_PER_H
@@ -194,3 +195,20 @@ def test_speed_files_are_read_with_their_units(tmp_path: Path):
     path.write_text("time_s,rpm\n0,1\n1,2\n2,3\n")
     with pytest.raises(InputError, match="speed_m_s"):
         read_sensor_log(path, "speedometer")
+
+
+def test_a_drive_takes_logs_and_says_what_came_of_them(tmp_path: Path):
+    path = tmp_path / "speed.csv"
+    log = speed_log()
+    rows = [f"{t:.2f},{3.6 * v:.4f}" for t, v in zip(log.time, log.values["speed"], strict=True)]
+    path.write_text("\n".join(["time_s,speed_km_h", *rows]) + "\n")
+    rng = rng_of(0)
+    imu = drives.noisy_imu(drives.perfect_imu(laps=0), drives.MODEL, rng)
+    gps = drives.noisy_gps(drives.perfect_gps(laps=0), rng)
+    drive = load(imu, gps=gps, imu_model=drives.SPEC, lever_arm=drives.LEVER_B, logs={"speedometer": path})
+    done = drive.navigate()
+    assert "speedometer" in {use.name for use in done.found.run.aiding}
+    assert lag_of(done.notes) == pytest.approx(EPOCH, abs=0.03)
+    assert done.inputs["speedometer"].n_used == log.time.size
+    with pytest.raises(ConfigError, match="no known sensor"):
+        load(imu, gps=gps, logs={"lidar": path})

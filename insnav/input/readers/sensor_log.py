@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from insnav.input.formats.registry import open_table
+from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import Kinds
 from insnav.input.interpret.columns import require, understand
 from insnav.input.interpret.schema import LOG_SCHEMAS
@@ -18,12 +19,14 @@ from insnav.types import SensorLog
 _SLOWEST = 45.0  # longest interval that is taken for seconds [s]
 
 
-def read_sensor_log(path: str | Path, name: str, *, columns: Mapping[str, str] | None = None) -> Reading[SensorLog]:
+def read_sensor_log(
+    path: str | Path | Table, name: str, *, columns: Mapping[str, str] | None = None
+) -> Reading[SensorLog]:
     """Read the log of a further sensor.
 
     Parameters
     ----------
-    path : str or Path
+    path : str, Path or Table
         A data file of any supported format; that of the IMU may hold the columns of another sensor, too.
     name : {"speedometer", "magnetometer"}
         What it is for: columns ``time_s, speed_m_s`` and perhaps ``sd_m_s``, or ``time_s`` with ``heading_deg`` or
