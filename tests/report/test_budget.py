@@ -15,7 +15,7 @@ from insnav.errors.budget.sources import families, sources_of
 from insnav.imu import load_imu
 from insnav.report.budget.figures import ranked, shares
 from insnav.report.budget.page import budget_facts, budget_sheet, columns_table, sources_table, warnings
-from insnav.report.budget.terms import EFFECTS, growth, size
+from insnav.report.budget.terms import effect, growth, size
 from insnav.report.sheet import sheet_text
 from tests.errors.budget.imus import plain, whole
 
@@ -63,7 +63,7 @@ def test_every_family_has_words_a_unit_and_a_law():
     sources = sources_of(whole(), 1e-5)
     every = replace(budget(plain(), at_rest(5.0), (5.0,)), sources=sources)
     for family in families(sources):
-        assert EFFECTS[family]
+        assert effect(family)
         assert size(every, family).split()[0][0].isdigit()
         assert growth(every, family)
     assert size(every, "gyro bias") == "1.6 to 2.4 deg/h"

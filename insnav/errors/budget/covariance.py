@@ -127,20 +127,12 @@ def _sensed(source: Source, motion: SampledMotion) -> tuple[FloatArray | None, F
         # late by tau, or by a growing part of the time: what is shown is what was true before
         late = np.ones_like(since) if source.term == "offset" else since
         middle = since + motion.truth.time[0]
-        return tuple(-late[:, None] * np.gradient(value, middle, axis=0) for value in (motion.rate, motion.force))  # type: ignore[return-value]
+        rate, force = (-late[:, None] * np.gradient(value, middle, axis=0) for value in (motion.rate, motion.force))
+        return rate, force
+    term, (shown, driving) = source.error_term, source.element
+    assert term.drive is not None  # a term of the budget
     error = np.zeros((len(motion.dt), 3))
-    axis = BODY.index(source.axis[0])
-    of = motion.rate if source.group == "gyro" else motion.force
-    if source.term in ("scale factor", "misalignment"):
-        error[:, axis] = of[:, BODY.index(source.axis[1])]
-    elif source.term == "asymmetry":
-        error[:, axis] = np.abs(of[:, axis])
-    elif source.term == "non-linearity":
-        error[:, axis] = of[:, axis] ** 2
-    elif source.term == "g-sensitivity":
-        error[:, axis] = motion.force[:, BODY.index(source.axis[1])]
-    else:
-        error[:, axis] = since if source.kind == "ramp" else 1.0
+    error[:, shown] = term.drive(motion.rate, motion.force, since[:, None])[:, driving]
     return (error, None) if source.group == "gyro" else (None, error)
 
 

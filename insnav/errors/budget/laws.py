@@ -18,14 +18,14 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from insnav.errors.budget.sources import Kind
+from insnav.imu.error_terms import Process
 from insnav.types import FloatArray
 
 SHORT = 120.0  # up to here the short forms, beyond it the closed Schuler forms [s]
 _SERIES = 0.5  # below this share of the correlation time the series of the Gauss-Markov integrals
 
 
-def integral(kind: Kind, order: int, time: ArrayLike, correlation_time: float = math.inf) -> FloatArray:
+def integral(kind: Process, order: int, time: ArrayLike, correlation_time: float = math.inf) -> FloatArray:
     """Standard deviation of the n-fold integral of an error of unit size that begins at time zero.
 
     Parameters
@@ -171,7 +171,7 @@ def gyro_instability(sd: float, time: ArrayLike, correlation_time: float, g: flo
     return sd * g * integral("Gauss-Markov", 3, time, correlation_time)
 
 
-def schuler(kind: Kind, order: int, time: ArrayLike, rate: float) -> FloatArray:
+def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArray:
     """What the closed Schuler loop makes of an n-fold integral, as a factor on the short form.
 
     Parameters

@@ -1,8 +1,8 @@
-"""The budget by experiment: free-inertial runs of IMUs drawn from a specification, on one motion.
+"""The simulated budget: free-inertial Monte Carlo runs of IMUs sampled from a specification, on one motion.
 
-Every run draws its constant errors with `insnav.imu.draw_errors`, its noise as `insnav.simulate.corrupt_imu` does, and
-is integrated by the step that navigates recordings. What a compiled loop over all of it leaves out is the change that
-sensor errors make in coning and sculling, which is of second order.
+Every run samples its constant errors with `insnav.imu.draw_errors`, its noise as `insnav.simulate.corrupt_imu` does,
+and is integrated by the step that navigates recordings. The compiled loop neglects the change that sensor errors make
+in coning and sculling, which is of second order.
 """
 
 from __future__ import annotations
@@ -18,10 +18,18 @@ from insnav.errors.budget.initial_covariance import STATES
 from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.sources import Source, families, only, sources_of
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, draw_errors
+from insnav.imu.error_terms import Sensor, terms_of
 from insnav.kernels import error_propagation as _kernel
 from insnav.simulate.imu_errors import flicker
 from insnav.types import FloatArray, IntArray
 from insnav.units import G0
+
+_SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
+# terms that `draw_errors` and the compiled kernel have; all others are made sample by sample before it
+_IN_KERNEL = (
+    *("bias", "bias_instability", "random_walk", "scale_factor", "misalignment", "rate_random_walk"),
+    *("asymmetry", "quadratic", "g_sensitivity"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +71,9 @@ def free_runs(
     Parameters
     ----------
     spec : ImuSpec
-        From which errors are drawn.
+        From which errors are sampled.
     motion : SampledMotion
-        What every run does.
+        Of every run.
     rows : (m,) array of int
         Samples after which errors are wanted, increasing.
     runs : int
@@ -75,9 +83,9 @@ def free_runs(
     deflection : float
         Deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`.
     hold : bool
-        Hold the vertical channel to the truth.
+        Constrain the vertical channel to the true height.
     known : tuple of Source
-        Errors of start and sensors that go together, beside those of `spec`; see `initial_covariance`.
+        Correlated errors of start and sensors besides those of `spec`; see `initial_covariance`.
     progress : callable, optional
         Called with the fraction done.
 
@@ -97,7 +105,7 @@ def free_runs(
         errors = draw_errors(spec, rng)
         together = rng.standard_normal(len(known)) @ carried if known else np.zeros(STATES)
         x = _start(spec.initial or InitialSpec(), motion, start_q, rng, hold, together[:9])
-        more = _more(spec, motion.elapsed[:n], rng, changes)
+        more = _more(spec, motion, n, rng, changes)
         gravity = -deflection * G0 * rng.standard_normal(3)
         _kernel.corrupted_run(
             rng,
@@ -158,7 +166,7 @@ def runs_by_family(
 
 
 def _of_errors(errors: ImuErrors, taken_off: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Bias, matrices, bends and g-sensitivity as the kernel takes them, less what was taken for errors and is none."""
+    """Bias, matrices, bends and g-sensitivity as the kernel takes them, less the errors of the filter's estimates."""
     terms = [errors.gyro_terms or ErrorTerms(), errors.accel_terms or ErrorTerms()]
     return (
         np.concatenate([errors.gyro_bias - taken_off[0], errors.accel_bias - taken_off[1]]),
@@ -186,7 +194,7 @@ def _start(
     hold: bool,
     together: FloatArray,
 ) -> FloatArray:
-    """Draw an initial state; `together` are errors of it drawn elsewhere, (9,)."""
+    """Sample an initial state; `together` are its correlated errors, (9,)."""
     free = np.array([1.0, 1.0, 0.0 if hold else 1.0])
     drawn = [sd * rng.standard_normal(3) for sd in (initial.position, initial.velocity)]
     position, velocity = free * (drawn[0] + together[:3]), free * (drawn[1] + together[3:6])
@@ -205,22 +213,33 @@ def _changes(motion: SampledMotion, n: int) -> FloatArray:
     return np.asarray(np.gradient(np.concatenate([motion.rate, motion.force], axis=1), middle, axis=0)[:n])
 
 
-def _more(spec: ImuSpec, elapsed: FloatArray, rng: np.random.Generator, changes: FloatArray | None) -> FloatArray:
-    """Draw errors that are made of whole records: flicker, ramps, late samples."""
-    made = np.zeros((0, 6))
-
-    def sum_of(sensors: tuple[SensorSpec, SensorSpec], key: str) -> bool:
-        return any(np.any(getattr(sensor, key)) for sensor in sensors)
-
-    both = (spec.gyro, spec.accel)
-    if not (changes is not None or sum_of(both, "flicker") or sum_of(both, "rate_ramp")):
-        return made
-    made = np.zeros((len(elapsed), 6))
-    for part, sensor in enumerate(both):
-        columns = slice(3 * part, 3 * part + 3)
-        made[:, columns] += (elapsed - elapsed[0])[:, None] * (rng.standard_normal(3) * sensor.rate_ramp)
+def _more(
+    spec: ImuSpec, motion: SampledMotion, n: int, rng: np.random.Generator, changes: FloatArray | None
+) -> FloatArray:
+    """Sample the errors that the kernel does not make, ``(n, 6)``, ``(0, 6)`` if there are none."""
+    terms = {
+        sensor: [term for term in terms_of(sensor) if term.in_budget and term.key not in _IN_KERNEL]
+        for sensor in _SENSORS
+    }
+    sizes = [getattr(getattr(spec, sensor), term.key) for sensor in _SENSORS for term in terms[sensor]]
+    if changes is None and not any(np.any(size) for size in sizes):
+        return np.zeros((0, 6))
+    elapsed = motion.elapsed[:n]
+    made = np.zeros((n, 6))
+    since = (elapsed - elapsed[0])[:, None]
+    for part, name in enumerate(_SENSORS):
+        sensor: SensorSpec = getattr(spec, name)
+        for term in terms[name]:
+            size = getattr(sensor, term.key)
+            # a ramp takes its random numbers even if it is zero, so that others stay as they are
+            if term.drive is None or term.process == "flicker" or not (term.process == "ramp" or np.any(size)):
+                continue
+            signal = term.drive(motion.rate[:n], motion.force[:n], since)
+            for (shown, driving), number in zip(term.elements, rng.standard_normal(len(term.elements)), strict=True):
+                made[:, 3 * part + shown] += signal[:, driving] * (number * size[shown])
         if np.any(sensor.flicker):
-            made[:, columns] += flicker(np.random.SeedSequence(int(rng.integers(2**53))), elapsed, sensor.flicker)
+            seed = np.random.SeedSequence(int(rng.integers(2**53)))
+            made[:, 3 * part : 3 * part + 3] += flicker(seed, elapsed, sensor.flicker)
     if changes is not None:
         offset, drift = rng.standard_normal(2) * [spec.clock.offset, spec.clock.drift]
         made -= (offset + drift * elapsed)[:, None] * changes

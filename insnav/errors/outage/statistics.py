@@ -10,7 +10,7 @@ import numpy as np
 from insnav.errors.outage.free_inertial import MOTIONS, Windows
 from insnav.errors.outage.gnss_outage import Outage
 from insnav.sample_statistics import effective_count, interval, means
-from insnav.types import FloatArray, IntArray
+from insnav.types import BoolArray, FloatArray, IntArray
 
 COMPONENTS = ("north", "east", "down", "along", "cross", "horizontal")
 OUTAGE_COMPONENTS = ("horizontal", "vertical", "velocity", "heading", "smoothed horizontal", "smoothed vertical")
@@ -47,7 +47,8 @@ class Growth:
     predicted : (k, q) array
         RMS predicted standard deviation.
     inside : (k, q) array
-        Share of the errors within 3 sd of prediction and reference together; of several axes their mean [-].
+        Share of the errors within 3 sd of prediction and reference together [-]. Of several axes their mean; of the
+        horizontal error in free-inertial windows, at least one of its axes.
     """
 
     times: FloatArray
@@ -124,8 +125,8 @@ def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
     """
     at = columns_at(windows, table_times(windows) if times is None else times)
     error, variance, reference = (values[:, at] for values in components(windows))
-    inside = (np.abs(error) <= 3.0 * np.sqrt(variance + reference)).astype(np.float64)
-    inside[..., 5] = inside[..., :2].mean(axis=-1)
+    inside = np.abs(error) <= 3.0 * np.sqrt(variance + reference)
+    inside[..., 5] = inside[..., :2].any(axis=-1)
     return _summed(
         windows.grid[at], COMPONENTS, windows.start, windows.length, np.abs(error), variance, reference, inside
     )
@@ -211,7 +212,7 @@ def _summed(
     size: FloatArray,
     variance: FloatArray,
     reference: FloatArray,
-    inside: FloatArray,
+    inside: FloatArray | BoolArray,
 ) -> Growth:
     """Sum up sizes of errors, their predicted and reference variances, and whether they are inside, all (n, k, q)."""
 
@@ -220,7 +221,7 @@ def _summed(
 
     known, once = np.isfinite(size), np.ones((1, len(start)))
 
-    def mean(values: FloatArray) -> FloatArray:
+    def mean(values: FloatArray | BoolArray) -> FloatArray:
         return np.asarray(means(np.where(known, values, np.nan), once)[0])
 
     low, high = interval(start, length, rms)

@@ -15,7 +15,7 @@ from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.laws import SHORT
 from insnav.output.folder import RunFolder
 from insnav.report.budget.figures import draw_budget, horizontal, ranked, shares
-from insnav.report.budget.terms import EFFECTS, growth, size
+from insnav.report.budget.terms import effect, growth, size
 from insnav.report.budget.windows import (
     recorded_assumptions,
     recorded_pictures,
@@ -311,7 +311,7 @@ def _state_table(budget: Budget) -> Table:
 
 
 def _effects_table(budget: Budget) -> Table:
-    rows = tuple((budget.families[k], EFFECTS[budget.families[k]]) for k in ranked(budget))
+    rows = tuple((budget.families[k], effect(budget.families[k])) for k in ranked(budget))
     return Table("What the sources do", ("source", "in words"), rows)
 
 
