@@ -131,19 +131,9 @@ class ErrorTerms:
 def size_effect(rate: FloatArray, dt: FloatArray, positions: FloatArray) -> FloatArray:
     """What accelerometers feel because they do not sit in one point (Groves 2013, eq. 4.15 for each of them).
 
-    Parameters
-    ----------
-    rate : (n, 3) array
-        Angular rate [rad/s].
-    dt : (n,) array
-        Sampling intervals [s].
-    positions : (3, 3) array
-        Row i is the place of accelerometer i [m].
-
-    Returns
-    -------
-    (n, 3) array
-        [m/s^2]. Angular acceleration by differences of the rates: good for motion slow against the sampling.
+    rate (n, 3): angular rate [rad/s]; dt (n,): sampling intervals [s]; positions (3, 3): row i is the place of
+    accelerometer i [m]. Returns (n, 3): [m/s^2]. Angular acceleration by differences of the rates: good for motion
+    slow against the sampling.
     """
     time = np.cumsum(dt)
     change = np.gradient(rate, time, axis=0)

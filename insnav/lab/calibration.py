@@ -138,17 +138,8 @@ class CalibrationSd:
     def corrected(self, errors: ImuErrors, rate: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Uncertainty of corrected rates and specific forces that comes from the calibration alone.
 
-        Parameters
-        ----------
-        errors : ImuErrors
-            Of which these are the standard deviations.
-        rate, force : (n, 3) array
-            True ones [rad/s], [m/s^2].
-
-        Returns
-        -------
-        rate_sd, force_sd : (n, 3) array
-            One standard deviation, for sensors that are nearly a perfect triad [rad/s], [m/s^2].
+        errors: of which these are the standard deviations; rate, force (n, 3): true ones [rad/s], [m/s^2]. Returns
+        rate_sd, force_sd (n, 3): one standard deviation, for sensors that are nearly a perfect triad [rad/s], [m/s^2].
         """
         of_rate = rate**2 @ self.gyro_matrix.T**2 + force**2 @ self.g_sensitivity.T**2 + self.gyro_bias**2
         known = () if errors.gyro_map is None else zip(errors.gyro_map.axes, self.gyro_map, strict=True)
@@ -307,10 +298,7 @@ def condition_warnings(fits: Mapping[str, Fit]) -> tuple[str, ...]:
 def common_unit(units: Sequence[tuple[str, str]]) -> str:
     """Unit that all outputs share, of pairs of a name and a unit.
 
-    Raises
-    ------
-    InputError
-        They do not.
+    Raises InputError: they differ.
     """
     if len({unit for _, unit in units}) > 1:
         raise InputError(

@@ -21,33 +21,15 @@ LEVEL = 0.95  # of a printed interval, where nothing else is said
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """What linear least squares found.
+    """What linear least squares found."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Of the k parameters.
-    value : (k,) array
-        Estimates.
-    covariance : (k, k) array
-        Of the estimates, from the scatter of the residuals.
-    residual : (n,) array
-        Measured minus fitted, in the unit of what was measured.
-    sigma : float
-        Standard deviation of a measurement of weight 1: root of the weighted sum of squares over `dof`.
-    dof : int
-        Degrees of freedom, ``n - k``.
-    condition : float
-        Condition number of the design, each column scaled to length 1: what no choice of units can mend.
-    """
-
-    names: tuple[str, ...]
-    value: FloatArray
-    covariance: FloatArray
-    residual: FloatArray
-    sigma: float
-    dof: int
-    condition: float
+    names: tuple[str, ...]  # of the k parameters
+    value: FloatArray  # (k,) estimates
+    covariance: FloatArray  # (k, k) of the estimates, from the scatter of the residuals
+    residual: FloatArray  # (n,) measured minus fitted, in the unit of what was measured
+    sigma: float  # standard deviation of a measurement of weight 1: root of the weighted sum of squares over `dof`
+    dof: int  # degrees of freedom, ``n - k``
+    condition: float  # condition number of the design, each column scaled to length 1: what no choice of units can mend
 
     @property
     def sd(self) -> FloatArray:
@@ -78,12 +60,7 @@ class Fit:
 def coverage_factor(dof: float, level: float = LEVEL) -> float:
     """Half width of a confidence interval in standard deviations: Student's t for few degrees of freedom.
 
-    Parameters
-    ----------
-    dof : float
-        Degrees of freedom of the standard deviation, infinite if it is known.
-    level : float
-        Probability of the interval.
+    dof: degrees of freedom of the standard deviation, infinite if it is known; level: probability of the interval.
     """
     return float(stdtrit(min(dof, 1e9), 0.5 + 0.5 * level))
 
@@ -94,14 +71,7 @@ def outliers(fit: Fit, design: FloatArray, probability: float = 0.05) -> tuple[i
     Each residual is compared with the scatter of all other rows (deleted residual: Seber and Lee, section 10.2), at a
     level that lets all rows of a good fit pass except with the given probability.
 
-    Parameters
-    ----------
-    fit : Fit
-        Made with equal weights.
-    design : (n, k) array
-        Of that fit.
-    probability : float
-        Of any false alarm.
+    fit: made with equal weights; design (n, k): of that fit; probability: of any false alarm.
     """
     if fit.dof < 2 or fit.sigma <= 0.0:
         return ()

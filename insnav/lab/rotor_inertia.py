@@ -36,51 +36,26 @@ SLOW = 10.0  # the rotor must turn so much faster than it precesses for the form
 
 @dataclass(frozen=True, slots=True)
 class Inertia:
-    """Moment of inertia by one method.
+    """Moment of inertia by one method."""
 
-    Attributes
-    ----------
-    method : str
-        In words.
-    value, sd : float
-        [kg m^2].
-    half_width : float
-        Half its 95 % interval [kg m^2].
-    fit : Fit
-        Of the slope alone, through the origin.
-    x, y : (n,) array
-        What was fitted: height [m] and squared time [s^2], or period [s] and rotor rate [rad/s].
-    warnings : tuple of str
-    """
-
-    method: str
-    value: float
+    method: str  # in words
+    value: float  # [kg m^2]
     sd: float
-    half_width: float
-    fit: Fit
-    x: FloatArray
+    half_width: float  # half its 95 % interval [kg m^2]
+    fit: Fit  # of the slope alone, through the origin
+    x: FloatArray  # (n,) what was fitted: height [m] and squared time [s^2], or period [s] and rotor rate [rad/s]
     y: FloatArray
     warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Whether two results agree.
+    """Whether two results agree."""
 
-    Attributes
-    ----------
-    difference, sd : float
-        First minus second, and its standard deviation [kg m^2].
-    limit : float
-        Largest difference that their uncertainties explain, 95 % [kg m^2].
-    mean, mean_sd : float
-        Weighted mean and its standard deviation [kg m^2]; of no use where they disagree.
-    """
-
-    difference: float
+    difference: float  # first minus second, and its standard deviation [kg m^2]
     sd: float
-    limit: float
-    mean: float
+    limit: float  # largest difference that their uncertainties explain, 95 % [kg m^2]
+    mean: float  # weighted mean and its standard deviation [kg m^2]; of no use where they disagree
     mean_sd: float
 
     @property
@@ -275,10 +250,6 @@ def agreement(first: Inertia, second: Inertia) -> Agreement:
 
     The number of degrees of freedom of their difference is that of Welch and Satterthwaite: ISO/IEC Guide 98-3 (2008),
     eq. G.2b.
-
-    Parameters
-    ----------
-    first, second : Inertia
     """
     difference, sd = first.value - second.value, math.hypot(first.sd, second.sd)
     if sd == 0.0:

@@ -27,21 +27,10 @@ TREND = 0.7  # share of the variance of the means that a steady drift explains a
 
 @dataclass(frozen=True, slots=True)
 class Accepted:
-    """Figures of one sensor; None for what was not measured.
+    """Figures of one sensor; None for what was not measured."""
 
-    Attributes
-    ----------
-    axis : str
-        Such as ``gyro x``.
-    unit : str
-        Of its output.
-    scale : Scale or None
-    stability : tuple of Stability
-    repeatability : Spread or None
-    """
-
-    axis: str
-    unit: str
+    axis: str  # such as ``gyro x``
+    unit: str  # of its output
     scale: Scale | None
     stability: tuple[Stability, ...]
     repeatability: Spread | None
@@ -49,18 +38,10 @@ class Accepted:
 
 @dataclass(frozen=True, slots=True)
 class Acceptance:
-    """Figures of all sensors.
-
-    Attributes
-    ----------
-    sensors : tuple of Accepted
-    length : float
-        Of the record at rest [s]; zero without one.
-    warnings, notes : tuple of str
-    """
+    """Figures of all sensors."""
 
     sensors: tuple[Accepted, ...]
-    length: float
+    length: float  # of the record at rest [s]; zero without one
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
 

@@ -27,39 +27,21 @@ LARGEST_K = 2.0  # of a sensor whose output is in the unit of what it senses
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """Scale factor and bias of one sensor.
+    """Scale factor and bias of one sensor."""
 
-    Attributes
-    ----------
-    table : RateTable
-        Settings and outputs, in deg/s or g and in the unit of the output.
-    k, k_sd : float
-        Scale factor that counts [output unit per deg/s or g], mean of forward and reverse where both are there.
-    bias, bias_sd : float
-        Zero over scale factor [rad/s] or [m/s^2].
-    """
-
-    table: RateTable
-    k: float
+    table: RateTable  # settings and outputs, in deg/s or g and in the unit of the output
+    k: float  # scale factor that counts [output unit per deg/s or g], mean of forward and reverse where both are there
     k_sd: float
-    bias: float
+    bias: float  # zero over scale factor [rad/s] or [m/s^2]
     bias_sd: float
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Standard deviation of a few values.
+    """Standard deviation of a few values."""
 
-    Attributes
-    ----------
-    values : (n,) array
-        Biases of power-ups, or means of the parts of a record [rad/s] or [m/s^2].
-    sd, low, high : float
-        With n - 1, and its 95 % interval, values taken as independent and normally distributed.
-    """
-
-    values: FloatArray
-    sd: float
+    values: FloatArray  # (n,) biases of power-ups, or means of the parts of a record [rad/s] or [m/s^2]
+    sd: float  # with n - 1, and its 95 % interval, values taken as independent and normally distributed
     low: float
     high: float
 
@@ -71,37 +53,17 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Stability:
-    """Bias stability over parts of one length.
+    """Bias stability over parts of one length."""
 
-    Attributes
-    ----------
-    length : float
-        Of a part [s].
-    time : (n,) array
-        Middle of each part used [s].
-    spread : Spread
-        Of the means of the parts.
-    """
-
-    length: float
-    time: FloatArray
-    spread: Spread
+    length: float  # of a part [s]
+    time: FloatArray  # (n,) middle of each part used [s]
+    spread: Spread  # of the means of the parts
 
 
 def spread_of(values: FloatArray, *, where: str = "") -> Spread:
     """Standard deviation with n - 1, and its interval.
 
-    Parameters
-    ----------
-    values : (n,) array
-        At least two.
-    where : str
-        Place to name in the error.
-
-    Raises
-    ------
-    InputError
-        Fewer than two values.
+    values (n,): at least two. Raises InputError: fewer than two values.
     """
     if values.size < 2:
         raise InputError(
@@ -115,17 +77,7 @@ def spread_of(values: FloatArray, *, where: str = "") -> Spread:
 def scale_of(channel: Channel, *, where: str = "") -> Scale:
     """Scale factor and bias of one sensor.
 
-    Parameters
-    ----------
-    channel : Channel
-        One row a dwell.
-    where : str
-        Place to name in errors.
-
-    Raises
-    ------
-    InputError
-        Too few settings, or a sensor that does not follow them.
+    channel: one row a dwell. Raises InputError: too few settings, or a sensor that does not follow them.
     """
     factor = BENCH_UNIT[channel.axis.split()[0]][1]
     setting = np.round(channel.setting / factor, 9)  # round numbers, as they were set
@@ -165,19 +117,8 @@ def _refuse_few(setting: FloatArray, where: str) -> None:
 def stability_of(time: FloatArray, output: FloatArray, length: float) -> Stability | None:
     """Bias stability at one averaging time.
 
-    Parameters
-    ----------
-    time : (n,) array
-        [s], growing.
-    output : (n,) array
-        Bias over time [rad/s] or [m/s^2], whatever constant is in it.
-    length : float
-        Of the parts [s].
-
-    Returns
-    -------
-    Stability or None
-        None if the record does not hold two parts of that length.
+    time (n,): [s], growing; output (n,): bias over time [rad/s] or [m/s^2], whatever constant is in it; length: of
+    the parts [s]. None if the record does not hold two parts of that length.
     """
     expected = length / float(np.median(np.diff(time)))
     if expected < 1.0 - 1e-6:
@@ -195,24 +136,9 @@ def stability_of(time: FloatArray, output: FloatArray, length: float) -> Stabili
 def powerup_biases(channel: Channel, powerup: FloatArray, *, where: str = "") -> FloatArray:
     """Bias of each power-up: the mean of the outputs at +w and at -w.
 
-    Parameters
-    ----------
-    channel : Channel
-        Settings and outputs.
-    powerup : (n,) array
-        Number of the power-up of each row.
-    where : str
-        Place to name in errors.
-
-    Returns
-    -------
-    (q,) array
-        In the unit of the output. Several w in one power-up are averaged.
-
-    Raises
-    ------
-    InputError
-        A power-up without rows at +w or at -w, or of other settings than the first.
+    channel: settings and outputs; powerup (n,): number of the power-up of each row. Returns (q,): in the unit of
+    the output. Several w in one power-up are averaged. Raises InputError: A power-up without rows at +w or at -w,
+    or of other settings than the first.
     """
     biases, first = [], None
     size = np.round(np.abs(channel.setting), 9)

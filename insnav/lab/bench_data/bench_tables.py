@@ -20,22 +20,12 @@ TEMPERATURE = Quantity("temperature", "temperature_c", "temperature", "degC", ("
 
 @dataclass(frozen=True, slots=True)
 class BenchTable:
-    """Columns of a bench file in SI units, but raw outputs in the unit of the file.
+    """Columns of a bench file in SI units, but raw outputs in the unit of the file."""
 
-    Attributes
-    ----------
-    name, sha256 : str
-        The file and its digest.
-    columns : dict of str to (n,) array
-        By key.
-    units : dict of str to str
-        Units as in the file, by key.
-    """
-
-    name: str
+    name: str  # the file and its digest
     sha256: str
-    columns: Mapping[str, FloatArray]
-    units: Mapping[str, str]
+    columns: Mapping[str, FloatArray]  # (n,) by key
+    units: Mapping[str, str]  # units as in the file, by key
 
     def stack(self, *keys: str) -> FloatArray:
         """Columns side by side, (n, k)."""

@@ -24,27 +24,14 @@ LARGEST_DRIFT_C = 2.0  # temperature may change so much within a calibration [de
 
 @dataclass(frozen=True, slots=True)
 class Dwells:
-    """One value a dwell.
+    """One value a dwell."""
 
-    Attributes
-    ----------
-    setting : (n, k) array
-        Rate or angle of each dwell, in the unit of the table it came from.
-    value : (n, m) array
-        Mean of the samples kept, for each of m sensors.
-    sd : (n, m) array
-        Standard deviation of these means, samples taken as independent; zero where one value was given.
-    count : (n,) array of float
-        Samples of each dwell.
-    dropped : (n, m) array of float
-        Samples dropped as spikes.
-    """
-
-    setting: FloatArray
-    value: FloatArray
+    setting: FloatArray  # (n, k) rate or angle of each dwell, in the unit of the table it came from
+    value: FloatArray  # (n, m) mean of the samples kept, for each of m sensors
+    # (n, m) standard deviation of these means, samples taken as independent; zero where one value was given
     sd: FloatArray
-    count: FloatArray
-    dropped: FloatArray
+    count: FloatArray  # (n,) samples of each dwell
+    dropped: FloatArray  # (n, m) samples dropped as spikes
 
     @property
     def raw(self) -> bool:
@@ -55,10 +42,7 @@ class Dwells:
 def default_limit(unit: str) -> float:
     """Distance from the polynomial beyond which samples are dropped, in their unit: none but of volts.
 
-    Parameters
-    ----------
-    unit : str
-        Of the samples.
+    unit: of the samples.
     """
     dimension, factor = UNITS[unit]
     return LIMIT_V / factor if dimension == "signal" and unit != "LSB" else float("inf")
@@ -67,28 +51,9 @@ def default_limit(unit: str) -> float:
 def clean_mean(time: FloatArray, samples: FloatArray, limit: float, *, where: str = "") -> tuple[float, float, int]:
     """Mean of the samples of a dwell without its spikes.
 
-    Parameters
-    ----------
-    time : (n,) array
-        Time of each sample, in any unit.
-    samples : (n,) array
-        Samples.
-    limit : float
-        Largest distance from the polynomial, in the unit of the samples.
-    where : str
-        Place to name in the error.
-
-    Returns
-    -------
-    mean, sd : float
-        Mean of the samples kept and its standard deviation.
-    dropped : int
-        How many were not kept.
-
-    Raises
-    ------
-    InputError
-        More than half of them lie beyond the limit.
+    time (n,): time of each sample, in any unit; samples (n,): samples; limit: largest distance from the polynomial,
+    in the unit of the samples. Returns mean, sd: mean of the samples kept and its standard deviation; dropped: how
+    many were not kept. Raises InputError: more than half of them lie beyond the limit.
     """
     order = min(ORDER, max(0, samples.size // 10))  # a short dwell does not carry seven bends
     good = np.ones(samples.size, dtype=np.bool_)
@@ -160,14 +125,7 @@ def reduce_dwells(
 def dwell_warnings(dwells: Dwells, names: Sequence[str], temperature: FloatArray | None) -> tuple[str, ...]:
     """Say which dwells lost many samples, and whether the temperature moved.
 
-    Parameters
-    ----------
-    dwells : Dwells
-        From `reduce_dwells`.
-    names : sequence of str
-        Of the sensors.
-    temperature : (n,) array or None
-        Temperature of the rows [deg C].
+    dwells: from `reduce_dwells`; names: of the sensors; temperature (n,): temperature of the rows [deg C].
     """
     said = []
     for name, lost in zip(names, dwells.dropped.T, strict=True):

@@ -48,46 +48,22 @@ POWERUP = Quantity("powerup", "powerup", "", "", ("powerup", "poweron", "run", "
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One sensor in one file.
+    """One sensor in one file."""
 
-    Attributes
-    ----------
-    axis : str
-        Such as ``gyro x``.
-    setting : (n,) array
-        Rate [rad/s] or specific force [m/s^2] that was set; empty at rest.
-    output : (n,) array
-        In `unit`.
-    unit : str
-        rad/s or m/s^2 for whatever senses in such a unit, else that of the file: V, mV, uV, LSB.
-    """
-
-    axis: str
-    setting: FloatArray
-    output: FloatArray
-    unit: str
+    axis: str  # such as ``gyro x``
+    setting: FloatArray  # (n,) rate [rad/s] or specific force [m/s^2] that was set; empty at rest
+    output: FloatArray  # (n,) in `unit`
+    unit: str  # rad/s or m/s^2 for whatever senses in such a unit, else that of the file: V, mV, uV, LSB
 
 
 @dataclass(frozen=True, slots=True)
 class BenchRecord:
-    """One file.
-
-    Attributes
-    ----------
-    table : BenchTable
-    time : (n,) array or None
-        [s]
-    powerup : (n,) array or None
-        Which power-up a row belongs to.
-    channels : dict of str to Channel
-        By axis.
-    warnings : tuple of str
-    """
+    """One file."""
 
     table: BenchTable
-    time: FloatArray | None
-    powerup: FloatArray | None
-    channels: Mapping[str, Channel]
+    time: FloatArray | None  # (n,) [s]
+    powerup: FloatArray | None  # (n,) which power-up a row belongs to
+    channels: Mapping[str, Channel]  # by axis
     warnings: tuple[str, ...] = ()
 
 

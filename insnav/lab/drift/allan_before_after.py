@@ -25,22 +25,12 @@ SAME = 0.9  # a deviation of more than this part of the one before is no longer 
 
 @dataclass(frozen=True, slots=True)
 class PowerCoefficient:
-    """One coefficient of ``sigma^2(tau) = sum A_m tau^m`` and the noise it stands for.
+    """One coefficient of ``sigma^2(tau) = sum A_m tau^m`` and the noise it stands for."""
 
-    Attributes
-    ----------
-    power, power_sd : float
-        A_m and its standard deviation [unit^2 s^-m].
-    value : float
-        Q, N, B, K or R; zero if A_m is negative.
-    low, high : float
-        Its 95 % interval, from that of A_m; zero where that of A_m goes below zero.
-    """
-
-    power: float
+    power: float  # A_m and its standard deviation [unit^2 s^-m]
     power_sd: float
-    value: float
-    low: float
+    value: float  # Q, N, B, K or R; zero if A_m is negative
+    low: float  # its 95 % interval, from that of A_m; zero where that of A_m goes below zero
     high: float
 
     @property
@@ -51,25 +41,13 @@ class PowerCoefficient:
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Allan deviation of one signal at the times of the table.
+    """Allan deviation of one signal at the times of the table."""
 
-    Attributes
-    ----------
-    allan : AllanDeviation
-        One column.
-    low, high : (k,) array
-        95 % intervals [rad/s].
-    freedom : (k,) array
-        Equivalent degrees of freedom.
-    coefficients : dict of str to PowerCoefficient
-        By Q, N, B, K, R; empty with fewer than five times.
-    """
-
-    allan: AllanDeviation
-    low: FloatArray
+    allan: AllanDeviation  # one column
+    low: FloatArray  # (k,) 95 % intervals [rad/s]
     high: FloatArray
-    freedom: FloatArray
-    coefficients: Mapping[str, PowerCoefficient]
+    freedom: FloatArray  # (k,) equivalent degrees of freedom
+    coefficients: Mapping[str, PowerCoefficient]  # by Q, N, B, K, R; empty with fewer than five times
 
     @property
     def deviation(self) -> FloatArray:
@@ -79,35 +57,19 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class GyroDrift:
-    """One gyro before and after.
-
-    Attributes
-    ----------
-    model : DriftModel
-    smoother : Smoother
-    rest : slice
-        Samples at rest before any rotation.
-    measured_rate, corrected_rate, smoothed_rate : (n,) array
-        Rate as it came, without the modelled drift, and of the filter [rad/s].
-    measured, corrected, smoothed : Curve
-        Of the drift as it came, of what the model leaves of it, and of that smoothed, at rest.
-    computed : RampAnswer
-        The filter on a ramp without noise.
-    recorded : RampAnswer or None
-        The same on the ramp of the record, if it has one.
-    """
+    """One gyro before and after."""
 
     model: DriftModel
     smoother: Smoother
-    rest: slice
-    measured_rate: FloatArray
+    rest: slice  # samples at rest before any rotation
+    measured_rate: FloatArray  # (n,) rate as it came, without the modelled drift, and of the filter [rad/s]
     corrected_rate: FloatArray
     smoothed_rate: FloatArray
-    measured: Curve
+    measured: Curve  # of the drift as it came, of what the model leaves of it, and of that smoothed, at rest
     corrected: Curve
     smoothed: Curve
-    computed: RampAnswer
-    recorded: RampAnswer | None
+    computed: RampAnswer  # the filter on a ramp without noise
+    recorded: RampAnswer | None  # the same on the ramp of the record, if it has one
 
     @property
     def helped_until(self) -> float:
@@ -118,20 +80,11 @@ class GyroDrift:
 
 @dataclass(frozen=True, slots=True)
 class DriftStudy:
-    """All gyros of a record.
-
-    Attributes
-    ----------
-    record : DriftRecord
-    gyros : tuple of GyroDrift
-    errors : ImuErrors
-        The drift, to be taken off other records.
-    warnings, notes : tuple of str
-    """
+    """All gyros of a record."""
 
     record: DriftRecord
     gyros: tuple[GyroDrift, ...]
-    errors: ImuErrors
+    errors: ImuErrors  # the drift, to be taken off other records
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -232,17 +185,8 @@ def _curve(values: FloatArray, interval: float, factors: IntArray, squares: Floa
 def power_fit(allan: AllanDeviation, own: FloatArray) -> dict[str, PowerCoefficient]:
     """Coefficients of ``sigma^2(tau) = sum A_m tau^m``, m = -2 .. 2, by generalised least squares.
 
-    Parameters
-    ----------
-    allan : AllanDeviation
-        One column.
-    own : (k, k) array
-        Covariance of its variances.
-
-    Returns
-    -------
-    dict of str to PowerCoefficient
-        By Q, N, B, K, R (IEEE Std 952-1997, annex C); empty with fewer than five times.
+    allan: one column; own (k, k): covariance of its variances. Returns by Q, N, B, K, R (IEEE Std 952-1997, annex
+    C); empty with fewer than five times.
     """
     if allan.tau.size < len(POWERS):
         return {}

@@ -29,31 +29,15 @@ LARGEST_B = 0.5  # of a gyro in the unit of its header
 
 @dataclass(frozen=True, slots=True)
 class DriftRecord:
-    """Gyros with what their drift may depend on.
+    """Gyros with what their drift may depend on."""
 
-    Attributes
-    ----------
-    name : str
-        The file.
-    time : (n,) array
-        Even steps [s].
-    axes : tuple of str
-        Letters of the gyros that there are.
-    gyro, rate : dict of str to (n,) array
-        Output, and true rate where it is known, by letter [rad/s].
-    force : dict of str to (n,) array
-        Specific force along the axis, where it is known [m/s^2].
-    temperature : (n,) array or None
-        [deg C]
-    """
-
-    name: str
-    time: FloatArray
-    axes: tuple[str, ...]
-    gyro: Mapping[str, FloatArray]
+    name: str  # the file
+    time: FloatArray  # (n,) even steps [s]
+    axes: tuple[str, ...]  # letters of the gyros that there are
+    gyro: Mapping[str, FloatArray]  # (n,) output, and true rate where it is known, by letter [rad/s]
     rate: Mapping[str, FloatArray]
-    force: Mapping[str, FloatArray]
-    temperature: FloatArray | None
+    force: Mapping[str, FloatArray]  # (n,) specific force along the axis, where it is known [m/s^2]
+    temperature: FloatArray | None  # (n,) [deg C]
 
     @property
     def interval(self) -> float:
@@ -74,28 +58,16 @@ class DriftRecord:
 
 @dataclass(frozen=True, slots=True)
 class DriftModel:
-    """Drift of one gyro.
+    """Drift of one gyro."""
 
-    Attributes
-    ----------
-    axis : str
-        Its letter.
-    value, sd : dict of str to float
-        Terms found: A [rad/s], B [-], c_T [rad/s/K], c_g [rad/s/(m/s^2)], and their standard deviations, with what the
-        residuals have in common from sample to sample (`lasting`).
-    left_out : dict of str to str
-        Terms that the record does not show, and why.
-    fit : Fit
-    freedom : float
-        Degrees of freedom with which these standard deviations are known.
-    """
-
-    axis: str
+    axis: str  # its letter
+    # terms found: A [rad/s], B [-], c_T [rad/s/K], c_g [rad/s/(m/s^2)], and their standard deviations, with what the
+    # residuals have in common from sample to sample (`lasting`)
     value: Mapping[str, float]
     sd: Mapping[str, float]
-    left_out: Mapping[str, str]
+    left_out: Mapping[str, str]  # terms that the record does not show, and why
     fit: Fit
-    freedom: float
+    freedom: float  # degrees of freedom with which these standard deviations are known
 
     def half_width(self, term: str) -> float:
         """Half width of the 95 % interval of a term."""
@@ -185,19 +157,8 @@ def lasting(residual: FloatArray, fitted: int) -> tuple[float, float]:
     taken for several lengths up to a twelfth of the record, and the largest counts: what lasts longer than the parts
     does not show in them (method of batch means; J. M. Flegal and G. L. Jones, Annals of Statistics 38 (2010) 1034).
 
-    Parameters
-    ----------
-    residual : (n,) array
-        Of a fit.
-    fitted : int
-        Number of its parameters, which take as many degrees of freedom from the means.
-
-    Returns
-    -------
-    inflation : float
-        Of the variance of a mean, at least 1.
-    freedom : float
-        Degrees of freedom with which it is known.
+    residual (n,): of a fit; fitted: number of its parameters, which take as many degrees of freedom from the means.
+    Returns inflation: of the variance of a mean, at least 1; freedom: degrees of freedom with which it is known.
     """
     n = residual.size
     variance = float(residual @ residual) / max(1, n - fitted)
@@ -216,12 +177,7 @@ def lasting(residual: FloatArray, fitted: int) -> tuple[float, float]:
 def drift_errors(models: Mapping[str, DriftModel], name: str = "") -> ImuErrors:
     """Known errors for `insnav.imu.correct`: bias at 25 deg C, scale factor, sensitivities.
 
-    Parameters
-    ----------
-    models : mapping of str to DriftModel
-        By letter of the axis; other axes are left as they are.
-    name : str
-        What was measured.
+    models: by letter of the axis; other axes are left as they are; name: what was measured.
     """
 
     def three(term: str) -> FloatArray:
@@ -234,11 +190,7 @@ def drift_errors(models: Mapping[str, DriftModel], name: str = "") -> ImuErrors:
 def corrected_rates(record: DriftRecord, errors: ImuErrors) -> dict[str, FloatArray]:
     """Rates without the modelled drift, by letter of the axis, (n,) each [rad/s].
 
-    Parameters
-    ----------
-    record : DriftRecord
-    errors : ImuErrors
-        From `drift_errors`.
+    errors: from `drift_errors`.
     """
     nothing = np.zeros(record.time.size)
     gyro = np.column_stack([record.gyro.get(axis, nothing) for axis in "xyz"])

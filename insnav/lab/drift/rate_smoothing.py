@@ -30,22 +30,12 @@ RAMP_RATE, RAMP_TIME = 60.0 * DEG, 100.0  # 10 r/min, reached in 100 s
 
 @dataclass(frozen=True, slots=True)
 class Smoother:
-    """A scalar Kalman filter in its steady state.
+    """A scalar Kalman filter in its steady state."""
 
-    Attributes
-    ----------
-    q, r : float
-        Variance of the step and of the noise of a sample [(rad/s)^2].
-    interval : float
-        Sampling interval [s].
-    bounded : bool
-        Whether Q is the smallest that was allowed: the record shows no walk.
-    """
-
-    q: float
+    q: float  # variance of the step and of the noise of a sample [(rad/s)^2]
     r: float
-    interval: float
-    bounded: bool
+    interval: float  # sampling interval [s]
+    bounded: bool  # whether Q is the smallest that was allowed: the record shows no walk
 
     @property
     def gain(self) -> float:
@@ -67,22 +57,9 @@ class Smoother:
 def choose_smoother(values: FloatArray, interval: float) -> Smoother:
     """Q and R of greatest likelihood.
 
-    Parameters
-    ----------
-    values : (n,) array
-        Random part of a rate at rest [rad/s].
-    interval : float
-        Sampling interval [s].
-
-    Returns
-    -------
-    Smoother
-        Q at least so large that the time constant is a tenth of the record: slower walks cannot be told from none.
-
-    Raises
-    ------
-    InputError
-        Values that do not change.
+    values (n,): random part of a rate at rest [rad/s]; interval: sampling interval [s]. Q is at least so large
+    that the time constant is a tenth of the record: slower walks cannot be told from none. Raises InputError:
+    values that do not change.
     """
     step = np.diff(values)
     if not np.any(step):
@@ -147,39 +124,20 @@ def smooth(values: FloatArray, smoother: Smoother) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class RampAnswer:
-    """What a smoother makes of a rate ramp.
+    """What a smoother makes of a rate ramp."""
 
-    Attributes
-    ----------
-    time, rate, smoothed : (n,) array
-        Time [s], true rate and that of the filter [rad/s].
-    slope : float
-        Of the ramp [rad/s^2].
-    lag, lag_sd : float
-        How late the filter is in the second half of the ramp, and its standard deviation [s].
-    worst : float
-        Largest error of the second half of the ramp and after it [rad/s].
-    measured : bool
-        Whether the rates are of the record, or computed without noise.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) time [s], true rate and that of the filter [rad/s]
     rate: FloatArray
     smoothed: FloatArray
-    slope: float
-    lag: float
+    slope: float  # of the ramp [rad/s^2]
+    lag: float  # how late the filter is in the second half of the ramp, and its standard deviation [s]
     lag_sd: float
-    worst: float
-    measured: bool
+    worst: float  # largest error of the second half of the ramp and after it [rad/s]
+    measured: bool  # whether the rates are of the record, or computed without noise
 
 
 def computed_ramp(smoother: Smoother) -> RampAnswer:
-    """Answer to 0 to 10 r/min in 100 s and 100 s of constant rate, without noise.
-
-    Parameters
-    ----------
-    smoother : Smoother
-    """
+    """Answer to 0 to 10 r/min in 100 s and 100 s of constant rate, without noise."""
     time = smoother.interval * np.arange(round(2.0 * RAMP_TIME / smoother.interval) + 1, dtype=np.float64)
     rate = np.asarray(RAMP_RATE * np.minimum(time / RAMP_TIME, 1.0), dtype=np.float64)
     keep = 1.0 - smoother.gain
@@ -190,12 +148,7 @@ def computed_ramp(smoother: Smoother) -> RampAnswer:
 def recorded_ramp(time: FloatArray, rate: FloatArray, smoothed: FloatArray) -> RampAnswer | None:
     """Lag in the longest steady ramp of a record; None if it has none of 5 s.
 
-    Parameters
-    ----------
-    time : (n,) array
-        [s]
-    rate, smoothed : (n,) array
-        True rate, and the smoothed one [rad/s].
+    time (n,): [s]; rate, smoothed (n,): true rate, and the smoothed one [rad/s].
     """
     over = max(1, round(1.0 / float(np.median(np.diff(time)))))  # about a second: steps of the table do not matter
     change = (rate[over:] - rate[:-over]) / (time[over:] - time[:-over])

@@ -29,28 +29,15 @@ WORST_CONDITION = 150.0  # beyond it a pose moved by a degree changes the result
 
 @dataclass(frozen=True, slots=True)
 class GravityFit:
-    """Accelerometers and how well they show the length of gravity.
+    """Accelerometers and how well they show the length of gravity."""
 
-    Attributes
-    ----------
-    triad : Triad
-        Lower triangular sensitivity: x of the body is the sensitive axis of accelerometer x, and y lies in the plane
-        of those of x and y.
-    covariance : (9, 9) array
-        Of bias x, y, z and the lower triangle of the matrix by rows.
-    error : (n,) array
-        Length of the corrected specific force minus gravity in each pose [m/s^2].
-    sd : float
-        Standard deviation of one such error, from their scatter [m/s^2].
-    normal : Normal
-        What the poses determine.
-    """
-
+    # lower triangular sensitivity: x of the body is the sensitive axis of accelerometer x, and y lies in the plane of
+    # those of x and y
     triad: Triad
-    covariance: FloatArray
-    error: FloatArray
-    sd: float
-    normal: Normal
+    covariance: FloatArray  # (9, 9) of bias x, y, z and the lower triangle of the matrix by rows
+    error: FloatArray  # (n,) length of the corrected specific force minus gravity in each pose [m/s^2]
+    sd: float  # standard deviation of one such error, from their scatter [m/s^2]
+    normal: Normal  # what the poses determine
 
 
 def sphere(force: FloatArray, g: float) -> Triad:
@@ -58,17 +45,8 @@ def sphere(force: FloatArray, g: float) -> Triad:
 
     ``|c|^2 = 2 b.c + (k^2 g^2 - |b|^2)``, linear in the bias b and the term in brackets.
 
-    Parameters
-    ----------
-    force : (n, 3) array
-        Mean of each pose in the unit of the record.
-    g : float
-        Gravity [m/s^2].
-
-    Raises
-    ------
-    InputError
-        The poses do not lie around a sphere.
+    force (n, 3): mean of each pose in the unit of the record; g: gravity [m/s^2]. Raises InputError: the poses do
+    not lie around a sphere.
     """
     middle = force.mean(axis=0)
     size = float(np.abs(force - middle).max()) or 1.0  # counts around 32768 would cost half the digits
@@ -129,23 +107,8 @@ def norm_jacobian(parameters: FloatArray, force: FloatArray) -> FloatArray:
 def fit_gravity_norm(force: FloatArray, g: float, start: Triad) -> GravityFit:
     """Calibrate accelerometers by the length of gravity.
 
-    Parameters
-    ----------
-    force : (n, 3) array
-        Mean of each pose in the unit of the record.
-    g : float
-        Gravity [m/s^2].
-    start : Triad
-        First guess: `perfect` for SI, `sphere` for counts.
-
-    Returns
-    -------
-    GravityFit
-
-    Raises
-    ------
-    InputError
-        Too few poses, or poses that leave a parameter undetermined.
+    force (n, 3): mean of each pose in the unit of the record; g: gravity [m/s^2]; start: first guess: `perfect` for
+    SI, `sphere` for counts. Raises InputError: too few poses, or poses that leave a parameter undetermined.
     """
     n = force.shape[0]
     if n <= PARAMETERS:
@@ -192,12 +155,7 @@ def _refuse_singular(judged: Normal, g: float) -> None:
 def missing_pose(judged: Normal, g: float) -> str:
     """Say which pose would tell most about the least determined combination of parameters.
 
-    Parameters
-    ----------
-    judged : Normal
-        Of poses so far.
-    g : float
-        Gravity [m/s^2].
+    judged: of poses so far; g: gravity [m/s^2].
     """
     candidates = directions()
     # as if the sensors were perfect: a few percent do not change which pose is missing

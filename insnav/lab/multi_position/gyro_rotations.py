@@ -41,66 +41,32 @@ _START = np.array([1.0, 0.0, 0.0, 0.0])
 
 @dataclass(frozen=True, slots=True)
 class Turns:
-    """The record prepared for integration between poses.
+    """The record prepared for integration between poses."""
 
-    Attributes
-    ----------
-    parts : Intervals
-        Gyros and accelerometers in the unit of the record.
-    start, end : (m,) array of int
-        Intervals from which and up to which each turn lasts.
-    moving : (k,) array of int
-        Intervals that belong to a turn: rest need not be integrated.
-    use : (m,) bool array
-        Turns during which every sample is there and inside the range.
-    """
-
-    parts: Intervals
-    start: IntArray
+    parts: Intervals  # gyros and accelerometers in the unit of the record
+    start: IntArray  # (m,) intervals from which and up to which each turn lasts
     end: IntArray
-    moving: IntArray
-    use: BoolArray
+    moving: IntArray  # (k,) intervals that belong to a turn: rest need not be integrated
+    use: BoolArray  # (m,) turns during which every sample is there and inside the range
 
 
 @dataclass(frozen=True, slots=True)
 class TurnFit:
-    """Sensitivity of the gyros and how well it closes the turns.
+    """Sensitivity of the gyros and how well it closes the turns."""
 
-    Attributes
-    ----------
-    matrix : (3, 3) array
-        Unit of the record per rad/s.
-    covariance : (9, 9) array
-        Of E, by rows, in ``matrix = start (I + E)``, from the scatter of the residuals.
-    jacobian : (2 k, 9) array
-        Derivative of the residuals of the turns used by E.
-    error : (m,) array
-        Angle between the directions of gravity after each turn, by gyros and by accelerometers [rad].
-    sd : float
-        Standard deviation of one component of it, from the scatter [rad].
-    normal : Normal
-        What the turns determine.
-    """
-
-    matrix: FloatArray
-    covariance: FloatArray
-    jacobian: FloatArray
+    matrix: FloatArray  # (3, 3) unit of the record per rad/s
+    covariance: FloatArray  # (9, 9) of E, by rows, in ``matrix = start (I + E)``, from the scatter of the residuals
+    jacobian: FloatArray  # (2 k, 9) derivative of the residuals of the turns used by E
+    # (m,) angle between the directions of gravity after each turn, by gyros and by accelerometers [rad]
     error: FloatArray
-    sd: float
-    normal: Normal
+    sd: float  # standard deviation of one component of it, from the scatter [rad]
+    normal: Normal  # what the turns determine
 
 
 def prepare(imu: ImuData, poses: Sequence[Pose], damaged: BoolArray) -> Turns:
     """Find the turns of a record.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Record in any units.
-    poses : sequence of Pose
-        At least two.
-    damaged : (n,) bool array
-        Samples at the end of the range.
+    poses: at least two; damaged (n,): samples at the end of the range.
     """
     parts = intervals(imu)
     begin = np.array([pose.end for pose in poses[:-1]])
@@ -132,18 +98,8 @@ def _between(quaternion: FloatArray, start: IntArray, end: IntArray) -> FloatArr
 def rotations(turns: Turns, bias: FloatArray, matrix: FloatArray) -> FloatArray:
     """Rotation of each turn by the corrected gyros.
 
-    Parameters
-    ----------
-    turns : Turns
-    bias : (3,) array
-        In the unit of the record.
-    matrix : (3, 3) array
-        Unit of the record per rad/s.
-
-    Returns
-    -------
-    (m, 3, 3) array
-        Takes a vector that stands still from body coordinates before the turn to those after it.
+    bias (3,): in the unit of the record; matrix (3, 3): unit of the record per rad/s. Returns (m, 3, 3): takes a
+    vector that stands still from body coordinates before the turn to those after it.
     """
     parts = turns.parts
     step = 1.0 if parts.instant else parts.dt[:, None]
@@ -165,17 +121,8 @@ def across(up: FloatArray) -> FloatArray:
 def residuals(rotation: FloatArray, up: FloatArray) -> FloatArray:
     """Direction of gravity by the gyros across that by the accelerometers after each turn.
 
-    Parameters
-    ----------
-    rotation : (m, 3, 3) array
-        From `rotations`.
-    up : (m + 1, 3) array
-        Unit vectors along the specific force in the poses.
-
-    Returns
-    -------
-    (m, 2) array
-        Components [rad]; their length is the angle between the two even if it is large.
+    rotation (m, 3, 3): from `rotations`; up (m + 1, 3): unit vectors along the specific force in the poses. Returns
+    (m, 2): components [rad]; their length is the angle between the two even if it is large.
     """
     carried = np.einsum("mij,mj->mi", rotation, up[:-1])
     sideways = np.einsum("mkj,mj->mk", across(up[1:]), carried)
@@ -187,24 +134,9 @@ def residuals(rotation: FloatArray, up: FloatArray) -> FloatArray:
 def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) -> FloatArray:
     """Sensitivity to start from, the same for all axes; tells whether axes are exchanged.
 
-    Parameters
-    ----------
-    turns : Turns
-    bias : (3,) array
-        In the unit of the record.
-    up : (m + 1, 3) array
-        Unit vectors along the specific force in the poses.
-    counts : bool
-        The sensitivity is not known; else it is about 1.
-
-    Returns
-    -------
-    (3, 3) array
-
-    Raises
-    ------
-    InputError
-        Gyros whose axes or signs are not those of the accelerometers, or that show nothing of the turns.
+    bias (3,): in the unit of the record; up (m + 1, 3): unit vectors along the specific force in the poses; counts:
+    the sensitivity is not known; else it is about 1. Returns (3, 3). Raises InputError: gyros whose axes or signs
+    are not those of the accelerometers, or that show nothing of the turns.
     """
     parts = turns.parts
     step = parts.dt[:, None]
@@ -254,26 +186,9 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
 def fit_turns(turns: Turns, bias: FloatArray, start: FloatArray, up: FloatArray, use: BoolArray) -> TurnFit:
     """Calibrate gyros by the turns between poses.
 
-    Parameters
-    ----------
-    turns : Turns
-    bias : (3,) array
-        In the unit of the record.
-    start : (3, 3) array
-        First guess of the sensitivity.
-    up : (m + 1, 3) array
-        Unit vectors along the specific force in the poses, by calibrated accelerometers.
-    use : (m,) bool array
-        Turns to use.
-
-    Returns
-    -------
-    TurnFit
-
-    Raises
-    ------
-    InputError
-        Too few turns, or turns that leave a parameter undetermined.
+    bias (3,): in the unit of the record; start (3, 3): first guess of the sensitivity; up (m + 1, 3): unit vectors
+    along the specific force in the poses, by calibrated accelerometers; use (m,): turns to use. Raises InputError:
+    too few turns, or turns that leave a parameter undetermined.
     """
     count = int(np.count_nonzero(use))
     if count < FEWEST:

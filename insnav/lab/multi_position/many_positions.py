@@ -47,65 +47,38 @@ WRONG_NORM = 0.02  # scatter of gravity over its length that no pose at rest lea
 
 @dataclass(frozen=True, slots=True)
 class PosesCalibration:
-    """Result of a calibration by poses.
+    """Result of a calibration by poses."""
 
-    Attributes
-    ----------
-    poses : tuple of Pose
-        Stretches at rest, in order of time.
-    factor : float
-        Limit of rest that was chosen, in standard deviations at rest.
-    accel, gyro : Triad
-        In the unit of the record per SI unit. The gyros refer to the axes of the accelerometers; their bias is that
-        without specific force.
-    g_sensitivity, g_sensitivity_sd : (3, 3) array
-        Part of the gyros' output that goes with the specific force [unit of the record per m/s^2].
-    g : float
-        Gravity used [m/s^2].
-    norm_before, norm_after : (n,) array
-        Length of the specific force minus gravity in each pose, with the first guess and calibrated [m/s^2].
-    norm_left_out : (n,) array
-        The same, each pose by a calibration that has not seen it [m/s^2].
-    turn_before, turn_plain, turn_after : (n - 1,) array
-        Angle by which each turn misses the next pose [rad]: with the first guess, calibrated without the
-        g-sensitivity, and calibrated.
-    turn_left_out : (n - 1,) array
-        Calibrated, each turn by a calibration that has not seen it [rad].
-    turn_used : (n - 1,) bool array
-        False where samples are missing or at the end of the range.
-    accel_share : (n,) array
-        Leverage of each pose: of the nine parameters of the accelerometers, so many are its own [-].
-    gyro_share : (n - 1,) array
-        The same for each turn and the nine parameters of the gyros; zero where not used [-].
-    clipped : int
-        Samples at the end of the range.
-    gyro_drift : (3,) array
-        Change of the gyros at rest from the first to the last third of the record, without that which goes with
-        the specific force [rad/s].
-    counts : bool
-        The record is in raw units.
-    """
-
-    poses: tuple[Pose, ...]
-    factor: float
+    poses: tuple[Pose, ...]  # stretches at rest, in order of time
+    factor: float  # limit of rest that was chosen, in standard deviations at rest
+    # in the unit of the record per SI unit. The gyros refer to the axes of the accelerometers; their bias is that
+    # without specific force
     accel: Triad
     gyro: Triad
+    # (3, 3) part of the gyros' output that goes with the specific force [unit of the record per m/s^2]
     g_sensitivity: FloatArray
     g_sensitivity_sd: FloatArray
-    g: float
+    g: float  # gravity used [m/s^2]
+    # (n,) length of the specific force minus gravity in each pose, with the first guess and calibrated [m/s^2]
     norm_before: FloatArray
     norm_after: FloatArray
-    norm_left_out: FloatArray
+    norm_left_out: FloatArray  # (n,) the same, each pose by a calibration that has not seen it [m/s^2]
+    # (n - 1,) angle by which each turn misses the next pose [rad]: with the first guess, calibrated without the
+    # g-sensitivity, and calibrated
     turn_before: FloatArray
     turn_plain: FloatArray
     turn_after: FloatArray
-    turn_left_out: FloatArray
-    turn_used: BoolArray
+    turn_left_out: FloatArray  # (n - 1,) calibrated, each turn by a calibration that has not seen it [rad]
+    turn_used: BoolArray  # (n - 1,) false where samples are missing or at the end of the range
+    # (n,) leverage of each pose: of the nine parameters of the accelerometers, so many are its own [-]
     accel_share: FloatArray
+    # (n - 1,) the same for each turn and the nine parameters of the gyros; zero where not used [-]
     gyro_share: FloatArray
-    clipped: int
+    clipped: int  # samples at the end of the range
+    # (3,) change of the gyros at rest from the first to the last third of the record, without that which goes with
+    # the specific force [rad/s]
     gyro_drift: FloatArray
-    counts: bool
+    counts: bool  # the record is in raw units
 
 
 def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCalibration:
@@ -212,16 +185,7 @@ def _best_poses(
 def refuse_force_units(force: FloatArray, g: float) -> None:
     """Refuse accelerometers whose length at rest is not near that of gravity.
 
-    Parameters
-    ----------
-    force : (n, 3) array
-        Mean of each pose [m/s^2].
-    g : float
-        Gravity [m/s^2].
-
-    Raises
-    ------
-    InputError
+    force (n, 3): mean of each pose [m/s^2]; g: gravity [m/s^2].
     """
     length = float(np.median(np.linalg.norm(force, axis=1)))
     if abs(length / g - 1.0) > WRONG_UNIT:

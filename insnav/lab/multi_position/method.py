@@ -117,19 +117,8 @@ def file_errors(
 ) -> ImuErrors:
     """Errors for the calibration file: bias, matrix and g-sensitivity, of raw units also zero and scale of each sensor.
 
-    Parameters
-    ----------
-    found : PosesCalibration or SixPositions
-    axes : (3, 3) array, optional
-        From the axes of the file to those of the body, as it was read; zero and scale are for the sensors of the file.
-    name : str
-        What was calibrated.
-    temperature : float or None
-        At which mean temperature [deg C].
-
-    Returns
-    -------
-    ImuErrors
+    axes (3, 3): from the axes of the file to those of the body, as it was read; zero and scale are for the sensors
+    of the file; name: what was calibrated; temperature: at which mean temperature [deg C].
     """
     if not found.counts:
         return ImuErrors(

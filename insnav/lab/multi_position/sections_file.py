@@ -12,20 +12,8 @@ from insnav.exceptions import ConfigError
 def read_sections(path: Path) -> dict[str, tuple[int, int]]:
     """Sections of a record from a JSON or TOML file.
 
-    Parameters
-    ----------
-    path : Path
-        ``{"x_p": {"start": 0, "end": 500}, …}`` or ``{"x_p": [0, 500], …}``.
-
-    Returns
-    -------
-    dict of str to (int, int)
-        First sample and last plus one.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be read or understood.
+    path: ``{"x_p": {"start": 0, "end": 500}, …}`` or ``{"x_p": [0, 500], …}``. Returns first sample and last plus
+    one. Raises ConfigError: it cannot be read or understood.
     """
     if path.suffix.lower() == ".toml":
         content = read_toml(path)

@@ -33,49 +33,28 @@ _SAME_POSE = np.deg2rad(20.0)  # between the poses around a turn about the verti
 
 @dataclass(frozen=True, slots=True)
 class SixPositions:
-    """Result of a calibration by six positions and three turns.
+    """Result of a calibration by six positions and three turns."""
 
-    Attributes
-    ----------
-    sections : dict of str to tuple of int
-        Samples ``first`` up to, not including, ``last`` of ``x_p`` (x up), ``x_a`` (x down), …, ``x_rot``, ….
-    accel, gyro : Triad
-        In the unit of the record per SI unit.
-    g_sensitivity, g_sensitivity_sd : (3, 3) array
-        Part of the gyros' output that goes with the specific force [unit of the record per m/s^2].
-    angle : float
-        Angle of each turn [rad].
-    turned : (3,) array
-        What the gyros made of it before calibration, with the sign of the turn [unit of the record times s].
-    force_after : (6, 3) array
-        Corrected specific force in each position minus the ideal one [m/s^2].
-    norm_before, norm_after : (6,) array
-        Length of the specific force minus gravity in each position; before: as recorded, or, of raw units, with one
-        bias and sensitivity for all axes [m/s^2].
-    tilt : float
-        How far the positions are off, one standard deviation, from what the opposite positions disagree [rad].
-    clipped : int
-        Samples at the end of the range.
-    g : float
-        Gravity used [m/s^2].
-    counts : bool
-        The record is in raw units.
-    """
-
+    # samples ``first`` up to, not including, ``last`` of ``x_p`` (x up), ``x_a`` (x down), …, ``x_rot``, …
     sections: dict[str, tuple[int, int]]
-    accel: Triad
+    accel: Triad  # in the unit of the record per SI unit
     gyro: Triad
+    # (3, 3) part of the gyros' output that goes with the specific force [unit of the record per m/s^2]
     g_sensitivity: FloatArray
     g_sensitivity_sd: FloatArray
-    angle: float
+    angle: float  # angle of each turn [rad]
+    # (3,) what the gyros made of it before calibration, with the sign of the turn [unit of the record times s]
     turned: FloatArray
-    force_after: FloatArray
+    force_after: FloatArray  # (6, 3) corrected specific force in each position minus the ideal one [m/s^2]
+    # (6,) length of the specific force minus gravity in each position; before: as recorded, or, of raw units, with
+    # one bias and sensitivity for all axes [m/s^2]
     norm_before: FloatArray
     norm_after: FloatArray
+    # how far the positions are off, one standard deviation, from what the opposite positions disagree [rad]
     tilt: float
-    clipped: int
-    g: float
-    counts: bool
+    clipped: int  # samples at the end of the range
+    g: float  # gravity used [m/s^2]
+    counts: bool  # the record is in raw units
 
 
 def calibrate_six_positions(
@@ -237,17 +216,8 @@ def _refuse_turns(integral: FloatArray, turn: float, counts: bool) -> None:
 def check_sections(sections: Mapping[str, tuple[int, int]], n: int) -> dict[str, tuple[int, int]]:
     """Make sure that all sections are there and inside the record.
 
-    Parameters
-    ----------
-    sections : mapping of str to tuple of int
-        First and last plus one sample.
-    n : int
-        Samples of the record.
-
-    Raises
-    ------
-    ConfigError
-        All that is wrong at once.
+    sections: first and last plus one sample; n: samples of the record. Raises ConfigError: all that is wrong at
+    once.
     """
     wrong = [f"{name} is missing" for name in SECTIONS if name not in sections]
     wrong += [f"{name} is not a section" for name in sections if name not in SECTIONS]

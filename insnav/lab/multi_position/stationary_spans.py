@@ -32,27 +32,15 @@ CLIPPED = 3  # samples in a row with the largest value of the channel that are t
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Means over one stretch at rest.
+    """Means over one stretch at rest."""
 
-    Attributes
-    ----------
-    first, last : int
-        Samples ``first`` up to, not including, ``last``.
-    start, end : float
-        Times of the first and of the last of them [s].
-    force, rate : (3,) array
-        Mean of the accelerometers and of the gyros, in the units of the record.
-    force_sd, rate_sd : (3,) array
-        Standard deviation of one sample.
-    """
-
-    first: int
+    first: int  # samples ``first`` up to, not including, ``last``
     last: int
-    start: float
+    start: float  # times of the first and of the last of them [s]
     end: float
-    force: FloatArray
+    force: FloatArray  # (3,) mean of the accelerometers and of the gyros, in the units of the record
     rate: FloatArray
-    force_sd: FloatArray
+    force_sd: FloatArray  # (3,) standard deviation of one sample
     rate_sd: FloatArray
 
     @property
@@ -64,12 +52,7 @@ class Pose:
 def pose_between(imu: ImuData, first: int, last: int) -> Pose:
     """Means over samples ``first`` up to, not including, ``last``.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Record in any units.
-    first, last : int
-        At least two samples inside the record.
+    first, last: at least two samples inside the record.
     """
     force, rate = imu.accel[first:last], imu.gyro[first:last]
     return Pose(
@@ -87,17 +70,8 @@ def pose_between(imu: ImuData, first: int, last: int) -> Pose:
 def moving_variance(values: FloatArray, window: int) -> FloatArray:
     """Variance in a centred moving window, summed over the axes.
 
-    Parameters
-    ----------
-    values : (n, 3) array
-        Samples.
-    window : int
-        Samples in the window, odd, at most n.
-
-    Returns
-    -------
-    (n,) array
-        Square of the unit of `values`; infinite within half a window of the ends.
+    values (n, 3): samples; window: samples in the window, odd, at most n. Returns (n,): square of the unit of
+    `values`; infinite within half a window of the ends.
     """
     centred = values - values.mean(axis=0)  # else the difference of the sums loses what is small against g
     total = np.full(values.shape[0], np.inf)
@@ -115,32 +89,16 @@ def moving_variance(values: FloatArray, window: int) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Liveliness:
-    """How much the specific force varies over a record, against what it does at rest.
+    """How much the specific force varies over a record, against what it does at rest."""
 
-    Attributes
-    ----------
-    ratio : (n,) array
-        Variance in a moving window over that at rest [-].
-    interval : float
-        Sampling interval [s].
-    """
-
-    ratio: FloatArray
-    interval: float
+    ratio: FloatArray  # (n,) variance in a moving window over that at rest [-]
+    interval: float  # sampling interval [s]
 
 
 def liveliness(imu: ImuData) -> Liveliness:
     """Measure the liveliness of a record.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Record in any units.
-
-    Raises
-    ------
-    InputError
-        The record is too short, or nothing tells rest from motion.
+    Raises InputError: the record is too short, or nothing tells rest from motion.
     """
     interval = float(np.median(np.diff(imu.time))) if imu.time.size > 1 else np.inf
     window = 2 * round(0.5 * WINDOW / interval) + 1 if np.isfinite(interval) else 0
@@ -168,20 +126,9 @@ def liveliness(imu: ImuData) -> Liveliness:
 def find_poses(imu: ImuData, lively: Liveliness, factor: float) -> tuple[Pose, ...]:
     """Cut the stretches at rest out of a record.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Record in any units.
-    lively : Liveliness
-        Of this record.
-    factor : float
-        Rest is where the standard deviation is below so many times that of the quietest tenth.
-
-    Returns
-    -------
-    tuple of Pose
-        In order of time. The window keeps half its length between a pose and any motion. Of a pose broken by a knock
-        the longer part is kept: twice the same pose would count as two.
+    lively: of this record; factor: rest is where the standard deviation is below so many times that of the quietest
+    tenth. Poses are in order of time. The window keeps half its length between a pose and any motion. Of a pose
+    broken by a knock the longer part is kept: twice the same pose would count as two.
     """
     still: BoolArray = lively.ratio < factor * factor
     shortest = max(FEWEST, round(SHORTEST / lively.interval))
@@ -203,16 +150,8 @@ def find_poses(imu: ImuData, lively: Liveliness, factor: float) -> tuple[Pose, .
 def clipped(values: FloatArray, moving: BoolArray) -> BoolArray:
     """Samples in which some channel stays at the largest or smallest value it ever shows.
 
-    Parameters
-    ----------
-    values : (n, 3) array
-        Samples in any unit.
-    moving : (n,) bool array
-        Where to look: at rest the same value in a row is no wonder.
-
-    Returns
-    -------
-    (n,) bool array
+    values (n, 3): samples in any unit; moving (n,): where to look: at rest the same value in a row is no wonder.
+    Returns (n,).
     """
     found = np.zeros(values.shape[0], dtype=np.bool_)
     for column in values.T:

@@ -15,77 +15,41 @@ WEAK = 0.35  # share of a parameter in the weakest direction from which it is na
 
 @dataclass(frozen=True, slots=True)
 class Triad:
-    """Bias and sensitivity of three sensors, ``measured = matrix @ true + bias``, and their standard deviations.
+    """Bias and sensitivity of three sensors, ``measured = matrix @ true + bias``, and their standard deviations."""
 
-    Attributes
-    ----------
-    bias, bias_sd : (3,) array
-        In the unit of the record.
-    matrix, matrix_sd : (3, 3) array
-        Unit of the record per m/s^2 or rad/s; a standard deviation of zero where the value is a definition.
-    condition : float
-        Condition number of the problem with its columns scaled to unit length.
-    """
-
-    bias: FloatArray
+    bias: FloatArray  # (3,) in the unit of the record
+    # (3, 3) unit of the record per m/s^2 or rad/s; a standard deviation of zero where the value is a definition
     matrix: FloatArray
     bias_sd: FloatArray
     matrix_sd: FloatArray
-    condition: float
+    condition: float  # condition number of the problem with its columns scaled to unit length
 
 
 def corrected(triad: Triad, measured: FloatArray) -> FloatArray:
     """True values of measured ones: ``inverse(matrix) @ (measured - bias)``.
 
-    Parameters
-    ----------
-    triad : Triad
-    measured : (n, 3) array
-        In the unit of the record.
-
-    Returns
-    -------
-    (n, 3) array
-        In SI units.
+    measured (n, 3): in the unit of the record. Returns (n, 3): in SI units.
     """
     return np.ascontiguousarray(np.linalg.solve(triad.matrix, (measured - triad.bias).T).T)
 
 
 @dataclass(frozen=True, slots=True)
 class Normal:
-    """What the Jacobian of a least-squares problem says.
+    """What the Jacobian of a least-squares problem says."""
 
-    Attributes
-    ----------
-    inverse : (p, p) array
-        Inverse of the normal matrix; the covariance of the parameters for residuals of unit variance.
-    leverage : (m,) array
-        Share of each residual in its own prediction; the sum is the number of parameters.
-    condition : float
-        Condition number with columns of unit length; infinite if singular.
-    weak : tuple of int
-        Parameters that make up the least determined combination.
-    direction : (p,) array
-        That combination, in scaled parameters.
-    scale : (p,) array
-        Lengths of the columns.
-    """
-
+    # (p, p) inverse of the normal matrix; the covariance of the parameters for residuals of unit variance
     inverse: FloatArray
-    leverage: FloatArray
-    condition: float
-    weak: tuple[int, ...]
-    direction: FloatArray
-    scale: FloatArray
+    leverage: FloatArray  # (m,) share of each residual in its own prediction; the sum is the number of parameters
+    condition: float  # condition number with columns of unit length; infinite if singular
+    weak: tuple[int, ...]  # parameters that make up the least determined combination
+    direction: FloatArray  # (p,) that combination, in scaled parameters
+    scale: FloatArray  # (p,) lengths of the columns
 
 
 def normal(jacobian: FloatArray) -> Normal:
     """Judge a least-squares problem by the singular values of its scaled Jacobian.
 
-    Parameters
-    ----------
-    jacobian : (m, p) array
-        Derivative of the residuals by the parameters.
+    jacobian (m, p): derivative of the residuals by the parameters.
     """
     scale = np.linalg.norm(jacobian, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -108,10 +72,7 @@ def directions() -> FloatArray:
 def pose_text(direction: FloatArray) -> str:
     """Describe the pose in which the specific force points along a direction.
 
-    Parameters
-    ----------
-    direction : (3,) array
-        One of `directions`.
+    direction (3,): one of `directions`.
 
     Examples
     --------

@@ -57,53 +57,26 @@ class NineRecord:
 
 @dataclass(frozen=True, slots=True)
 class NinePositions:
-    """What nine positions show.
+    """What nine positions show."""
 
-    Attributes
-    ----------
-    bias : (6,) array
-        Of each accelerometer, in the order of `SENSORS` [m/s^2].
-    bias_methods : tuple of str
-        How each was found.
-    accel_bias : (3,) array
-        Of the triad, each axis the mean of its two accelerometers [m/s^2].
-    accel_matrix : (3, 3) array
-        Sensitivity of that triad, the inverse of M_A [-].
-    gyro_matrix : (3, 3) array
-        M_G, each row divided by its diagonal, which holds scale of accelerometers and not of gyros [-].
-    gyro_diagonal : (3,) array
-        Diagonal of M_G before that [-].
-    bias_sd, accel_bias_sd, accel_matrix_sd, gyro_matrix_sd : array
-        Standard deviations of the same.
-    second_order : float
-        Allowance for what the first order leaves out: `SECOND_ORDER` times the square of the largest misalignment of
-        any accelerometer [-].
-    sigma : float
-        Standard deviation of one value of one accelerometer [m/s^2].
-    dof : int
-        Its degrees of freedom.
-    fits : tuple of Fit
-        Each accelerometer against the ideal forces.
-    condition_accel, condition_gyro : float
-        Condition numbers of the two pseudo-inverses.
-    warnings : tuple of str
-    """
-
-    bias: FloatArray
-    bias_methods: tuple[str, ...]
-    accel_bias: FloatArray
-    accel_matrix: FloatArray
+    bias: FloatArray  # (6,) of each accelerometer, in the order of `SENSORS` [m/s^2]
+    bias_methods: tuple[str, ...]  # how each was found
+    accel_bias: FloatArray  # (3,) of the triad, each axis the mean of its two accelerometers [m/s^2]
+    accel_matrix: FloatArray  # (3, 3) sensitivity of that triad, the inverse of M_A [-]
+    # (3, 3) M_G, each row divided by its diagonal, which holds scale of accelerometers and not of gyros [-]
     gyro_matrix: FloatArray
-    gyro_diagonal: FloatArray
-    bias_sd: FloatArray
+    gyro_diagonal: FloatArray  # (3,) diagonal of M_G before that [-]
+    bias_sd: FloatArray  # standard deviations of the same
     accel_bias_sd: FloatArray
     accel_matrix_sd: FloatArray
     gyro_matrix_sd: FloatArray
+    # allowance for what the first order leaves out: `SECOND_ORDER` times the square of the largest misalignment of
+    # any accelerometer [-]
     second_order: float
-    sigma: float
-    dof: int
-    fits: tuple[Fit, ...]
-    condition_accel: float
+    sigma: float  # standard deviation of one value of one accelerometer [m/s^2]
+    dof: int  # its degrees of freedom
+    fits: tuple[Fit, ...]  # each accelerometer against the ideal forces
+    condition_accel: float  # condition numbers of the two pseudo-inverses
     condition_gyro: float
     warnings: tuple[str, ...]
 

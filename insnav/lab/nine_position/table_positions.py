@@ -21,12 +21,7 @@ def ideal_force(roll: FloatArray, pitch: FloatArray, gravity: float) -> FloatArr
     ``g [sin(pitch), -cos(pitch) sin(roll), -cos(pitch) cos(roll)]``: minus the third column of the transposed attitude
     matrix times g; Groves (2013), eq. 5.98.
 
-    Parameters
-    ----------
-    roll, pitch : (n,) array
-        [rad].
-    gravity : float
-        [m/s^2].
+    roll, pitch (n,): [rad]; gravity: [m/s^2].
     """
     cos = np.cos(pitch)
     return gravity * np.column_stack((np.sin(pitch), -cos * np.sin(roll), -cos * np.cos(roll)))
@@ -35,12 +30,7 @@ def ideal_force(roll: FloatArray, pitch: FloatArray, gravity: float) -> FloatArr
 def opposite_pairs(force: FloatArray, gravity: float) -> tuple[tuple[int, int] | None, ...]:
     """Two positions with x, y, z along the vertical, up and down; None for an axis that has no such two.
 
-    Parameters
-    ----------
-    force : (n, 3) array
-        Ideal forces [m/s^2].
-    gravity : float
-        [m/s^2].
+    force (n, 3): ideal forces [m/s^2]; gravity: [m/s^2].
     """
     pairs: list[tuple[int, int] | None] = []
     for axis in range(3):
@@ -53,17 +43,7 @@ def opposite_pairs(force: FloatArray, gravity: float) -> tuple[tuple[int, int] |
 def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[str, ...]:
     """Refuse positions that leave something undetermined or unbalanced, and say which one to add.
 
-    Parameters
-    ----------
-    roll, pitch : (n,) array
-        [rad].
-    where : str
-        File to name in errors.
-
-    Returns
-    -------
-    tuple of str
-        What is unusual but can be used.
+    roll, pitch (n,): [rad]. Returns, in words, what is unusual but can be used.
     """
     here = {_key(r, p) for r, p in zip(roll, pitch, strict=True)}
     force = ideal_force(roll, pitch, 1.0)

@@ -31,24 +31,12 @@ JITTER = 0.1  # unevenness of the stamps beyond which it is pointed out [interva
 
 @dataclass(frozen=True, slots=True)
 class EvenRecord:
-    """Rates and specific forces at even steps, and how they became even.
+    """Rates and specific forces at even steps, and how they became even."""
 
-    Attributes
-    ----------
-    values : (n, 6) array
-        Gyro x, y, z [rad/s], accelerometer x, y, z [m/s^2].
-    interval : float
-        Step [s].
-    start : float
-        Time of the first sample [s].
-    notes : tuple of str
-        What was left out, filled or taken as even.
-    """
-
-    values: FloatArray
-    interval: float
-    start: float
-    notes: tuple[str, ...]
+    values: FloatArray  # (n, 6) gyro x, y, z [rad/s], accelerometer x, y, z [m/s^2]
+    interval: float  # step [s]
+    start: float  # time of the first sample [s]
+    notes: tuple[str, ...]  # what was left out, filled or taken as even
 
     @property
     def length(self) -> float:
@@ -58,27 +46,13 @@ class EvenRecord:
 
 @dataclass(frozen=True, slots=True)
 class AllanDeviation:
-    """Overlapping Allan deviation.
+    """Overlapping Allan deviation."""
 
-    Attributes
-    ----------
-    tau : (k,) array
-        Averaging times [s].
-    factors : (k,) array of int
-        The same in samples.
-    deviation : (k, c) array
-        One column for each signal, in its unit.
-    n : int
-        Number of samples.
-    interval : float
-        Sampling interval [s].
-    """
-
-    tau: FloatArray
-    factors: IntArray
-    deviation: FloatArray
-    n: int
-    interval: float
+    tau: FloatArray  # (k,) averaging times [s]
+    factors: IntArray  # (k,) the same in samples
+    deviation: FloatArray  # (k, c) one column for each signal, in its unit
+    n: int  # number of samples
+    interval: float  # sampling interval [s]
 
 
 def between(imu: ImuData, start: float, end: float) -> ImuData:
@@ -112,19 +86,7 @@ def even_record(imu: ImuData) -> EvenRecord:
     Short holes are filled by straight lines if there are few of them, else the longest stretch without one is taken.
     Within it the samples are taken as even, at the mean step: loggers stamp late more often than sensors sample late.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Rates, means or increments.
-
-    Returns
-    -------
-    EvenRecord
-
-    Raises
-    ------
-    InputError
-        Fewer than 100 samples, or no stretch of them.
+    Raises InputError: fewer than 100 samples, or no stretch of them.
     """
     _refuse_short(imu.time.size, "the record")
     step = sample_intervals(imu)
@@ -181,20 +143,9 @@ def _filled(values: FloatArray, time: FloatArray, after: IntArray, lost: IntArra
 def averaging_factors(n: int, interval: float, taus: Sequence[float] | Literal["log", "octave"] = "log") -> IntArray:
     """Averaging times in samples.
 
-    Parameters
-    ----------
-    n : int
-        Number of samples.
-    interval : float
-        Between them [s].
-    taus : sequence of float, "log" or "octave"
-        Averaging times [s], rounded to samples; about 90 evenly on the logarithmic axis; or powers of two. The last two
-        end at a third of the record.
-
-    Raises
-    ------
-    ConfigError
-        A time that is not positive, shorter than the interval, or longer than half of the record.
+    n: number of samples; interval: between them [s]; taus: averaging times [s], rounded to samples; about 90 evenly
+    on the logarithmic axis; or powers of two. The last two end at a third of the record. Raises ConfigError: A time
+    that is not positive, shorter than the interval, or longer than half of the record.
     """
     if isinstance(taus, str):
         largest = max(1, n // LONGEST_PART)
@@ -252,9 +203,7 @@ def allan_deviation(
 def smallest_step(values: FloatArray) -> FloatArray:
     """Resolution of each column: the smallest difference between values that occur, zero if there is none to see.
 
-    Parameters
-    ----------
-    values : (n, c) array
+    values (n, c).
     """
     steps = np.zeros(values.shape[1])
     for column in range(values.shape[1]):

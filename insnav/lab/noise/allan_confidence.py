@@ -22,25 +22,9 @@ def covariance(
 ) -> FloatArray:
     """Covariance of the Allan variances of one record.
 
-    Parameters
-    ----------
-    factors : (k,) array of int
-        Averaging times [samples].
-    n : int
-        Number of samples.
-    interval : float
-        Sampling interval [s].
-    squares : (5,) array
-        Q^2 [unit^2 s^2], N^2 [unit^2 s], B^2 [unit^2], K^2 [unit^2/s] and variance of a Gauss-Markov process [unit^2].
-    correlation_time : float
-        Of that process [s].
-    diagonal : bool
-        Only the variances are filled.
-
-    Returns
-    -------
-    (k, k) array
-        [unit^4]
+    factors (k,): averaging times [samples]; n: number of samples; interval: sampling interval [s]; squares (5,):
+    q^2 [unit^2 s^2], N^2 [unit^2 s], B^2 [unit^2], K^2 [unit^2/s] and variance of a Gauss-Markov process [unit^2];
+    correlation_time: of that process [s]; diagonal: only the variances are filled. Returns (k, k): [unit^4].
     """
     out = np.zeros((factors.size, factors.size))
     scaled = squares * interval ** np.array([-2.0, -1.0, 0.0, 1.0, 0.0])
@@ -53,12 +37,7 @@ def covariance(
 def freedom(variance: FloatArray, estimate_variance: FloatArray) -> FloatArray:
     """Equivalent degrees of freedom ``2 E^2 / var`` (NIST SP 1065, section 5.4.1).
 
-    Parameters
-    ----------
-    variance : (k,) array
-        Allan variances of the model.
-    estimate_variance : (k,) array
-        Variances of their estimates.
+    variance (k,): Allan variances of the model; estimate_variance (k,): variances of their estimates.
     """
     return np.asarray(2.0 * variance**2 / estimate_variance)
 
@@ -68,19 +47,9 @@ def chi_square_interval(
 ) -> tuple[FloatArray, FloatArray]:
     """Confidence interval of a standard deviation from an estimate with chi-square distributed square.
 
-    Parameters
-    ----------
-    value : (k,) array or float
-        Estimated standard deviations.
-    degrees : (k,) array or float
-        Their degrees of freedom.
-    confidence : float
-        Such as 0.95, the same part left out on both sides.
-
-    Returns
-    -------
-    low, high : (k,) array
-        ``value sqrt(degrees / chi^2)`` (NIST SP 1065, section 5.3).
+    value (k,): estimated standard deviations; degrees (k,): their degrees of freedom; confidence: such as 0.95, the
+    same part left out on both sides. Returns low, high (k,): ``value sqrt(degrees / chi^2)`` (NIST SP 1065, section
+    5.3).
     """
     tail = 0.5 * (1.0 - confidence)
     low = value * np.sqrt(degrees / chi2.ppf(1.0 - tail, degrees))

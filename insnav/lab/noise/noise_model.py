@@ -39,54 +39,27 @@ TIMES_PER_DECADE = 5  # correlation times tried
 
 @dataclass(frozen=True, slots=True)
 class Coefficient:
-    """One noise coefficient in SI units, or the standard deviation of a Gauss-Markov process.
+    """One noise coefficient in SI units, or the standard deviation of a Gauss-Markov process."""
 
-    Attributes
-    ----------
-    value : float
-        Estimate.
-    sd : float
-        Its standard deviation.
-    low, high : float
-        95 % interval, by chi-square with the degrees of freedom that the standard deviation tells.
-    """
-
-    value: float
-    sd: float
-    low: float
+    value: float  # estimate
+    sd: float  # its standard deviation
+    low: float  # 95 % interval, by chi-square with the degrees of freedom that the standard deviation tells
     high: float
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseModel:
-    """Noise of one axis.
+    """Noise of one axis."""
 
-    Attributes
-    ----------
-    coefficients : dict of str to Coefficient
-        Those of Q, N, B, K, GM, R that the data support.
-    correlation_time : float
-        Of the Gauss-Markov process [s]; infinite without one.
-    correlation_time_sd : float
-        Its standard deviation [s].
-    misfit : float
-        Relative standard deviation by which the model misses the Allan variances beyond their own uncertainty; zero
-        if it describes them.
-    variance : (k,) array
-        Allan variance of the model at the times of the record.
-    freedom : (k,) array
-        Equivalent degrees of freedom of each estimate.
-    low, high : (k,) array
-        95 % intervals of the measured Allan deviations.
-    """
-
-    coefficients: dict[str, Coefficient]
-    correlation_time: float
-    correlation_time_sd: float
+    coefficients: dict[str, Coefficient]  # those of Q, N, B, K, GM, R that the data support
+    correlation_time: float  # of the Gauss-Markov process [s]; infinite without one
+    correlation_time_sd: float  # its standard deviation [s]
+    # relative standard deviation by which the model misses the Allan variances beyond their own uncertainty; zero if
+    # it describes them
     misfit: float
-    variance: FloatArray
-    freedom: FloatArray
-    low: FloatArray
+    variance: FloatArray  # (k,) Allan variance of the model at the times of the record
+    freedom: FloatArray  # (k,) equivalent degrees of freedom of each estimate
+    low: FloatArray  # (k,) 95 % intervals of the measured Allan deviations
     high: FloatArray
 
 
@@ -102,17 +75,8 @@ class _Fit:
 def basis(tau: FloatArray, correlation_time: float) -> FloatArray:
     """Allan variance of each noise of unit size.
 
-    Parameters
-    ----------
-    tau : (k,) array
-        [s]
-    correlation_time : float
-        [s]
-
-    Returns
-    -------
-    (k, 6) array
-        For Q^2, N^2, B^2, K^2, the variance of the Gauss-Markov process, and R^2.
+    tau (k,): [s]; correlation_time: [s]. Returns (k, 6): for Q^2, N^2, B^2, K^2, the variance of the Gauss-Markov
+    process, and R^2.
     """
     u = tau / correlation_time
     # (2 T / tau) (1 - T / (2 tau) (3 - 4 exp(-tau / T) + exp(-2 tau / T))), IEEE Std 952-1997, annex C; by its
@@ -161,15 +125,7 @@ def fit_noise(allan: AllanDeviation, column: int = 0, terms: str = "QNBKRG", con
 def evaluated(model: NoiseModel, allan: AllanDeviation, column: int, confidence: float = 0.95) -> NoiseModel:
     """Evaluate a model at the averaging times of a record, with the intervals of the deviations there.
 
-    Parameters
-    ----------
-    model : NoiseModel
-    allan : AllanDeviation
-        Of the record the model is of, at any times.
-    column : int
-        Which axis.
-    confidence : float
-        Of the intervals.
+    allan: of the record the model is of, at any times; column: which axis; confidence: of the intervals.
     """
     squares = np.array([model.coefficients[n].value ** 2 if n in model.coefficients else 0.0 for n in NAMES])
     time = model.correlation_time

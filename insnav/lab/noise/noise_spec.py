@@ -28,33 +28,17 @@ FLOOR_FREEDOM = 10.0  # degrees of freedom of a deviation that counts as the flo
 
 @dataclass(frozen=True, slots=True)
 class Floor:
-    """Lowest point of an Allan deviation that is still well known.
+    """Lowest point of an Allan deviation that is still well known."""
 
-    Attributes
-    ----------
-    value : float
-        In the unit of the signal.
-    tau : float
-        Where [s].
-    reached : bool
-        Whether the curve goes on at or above it for longer times, or was still falling.
-    """
-
-    value: float
-    tau: float
-    reached: bool
+    value: float  # in the unit of the signal
+    tau: float  # where [s]
+    reached: bool  # whether the curve goes on at or above it for longer times, or was still falling
 
 
 def floor_of(allan: AllanDeviation, column: int, model: NoiseModel) -> Floor:
     """Find the lowest point with at least ten degrees of freedom.
 
-    Parameters
-    ----------
-    allan : AllanDeviation
-    column : int
-        Which axis.
-    model : NoiseModel
-        For the degrees of freedom, and whether anything but falling terms was found.
+    column: which axis; model: for the degrees of freedom, and whether anything but falling terms was found.
     """
     known = np.flatnonzero(model.freedom >= FLOOR_FREEDOM)
     rows = known if known.size else np.arange(1)
@@ -169,12 +153,7 @@ def _values(models: tuple[NoiseModel | None, ...], name: str) -> FloatArray:
 def white_of_steps(step: float, interval: float) -> float:
     """Random walk that rounding samples to steps makes, ``step sqrt(dt / 12)`` [unit sqrt(s)].
 
-    Parameters
-    ----------
-    step : float
-        Resolution of a sample.
-    interval : float
-        Sampling interval [s].
+    step: resolution of a sample; interval: sampling interval [s].
     """
     return step * math.sqrt(interval / 12.0)
 
@@ -182,18 +161,7 @@ def white_of_steps(step: float, interval: float) -> float:
 def temperature_correlation(values: FloatArray, temperature: FloatArray, bins: int = 60) -> FloatArray:
     """Correlation of each column with temperature over means of equal parts of the record.
 
-    Parameters
-    ----------
-    values : (n, c) array
-    temperature : (n,) array
-        [deg C]
-    bins : int
-        Number of parts.
-
-    Returns
-    -------
-    (c,) array
-        Zero where nothing varies.
+    values (n, c); temperature (n,): [deg C]; bins: number of parts. Returns (c,): zero where nothing varies.
     """
     length = len(values) // bins
     parts = np.column_stack([values, temperature])[: bins * length].reshape(bins, length, -1).mean(axis=1)

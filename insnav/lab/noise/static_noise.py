@@ -35,33 +35,15 @@ FOLLOWS = 0.5  # correlation with temperature that is pointed out
 
 @dataclass(frozen=True, slots=True)
 class StaticNoise:
-    """Noise of six axes.
+    """Noise of six axes."""
 
-    Attributes
-    ----------
-    record : EvenRecord
-        What was used.
-    allan : AllanDeviation
-        Columns gyro x, y, z, accelerometer x, y, z.
-    models : tuple of NoiseModel or None
-        One for each axis; None for one without any noise.
-    floors : tuple of Floor or None
-        Likewise.
-    spec : ImuSpec
-        For filters and simulations.
-    notes : tuple of str
-        How the figures of `spec` came about.
-    warnings : tuple of str
-        What may be wrong with the record or the models.
-    """
-
-    record: EvenRecord
-    allan: AllanDeviation
-    models: tuple[NoiseModel | None, ...]
-    floors: tuple[Floor | None, ...]
-    spec: ImuSpec
-    notes: tuple[str, ...]
-    warnings: tuple[str, ...]
+    record: EvenRecord  # what was used
+    allan: AllanDeviation  # columns gyro x, y, z, accelerometer x, y, z
+    models: tuple[NoiseModel | None, ...]  # one for each axis; None for one without any noise
+    floors: tuple[Floor | None, ...]  # likewise
+    spec: ImuSpec  # for filters and simulations
+    notes: tuple[str, ...]  # how the figures of `spec` came about
+    warnings: tuple[str, ...]  # what may be wrong with the record or the models
 
 
 def static_noise(

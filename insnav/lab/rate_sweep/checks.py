@@ -24,22 +24,7 @@ _AT_STOP = 0.05  # of its usual growth: an output that grows less stands at its 
 def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[str, ...]:
     """Refuse sweeps that leave an axis out, and tell what is unusual.
 
-    Parameters
-    ----------
-    rate : (n, 3) array
-        Rates of the table [rad/s].
-    own : sequence of (k,) int array
-        Dwells about each axis alone.
-    where : str
-        File to name in errors.
-
-    Returns
-    -------
-    tuple of str
-
-    Raises
-    ------
-    InputError
+    rate (n, 3): rates of the table [rad/s]; own (k,): dwells about each axis alone.
     """
     said = []
     for axis, rows in zip("xyz", own, strict=True):
@@ -80,19 +65,8 @@ def saturated(rate: FloatArray, output: FloatArray, sd: FloatArray) -> tuple[Boo
     A non-linear gyro leaves a straight line long before its range ends; saturated it is where its slope falls below
     half of the usual, and beyond.
 
-    Parameters
-    ----------
-    rate : (n,) array
-        About the gyro's own axis [deg/s].
-    output : (n,) array
-        Mean outputs.
-    sd : (n,) array
-        Their standard deviations.
-
-    Returns
-    -------
-    lost : (n,) bool array
-    dropped : tuple of Dropped
+    rate (n,): about the gyro's own axis [deg/s]; output (n,): mean outputs; sd (n,): their standard deviations.
+    Returns lost (n,).
     """
     different, which = np.unique(rate, return_inverse=True)
     count = np.bincount(which)
@@ -140,18 +114,7 @@ def _extended(rate: FloatArray, output: FloatArray, first: float, sense: float, 
 def refuse_crossed(fits: Sequence[Fit], raw: bool, where: str) -> None:
     """Refuse gyros that follow another axis than their own, or are not in their unit.
 
-    Parameters
-    ----------
-    fits : sequence of Fit
-        Sensitivities to x, y, z and bias of each gyro.
-    raw : bool
-        Whether the outputs are in volts or counts.
-    where : str
-        File to name in errors.
-
-    Raises
-    ------
-    InputError
+    fits: sensitivities to x, y, z and bias of each gyro; raw: whether the outputs are in volts or counts.
     """
     for i, (axis, fit) in enumerate(zip("xyz", fits, strict=True)):
         own, others = float(fit.value[i]), np.delete(fit.value[:3], i)
@@ -182,12 +145,7 @@ def refuse_crossed(fits: Sequence[Fit], raw: bool, where: str) -> None:
 def shifted_zeros(error: FloatArray, own: Sequence[IntArray]) -> tuple[str, ...]:
     """Tell gyros whose zero differs between the sweeps about the other two axes.
 
-    Parameters
-    ----------
-    error : (n, 3) array
-        Of the corrected rates [rad/s]; NaN where not known.
-    own : sequence of (k,) int array
-        Dwells about each axis alone.
+    error (n, 3): of the corrected rates [rad/s]; NaN where not known; own (k,): dwells about each axis alone.
     """
     said = []
     for i, axis in enumerate("xyz"):

@@ -33,46 +33,21 @@ ROUNDING = 1e-9  # errors of such a share of the largest rate are those of arith
 
 @dataclass(frozen=True, slots=True)
 class SweepCalibration:
-    """What sweeps about three axes show.
+    """What sweeps about three axes show."""
 
-    Attributes
-    ----------
-    rate : (n, 3) array
-        Rate of the table in each dwell [rad/s].
-    output : (n, 3) array
-        Mean output of each gyro [unit of the output].
-    raw : bool
-        The output is in volts or counts, not rad/s.
-    own : tuple of (k,) int array
-        Dwells about x alone, about y alone, about z alone.
-    matrix : (3, 3) array
-        B [unit of the output per rad/s].
-    bias : (3,) array
-        b [unit of the output].
-    fits : tuple of Fit
-        Of each gyro: three sensitivities and the bias.
-    used : (n, 3) bool array
-        Which dwells each gyro's fit used.
-    dropped : tuple of (int, Dropped)
-        Gyro and rate [deg/s] left out as saturated.
-    pieces : tuple of Pieces or None
-        Error of the corrected rate of each gyro over that rate [rad/s], None where it is noise about zero.
-    error_line, error_matrix, error_map : (n, 3) array
-        Rate minus that of the table [rad/s]: each gyro by its own bias and scale factor alone, by the full matrix, and
-        with the pieces taken off; NaN where a gyro is saturated.
-    warnings : tuple of str
-    """
-
-    rate: FloatArray
-    output: FloatArray
-    raw: bool
-    own: tuple[IntArray, ...]
-    matrix: FloatArray
-    bias: FloatArray
-    fits: tuple[Fit, ...]
-    used: BoolArray
-    dropped: tuple[tuple[int, Dropped], ...]
+    rate: FloatArray  # (n, 3) rate of the table in each dwell [rad/s]
+    output: FloatArray  # (n, 3) mean output of each gyro [unit of the output]
+    raw: bool  # the output is in volts or counts, not rad/s
+    own: tuple[IntArray, ...]  # (k,) dwells about x alone, about y alone, about z alone
+    matrix: FloatArray  # (3, 3) B [unit of the output per rad/s]
+    bias: FloatArray  # (3,) b [unit of the output]
+    fits: tuple[Fit, ...]  # of each gyro: three sensitivities and the bias
+    used: BoolArray  # (n, 3) which dwells each gyro's fit used
+    dropped: tuple[tuple[int, Dropped], ...]  # gyro and rate [deg/s] left out as saturated
+    # error of the corrected rate of each gyro over that rate [rad/s], None where it is noise about zero
     pieces: tuple[Pieces | None, ...]
+    # (n, 3) rate minus that of the table [rad/s]: each gyro by its own bias and scale factor alone, by the full
+    # matrix, and with the pieces taken off; NaN where a gyro is saturated
     error_line: FloatArray
     error_matrix: FloatArray
     error_map: FloatArray

@@ -22,30 +22,14 @@ _EXACT = 1e-9  # share of the spread of the points that counts as no misfit
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """Straight pieces that meet at their borders.
+    """Straight pieces that meet at their borders."""
 
-    Attributes
-    ----------
-    knot : (k,) array
-        The two ends and the borders between, increasing.
-    value : (k,) array
-        Of the line at the knots.
-    covariance : (k, k) array
-        Of these, borders taken as known.
-    residual : (n,) array
-        Points minus line.
-    left_out : (n,) array
-        The same, each by a line fitted without that point, borders kept.
-    sigma : float
-        Standard deviation of a point of weight 1 about the line.
-    """
-
-    knot: FloatArray
-    value: FloatArray
-    covariance: FloatArray
-    residual: FloatArray
-    left_out: FloatArray
-    sigma: float
+    knot: FloatArray  # (k,) the two ends and the borders between, increasing
+    value: FloatArray  # (k,) of the line at the knots
+    covariance: FloatArray  # (k, k) of these, borders taken as known
+    residual: FloatArray  # (n,) points minus line
+    left_out: FloatArray  # (n,) the same, each by a line fitted without that point, borders kept
+    sigma: float  # standard deviation of a point of weight 1 about the line
 
     @property
     def straight(self) -> bool:
@@ -68,17 +52,8 @@ class Pieces:
 def fit_pieces(x: FloatArray, y: FloatArray, weight: FloatArray | None = None) -> Pieces:
     """Fit as many straight pieces as the points bear.
 
-    Parameters
-    ----------
-    x, y : (n,) array
-        Points, in any order; at least six different x.
-    weight : (n,) array, optional
-        How many points each stands for; default one.
-
-    Returns
-    -------
-    Pieces
-        Its ends are the outermost points.
+    x, y (n,): points, in any order; at least six different x; weight (n,): how many points each stands for; default
+    one. Its ends are the outermost points.
     """
     order = np.argsort(x, kind="stable")
     root = np.ones(x.size) if weight is None else np.sqrt(weight[order])

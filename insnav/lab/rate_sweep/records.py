@@ -30,22 +30,12 @@ SCHEMA = (
 
 @dataclass(frozen=True, slots=True)
 class SweepRecord:
-    """Sweeps reduced to one output a dwell.
+    """Sweeps reduced to one output a dwell."""
 
-    Attributes
-    ----------
-    tables : tuple of BenchTable
-        As read.
-    dwells : tuple of Dwells
-        Of each file: setting is the rate about x, y, z [rad/s], value the outputs of gyros x, y, z.
-    unit : str
-        Of the outputs; values are in it if it is one of volts or counts, else in rad/s.
-    warnings : tuple of str
-    """
-
-    tables: tuple[BenchTable, ...]
+    tables: tuple[BenchTable, ...]  # as read
+    # of each file: setting is the rate about x, y, z [rad/s], value the outputs of gyros x, y, z
     dwells: tuple[Dwells, ...]
-    unit: str
+    unit: str  # of the outputs; values are in it if it is one of volts or counts, else in rad/s
     warnings: tuple[str, ...]
 
     @property
@@ -79,22 +69,12 @@ def read_sweeps(
 ) -> SweepRecord:
     """Read the sweeps.
 
-    Parameters
-    ----------
-    paths : sequence of str or Path
-        Three files with ``rate_deg_s``, the table turned about x, about y, about z; or one with ``rate_x_deg_s``,
-        ``rate_y_deg_s``, ``rate_z_deg_s``. Each with ``gyro_x_deg_s`` to ``gyro_z_deg_s``, or in volts or counts.
-        Successive rows of one rate are the samples of a dwell.
-    columns : mapping of str to str, optional
-        As in `read_bench`.
-    spike_limit : float, optional
-        Samples further than this from a polynomial through their dwell are dropped, in the unit of the outputs;
-        default 0.005 V, and for other units than volts none are.
-
-    Raises
-    ------
-    InputError
-        The files cannot be used, or are neither one nor three.
+    paths: three files with ``rate_deg_s``, the table turned about x, about y, about z; or one with
+    ``rate_x_deg_s``, ``rate_y_deg_s``, ``rate_z_deg_s``. Each with ``gyro_x_deg_s`` to ``gyro_z_deg_s``, or in
+    volts or counts. Successive rows of one rate are the samples of a dwell; columns: as in `read_bench`;
+    spike_limit: samples further than this from a polynomial through their dwell are dropped, in the unit of the
+    outputs; default 0.005 V, and for other units than volts none are. Raises InputError: the files cannot be used,
+    or are neither one nor three.
     """
     if len(paths) not in (1, 3):
         raise InputError(

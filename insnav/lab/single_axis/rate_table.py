@@ -22,51 +22,26 @@ NAMES = ("zero U0", "scale factor K")
 
 @dataclass(frozen=True, slots=True)
 class Dropped:
-    """A rate that was left out, and why.
+    """A rate that was left out, and why."""
 
-    Attributes
-    ----------
-    rate : float
-        Rate of the table.
-    residual : float
-        Output minus that of the line.
-    limit : float
-        Largest residual that chance explains.
-    reason : str
-        In words.
-    """
-
-    rate: float
-    residual: float
-    limit: float
-    reason: str
+    rate: float  # rate of the table
+    residual: float  # output minus that of the line
+    limit: float  # largest residual that chance explains
+    reason: str  # in words
 
 
 @dataclass(frozen=True, slots=True)
 class RateTable:
-    """Scale factor and zero of one gyro. Rates are in the unit they were given in.
+    """Scale factor and zero of one gyro. Rates are in the unit they were given in."""
 
-    Attributes
-    ----------
-    rate, output : (n,) array
-        What was measured.
-    used : (n,) bool array
-        Which of it the fit used.
-    fit : Fit
-        Zero and scale factor over all used rates.
-    forward, reverse : Fit or None
-        The same of positive and of negative rates alone, zero in both; None where there are fewer than three.
-    dropped : tuple of Dropped
-        Rates left out.
-    """
-
-    rate: FloatArray
+    rate: FloatArray  # (n,) what was measured
     output: FloatArray
-    used: BoolArray
-    fit: Fit
+    used: BoolArray  # (n,) which of it the fit used
+    fit: Fit  # zero and scale factor over all used rates
+    # the same of positive and of negative rates alone, zero in both; None where there are fewer than three
     forward: Fit | None
     reverse: Fit | None
-    dropped: tuple[Dropped, ...]
+    dropped: tuple[Dropped, ...]  # rates left out
 
     @property
     def average(self) -> tuple[FloatArray, FloatArray] | None:
@@ -151,14 +126,8 @@ def calibrate_rate_table(
 def prediction_limit(fit: Fit, rate: float, probability: float) -> float:
     """How far a further measurement may lie from the line by chance.
 
-    Parameters
-    ----------
-    fit : Fit
-        A line, from `calibrate_rate_table`.
-    rate : float
-        Rate of the measurement.
-    probability : float
-        Of lying further, two-sided. Seber and Lee, Linear Regression Analysis, section 5.3.1.
+    fit: A line, from `calibrate_rate_table`; rate: rate of the measurement; probability: of lying further,
+    two-sided. Seber and Lee, Linear Regression Analysis, section 5.3.1.
     """
     row = np.array([1.0, rate])
     return float(coverage_factor(fit.dof, 1.0 - probability) * np.sqrt(fit.sigma**2 + row @ fit.covariance @ row))

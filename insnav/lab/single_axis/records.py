@@ -26,22 +26,11 @@ OUTPUT = ("output", "voltage", "volts", "u", "signal", "measured")
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One sensor's bench file, reduced to one output a dwell.
+    """One sensor's bench file, reduced to one output a dwell."""
 
-    Attributes
-    ----------
-    table : BenchTable
-        As read.
-    dwells : Dwells
-        Setting [rad/s] or [rad], output in `unit`.
-    unit : str
-        Of the output.
-    warnings : tuple of str
-    """
-
-    table: BenchTable
-    dwells: Dwells
-    unit: str
+    table: BenchTable  # as read
+    dwells: Dwells  # setting [rad/s] or [rad], output in `unit`
+    unit: str  # of the output
     warnings: tuple[str, ...]
 
     @property
@@ -65,10 +54,7 @@ def read_records(
 ) -> tuple[Record, ...]:
     """Read the files of x, y, z, or of one sensor that stands for all three; see `read_record`.
 
-    Raises
-    ------
-    InputError
-        There are not one or three, or their outputs have different units.
+    Raises InputError: there are not one or three, or their outputs have different units.
     """
     records = tuple(read_record(file, schema, how) for file in files)
     if len(records) not in (1, 3):
@@ -84,23 +70,9 @@ def read_records(
 def read_record(path: str | Path, schema: Sequence[Quantity], how: BenchOptions = STANDARD) -> Record:
     """Read the file of one sensor.
 
-    Parameters
-    ----------
-    path : str or Path
-        Columns of setting and output; several successive rows of one setting are the samples of a dwell.
-    schema : sequence of Quantity
-        Setting, raw output, output in the unit of what is sensed.
-    how : BenchOptions
-        Columns and limit of spikes.
-
-    Returns
-    -------
-    Record
-
-    Raises
-    ------
-    InputError
-        The file cannot be used.
+    path: columns of setting and output; several successive rows of one setting are the samples of a dwell; schema:
+    setting, raw output, output in the unit of what is sensed; how: columns and limit of spikes. Raises InputError:
+    the file cannot be used.
     """
     setting = schema[0].key
     table = read_bench(path, schema, (setting, "output"), columns=how.columns, alternatives={"output": "sensed"})

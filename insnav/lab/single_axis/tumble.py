@@ -23,37 +23,18 @@ EVEN = 0.25  # positions may be off even spacing by this share of it
 
 @dataclass(frozen=True, slots=True)
 class Tumble:
-    """Model of one accelerometer.
+    """Model of one accelerometer."""
 
-    Attributes
-    ----------
-    angle : (n,) array
-        Angle of the input axis above the horizontal [rad].
-    output : (n,) array
-        Output at each position, in volts or counts.
-    fit : Fit
-        K0, K1, K2, K3 in the unit of the output over powers of g.
-    suspicious : tuple of int
-        Rows whose residual chance does not explain.
-    """
-
-    angle: FloatArray
-    output: FloatArray
-    fit: Fit
-    suspicious: tuple[int, ...]
+    angle: FloatArray  # (n,) angle of the input axis above the horizontal [rad]
+    output: FloatArray  # (n,) output at each position, in volts or counts
+    fit: Fit  # k0, K1, K2, K3 in the unit of the output over powers of g
+    suspicious: tuple[int, ...]  # rows whose residual chance does not explain
 
 
 def tumble_design(angle: FloatArray) -> FloatArray:
     """What each position shows of K0, K1, K2, K3.
 
-    Parameters
-    ----------
-    angle : (n,) array
-        [rad].
-
-    Returns
-    -------
-    (n, 4) array
+    angle (n,): [rad]. Returns (n, 4).
     """
     along, across = np.sin(angle), np.cos(angle)
     return np.column_stack((np.ones_like(angle), along, along**2, along * across))
