@@ -121,6 +121,9 @@ def _explain(error: BaseException) -> int:
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else 0
     if isinstance(error, InsnavError):
+        from insnav.cli.data_options import as_option
+
+        error.where = as_option(error.where)
         error_block(error.what, error.details())
         return error.exit_code
     if isinstance(error, signals.Stopped):

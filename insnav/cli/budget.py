@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.budget_recorded import REFERENCE_SD, RecordedOptions, StartFrom, recorded
 from insnav.cli.console import Stages, note, note_more, result, result_facts
-
-if TYPE_CHECKING:
-    from insnav.errors.budget.sampled_motion import SampledMotion
-    from insnav.errors.budget.sources import Source
+from insnav.cli.data_options import Data, takes_data
 
 SHORT_HELP = "How much error an IMU makes in a minute, from what: analytic, simulated, recorded."
 HELP = """How much error an IMU makes in a minute without aid, and from what.
@@ -44,7 +41,13 @@ accelerations make of heading, scale factors and misalignment shows with a profi
 counts as zero, and is said.
 """
 MOTION, WINDOWS = "Motion", "Windows of the recorded drive"
-LONGEST_FREE = 300.0  # up to here the instability of the vertical channel does no harm [s]
+
+
+class StartFrom(StrEnum):
+    """What windows begin with."""
+
+    forward = "forward"
+    smoothed = "smoothed"
 
 
 class Vertical(StrEnum):
@@ -54,50 +57,9 @@ class Vertical(StrEnum):
     held = "held"
 
 
+@takes_data("DRIVE", optional=True, files={"gps": False, "ref": False}, without=("lat", "height"))
 def budget(
-    drive: Annotated[
-        Path | None,
-        typer.Argument(metavar="DRIVE", help="Recorded IMU data.", rich_help_panel=opt.FILES),
-    ] = None,
-    gps: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Its fixes.", rich_help_panel=opt.FILES),
-    ] = None,
-    ref: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Reference to judge the windows by. [the withheld fixes]", rich_help_panel=opt.FILES
-        ),
-    ] = None,
-    imu: Annotated[
-        str | None,
-        typer.Option(
-            metavar="MODEL",
-            help="How good the IMU is: consumer, automotive, industrial, tactical, navigation, or an imu.toml.",
-            rich_help_panel=opt.IMU,
-        ),
-    ] = None,
-    calibration: opt.Calibration = None,
-    imu_axes: opt.Axes = None,
-    imu_units: opt.Units = None,
-    columns: opt.Columns = None,
-    imu_sampling: opt.SamplingOption = None,
-    imu_stamp: opt.StampOption = None,
-    lever_arm: opt.LeverArm = None,
-    lever_arm_sd: opt.LeverArmSd = 0.0,
-    gps_height: opt.GpsHeight = None,
-    gps_delay: opt.GpsDelay = None,
-    gps_columns: opt.GpsColumns = None,
-    ref_lever_arm: opt.ReferenceLeverArm = None,
-    ref_columns: opt.RefColumns = None,
-    ref_sd: Annotated[
-        str,
-        typer.Option(
-            metavar="M[,M/S]",
-            help="Uncertainty of the reference; its velocities count only if theirs is given.",
-            rich_help_panel=opt.GPS,
-        ),
-    ] = REFERENCE_SD,
+    data: Data,
     raw: Annotated[
         bool,
         typer.Option(
@@ -173,121 +135,60 @@ def budget(
     as_json: opt.Json = False,
 ) -> None:
     """Draw up a budget."""
-    configuration = parse.configuration(locals())
     from insnav.exceptions import ConfigError
     from insnav.output.folder import RunFolder
     from insnav.units import UNITS
 
-    if drive is not None and (profile is not None or begin is not None):
+    imu = data.inputs.get("imu_model")
+    if data.imu is not None and (profile is not None or begin is not None):
         raise ConfigError("a drive has its own motion", where="--profile", fix="leave out the drive, or the profile")
-    if drive is None and (gps is not None or ref is not None or raw):
+    if data.imu is None and (data.gps is not None or data.ref is not None or raw):
         raise ConfigError(
             "there is no drive for these fixes", where="DRIVE", fix="give the IMU file of the drive first"
         )
-    if imu is None and drive is None:
+    if data.imu is None and imu is None:
         raise ConfigError("a budget is of an IMU", where="--imu", fix="give an imu.toml, or a preset such as tactical")
     if runs == 1:
         raise ConfigError("one run has no spread", where="--runs", fix="give 2 or more, better 500")
-    wanted = parse.positive_numbers(times, "--times", "10,60")
-    hold = max(wanted) > LONGEST_FREE if height is None else height is Vertical.held
+    for value, name in ((first, "--first"), (spacing, "--spacing"), (begin, "--begin")):
+        if value is not None:
+            parse.finite(value, name, largest=1e6)
+    parse.at_least_one(workers, "--workers", "processes")
+    wanted = parse.positive_numbers(times, "--times")
+    hold = None if height is None else height is Vertical.held
     slope = parse.not_negative(deflection, "--deflection", largest=3600.0) * UNITS["arcsec"][1]
     with RunFolder(out, force=force) as folder, Stages() as stage:
-        from insnav.errors.budget.error_budget import budget as drawn_up
-        from insnav.errors.budget.error_budget import check_times
-        from insnav.imu import load_imu
+        from insnav.session.budget import BudgetSettings, budget_of_motion, motion_of
 
-        check_times(wanted)
-        windows = None
-        known: tuple[Source, ...] = ()
-        if drive is not None:
-            from insnav.errors.budget.drive_motion import spec_in_windows, window_motion, window_start_sources
+        settings = BudgetSettings(wanted, runs, seed, slope, hold)
+        progress = functools.partial(stage, "navigating" if data.imu else "simulating")
+        if data.imu is not None:
+            from insnav.errors.budget.from_windows import WindowSettings
 
-            windows = recorded(
-                RecordedOptions(
-                    imu_file=drive,
-                    gps=gps,
-                    ref=ref,
-                    imu=imu,
-                    calibration=calibration,
-                    imu_axes=imu_axes,
-                    imu_units=imu_units,
-                    columns=columns,
-                    imu_sampling=imu_sampling,
-                    imu_stamp=imu_stamp,
-                    lever_arm=lever_arm,
-                    lever_arm_sd=lever_arm_sd,
-                    gps_height=gps_height,
-                    gps_delay=gps_delay,
-                    gps_columns=gps_columns,
-                    ref_lever_arm=ref_lever_arm,
-                    ref_columns=ref_columns,
-                    ref_sd=ref_sd,
-                    window=max(wanted),
-                    first=first,
-                    spacing=spacing,
-                    start=start,
-                    raw=raw,
-                    twins=twins,
-                    seed=seed,
-                    workers=workers,
-                ),
-                stage,
+            windows = WindowSettings(
+                first=first, spacing=spacing, start=start.value, uncalibrated=raw, replicas=twins, workers=workers
             )
-            spec, motion = spec_in_windows(windows.budget), window_motion(windows.budget, max(wanted))
-            known = window_start_sources(windows.budget)
+            outcome = data.load(stage).budget(settings, windows=windows, progress=progress)
         else:
+            from insnav.imu import load_imu
+
             stage("motion")
-            assert imu is not None
-            spec, motion = load_imu(imu), _motion(profile, begin, max(wanted), seed)
-        note(f"motion: {motion.description}")
-        stage("computing")
-        found = drawn_up(
-            spec,
-            motion,
-            wanted,
-            runs=runs,
-            seed=seed,
-            deflection=slope,
-            hold=hold,
-            known=known,
-            progress=lambda fraction: stage("simulating", fraction),
-        )
-        for text in (f"not given, taken as zero: {', '.join(found.absent)}",) if found.absent else ():
-            note(f"IMU model: {spec.name}")
-            note_more(text)
+            outcome = budget_of_motion(load_imu(str(imu)), motion_of(profile, begin, settings), settings, progress)
+        found = outcome.found
+        note(f"motion: {found.budget.motion}")
+        if found.budget.absent:
+            note(f"IMU model: {found.budget.imu}")
+            note_more(f"not given, taken as zero: {', '.join(found.budget.absent)}")
         stage("writing")
         from insnav.report.budget.page import write_budget
         from insnav.report.sheet import sheet_text
 
-        if windows is not None:
-            from insnav.errors.budget.drive_motion import with_recorded
-
-            found = with_recorded(found, windows.budget)
-            configuration["input"] = windows.readings
-        where, sheet = write_budget(folder, found, configuration, None if windows is None else windows.budget)
+        configuration = data.options
+        if found.windows is not None:
+            configuration["input"] = {name: each.as_dict() for name, each in outcome.inputs.items()}
+        where, sheet = write_budget(folder, found.budget, configuration, found.windows)
     if as_json:
         result_facts(where)
     else:
-        shown = replace(sheet, tables=sheet.tables[: 2 if windows is None else -2])
+        shown = replace(sheet, tables=sheet.tables[: 2 if found.windows is None else -2])
         result(f"{sheet_text(shown)}\n\nfiles       {out}: report.html, budget.pdf, figures/budget.png, run.json")
-
-
-def _motion(profile: str | None, begin: float | None, duration: float, seed: int) -> SampledMotion:
-    """Motion of the budget."""
-    from insnav.errors.budget.sampled_motion import at_rest, first_movement, sampled
-    from insnav.exceptions import ConfigError
-
-    if begin is not None:
-        parse.not_negative(begin, "--begin", largest=1e6)
-    if profile is None:
-        if begin is not None:
-            raise ConfigError("there is no motion to begin in", where="--begin", fix="it goes with --profile")
-        return at_rest(duration)
-    from insnav.simulate.motion import load_profile
-    from insnav.simulate.recording import MOTION_STREAM
-
-    chosen = load_profile(profile)
-    truth = chosen.truth((seed, MOTION_STREAM))
-    start = first_movement(truth) if begin is None else begin
-    words = f"{chosen.name}, from {start:g} s on ({chosen.purpose.rstrip('.')})"
-    return sampled(truth, start, duration, words)

@@ -9,8 +9,8 @@ from typing import Annotated
 import typer
 
 from insnav.cli import options as opt
-from insnav.cli import parse
 from insnav.cli.console import result
+from insnav.cli.data_options import Data, takes_data
 
 SHORT_HELP = "Accuracy of several runs against one reference, side by side."
 HELP = """Accuracy of several runs against one reference, side by side.
@@ -27,16 +27,10 @@ Examples:
 """
 
 
+@takes_data(None, files={"ref": True}, only=("ref_lever_arm", "ref_columns"))
 def compare(
+    data: Data,
     runs: Annotated[list[Path], typer.Argument(metavar="RUN", help="Run folders.", rich_help_panel=opt.FILES)],
-    ref: Annotated[Path, typer.Option(metavar="FILE", help="Reference.", rich_help_panel=opt.FILES)],
-    ref_lever_arm: opt.ReferenceLeverArm = None,
-    ref_columns: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME=HEADER,…", help="Headers that are not understood by themselves.", rich_help_panel=opt.GPS
-        ),
-    ] = None,
     tum: Annotated[
         Path | None,
         typer.Option(
@@ -49,14 +43,16 @@ def compare(
     as_json: opt.Json = False,
 ) -> None:
     """Compare runs."""
-    from insnav.cli.inputs import read_truth
     from insnav.errors.comparison import compare as table
     from insnav.errors.comparison import named_errors
     from insnav.report.comparison import comparison_lines
     from insnav.report.run_json import json_ready
+    from insnav.session.checked_inputs import checked, vector
+    from insnav.session.read import read_ref
 
-    lever_b = parse.vector(ref_lever_arm, "--ref-lever-arm") if ref_lever_arm else None
-    truth = read_truth(ref, ref_columns).data
+    assert data.ref is not None
+    inputs = checked(data.inputs)
+    lever_b, truth = vector(inputs, "ref_lever_arm"), read_ref(data.ref, inputs).data
     rows = table(runs, truth, lever_b=lever_b)
     if tum is not None:
         from insnav.output.folder import RunFolder

@@ -113,6 +113,13 @@ def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Ite
     result(f"{page_text(page)}\n\nfiles       {out}: {names}")
 
 
+def quiet_figures() -> None:
+    """Keep the care of matplotlib for its own cache out of the log."""
+    import logging
+
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
+
+
 def discard_output() -> None:
     """Let what is still to be printed vanish, also what the interpreter flushes at its end."""
     with contextlib.suppress(OSError, ValueError):

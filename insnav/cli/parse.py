@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from enum import StrEnum
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from insnav.exceptions import ConfigError
 
 if TYPE_CHECKING:
-    from insnav.filter.prepare import Start
     from insnav.types import FloatArray
 
 
@@ -26,7 +24,7 @@ def _numbers(text: str, separator: str, count: int, option: str, example: str) -
     return values
 
 
-def positive_numbers(text: str, option: str, example: str) -> list[float]:
+def positive_numbers(text: str, option: str, example: str = "10,60") -> list[float]:
     """Numbers above zero with commas between them."""
     values = _numbers(text, ",", text.count(",") + 1, option, example)
     if not all(value > 0.0 for value in values):
@@ -34,14 +32,9 @@ def positive_numbers(text: str, option: str, example: str) -> list[float]:
     return values
 
 
-def vector(text: str, option: str) -> FloatArray:
+def vector(text: str, option: str) -> tuple[float, ...]:
     """Three numbers in metres, such as a lever arm."""
-    import numpy as np
-
-    values = np.array(_numbers(text, ",", 3, option, "0.136,-0.301,-0.184"))
-    if float(np.linalg.norm(values)) > 100.0:
-        raise ConfigError(f"{text!r} is longer than 100 m", where=option, fix="give it in metres, body axes")
-    return values
+    return tuple(_numbers(text, ",", 3, option, "0.136,-0.301,-0.184"))
 
 
 def triple(text: str, option: str, example: str) -> FloatArray:
@@ -96,61 +89,6 @@ def columns(text: str | None, option: str) -> dict[str, str] | None:
     if any(len(pair) != 2 or not all(pair) for pair in pairs):
         raise ConfigError(f"{text!r} is not a list of names", where=option, fix="write it like gyro_x=Gx,time_s=t")
     return {name.strip(): header.strip() for name, header in pairs}
-
-
-_START_KEYS = {
-    "time_s": 0,
-    "lat_deg": 0,
-    "lon_deg": 0,
-    "height_m": 0,
-    "v_n_m_s": 3,
-    "roll_pitch_heading_deg": 3,
-    "sd_position_m": 3,
-    "sd_velocity_m_s": 3,
-    "sd_attitude_deg": 3,
-}
-
-
-def start(path: Path) -> Start:
-    """Initial state from a JSON file."""
-    import numpy as np
-
-    from insnav.exceptions import InputError
-    from insnav.filter.prepare import Start
-
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError("cannot read the initial state", where=str(path), why=str(error)) from error
-    values: dict[str, FloatArray] = {}
-    wrong = []
-    for key, length in _START_KEYS.items():
-        try:
-            value = np.asarray(content[key], dtype=float)
-        except (KeyError, TypeError, ValueError):
-            value = np.array(np.nan)
-        good = value.shape == ((length,) if length else ()) and np.isfinite(value).all()
-        if not good or (key.startswith("sd_") and not (value > 0).all()):
-            wrong.append(key)
-        values[key] = value
-    if wrong:
-        raise InputError(
-            "the initial state is incomplete",
-            where=f"{path}: {', '.join(wrong)}",
-            why="each of time_s, lat_deg, lon_deg, height_m is a number; v_n_m_s, roll_pitch_heading_deg, "
-            "sd_position_m, sd_velocity_m_s, sd_attitude_deg are lists of three, standard deviations positive",
-            fix="complete the file, or leave --initial out: insnav then aligns by itself",
-        )
-    deg = np.pi / 180.0
-    return Start(
-        float(values["time_s"]),
-        np.array([values["lat_deg"] * deg, values["lon_deg"] * deg, values["height_m"]]),
-        values["v_n_m_s"],
-        values["roll_pitch_heading_deg"] * deg,
-        values["sd_position_m"],
-        values["sd_velocity_m_s"],
-        values["sd_attitude_deg"] * deg,
-    )
 
 
 def configuration(options: dict[str, Any]) -> dict[str, Any]:

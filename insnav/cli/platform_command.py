@@ -12,6 +12,7 @@ import typer
 from insnav.cli import options as opt
 from insnav.cli import parse
 from insnav.cli.console import Stages, note, result_page
+from insnav.cli.data_options import say_reading
 
 if TYPE_CHECKING:
     from insnav.gimbal import PlatformErrors
@@ -163,9 +164,9 @@ def platform(
     """Integrate the specific force on a platform."""
     configuration = parse.configuration(locals())
 
-    from insnav.cli import inputs
     from insnav.exceptions import ConfigError
     from insnav.output.folder import RunFolder
+    from insnav.session.read import one_from_stdin
 
     if demo:
         defaults = signature(platform).parameters
@@ -195,24 +196,24 @@ def platform(
             raise ConfigError(
                 "--vertical damped and --height-input go together", where="--vertical", fix="give both or neither"
             )
-        inputs.one_standard_input(force_file=force_file, height_input=height_input, ref=ref)
+        one_from_stdin({"FORCE_FILE": force_file, "--height-input": height_input, "--ref": ref})
         with RunFolder(out, force=force) as folder, Stages() as stage:
             stage("reading")
             import numpy as np
 
             from insnav.exceptions import InputError
+            from insnav.input import read_reference
             from insnav.input.readers.heights import read_heights
             from insnav.input.readers.specific_force import read_specific_force
 
             heights = read_heights(height_input) if height_input else None
-            judge = inputs.read_truth(ref, None) if ref else None
-            with inputs.named_options():
-                reading = read_specific_force(
-                    force_file,
-                    axes=axes.value if axes else None,
-                    columns=parse.columns(columns, "--columns"),
-                    sample_rate=sample_rate,
-                )
+            judge = read_reference(ref) if ref else None
+            reading = read_specific_force(
+                force_file,
+                axes=axes.value if axes else None,
+                columns=parse.columns(columns, "--columns"),
+                sample_rate=sample_rate,
+            )
             if vertical is not VerticalChoice.off and np.isnan(reading.data.f_n[:, 2]).all():
                 raise InputError(
                     "there is no vertical axis",
@@ -222,7 +223,7 @@ def platform(
                 )
             for each in (reading, heights, judge):
                 if each is not None:
-                    inputs.say_reading(each.facts)
+                    say_reading(each.facts)
             stage("navigating")
             from insnav.gimbal import INTEGRATORS, navigate_platform
 

@@ -11,7 +11,8 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, result, result_facts
+from insnav.cli.console import Stages, note, quiet_figures, result, result_facts
+from insnav.cli.data_options import say_reading
 
 if TYPE_CHECKING:
     from insnav.output.folder import RunFolder
@@ -241,8 +242,8 @@ def _profiled(name: str, seed: int) -> dict[str, Any]:
 
 def _replica(source: Path) -> dict[str, Any]:
     """Motion of a recorded track: the smoothed solution of a run folder, or its solution, or a file."""
-    from insnav.cli.inputs import read_truth, say_reading
     from insnav.exceptions import InputError
+    from insnav.input import read_reference
     from insnav.simulate.truth_from_track import apart, truth_from_track
 
     track = source
@@ -257,7 +258,7 @@ def _replica(source: Path) -> dict[str, Any]:
                 fix="give a folder that `insnav run` has written, or a file",
             )
         track = found
-    reading = read_truth(track, None)
+    reading = read_reference(track)
     say_reading(reading.facts)
     truth = truth_from_track(reading.data)
     return {
@@ -285,7 +286,7 @@ def _one(folder: RunFolder, plan: Plan, warming: tuple[float, float] | None, sta
         perfect=perfect,
     )
     stage("writing")
-    _quiet_figures()
+    quiet_figures()
     return write_recording(folder, plan, made)
 
 
@@ -326,7 +327,7 @@ def _many(
             checkpoint=checkpoint,
         )
         stage("writing")
-        _quiet_figures()
+        quiet_figures()
         written = write_runs(folder, plan, done)
     except Stopped:
         if checkpoint.path.exists():
@@ -334,12 +335,6 @@ def _many(
         raise
     checkpoint.remove()
     return written
-
-
-def _quiet_figures() -> None:
-    import logging
-
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # its care for its own cache is nobody's concern
 
 
 def _list(out: Path | None, force: bool, as_json: bool) -> None:
@@ -354,7 +349,7 @@ def _list(out: Path | None, force: bool, as_json: bool) -> None:
 
         with RunFolder(out, force=force) as folder, Stages() as stage:
             stage("drawing")
-            _quiet_figures()
+            quiet_figures()
             write_sketches(folder, profiles)
     if as_json:
         result(json.dumps(shown, indent=1, ensure_ascii=False))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import TypedDict
 
 from insnav.errors.budget.drive_motion import spec_in_windows, window_motion, window_start_sources, with_recorded
-from insnav.errors.budget.error_budget import budget as drawn_up
+from insnav.errors.budget.error_budget import Budget, budget
 from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, first_movement, sampled
+from insnav.errors.budget.sources import Source
 from insnav.errors.budget.study import BudgetStudy
 from insnav.exceptions import ConfigError
 from insnav.imu.specification import ImuSpec
@@ -45,6 +46,16 @@ class BudgetSettings:
     hold: bool | None = None
 
 
+class BudgetOptions(TypedDict, total=False):
+    """`BudgetSettings` by name."""
+
+    times: Sequence[float]
+    runs: int
+    seed: int
+    deflection: float
+    hold: bool | None
+
+
 def motion_of(profile: str | None, begin: float | None, settings: BudgetSettings) -> SampledMotion:
     """Motion of a budget without a recorded drive: a part of a profile, or rest.
 
@@ -76,41 +87,52 @@ def budget_of_motion(
     spec: ImuSpec,
     motion: SampledMotion,
     settings: BudgetSettings,
-    options: Mapping[str, Any],
     progress: Callable[[float], None] | None = None,
 ) -> Result[BudgetStudy]:
-    """Draw up the budget of an IMU on a motion; see `BudgetSettings`."""
-    found = drawn_up(
-        spec,
-        motion,
-        settings.times,
-        runs=settings.runs,
-        seed=settings.seed,
-        deflection=settings.deflection,
-        hold=_hold(settings),
-        known=(),
-        progress=progress,
-    )
-    return Result("budget", BudgetStudy(found), options=options, imu_model=(spec, "given"))
+    """Draw up the budget of an IMU on a motion.
+
+    Parameters
+    ----------
+    spec : ImuSpec
+    motion : SampledMotion
+        From `motion_of`.
+    settings : BudgetSettings
+    progress : callable, optional
+        Called with the fraction of the simulated runs that is done.
+
+    Returns
+    -------
+    Result of BudgetStudy
+    """
+    found = _drawn_up(spec, motion, settings, (), progress)
+    return Result("budget", BudgetStudy(found), options=asdict(settings), imu_model=(spec, "given"))
 
 
 def budget_of_windows(
     windows: RecordedBudget, settings: BudgetSettings, progress: Callable[[float], None] | None = None
 ) -> BudgetStudy:
     """Draw up the budget of the typical window of a drive, and compare it with all of them."""
-    found = drawn_up(
-        spec_in_windows(windows),
-        window_motion(windows, max(settings.times)),
+    spec, motion = spec_in_windows(windows), window_motion(windows, max(settings.times))
+    found = _drawn_up(spec, motion, settings, window_start_sources(windows), progress)
+    return BudgetStudy(with_recorded(found, windows), windows)
+
+
+def _drawn_up(
+    spec: ImuSpec,
+    motion: SampledMotion,
+    settings: BudgetSettings,
+    known: tuple[Source, ...],
+    progress: Callable[[float], None] | None,
+) -> Budget:
+    hold = max(settings.times) > LONGEST_FREE if settings.hold is None else settings.hold
+    return budget(
+        spec,
+        motion,
         settings.times,
         runs=settings.runs,
         seed=settings.seed,
         deflection=settings.deflection,
-        hold=_hold(settings),
-        known=window_start_sources(windows),
+        hold=hold,
+        known=known,
         progress=progress,
     )
-    return BudgetStudy(with_recorded(found, windows), windows)
-
-
-def _hold(settings: BudgetSettings) -> bool:
-    return max(settings.times) > LONGEST_FREE if settings.hold is None else settings.hold

@@ -12,7 +12,8 @@ from insnav.filter.prepare import DELAY_SD, first_rest
 from insnav.imu import identify, load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
-from insnav.session.inputs import Inputs, vector
+from insnav.session.checked_inputs import vector
+from insnav.session.inputs import Inputs
 from insnav.strapdown import intervals
 from insnav.types import GpsData, ImuData, SensorLog, Trajectory
 

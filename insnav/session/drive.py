@@ -6,13 +6,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 
 from insnav.alignment import find_rest
+from insnav.errors.budget.error_budget import check_times
 from insnav.errors.budget.from_windows import WindowSettings, recorded_budget
 from insnav.errors.budget.study import BudgetStudy
 from insnav.errors.evaluated_run import EvaluatedRun, evaluate_run, fixed_epochs
@@ -32,8 +33,9 @@ from insnav.imu.specification import ImuSpec
 from insnav.input import Reading, check_overlap
 from insnav.result import Result
 from insnav.session import defaults
-from insnav.session.budget import BudgetSettings, budget_of_windows
-from insnav.session.inputs import Inputs, options_of, reference_sd, vector
+from insnav.session.budget import BudgetOptions, BudgetSettings, budget_of_windows
+from insnav.session.checked_inputs import options_of, reference_sd, vector
+from insnav.session.inputs import Inputs
 from insnav.session.read import Readings, read
 from insnav.strapdown import intervals
 from insnav.types import Event, FloatArray, GpsData, ImuData, Trajectory
@@ -174,12 +176,12 @@ class Drive:
             The data cannot be navigated.
         """
         if states not in (15, 21):
-            raise ConfigError(f"{states} states are not supported", where="states", fix="use 21 or 15")
+            raise ConfigError(f"{states} states are not supported", where="--states", fix="use 21 or 15")
         if self.fixes is None:
             moves = ", and no reference" if self.reference is None else ", and by the reference it moves"
             raise ConfigError(
                 "nothing tells where the vehicle was",
-                where="gps",
+                where="--gps",
                 why=f"there are no fixes{moves}",
                 fix="give fixes with --gps; for a bench, --ref with its place at the start and the end, velocity zero",
             )
@@ -304,33 +306,24 @@ class Drive:
 
     def budget(
         self,
+        settings: BudgetSettings | None = None,
         *,
-        times: Sequence[float] = BudgetSettings().times,
-        runs: int = 0,
         windows: WindowSettings | None = None,
-        hold: bool | None = None,
-        deflection: float = 0.0,
-        seed: int = 1,
         progress: Callable[[float], None] | None = None,
+        **options: Unpack[BudgetOptions],
     ) -> Result[BudgetStudy]:
         """Find out how much error the IMU makes without GPS, and from what.
 
         Parameters
         ----------
-        times : sequence of float
-            When errors are reported [s]; the windows of the drive are as long as the last.
-        runs : int
-            Simulated runs; none with zero.
+        settings : BudgetSettings, optional
+            How the budget is drawn up; the windows of the drive are as long as the last of its times.
         windows : WindowSettings, optional
-            How free-inertial windows are slid along the drive; their length and seed are those given here.
-        hold : bool, optional
-            Hold the vertical channel to the reference; by default beyond 300 s.
-        deflection : float
-            Deflection of the vertical, 1 sd of each axis [rad].
-        seed : int
-            Random seed.
+            How free-inertial windows are slid along the drive; their length and seed are those of the budget.
         progress : callable, optional
-            Called with the fraction done of the windows.
+            Called with the fraction done.
+        **options
+            Any of the settings by name, such as ``times=(10, 60), runs=100``.
 
         Returns
         -------
@@ -341,17 +334,17 @@ class Drive:
         ConfigError, InputError, AlignmentError
             Windows that make no sense, or data that cannot be navigated.
         """
-        settings = BudgetSettings(times, runs, seed, deflection, hold)
+        settings = replace(settings or BudgetSettings(), **options)
+        check_times(settings.times)
         ready = self.prepared()
-        reference = None if self.gps is None or self.reference is None else self._judge(self.reference)
-        chosen = replace(windows or WindowSettings(), length=float(max(times)), seed=seed)
+        reference = None if self.gps is None or self.reference is None else self._window_reference(self.reference)
+        chosen = replace(windows or WindowSettings(), length=float(max(settings.times)), seed=settings.seed)
         recorded = recorded_budget(ready, self.imu_spec, reference, chosen, progress)
         given = self.readings.inputs.get("imu_model") is not None
         said = () if given else (f"IMU file: none was given; {self.imu_spec.name}: {self.imu_chosen}",)
         recorded = replace(recorded, notes=(*self.notes, *said, *recorded.notes))
-        found = budget_of_windows(recorded, settings)
-        options = {"times_s": list(times), "runs": runs, "hold": hold, "deflection_rad": deflection, "seed": seed}
-        return self._result("budget", found, options, recorded.notes, self._events(()))
+        found = budget_of_windows(recorded, settings, progress)
+        return self._result("budget", found, asdict(settings), recorded.notes, self._events(()))
 
     def align(self) -> Result[FineAlignment]:
         """Align the drive at rest: from means, then by the filter with zero velocity.
@@ -414,7 +407,7 @@ class Drive:
         fix = complete.fix
         return complete if fix is None or not (fix == 1).any() else complete.rows(fix == 1)
 
-    def _judge(self, reference: Reading[Trajectory]) -> WindowReference:
+    def _window_reference(self, reference: Reading[Trajectory]) -> WindowReference:
         """The reference as what free-inertial windows are compared with."""
         position_sd, velocity_sd = reference_sd(self.readings.inputs) or defaults.REFERENCE_SD
         data = fixed_epochs(reference)

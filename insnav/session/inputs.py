@@ -1,71 +1,78 @@
-"""What may be given with a recording: one set of names, meanings and limits for `insnav.load` and every command."""
+"""What may be given with a recording: one list of names, meanings and limits for `insnav.load` and every command.
+
+A new input is two entries here: its type in `Inputs`, and its meaning in `INPUTS`. Nothing heavy is imported, as the
+help of the command line is made from this file.
+"""
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypedDict
 
-import numpy as np
-
-from insnav.exceptions import ConfigError, InputError
-from insnav.filter.prepare import Start
-from insnav.imu.specification import ImuSpec
-from insnav.input.interpret.schema import LOG_SCHEMAS
-from insnav.types import FloatArray, Sampling, Stamp
-from insnav.units import DEG
+from insnav.units import UNITS
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from insnav.filter.prepare import Start
+    from insnav.imu.specification import ImuSpec
+    from insnav.input.readers.positions import Height
+    from insnav.types import FloatArray, Sampling, Stamp
 
-class Inputs(TypedDict, total=False):
-    """What may be given with a recording; None is as if it were absent.
+IMU, GPS, AIDING, START = "IMU", "GPS and reference", "Other aiding", "Start"  # groups of options
+
+Kind = Literal["text", "file", "number", "numbers", "vector", "span", "columns"]
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """How an input is given on the command line, and what makes sense.
 
     Attributes
     ----------
-    imu_model : str, Path or ImuSpec
-        IMU error specification: a preset such as ``automotive``, an ``imu.toml``, or the thing itself; by default the
-        preset nearest to the noise of the stationary part.
-    calibration : str or Path
-        Known IMU errors, corrected first (``calibration.toml``).
-    axes, units, columns, sampling, stamp
-        How to understand the IMU data, as in `insnav.read_imu`.
-    rate : float
-        Sampling rate of plain arrays without times [Hz].
-    lever_arm : three numbers
-        Antenna seen from the IMU, body axes [m].
-    lever_arm_sd : float
-        Standard deviation of each component of that [m]; above zero it is estimated.
-    gps_delay : float
-        How much older the fixes are than their timestamps [s]; estimated by default.
-    gps_height : {"ellipsoidal", "msl"}
-        What GPS heights are; by default as the header says, else ellipsoidal.
-    gps_columns : mapping of str to str
-        As `columns`, for the GPS data.
-    gps_heading_sd : float
-        Standard deviation of the heading of the fixes (two antennas) [rad]; zero leaves it unused.
-    ref_columns : mapping of str to str
-        As `columns`, for the reference.
-    ref_lever_arm : three numbers
-        Point of the reference seen from the IMU, body axes [m]; by default the IMU where a run is evaluated, the
-        antenna where fixes are replaced (outage, budget).
-    ref_sd : one or two numbers
-        Standard deviation of the reference position [m] and velocity [m/s]; velocities count only if theirs is given.
-    heading : float
-        Heading at the start, good to 2 deg [rad].
-    initial : str, Path or Start
-        Initial state with its standard deviations instead of an alignment.
-    static : two numbers
-        Stationary interval for the alignment [s].
-    logs : mapping of str to path or data frame
-        Further sensors that aid the filter, by name: ``{"speedometer": "speed.csv"}``, ``{"magnetometer": "imu.csv"}``.
-    fixed_height_sd : float
-        The vehicle stays within so much of the height of its first fix [m]; zero does not assume it.
-    lat, height : float
-        Place of a stationary record without GPS [rad], [m].
+    option : str
+        Its name there; empty if it has none.
+    metavar : str
+        What its value looks like.
+    meaning : str
+        For the help; units of the command line, which are degrees where the library has radians.
+    group : str
+        Options it stands with.
+    kind : Kind
+        How the text becomes a value.
+    unit : str
+        Unit on the command line and in messages.
+    low, high : float
+        Smallest and largest sensible value [`unit`].
+    choices : tuple of str
+        Values there are; any if empty.
+    """
+
+    option: str
+    metavar: str
+    meaning: str
+    group: str
+    kind: Kind = "text"
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    choices: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> float:
+        """Size of its unit in SI."""
+        return UNITS[self.unit][1] if self.unit else 1.0
+
+
+class Inputs(TypedDict, total=False):
+    """What may be given with a recording, as `INPUTS` says; None is as if it were absent.
+
+    SI and radians. Lever arms are forward, right, down; ``rate`` is for arrays without times; ``ref_sd`` is that of
+    positions [m], or of positions and velocities [m], [m/s]; ``logs`` are further sensors by name:
+    ``{"speedometer": "speed.csv", "magnetometer": "imu.csv"}``.
     """
 
     imu_model: str | Path | ImuSpec | None
@@ -78,169 +85,153 @@ class Inputs(TypedDict, total=False):
     rate: float | None
     lever_arm: Sequence[float] | FloatArray | None
     lever_arm_sd: float | None
+    gps_height: Height | None
     gps_delay: float | None
-    gps_height: Literal["ellipsoidal", "msl"] | None
     gps_columns: Mapping[str, str] | None
     gps_heading_sd: float | None
-    ref_columns: Mapping[str, str] | None
     ref_lever_arm: Sequence[float] | FloatArray | None
+    ref_columns: Mapping[str, str] | None
     ref_sd: float | Sequence[float] | None
+    fixed_height_sd: float | None
+    static: tuple[float, float] | None
     heading: float | None
     initial: str | Path | Start | None
-    static: tuple[float, float] | None
     logs: Mapping[str, str | Path | pd.DataFrame] | None
-    fixed_height_sd: float | None
     lat: float | None
     height: float | None
 
 
-_LONGEST_LEVER = 100.0  # a longer one was given in another unit [m]
-# smallest and largest sensible value, unit it is shown in, and its size in SI
-_LIMITS: dict[str, tuple[float, float, str, float]] = {
-    "lever_arm_sd": (0.0, 10.0, "m", 1.0),
-    "gps_delay": (-10.0, 10.0, "s", 1.0),
-    "gps_heading_sd": (0.0, 90.0, "deg", DEG),
-    "fixed_height_sd": (0.0, 1000.0, "m", 1.0),
-    "heading": (-720.0, 720.0, "deg", DEG),
-    "lat": (-90.0, 90.0, "deg", DEG),
-    "height": (-1e5, 1e5, "m", 1.0),
+INPUTS: dict[str, Input] = {
+    "imu_model": Input(
+        "--imu",
+        "MODEL",
+        "IMU error specification: consumer, automotive, industrial, tactical, navigation, or an imu.toml. "
+        "[nearest to the noise at rest]",
+        IMU,
+    ),
+    "calibration": Input("--calibration", "FILE", "Known IMU errors, corrected first (TOML).", IMU, "file"),
+    "axes": Input(
+        "--imu-axes",
+        "XYZ",
+        "Where the sensor's x, y, z point: three of Forward, Back, Left, Right, Up, Down, such as FLU. [FRD]",
+        IMU,
+    ),
+    "units": Input(
+        "--imu-units", "GYRO,ACCEL", "Units of the samples, such as deg/s,g. [from header and physics]", IMU
+    ),
+    "columns": Input(
+        "--columns",
+        "NAME=HEADER,…",
+        "Headers of the IMU file that are not understood by themselves: gyro_x=Gx,time_s=t.",
+        IMU,
+        "columns",
+    ),
+    "sampling": Input(
+        "--imu-sampling",
+        "HOW",
+        "A sample is the mean over its interval, the value at an instant, or an increment: "
+        "mean, instant, increment. [mean; increment if so named]",
+        IMU,
+        choices=("mean", "instant", "increment"),
+    ),
+    "stamp": Input(
+        "--imu-stamp",
+        "WHERE",
+        "Timestamps mark start, mid or end of the interval. [end]",
+        IMU,
+        choices=("start", "mid", "end"),
+    ),
+    "rate": Input("", "HZ", "Sampling rate of arrays without times.", IMU, "number", "Hz", 0.01),
+    "lever_arm": Input(
+        "--lever-arm", "F,R,D", "Antenna seen from the IMU: forward, right, down, m. [0,0,0]", GPS, "vector", "m"
+    ),
+    "lever_arm_sd": Input(
+        "--lever-arm-sd",
+        "M",
+        "Standard deviation of each component of that; above 0 it is estimated, which takes turns. [0]",
+        GPS,
+        "number",
+        "m",
+        0.0,
+        10.0,
+    ),
+    "gps_height": Input(
+        "--gps-height",
+        "FROM",
+        "GPS heights are ellipsoidal or msl. [by the header, else ellipsoidal]",
+        GPS,
+        choices=("ellipsoidal", "msl"),
+    ),
+    "gps_delay": Input(
+        "--gps-delay",
+        "S",
+        "How much older the fixes are than their timestamps. [estimated]",
+        GPS,
+        "number",
+        "s",
+        -10.0,
+        10.0,
+    ),
+    "gps_columns": Input("--gps-columns", "NAME=HEADER,…", "The same as --columns, for the GPS file.", GPS, "columns"),
+    "gps_heading_sd": Input(
+        "--gps-heading-sd",
+        "DEG",
+        "Standard deviation of the heading of the fixes (two antennas); 0 leaves it unused. [0]",
+        GPS,
+        "number",
+        "deg",
+        0.0,
+        90.0,
+    ),
+    "ref_lever_arm": Input(
+        "--ref-lever-arm",
+        "F,R,D",
+        "Point of the reference seen from the IMU, body axes, m. [run, compare: the IMU; outage, budget: the antenna]",
+        GPS,
+        "vector",
+        "m",
+    ),
+    "ref_columns": Input("--ref-columns", "NAME=HEADER,…", "The same as --columns, for the reference.", GPS, "columns"),
+    "ref_sd": Input(
+        "--ref-sd",
+        "M[,M/S]",
+        "Standard deviation of the reference where errors are compared with their prediction; its velocities count "
+        "only if theirs is given. [budget: 0.05]",
+        GPS,
+        "numbers",
+    ),
+    "fixed_height_sd": Input(
+        "--fixed-height",
+        "M",
+        "Height-constrained: the vehicle stays within so much of the height of its first fix; 0 does not assume "
+        "it. [0]",
+        GPS,
+        "number",
+        "m",
+        0.0,
+        1000.0,
+    ),
+    "static": Input("--static", "FROM:TO", "Stationary interval for the alignment, s. [found]", START, "span", "s"),
+    "heading": Input(
+        "--heading", "DEG", "Heading at the start, good to 2 deg. [found]", START, "number", "deg", -720.0, 720.0
+    ),
+    "initial": Input(
+        "--initial",
+        "FILE",
+        "Initial state and its standard deviations (JSON) instead of an alignment.",
+        START,
+        "file",
+    ),
+    "logs": Input("", "FILE", "Logs of further sensors, by name.", AIDING),
+    "lat": Input("--lat", "DEG", "Latitude, north positive. [of the fixes]", START, "number", "deg", -90.0, 90.0),
+    "height": Input("--height", "M", "Height above the ellipsoid. [0]", START, "number", "m", -1e5, 1e5),
 }
-
-
-def checked(inputs: Inputs) -> Inputs:
-    """Check what was given, and read the initial state if it is a file.
-
-    Parameters
-    ----------
-    inputs : Inputs
-
-    Returns
-    -------
-    Inputs
-        `initial` as `Start`.
-
-    Raises
-    ------
-    ConfigError
-        An unknown name, or a value that makes no sense; `where` is the name.
-    InputError
-        The file of the initial state cannot be read or is incomplete.
-    """
-    unknown = sorted(set(inputs) - set(Inputs.__annotations__))
-    if unknown:
-        raise ConfigError(f"{unknown[0]!r} is unknown", fix=f"known are {', '.join(Inputs.__annotations__)}")
-    values: Mapping[str, object] = inputs
-    for key, (low, high, unit, size) in _LIMITS.items():
-        value = values.get(key)
-        if isinstance(value, int | float) and not low <= value / size <= high:  # NaN is not within either
-            raise ConfigError(
-                f"{value / size:g} {unit} is not a sensible value", where=key, fix=f"{low:g} to {high:g} {unit} are"
-            )
-    vector(inputs, "lever_arm")
-    vector(inputs, "ref_lever_arm")
-    span = inputs.get("static")
-    if span is not None and not span[1] > span[0]:
-        raise ConfigError(f"{span[0]:g} to {span[1]:g} s ends before it begins", where="static")
-    reference_sd(inputs)
-    for name in inputs.get("logs") or {}:
-        if name not in LOG_SCHEMAS:
-            raise ConfigError(f"a {name!r} is no known sensor", where="logs", fix=f"known are {', '.join(LOG_SCHEMAS)}")
-    initial = inputs.get("initial")
-    return {**inputs, "initial": read_start(Path(initial)) if isinstance(initial, str | Path) else initial}
-
-
-def vector(inputs: Inputs, key: Literal["lever_arm", "ref_lever_arm"]) -> FloatArray | None:
-    """Lever arm ``(3,)`` in body axes [m]; None if it was not given."""
-    value = inputs.get(key)
-    if value is None:
-        return None
-    array = np.asarray(value, dtype=np.float64)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise ConfigError(f"{value} is not three numbers", where=key, fix="forward, right, down in metres")
-    if float(np.linalg.norm(array)) > _LONGEST_LEVER:
-        raise ConfigError(
-            f"{', '.join(f'{each:g}' for each in array)} is longer than {_LONGEST_LEVER:g} m",
-            where=key,
-            fix="give it in metres, body axes",
-        )
-    return array
-
-
-def reference_sd(inputs: Inputs) -> tuple[float, float | None] | None:
-    """Standard deviation of the reference: position [m], and velocity [m/s] if it was given."""
-    value = inputs.get("ref_sd")
-    if value is None:
-        return None
-    numbers = [float(each) for each in np.atleast_1d(value)]
-    if len(numbers) > 2 or not all(0.0 < each < math.inf for each in numbers):
-        raise ConfigError(f"{value} is not one or two numbers above zero", where="ref_sd", fix="0.05 or 0.05,0.02")
-    return numbers[0], numbers[1] if len(numbers) == 2 else None
-
-
-def options_of(inputs: Inputs, **others: object) -> dict[str, object]:
-    """Everything that was given, for `insnav.result.Result.options`."""
-    named = {key: value.name if isinstance(value, ImuSpec) else value for key, value in inputs.items()}
-    return {key: value for key, value in {**named, **others}.items() if value is not None}
-
-
-_START_KEYS = {
-    "time_s": 0,
-    "lat_deg": 0,
-    "lon_deg": 0,
-    "height_m": 0,
-    "v_n_m_s": 3,
-    "roll_pitch_heading_deg": 3,
-    "sd_position_m": 3,
-    "sd_velocity_m_s": 3,
-    "sd_attitude_deg": 3,
+# further sensors: the key of their log, and their option
+LOGS: dict[str, Input] = {
+    "speedometer": Input(
+        "--speed", "FILE", "Log of a speedometer, on a clock of its own: time, speed.", AIDING, "file"
+    ),
+    "magnetometer": Input(
+        "--magnetometer", "FILE", "Log of a magnetometer: time, field x, y, z, or heading.", AIDING, "file"
+    ),
 }
-
-
-def read_start(path: Path) -> Start:
-    """Read an initial state from a JSON file.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    Start
-
-    Raises
-    ------
-    InputError
-        It cannot be read, or is incomplete.
-    """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError("cannot read the initial state", where=str(path), why=str(error)) from error
-    values: dict[str, FloatArray] = {}
-    wrong = []
-    for key, length in _START_KEYS.items():
-        try:
-            value = np.asarray(content[key], dtype=float)
-        except (KeyError, TypeError, ValueError):
-            value = np.array(np.nan)
-        good = value.shape == ((length,) if length else ()) and np.isfinite(value).all()
-        if not good or (key.startswith("sd_") and not (value > 0).all()):
-            wrong.append(key)
-        values[key] = value
-    if wrong:
-        raise InputError(
-            "the initial state is incomplete",
-            where=f"{path}: {', '.join(wrong)}",
-            why="each of time_s, lat_deg, lon_deg, height_m is a number; v_n_m_s, roll_pitch_heading_deg, "
-            "sd_position_m, sd_velocity_m_s, sd_attitude_deg are lists of three, standard deviations positive",
-            fix="complete the file, or leave --initial out: insnav then aligns by itself",
-        )
-    return Start(
-        float(values["time_s"]),
-        np.array([values["lat_deg"] * DEG, values["lon_deg"] * DEG, values["height_m"]]),
-        values["v_n_m_s"],
-        values["roll_pitch_heading_deg"] * DEG,
-        values["sd_position_m"],
-        values["sd_velocity_m_s"],
-        values["sd_attitude_deg"] * DEG,
-    )

@@ -17,7 +17,8 @@ from insnav.imu import correct, load_calibration
 from insnav.input import Reading, ReadingFacts, read_gps, read_imu, read_reference
 from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.readers.sensor_log import read_sensor_log
-from insnav.session.inputs import Inputs, checked
+from insnav.session.checked_inputs import checked
+from insnav.session.inputs import LOGS, Inputs
 from insnav.types import FloatArray, GpsData, ImuData, SensorLog, Trajectory
 
 if TYPE_CHECKING:
@@ -81,20 +82,21 @@ def read(imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Traject
     """
     inputs = checked(inputs)
     given_logs = inputs.get("logs") or {}
-    given = {"imu": imu, "gps": gps, "ref": ref, **given_logs}
-    sources = [name for name, source in given.items() if _is_stdin(source)]
-    if len(sources) > 1:
-        raise ConfigError(
-            "only one file can come from standard input", where=", ".join(sources), fix="give the others by name"
-        )
+    options = {LOGS[name].option: source for name, source in given_logs.items()}
+    one_from_stdin({"IMU_FILE": imu, "--gps": gps, "--ref": ref, **options})
     fixes = None if gps is None else _read_gps(gps, inputs)
-    reference = None if ref is None else _read_reference(ref, inputs)
+    reference = None if ref is None else read_ref(ref, inputs)
     logs = {name: read_sensor_log(_table(log), name) for name, log in given_logs.items()}
     return Readings(read_samples(imu, inputs), fixes, reference, logs, inputs)
 
 
-def _is_stdin(source: object) -> bool:
-    return isinstance(source, str | Path) and str(source) == "-"
+def one_from_stdin(sources: Mapping[str, object]) -> None:
+    """Refuse to take two files from standard input, which can be read only once."""
+    names = [name for name, source in sources.items() if isinstance(source, str | Path) and str(source) == "-"]
+    if len(names) > 1:
+        raise ConfigError(
+            "only one file can come from standard input", where=", ".join(names), fix="give the others by name"
+        )
 
 
 def read_samples(imu: Given | ImuData, inputs: Inputs) -> Reading[ImuData]:
@@ -137,7 +139,8 @@ def _read_gps(gps: Given | GpsData, inputs: Inputs) -> Reading[GpsData]:
         return read_gps(_table(gps), columns=inputs.get("gps_columns"), height=inputs.get("gps_height"))
 
 
-def _read_reference(reference: Given | Trajectory, inputs: Inputs) -> Reading[Trajectory]:
+def read_ref(reference: Given | Trajectory, inputs: Inputs) -> Reading[Trajectory]:
+    """Read a reference, given as for `insnav.load`."""
     if isinstance(reference, Trajectory):
         return _in_memory(reference, "reference")
     with _named("ref_columns"):

@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from insnav.cli.parse import start as read_start
 from insnav.filter import FilterSettings
 from insnav.filter.navigate import Navigated, navigate_recording
 from insnav.filter.prepare import DELAY_SD, Start
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import read_gps, read_imu
+from insnav.session.checked_inputs import read_start
 from insnav.types import GpsData, ImuData
 from tests.bench.job import Job
 

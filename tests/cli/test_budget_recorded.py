@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from insnav.cli.budget_recorded import RecordedOptions, StartFrom, recorded
+
 from insnav.exceptions import ConfigError, InputError
 from insnav.output.folder import RunFolder, read_facts, verify_folder
 from insnav.report.budget.windows import recorded_sheet

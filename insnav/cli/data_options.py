@@ -1,0 +1,231 @@
+"""The options that describe a recording: made from one table, and handed to a command as one value.
+
+A command that takes a recording is written with `data` as its first parameter and decorated with `takes_data`; its
+other parameters are its own options.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import re
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import typer
+
+from insnav.cli import parse
+from insnav.cli.console import Stages, note, note_more
+from insnav.cli.options import FILES
+from insnav.session.inputs import INPUTS, LOGS, Input, Inputs
+
+if TYPE_CHECKING:
+    from insnav.input import ReadingFacts
+    from insnav.session.drive import Drive
+
+_IMU_HELP = "IMU data of any supported format, also with .gz; or - for standard input."
+_FILE_HELP = {"gps": "GPS fixes.", "ref": "Reference trajectory, of position and as much else as it has."}
+_UNRECORDED = ("out", "force", "as_json", "workers")  # these do not change what is found
+_NOTHING_NEW = re.compile(r"(time|positions) in \w+|.*: as stated")
+_FIRST_WORD = re.compile(r"^[a-z_-]+(?=[:,]|$)")
+_READER_OPTION = re.compile(r"imu-[a-z]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Data:
+    """A recording as it was given on the command line.
+
+    Attributes
+    ----------
+    imu, gps, ref : Path or None
+        Files.
+    inputs : Inputs
+        What was given with them.
+    options : dict
+        All options of the command as the user gave them, JSON-ready.
+    """
+
+    imu: Path | None
+    gps: Path | None
+    ref: Path | None
+    inputs: Inputs
+    options: dict[str, Any]
+
+    def load(self, stage: Stages) -> Drive:
+        """Read the recording, say how it was understood, and choose what was not given."""
+        stage("reading")
+        from insnav.session.drive import drive_of
+        from insnav.session.read import read
+
+        assert self.imu is not None
+        readings = read(self.imu, self.gps, self.ref, self.inputs)
+        for facts in readings.facts.values():
+            say_reading(facts)
+        stage("aligning")
+        drive = drive_of(readings)
+        note(f"IMU model: {drive.imu_spec.name}")
+        note_more(drive.imu_chosen)
+        _say_if_compiling()
+        return drive
+
+
+def takes_data(
+    imu: str | None = "IMU_FILE",
+    *,
+    optional: bool = False,
+    files: Mapping[str, bool] | None = None,
+    without: Collection[str] = (),
+    only: Collection[str] | None = None,
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options that describe a recording.
+
+    Parameters
+    ----------
+    imu : str or None
+        Name of the argument with the IMU data; None for a command without.
+    optional : bool
+        The IMU data may be left out.
+    files : mapping of str to bool, optional
+        ``gps``, ``ref``: whether it must be given; by default GPS must and a reference may.
+    without, only : collection of str
+        Inputs that mean nothing to the command, or the only ones that do.
+    """
+    wanted = {"gps": True, "ref": False} if files is None else files
+    logs = {} if only is not None or "logs" in without else LOGS
+    keys = [key for key, each in INPUTS.items() if each.option and key not in without and (only is None or key in only)]
+
+    def decorate(function: Callable[..., None]) -> Callable[..., None]:
+        own = list(inspect.signature(function, eval_str=True).parameters.values())[1:]
+        parameters = [_argument(imu, optional)] if imu else []
+        parameters += [_file(name, needed) for name, needed in wanted.items()]
+        parameters += [_option(INPUTS[key]) for key in keys]
+        parameters += [_option(each) for each in logs.values()]
+        parameters += own
+
+        @functools.wraps(function)
+        def command(**options: Any) -> None:
+            inputs = {key: _value(INPUTS[key], options[_name(INPUTS[key])]) for key in keys}
+            inputs["logs"] = {
+                key: file for key, each in logs.items() if (file := options[_name(each)]) is not None
+            } or None
+            recorded = {name: value for name, value in options.items() if name not in _UNRECORDED}
+            data = Data(
+                options.get("imu_file"),
+                options.get("gps"),
+                options.get("ref"),
+                cast(Inputs, inputs),
+                {name: str(v) if isinstance(v, Path | StrEnum) else v for name, v in recorded.items()},
+            )
+            function(data, **{each.name: options[each.name] for each in own})
+
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        command.__dict__["__signature__"] = inspect.Signature([each.replace(kind=keyword) for each in parameters])
+        command.__annotations__ = {each.name: each.annotation for each in parameters}
+        return command
+
+    return decorate
+
+
+def _argument(metavar: str, optional: bool) -> inspect.Parameter:
+    argument = typer.Argument(metavar=metavar, help=_IMU_HELP, rich_help_panel=FILES)
+    return _parameter("imu_file", Path, argument, needed=not optional)
+
+
+def _file(name: str, needed: bool) -> inspect.Parameter:
+    option = typer.Option(f"--{name}", metavar="FILE", help=_FILE_HELP[name], rich_help_panel=FILES)
+    return _parameter(name, Path, option, needed=needed)
+
+
+def _option(what: Input) -> inspect.Parameter:
+    option = typer.Option(what.option, metavar=what.metavar, help=what.meaning, rich_help_panel=what.group)
+    kinds: dict[str, type] = {"file": Path, "number": float}
+    kind: Any = kinds.get(what.kind, str)
+    if what.choices:
+        make: Any = StrEnum  # its functional form takes names that are known only here
+        kind = make("Choice", {each: each for each in what.choices})
+    return _parameter(_name(what), kind, option)
+
+
+def _parameter(name: str, kind: Any, how: Any, *, needed: bool = False) -> inspect.Parameter:
+    default = inspect.Parameter.empty if needed else None
+    annotated: Any = Annotated  # with a type that is known only here
+    return inspect.Parameter(
+        name,
+        inspect.Parameter.KEYWORD_ONLY,
+        default=default,
+        annotation=annotated[kind if needed else kind | None, how],
+    )
+
+
+def _name(what: Input) -> str:
+    return what.option.lstrip("-").replace("-", "_")
+
+
+_READ: dict[str, Callable[[str, str], Any]] = {
+    "vector": parse.vector,
+    "numbers": parse.positive_numbers,
+    "span": parse.span,
+    "columns": parse.columns,
+}
+
+
+def _value(what: Input, given: Any) -> Any:
+    """Value of an input from what stands on the command line, in SI."""
+    if given is None:
+        return None
+    if what.kind in _READ:
+        return _READ[what.kind](given, what.option)
+    if what.kind == "number":
+        return given * what.size
+    return str(given) if what.choices else given
+
+
+def as_option(where: str) -> str:
+    """Where an error arose: an input as the option that gives it, anything else as it is.
+
+    Parameters
+    ----------
+    where : str
+        Of an `InsnavError`: ``lever_arm`` becomes ``--lever-arm``.
+    """
+    return _FIRST_WORD.sub(lambda found: _option_of(found[0]), where)
+
+
+def _option_of(word: str) -> str:
+    if word in INPUTS:
+        return INPUTS[word].option or f"--{word}"
+    return f"--{word}" if _READER_OPTION.fullmatch(word) else word
+
+
+def say_reading(facts: ReadingFacts) -> None:
+    """Log what was read and how it was understood, without what goes without saying."""
+    head, *_ = facts.lines()
+    note(head)
+    renamed = _renamed(facts.columns)
+    if renamed:
+        note_more(f"columns: {renamed}; the others by their names")
+    for text in facts.evidence:
+        if not _NOTHING_NEW.fullmatch(text):
+            note_more(text)
+
+
+def _renamed(columns: Mapping[str, str]) -> str:
+    """Columns whose header is not the quantity's own name, with or without its unit."""
+    headers = {name: text.split(" [")[0] for name, text in columns.items()}
+    return ", ".join(
+        f"{name} = {columns[name]}"
+        for name, header in headers.items()
+        if name != header and not name.startswith(f"{header}_")
+    )
+
+
+def _say_if_compiling() -> None:
+    """The first run after an installation compiles the kernels; say why it takes longer."""
+    from insnav.kernels import errorstate
+
+    cache = errorstate.propagate.stats.cache_path
+    if cache is None or not any(Path(cache).glob("errorstate.propagate-*.nbi")):
+        note("first run on this machine: compiling the numerical kernels, about 15 s; later runs start at once")

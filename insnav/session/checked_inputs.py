@@ -1,0 +1,159 @@
+"""Inputs checked and brought into shape."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from insnav.exceptions import ConfigError, InputError
+from insnav.filter.prepare import Start
+from insnav.imu.specification import ImuSpec
+from insnav.session.inputs import INPUTS, LOGS, Inputs
+from insnav.types import FloatArray
+from insnav.units import DEG
+
+_LONGEST_LEVER = 100.0  # a longer one was given in another unit [m]
+
+
+def checked(inputs: Inputs) -> Inputs:
+    """Check what was given, and read the initial state if it is a file.
+
+    Parameters
+    ----------
+    inputs : Inputs
+
+    Returns
+    -------
+    Inputs
+        `initial` as `Start`.
+
+    Raises
+    ------
+    ConfigError
+        An unknown name, or a value that makes no sense; `where` is the name.
+    InputError
+        The file of the initial state cannot be read or is incomplete.
+    """
+    for key, value in inputs.items():
+        if key not in INPUTS:
+            raise ConfigError(f"{key!r} is unknown", fix=f"known are {', '.join(INPUTS)}")
+        what = INPUTS[key]
+        # a comparison that NaN fails too
+        if isinstance(value, int | float) and not what.low <= value / what.size <= what.high:
+            raise ConfigError(
+                f"{value / what.size:g} {what.unit} is not a sensible value",
+                where=key,
+                fix=f"{what.low:g} to {what.high:g} {what.unit} are",
+            )
+    vector(inputs, "lever_arm")
+    vector(inputs, "ref_lever_arm")
+    span = inputs.get("static")
+    if span is not None and not span[1] > span[0]:
+        raise ConfigError(f"{span[0]:g} to {span[1]:g} s ends before it begins", where="static")
+    reference_sd(inputs)
+    for name in inputs.get("logs") or {}:
+        if name not in LOGS:
+            raise ConfigError(f"a {name!r} is no known sensor", where="logs", fix=f"known are {', '.join(LOGS)}")
+    initial = inputs.get("initial")
+    return {**inputs, "initial": read_start(Path(initial)) if isinstance(initial, str | Path) else initial}
+
+
+def vector(inputs: Inputs, key: Literal["lever_arm", "ref_lever_arm"]) -> FloatArray | None:
+    """Lever arm ``(3,)`` in body axes [m]; None if it was not given."""
+    value = inputs.get(key)
+    if value is None:
+        return None
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise ConfigError(f"{value} is not three numbers", where=key, fix="forward, right, down in metres")
+    if float(np.linalg.norm(array)) > _LONGEST_LEVER:
+        raise ConfigError(
+            f"{', '.join(f'{each:g}' for each in array)} is longer than {_LONGEST_LEVER:g} m",
+            where=key,
+            fix="give it in metres, body axes",
+        )
+    return array
+
+
+def reference_sd(inputs: Inputs) -> tuple[float, float | None] | None:
+    """Standard deviation of the reference: position [m], and velocity [m/s] if it was given."""
+    value = inputs.get("ref_sd")
+    if value is None:
+        return None
+    numbers = [float(each) for each in np.atleast_1d(value)]
+    if len(numbers) > 2 or not all(0.0 < each < math.inf for each in numbers):
+        raise ConfigError(f"{value} is not one or two numbers above zero", where="ref_sd", fix="0.05 or 0.05,0.02")
+    return numbers[0], numbers[1] if len(numbers) == 2 else None
+
+
+def options_of(inputs: Inputs, **others: object) -> dict[str, object]:
+    """Everything that was given, for `insnav.result.Result.options`."""
+    named = {key: value.name if isinstance(value, ImuSpec) else value for key, value in inputs.items()}
+    return {key: value for key, value in {**named, **others}.items() if value is not None}
+
+
+_START_KEYS = {
+    "time_s": 0,
+    "lat_deg": 0,
+    "lon_deg": 0,
+    "height_m": 0,
+    "v_n_m_s": 3,
+    "roll_pitch_heading_deg": 3,
+    "sd_position_m": 3,
+    "sd_velocity_m_s": 3,
+    "sd_attitude_deg": 3,
+}
+
+
+def read_start(path: Path) -> Start:
+    """Read an initial state from a JSON file.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    Start
+
+    Raises
+    ------
+    InputError
+        It cannot be read, or is incomplete.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError("cannot read the initial state", where=str(path), why=str(error)) from error
+    values: dict[str, FloatArray] = {}
+    wrong = []
+    for key, length in _START_KEYS.items():
+        try:
+            value = np.asarray(content[key], dtype=float)
+        except (KeyError, TypeError, ValueError):
+            value = np.array(np.nan)
+        good = value.shape == ((length,) if length else ()) and np.isfinite(value).all()
+        if not good or (key.startswith("sd_") and not (value > 0).all()):
+            wrong.append(key)
+        values[key] = value
+    if wrong:
+        raise InputError(
+            "the initial state is incomplete",
+            where=f"{path}: {', '.join(wrong)}",
+            why="each of time_s, lat_deg, lon_deg, height_m is a number; v_n_m_s, roll_pitch_heading_deg, "
+            "sd_position_m, sd_velocity_m_s, sd_attitude_deg are lists of three, standard deviations positive",
+            fix="complete the file, or leave --initial out: insnav then aligns by itself",
+        )
+    return Start(
+        float(values["time_s"]),
+        np.array([values["lat_deg"] * DEG, values["lon_deg"] * DEG, values["height_m"]]),
+        values["v_n_m_s"],
+        values["roll_pitch_heading_deg"] * DEG,
+        values["sd_position_m"],
+        values["sd_velocity_m_s"],
+        values["sd_attitude_deg"] * DEG,
+    )
