@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from insnav.alignment import find_rest
+from insnav.errors.budget.from_windows import WindowSettings
 from insnav.errors.outage.window_reference import is_stationary, stationary_fixes
 from insnav.filter import FilterSettings
 from insnav.filter.gps_noise import with_sd
@@ -19,6 +20,7 @@ from insnav.types import GpsData, ImuData, SensorLog, Trajectory
 
 SHORTEST_REST = 5.0  # shorter ones do not show the noise of an IMU [s]
 BENCH_SD = (0.01, 0.005)  # how well a place that is not left is known [m], [m/s]
+WINDOWS = WindowSettings(replicas=20, workers=2)
 REFERENCE_SD = (0.05, None)  # of reference positions; velocities count only if theirs is given [m], [m/s]
 
 

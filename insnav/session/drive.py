@@ -319,7 +319,8 @@ class Drive:
         settings : BudgetSettings, optional
             How the budget is drawn up; the windows of the drive are as long as the last of its times.
         windows : WindowSettings, optional
-            How free-inertial windows are slid along the drive; their length and seed are those of the budget.
+            How free-inertial windows are slid along the drive; their length and seed are those of the budget; by default with 20
+            simulated replicas of the drive.
         progress : callable, optional
             Called with the fraction done.
         **options
@@ -338,7 +339,7 @@ class Drive:
         check_times(settings.times)
         ready = self.prepared()
         reference = None if self.gps is None or self.reference is None else self._window_reference(self.reference)
-        chosen = replace(windows or WindowSettings(), length=float(max(settings.times)), seed=settings.seed)
+        chosen = replace(windows or defaults.WINDOWS, length=float(max(settings.times)), seed=settings.seed)
         recorded = recorded_budget(ready, self.imu_spec, reference, chosen, progress)
         given = self.readings.inputs.get("imu_model") is not None
         said = () if given else (f"IMU file: none was given; {self.imu_spec.name}: {self.imu_chosen}",)

@@ -1,0 +1,112 @@
+"""From the data of a drive to the recorded half of its budget."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings
+from insnav.exceptions import ConfigError, InputError
+from insnav.output.folder import RunFolder, read_facts, verify_folder
+from insnav.report.budget.windows import recorded_sheet
+from insnav.report.budget.windows_quantities import recorded_facts
+from insnav.report.sheet import write_sheet
+from insnav.session.drive import load
+
+WINDOWS = WindowSettings(spacing=15.0)
+
+
+def recorded(
+    imu: Any = "imu.csv",
+    gps: Any = "gps.csv",
+    ref: Any = None,
+    *,
+    windows: WindowSettings = WINDOWS,
+    length: float = 20.0,
+    imu_model: str | None = "automotive",
+    **inputs: Any,
+) -> RecordedBudget:
+    """Windows of a short drive."""
+    found = load(imu, gps, ref, imu_model=imu_model, **inputs).budget(times=(length,), windows=windows).found
+    assert found.windows is not None
+    return found.windows
+
+
+def test_from_files_to_a_folder(drive: Path):
+    result = load("imu.csv", "gps.csv", imu_model="automotive").budget(
+        times=(10.0, 20.0), windows=replace(WINDOWS, uncalibrated=True)
+    )
+    assert set(result.inputs) == {"imu", "gps"}
+    assert result.found.budget.recorded is not None
+    budget = result.found.windows
+    assert budget is not None
+    with RunFolder(Path("budget"), force=False) as folder:
+        write_sheet(folder, recorded_sheet(budget, "imu.csv"), recorded_facts(budget))
+    verify_folder(Path("budget"))
+    facts = read_facts(Path("budget"))
+    assert facts["calibrated"]["times_s"] == [10.0, 20.0]
+    assert facts["raw"]["windows"] == facts["calibrated"]["windows"] > 3
+    for name in ("recorded_growth", "recorded_causes", "recorded_regression", "raw_growth"):
+        assert Path(f"budget/figures/{name}.png").stat().st_size > 10_000
+
+
+def test_a_reference_is_what_it_is_judged_by(drive: Path):
+    budget = recorded(ref="ref.csv", ref_sd=(0.01, 0.01))
+    assert budget.reference == "the positions of ref.csv"
+    assert not any("withheld" in note for note in budget.notes)
+    assert np.isfinite(budget.calibrated.windows.error[..., 3:]).all()
+    positions = recorded(ref="ref.csv")
+    assert np.isnan(positions.calibrated.windows.error[..., 3:]).all()
+
+
+def test_without_an_imu_file_it_is_said_what_was_assumed(drive: Path):
+    found = recorded(imu_model=None)
+    assert any("IMU file: none was given" in note for note in found.notes)
+
+
+def test_an_imu_file_with_missing_terms_says_which(drive: Path):
+    Path("few.toml").write_text('[gyro]\nbias = "50 deg/h"\n[accel]\nrandom_walk = "0.1 m/s/sqrt(h)"\n')
+    found = recorded(imu_model="few.toml")
+    (note,) = [text for text in found.notes if text.startswith("The IMU file does not give")]
+    assert "accel.bias" in note
+    assert "gyro.random_walk" in note
+    assert "taken as zero" in note
+
+
+def test_a_bench_needs_no_fixes(at_rest: Path):
+    Path("place.csv").write_text(
+        "time_s,lat_deg,lon_deg,height_m,vn_m_s,ve_m_s,vd_m_s\n0.0,48.0,11.0,500.0,0,0,0\n600.0,48.0,11.0,500.0,0,0,0\n"
+    )
+    found = recorded(at_rest, None, "place.csv", imu_model="tactical")
+    assert (found.calibrated.windows.motion == "static").all()
+    assert found.calibrated.growth.largest[-1, 5] < 1.0
+    assert any("never moves" in note for note in found.notes)
+    with pytest.raises(ConfigError, match="nothing tells where the vehicle was"):
+        recorded(at_rest, None, imu_model="tactical")
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "words"),
+    [
+        ({"length": 5.0}, ConfigError, "make no budget"),
+        ({"length": 290.0}, InputError, "too short for windows"),
+        ({"windows": replace(WINDOWS, spacing=-3.0)}, ConfigError, "apart"),
+        ({"windows": replace(WINDOWS, spacing=1e-9)}, ConfigError, "apart"),
+        ({"windows": replace(WINDOWS, first=-3.0)}, ConfigError, "first window"),
+        ({"windows": replace(WINDOWS, replicas=1)}, ConfigError, "make no band"),
+        ({"ref_sd": 0.0}, ConfigError, "above zero"),
+        ({"lever_arm": (1.0, 2.0)}, ConfigError, "three numbers"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(drive: Path, change: dict[str, Any], error: type[Exception], words: str):
+    with pytest.raises(error, match=words):
+        recorded(**change)
+
+
+def test_a_smoothed_start_is_said_not_to_be_independent(drive: Path):
+    found = recorded(windows=replace(WINDOWS, start="smoothed"))
+    assert any(note.startswith("Not independent") for note in found.notes)
