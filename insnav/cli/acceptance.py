@@ -64,7 +64,6 @@ def acceptance(
     as_json: opt.Json = False,
 ) -> None:
     """Work out acceptance figures."""
-    from insnav.cli import inputs
     from insnav.exceptions import ConfigError
     from insnav.output.folder import RunFolder
 
@@ -80,15 +79,14 @@ def acceptance(
         stage("reading")
         from insnav.session.bench import acceptance as accepted
 
-        with inputs.named_options():
-            found, files = accepted(
-                [*(rates or ()), *(positions or ())],
-                static,
-                powerups or (),
-                lengths=times,
-                columns=named,
-                spike_limit=spike_limit,
-            )
+        found, files = accepted(
+            [*(rates or ()), *(positions or ())],
+            static,
+            powerups or (),
+            lengths=times,
+            columns=named,
+            spike_limit=spike_limit,
+        )
         stage("writing")
         from insnav.report.acceptance.page import acceptance_page
         from insnav.report.calibration.common import bench_input

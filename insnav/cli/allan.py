@@ -10,6 +10,7 @@ import typer
 from insnav.cli import options as opt
 from insnav.cli import parse
 from insnav.cli.console import Stages, note, result_page
+from insnav.cli.data_options import READING, Data, takes_data
 
 SHORT_HELP = "Noise of an IMU from a record at rest: Allan deviation and imu.toml."
 HELP = """Noise of an IMU from a record at rest: Allan deviation and imu.toml.
@@ -30,14 +31,9 @@ Examples:
 IMU_TOML = "imu.toml"
 
 
+@takes_data(files={}, only=("calibration", *READING))
 def allan(
-    imu_file: opt.ImuFile,
-    calibration: opt.Calibration = None,
-    imu_axes: opt.Axes = None,
-    imu_units: opt.Units = None,
-    columns: opt.Columns = None,
-    imu_sampling: opt.SamplingOption = None,
-    imu_stamp: opt.StampOption = None,
+    data: Data,
     static: Annotated[
         str | None, typer.Option(metavar="FROM:TO", help="Part to use, s. [all]", rich_help_panel=opt.START)
     ] = None,
@@ -53,7 +49,6 @@ def allan(
     as_json: opt.Json = False,
 ) -> None:
     """Analyse the noise of a static record."""
-    from insnav.cli import inputs
     from insnav.output.folder import RunFolder
 
     if workers is not None:
@@ -61,9 +56,7 @@ def allan(
     wanted: Any = taus if taus in ("log", "octave") else parse.positive_numbers(taus, "--taus", "0.1,1,10")
     span = parse.span(static, "--static") if static else None
     with RunFolder(out, force=force) as folder, Stages() as stage:
-        stage("reading")
-        reading = inputs.read_samples(imu_file, imu_axes, columns, imu_units, imu_sampling, imu_stamp, calibration)
-        inputs.say_reading(reading.facts)
+        reading = data.read_imu(stage)
         samples = reading.data
         from insnav.lab.noise.allan import between
 

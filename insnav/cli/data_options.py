@@ -23,9 +23,11 @@ from insnav.cli.options import FILES
 from insnav.session.inputs import INPUTS, LOGS, Input, Inputs
 
 if TYPE_CHECKING:
-    from insnav.input import ReadingFacts
+    from insnav.input import Reading, ReadingFacts
     from insnav.session.drive import Drive
+    from insnav.types import ImuData
 
+READING = ("axes", "units", "columns", "sampling", "stamp")  # inputs that say how to read samples
 _IMU_HELP = "IMU data of any supported format, also with .gz; or - for standard input."
 _FILE_HELP = {"gps": "GPS fixes.", "ref": "Reference trajectory, of position and as much else as it has."}
 _UNRECORDED = ("out", "force", "as_json", "workers")  # these do not change what is found
@@ -53,6 +55,16 @@ class Data:
     ref: Path | None
     inputs: Inputs
     options: dict[str, Any]
+
+    def read_imu(self, stage: Stages) -> Reading[ImuData]:
+        """Read the samples alone, and say how they were understood."""
+        stage("reading")
+        from insnav.session.read import read_samples
+
+        assert self.imu is not None
+        reading = read_samples(self.imu, self.inputs)
+        say_reading(reading.facts)
+        return reading
 
     def load(self, stage: Stages) -> Drive:
         """Read the recording, say how it was understood, and choose what was not given."""

@@ -42,15 +42,13 @@ def drift(
     as_json: opt.Json = False,
 ) -> None:
     """Study the drift of gyros."""
-    from insnav.cli import inputs
     from insnav.output.folder import RunFolder
 
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("reading")
         from insnav.session.bench import drift as studied
 
-        with inputs.named_options():
-            found, table = studied(file, columns=parse.columns(columns, "--columns"))
+        found, table = studied(file, columns=parse.columns(columns, "--columns"))
         stage("writing")
         from insnav.imu import calibration_to_toml
         from insnav.report.calibration.common import bench_input

@@ -319,8 +319,8 @@ class Drive:
         settings : BudgetSettings, optional
             How the budget is drawn up; the windows of the drive are as long as the last of its times.
         windows : WindowSettings, optional
-            How free-inertial windows are slid along the drive; their length and seed are those of the budget; by default with 20
-            simulated replicas of the drive.
+            How free-inertial windows are slid along the drive, with 20 simulated replicas by default; their length and
+            seed are those of the budget.
         progress : callable, optional
             Called with the fraction done.
         **options

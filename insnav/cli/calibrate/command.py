@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -47,7 +47,7 @@ def run(
     files: Sequence[Path],
     out: Path,
     *,
-    columns: str | None = None,
+    columns: str | Mapping[str, str] | None = None,
     force: bool,
     as_json: bool,
     opened: Callable[[Any], None] | None = None,
@@ -56,7 +56,6 @@ def run(
     """Calibrate, write the folder with calibration file and report, and print the result."""
     from dataclasses import replace
 
-    from insnav.cli import inputs
     from insnav.output.folder import RunFolder
 
     with RunFolder(out, force=force) as folder, Stages() as stage:
@@ -67,9 +66,8 @@ def run(
         from insnav.report.sheet import write_sheet
         from insnav.session.bench import calibrate
 
-        with inputs.named_options():
-            named = parse.columns(columns, "--columns")
-            found = calibrate(method, files, columns=named, stage=stage, opened=opened, **options)
+        named = parse.columns(columns, "--columns") if isinstance(columns, str) else columns
+        found = calibrate(method, files, columns=named, stage=stage, opened=opened, **options)
         stage("writing")
         sheet, facts = calibration_report(found)
         texts = {} if found.errors is None else {"calibration.toml": calibration_to_toml(found.errors)}

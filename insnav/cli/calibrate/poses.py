@@ -12,6 +12,7 @@ from insnav.cli import options as opt
 from insnav.cli import parse
 from insnav.cli.calibrate import command as common
 from insnav.cli.console import note
+from insnav.cli.data_options import READING, Data, say_reading, takes_data
 
 if TYPE_CHECKING:
     from insnav.input.readers.reading import Reading
@@ -40,8 +41,9 @@ class Method(StrEnum):
     six = "six"
 
 
+@takes_data(files={}, only=READING)
 def poses(
-    imu_file: opt.ImuFile,
+    data: Data,
     method: Annotated[
         Method,
         typer.Option(
@@ -75,11 +77,6 @@ def poses(
     turn: Annotated[
         float, typer.Option(metavar="DEG", help="Angle of each turn of six.", rich_help_panel=common.METHOD)
     ] = 360.0,
-    imu_axes: opt.Axes = None,
-    imu_units: opt.Units = None,
-    columns: opt.Columns = None,
-    imu_sampling: opt.SamplingOption = None,
-    imu_stamp: opt.StampOption = None,
     out: opt.Out = Path("calibration"),
     force: opt.Force = False,
     as_json: opt.Json = False,
@@ -87,31 +84,31 @@ def poses(
     """Calibrate an IMU by hand."""
     from math import radians
 
-    from insnav.cli import inputs
     from insnav.session.bench import bench_gravity
 
+    assert data.imu is not None
     parse.finite(height, "--height", largest=1e5)
     g, source = bench_gravity(gravity, lat, height)
 
     def opened(reading: Reading[ImuData]) -> None:
-        inputs.say_reading(reading.facts)
+        say_reading(reading.facts)
         note(f"gravity {g:.5f} m/s^2, {source}")
 
     common.run(
         "poses",
-        [imu_file],
+        [data.imu],
         out,
-        columns=columns,
+        columns=data.inputs.get("columns"),
         counts=counts,
         six=method is Method.six,
         gravity=g,
         gravity_source=source,
         sections=sections,
         turn=radians(turn),
-        axes=imu_axes,
-        units=imu_units,
-        sampling=imu_sampling.value if imu_sampling else None,
-        stamp=imu_stamp.value if imu_stamp else None,
+        axes=data.inputs.get("axes"),
+        units=data.inputs.get("units"),
+        sampling=data.inputs.get("sampling"),
+        stamp=data.inputs.get("stamp"),
         opened=opened,
         force=force,
         as_json=as_json,
