@@ -33,8 +33,11 @@ def align(
     """Align a static record."""
     from dataclasses import replace
 
+    from insnav.exceptions import ConfigError
     from insnav.output.folder import RunFolder
 
+    if data.gps is None and data.inputs.get("lat") is None:
+        raise ConfigError("nothing tells the latitude", where="--lat", fix="give it, or fixes with --gps")
     with RunFolder(out, force=force) as folder, Stages() as stage:
         outcome = data.load(stage).align()
         for text in outcome.notes:

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TypedDict
 
 from insnav.errors.budget.drive_motion import spec_in_windows, window_motion, window_start_sources, with_recorded
-from insnav.errors.budget.error_budget import Budget, budget
+from insnav.errors.budget.error_budget import Budget, budget, check_times
 from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, first_movement, sampled
 from insnav.errors.budget.sources import Source
@@ -44,6 +44,9 @@ class BudgetSettings:
     seed: int = 1
     deflection: float = 0.0
     hold: bool | None = None
+
+    def __post_init__(self) -> None:
+        check_times(self.times)
 
 
 class BudgetOptions(TypedDict, total=False):

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 import numpy as np
 
 from insnav.alignment import find_rest
-from insnav.errors.budget.error_budget import check_times
 from insnav.errors.budget.from_windows import WindowSettings, recorded_budget
 from insnav.errors.budget.study import BudgetStudy
 from insnav.errors.evaluated_run import EvaluatedRun, evaluate_run, fixed_epochs
@@ -336,7 +335,6 @@ class Drive:
             Windows that make no sense, or data that cannot be navigated.
         """
         settings = replace(settings or BudgetSettings(), **options)
-        check_times(settings.times)
         ready = self.prepared()
         reference = None if self.gps is None or self.reference is None else self._window_reference(self.reference)
         chosen = replace(windows or defaults.WINDOWS, length=float(max(settings.times)), seed=settings.seed)

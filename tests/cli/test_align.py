@@ -59,8 +59,8 @@ def test_a_given_heading_is_taken_over(at_rest: Path, cli: Cli):
 @pytest.mark.parametrize(
     ("options", "code", "word"),
     [
-        (("--lat", "91"), 2, "not a latitude"),
-        (("--lat", "nan"), 2, "not a latitude"),
+        (("--lat", "91"), 2, "91 deg is not a sensible value"),
+        (("--lat", "nan"), 2, "nan deg is not a sensible value"),
         (("--lat", "48", "--height", "inf"), 2, "--height"),
         (("--lat", "48", "--static", "9000:9100", "--imu", "tactical"), 3, "static interval"),
         (("--lat", "48", "--out", "no/such"), 4, "parent of the output folder"),

@@ -35,7 +35,7 @@ def test_json_is_that_of_the_folder(drive: Path, cli: Cli):
     [
         (("--lengths", "5,x"), 2, "--lengths"),
         (("--lengths", "0"), 2, "above zero"),
-        (("--lengths", "4000"), 3, "too short for an outage"),
+        (("--lengths", "4000"), 3, "too short for windows"),
         (("--spacing", "-3"), 2, "above zero"),
         (("--workers", "0"), 2, "--workers"),
     ],

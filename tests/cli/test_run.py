@@ -33,7 +33,7 @@ def test_the_summary_says_what_matters(drive: Path, cli: Cli):
     assert names[:4] == ["imu", "gps", "reference", "alignment"]
     assert {"IMU model", "solution", "sd at end", "biases", "fixes", "rejected", "accuracy", "files"} <= set(names)
     assert "13000 rows, 100000.0 to 100130.0 s, 100 Hz, no gaps, FRD  imu.csv" in lines[0]
-    assert "as told by --imu automotive" in shown.out
+    assert "from --imu automotive" in shown.out
     row = next(line for line in lines if line.strip().startswith("horizontal [m]"))
     rms = read_facts(Path("run"))["accuracy"]["all"]["horizontal_m"]["rms"]
     assert float(row.split()[2]) == pytest.approx(rms, rel=0.01)
