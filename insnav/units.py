@@ -47,8 +47,6 @@ UNITS: dict[str, tuple[str, float]] = {
     "m/s^2/sqrt(Hz)": ("velocity random walk", 1.0),
     "ug/sqrt(Hz)": ("velocity random walk", UG),
     "mg/sqrt(Hz)": ("velocity random walk", 1e-3 * G0),
-    "deg/h/sqrt(h)": ("rate random walk", DEG_PER_H / math.sqrt(HOUR)),
-    "ug/sqrt(h)": ("acceleration random walk", UG / math.sqrt(HOUR)),
     "ppm": ("ratio", PPM),
     "%": ("ratio", 1e-2),
     "1": ("ratio", 1.0),

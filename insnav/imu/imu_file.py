@@ -26,7 +26,7 @@ from insnav.config_file import (
     wrong,
 )
 from insnav.exceptions import ConfigError
-from insnav.imu.error_terms import TERMS, Sensor, terms_of
+from insnav.imu.error_terms import Sensor, terms_of
 from insnav.imu.presets import FOLDER, PRESETS
 from insnav.imu.specification import ClockSpec, ImuSpec, InitialSpec, SensorSpec
 
@@ -81,6 +81,8 @@ _FILE = with_fields(
 
 
 _CLOCK_UNITS = {"offset": "s", "drift": "ppm", "jitter": "s", "lost_every": "s", "lost_length": "s"}
+# the order of the file, in which its digest counts too; the others follow
+_FIRST = ("bias", "bias_instability", "correlation_time", "random_walk", "rate_random_walk")
 _INITIAL_UNITS = {"position": "m", "velocity": "m/s", "tilt": "deg", "heading": "deg"}
 
 
@@ -151,15 +153,16 @@ def to_toml(spec: ImuSpec) -> str:
         Text that `load_imu` reads back to the same values within 1e-14 of each.
     """
     content: dict[str, Any] = {"name": spec.name} | ({"source": spec.source} if spec.source else {})
-    for name, sensor in (("gyro", spec.gyro), ("accel", spec.accel)):
-        content[name] = {
-            term.key: text(getattr(sensor, term.key), term.unit)
-            for term in TERMS
-            if term.sensor == name
-            and (np.any(getattr(sensor, term.key)) or (term.usual and f"{name}.{term.key}" not in spec.absent))
-        }
-        if math.isfinite(sensor.correlation_time):
-            content[name]["correlation_time"] = text(sensor.correlation_time, "s")
+    sensors: tuple[tuple[Sensor, SensorSpec], ...] = (("gyro", spec.gyro), ("accel", spec.accel))
+    for name, sensor in sensors:
+        given = (
+            {"correlation_time": text(sensor.correlation_time, "s")} if math.isfinite(sensor.correlation_time) else {}
+        )
+        for term in terms_of(name):
+            value = getattr(sensor, term.key)
+            if np.any(value) or (term.usual and f"{name}.{term.key}" not in spec.absent):
+                given[term.key] = text(value, term.unit)
+        content[name] = {key: given.pop(key) for key in _FIRST if key in given} | given
     if np.any(spec.positions):
         content["accel"]["positions"] = text(spec.positions, "m")
     if spec.clock != ClockSpec():

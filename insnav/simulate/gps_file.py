@@ -34,16 +34,13 @@ list = [["120 s", "30 s"]]
 
 from __future__ import annotations
 
-import difflib
 from pathlib import Path
 from typing import Annotated, Any
 
 import tomli_w
 from pydantic import Field, PlainValidator, model_validator
-from pydantic_core import PydanticCustomError
 
-from insnav.config_file import Axes, Table, axes, checked, quantity, read_toml, refuse, scalar
-from insnav.exceptions import ConfigError
+from insnav.config_file import Axes, Table, axes, preset_or_file, quantity, read_toml, scalar, validate, wrong
 from insnav.simulate.gps_errors import GpsErrors, GpsSpec, Now
 
 _FOLDER = Path(__file__).parent / "receivers"
@@ -53,14 +50,14 @@ _MAX_RATE = 100.0  # [Hz]
 
 def _pair(value: object) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
-        raise PydanticCustomError("wrong_value", 'must be two times, like ["300 s", "20 s"]')
+        raise wrong('must be two times, like ["300 s", "20 s"]')
     begin, length = (quantity(item, "time", signed=False) for item in value)
     return begin, length
 
 
 def _pairs(value: object) -> tuple[tuple[float, float], ...]:
     if not isinstance(value, list):
-        raise PydanticCustomError("wrong_value", 'must be a list of begin and length, like [["120 s", "30 s"]]')
+        raise wrong('must be a list of begin and length, like [["120 s", "30 s"]]')
     return tuple(_pair(item) for item in value)
 
 
@@ -72,9 +69,9 @@ class _Position(Table):
     @model_validator(mode="after")
     def _sound(self) -> _Position:
         if not self.correlation_time > 0.0:
-            raise PydanticCustomError("wrong_value", "correlation_time must be above zero")
+            raise wrong("correlation_time must be above zero")
         if not all(w > 0.0 or d > 0.0 for w, d in zip(self.white, self.lasting, strict=True)):
-            raise PydanticCustomError("wrong_value", "white and lasting must not both be zero: use --gps ideal")
+            raise wrong("white and lasting must not both be zero: use --gps ideal")
         return self
 
 
@@ -84,7 +81,7 @@ class _Velocity(Table):
     @model_validator(mode="after")
     def _sound(self) -> _Velocity:
         if not all(value > 0.0 for value in self.white):
-            raise PydanticCustomError("wrong_value", "white must be above zero")
+            raise wrong("white must be above zero")
         return self
 
 
@@ -95,7 +92,7 @@ class _Now(Table):
     @model_validator(mode="after")
     def _sound(self) -> _Now:
         if not (self.every > 0.0 and self.length > 0.0):
-            raise PydanticCustomError("wrong_value", "every and length must be above zero")
+            raise wrong("every and length must be above zero")
         return self
 
 
@@ -116,9 +113,9 @@ class _Outage(Table):
     @model_validator(mode="after")
     def _sound(self) -> _Outage:
         if (self.every is None) != (self.length is None) or self.every == 0.0 or self.length == 0.0:
-            raise PydanticCustomError("wrong_value", "every and length go together and must be above zero")
+            raise wrong("every and length go together and must be above zero")
         if self.period is not None and not 0.0 < self.period[1] < self.period[0]:
-            raise PydanticCustomError("wrong_value", "period: the length must be above zero and below the period")
+            raise wrong("period: the length must be above zero and below the period")
         return self
 
 
@@ -140,7 +137,7 @@ class _GpsFile(Table):
     @model_validator(mode="after")
     def _sound(self) -> _GpsFile:
         if not 0.0 < self.rate <= _MAX_RATE:
-            raise PydanticCustomError("wrong_value", "rate must be above 0 Hz and at most 100 Hz")
+            raise wrong("rate must be above 0 Hz and at most 100 Hz")
         return self
 
 
@@ -161,27 +158,8 @@ def load_gps(preset_or_path: str) -> GpsSpec:
     ConfigError
         No such preset or file, no TOML, or wrong keys or values: all of them at once.
     """
-    if preset_or_path in PRESETS:
-        return _load(_FOLDER / f"{preset_or_path}.toml")
-    path = Path(preset_or_path)
-    try:
-        found = path.exists()
-    except (OSError, ValueError):
-        found = False
-    if not found:
-        close = difflib.get_close_matches(preset_or_path, PRESETS, n=1)
-        raise ConfigError(
-            f"{preset_or_path[:200]!r} is neither a receiver preset nor a file",
-            where="--gps",
-            fix=f"did you mean {close[0]!r}?" if close else f"presets are {', '.join(PRESETS)}, ideal",
-        )
-    return _load(path)
-
-
-def _load(path: Path) -> GpsSpec:
-    file, problems = checked(_GpsFile, read_toml(path))
-    if file is None:
-        refuse(problems, str(path))
+    path = preset_or_file(preset_or_path, _FOLDER, PRESETS, "a receiver", "--gps", ", ideal")
+    file = validate(_GpsFile, read_toml(path), str(path))
     velocity = (1.0, 1.0, 1.0) if file.velocity is None else file.velocity.white
     outage, multipath, degraded = file.outage or _Outage(), file.multipath, file.degraded
     return GpsSpec(

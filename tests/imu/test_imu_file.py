@@ -132,6 +132,16 @@ def test_what_is_written_reads_back(load, text: str) -> None:
     same(spec, load(to_toml(spec)))
 
 
+def test_keys_are_written_in_the_order_in_which_they_are_read(load) -> None:
+    """The digest of a case of the corpus is of this text."""
+    text = EXAMPLE.replace("scale_factor", 'rate_random_walk = "1 deg/h/sqrt(h)"\nscale_factor', 1)
+    keys = [line.split(" =")[0] for line in to_toml(load(text)).splitlines() if " = " in line]
+    assert keys[: keys.index("misalignment") + 1] == [
+        *("name", "bias", "bias_instability", "correlation_time", "random_walk", "rate_random_walk"),
+        *("scale_factor", "misalignment"),
+    ]
+
+
 @pytest.mark.parametrize("name", PRESETS)
 def test_presets_read_back(load, name: str) -> None:
     spec = load_imu(name)
