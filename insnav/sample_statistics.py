@@ -93,7 +93,6 @@ def block_weights(start: FloatArray, length: float, samples: int = SAMPLES) -> F
         Where the windows begin, increasing [s].
     length : float
         Of each [s].
-    samples : int
 
     Returns
     -------

@@ -110,8 +110,6 @@ def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
 
     Parameters
     ----------
-    run : Run
-    truth : Truth
     axes_sd : (3,) array
         How well the axes of the sensors are known in the body [rad]; see `insnav.filter.error_model.ErrorModel`.
 
@@ -159,8 +157,6 @@ def normalised(state: Epochs, truth: Truth, axes_sd: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    state : Epochs
-    truth : Truth
     axes_sd : (3,) array
         The covariance is that of the sensors' axes; the attitude of the body is known no better than these in it
         [rad].
@@ -226,7 +222,6 @@ def ensemble(runs: Runs, truth: Truth) -> Ensemble:
     ----------
     runs : Runs
         At least one that ended well.
-    truth : Truth
 
     Raises
     ------

@@ -42,8 +42,6 @@ def evaluate_run(
 
     Parameters
     ----------
-    done : Navigated
-    reference : Reading of Trajectory, optional
     lever_b : (3,) array, optional
         Point of the reference seen from the IMU, body axes [m].
 
@@ -72,12 +70,7 @@ def evaluate_run(
 
 
 def fixed_epochs(reference: Reading[Trajectory]) -> Trajectory:
-    """Epochs of a reference with fixed ambiguities; all of them where the file does not tell.
-
-    Parameters
-    ----------
-    reference : Reading of Trajectory
-    """
+    """Epochs of a reference with fixed ambiguities; all of them where the file does not tell."""
     data = reference.data
     if reference.fix is None or not (reference.fix == 1).any():
         return data

@@ -15,10 +15,6 @@ MISSED_FIXES = 3.0  # median intervals without a used position fix make an outag
 def outages(run: Run) -> list[tuple[float, float]]:
     """Start and end of the times without a used position fix, at the ends of the run too [s].
 
-    Parameters
-    ----------
-    run : Run
-
     Returns
     -------
     list of (float, float)

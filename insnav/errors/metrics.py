@@ -159,7 +159,6 @@ def accuracy(errors: TrajectoryErrors, mask: BoolArray | None = None) -> dict[st
 
     Parameters
     ----------
-    errors : TrajectoryErrors
     mask : (m,) bool array, optional
         The epochs to count; all by default.
 
@@ -185,12 +184,7 @@ def accuracy(errors: TrajectoryErrors, mask: BoolArray | None = None) -> dict[st
 
 
 def accuracy_by_motion(errors: TrajectoryErrors) -> dict[str, Any]:
-    """`accuracy` of ``all`` epochs, and of the ``static`` and the ``moving`` ones apart.
-
-    Parameters
-    ----------
-    errors : TrajectoryErrors
-    """
+    """`accuracy` of ``all`` epochs, and of the ``static`` and the ``moving`` ones apart."""
     return {
         "all": accuracy(errors),
         "static": accuracy(errors, ~errors.moving),
@@ -203,7 +197,6 @@ def nees(errors: TrajectoryErrors, mask: BoolArray | None = None) -> dict[str, A
 
     Parameters
     ----------
-    errors : TrajectoryErrors
     mask : (m,) bool array, optional
         The epochs to count; all by default.
 

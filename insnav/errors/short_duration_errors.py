@@ -104,7 +104,6 @@ def size_at(windows: Sequence[ShortWindow], name: str, elapsed: float) -> FloatA
 
     Parameters
     ----------
-    windows : sequence of ShortWindow
     name : {"position", "velocity", "dropped", "rest", "untilted"}
     elapsed : float
         [s]

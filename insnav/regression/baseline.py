@@ -74,14 +74,7 @@ def stored(result: CaseResult) -> Stored:
 
 
 def renewed(old: Baseline | None, result: Result, origin: Origin) -> Baseline:
-    """Make a baseline of a result; cases that were skipped stay as they were.
-
-    Parameters
-    ----------
-    old : Baseline or None
-    result : Result
-    origin : Origin
-    """
+    """Make a baseline of a result; cases that were skipped stay as they were."""
     kept = {} if old is None else {name: case for name, case in old.cases.items() if name in result.skipped}
     made = {name: stored(case) for name, case in result.cases.items() if case.measured is not None}
     return Baseline(origin, kept | made)
@@ -89,10 +82,6 @@ def renewed(old: Baseline | None, result: Result, origin: Origin) -> Baseline:
 
 def read_baseline(path: Path) -> Baseline | None:
     """Read a baseline.
-
-    Parameters
-    ----------
-    path : Path
 
     Returns
     -------
@@ -128,11 +117,6 @@ def read_baseline(path: Path) -> Baseline | None:
 def write_baseline(path: Path, baseline: Baseline) -> None:
     """Write a baseline, one metric a line, so that differences can be read.
 
-    Parameters
-    ----------
-    path : Path
-    baseline : Baseline
-
     Raises
     ------
     OutputError
@@ -157,7 +141,6 @@ def write_text(path: Path, text: str) -> None:
     ----------
     path : Path
         Its folder is made if need be.
-    text : str
 
     Raises
     ------

@@ -182,10 +182,6 @@ class Corpus(Table):
 def load_corpus(path: Path) -> Corpus:
     """Read a corpus file.
 
-    Parameters
-    ----------
-    path : Path
-
     Returns
     -------
     Corpus
@@ -234,7 +230,6 @@ def digest(case: Case, parts: Mapping[str, str]) -> str:
 
     Parameters
     ----------
-    case : Case
     parts : mapping of str to str
         Text or digest of the files.
     """

@@ -47,14 +47,7 @@ class Entry:
 
 
 def entry(result: Result, comparison: Comparison | None, origin: Origin) -> Entry:
-    """Sum up a run of the whole corpus.
-
-    Parameters
-    ----------
-    result : Result
-    comparison : Comparison or None
-    origin : Origin
-    """
+    """Sum up a run of the whole corpus."""
     metrics = {
         name: {key: interval(value, BY_KEY[key], pieces=case.pieces) for key, value in case.measured.values.items()}
         for name, case in result.cases.items()
@@ -71,10 +64,6 @@ def entry(result: Result, comparison: Comparison | None, origin: Origin) -> Entr
 
 def read_history(path: Path) -> list[Entry]:
     """Read all versions, oldest first.
-
-    Parameters
-    ----------
-    path : Path
 
     Returns
     -------
@@ -109,13 +98,7 @@ def read_history(path: Path) -> list[Entry]:
 
 
 def with_entry(history: list[Entry], new: Entry) -> list[Entry]:
-    """Add a version at the end, or in the place of the same version and commit.
-
-    Parameters
-    ----------
-    history : list of Entry
-    new : Entry
-    """
+    """Add a version at the end, or in the place of the same version and commit."""
     mark = (new.origin.version, new.origin.commit)
     marks = [(each.origin.version, each.origin.commit) for each in history]
     if mark not in marks:
@@ -125,11 +108,6 @@ def with_entry(history: list[Entry], new: Entry) -> list[Entry]:
 
 def write_history(path: Path, history: list[Entry]) -> None:
     """Write all versions, one a line.
-
-    Parameters
-    ----------
-    path : Path
-    history : list of Entry
 
     Raises
     ------

@@ -59,7 +59,6 @@ def shift(old: FloatArray, new: FloatArray, metric: Metric, *, pieces: bool) -> 
     ----------
     old, new : (n,) array
         Values of the same drives, or pieces, in the same order; NaN where not known.
-    metric : Metric
     pieces : bool
         They are successive pieces of one drive.
     """
@@ -85,7 +84,6 @@ def interval(value: FloatArray, metric: Metric, *, pieces: bool) -> tuple[float,
     ----------
     value : (n,) array
         One a drive, or a piece.
-    metric : Metric
     pieces : bool
         They are successive pieces of one drive.
 
@@ -128,10 +126,6 @@ def standard_error(value: FloatArray, *, pieces: bool) -> tuple[float, float]:
 
 def holm(p: Sequence[float]) -> FloatArray:
     """Correct p-values for their number.
-
-    Parameters
-    ----------
-    p : sequence of float
 
     Returns
     -------

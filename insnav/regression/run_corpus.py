@@ -86,7 +86,6 @@ def run_corpus(
 
     Parameters
     ----------
-    corpus : Corpus
     data : Path
         Folder of recorded data.
     quick : bool

@@ -84,7 +84,6 @@ def compare(result: Result, baseline: Baseline) -> Comparison:
     ----------
     result : Result
         Of the whole corpus, or of a quick run: only drives that both have count.
-    baseline : Baseline
     """
     broken: dict[str, str] = {}
     apart: dict[str, str] = {}

@@ -47,8 +47,6 @@ def analytic(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray,
 
     Parameters
     ----------
-    sources : tuple of Source
-    motion : SampledMotion
     rows : (m,) array of int
         Samples after which results are wanted, increasing.
     hold : bool

@@ -71,7 +71,6 @@ def steps_of(motion: SampledMotion, rows: IntArray) -> Steps:
 
     Parameters
     ----------
-    motion : SampledMotion
     rows : (r,) array of int
         Samples after which results are wanted, increasing.
     """
@@ -90,11 +89,6 @@ def steps_of(motion: SampledMotion, rows: IntArray) -> Steps:
 
 def disturbance(source: Source, motion: SampledMotion) -> FloatArray:
     """What a source does to attitude and velocity, by its unit.
-
-    Parameters
-    ----------
-    source : Source
-    motion : SampledMotion
 
     Returns
     -------
@@ -143,7 +137,6 @@ def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArra
     ----------
     sources : tuple of Source
         See `insnav.errors.budget.sources.sources_of`; those of size zero cost nothing.
-    motion : SampledMotion
     rows : (m,) array of int
         Samples after which results are wanted, increasing.
     hold : bool

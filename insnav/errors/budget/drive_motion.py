@@ -30,7 +30,6 @@ def window_motion(budget: RecordedBudget, duration: float) -> SampledMotion:
 
     Parameters
     ----------
-    budget : RecordedBudget
     duration : float
         From its start on [s].
     """
@@ -60,7 +59,6 @@ def with_recorded(found: Budget, budget: RecordedBudget) -> Budget:
     ----------
     found : Budget
         Of `spec_in_windows`, `window_start_sources` and `window_motion`.
-    budget : RecordedBudget
     """
     windows = budget.shown.windows
     times = found.time[found.chosen]

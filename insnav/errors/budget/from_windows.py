@@ -173,7 +173,6 @@ def recorded_budget(
         Specification of the IMU.
     reference : WindowReference, optional
         What errors are against; the fixes of the drive by default.
-    settings : WindowSettings, optional
     progress : callable, optional
         Called with the fraction done.
 
@@ -264,7 +263,6 @@ def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
 
     Parameters
     ----------
-    found : Growth
     one_sensor : bool
         The errors of all windows come from the same few numbers, the turn-on errors of one IMU: their RMS may differ
         from the prediction as much as a single sample may.

@@ -118,7 +118,6 @@ def diagnose(windows: Windows, model: ErrorModel) -> Diagnosis:
 
     Parameters
     ----------
-    windows : Windows
     model : ErrorModel
         Noise and turn-on errors of the sensors.
     """

@@ -162,8 +162,6 @@ def replica_task(
     ----------
     drive : NavigatedDrive
         Smoothed.
-    reference : WindowReference
-    spec : ImuSpec
     windows : sequence of Windows
         The recorded ones, of each kind.
     times : (k,) array

@@ -112,7 +112,6 @@ def free_window_starts(
 
     Parameters
     ----------
-    ready : Prepared
     length : float
         Of the windows [s].
     first : float, optional

@@ -119,7 +119,6 @@ def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
 
     Parameters
     ----------
-    windows : Windows
     times : (k,) array, optional
         [s]; those of `table_times` by default.
     """
@@ -166,7 +165,6 @@ def horizontal_at(windows: Sequence[Outage], times: Sequence[float], near: float
 
     Parameters
     ----------
-    windows : sequence of Outage
     times : sequence of float
         Since their start [s].
     near : float

@@ -112,7 +112,6 @@ def is_stationary(reference: Trajectory, begin: float, end: float) -> bool:
 
     Parameters
     ----------
-    reference : Trajectory
     begin, end : float
         Of the record [s].
     """

@@ -50,7 +50,6 @@ def navigated_drive(
 
     Parameters
     ----------
-    ready : Prepared
     starts : (n,) array
         Timestamps of these fixes [s].
     progress : callable, optional

@@ -82,7 +82,6 @@ def part_of(ready: Prepared, state: FilterState, length: float) -> Prepared:
 
     Parameters
     ----------
-    ready : Prepared
     state : FilterState
         Where the filter goes on from.
     length : float

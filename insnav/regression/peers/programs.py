@@ -95,12 +95,7 @@ def _increments(imu: ImuData) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def run_pyins(task: Task) -> PeerRun:
-    """Filter with pyins; compiling its integrator, and making its tables, are not counted.
-
-    Parameters
-    ----------
-    task : Task
-    """
+    """Filter with pyins; compiling its integrator, and making its tables, are not counted."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what it still uses of pandas is its own affair
         _pyins(task, task.time + _WARM)
@@ -155,10 +150,6 @@ def run_gtsam(task: Task) -> PeerRun:
 
     Preintegrated IMU factors between the fixes, a factor for each position, biases as a walk. Velocities of the fixes
     are not used: it has no factor for them at a lever arm.
-
-    Parameters
-    ----------
-    task : Task
 
     Returns
     -------

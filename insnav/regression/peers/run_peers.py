@@ -68,7 +68,6 @@ def run_peers(
 
     Parameters
     ----------
-    corpus : Corpus
     data : Path
         Folder of recorded data; cases without theirs are left out.
     workers : int
