@@ -169,7 +169,7 @@ class GpsData(FromTable):
 
 @dataclass(frozen=True, slots=True)
 class Trajectory(FromTable):
-    """Position, velocity and attitude over time, at the IMU unless said otherwise.
+    """Position, velocity and attitude over time, at the IMU unless stated otherwise.
 
     Attributes
     ----------
@@ -338,9 +338,9 @@ class Alignment:
     sd : (3,) array
         Standard deviation of the attitude error about North, East, Down [rad].
     gyro_bias : (3,) array
-        Mean of the gyros at rest minus what the Earth's rotation explains [rad/s]; zero if never at rest.
+        Mean of the stationary gyros minus the Earth rate [rad/s]; zero if never stationary.
     gyro_bias_sd : (3,) array
-        Its standard deviation [rad/s]; infinite if never at rest.
+        Its standard deviation [rad/s]; infinite if never stationary.
     static : tuple of float or None
         Start and end of the static interval used [s].
     level_method, heading_method : str
@@ -359,7 +359,7 @@ class Alignment:
 
 @dataclass(frozen=True, slots=True)
 class Innovations(Tabular):
-    """Every measurement offered to the filter and what it thought of it.
+    """Innovation statistics of every fix that the filter processed.
 
     Columns 0..2 are position North, East, Down [m], 3..5 velocity North, East, Down [m/s]; ``NaN`` where the fix
     had no such value.
@@ -367,7 +367,7 @@ class Innovations(Tabular):
     Attributes
     ----------
     time : (m,) array
-        Time of the fix [s], after any delay was taken off.
+        Time of the fix [s], corrected for its delay.
     innovation : (m, 6) array
         Measured minus predicted.
     sd : (m, 6) array
@@ -375,7 +375,7 @@ class Innovations(Tabular):
     nis_position, nis_velocity : (m,) array
         Normalised innovation squared, 3 degrees of freedom each [-].
     used_position, used_velocity : (m,) bool array
-        Whether it was used.
+        Whether it was accepted.
     """
 
     COLUMNS: ClassVar = {
@@ -481,7 +481,7 @@ class Epochs(Tabular):
 
 @dataclass(frozen=True, slots=True)
 class Smoothed:
-    """What the whole recording says about every moment of it, later fixes included.
+    """The smoothed (RTS) solution: every epoch from the whole recording, later fixes included.
 
     Attributes
     ----------
@@ -500,14 +500,14 @@ class Smoothed:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What the filter made of one recording.
+    """Result of the filter for one recording.
 
     Attributes
     ----------
     solution : Trajectory
         Position, velocity, attitude at the IMU, with standard deviations.
     innovations : Innovations
-        Every fix offered to the filter.
+        Of every fix that the filter processed.
     sensor_errors : SensorErrors
         Estimated biases and scale factors.
     events : tuple of Event
@@ -517,11 +517,11 @@ class Run:
     epochs : Epochs
         State and full covariance after each fix.
     gps_delay, gps_delay_sd : float
-        How much older the fixes are than their stamps [s], as given or estimated, and its standard deviation.
+        How much older the fixes are than their timestamps [s], as given or estimated, and its standard deviation.
     lever_b, lever_sd : (3,) array
         Antenna seen from the IMU, body axes [m], as given or estimated, and its standard deviation.
     smoothed : Smoothed or None
-        The same recording seen from its end, if it was smoothed.
+        The smoothed solution, if there is one.
     aiding : tuple of AidingUse
         Aiding measurements besides fixes.
     """

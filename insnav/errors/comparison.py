@@ -45,7 +45,7 @@ def compare(runs: Sequence[Path], reference: Trajectory, *, lever_b: FloatArray 
     runs : sequence of Path
         Run folders.
     reference : Trajectory
-        What counts as truth.
+        The reference.
     lever_b : (3,) array, optional
         The point of the reference seen from the IMU, body axes [m].
 

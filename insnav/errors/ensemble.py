@@ -1,7 +1,7 @@
-"""Many simulated recordings of one motion, all navigated: how large the errors are, and how large the filter says.
+"""Many simulated recordings of one motion, all navigated: their errors, and the covariance of the filter.
 
 Every recording has an IMU, fixes and noise of its own. Errors are squared and added up over the recordings at each
-second, beside the variances that the filter states, so that the two can be compared at every time.
+second, and so are the variances of the filter, so that the two can be compared at every time.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class NavigatedRecording:
     truth : Truth
         The motion.
     imu_spec, gps_spec : ImuSpec, GpsSpec
-        How good the sensors are; the filter is told.
+        Errors of the sensors, which the filter knows too.
     perfect : ImuData
         What an IMU without errors measures.
     settings : FilterSettings
@@ -111,7 +111,7 @@ def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
     Parameters
     ----------
     axes_sd : (3,) array
-        How well the axes of the sensors are known in the body [rad]; see `insnav.filter.error_model.ErrorModel`.
+        Uncertainty of the axes of the sensors in the body [rad]; see `insnav.filter.error_model.ErrorModel`.
 
     Returns
     -------
@@ -139,14 +139,14 @@ def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
     nees = normalised(run.epochs.rows(fixes), truth, axes_sd)
     np.add.at(series[:, _FIX], _row(truth, run.epochs.time[fixes]), 1.0)
     np.add.at(series[:, _NEES], _row(truth, run.epochs.time[fixes]), nees)
-    offered = np.isfinite(run.innovations.innovation[:, :3]).any(axis=1)
+    processed = np.isfinite(run.innovations.innovation[:, :3]).any(axis=1)
     figures = [
         *np.sqrt(np.mean(value**2, axis=0)),
         np.sqrt(np.mean(errors.horizontal**2)),
         np.max(errors.horizontal),
         *(nees.mean(axis=0) / 3.0 if len(nees) else np.zeros(3)),
-        np.count_nonzero(offered),
-        np.count_nonzero(offered & ~run.innovations.used_position),
+        np.count_nonzero(processed),
+        np.count_nonzero(processed & ~run.innovations.used_position),
         sum(event.kind is EventKind.RESET for event in run.events),
     ]
     return Sample(np.array(figures, dtype=np.float64), series)
@@ -187,7 +187,7 @@ def normalised(state: Epochs, truth: Truth, axes_sd: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Ensemble:
-    """Errors of many runs at each second, and what the filter said of them.
+    """Errors of many runs at each second, and the uncertainty that the filter states.
 
     Attributes
     ----------

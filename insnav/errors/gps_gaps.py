@@ -1,4 +1,4 @@
-"""Where a run had no fixes to lean on, and where its fixes lay."""
+"""GPS outages of a run: when it had no position fixes."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ def outages(run: Run) -> list[tuple[float, float]]:
         run had no position fix at all.
     """
     fixes = run.innovations
-    offered = fixes.time[_has_position(fixes)]
+    processed = fixes.time[_has_position(fixes)]
     used = fixes.time[fixes.used_position]
-    if len(offered) < 2 or len(run.solution.time) == 0:
+    if len(processed) < 2 or len(run.solution.time) == 0:
         return []
-    limit = max(MISSED_FIXES * float(np.median(np.diff(offered))), SHORTEST_OUTAGE_S)
+    limit = max(MISSED_FIXES * float(np.median(np.diff(processed))), SHORTEST_OUTAGE_S)
     start, end = run.solution.time[0], run.solution.time[-1]
     inside = used[(used > start) & (used < end)]
     edges = np.concatenate(([start], inside, [end]))

@@ -91,9 +91,9 @@ def position_errors(
     Parameters
     ----------
     estimate : Trajectory
-        What is judged; its velocity and attitude make the interpolation and the lever arm exact.
+        Its velocity and attitude make the interpolation and the lever arm exact.
     reference : Trajectory
-        What counts as truth.
+        The reference.
     lever_b : (3,) array, optional
         The point of the reference seen from the point of the estimate, body axes [m].
 
@@ -260,7 +260,7 @@ def _gaps(step: FloatArray) -> BoolArray:
 
 
 def _rates(time: FloatArray, value: FloatArray) -> FloatArray:
-    """Slope of values at their own times, second order, one-sided beside a gap."""
+    """Slope of values at their own times, second order, one-sided next to a gap."""
     if len(time) < 2:
         return np.zeros_like(value)
     step = np.diff(time)
@@ -318,7 +318,7 @@ def _span(time: FloatArray) -> str:
 
 
 def distance_and_time(solution: Trajectory) -> tuple[float, float]:
-    """Sum up the way and the time in motion; what noise makes of a vehicle at rest is not counted.
+    """Distance and time in motion; the noise of a stationary vehicle is not counted.
 
     Parameters
     ----------

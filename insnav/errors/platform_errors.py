@@ -1,4 +1,4 @@
-"""What the platform's integrators are worth on a known motion, and a platform beside a strapdown navigator on it."""
+"""Errors of the platform's integrators on a known motion, and of a platform compared with a strapdown navigator."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Convergence:
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class PlatformComparison:
     """A platform and a strapdown navigator with the same errors on the same motion.
 
     Attributes
@@ -48,7 +48,7 @@ class Beside:
     time : (n,) array
         [s]
     platform, strapdown : (n, 3) array
-        Error of position North, East, Down [m]; both have the height held.
+        Error of position North, East, Down [m]; both height-constrained.
     """
 
     time: FloatArray
@@ -120,7 +120,7 @@ def integrator_errors(
     return found
 
 
-def beside_strapdown(truth: Truth, errors: PlatformErrors, rate: float, keep: float) -> Beside:
+def compare_with_strapdown(truth: Truth, errors: PlatformErrors, rate: float, keep: float) -> PlatformComparison:
     """Give a platform and a strapdown navigator the same errors on the same motion.
 
     Parameters
@@ -138,7 +138,7 @@ def beside_strapdown(truth: Truth, errors: PlatformErrors, rate: float, keep: fl
 
     Returns
     -------
-    Beside
+    PlatformComparison
     """
     time = truth.start + np.arange(round(truth.duration * rate) + 1) / rate
     every = max(1, round(keep * rate))
@@ -154,7 +154,7 @@ def beside_strapdown(truth: Truth, errors: PlatformErrors, rate: float, keep: fl
     held = np.full(len(after.time), at.lla[0, 2]), np.zeros(len(after.time))
     start = rph_from_quat(quat_multiply(quat_from_rotvec(-errors.tilt), quat_from_rph(at.rph[0])))
     other = strapdown.navigate(after, at.lla[0], at.v_n[0], start, vertical=held, every=every)
-    return Beside(
+    return PlatformComparison(
         at.time,
         ned_offset(run.solution.lla, at.lla),
         np.concatenate([np.zeros((1, 3)), ned_offset(other.lla, at.lla[1:])]),

@@ -1,7 +1,7 @@
-"""How the errors of an inertial navigator at rest swing over a day: closed form, and the periods in a record of them.
+"""Error oscillations of a stationary inertial navigator over a day: closed form, and their periods in a record.
 
-The error of a level, north-pointing navigator, vertical channel off, is the sum of what two things do. The axes of the
-computer's idea of inertial space, off by ``psi``, turn with the Earth once a day and at the drift of the gyros. And the
+The error of a level, north-pointing navigator, vertical channel off, has two parts. The axes of the
+computed inertial frame, with the error ``psi``, turn with the Earth once a day and at the drift of the gyros. And the
 horizontal position swings about where these axes and the accelerometers draw it, as a Foucault pendulum of the length
 of the Earth's radius would: once in 84 minutes, in a plane that turns at the Earth's rate times the sine of latitude.
 
@@ -27,7 +27,7 @@ from insnav.types import FloatArray
 FAINT = 0.01  # a motion smaller than this part of the whole has no period to measure
 SEARCH = 0.1  # periods are looked for within this part of those expected
 ComplexArray = NDArray[np.complex128]
-SHORTEST_RECORD = 0.5  # of a day: a shorter record does not tell the slow oscillations apart
+SHORTEST_RECORD = 0.5  # of a day: a shorter record does not separate the slow oscillations
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Periods:
 
 @dataclass(frozen=True, slots=True)
 class StaticErrors:
-    """Errors of a navigator at rest over time.
+    """Errors of a stationary navigator over time.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class StaticErrors:
 
 
 def periods(lat: float, height: float) -> Periods:
-    """Periods of the error oscillations at rest.
+    """Periods of the error oscillations of a stationary navigator.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def measured_periods(time: FloatArray, position: FloatArray, lat: float, height:
     """
     if time[-1] - time[0] < SHORTEST_RECORD * 86400.0:
         raise InputError(
-            "the record is too short to tell its periods apart",
+            "the record is too short to separate its periods",
             why=f"it lasts {(time[-1] - time[0]) / 3600.0:.3g} h; at least {24.0 * SHORTEST_RECORD:g} h are needed",
             fix="make it longer; 24 h show every period once",
         )

@@ -52,7 +52,7 @@ class ShortWindow:
 
 
 def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorErrors | None = None) -> list[ShortWindow]:
-    """Run both mechanizations without any aid through successive windows of a drive.
+    """Run both mechanizations free-inertial through successive windows of a drive.
 
     Parameters
     ----------
@@ -61,17 +61,17 @@ def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorError
     solution : Trajectory
         Where each window starts from.
     sensor_errors : SensorErrors, optional
-        Biases and scale factors known at the start of a window are taken off its samples.
+        Biases and scale factors known at the start of a window, corrected in its samples.
 
     Returns
     -------
     list of ShortWindow
-        Windows of a minute, one after the other; those with a hole in the samples are left out.
+        Windows of a minute, one after the other; those with a data gap are left out.
 
     Raises
     ------
     InputError
-        No window of the drive is without holes, or the drive is too short for one.
+        No window of the drive is without gaps, or the drive is too short for one.
     """
     parts = strapdown.intervals(imu)
     inc = strapdown.increments(parts)
@@ -93,7 +93,7 @@ def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorError
     if not windows:
         raise InputError(
             f"there is no window of {LENGTH:g} s to compare the mechanizations in",
-            why=f"the solution lasts {solution.time[-1] - solution.time[0]:.1f} s; windows with holes do not count",
+            why=f"the solution lasts {solution.time[-1] - solution.time[0]:.1f} s; windows with data gaps do not count",
             fix="leave out --mechanization short",
         )
     return windows
@@ -148,7 +148,7 @@ def _integral(elapsed: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def _corrected(piece: Increments, errors: SensorErrors | None, begin: float) -> Increments:
-    """Take off biases and scale factor errors as last known at the start of the window."""
+    """Correct biases and scale factor errors as last known at the start of the window."""
     if errors is None or len(errors.time) == 0:
         return piece
     row = max(0, int(np.searchsorted(errors.time, begin, side="right")) - 1)

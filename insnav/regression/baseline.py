@@ -1,4 +1,4 @@
-"""The baseline (``baseline.json``): what every drive came to in the version that later ones are compared with."""
+"""The baseline (``baseline.json``): the accuracy of every drive in the version that later ones are compared with."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Baseline:
 
 
 def stored(result: CaseResult) -> Stored:
-    """Keep what a case has come to.
+    """Keep the values of a case.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""From a case of the corpus to samples, fixes and what they are judged by."""
+"""From a case of the corpus to samples, fixes and their reference."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ _GROUPS = frozenset({"position", "velocity", "attitude", "heading"})
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """One recording to navigate, and what it is judged by.
+    """One recording to navigate, and its reference.
 
     Attributes
     ----------
     imu, gps : ImuData, GpsData
         What is navigated.
     spec : ImuSpec
-        What the filter is told of the IMU.
+        Specified errors of the IMU, for the filter.
     settings : FilterSettings
         Of the filter.
     truth : Trajectory
-        What it is judged by.
+        The reference.
     truth_lever_b : (3,) array
         The point of the truth seen from the IMU, body axes [m].
     exact : GpsData or None
-        Better positions of the antenna, to judge outages by; None for the withheld fixes.
+        Better positions of the antenna as the reference of outages; None for the fixes themselves.
     groups : frozenset of str
-        What the truth is good for.
+        What the reference is accurate enough for.
     whole_state : bool
-        The truth tells position, velocity and attitude of the IMU's own axes.
+        The reference has position, velocity and attitude of the IMU's own axes.
     settle : float
         Errors count from so long after the first fix [s].
     min_speed : float
@@ -62,7 +62,7 @@ class Material:
     remove_offset : bool
         A constant difference of position is no error.
     block : float
-        Length of the pieces that are judged [s]; zero for the whole as one piece.
+        Length of the pieces that are evaluated [s]; zero for the whole as one piece.
     """
 
     imu: ImuData
@@ -187,7 +187,7 @@ class RecordedSource:
             used = np.arange(len(gps.time)) % case.use_every == 0
             left = gps.rows(good & ~used)
             if not len(left.time):
-                raise InputError("nothing is left to judge by", where=case.name, fix="give a reference, or use_every")
+                raise InputError("no fix is left as a reference", where=case.name, fix="give a reference, or use_every")
             truth = Trajectory(left.time, left.lla, left.v_n, np.full_like(left.lla, np.nan))
             gps = gps.rows(used)
         self._gps, self._exact = gps, exact
@@ -203,7 +203,7 @@ class RecordedSource:
             return load_imu(self._case.model(self._case.imu))
         rest = first_rest(self._imu, self._gps)
         if rest is None:
-            raise InputError("the vehicle is never at rest", where=self._case.name, fix="name an IMU model instead")
+            raise InputError("the vehicle is never stationary", where=self._case.name, fix="name an IMU model instead")
         return identify(self._imu, *rest)[0]
 
     def material(self, seed: int) -> Material:
@@ -236,7 +236,7 @@ def source_of(case: SimulatedCase | RecordedCase, data: Path) -> Source:
 
 
 def _filled(truth: Trajectory, step: float) -> Trajectory:
-    """A reference with few rows, of a vehicle at rest for one, on a straight line between them."""
+    """A reference with few rows, of a stationary vehicle for one, on a straight line between them."""
     time = np.arange(truth.time[0], truth.time[-1], step)
 
     def on(values: FloatArray) -> FloatArray:

@@ -1,8 +1,8 @@
-"""The corpus file (``corpus.toml``): the drives by which accuracy is judged, with everything they need.
+"""The corpus file (``corpus.toml``): the drives on which accuracy is evaluated, with everything they need.
 
-[[simulated]]                 # a motion profile with sensors drawn from the models, once a seed
+[[simulated]]                 # a motion profile with sensors sampled from the models, once a seed
 name = "city"
-profile = "city"              # name in the library beside the file, or a file
+profile = "city"              # name in the library next to the file, or a file
 imu = "consumer"
 gps = "single"                # preset or file
 lever_arm = ["0.8 m", "-0.3 m", "-1.2 m"]
@@ -44,7 +44,7 @@ class Case(Table):
     Attributes
     ----------
     name : str
-        By which a regression is told.
+        Shown with its results.
     imu : str
         Preset or file; ``at rest`` for the preset nearest to the noise at rest.
     lever_arm : (3,) tuple
@@ -71,12 +71,12 @@ class Case(Table):
         return self._folder
 
     def model(self, name: str) -> str:
-        """Name of a preset, or path of a file beside the corpus."""
+        """Name of a preset, or path of a file next to the corpus."""
         return str(self._folder / name) if name.endswith(".toml") else name
 
 
 class SimulatedCase(Case):
-    """A motion profile with sensors drawn at random.
+    """A motion profile with randomly sampled sensors.
 
     Attributes
     ----------
@@ -125,10 +125,10 @@ class RecordedCase(Case):
     reference : str
         File with the reference, which is of the antenna; without it the fixes that are not used.
     use_every : int
-        Only every so-manieth fix is used, and the others are a reference of position: for receivers better than the
+        Only every n-th fix is used, and the others are a reference of position: for receivers better than the
         rest of the system.
     judge : list of str
-        What the reference is good for.
+        What the reference is accurate enough for.
     min_speed : float
         Slower epochs of the reference do not count [m/s].
     remove_offset : bool
@@ -136,7 +136,7 @@ class RecordedCase(Case):
     mounting : (3,) tuple
         Rotation vector from the axes of the reference to those of the IMU, body axes [rad].
     block : float
-        The drive is judged in pieces of this length [s].
+        The drive is evaluated in pieces of this length [s].
     """
 
     data: str
@@ -219,7 +219,7 @@ def default_corpus() -> Path:
         raise ConfigError(
             "the accuracy corpus is not here",
             where=str(path),
-            why="it comes with the source of insnav, beside the motion profiles",
+            why="it comes with the source of insnav, next to the motion profiles",
             fix="give it with --corpus",
         )
     return path

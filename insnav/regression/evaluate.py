@@ -32,7 +32,7 @@ _NEAR = 1.5  # a fix so near to one of these times stands for it [s]
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What one recording comes to.
+    """Accuracy of one recording.
 
     Attributes
     ----------
@@ -178,13 +178,13 @@ def _smoothed(errors: TrajectoryErrors, edges: FloatArray) -> dict[str, FloatArr
 
 def _fixes(run: Run, edges: FloatArray) -> dict[str, FloatArray]:
     """How the filter took the fixes."""
-    offered = run.innovations
+    processed = run.innovations
     found: dict[str, FloatArray] = {}
-    pieces = _pieces(offered.time, edges)
+    pieces = _pieces(processed.time, edges)
     rejected = np.zeros(len(pieces))
     for group, nis, used in (
-        ("position", offered.nis_position, offered.used_position),
-        ("velocity", offered.nis_velocity, offered.used_velocity),
+        ("position", processed.nis_position, processed.used_position),
+        ("velocity", processed.nis_velocity, processed.used_velocity),
     ):
         known = np.isfinite(nis)
         found[f"nis_{group}"] = np.array([_mean(nis[rows & used & known]) / 3.0 for rows in pieces])

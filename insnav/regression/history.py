@@ -1,4 +1,4 @@
-"""The history (``history.jsonl``): what every version came to, one line each."""
+"""The history (``history.jsonl``): the accuracy of every version, one line each."""
 
 from __future__ import annotations
 

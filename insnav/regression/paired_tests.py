@@ -39,7 +39,7 @@ class Shift:
     Attributes
     ----------
     change : float
-        Ratio of new to old, less one; of a ratio (NEES, NIS) the factor by which it is off one.
+        Ratio of new to old, less one; of a ratio (NEES, NIS) the factor by which it differs from one.
     low, high : float
         95 % interval of that.
     p : float

@@ -21,7 +21,7 @@ SERIES = 8  # seed of all seeds
 
 @dataclass(frozen=True, slots=True)
 class CaseResult:
-    """What one case came to.
+    """Accuracy of one case.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class CaseResult:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What the corpus came to.
+    """Accuracy of the whole corpus.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Result:
 
 @dataclass(frozen=True, slots=True)
 class _Outcome:
-    """What one drive came to."""
+    """Accuracy of one drive, or why there is none."""
 
     digest: str
     files: dict[str, str]

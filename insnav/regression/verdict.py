@@ -101,7 +101,7 @@ def compare(result: Result, baseline: Baseline) -> Comparison:
         if then is not None and now.measured is not None:
             found += _shifts(name, now, then)
     adjusted = iter(holm([each[-1].p for each in found if each[1].kind != "cpu"]))
-    changes = [_judged(*each, 1.0 if each[1].kind == "cpu" else float(next(adjusted))) for each in found]
+    changes = [_change(*each, 1.0 if each[1].kind == "cpu" else float(next(adjusted))) for each in found]
     return Comparison(tuple(changes), broken, apart)
 
 
@@ -132,7 +132,7 @@ def _both(old: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
     return old[:n][known], new[:n][known]
 
 
-def _judged(case: str, metric: Metric, old: float, new: float, change: Shift, adjusted: float) -> Change:
+def _change(case: str, metric: Metric, old: float, new: float, change: Shift, adjusted: float) -> Change:
     if metric.kind == "cpu":
         fails = change.low > CPU_FAILS_FROM - 1.0
         return Change(case, metric, old, new, change, 1.0, "worse" if fails else "same", fails)

@@ -1,8 +1,8 @@
 """The analytic budget: the short laws applied to a list of sources, with the motion's own integrals where it counts.
 
-Constant errors are integrated as on paper, along the attitude and the specific force that the motion has: at rest that
-is ``1/2 B t^2`` and the like to the last digit, with turns and accelerations it is what scale factor, misalignment and
-heading make of them. Noise goes by the laws of `insnav.errors.budget.laws`.
+Constant errors are integrated along the attitude and the specific force of the motion: at rest this is ``1/2 B t^2``
+and the like to the last digit; turns and accelerations bring in scale factor, misalignment and heading. Noise follows
+the laws of `insnav.errors.budget.laws`.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def analytic(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray,
     rows : (m,) array of int
         Samples after which results are wanted, increasing.
     hold : bool
-        The vertical channel is held, and has no error.
+        The vertical channel is constrained, and has no error.
 
     Returns
     -------
@@ -95,8 +95,8 @@ def _noise(
 ) -> FloatArray:
     """Standard deviations by a noise, ``(m, 9)``.
 
-    White noise goes by its law along the mean direction of its axis. What wanders slowly goes where a bias goes, which
-    is where the motion takes it, and is less by the ratio of the two laws.
+    White noise follows its law along the mean direction of its axis. A slowly changing bias acts as a constant one on
+    this motion, smaller by the ratio of the two laws.
     """
     time = motion.elapsed[rows - 1]
     orders = (3, 2, 1) if source.group == "gyro" else (2, 1, 0)  # of position, velocity, attitude

@@ -88,7 +88,7 @@ def steps_of(motion: SampledMotion, rows: IntArray) -> Steps:
 
 
 def disturbance(source: Source, motion: SampledMotion) -> FloatArray:
-    """What a source does to attitude and velocity, by its unit.
+    """Errors of attitude and velocity rates by a unit of a source.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def disturbance(source: Source, motion: SampledMotion) -> FloatArray:
 def _sensed(source: Source, motion: SampledMotion) -> tuple[FloatArray | None, FloatArray | None]:
     """Errors of the gyros and of the accelerometers, body axes, ``(n, 3)``; None where there is none."""
     if source.joint:
-        # what was taken for an error of the sensor was taken off
+        # the estimate of the sensor error, with its own error, was corrected
         sensors = np.array(source.joint)[9:].reshape(4, 3)
         return -(sensors[0] + sensors[2] * motion.rate), -(sensors[1] + sensors[3] * motion.force)
     since = motion.elapsed - 0.5 * motion.dt
@@ -140,8 +140,8 @@ def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArra
     rows : (m,) array of int
         Samples after which results are wanted, increasing.
     hold : bool
-        Hold the vertical channel to the reference, the free-inertial convention: the errors down are none. Otherwise it
-        is free, and its error grows by e every 570 s.
+        Constrain the vertical channel to the reference height, the free-inertial convention: no errors down. Otherwise
+        it is free, and unstable with an e-folding time of 570 s.
 
     Returns
     -------
@@ -224,7 +224,7 @@ def processes(source: Source, motion: SampledMotion) -> list[tuple[float, float,
     source : Source
         Of one of the kinds that are not constant.
     motion : SampledMotion
-        Its length and sampling tell which processes make flicker noise.
+        Its length and sampling decide which processes make flicker noise.
     """
     variance = source.sd**2
     if source.kind == "white":
@@ -234,7 +234,7 @@ def processes(source: Source, motion: SampledMotion) -> list[tuple[float, float,
     if source.kind == "Gauss-Markov":
         return [_markov(variance, source.correlation_time)]
     spacing = float(np.median(motion.dt))
-    # as it is drawn: the first sample of a record has no spacing before it
+    # as it is simulated: the first sample of a record has no spacing before it
     share, times = flicker_processes(spacing, motion.elapsed[-1] - spacing)
     return [_markov(variance * share**2, tau) for tau in times]
 

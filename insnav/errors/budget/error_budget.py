@@ -1,9 +1,10 @@
-"""The error budget itself: the same errors at the same times, on paper, predicted, simulated and recorded."""
+"""The error budget itself: the same errors at the same times, analytic, predicted, simulated and recorded."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.special import gammaincinv
@@ -12,8 +13,8 @@ from insnav.errors.budget import laws
 from insnav.errors.budget.analytic import analytic, gravity_of, schuler_rate
 from insnav.errors.budget.covariance import covariance
 from insnav.errors.budget.sampled_motion import SampledMotion
-from insnav.errors.budget.simulated import free_runs, runs_by_family
-from insnav.errors.budget.sources import Source, families, left_out, not_given, sources_of
+from insnav.errors.budget.simulated import free_runs
+from insnav.errors.budget.sources import Source, families, left_out, not_given, only, sources_of
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec
 from insnav.types import FloatArray, IntArray
@@ -26,7 +27,7 @@ _ALONE = 200  # runs of each family alone: their RMS is good to 5 %
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One way to the errors.
+    """Errors by one method.
 
     Attributes
     ----------
@@ -49,7 +50,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedColumn:
-    """What free-inertial runs came to.
+    """Errors of free-inertial Monte Carlo runs.
 
     Attributes
     ----------
@@ -80,7 +81,7 @@ class SimulatedColumn:
 
 @dataclass(frozen=True, slots=True)
 class RecordedColumn:
-    """What windows of a recorded drive came to.
+    """Errors of the windows of a recorded drive.
 
     Attributes
     ----------
@@ -112,7 +113,7 @@ class Budget:
     imu : str
         Name of the IMU.
     motion : str
-        What it does meanwhile.
+        What motion it is.
     time : (m,) array
         Times of the curves, since the start [s].
     chosen : (k,) array of int
@@ -122,9 +123,9 @@ class Budget:
     sources : tuple of Source
         All sources, also those of size zero.
     analytic, covariance : Column
-        On paper; and by the linear model along the motion.
+        By closed laws; and by the linear model along the motion.
     hold : bool
-        The vertical channel was held to the reference.
+        The vertical channel was constrained to the reference height.
     gravity, schuler_rate : float
         Gravity [m/s^2] and Schuler rate [rad/s] where the motion begins.
     absent, ignored : tuple of str
@@ -150,13 +151,13 @@ class Budget:
     recorded: RecordedColumn | None = None
 
     def short_form_error(self, time: float) -> tuple[float, float]:
-        """What the short forms are off by after a time, for a bias or tilt and for a gyro bias: true / form - 1."""
+        """Relative error of the short forms after a time, for a bias or tilt and for a gyro bias: true / form - 1."""
         bias, drift = (float(laws.schuler("constant", order, time, self.schuler_rate)) for order in (2, 3))
         return bias - 1.0, drift - 1.0
 
 
 def _is_known(key: str) -> bool:
-    """Whether a key of the IMU file is for something that the start says already."""
+    """Whether a key of the IMU file is for an error that is known at the start."""
     return key.startswith("initial.") or key.endswith((".bias", ".scale_factor"))
 
 
@@ -181,9 +182,9 @@ def budget(
     Parameters
     ----------
     spec : ImuSpec
-        How good the IMU and its start are.
+        Specified errors of the IMU and of its start.
     motion : SampledMotion
-        What it does, at least until the last of the times.
+        At least until the last of the times.
     times : sequence of float
         When the errors are wanted, since the start [s].
     runs : int
@@ -193,9 +194,9 @@ def budget(
     deflection : float
         Deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`.
     hold : bool
-        Hold the vertical channel to the reference; see `insnav.errors.budget.covariance.covariance`.
+        Constrain the vertical channel to the reference height; see `insnav.errors.budget.covariance.covariance`.
     known : tuple of Source
-        Errors of start and sensors that go together, beside those of `spec`; see `initial_covariance`.
+        Correlated errors of start and sensors besides those of `spec`; see `initial_covariance`.
     progress : callable, optional
         Called with the fraction of the simulation that is done.
 
@@ -218,7 +219,7 @@ def budget(
             fix="give an IMU file with sizes of errors, such as bias and random_walk",
         )
     rows, chosen = _rows(motion, times)
-    on_paper = analytic(sources, motion, rows, hold=hold)
+    analytic_sd = analytic(sources, motion, rows, hold=hold)
     predicted = covariance(sources, motion, rows, hold=hold)
     variance = np.einsum("msii->msi", predicted.parts)
     found = Budget(
@@ -228,7 +229,7 @@ def budget(
         chosen=chosen,
         families=names,
         sources=sources,
-        analytic=Column(_by_family(on_paper**2, sources, names)),
+        analytic=Column(_by_family(analytic_sd**2, sources, names)),
         covariance=Column(_by_family(variance, sources, names)),
         hold=hold,
         gravity=gravity_of(motion),
@@ -243,32 +244,20 @@ def budget(
         if progress is not None:
             progress(of + width * share)
 
-    together = free_runs(
-        spec,
-        motion,
-        rows,
-        runs,
-        (seed, 0),
-        deflection=deflection,
-        hold=hold,
-        known=known,
-        progress=lambda x: done(x, 0.0, 0.3),
+    simulate = partial(free_runs, motion=motion, rows=rows, hold=hold)
+    together = simulate(
+        spec, runs=runs, seed=(seed, 0), deflection=deflection, known=known, progress=lambda x: done(x, 0.0, 0.3)
     )
     fewer = min(runs, _ALONE)
-    alone = runs_by_family(
-        spec,
-        motion,
-        rows,
-        fewer,
-        seed,
-        deflection=deflection,
-        hold=hold,
-        known=known,
-        progress=lambda x: done(x, 0.3, 0.7),
-    )
-    parts = np.stack([alone[name] for name in names], axis=1)
+    alone = np.zeros((len(rows), len(names), 9))
+    for number, name in enumerate(names):
+        slope = deflection if name.startswith("gravity") else 0.0
+        mine = tuple(source for source in known if source.family == name)
+        family = simulate(only(spec, name), runs=fewer, seed=(seed, 1 + number), deflection=slope, known=mine)
+        alone[:, number] = family.rms
+        done((number + 1) / len(names), 0.3, 0.7)
     nees = _normalised(together.error, predicted.total)
-    simulated = SimulatedColumn(runs, fewer, seed, parts, together.rms, nees)
+    simulated = SimulatedColumn(runs, fewer, seed, alone, together.rms, nees)
     return replace(found, simulated=simulated)
 
 
@@ -315,11 +304,11 @@ def _by_family(variance: FloatArray, sources: tuple[Source, ...], names: tuple[s
 
 
 def _normalised(error: FloatArray, total: FloatArray) -> FloatArray:
-    """Mean over the runs of ``e' P^-1 e / n`` at every time; states that cannot err are left out."""
+    """Mean over the runs of ``e' P^-1 e / n`` at every time; states without error are left out."""
     found = np.empty(len(total))
     for k, whole in enumerate(total):
         sd = np.sqrt(np.diag(whole))
-        # what is fixed, and what is some other error to the last digit, has no covariance to be judged by
+        # a fixed state, and one that equals another to the last digit, has no covariance of its own
         free = np.flatnonzero(sd > 0.0)
         correlation = whole[np.ix_(free, free)] / np.outer(sd[free], sd[free])
         value, vector = np.linalg.eigh(correlation)

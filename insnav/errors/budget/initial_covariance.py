@@ -1,8 +1,8 @@
-"""A start that a filter knows, errors of its sensors included, as a list of independent sources.
+"""The covariance of a filter at the start, errors of its sensors included, as a list of independent sources.
 
-Errors that go together (tilt and the bias that it hides) are no independent sources. A triangular factor of their
-covariance makes them so: each source carries along what follows from it in those after it. Sensors come first: a bias
-brings the tilt that hides it, and ``initial tilt`` is only what is left when the biases are known.
+Correlated errors (tilt and the bias that it hides) are no independent sources. A triangular factor of their covariance
+makes them so: each source carries its share of those after it. Sensors come first: a bias brings the tilt that hides
+it, and ``initial tilt`` is only what is left when the biases are known.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def start_sources(covariance: FloatArray) -> tuple[Source, ...]:
     Returns
     -------
     tuple of Source
-        With what each carries along in `Source.joint`. The sum of their squares is the covariance (Cholesky).
+        With its share of the other errors in `Source.joint`. The sum of their squares is the covariance (Cholesky).
     """
     labels = [(group, term, axis, first + i) for group, term, axes, first in _NAMES for i, axis in enumerate(axes)]
     left = covariance.copy()

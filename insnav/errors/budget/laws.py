@@ -1,11 +1,12 @@
-"""The closed short-time laws of inertial error, on paper: Earth rate and curvature of the Earth dropped.
+"""The closed short-time laws of inertial error: Earth rate and curvature of the Earth neglected.
 
-An accelerometer error is integrated once to velocity and twice to position; a gyro error is integrated once to a tilt,
-which lets gravity g into the level axes, so that it comes to ``g`` times its second integral in velocity and its third
-in position. So every law is the standard deviation of an n-fold integral of an error of unit size (`integral`), and the
-named functions below say which. Compare Groves (2013), section 14.2 and chapter 5 (short-term error propagation);
-Titterton and Weston, "Strapdown Inertial Navigation Technology", 2nd ed. (2004), chapter 12; for the integrals of white
-noise Papoulis, "Probability, Random Variables, and Stochastic Processes" (1991), chapter 10.
+An accelerometer error is integrated once to velocity and twice to position: ``B t^2 / 2`` of a bias, ``N t^1.5 /
+sqrt(3)`` of white noise. A gyro error is integrated once to a tilt, which lets gravity g into the level axes: ``g``
+times its second integral in velocity and its third in position, ``g eps t^3 / 6`` of a bias, ``g N sqrt(t^5 / 20)`` of
+white noise. So every law is the standard deviation of an n-fold integral of an error of unit size (`integral`). Compare
+Groves (2013), section 14.2 and chapter 5 (short-term error propagation); Titterton and Weston, "Strapdown Inertial
+Navigation Technology", 2nd ed. (2004), chapter 12; for the integrals of white noise Papoulis, "Probability, Random
+Variables, and Stochastic Processes" (1991), chapter 10.
 
 Beyond two minutes the loop through the Earth's curvature counts: an error in position tilts the level. Then every
 n-fold integral is replaced by its counterpart in the closed Schuler loop (`schuler`), ``w_s^2 = g / R``.
@@ -31,8 +32,8 @@ def integral(kind: Process, order: int, time: ArrayLike, correlation_time: float
     Parameters
     ----------
     kind : str
-        How the error goes on; see `insnav.errors.budget.sources.Source`. Flicker noise has no law of its own: it is a
-        sum of Gauss-Markov processes.
+        Process of the error; see `insnav.imu.error_terms.ErrorTerm`. Flicker noise has no law of its own: it is a sum
+        of Gauss-Markov processes.
     order : int
         n; 1, 2 or 3 for a Gauss-Markov process.
     time : array_like
@@ -90,94 +91,13 @@ def _markov(order: int, z: FloatArray) -> FloatArray:
     return np.where(z < _SERIES, series, closed)
 
 
-def velocity(error: float, time: ArrayLike) -> FloatArray:
-    """Position error [m] of an initial velocity error [m/s]: ``v t``."""
-    return error * integral("constant", 1, time)
-
-
-def tilt(error: float, time: ArrayLike, g: float) -> FloatArray:
-    """Position error [m] of an initial tilt [rad]: gravity shows as ``g phi`` in a level axis, ``1/2 g phi t^2``."""
-    return error * g * integral("constant", 2, time)
-
-
-def heading(error: float, speed_gained: ArrayLike, time: ArrayLike) -> FloatArray:
-    """Position error [m] across the way of a heading error [rad].
-
-    The specific force that changes the velocity is turned by it, so that the velocity error is ``psi dv``; with a
-    velocity `speed_gained` [m/s] that grows evenly from zero the position error is ``1/2 psi dv t``. At constant
-    velocity a heading error does nothing.
-    """
-    return error * 0.5 * np.asarray(speed_gained, dtype=np.float64) * integral("constant", 1, time)
-
-
-def accel_bias(error: float, time: ArrayLike) -> FloatArray:
-    """Position error [m] of an accelerometer bias [m/s^2]: ``1/2 B t^2``.
-
-    The same for whatever shows a constant acceleration: scale factor times specific force, misalignment times the
-    specific force across, non-linearity times its square, gravity that the model does not have.
-    """
-    return error * integral("constant", 2, time)
-
-
-def gyro_bias(error: float, time: ArrayLike, g: float) -> FloatArray:
-    """Position error [m] of a gyro bias [rad/s]: the tilt is ``eps t``, the position ``1/6 g eps t^3``.
-
-    The same for whatever shows a constant rate, such as g-sensitivity times gravity.
-    """
-    return error * g * integral("constant", 3, time)
-
-
-def gyro_scale_factor(error: float, turned: float, time: ArrayLike, g: float) -> FloatArray:
-    """Position error [m] of a gyro scale factor or misalignment [-] in a steady turn by `turned` [rad].
-
-    About a level axis the tilt grows to ``s theta``, as with a bias ``s theta / t``: ``1/6 g s theta t^2``.
-    """
-    return error * turned * g * integral("constant", 2, time) / 3.0
-
-
-def velocity_random_walk(density: float, time: ArrayLike) -> FloatArray:
-    """Position error [m] of accelerometer white noise [m/s/sqrt(s)]: ``N t^1.5 / sqrt(3)``."""
-    return density * integral("white", 2, time)
-
-
-def angle_random_walk(density: float, time: ArrayLike, g: float) -> FloatArray:
-    """Position error [m] of gyro white noise [rad/sqrt(s)]: ``g N sqrt(t^5 / 20)``."""
-    return density * g * integral("white", 3, time)
-
-
-def accel_rate_random_walk(density: float, time: ArrayLike) -> FloatArray:
-    """Position error [m] of an accelerometer bias that walks at random [m/s^2/sqrt(s)]: ``K sqrt(t^5 / 20)``."""
-    return density * integral("random walk", 2, time)
-
-
-def gyro_rate_random_walk(density: float, time: ArrayLike, g: float) -> FloatArray:
-    """Position error [m] of a gyro bias that walks at random [rad/s/sqrt(s)]: ``g K sqrt(t^7 / 252)``."""
-    return density * g * integral("random walk", 3, time)
-
-
-def accel_instability(sd: float, time: ArrayLike, correlation_time: float) -> FloatArray:
-    """Position error [m] of an in-run accelerometer bias, a Gauss-Markov process of standard deviation `sd` [m/s^2].
-
-    With z = t / T: ``sd T^2 sqrt(2 (z^3/3 - z^2/2 + 1 - (1 + z) e^-z))``, for t << T that of a bias.
-    """
-    return sd * integral("Gauss-Markov", 2, time, correlation_time)
-
-
-def gyro_instability(sd: float, time: ArrayLike, correlation_time: float, g: float) -> FloatArray:
-    """Position error [m] of an in-run gyro bias, a Gauss-Markov process of standard deviation `sd` [rad/s].
-
-    With z = t / T: ``g sd T^3 sqrt(z^5/10 - z^4/4 + z^3/3 - 2 + (z^2 + 2 z + 2) e^-z)``, for t << T that of a bias.
-    """
-    return sd * g * integral("Gauss-Markov", 3, time, correlation_time)
-
-
 def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArray:
-    """What the closed Schuler loop makes of an n-fold integral, as a factor on the short form.
+    """Factor of the closed Schuler loop on the short form of an n-fold integral.
 
     Parameters
     ----------
     kind : str
-        How the error goes on. What changes slowly (Gauss-Markov, flicker) is taken as constant here.
+        Process of the error. What changes slowly (Gauss-Markov, flicker) is taken as constant here.
     order : int
         n, 0 to 4.
     time : array_like
@@ -194,8 +114,8 @@ def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArr
     -----
     The loop ``dv' = -g phi + B``, ``phi' = dv / R - eps`` answers a constant with x = w_s t by cos x, sin x / x,
     2 (1 - cos x) / x^2, 6 (x - sin x) / x^3 times the short form, n = 0 to 3 (Groves 2013, section 5.7; Titterton and
-    Weston 2004, chapter 12). The next integral goes by 24 (x^2 / 2 - 1 + cos x) / x^4. White noise is the sum of the
-    squares of answers to pulses: the integral of the square of the answer of one order less.
+    Weston 2004, chapter 12), n = 4 by 24 (x^2 / 2 - 1 + cos x) / x^4. White noise is the sum of the squares of answers
+    to pulses: the integral of the square of the answer of one order less.
     """
     x = rate * np.asarray(time, dtype=np.float64)
     if kind == "random walk":

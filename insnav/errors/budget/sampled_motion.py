@@ -1,4 +1,4 @@
-"""A motion as an IMU feels it, sample by sample: what every part of the budget works on."""
+"""A motion as an IMU senses it, sample by sample: the input of every part of the budget."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from insnav.types import FloatArray, Increments, Trajectory
 from insnav.units import DEG
 
 RATE = 100.0  # [Hz]
-REST = np.array([45.0 * DEG, 0.0, 0.0])  # latitude, longitude [rad], height [m] of the motion that is none
+REST = np.array([45.0 * DEG, 0.0, 0.0])  # latitude, longitude [rad], height [m] of the stationary motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ def sampled(truth: Truth, begin: float, duration: float, description: str = "", 
 
 
 def at_rest(duration: float) -> SampledMotion:
-    """Make the motion of a budget that is given none: at rest, level, heading north, at 45 deg of latitude.
+    """Make the default motion of a budget: stationary, level, heading north, at 45 deg of latitude.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def at_rest(duration: float) -> SampledMotion:
 
 
 def first_movement(truth: Truth, lead: float = 1.0) -> float:
-    """Time at which a motion that begins at rest sets off, less `lead`, since its start [s]; 0 if it moves at once.
+    """Time from the start of a motion to its first movement, less `lead` [s]; 0 if it moves at once.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_from_rph, qua
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.budget.initial_covariance import STATES
 from insnav.errors.budget.sampled_motion import SampledMotion
-from insnav.errors.budget.sources import Source, families, only, sources_of
+from insnav.errors.budget.sources import Source
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, draw_errors
 from insnav.imu.error_terms import Sensor, terms_of
 from insnav.kernels import error_propagation as _kernel
@@ -127,44 +127,6 @@ def free_runs(
     return Runs(motion.elapsed[rows - 1], _errors(states, motion, rows))
 
 
-def runs_by_family(
-    spec: ImuSpec,
-    motion: SampledMotion,
-    rows: IntArray,
-    runs: int,
-    seed: int,
-    *,
-    deflection: float = 0.0,
-    hold: bool = False,
-    known: tuple[Source, ...] = (),
-    progress: Callable[[float], None] | None = None,
-) -> dict[str, FloatArray]:
-    """Let one family of sources act at a time.
-
-    Parameters
-    ----------
-    spec, motion, rows, runs, seed, deflection, hold, known, progress
-        As of `free_runs`.
-
-    Returns
-    -------
-    dict
-        RMS error ``(m, 9)`` by the name of the family.
-    """
-    names = families((*known, *sources_of(spec, deflection)))
-    found = {}
-    for number, name in enumerate(names):
-        slope = deflection if name.startswith("gravity") else 0.0
-        mine = tuple(source for source in known if source.family == name)
-        alone = free_runs(
-            only(spec, name), motion, rows, runs, (seed, 1 + number), deflection=slope, hold=hold, known=mine
-        )
-        found[name] = alone.rms
-        if progress is not None:
-            progress((number + 1) / len(names))
-    return found
-
-
 def _of_errors(errors: ImuErrors, taken_off: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Bias, matrices, bends and g-sensitivity as the kernel takes them, less the errors of the filter's estimates."""
     terms = [errors.gyro_terms or ErrorTerms(), errors.accel_terms or ErrorTerms()]
@@ -196,8 +158,8 @@ def _start(
 ) -> FloatArray:
     """Sample an initial state; `together` are its correlated errors, (9,)."""
     free = np.array([1.0, 1.0, 0.0 if hold else 1.0])
-    drawn = [sd * rng.standard_normal(3) for sd in (initial.position, initial.velocity)]
-    position, velocity = free * (drawn[0] + together[:3]), free * (drawn[1] + together[3:6])
+    errors = [sd * rng.standard_normal(3) for sd in (initial.position, initial.velocity)]
+    position, velocity = free * (errors[0] + together[:3]), free * (errors[1] + together[3:6])
     phi = rng.standard_normal(3) * [initial.tilt, initial.tilt, initial.heading] + together[6:]
     q_hat = quat_multiply(quat_from_rotvec(-phi), q_nb)
     return np.concatenate([lla_offset(motion.truth.lla[0], position), motion.truth.v_n[0] + velocity, q_hat])

@@ -3,7 +3,7 @@
 Over a minute or two, on a vehicle that is about level and does not turn, the horizontal error is
 ``p0 + v t + a t^2 / 2 + j t^3 / 6``: `v` the velocity error at the start, ``a = g phi`` of a tilt or the bias of a
 level accelerometer, ``j = g w`` of the drift of a level gyro (Titterton and Weston, "Strapdown Inertial Navigation
-Technology", 2nd ed., 2004, chapter 12). The velocity error is its derivative and says the same once more.
+Technology", 2nd ed., 2004, chapter 12). The velocity error is its derivative.
 
 The fit is weighted: white noise of the sensors, integrated two and three times, makes neighbouring errors alike, and
 the uncertainty of the coefficients would be far too small without it.
@@ -56,26 +56,6 @@ class Curve:
     simple_sd: FloatArray
     misfit: float
     roughness: float
-
-
-def curve_of_end(position: float, velocity: float, elapsed: float, *, position_sd: float, velocity_sd: float) -> Curve:
-    """Curve that ends in one position and one velocity error, and began in none.
-
-    Parameters
-    ----------
-    position, velocity : float
-        Error at the end [m], [m/s].
-    elapsed : float
-        How long it grew [s].
-    position_sd, velocity_sd : float
-        How well they are known [m], [m/s].
-
-    Notes
-    -----
-    ``velocity * elapsed / position`` is the exponent of a pure curve: two for a tilt.
-    """
-    noise = np.diag([position_sd**2, velocity_sd**2])
-    return fit_curve(np.array([elapsed]), np.array([position]), np.array([velocity]), noise)
 
 
 def fit_curve(elapsed: FloatArray, position: FloatArray, velocity: FloatArray, covariance: FloatArray) -> Curve:

@@ -144,7 +144,7 @@ def free_window_starts(
     stamps = ready.gps.time[valid(ready.gps)]
     fixes = stamps - ready.settings.delay
     begin, end = ready.initial.time, float(min(ready.imu.time[-1], fixes[-1]))
-    rows = window_starts(fixes, begin, end, length, first=first, spacing=spacing, rule="half of rest")
+    rows = window_starts(fixes, begin, end, length, first=first, spacing=spacing, rule="half of slack")
     return np.asarray(stamps[rows])
 
 

@@ -1,4 +1,4 @@
-"""GNSS outages all over a drive, and what they come to."""
+"""GNSS outages all over a drive, and their errors summed up."""
 
 from __future__ import annotations
 

@@ -98,7 +98,7 @@ def stationary_fixes(lla: FloatArray, begin: float, end: float, position_sd: flo
     begin, end : float
         First and last time [s].
     position_sd, velocity_sd : float
-        How well place and zero velocity are known, each axis [m], [m/s].
+        Of place and zero velocity, each axis [m], [m/s].
     """
     time: FloatArray = np.arange(begin, end + 1e-6, 1.0)
     shape = (len(time), 3)

@@ -15,7 +15,7 @@ from insnav.types import BoolArray, FloatArray, GpsData, IntArray
 SETTLED = 60.0  # no window begins earlier after the start of navigation, if the drive is long enough [s]
 COUNT = 60  # windows that fit with the default spacing
 CLOSEST = 2.0  # the default spacing is not less [s]
-FirstWindow = Literal["quarter of drive", "half of rest"]
+FirstWindow = Literal["quarter of drive", "half of slack"]
 _LEAD = 2.0  # samples before the window, for the polynomials at its first interval [s]
 _SAME = 1e-6  # times that differ by less are the same [s]
 
@@ -44,8 +44,8 @@ def window_starts(
         Where the first begins, after `begin` [s]; by default a minute, or less by `rule` on a short drive.
     spacing : float or None
         From the start of one window to the next [s]; by default so that about sixty fit.
-    rule : {"quarter of drive", "half of rest"}
-        What of a short drive is left to the filter to settle. A quarter of the drive, whatever the length: windows of
+    rule : {"quarter of drive", "half of slack"}
+        How much of a short drive the filter gets to settle. A quarter of the drive, whatever the length: windows of
         several lengths then begin at the same fixes. Half of what one window leaves: a single long one still fits.
 
     Returns

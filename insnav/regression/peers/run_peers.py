@@ -26,7 +26,7 @@ from insnav.units import DEG
 
 LONGEST = 150.0  # of a drive: pyins needs a quarter of a minute for it [s]
 LATEST = 80.0  # errors count from here on at the latest [s]
-_SPARSE = 0.5  # a solution with longer steps is judged at its own epochs, not between them [s]
+_SPARSE = 0.5  # a solution with longer steps is evaluated at its own epochs, not between them [s]
 _SAME = 5e-3  # as far from an epoch at most [s]
 
 
@@ -80,14 +80,14 @@ def run_peers(
     cases = [case for case in corpus.cases if not isinstance(case, RecordedCase) or (data / case.data).is_dir()]
     rows: list[PeerRow] = []
     pool = Parallel(n_jobs=workers, return_as="generator")
-    for done, part in enumerate(pool(delayed(_beside)(case, data) for case in cases), start=1):
+    for done, part in enumerate(pool(delayed(_compared)(case, data) for case in cases), start=1):
         rows += part
         if progress is not None:
             progress(done / len(cases))
     return rows
 
 
-def _beside(case: Any, data: Path) -> list[PeerRow]:
+def _compared(case: Any, data: Path) -> list[PeerRow]:
     """Every program on one case."""
     whole = source_of(case, data).material(run_seed(SERIES, 1))
     rows = []
@@ -135,7 +135,7 @@ def _row(case: str, program: str, solution: Trajectory, material: Material, cpu_
 
 
 def _begun(whole: Material) -> tuple[Material, Prepared]:
-    """As short a first part of a drive as it can be aligned by, and with something to judge it by."""
+    """As short a first part of a drive as it can be aligned by, and with a reference for it."""
     seconds = LONGEST
     while True:
         part = shortened(whole, seconds)

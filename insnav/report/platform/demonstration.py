@@ -8,7 +8,13 @@ from functools import partial
 import numpy as np
 
 from insnav.errors.metrics import TrajectoryErrors
-from insnav.errors.platform_errors import Beside, Convergence, beside_strapdown, integrator_errors, sine_convergence
+from insnav.errors.platform_errors import (
+    Convergence,
+    PlatformComparison,
+    compare_with_strapdown,
+    integrator_errors,
+    sine_convergence,
+)
 from insnav.errors.schuler import StaticErrors, static_errors
 from insnav.gimbal import INTEGRATORS, PlatformErrors, integral
 from insnav.quantity import Quantity
@@ -38,9 +44,9 @@ def demonstration() -> Page:
     orders = sine_convergence()
     holding = partial(circle, np.array([LAT, 0.0, HEIGHT]), SPEED, 2.0 * np.pi / ROUND)
     flight = integrator_errors(holding(FLIGHT), FLIGHT_RATES, keep=1.0)
-    rest = beside_strapdown(straight(np.array([LAT, 0.0, 0.0]), 0.0, 0.0, DAY), ERRORS, DAY_RATE, 60.0)
+    rest = compare_with_strapdown(straight(np.array([LAT, 0.0, 0.0]), 0.0, 0.0, DAY), ERRORS, DAY_RATE, 60.0)
     theory = static_errors(rest.time, LAT, 0.0, ERRORS)
-    turning = beside_strapdown(holding(PATTERN), ERRORS, PATTERN_RATE, 10.0)
+    turning = compare_with_strapdown(holding(PATTERN), ERRORS, PATTERN_RATE, 10.0)
     ends = {
         "platform": float(np.hypot(*turning.platform[-1, :2])),
         "strapdown": float(np.hypot(*turning.strapdown[-1, :2])),
@@ -122,7 +128,7 @@ def _flown(flight: Mapping[float, Sequence[TrajectoryErrors]]) -> Section:
     return Section("flight_largest_error", title, rows=rows, note=note, keyed=True)
 
 
-def _day(rest: Beside, theory: StaticErrors) -> tuple[Section, ...]:
+def _day(rest: PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
     records = {"closed form": theory.position, "platform": rest.platform[:, :2], "strapdown": rest.strapdown[:, :2]}
     largest = tuple(Quantity(name, np.abs(error).max(axis=0), "m") for name, error in records.items())
     rows = []

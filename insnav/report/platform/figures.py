@@ -8,7 +8,7 @@ from matplotlib.ticker import MultipleLocator
 
 from insnav.earth import ned_offset
 from insnav.errors.metrics import distance_and_time
-from insnav.errors.platform_errors import Beside
+from insnav.errors.platform_errors import PlatformComparison
 from insnav.errors.schuler import StaticErrors
 from insnav.gimbal import PlatformRun, torquing_rates
 from insnav.report.run.figures.track import distance_text, map_limits, north_arrow, scale_bar
@@ -161,12 +161,14 @@ def draw_platform_errors(run: PlatformRun, theory: StaticErrors | None) -> Figur
     return figure
 
 
-def draw_platform_and_strapdown(found: Beside, theory: StaticErrors | None, motion: str, errors: str) -> Figure:
+def draw_platform_and_strapdown(
+    found: PlatformComparison, theory: StaticErrors | None, motion: str, errors: str
+) -> Figure:
     """Draw the position error of a platform and of a strapdown navigator with the same errors.
 
     Parameters
     ----------
-    found : Beside
+    found : PlatformComparison
     theory : StaticErrors or None
         Closed form, at rest.
     motion, errors : str

@@ -1,4 +1,4 @@
-"""The laws on paper, derived once more by computer algebra."""
+"""The closed laws, derived once more by computer algebra."""
 
 from __future__ import annotations
 
@@ -94,21 +94,22 @@ def test_short_forms_are_what_the_schuler_forms_begin_with():
             assert laws.schuler(kind, order, 60.0, 1.24e-3) == pytest.approx(1.0, abs=2e-3)
 
 
-def test_one_minute_on_paper():
-    bias, drift = 50e-6 * G, 0.00806 * DEG_PER_H
-    terms = [laws.accel_bias(bias, 60.0), laws.tilt(0.003 * DEG, 60.0, G), laws.gyro_bias(drift, 60.0, G)]
+def test_one_minute_by_hand():
+    bias, drift, tilt, t = 50e-6 * G, 0.00806 * DEG_PER_H, 0.003 * DEG, 60.0
+    square, cube = laws.integral("constant", 2, t), laws.integral("constant", 3, t)
+    terms = [bias * square, G * tilt * square, G * drift * cube]
     assert [round(float(term), 4) for term in terms] == [0.8802, 0.9218, 0.0138]
     assert round(float(sum(terms)), 3) == 1.816
 
 
-def test_named_laws():
+def test_textbook_laws():
     t = 60.0
-    assert laws.velocity(0.1, t) == pytest.approx(6.0)
-    assert laws.heading(0.01, 20.0, t) == pytest.approx(0.5 * 0.01 * 20.0 / t * t**2)
-    assert laws.gyro_scale_factor(1e-3, 0.5, t, G) == pytest.approx(laws.gyro_bias(1e-3 * 0.5 / t, t, G))
-    assert laws.velocity_random_walk(0.002, t) == pytest.approx(0.002 * t**1.5 / np.sqrt(3))
-    assert laws.angle_random_walk(2e-5, t, G) == pytest.approx(G * 2e-5 * np.sqrt(t**5 / 20))
-    assert laws.accel_rate_random_walk(1e-4, t) == pytest.approx(1e-4 * np.sqrt(t**5 / 20))
-    assert laws.gyro_rate_random_walk(1e-7, t, G) == pytest.approx(G * 1e-7 * np.sqrt(t**7 / 252))
-    assert laws.accel_instability(1e-3, t, 3600.0) == pytest.approx(0.5e-3 * t**2, rel=5e-3)
-    assert laws.gyro_instability(1e-6, t, 3600.0, G) == pytest.approx(G * 1e-6 * t**3 / 6, rel=6e-3)
+    assert 0.1 * laws.integral("constant", 1, t) == pytest.approx(6.0)
+    # accelerometers: velocity random walk, rate random walk, in-run bias within its correlation time
+    assert 0.002 * laws.integral("white", 2, t) == pytest.approx(0.002 * t**1.5 / np.sqrt(3))
+    assert 1e-4 * laws.integral("random walk", 2, t) == pytest.approx(1e-4 * np.sqrt(t**5 / 20))
+    assert 1e-3 * laws.integral("Gauss-Markov", 2, t, 3600.0) == pytest.approx(0.5e-3 * t**2, rel=5e-3)
+    # gyros: angle random walk, rate random walk, in-run bias
+    assert G * 2e-5 * laws.integral("white", 3, t) == pytest.approx(G * 2e-5 * np.sqrt(t**5 / 20))
+    assert G * 1e-7 * laws.integral("random walk", 3, t) == pytest.approx(G * 1e-7 * np.sqrt(t**7 / 252))
+    assert G * 1e-6 * laws.integral("Gauss-Markov", 3, t, 3600.0) == pytest.approx(G * 1e-6 * t**3 / 6, rel=6e-3)

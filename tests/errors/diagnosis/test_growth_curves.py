@@ -7,7 +7,6 @@ import pytest
 
 from insnav.errors.diagnosis.growth_curves import (
     about_the_curve,
-    curve_of_end,
     fit_curve,
     position_terms,
     velocity_terms,
@@ -21,7 +20,8 @@ ACCEL_NOISE, GYRO_NOISE = (2e-4) ** 2, (2e-6) ** 2  # [m^2/s^3], [rad^2/s]
 
 def test_a_recorded_minute_is_a_pure_square_of_half_a_milliradian():
     # position and velocity error at the end of one recorded minute, and nothing else
-    found = curve_of_end(-8.231, -0.2754, 60.0, position_sd=0.1, velocity_sd=0.005)
+    end = (np.array([number]) for number in (60.0, -8.231, -0.2754))
+    found = fit_curve(*end, np.diag([0.1**2, 0.005**2]))
     assert found.terms == ("t²",)
     tilt, bias = found.simple[1] / GRAVITY, found.simple[1] / G0
     print(
