@@ -46,24 +46,14 @@ class Certificate:
 
     @property
     def failed(self) -> tuple[Check, ...]:
-        """Checks whose judged figure is beyond its bar."""
+        """Checks whose error exceeds its limit."""
         return tuple(check for check in self.checks if not check.passed)
 
 
 def certify(peers: Sequence[Integrator] = (), progress: Callable[[float], None] | None = None) -> Certificate:
     """Measure the integrators, the platform's too, and the gravity model of this installation against closed forms.
 
-    Parameters
-    ----------
-    peers : sequence of Integrator
-        Those of other packages, to stand beside the own ones.
-    progress : function, optional
-        Told the fraction done.
-
-    Returns
-    -------
-    Certificate
-        Within seconds.
+    Takes seconds. Integrators of other packages are compared with the own ones; `progress` gets the fraction done.
     """
     begin = time.perf_counter()
     asked = (*integrators(), *peers)

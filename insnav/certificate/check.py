@@ -1,4 +1,4 @@
-"""What a certificate is made of: one figure of each integrator against one bar."""
+"""What a certificate is made of: the error of each integrator against one limit."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ class Check:
     case : str
         On what.
     unit : str
-        Of `bar` and `values`.
-    bar : float
+        Of `limit` and `values`.
+    limit : float
         Largest error allowed.
     values : tuple of (str, float)
-        Integrator and its error. The first is the one to navigate with and is judged; the others are there to compare.
-    judged : int
-        How many have to keep the bar, from the first on.
+        Integrator and its error. The limit applies to the first, which is navigated with; the others are to compare.
+    required : int
+        To how many of them the limit applies, from the first on.
     """
 
     topic: str
     case: str
     unit: str
-    bar: float
+    limit: float
     values: tuple[tuple[str, float], ...]
-    judged: int = 1
+    required: int = 1
 
     @property
     def error(self) -> float:
-        """Largest of the errors judged; not a number if one of them is none."""
-        judged = [value for _, value in self.values[: self.judged]]
-        return math.nan if any(math.isnan(value) for value in judged) else max(judged)
+        """Largest of the errors to which the limit applies; NaN if one of them is."""
+        errors = [value for _, value in self.values[: self.required]]
+        return math.nan if any(math.isnan(value) for value in errors) else max(errors)
 
     @property
     def passed(self) -> bool:
-        """Whether those judged keep the bar; an error that is no number does not."""
-        return self.error <= self.bar
+        """Whether the error is within the limit; NaN is not."""
+        return self.error <= self.limit

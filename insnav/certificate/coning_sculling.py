@@ -27,19 +27,19 @@ _SPAN = 40.0  # of one record [s]
 _EDGE = 1.0  # left out at either end, where windows of samples are one-sided [s]
 _ARCSEC = DEG / 3600.0
 # what is left of coning of 1 deg [deg/h]; it grows with the square of the angle. 20 Hz are five samples a cycle: no
-# algorithm on so few knows the motion, and the bar only says what to expect.
-_CONING_BARS = {1.0: 1e-4, 5.0: 0.02, 10.0: 0.1, 20.0: 70.0}
+# algorithm on so few knows the motion, and the limit only says what to expect.
+_CONING_LIMITS = {1.0: 1e-4, 5.0: 0.02, 10.0: 0.1, 20.0: 70.0}
 
 
 def coning(integrators: Sequence[Integrator]) -> list[Check]:
     """Drift under coning of three amplitudes at four frequencies, and from uneven samples."""
     checks = []
     for angle in (0.1, 1.0, 3.0):
-        for frequency, bar in _CONING_BARS.items():
+        for frequency, limit in _CONING_LIMITS.items():
             motion = Cone(angle * DEG, 2 * np.pi * frequency)
             values = tuple((i.name, coning_drift(i, motion, even(_SPAN, RATE)) / DEG_PER_H) for i in integrators)
             checks.append(
-                Check("coning", f"{angle:g} deg, {frequency:g} Hz", "deg/h", float(f"{bar * angle**2:.3g}"), values)
+                Check("coning", f"{angle:g} deg, {frequency:g} Hz", "deg/h", float(f"{limit * angle**2:.3g}"), values)
             )
     motion = Cone(DEG, 2 * np.pi * 5.0)
     values = tuple((i.name, coning_drift(i, motion, uneven(_SPAN)) / DEG_PER_H) for i in integrators)
@@ -48,15 +48,7 @@ def coning(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def coning_drift(integrator: Integrator, motion: Cone, time: FloatArray) -> float:
-    """Rate at which the attitude leaves the true one [rad/s].
-
-    Parameters
-    ----------
-    integrator : Integrator
-    motion : Cone
-    time : (n + 1,) array
-        Edges of the sampling intervals [s].
-    """
+    """Rate at which the attitude leaves the true one [rad/s], from intervals with edges ``(n + 1,)`` [s]."""
     gyro = np.diff(motion.angle(time), axis=0)
     steps = integrator.steps(ImuData(time[1:], gyro, np.zeros_like(gyro), "increment"))
     begin, inside = _inner(steps.time, steps.dt, time[-1])
@@ -81,15 +73,7 @@ def sculling(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def sculling_error(integrator: Integrator, motion: Scull, time: FloatArray) -> float:
-    """Mean acceleration along z that is not there [m/s^2].
-
-    Parameters
-    ----------
-    integrator : Integrator
-    motion : Scull
-    time : (n + 1,) array
-        Edges of the sampling intervals [s].
-    """
+    """Mean acceleration along z that is not there [m/s^2], from intervals with edges ``(n + 1,)`` [s]."""
     gyro, accel = np.diff(motion.rotation(time), axis=0), np.diff(motion.impulse(time), axis=0)
     steps = integrator.steps(ImuData(time[1:], gyro, accel, "increment"))
     begin, inside = _inner(steps.time, steps.dt, time[-1])

@@ -35,19 +35,9 @@ def _q(u: FloatArray | float) -> FloatArray:
 
 
 def exact_gravity_n(lat: ArrayLike, height: ArrayLike) -> FloatArray:
-    """Normal gravity as the gradient of the potential of the rotating level ellipsoid, exact at any height.
+    """Normal gravity North, East, Down ``(..., 3)`` [m/s^2] at latitudes [rad] and heights [m], exact at any height.
 
-    Parameters
-    ----------
-    lat : (...) array_like
-        Latitude [rad].
-    height : (...) array_like
-        Height above the ellipsoid [m].
-
-    Returns
-    -------
-    (..., 3) array
-        North, East, Down [m/s^2].
+    The gradient of the potential of the rotating level ellipsoid.
     """
     lat, height = np.broadcast_arrays(np.asarray(lat, dtype=float), np.asarray(height, dtype=float))
     x, _, z = pymap3d.geodetic2ecef(lat, np.zeros_like(lat), height, deg=False)

@@ -13,7 +13,7 @@ from insnav.attitude import quat_from_rotvec, quat_multiply
 from insnav.strapdown import Method
 from insnav.types import FloatArray, ImuData, Increments, Trajectory
 
-METHODS: tuple[Method, ...] = ("polynomial", "rk4", "rotvec", "euler")  # the first is judged
+METHODS: tuple[Method, ...] = ("polynomial", "rk4", "rotvec", "euler")  # the limits apply to the first
 
 
 @dataclass(frozen=True, slots=True)

@@ -85,15 +85,7 @@ class Scull:
 
 
 def swell(duration: float, place: FloatArray) -> LevelTruth:
-    """A ride on a swell: all three angles swing by degrees while the vehicle travels along a wave.
-
-    Parameters
-    ----------
-    duration : float
-        [s].
-    place : (3,) array
-        Latitude, longitude [rad], height [m] about which it goes.
-    """
+    """A ride on a swell about a place: all three angles swing by degrees while the vehicle travels along a wave."""
     swing = np.array([3.0, 2.0, 4.0]) * DEG
     return LevelTruth(
         place,

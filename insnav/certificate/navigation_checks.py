@@ -36,8 +36,8 @@ def free_inertial(integrators: Sequence[Integrator]) -> list[Check]:
         ("5 min on a swell, samples 8 to 11 ms apart", swell(300.0, _PLACE), uneven(300.0), 0.03),
     )
     return [
-        Check("free inertial, height held", case, "m", bar, _worst(integrators, truth, time))
-        for case, truth, time, bar in motions
+        Check("free inertial, height held", case, "m", limit, _worst(integrators, truth, time))
+        for case, truth, time, limit in motions
     ]
 
 
@@ -98,11 +98,11 @@ def poles(integrators: Sequence[Integrator]) -> list[Check]:
     time = even(600.0, _RATE)
     tracks = _tracks(integrators, over, time)
     beyond = tuple((name, float(np.maximum(np.abs(t.lla[:, 0]).max() / DEG - 90.0, 0.0))) for name, t in tracks)
-    told = tuple((name, _headings_told(t)) for name, t in tracks)
+    given = tuple((name, _headings_given(t)) for name, t in tracks)
     checks = [
         Check("poles", "10 min at 250 m/s over the North Pole", "m", 0.01, _apart(tracks, over)),
         Check("poles", "the same: latitude beyond 90 deg", "deg", 0.0, beyond),
-        Check("poles", "the same: headings told within 1 km", "1", 0.0, told),
+        Check("poles", "the same: headings given within 1 km", "1", 0.0, given),
     ]
     for case, truth in (
         ("10 min at 900 m/s, 30 m past the South Pole", over_pole(900.0, 600.0, miss=30.0, south=True)),
@@ -115,8 +115,8 @@ def poles(integrators: Sequence[Integrator]) -> list[Check]:
     return [*checks, Check("poles", "rest at the North Pole for 1 h", "m", 0.01, values)]
 
 
-def _headings_told(track: Trajectory) -> float:
-    """How many headings are told within a kilometre of a pole; no number where the latitude is none."""
+def _headings_given(track: Trajectory) -> float:
+    """Number of headings given within a kilometre of a pole; NaN where the latitude is."""
     lat = track.lla[:, 0]
     return float(np.sum(np.where(np.isnan(lat), np.nan, near_pole(lat) & np.isfinite(track.rph[:, 2]))))
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from insnav.certificate.check import Check
 from insnav.certificate.motions import even, swell
-from insnav.certificate.static_day import DAY, ERRORS, PLACE, judged
+from insnav.certificate.static_day import DAY, ERRORS, PLACE, compared
 from insnav.earth import earth_rate_n, gravity_n, ned_offset
 from insnav.errors.platform_errors import Convergence, level_force, sine_convergence
 from insnav.gimbal import DAMPING_TIME, Integrator, PlatformRun, Vertical, integral, navigate_platform
@@ -14,7 +14,7 @@ from insnav.simulate import Truth, circle, straight
 from insnav.types import FloatArray
 from insnav.units import DEG
 
-NAMES: tuple[Integrator, ...] = ("fourth", "mean", "forward", "backward")  # the first is judged
+NAMES: tuple[Integrator, ...] = ("fourth", "mean", "forward", "backward")  # the limits apply to the first
 ORDERS = {"fourth": 4, "mean": 2, "forward": 1, "backward": 1}
 RATE = 10.0  # [Hz]
 _TOPIC = "platform"
@@ -29,7 +29,7 @@ def platform() -> list[Check]:
 
 
 def orders() -> list[Check]:
-    """A straight line, and how fast the error falls with the step on a sine and on a turn: all have to keep these."""
+    """A straight line, and how fast the error falls with the step on a sine and on a turn: the limits apply to all."""
     x = np.linspace(0.0, 3.0, 31)
     line = tuple((name, abs(float(integral(x, 2.0 * x, name)[-1]) - 9.0)) for name in NAMES)
     sine = {each.integrator: each.order for each in sine_convergence()}
@@ -44,7 +44,7 @@ def orders() -> list[Check]:
                 "1",
                 0.1,
                 tuple((name, abs(found[name] - ORDERS[name])) for name in NAMES),
-                judged=len(NAMES),
+                required=len(NAMES),
             )
             for case, found in (("y = sin t", sine), ("circles at 150 m/s", turned))
         ),
@@ -131,7 +131,7 @@ def day() -> list[Check]:
     for name in NAMES:
         run = navigate_platform(time, force, PLACE, np.zeros(3), integrator=name, errors=ERRORS, every=6)
         records.append((name, run.solution.time, ned_offset(run.solution.lla, PLACE)[:, :2]))
-    return judged(_TOPIC, records, "a day at rest with errors: ")
+    return compared(_TOPIC, records, "a day at rest with errors: ")
 
 
 def _flown(truth: Truth, time: FloatArray, name: Integrator, vertical: Vertical = "off") -> PlatformRun:

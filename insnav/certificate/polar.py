@@ -134,22 +134,10 @@ class PolarTruth(Truth):
 def over_pole(
     speed: float, duration: float, *, height: float = 10e3, miss: float = 0.0, lon: float = 0.3, south: bool = False
 ) -> PolarTruth:
-    """Great circle with the pole, or the point next to it, at half time; the roll swings by 5 deg.
+    """Great circle with the pole, or the point at `miss` [m] next to it, at half time; the roll swings by 5 deg.
 
-    Parameters
-    ----------
-    speed : float
-        [m/s].
-    duration : float
-        [s].
-    height : float
-        Above the ellipsoid [m].
-    miss : float
-        Distance at which the pole is passed [m].
-    lon : float
-        Longitude of the start, if the pole is not missed [rad].
-    south : bool
-        The South Pole.
+    `speed` [m/s], `duration` [s], `height` above the ellipsoid [m]; `lon` is the longitude of the start, if the pole
+    is not missed [rad].
     """
     radius = _POLAR_RADIUS + height
     side, way = np.array([-np.sin(lon), np.cos(lon), 0.0]), -np.array([np.cos(lon), np.sin(lon), 0.0])
@@ -163,21 +151,7 @@ def over_pole(
 def around_pole(
     speed: float, radius: float, duration: float, *, height: float = 100.0, south: bool = False
 ) -> PolarTruth:
-    """Parallel of latitude about a pole, eastward.
-
-    Parameters
-    ----------
-    speed : float
-        [m/s].
-    radius : float
-        Of the parallel [m].
-    duration : float
-        [s].
-    height : float
-        Above the ellipsoid [m].
-    south : bool
-        The South Pole.
-    """
+    """Parallel of latitude of a radius [m] about a pole, eastward, at a speed [m/s] for a time [s]."""
     angle = radius / (_POLAR_RADIUS + height)
     top = np.cos(angle) * _AXIS * (-1.0 if south else 1.0)
     return PolarTruth(top, np.sin(angle) * _X, np.sin(angle) * _Y, speed / radius, height, duration)

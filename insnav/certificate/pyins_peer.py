@@ -18,12 +18,8 @@ from insnav.units import DEG
 def pyins() -> Integrator:
     """Strapdown integrator of python-ins: increments with the term of the previous one, local-level mechanization.
 
-    Its normal gravity has no north component, which alone is metres after an hour at a height of 500 m.
-
-    Raises
-    ------
-    ConfigError
-        python-ins is not installed.
+    Its normal gravity has no north component, which alone is metres after an hour at a height of 500 m. Without
+    python-ins a `ConfigError` names the option.
     """
     if find_spec("pyins") is None:
         raise ConfigError(

@@ -23,7 +23,7 @@ ERRORS = PlatformErrors(
     drift=np.array([1e-3, 1e-3, 1e-3]) * DEG_PER_H,
     bias=np.array([30.0, 30.0, 0.0]) * UG,
 )
-_AMPLITUDE, _PERIOD = 0.002, 0.001  # bars, as parts of what theory says
+_AMPLITUDE, _PERIOD = 0.002, 0.001  # limits, as parts of what theory says
 Record = tuple[str, FloatArray, FloatArray]  # integrator, time since the start [s], position error North, East [m]
 
 
@@ -39,20 +39,11 @@ def day(integrators: Sequence[Integrator]) -> list[Check]:
     for integrator in integrators:
         found = integrator.navigate(imu, (PLACE, np.zeros(3), -ERRORS.tilt), held, held, 60)
         records.append((integrator.name, found.time - imu.time[0], ned_offset(found.lla, PLACE)[:, :2]))
-    return judged("a day at rest with errors", records)
+    return compared("a day at rest with errors", records)
 
 
-def judged(topic: str, records: Sequence[Record], where: str = "") -> list[Check]:
-    """Judge records of the position error by the closed form of `ERRORS`.
-
-    Parameters
-    ----------
-    topic : str
-    records : sequence of (str, (n,) array, (n, 2) array)
-        Integrator, time since the start [s], error North, East [m].
-    where : str
-        What to begin the cases with.
-    """
+def compared(topic: str, records: Sequence[Record], where: str = "") -> list[Check]:
+    """Compare records of the position error with the closed form of `ERRORS`; `where` begins the cases."""
     theory = periods(float(PLACE[0]), float(PLACE[2]))
     found = [(name, *_parts(time, position)) for name, time, position in records]
     cases = (
@@ -62,8 +53,8 @@ def judged(topic: str, records: Sequence[Record], where: str = "") -> list[Check
         (f"Earth's period, {(theory.earth or 0.0) / 3600.0:.2f} h", _PERIOD),
     )
     return [
-        Check(topic, where + case, "1", bar, tuple((str(each[0]), float(each[column + 1])) for each in found))
-        for column, (case, bar) in enumerate(cases)
+        Check(topic, where + case, "1", limit, tuple((str(each[0]), float(each[column + 1])) for each in found))
+        for column, (case, limit) in enumerate(cases)
     ]
 
 

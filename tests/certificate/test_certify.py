@@ -50,7 +50,7 @@ def test_every_topic_is_asked_of_every_integrator(certificate: Certificate):
 
 
 def test_the_bars_are_those_promised(certificate: Certificate):
-    bars = {(check.topic, check.case): (check.bar, check.unit) for check in certificate.checks}
+    bars = {(check.topic, check.case): (check.limit, check.unit) for check in certificate.checks}
     for case, bar in (("1 deg, 1 Hz", 1e-4), ("1 deg, 5 Hz", 0.02), ("1 deg, 10 Hz", 0.1)):
         assert bars["coning", case] == (bar, "deg/h")
     assert bars["sculling", "0.1 deg, 1 g, 10 Hz"] == (0.5, "ug")
@@ -154,8 +154,8 @@ def test_a_wrong_period_is_found(monkeypatch):
 def test_what_is_no_number_does_not_pass(value):
     assert not Check("topic", "case", "m", 1.0, (("insnav", value),)).passed
     assert Check("topic", "case", "m", 1.0, (("insnav", 1.0), ("other", value))).passed
-    assert not Check("topic", "case", "m", 1.0, (("insnav", 1.0), ("other", value)), judged=2).passed
-    assert not Check("topic", "case", "m", 1.0, (("other", value), ("insnav", 1.0)), judged=2).passed
+    assert not Check("topic", "case", "m", 1.0, (("insnav", 1.0), ("other", value)), required=2).passed
+    assert not Check("topic", "case", "m", 1.0, (("other", value), ("insnav", 1.0)), required=2).passed
 
 
 def test_a_latitude_that_is_no_number_is_not_beyond_nothing(monkeypatch):
@@ -200,5 +200,5 @@ def test_the_readme_has_every_check_and_bar(certificate: Certificate):
     begin = text.index(lines[0])
     shown = text[begin : text.index("", begin)]
     assert [row.split("|")[1:3] for row in shown] == [row.split("|")[1:3] for row in lines]
-    # figures of rounding depend on the machine; whether they keep the bar does not
+    # figures of rounding depend on the machine; whether they keep the limit does not
     assert [row.split("|")[3].endswith("! ") for row in shown] == [row.split("|")[3].endswith("! ") for row in lines]

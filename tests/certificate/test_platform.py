@@ -46,10 +46,10 @@ def test_euler_is_off_on_circles_as_half_a_step_of_acceleration_says(checks):
 
 
 def test_all_orders_are_judged_and_only_one_elsewhere(checks):
-    judged = {case: check.judged for case, check in checks.items()}
-    orders = [case for case in judged if case.startswith("order")]
+    required = {case: check.required for case, check in checks.items()}
+    orders = [case for case in required if case.startswith("order")]
     assert len(orders) == 2
-    assert all(judged[case] == (4 if case in orders else 1) for case in judged)
+    assert all(required[case] == (4 if case in orders else 1) for case in required)
 
 
 @pytest.mark.parametrize(("broken", "by"), [("mean", "forward"), ("fourth", "mean"), ("backward", "fourth")])
@@ -99,5 +99,5 @@ def test_a_pendulum_of_another_latitude_is_found(monkeypatch):
 
 def test_what_is_no_number_is_no_period():
     time = np.arange(0.0, 86400.0, 60.0)
-    checks = day.judged("day", [("lost", time, np.full((time.size, 2), np.nan))])
+    checks = day.compared("day", [("lost", time, np.full((time.size, 2), np.nan))])
     assert all(check.error == np.inf and not check.passed for check in checks)

@@ -53,7 +53,7 @@ def test_folder_and_tables(short: None, cli: Cli):
     assert facts["passed"] is True
     assert facts["failed"] == []
     (check,) = (c for c in facts["checks"] if (c["topic"], c["case"]) == ("coning", "1 deg, 5 Hz"))
-    assert (check["bar"], check["unit"], check["judged"]) == (0.02, "deg/h", ["polynomial"])
+    assert (check["limit"], check["unit"], check["required"]) == (0.02, "deg/h", ["polynomial"])
     assert check["errors"]["polynomial"] < 0.02 < check["errors"]["rk4"]
 
 
@@ -84,7 +84,7 @@ def test_markdown_is_one_table(short: None, cli: Cli):
     assert shown.code == 0, shown.err
     rows = [line.strip("|").split("|") for line in shown.out.splitlines()]
     assert {len(row) for row in rows} == {6}
-    assert [name.strip() for name in rows[0]] == ["check", "bar", "insnav", "rk4", "rotvec", "euler"]
+    assert [name.strip() for name in rows[0]] == ["check", "limit", "insnav", "rk4", "rotvec", "euler"]
     assert len(rows) == 2 + 28
 
 

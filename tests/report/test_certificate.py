@@ -54,12 +54,12 @@ def test_facts_are_json_without_nan():
     json.dumps(facts, allow_nan=False)
     assert facts["failed"] == ["poles: rest", "platform: order of convergence"]
     assert facts["checks"][2]["errors"] == {"polynomial": None, "euler": None}
-    assert facts["checks"][3]["judged"] == ["fourth order"]
+    assert facts["checks"][3]["required"] == ["fourth order"]
 
 
 def test_markdown_has_a_cell_for_everyone():
     lines = certificate_markdown(CERTIFICATE).splitlines()
-    assert lines[0] == "| check | bar | insnav | euler | forward |"
+    assert lines[0] == "| check | limit | insnav | euler | forward |"
     assert lines[1] == "|---|--:|--:|--:|--:|"
     assert lines[2] == "| coning: 1 deg, 5 Hz | 0.02 deg/h | 0.015 | 16 ! |  |"
     assert lines[5] == "| platform: order of convergence | 0.1 | 0.20 ! |  | 0.010 |"
@@ -79,10 +79,10 @@ def test_the_figure_has_every_figure_and_reddens_what_failed():
 
 
 def test_where_all_are_judged_the_worst_counts():
-    check = Check("platform", "order", "1", 0.1, (("fourth", 0.01), ("mean", 0.3)), judged=2)
+    check = Check("platform", "order", "1", 0.1, (("fourth", 0.01), ("mean", 0.3)), required=2)
     facts = page_facts(certificate_page(Certificate((check,), 1.0)))
     assert facts["failed"] == ["platform: order"]
-    assert facts["checks"][0]["judged"] == ["fourth", "mean"]
+    assert facts["checks"][0]["required"] == ["fourth", "mean"]
     with drawing():
         axes = draw_certificate((check,)).axes[0]
     (red,) = (line for line in axes.lines if line.get_label() == "insnav: FAILED")

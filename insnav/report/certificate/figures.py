@@ -76,6 +76,6 @@ def _part(check: Check, value: float) -> float:
     """Error in parts of the limit, within the axis; what is no number is as bad as can be."""
     if not np.isfinite(value):
         return _MOST
-    if check.bar == 0.0:
+    if check.limit == 0.0:
         return _LEAST if value <= 0.0 else _MOST
-    return float(np.clip(value / check.bar, _LEAST, _MOST))
+    return float(np.clip(value / check.limit, _LEAST, _MOST))

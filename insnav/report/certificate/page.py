@@ -81,12 +81,12 @@ def certificate_markdown(certificate: Certificate) -> str:
     certificate : Certificate
     """
     others = [name for name in _names(certificate.checks) if name not in {c.values[0][0] for c in certificate.checks}]
-    rows = [("check", "bar", "insnav", *others)]
+    rows = [("check", "limit", "insnav", *others)]
     for check in certificate.checks:
         errors = {name: cell(_error(check, name, value)) for name, value in check.values}
-        bar = f"{check.bar:g}{'' if check.unit == '1' else f' {check.unit}'}"
+        limit = f"{check.limit:g}{'' if check.unit == '1' else f' {check.unit}'}"
         first = errors[check.values[0][0]]
-        rows.append((f"{check.topic}: {check.case}", bar, first, *(errors.get(name, "") for name in others)))
+        rows.append((f"{check.topic}: {check.case}", limit, first, *(errors.get(name, "") for name in others)))
     lines = [f"| {' | '.join(row)} |" for row in rows]
     return "\n".join([lines[0], f"|---|{'--:|' * (len(rows[0]) - 1)}", *lines[1:]])
 
@@ -96,8 +96,8 @@ def _facts(check: Check) -> tuple[Quantity, ...]:
         Quantity("topic", check.topic),
         Quantity("case", check.case),
         Quantity("unit", check.unit),
-        Quantity("bar", check.bar),
-        Quantity("judged", [name for name, _ in check.values[: check.judged]]),
+        Quantity("limit", check.limit),
+        Quantity("required", [name for name, _ in check.values[: check.required]]),
         Quantity("errors", dict(check.values)),
         Quantity("passed", check.passed),
     )
@@ -109,7 +109,7 @@ def _topic(topic: str, checks: list[Check]) -> Section:
         (
             Quantity("case", check.case if check.unit == "1" else f"{check.case} [{check.unit}]"),
             Quantity("result", "passed" if check.passed else "FAILED"),
-            Quantity("limit", f"{check.bar:g}"),
+            Quantity("limit", f"{check.limit:g}"),
             *(_error(check, "error" if alone else name, value) for name, value in check.values),
         )
         for check in checks
@@ -119,7 +119,7 @@ def _topic(topic: str, checks: list[Check]) -> Section:
 
 def _error(check: Check, name: str, value: float) -> Quantity:
     known = math.isfinite(value)
-    return Quantity(name, value if known else None, digits=2, mark="" if value <= check.bar else _EXCEEDS)
+    return Quantity(name, value if known else None, digits=2, mark="" if value <= check.limit else _EXCEEDS)
 
 
 def _names(checks: Sequence[Check]) -> tuple[str, ...]:
