@@ -13,15 +13,7 @@ FACTS_FILE = "run.json"
 
 
 def read_facts(folder: Path) -> dict[str, Any]:
-    """Read the facts of a run folder, from its ``run.json``.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    dict
+    """Read the ``run.json`` of a run folder.
 
     Raises
     ------
@@ -46,16 +38,7 @@ def read_facts(folder: Path) -> dict[str, Any]:
 
 
 def verify_folder(folder: Path) -> dict[str, Any]:
-    """Check that a run folder holds exactly the files it was written with.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    dict
-        Its facts.
+    """Check that a run folder holds exactly the files it was written with; its ``run.json``.
 
     Raises
     ------
@@ -83,23 +66,13 @@ def verify_folder(folder: Path) -> dict[str, Any]:
 
 
 def file_sha256(path: Path) -> str:
-    """Return the SHA-256 digest of a file as hexadecimal digits.
-
-    Parameters
-    ----------
-    path : Path
-    """
+    """Return the SHA-256 digest of a file as hexadecimal digits."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def files_in(folder: Path) -> dict[str, Path]:
-    """List every file below a folder but the facts, by its name with forward slashes, sorted.
-
-    Parameters
-    ----------
-    folder : Path
-    """
+    """Every file below a folder but ``run.json``, by its name with forward slashes, sorted."""
     paths = sorted(p for p in folder.rglob("*") if p.is_symlink() or not p.is_dir())
     names = {p.relative_to(folder).as_posix(): p for p in paths}
     return {name: path for name, path in names.items() if name != FACTS_FILE}

@@ -14,22 +14,10 @@ KML_POINTS = 5000  # more makes map programs slow and shows nothing new
 
 
 def write_kml(folder: Path, solution: Trajectory, name: str) -> Path:
-    """Write ``track.kml``: the track on the ground, thinned to `KML_POINTS`, with its start and end.
+    """Write ``track.kml``: the track on the ground, thinned to `KML_POINTS`, with its start and end; its path.
 
     The height written is ellipsoidal, which map programs would take for height above sea level; so the track
     is clamped to the ground.
-
-    Parameters
-    ----------
-    folder : Path
-    solution : Trajectory
-    name : str
-        Title of the track; any text.
-
-    Returns
-    -------
-    Path
-        The file written.
     """
     count = len(solution.time)
     rows = np.unique(np.linspace(0, count - 1, min(count, KML_POINTS)).round().astype(np.int64))

@@ -139,17 +139,7 @@ def has_smoothed(folder: Path) -> bool:
 
 
 def read_solution(folder: Path, name: str = "solution") -> Trajectory:
-    """Read the solution of a run folder, csv or parquet.
-
-    Parameters
-    ----------
-    folder : Path
-    name : {"solution", "smoothed"}
-        Which of its solutions.
-
-    Returns
-    -------
-    Trajectory
+    """Read a solution of a run folder, ``solution`` or ``smoothed``, csv or parquet.
 
     Raises
     ------

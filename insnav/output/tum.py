@@ -24,7 +24,7 @@ _HEAD = "# time [s], East, North, Up [m] from {:.9f} {:.9f} deg {:.4f} m, qx qy 
 def tum_files(
     reference: Trajectory, time: FloatArray, errors: Mapping[str, tuple[FloatArray, FloatArray]]
 ) -> dict[str, str]:
-    """Write the reference and each run at their common epochs.
+    """Text of the reference and of each run at their common epochs, by the name of the file.
 
     Parameters
     ----------
@@ -34,11 +34,6 @@ def tum_files(
         The epochs [s].
     errors : mapping of str to two (n, 3) arrays
         Name of each run, its position errors North, East, Down [m] and attitude errors roll, pitch, heading [rad].
-
-    Returns
-    -------
-    dict of str to str
-        Name of a file, ``reference.tum`` the first, and its text.
     """
     rows = np.searchsorted(reference.time, time)
     lla, rph = reference.lla[rows], reference.rph[rows]

@@ -46,19 +46,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 @dataclass(frozen=True, slots=True)
 class TextCells:
-    """Rows of delimited text.
-
-    Attributes
-    ----------
-    name : str
-        The file, for errors.
-    text : bytes or mmap.mmap
-        All of it.
-    dialect : Dialect
-        How it is written.
-    zeros : int
-        Number of zero bytes that followed it.
-    """
+    """Rows of delimited text, all of it in memory or mapped, and the number of zero bytes that followed it."""
 
     name: str
     text: bytes | mmap.mmap

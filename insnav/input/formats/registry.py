@@ -35,25 +35,11 @@ class Format(Protocol):
     extra: str
 
     def recognise(self, head: bytes, name: str) -> bool:
-        """Whether a file is of this format.
-
-        Parameters
-        ----------
-        head : bytes
-            The first 16 KiB, decompressed.
-        name : str
-            The file name, for formats that no content tells apart.
-        """
+        """Whether a file is of this format, by its first 16 KiB, decompressed, or its name if no content tells."""
         ...
 
     def read(self, source: Source) -> Mapping[str, Table]:
-        """Tables of a file: ``{"": table}``, or ``{"imu": table, "gps": table}`` where it holds several.
-
-        Raises
-        ------
-        InputError
-            It is damaged.
-        """
+        """Tables of a file: ``{"": table}``, or ``{"imu": table, "gps": table}`` where it holds several."""
         ...
 
 
@@ -68,12 +54,11 @@ def formats() -> tuple[Format, ...]:
 
 
 def open_table(path: str | Path | Table, part: str = "") -> Table:
-    """Open a data file of any format and read its header.
+    """Open a data file of any format, or standard input (``-``), and read its header.
 
     Parameters
     ----------
-    path : str, Path or Table
-        A file, also compressed with gzip, or ``-`` for standard input; a table is already open.
+    path : str or Path
     part : {"", "imu", "gps"}
         Which table is wanted if the file holds several.
 

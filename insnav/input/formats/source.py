@@ -31,7 +31,7 @@ class Source:
     name : str
         As the user knows it, fit to be printed.
     sha256 : str
-        Digest of the file as it lies on the disk.
+        Digest of the file as it is on the disk.
     data : bytes or mmap.mmap
         Its bytes, decompressed.
     """
@@ -42,12 +42,7 @@ class Source:
 
 
 def open_source(path: str | Path) -> Source:
-    """Get the bytes of a data file.
-
-    Parameters
-    ----------
-    path : str or Path
-        A file, also compressed with gzip, or ``-`` for standard input.
+    """Get the bytes of a data file, also compressed with gzip, or of standard input (``-``).
 
     Raises
     ------
@@ -69,13 +64,7 @@ def open_source(path: str | Path) -> Source:
 
 
 def text_of(source: Source) -> tuple[bytes | mmap.mmap, int]:
-    """Text of a file in UTF-8 or Latin-1 with line feeds, and the number of zero bytes that followed it.
-
-    Raises
-    ------
-    InputError
-        There are only zero bytes.
-    """
+    """Text of a file in UTF-8 or Latin-1 with line feeds, and the number of zero bytes that followed it."""
     text, zeros = _without_zeros(decoded(source.data))
     if len(text) == 0:
         raise InputError("the file has no content", where=source.name, why=f"{zeros} zero bytes and nothing else")

@@ -34,13 +34,7 @@ class Cells(Protocol):
     """The rows of a table, in any format."""
 
     def read(self, indices: Sequence[int]) -> Numbers:
-        """Read columns as numbers.
-
-        Raises
-        ------
-        InputError
-            A cell is not a number, or the rows are damaged.
-        """
+        """Read columns as numbers; a cell that is none, or damaged rows, are refused."""
         ...
 
     def line(self, row: int) -> str:

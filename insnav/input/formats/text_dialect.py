@@ -54,15 +54,7 @@ def is_comment(line: str) -> bool:
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
-    """Cells of one line, without quotes and surrounding blanks.
-
-    Parameters
-    ----------
-    line : str
-        Without its line end.
-    delimiter : str
-        As in `Dialect`.
-    """
+    """Cells of one line, without quotes and surrounding blanks; a blank as delimiter is any run of blanks and tabs."""
     if delimiter == " ":
         return line.split()
     if '"' in line:
@@ -73,20 +65,7 @@ def split_line(line: str, delimiter: str) -> list[str]:
 
 
 def parse_number(cell: str, decimal: str) -> float:
-    """Parse a cell as a number; NaN for an empty one.
-
-    Parameters
-    ----------
-    cell : str
-        Text of the cell.
-    decimal : str
-        Decimal sign.
-
-    Raises
-    ------
-    ValueError
-        It is not a number.
-    """
+    """Parse a cell as a number, NaN for an empty one; a `ValueError` if it is none."""
     cell = cell.strip()
     if not cell:
         return float("nan")
@@ -106,14 +85,7 @@ def _is_number(cell: str, decimal: str) -> bool:
 def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
     """Find out how a table is written.
 
-    Parameters
-    ----------
-    head : bytes
-        The first `SNIFF_BYTES` of the text, UTF-8 or Latin-1.
-    whole : bool
-        Whether that is all of it.
-    where : str
-        The file, for errors.
+    `head` is the first `SNIFF_BYTES` of the text, UTF-8 or Latin-1, and `whole` says whether that is all of it.
 
     Raises
     ------

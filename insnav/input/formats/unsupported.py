@@ -41,13 +41,7 @@ _CONTROL = bytes(set(range(32)) - {9, 10, 11, 12, 13, 26, 27}) + b"\x7f"
 
 
 def unsupported(head: bytes) -> tuple[str, str] | None:
-    """Name a file that is not a table of text by its first kilobytes.
-
-    Returns
-    -------
-    tuple of str, or None
-        What it is and what to do about it, if anything special; None if it may be a table.
-    """
+    """Name a file that is no table by its first kilobytes, and what to do about it; None if it may be one."""
     for magic, what, fix in _MAGIC:
         if head.startswith(magic):
             return what, fix

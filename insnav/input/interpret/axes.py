@@ -36,11 +36,6 @@ def axes_matrix(axes: str) -> FloatArray:
     ------
     ConfigError
         Not three letters, one direction twice, or a left-handed set.
-
-    Examples
-    --------
-    >>> axes_matrix("FLU") @ [0.0, 0.0, 9.8]
-    array([ 0. ,  0. , -9.8])
     """
     letters = axes.strip().upper()
     fix = "name where x, y and z point, such as FRD, FLU or RFU: F or B, R or L, D or U"

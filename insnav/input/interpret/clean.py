@@ -18,20 +18,9 @@ _MIN_INTERVAL = 1e-9  # shorter ones count as none [s]
 
 @dataclass(frozen=True, slots=True)
 class Kinds:
-    """How the events of one kind of file are called.
+    """Names of the events of one kind of file: its rows, in the plural; how many make a gap, and how many no data.
 
-    Attributes
-    ----------
-    rows : str
-        Word for a row, in the plural.
-    nan, unsorted, duplicate, cut_row : str
-        Names of the events.
-    gap : str or None
-        Name of a gap; None if gaps are no event.
-    gap_rows : int
-        More rows missing than this make a gap.
-    min_rows : int
-        Fewer are no data.
+    `gap` is None if gaps are no event.
     """
 
     rows: str
@@ -87,7 +76,7 @@ def clean(
     name: str,
     bad_action: str,
 ) -> Cleaned:
-    """Put rows in order and leave out those that cannot be used.
+    """Put rows in order, and leave out bad ones ``(n,)`` and those that cannot be used.
 
     Parameters
     ----------
@@ -96,13 +85,10 @@ def clean(
     bad : (n,) bool array
         Rows to leave out.
     kinds : Kinds
-        What sort of file it is.
     place : callable
         From the number of a row to ``file:line``.
-    name : str
-        The file.
-    bad_action : str
-        What is said of bad rows.
+    name, bad_action : str
+        The file, and what is said of bad rows.
 
     Raises
     ------
@@ -155,28 +141,12 @@ def clean(
 
 
 def cut_event(kinds: Kinds, time: float, why: str) -> Event:
-    """Event for a last row that was left out.
-
-    Parameters
-    ----------
-    kinds : Kinds
-        What sort of file it is.
-    time : float
-        Time of the row before it [s].
-    why : str
-        What was seen.
-    """
+    """Event for a last row that was left out, at the time of the row before it [s]."""
     return Event(time, kinds.cut_row, 1.0, float("nan"), "rows", f"the last row was left out: {why}")
 
 
 def runs(mask: BoolArray) -> list[tuple[int, int]]:
-    """First index and length of every run of True.
-
-    Parameters
-    ----------
-    mask : (n,) bool array
-        What to look through.
-    """
+    """First index and length of every run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
     return [(int(a), int(b - a)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 

@@ -49,20 +49,7 @@ class Found:
 
 
 def find_unit(text: str, dimension: str) -> str | None:
-    """Find the unit of a dimension that a text names in any common spelling.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``dps``, ``rad s^-1``, ``m/s²``.
-    dimension : str
-        Such as ``rate``; see `insnav.units.UNITS`.
-
-    Returns
-    -------
-    str or None
-        Its name, None if the text is no such unit.
-    """
+    """Unit of a dimension (see `insnav.units.UNITS`) that a text names in any common spelling; None if it is none."""
     if text in ALL_UNITS:  # "ms" is not "m/s" when written out in full
         return text if ALL_UNITS[text][0] == dimension else None
     table = UNIT_SPELLINGS.get(dimension, {})
@@ -87,12 +74,8 @@ def match_header(
     Returns
     -------
     tuple of (Quantity, str or None, int), or None
-        The quantity, the stated unit, and a rank (0 is the most trustworthy spelling).
-
-    Raises
-    ------
-    InputError
-        The name is known but the unit in brackets is not.
+        The quantity, the stated unit, and a rank (0 is the most trustworthy spelling). A known name with an unknown
+        unit in brackets is refused.
     """
     if (indexed := _INDEXED.match(header)) is not None:
         header = indexed["base"] + indexed["index"]
@@ -152,10 +135,8 @@ def understand(
 
     Parameters
     ----------
-    headers : sequence of str
-        As in the file.
-    units_row : sequence of str or None
-        Cells of the row of units under the header, if there is one.
+    headers, units_row : sequence of str
+        As in the file, and the cells of the row of units under the header, if there is one.
     schema : sequence of Quantity
         What may be there.
     columns : mapping of str to str, optional
@@ -255,25 +236,9 @@ def require(
     where: str,
     hint: str = "",
 ) -> None:
-    """Refuse a file that lacks a column, naming what was found and what may have been meant.
+    """Refuse a file without a column for one of the keys, naming what was found and what may have been meant.
 
-    Parameters
-    ----------
-    found : mapping of str to Found
-        From `understand`.
-    keys : iterable of str
-        What must be there.
-    headers : sequence of str
-        As in the file.
-    schema : sequence of Quantity
-        For the spellings to compare with.
-    where, hint : str
-        The file; something to say first about how to mend it.
-
-    Raises
-    ------
-    InputError
-        At least one is missing.
+    `hint` is said first about how to fix it.
     """
     missing = [q for key in keys if key not in found for q in schema if q.key == key]
     if not missing:
@@ -297,15 +262,7 @@ def require(
 
 
 def suggest(quantity: Quantity, headers: Sequence[str]) -> str | None:
-    """Header most like the spellings of a quantity, or None if none is alike.
-
-    Parameters
-    ----------
-    quantity : Quantity
-        What is looked for.
-    headers : sequence of str
-        Headers that are still free.
-    """
+    """Header most like the spellings of a quantity, or None if none is alike."""
     best: tuple[float, str] | None = None
     names = (compact(quantity.name), compact(quantity.key), *(s for s in quantity.spellings if len(s) > 2))
     for header in headers:

@@ -16,19 +16,12 @@ _MIN_SHARE = 0.5  # of the shorter recording that a likely offset makes overlap
 
 
 def check_overlap(imu: ImuData, gps: GpsData) -> None:
-    """Refuse recordings that have no time in common.
-
-    Parameters
-    ----------
-    imu : ImuData
-        Samples.
-    gps : GpsData
-        Fixes.
+    """Refuse recordings that have no time in common, naming the likely offset of the clocks.
 
     Raises
     ------
     InputError
-        No fix lies within the samples; names the likely offset of the clocks.
+        No fix lies within the samples.
     """
     first, last = float(imu.time[0]), float(imu.time[-1])
     if np.any((gps.time >= first) & (gps.time <= last)):
@@ -52,13 +45,7 @@ def check_overlap(imu: ImuData, gps: GpsData) -> None:
 
 
 def likely_offset(imu: tuple[float, float], gps: tuple[float, float]) -> str:
-    """Say which well-known offset or scale makes two spans of time overlap; empty if none does.
-
-    Parameters
-    ----------
-    imu, gps : tuple of float
-        First and last time [s].
-    """
+    """Well-known offset or scale that makes two spans of time, first and last [s], overlap; empty if none does."""
     difference = 0.5 * (sum(gps) - sum(imu))
     if _share(imu, gps, LEAP) or _share(imu, gps, -LEAP):
         sign = LEAP if _share(imu, gps, LEAP) else -LEAP

@@ -49,16 +49,9 @@ class Quiet:
 
 
 def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: float) -> Quiet:
-    """Find the quieter half of a record.
+    """Find the quieter half of a record ``(n, 3)``, as in the file and in order of time.
 
-    Parameters
-    ----------
-    gyro, accel : (n, 3) array
-        As in the file, in order of time.
-    interval : float
-        Median interval [s].
-    scale : float
-        From the numbers to rates: one, or the inverse of the interval for increments.
+    `interval` is the median one [s]; `scale` makes rates of the numbers: one, or its inverse for increments.
     """
     width = min(max(3, round(1.0 / interval)), len(accel))
     n = len(accel) // width
@@ -70,25 +63,11 @@ def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: f
     return Quiet(mean * scale, np.quantile(sample, 0.999, axis=0) * scale)
 
 
-def judge_accel(quiet: Quiet, stated: str | None, *, interval: float, increments: bool, where: str) -> tuple[str, str]:
-    """Find the unit of the accelerometers, by gravity.
+def find_accel_unit(quiet: Quiet, stated: str | None, *, interval: float, increments: bool, where: str) -> tuple[str, str]:
+    """Unit of the accelerometers, by gravity, and the evidence.
 
-    Parameters
-    ----------
-    quiet : Quiet
-        Of the record as in the file.
-    stated : str or None
-        Unit that the header or the user states.
-    interval : float
-        Median interval [s].
-    increments : bool
-        Whether the file says that it holds increments; `quiet` is then divided by the interval.
-    where : str
-        The file.
-
-    Returns
-    -------
-    unit, evidence : str
+    `quiet` is of the record as in the file, divided by the interval [s] if it holds increments; `stated` is the unit in
+    the header or from the user.
 
     Raises
     ------
@@ -140,22 +119,11 @@ def judge_accel(quiet: Quiet, stated: str | None, *, interval: float, increments
 
 
 def turn_ratio(time: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[float, float]:
-    """Compare how specific force moves in the body with how the gyros say it should.
+    """Compare how specific force changes in the body with how the gyros say it should: ratio and correlation.
 
     A vector that is fixed in space changes in the body by ``df/dt = -w x f = f x w`` (Goldstein 2002,
-    eq. 4.86, with zero on the left). The ratio of the two is 1 if the gyros are in rad/s.
-
-    Parameters
-    ----------
-    time : (n,) array
-        Time [s].
-    gyro, accel : (n, 3) array
-        Rates, and specific force in any unit.
-
-    Returns
-    -------
-    ratio, correlation : float
-        Both zero if there is not enough motion to tell.
+    eq. 4.86, with zero on the left). The ratio of the two is 1 if the gyros are in rad/s, whatever the unit of the
+    force; both are zero if there is not enough motion to tell.
     """
     width = max(1, round(_TURN_BLOCK / float(np.median(np.diff(time[:_MAX_SAMPLES])))))
     n = len(time) // (3 * width)  # groups of three blocks, so that the middle one has a slope
@@ -174,27 +142,12 @@ def turn_ratio(time: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[f
     return both / told2, correlation
 
 
-def judge_gyro(
+def find_gyro_unit(
     quiet: Quiet, ratio: float, correlation: float, stated: str | None, *, increments: bool, where: str
 ) -> tuple[str, str]:
-    """Find the unit of the gyros, by what vehicles can do and by how gravity turns.
+    """Unit of the gyros, by what vehicles can do and by how gravity turns, and the evidence.
 
-    Parameters
-    ----------
-    quiet : Quiet
-        Of the record as in the file.
-    ratio, correlation : float
-        From `turn_ratio`, for the numbers as in the file.
-    stated : str or None
-        Unit that the header or the user states.
-    increments : bool
-        Whether the file holds increments.
-    where : str
-        The file.
-
-    Returns
-    -------
-    unit, evidence : str
+    `ratio` and `correlation` are from `turn_ratio`, for the numbers as in the file.
 
     Raises
     ------
@@ -229,27 +182,13 @@ def judge_gyro(
     return unit, f"gyros in {unit}: {why}"
 
 
-def judge_axes(quiet: Quiet, axes: str | None, *, where: str) -> str:
-    """Which way is up, and whether that fits Forward, Right, Down.
-
-    Parameters
-    ----------
-    quiet : Quiet
-        In body axes, after `axes` were applied.
-    axes : str or None
-        What the user said; None if nothing.
-    where : str
-        The file.
-
-    Returns
-    -------
-    str
-        Evidence.
+def check_axes(quiet: Quiet, axes: str | None, *, where: str) -> str:
+    """Which way is up in body axes, after `axes` (None: not given) were applied, and whether that fits FRD.
 
     Raises
     ------
     InputError
-        Nothing was said, and z points up.
+        No axes were given, and z points up.
     """
     norms = np.linalg.norm(quiet.mean, axis=1)[:, None]
     direction = np.mean(quiet.mean / np.where(norms > 0.0, norms, 1.0), axis=0)  # zeros: a sensor that was off
@@ -273,23 +212,10 @@ def judge_axes(quiet: Quiet, axes: str | None, *, where: str) -> str:
     return f"{said}: {reads}; the body is not level, or its attitude varies"
 
 
-def judge_time(time: FloatArray, stated: str | None, *, slowest: float, where: str) -> tuple[str, str]:
-    """Find the unit of the time column, by its steps.
+def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, where: str) -> tuple[str, str]:
+    """Unit of the time column, by its steps, and the evidence.
 
-    Parameters
-    ----------
-    time : (n,) array
-        As in the file.
-    stated : str or None
-        Unit that the header or the user states.
-    slowest : float
-        No such file has longer steps [s].
-    where : str
-        The file.
-
-    Returns
-    -------
-    unit, evidence : str
+    `time` ``(n,)`` is as in the file; no such file has steps longer than `slowest` [s].
 
     Raises
     ------

@@ -38,16 +38,7 @@ class Heights:
 
 
 def read_heights(path: str | Path) -> Reading[Heights]:
-    """Read a time and a height; whatever else the file holds is not looked at.
-
-    Parameters
-    ----------
-    path : str or Path
-        A data file of any supported format, or ``-`` for standard input.
-
-    Returns
-    -------
-    Reading of Heights
+    """Read a time and a height from a data file; whatever else it holds is not looked at.
 
     Raises
     ------

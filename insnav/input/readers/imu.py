@@ -15,7 +15,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.clean import IMU_KINDS
 from insnav.input.interpret.columns import Found, find_unit, require, understand
-from insnav.input.interpret.physics import judge_accel, judge_axes, judge_gyro, quiet_part, turn_ratio
+from insnav.input.interpret.physics import find_accel_unit, check_axes, find_gyro_unit, quiet_part, turn_ratio
 from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, Quantity
 from insnav.input.readers.raw_columns import SI_UNITS, from_outputs, raw_schema
 from insnav.input.readers.reading import Reading
@@ -96,14 +96,14 @@ def read_imu(
     gyro = _in_body(cleaned.columns, gyro_keys, matrix)
     accel = _in_body(cleaned.columns, accel_keys, matrix)
     quiet = quiet_part(gyro, accel, interval=cleaned.interval, scale=scale)
-    accel_unit, accel_evidence = judge_accel(
+    accel_unit, accel_evidence = find_accel_unit(
         quiet, stated["accel"], interval=cleaned.interval, increments=increments, where=name
     )
     ratio, correlation = turn_ratio(time, gyro, accel)
-    gyro_unit, gyro_evidence = judge_gyro(
+    gyro_unit, gyro_evidence = find_gyro_unit(
         quiet, ratio / scale, correlation, stated["gyro"], increments=increments, where=name
     )
-    axes_evidence = judge_axes(quiet, axes, where=name)
+    axes_evidence = check_axes(quiet, axes, where=name)
     for array, unit in ((gyro, gyro_unit), (accel, accel_unit)):
         if ALL_UNITS[unit][1] != 1.0:
             array *= ALL_UNITS[unit][1]
@@ -142,22 +142,10 @@ def read_imu(
 
 
 def parse_units(units: Mapping[str, str] | str | None) -> dict[str, str]:
-    """Units given by the user.
+    """Units of ``gyro``, ``accel`` and ``time`` given by the user, as far as given.
 
-    Parameters
-    ----------
-    units : mapping, str or None
-        ``{"gyro": "deg/s"}``, ``"gyro=deg/s,accel=g,time=ms"``, or ``"deg/s,g"``.
-
-    Returns
-    -------
-    dict of str to str
-        Units for ``gyro``, ``accel``, ``time``, as far as given.
-
-    Raises
-    ------
-    ConfigError
-        Not a unit of that quantity.
+    Written as ``{"gyro": "deg/s"}``, ``"gyro=deg/s,accel=g,time=ms"``, or ``"deg/s,g"``; anything else is a
+    `ConfigError`.
     """
     if units is None:
         return {}

@@ -63,29 +63,19 @@ def read_positions(
     columns: Mapping[str, str] | None,
     height: Height | None = None,
 ) -> Reading[Positions]:
-    """Read a file of positions.
+    """Read a file of positions; see `insnav.input.read_gps`.
 
     Parameters
     ----------
-    path : str, Path or Table
-        A data file of any supported format, or ``-`` for standard input.
+    path : str or Path
     kind : str
         Word for the file.
     schema : sequence of Quantity
         What it may hold.
     kinds : Kinds
         Names of its events.
-    columns : mapping of str to str, optional
-        Quantity to header.
-    height : {"ellipsoidal", "msl"}, optional
-        What the heights are; default: by the header, else ellipsoidal.
-
-    Raises
-    ------
-    InputError
-        The file cannot be used.
-    ConfigError
-        `columns` cannot be meant as given.
+    columns, height
+        As for `insnav.input.read_gps`.
     """
     table = open_table(path, "gps")
     name = table.name

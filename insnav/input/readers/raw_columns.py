@@ -15,13 +15,7 @@ SI_UNITS = {"gyro": "rad/s", "accel": "m/s^2"}
 
 
 def raw_schema(scales: Mapping[str, RawScale]) -> tuple[Quantity, ...]:
-    """Columns of an IMU file, those of the named triads in volts or counts.
-
-    Parameters
-    ----------
-    scales : mapping of str to RawScale
-        For ``gyro``, ``accel``, both or none.
-    """
+    """Columns of an IMU file, those of the named triads in volts or counts."""
     if not scales:
         return IMU_SCHEMA
     schema = []
@@ -43,22 +37,7 @@ def from_outputs(
     increments: bool,
     where: str,
 ) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Replace outputs by rates [rad/s] and specific forces [m/s^2].
-
-    Parameters
-    ----------
-    columns : dict of str to (n,) array
-        By key; changed in place.
-    found : mapping of str to Found
-        What the file calls them.
-    scales : mapping of str to RawScale
-        For ``gyro``, ``accel``, both or none.
-    told : mapping of str to str
-        Units the user gives.
-    increments : bool
-        Whether the columns are increments.
-    where : str
-        The file.
+    """Replace outputs by rates [rad/s] and specific forces [m/s^2], in place.
 
     Returns
     -------

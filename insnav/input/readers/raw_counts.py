@@ -20,21 +20,7 @@ from insnav.types import ImuData
 def read_counts(
     path: str | Path, *, axes: str | None = None, columns: Mapping[str, str] | None = None
 ) -> Reading[ImuData]:
-    """Read inertial data in raw units.
-
-    Parameters
-    ----------
-    path : str or Path
-        As for `insnav.input.read_imu`.
-    axes : str, optional
-        Where the sensor's x, y, z point, such as ``FLU``; default ``FRD``.
-    columns : mapping of str to str, optional
-        Quantity to header: ``{"gyro_x": "Gx"}``.
-
-    Returns
-    -------
-    Reading of ImuData
-        Gyros and accelerometers as in the file, only brought to body axes.
+    """Read inertial data in raw units, only brought to body axes; arguments as for `insnav.input.read_imu`.
 
     Raises
     ------

@@ -11,7 +11,7 @@ import numpy as np
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import Cleaned, Kinds, clean, cut_event
 from insnav.input.interpret.columns import Found
-from insnav.input.interpret.physics import judge_time
+from insnav.input.interpret.physics import find_time_unit
 from insnav.input.interpret.schema import ALL_UNITS
 from insnav.input.readers.reading import Reading, ReadingFacts
 from insnav.types import BoolArray, FloatArray, IntArray, Sampling, Stamp
@@ -48,13 +48,7 @@ class Rows:
     time_evidence: str
 
     def clean(self, bad: BoolArray | None = None, action: str = "not a finite number") -> Cleaned:
-        """Rows in order without the bad ones ``(n,)``: by default those with a value that is not finite.
-
-        Raises
-        ------
-        InputError
-            See `insnav.input.interpret.clean.clean`.
-        """
+        """Rows in order without the bad ones ``(n,)``: by default those with a value that is not finite."""
         if bad is None:
             bad = np.asarray(~np.isfinite(np.column_stack(list(self.columns.values()))).all(axis=1), dtype=np.bool_)
         return clean(self.columns, bad, self.kinds, place=self.table.place, name=self.table.name, bad_action=action)
@@ -111,20 +105,8 @@ def read_rows(
 ) -> Rows:
     """Read columns, the time in seconds.
 
-    Parameters
-    ----------
-    table : Table
-        The file.
-    found : mapping of str to Found
-        Its columns.
-    keys : sequence of str
-        Which of them to read.
-    kinds : Kinds
-        What sort of rows it has.
-    slowest : float
-        No such file has longer steps of time [s].
-    time_unit : str, optional
-        Given by the user; default: by the header, else by the steps.
+    `slowest` is the longest step of time that such a file has [s]; the unit of the time is that of the user, else of
+    the header, else found by the steps.
 
     Raises
     ------
@@ -136,6 +118,6 @@ def read_rows(
     unit, evidence = "s", ""
     if "time" in columns and numbers.n_rows > 1:
         stated = time_unit or found["time"].unit
-        unit, evidence = judge_time(columns["time"], stated, slowest=slowest, where=table.name)
+        unit, evidence = find_time_unit(columns["time"], stated, slowest=slowest, where=table.name)
         columns["time"] = columns["time"] * ALL_UNITS[unit][1]
     return Rows(table, kinds, columns, numbers.n_rows, numbers.cut, unit, evidence)
