@@ -244,7 +244,7 @@ def _replica(source: Path) -> dict[str, Any]:
     """Motion of a recorded track: the smoothed solution of a run folder, or its solution, or a file."""
     from insnav.exceptions import InputError
     from insnav.input import read_reference
-    from insnav.simulate.truth_from_track import apart, truth_from_track
+    from insnav.simulate.truth_from_track import track_residual, truth_from_track
 
     track = source
     if source.is_dir():
@@ -265,7 +265,7 @@ def _replica(source: Path) -> dict[str, Any]:
         "name": f"replica of {source.name or source.resolve().name}",
         "purpose": "",
         "source": {"track": str(track), "track_sha256": reading.facts.sha256},
-        "residual": apart(truth, reading.data),
+        "residual": track_residual(truth, reading.data),
         "profile": "",
         "truth": truth,
     }
@@ -273,7 +273,7 @@ def _replica(source: Path) -> dict[str, Any]:
 
 def _one(folder: RunFolder, plan: Plan, warming: tuple[float, float] | None, stage: Stages) -> tuple[Path, Page]:
     from insnav.report.simulation.page import write_recording
-    from insnav.simulate.recording import perfect_imu, simulate_recording, warmed
+    from insnav.simulate.recording import perfect_imu, simulate_recording, temperature_ramp
 
     perfect = perfect_imu(plan.truth, plan.rate, plan.sampling)
     made = simulate_recording(
@@ -282,7 +282,7 @@ def _one(folder: RunFolder, plan: Plan, warming: tuple[float, float] | None, sta
         plan.gps,
         plan.seed,
         faults=plan.faults,
-        temperature=warmed(perfect, warming),
+        temperature=temperature_ramp(perfect, warming),
         perfect=perfect,
     )
     stage("writing")
@@ -307,7 +307,7 @@ def _many(
     from insnav.report.simulation.page import plan_key
     from insnav.simulate.checkpoint import Checkpoint
     from insnav.simulate.montecarlo import monte_carlo
-    from insnav.simulate.recording import perfect_imu, warmed
+    from insnav.simulate.recording import perfect_imu, temperature_ramp
 
     assert plan.imu is not None
     assert plan.gps is not None
@@ -316,7 +316,7 @@ def _many(
     if not resume:
         checkpoint.remove()
     perfect = perfect_imu(plan.truth, plan.rate, plan.sampling)
-    task = navigated_recording(plan.truth, plan.imu, plan.gps, perfect, plan.faults, warmed(perfect, warming))
+    task = navigated_recording(plan.truth, plan.imu, plan.gps, perfect, plan.faults, temperature_ramp(perfect, warming))
     try:
         done = monte_carlo(
             task,

@@ -1,4 +1,4 @@
-"""Files in: recordings are read here, and what was understood is kept as data beside them."""
+"""Files in: recordings are read, and how they were understood is kept as data."""
 
 from __future__ import annotations
 

@@ -4,12 +4,12 @@ A fault is written ``VERB[:SIZE][@TIME[+LENGTH]]``, times in seconds after the f
 
 ==================================  ==================================================================
 ``gps-spike:60m@120s``              one fix off by so much, to the north-east
-``gps-jump:60m@120s+8s``            all fixes off for a while (multipath); without length for good
+``gps-jump:60m@120s+8s``            all fixes off for a while (multipath); without length to the end
 ``gps-drag:1m/s@120s+60s``          fixes dragged off, ever farther, then left there
 ``gps-outage@120s+30s``             no fixes
 ``gps-flap:50m@120s+60s``           four fixes of five off by so much
-``gps-latency:0.3s``                fixes stamped late
-``gps-sd:0.1``                      fixes that claim so many times their standard deviation
+``gps-latency:0.3s``                fixes timestamped late
+``gps-sd:0.1``                      reported standard deviations multiplied
 ``gps-duplicate@120s``              a fix twice, the second one elsewhere
 ``gps-shuffle@120s+10s``            fixes of these seconds in reverse order
 ``imu-gap@120s+0.5s``               samples missing
@@ -58,7 +58,7 @@ class Fault:
     begin : float
         When it begins, after the first sample [s].
     length : float
-        How long it lasts [s]; infinite if not said.
+        How long it lasts [s]; infinite if not given.
     """
 
     verb: str
@@ -153,7 +153,7 @@ def gps_flap(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
 
 
 def gps_latency(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
-    """Stamp the fixes late by `size` [s]."""
+    """Timestamp the fixes late by `size` [s]."""
     return replace(gps, time=gps.time + float(size))
 
 

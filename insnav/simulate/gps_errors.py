@@ -1,4 +1,4 @@
-"""Errors of satellite receivers: noise that is white and that lasts, multipath, outages, latency, float solutions."""
+"""Errors of satellite receivers: white and time-correlated noise, multipath, outages, latency, float solutions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class GpsErrors:
-    """How far the fixes of a receiver are off.
+    """Sizes of the errors of fixes.
 
     Attributes
     ----------
@@ -44,8 +44,8 @@ class GpsErrors:
 
 
 @dataclass(frozen=True, slots=True)
-class Now:
-    """Something that happens now and then: exponential times between, exponential lengths (a Poisson process).
+class RandomSpells:
+    """Spells that come at random: exponential times between them and exponential lengths (a Poisson process).
 
     Attributes
     ----------
@@ -75,21 +75,21 @@ class GpsSpec:
     velocities : bool
         Whether it gives velocities.
     latency, jitter : float
-        How much later than valid a fix is stamped: on average, and its standard deviation [s].
+        How much later than valid the timestamp of a fix is: on average, and its standard deviation [s].
     fix : int
-        Fix type it says (1 fixed, 2 float, 4 DGPS, 5 single).
-    multipath, multipath_size : Now or None, float
-        Jumps of the position, and their standard deviation on each axis [m]. The stated deviations do not tell.
-    degraded, degraded_noise : Now or None, float
-        Times of a worse kind of fix (an RTK float solution), type 2, and their white error on each axis [m]. Told.
+        Fix type it reports (1 fixed, 2 float, 4 DGPS, 5 single).
+    multipath, multipath_size : RandomSpells or None, float
+        Jumps of the position, and their standard deviation on each axis [m], which is not reported.
+    degraded, degraded_noise : RandomSpells or None, float
+        Times of a worse kind of fix (an RTK float solution), type 2, and their white error on each axis [m], reported.
     outages : tuple of (float, float)
         Begin, since the start of the motion, and length of outages [s].
     outage_period : (float, float) or None
         Period of regular outages, and the length of each, at the end of the period [s].
-    outage : Now or None
+    outage : RandomSpells or None
         Random outages.
     stated : float
-        Standard deviations stated, by the true ones.
+        Reported standard deviations over the true ones.
     source : str
         Where the figures come from.
     """
@@ -102,13 +102,13 @@ class GpsSpec:
     latency: float = 0.0
     jitter: float = 0.0
     fix: int = 5
-    multipath: Now | None = None
+    multipath: RandomSpells | None = None
     multipath_size: float = 0.0
-    degraded: Now | None = None
+    degraded: RandomSpells | None = None
     degraded_noise: float = 0.0
     outages: tuple[tuple[float, float], ...] = ()
     outage_period: tuple[float, float] | None = None
-    outage: Now | None = None
+    outage: RandomSpells | None = None
     stated: float = 1.0
     source: str = ""
 
@@ -126,12 +126,12 @@ def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
     """
     kept, jumps, floats, times, white = np.random.SeedSequence(seed).spawn(5)
     count = int(np.floor(truth.duration * spec.rate * (1.0 + 1e-12)))
-    # a stamp is never earlier than the first instant that can be measured
-    stamp: FloatArray = truth.start + np.arange(1.0, count + 1.0) / spec.rate
+    # a timestamp is never earlier than the first instant that can be measured
+    time: FloatArray = truth.start + np.arange(1.0, count + 1.0) / spec.rate
     late = spec.latency + spec.jitter * np.random.default_rng(times).standard_normal(count)
-    valid = np.sort(stamp - late)  # jitter may be longer than the time between fixes
+    valid = np.sort(time - late)  # jitter may be longer than the time between fixes
     inside = (valid >= truth.start) & (valid <= truth.start + truth.duration)
-    inside &= ~_outages(spec, stamp, truth, np.random.default_rng(kept))
+    inside &= ~_outages(spec, time, truth, np.random.default_rng(kept))
     if not inside.any():
         raise ConfigError(
             "the motion has no fix",
@@ -141,17 +141,17 @@ def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
         )
     # errors go on while there are no fixes
     gps = gps_from_truth(truth, np.clip(valid, truth.start, truth.start + truth.duration), np.asarray(spec.lever_b))
-    gps = corrupt_gps(replace(gps, time=stamp), spec.errors, white.generate_state(4).tolist())
+    gps = corrupt_gps(replace(gps, time=time), spec.errors, white.generate_state(4).tolist())
     position_sd = gps.position_sd.copy()
     error = np.zeros_like(gps.lla)
-    fix = np.full(len(stamp), spec.fix, dtype=np.int64)
+    fix = np.full(len(time), spec.fix, dtype=np.int64)
     if spec.multipath is not None:
         rng = np.random.default_rng(jumps)
         for begin, end in _spells(spec.multipath, truth, rng):
-            error[(stamp >= begin) & (stamp < end)] += spec.multipath_size * rng.standard_normal(3)
+            error[(time >= begin) & (time < end)] += spec.multipath_size * rng.standard_normal(3)
     if spec.degraded is not None:
         rng = np.random.default_rng(floats)
-        worse = _within(stamp, _spells(spec.degraded, truth, rng))
+        worse = _within(time, _spells(spec.degraded, truth, rng))
         error[worse] += spec.degraded_noise * rng.standard_normal((int(worse.sum()), 3))
         position_sd[worse] = np.hypot(position_sd[worse], spec.degraded_noise)
         fix[worse] = 2
@@ -179,7 +179,7 @@ def _outages(spec: GpsSpec, time: FloatArray, truth: Truth, rng: np.random.Gener
     return dark
 
 
-def _spells(when: Now, truth: Truth, rng: np.random.Generator) -> list[tuple[float, float]]:
+def _spells(when: RandomSpells, truth: Truth, rng: np.random.Generator) -> list[tuple[float, float]]:
     """Begin and end of each."""
     spells: list[tuple[float, float]] = []
     time = truth.start

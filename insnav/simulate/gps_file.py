@@ -41,7 +41,7 @@ import tomli_w
 from pydantic import Field, PlainValidator, model_validator
 
 from insnav.config_file import Axes, Table, axes, preset_or_file, quantity, read_toml, scalar, validate, wrong
-from insnav.simulate.gps_errors import GpsErrors, GpsSpec, Now
+from insnav.simulate.gps_errors import GpsErrors, GpsSpec, RandomSpells
 
 _FOLDER = Path(__file__).parent / "receivers"
 PRESETS = ("single", "dgps", "rtk", "urban")
@@ -171,13 +171,13 @@ def load_gps(preset_or_path: str) -> GpsSpec:
         file.latency,
         file.jitter,
         file.fix,
-        None if multipath is None else Now(multipath.every, multipath.length),
+        None if multipath is None else RandomSpells(multipath.every, multipath.length),
         0.0 if multipath is None else multipath.size,
-        None if degraded is None else Now(degraded.every, degraded.length),
+        None if degraded is None else RandomSpells(degraded.every, degraded.length),
         0.0 if degraded is None else degraded.white,
         outage.list,
         outage.period,
-        None if outage.every is None or outage.length is None else Now(outage.every, outage.length),
+        None if outage.every is None or outage.length is None else RandomSpells(outage.every, outage.length),
         file.stated,
         file.source.strip(),
     )
@@ -228,7 +228,7 @@ def to_toml(spec: GpsSpec) -> str:
     return tomli_w.dumps(content)
 
 
-def _now(when: Now) -> dict[str, str]:
+def _now(when: RandomSpells) -> dict[str, str]:
     return {"every": _text(when.every, "s"), "length": _text(when.length, "s")}
 
 

@@ -1,4 +1,4 @@
-"""Errors of inertial sensors: a specimen drawn from a specification, its drift, noise, resolution, range and clock."""
+"""Errors of inertial sensors: a realisation of a specification, with its drift, noise, resolution, range and clock."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def corrupt_imu(
     """Draw an IMU from a specification and let it measure.
 
     Constant errors come first (`insnav.imu.corrupt`), then in-run bias, white noise, quantisation, range, rounding,
-    time stamps. Every source has a stream of random numbers of its own: switching one on does not change the others.
+    timestamps. Every source has a stream of random numbers of its own: switching one on does not change the others.
 
     Parameters
     ----------
@@ -76,8 +76,8 @@ def corrupt_imu(
         Fewer than two samples, or terms that depend on the temperature without one.
     """
     constant, gyro_seed, accel_seed, gyro_flicker, accel_flicker, clock = np.random.SeedSequence(seed).spawn(6)
-    drawn = np.random.default_rng(constant)
-    errors = draw_errors(spec, drawn)
+    constants = np.random.default_rng(constant)
+    errors = draw_errors(spec, constants)
     if temperature is not None:
         imu = replace(imu, temperature=np.asarray(temperature, dtype=np.float64))
     wrong = corrupt(imu, errors)
@@ -87,7 +87,7 @@ def corrupt_imu(
     # The noise of an instant is taken to be that of the mean: a sensor's bandwidth is about its rate.
     span = dt if imu.sampling == "increment" else 1.0
     since = (imu.time - imu.time[0])[:, None]
-    ramps = drawn.standard_normal((2, 3)) * [spec.gyro.rate_ramp, spec.accel.rate_ramp]
+    ramps = constants.standard_normal((2, 3)) * [spec.gyro.rate_ramp, spec.accel.rate_ramp]
     gyro_drift += since * ramps[0] + flicker(gyro_flicker, imu.time, spec.gyro.flicker)
     accel_drift += since * ramps[1] + flicker(accel_flicker, imu.time, spec.accel.flicker)
     if np.any(spec.gyro.vibration_rectification) or np.any(spec.accel.vibration_rectification):
@@ -96,16 +96,16 @@ def corrupt_imu(
         accel_drift += spec.accel.vibration_rectification * shaking
     gyro = wrong.gyro + (gyro_drift + gyro_noise) * span
     accel = wrong.accel + (accel_drift + accel_noise) * span
-    gyro, accel = shown(gyro, spec.gyro, dt, span), shown(accel, spec.accel, dt, span)
+    gyro, accel = quantised(gyro, spec.gyro, dt, span), quantised(accel, spec.accel, dt, span)
     wrong = replace(wrong, gyro=to_steps(gyro, gyro_step), accel=to_steps(accel, accel_step))
     gyro_bias, accel_bias = errors.gyro_bias + gyro_drift, errors.accel_bias + accel_drift
     if spec.clock == ClockSpec():
         return ImuSimulation(wrong, errors, gyro_bias, accel_bias)
-    stamped, kept = stamp(wrong, spec.clock, np.random.default_rng(clock))
-    return ImuSimulation(stamped, errors, gyro_bias[kept], accel_bias[kept])
+    imu, kept = timestamped(wrong, spec.clock, np.random.default_rng(clock))
+    return ImuSimulation(imu, errors, gyro_bias[kept], accel_bias[kept])
 
 
-def shown(values: FloatArray, sensor: SensorSpec, dt: FloatArray, span: FloatArray | float) -> FloatArray:
+def quantised(values: FloatArray, sensor: SensorSpec, dt: FloatArray, span: FloatArray | float) -> FloatArray:
     """What is left of samples ``(n, 3)`` by quantisation of their integral, the end of the range, and resolution.
 
     `dt` ``(n, 1)`` are the intervals [s]; `span` is what makes a rate a sample: the intervals for increments, else 1.
@@ -176,7 +176,7 @@ def local_variance(force: FloatArray, dt: float) -> FloatArray:
     return np.asarray(np.maximum(square - mean * mean, 0.0))
 
 
-def stamp(imu: ImuData, clock: ClockSpec, rng: np.random.Generator) -> tuple[ImuData, BoolArray]:
+def timestamped(imu: ImuData, clock: ClockSpec, rng: np.random.Generator) -> tuple[ImuData, BoolArray]:
     """Give samples the times of a clock with errors, and lose some; also which ``(n,)`` are kept.
 
     Jitter beyond 0.4 of an interval is cut there, so that the order stays.

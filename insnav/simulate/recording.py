@@ -1,4 +1,4 @@
-"""One simulated recording: what an IMU and a receiver, drawn from their specifications, make of an exact motion."""
+"""One simulated recording: what an IMU and a receiver, sampled from their specifications, make of an exact motion."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Recording:
         Fixes with errors and faults.
     reference : Trajectory
         Exact motion of the IMU at `REFERENCE_RATE`.
-    specimen : ImuSimulation or None
-        The IMU that was drawn, and its errors, before faults; None if it has none.
+    realisation : ImuSimulation or None
+        The IMU realisation and its errors, before faults; None if it has none.
     lever_b : (3,) array
         Antenna seen from the IMU, body axes [m].
     """
@@ -48,7 +48,7 @@ class Recording:
     imu: ImuData
     gps: GpsData
     reference: Trajectory
-    specimen: ImuSimulation | None
+    realisation: ImuSimulation | None
     lever_b: FloatArray
 
 
@@ -64,7 +64,7 @@ def simulate_recording(
     temperature: FloatArray | None = None,
     perfect: ImuData | None = None,
 ) -> Recording:
-    """Measure a motion with sensors drawn at random.
+    """Measure a motion with sensors sampled from their specifications.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def simulate_recording(
     imu_spec, gps_spec : ImuSpec, GpsSpec or None
         How good the sensors are; None for one without errors.
     seed : int
-        The same seed gives the same recording; other seeds other specimens and other noise.
+        The same seed gives the same recording; other seeds other sensor realisations and other noise.
     rate : float
         Of the IMU [Hz].
     sampling : {"mean", "instant", "increment"}
@@ -95,10 +95,10 @@ def simulate_recording(
         A rate that makes no sense, or a motion shorter than two samples.
     """
     samples = perfect if perfect is not None else perfect_imu(truth, rate, sampling)
-    specimen = None
+    realisation = None
     if imu_spec is not None:
-        specimen = corrupt_imu(samples, imu_spec, (seed, _IMU_STREAM), temperature=temperature)
-        samples = specimen.imu
+        realisation = corrupt_imu(samples, imu_spec, (seed, _IMU_STREAM), temperature=temperature)
+        samples = realisation.imu
     if gps_spec is not None:
         fixes, lever_b = receiver.measure_gps(truth, gps_spec, (seed, _GPS_STREAM)), np.asarray(gps_spec.lever_b)
     else:
@@ -115,7 +115,7 @@ def simulate_recording(
                 "it acts on may not be measured then",
                 fix="choose a time within the motion",
             )
-    return Recording(samples, fixes, reference(truth, times(truth, REFERENCE_RATE)), specimen, lever_b)
+    return Recording(samples, fixes, reference(truth, times(truth, REFERENCE_RATE)), realisation, lever_b)
 
 
 def _same(one: ImuData | GpsData, other: ImuData | GpsData) -> bool:
@@ -141,7 +141,7 @@ def perfect_imu(truth: Truth, rate: float = 100.0, sampling: Sampling = "mean") 
     return imu_from_truth(truth, edges, sampling)
 
 
-def warmed(imu: ImuData, ends: tuple[float, float] | None) -> FloatArray | None:
+def temperature_ramp(imu: ImuData, ends: tuple[float, float] | None) -> FloatArray | None:
     """Temperature at each sample ``(n,)`` [deg C], linear between the first and the last one; None without `ends`."""
     return None if ends is None else np.linspace(*ends, len(imu.time))
 

@@ -95,7 +95,7 @@ class Truth(ABC):
     def elapsed(self, time: FloatArray) -> FloatArray:
         """Time since `start` ``(n,)`` [s]; a time outside the motion is refused."""
         tau: FloatArray = np.asarray(time, dtype=np.float64) - self.start
-        slack = 4.0 * np.spacing(abs(self.start) + self.duration)  # stamps such as k * 0.01 round to either side
+        slack = 4.0 * np.spacing(abs(self.start) + self.duration)  # times such as k * 0.01 round to either side
         if tau.size and not (tau.min() >= -slack and tau.max() <= self.duration + slack):
             raise ConfigError(
                 "times outside the motion were asked for",

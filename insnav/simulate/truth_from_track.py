@@ -1,4 +1,4 @@
-"""From a recorded track to an exact motion: the simulated twin of a drive.
+"""From a recorded track to an exact motion: the simulated replica of a drive.
 
 Splines are fitted to position and velocity together, and to attitude. What is faster than their knots, vibration above
 all, is not in them; what they make of the rest is an exact motion close to the recorded one.
@@ -29,7 +29,7 @@ _MOVING = 1.0  # speed from which on the course is the heading [m/s]
 _PASSES = 5
 _FAR = 3.0  # standard deviations at which a row has half its weight
 _FEWEST = 20
-_FAR_OFF = 1.0  # root mean square of position from which on a twin is doubted [m]
+_FAR_OFF = 1.0  # root mean square of position from which on a replica is doubted [m]
 _WILD = 10.0  # acceleration over ground from which on it is [m/s^2]
 _LONG_GAP = 3.0  # and time without a row [s]
 _GAP = 1.0  # time without a row that is bridged [s]
@@ -64,10 +64,12 @@ def truth_from_track(track: Trajectory) -> LevelTruth:
     """
     if len(track.time) < _FEWEST:
         raise InputError(
-            "the track is too short for a twin", why=f"it has {len(track.time)} rows", fix=f"{_FEWEST} are needed"
+            "the track is too short for a simulated replica",
+            why=f"it has {len(track.time)} rows",
+            fix=f"{_FEWEST} are needed",
         )
     if np.abs(track.lla[:, 0]).max() > _HIGHEST_LATITUDE:
-        raise InputError("the track is within 5 deg of a pole", fix="make a twin of a track at lower latitudes")
+        raise InputError("the track is within 5 deg of a pole", fix="use a track at lower latitudes")
     rph = _attitude(track)
     track, rph = _bridged(track, rph)
     if np.abs(rph[:, 1]).max() > _STEEPEST:
@@ -128,24 +130,24 @@ class Residual:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why the motion may be no twin of what was driven."""
+        """Why the motion may not be a replica of what was driven."""
         found = []
         if not self.position <= _FAR_OFF:
             found.append(
-                f"the twin is {self.position:.2f} m RMS from the track, {self.farthest:.1f} m at "
+                f"the simulated replica is {self.position:.2f} m RMS from the track, {self.farthest:.1f} m at "
                 f"{self.farthest_time:.1f} s: the track has jumps, or was too sparse"
             )
         if not self.acceleration <= _WILD:
             found.append(
-                f"the twin accelerates with {self.acceleration:.0f} m/s^2 at {self.acceleration_time:.1f} s, more than "
-                "a vehicle on wheels can: the track is rough there"
+                f"the simulated replica accelerates with {self.acceleration:.0f} m/s^2 at "
+                f"{self.acceleration_time:.1f} s, more than a road vehicle can: the track is rough there"
             )
         if not self.gap <= _LONG_GAP:
             found.append(f"the track has no row for {self.gap:.1f} s from {self.gap_time:.1f} s on: a guessed way")
         return tuple(found)
 
 
-def apart(truth: Truth, track: Trajectory) -> Residual:
+def track_residual(truth: Truth, track: Trajectory) -> Residual:
     """Compare a motion with the track it was made of."""
     at = truth.evaluate(track.time)
     off = np.linalg.norm(ned_offset(track.lla, at.lla), axis=1)
@@ -196,21 +198,21 @@ def _fitted(
         change = csr_array(diags_array([-ends, ends], offsets=[0, 1], shape=(count - 1, count)))
         lower = csr_array(BSpline.design_matrix(t[known], knots[1:-1], _DEGREE - 1))
         rows.append((csr_array(lower @ change), slopes[known], _VELOCITY_SD))
-    weights = [np.full(len(told), 1.0 / sd**2) for _, told, sd in rows]
+    weights = [np.full(len(known_values), 1.0 / sd**2) for _, known_values, sd in rows]
     found: FloatArray = np.zeros(count)
     for _ in range(_PASSES):
         normal = csr_array(_STIFFNESS / _POSITION_SD**2 * (third.T @ third))
         right = np.zeros(count)
-        for (matrix, told, _), weight in zip(rows, weights, strict=True):
+        for (matrix, known_values, _), weight in zip(rows, weights, strict=True):
             weighed = csr_array(matrix.T @ diags_array(weight))
             normal = csr_array(normal + weighed @ matrix)
-            right += weighed @ told
+            right += weighed @ known_values
         bands = np.zeros((_DEGREE + 1, count))
         for k in range(_DEGREE + 1):
             bands[_DEGREE - k, k:] = normal.diagonal(k)
         found = np.asarray(solveh_banded(bands, right))
-        for i, (matrix, told, least) in enumerate(rows):
-            off = told - matrix @ found
+        for i, (matrix, known_values, least) in enumerate(rows):
+            off = known_values - matrix @ found
             sd = max(least, 1.4826 * float(np.median(np.abs(off))))
             weights[i] = 1.0 / (sd**2 + (off / _FAR) ** 2)
     return found
@@ -233,12 +235,12 @@ def _attitude(track: Trajectory) -> FloatArray:
         moving = over_ground > _MOVING
         rph[~known, 0] = 0.0
         rph[~known, 1] = np.where(moving, np.arctan2(-v_down, np.maximum(over_ground, _MOVING)), 0.0)[~known]
-        told = known | moving
-        if not told.any():
+        known_values = known | moving
+        if not known_values.any():
             rph[:, 2] = 0.0
         else:
             course = np.where(known, rph[:, 2], np.arctan2(v_east, v_north))
-            rph[:, 2] = np.interp(track.time, track.time[told], np.unwrap(course[told]))
+            rph[:, 2] = np.interp(track.time, track.time[known_values], np.unwrap(course[known_values]))
     rph[:, 2] = np.unwrap(rph[:, 2])
     return rph
 

@@ -122,8 +122,8 @@ def test_a_limit_on_the_error_decides_the_exit_code(drive: Path, cli: Cli):
     ("options", "kind", "words"),
     [
         ((), "ellipsoidal", "(assumed; else --gps-height msl)"),
-        (("--gps-height", "msl"), "msl", "(as told)"),
-        (("--gps-height", "ellipsoidal"), "ellipsoidal", "(as told)"),
+        (("--gps-height", "msl"), "msl", "(as given)"),
+        (("--gps-height", "ellipsoidal"), "ellipsoidal", "(as given)"),
     ],
 )
 def test_what_heights_are_is_passed_on(drive: Path, cli: Cli, options: tuple[str, ...], kind: str, words: str):

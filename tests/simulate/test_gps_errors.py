@@ -11,7 +11,7 @@ import pytest
 from insnav.earth import ned_offset
 from insnav.exceptions import ConfigError
 from insnav.simulate import GpsErrors, gps_from_truth, straight
-from insnav.simulate.gps_errors import GpsSpec, Now, measure_gps
+from insnav.simulate.gps_errors import GpsSpec, RandomSpells, measure_gps
 from insnav.simulate.gps_file import PRESETS, load_gps, to_toml
 from insnav.types import GpsData
 from tests.simulate.motions import PLACE, town
@@ -95,7 +95,7 @@ def test_regular_outages_end_each_period():
 
 
 def test_random_outages_have_their_mean_length_and_distance():
-    time = measure_gps(STILL, spec(outage=Now(every=100.0, length=12.0)), 2).time
+    time = measure_gps(STILL, spec(outage=RandomSpells(every=100.0, length=12.0)), 2).time
     missing = np.isin(np.arange(1.0, 20_001.0), time.round(9), invert=True)
     dark = runs(missing)
     share = 12.0 / 112.0  # of a process that is off for 12 s and on for 100 s
@@ -105,7 +105,7 @@ def test_random_outages_have_their_mean_length_and_distance():
 
 
 def test_multipath_jumps_stay_for_their_length_and_are_not_told():
-    gps = measure_gps(STILL, spec(multipath=Now(every=60.0, length=8.0), multipath_size=8.0), 2)
+    gps = measure_gps(STILL, spec(multipath=RandomSpells(every=60.0, length=8.0), multipath_size=8.0), 2)
     error = off(gps)
     jumped = np.abs(error[:, 0]) > 1e-3
     spells = runs(jumped)
@@ -119,7 +119,7 @@ def test_multipath_jumps_stay_for_their_length_and_are_not_told():
 
 
 def test_a_float_solution_is_worse_and_says_so():
-    gps = measure_gps(STILL, spec(fix=1, degraded=Now(every=50.0, length=10.0), degraded_noise=0.3), 2)
+    gps = measure_gps(STILL, spec(fix=1, degraded=RandomSpells(every=50.0, length=10.0), degraded_noise=0.3), 2)
     error, worse = off(gps), gps.fix == 2
     assert set(np.unique(gps.fix)) == {1, 2}
     assert worse.mean() == pytest.approx(10.0 / 60.0, rel=0.25)
@@ -132,12 +132,12 @@ def test_a_float_solution_is_worse_and_says_so():
 def test_one_kind_of_error_does_not_change_another():
     errors = GpsErrors((1.0, 1.0, 2.0), (1.0, 1.0, 2.0))
     plain = measure_gps(STILL, spec(errors=errors), 7)
-    dark = measure_gps(STILL, spec(errors=errors, outage=Now(100.0, 20.0)), 7)
+    dark = measure_gps(STILL, spec(errors=errors, outage=RandomSpells(100.0, 20.0)), 7)
     both = np.isin(plain.time, dark.time)
     assert 0.5 < both.mean() < 0.95
     np.testing.assert_array_equal(plain.lla[both], dark.lla)
     np.testing.assert_array_equal(plain.v_n[both], dark.v_n)
-    jumpy = measure_gps(STILL, spec(errors=errors, multipath=Now(60.0, 8.0), multipath_size=8.0), 7)
+    jumpy = measure_gps(STILL, spec(errors=errors, multipath=RandomSpells(60.0, 8.0), multipath_size=8.0), 7)
     same = np.abs(off(jumpy) - off(plain)).max(axis=1) < 1e-6
     assert same.mean() == pytest.approx(1.0 - 8.0 / 68.0, abs=0.03)
     again, other = (measure_gps(STILL, spec(errors=errors), seed) for seed in (7, 8))
@@ -197,13 +197,13 @@ def test_every_key_is_read_in_si_and_written_back_exactly(tmp_path: Path):
         latency=0.1,
         jitter=0.005,
         fix=4,
-        multipath=Now(60.0, 8.0),
+        multipath=RandomSpells(60.0, 8.0),
         multipath_size=7.0,
-        degraded=Now(200.0, 10.0),
+        degraded=RandomSpells(200.0, 10.0),
         degraded_noise=0.3,
         outages=((120.0, 30.0), (240.0, 60.0)),
         outage_period=(300.0, 20.0),
-        outage=Now(150.0, 12.0),
+        outage=RandomSpells(150.0, 12.0),
         stated=0.5,
         source="its datasheet",
     )

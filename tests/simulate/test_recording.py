@@ -13,7 +13,7 @@ from insnav.imu import correct, load_imu
 from insnav.simulate.faults import parse_fault
 from insnav.simulate.gps_file import load_gps
 from insnav.simulate.ideal_sensors import imu_from_truth
-from insnav.simulate.recording import REFERENCE_RATE, perfect_imu, simulate_recording, times, warmed
+from insnav.simulate.recording import REFERENCE_RATE, perfect_imu, simulate_recording, temperature_ramp, times
 from tests.simulate.motions import town
 
 TRUTH = town(start=1000.0)
@@ -28,7 +28,7 @@ def test_ideal_sensors_tell_the_truth():
     at = TRUTH.evaluate(made.gps.time)
     assert np.abs(ned_offset(made.gps.lla, at.lla)).max() < 1e-6
     np.testing.assert_allclose(made.gps.v_n, at.v_n, atol=1e-9)
-    assert made.specimen is None
+    assert made.realisation is None
     assert not made.lever_b.any()
 
 
@@ -64,7 +64,7 @@ def test_what_was_measured_before_need_not_be_measured_again():
 def test_the_specimen_explains_the_samples():
     made = simulate_recording(TRUTH, IMU, None, 7, rate=20.0)
     exact = perfect_imu(TRUTH, 20.0)
-    repaired = correct(made.imu, made.specimen.errors)
+    repaired = correct(made.imu, made.realisation.errors)
     # what is left is noise and in-run bias: far below the turn-on bias of several sensor units
     assert np.abs(np.mean(repaired.accel - exact.accel, axis=0)).max() < 0.01
     assert np.abs(np.mean(made.imu.accel - exact.accel, axis=0)).max() > 0.01
@@ -82,12 +82,12 @@ def test_a_fault_spoils_only_its_time():
 
 def test_temperature_goes_evenly_from_start_to_end():
     perfect = perfect_imu(TRUTH, 20.0)
-    warm = warmed(perfect, (20.0, 50.0))
+    warm = temperature_ramp(perfect, (20.0, 50.0))
     np.testing.assert_allclose(warm[[0, -1]], [20.0, 50.0])
     np.testing.assert_allclose(np.diff(warm), 30.0 / (len(perfect.time) - 1))
     made = simulate_recording(TRUTH, IMU, None, 7, perfect=perfect, temperature=warm)
     np.testing.assert_array_equal(made.imu.temperature, warm)
-    assert warmed(perfect, None) is None
+    assert temperature_ramp(perfect, None) is None
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.1, 1e5, np.nan])

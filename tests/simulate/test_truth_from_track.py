@@ -1,4 +1,4 @@
-"""Twins of tracks: as close as the track is smooth, and doubted where it is not."""
+"""Simulated replicas of tracks: as close as the track is smooth, and doubted where it is not."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.exceptions import InputError
 from insnav.input import read_reference
 from insnav.simulate import Truth, circle, imu_from_truth, reference, straight
-from insnav.simulate.truth_from_track import apart, truth_from_track
+from insnav.simulate.truth_from_track import track_residual, truth_from_track
 from insnav.types import Trajectory
 from tests.shared import recorded
 from tests.simulate.motions import PLACE, town
@@ -30,10 +30,10 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.sum(values**2, axis=-1))))
 
 
-def differences(twin: Truth, original: Truth) -> tuple[float, float, float]:
+def differences(replica: Truth, original: Truth) -> tuple[float, float, float]:
     """RMS of position [m], velocity [m/s] and attitude [rad], between the rows too."""
     time = original.start + np.arange(1.0, original.duration - 1.0, 0.037)
-    a, b = twin.evaluate(time), original.evaluate(time)
+    a, b = replica.evaluate(time), original.evaluate(time)
     angle = (a.rph - b.rph + np.pi) % (2 * np.pi) - np.pi
     return rms(ned_offset(a.lla, b.lla)), rms(a.v_n - b.v_n), rms(angle)
 
@@ -48,15 +48,15 @@ def test_the_twin_of_a_smooth_track_is_the_motion_itself():
 
 @pytest.mark.parametrize("motion", [circle(PLACE, 10.0, -0.2, 60.0), straight(PLACE, 20.0, 6.2, 60.0, climb=1.0)])
 def test_heading_goes_on_over_north_and_a_twin_is_exact_in_itself(motion):
-    twin = truth_from_track(track_of(motion))
-    position, velocity, attitude = differences(twin, motion)
+    replica = truth_from_track(track_of(motion))
+    position, velocity, attitude = differences(replica, motion)
     assert position < 1e-3
     assert velocity < 1e-3
     assert attitude < 1e-4
     # what its sensors sum up is the change of its own velocity, whatever the fit is worth
-    imu = imu_from_truth(twin, np.array([10.0, 10.01]))
+    imu = imu_from_truth(replica, np.array([10.0, 10.01]))
     mean = imu.accel[0] / 0.01
-    np.testing.assert_allclose(mean, twin.evaluate(np.array([10.005])).f_b[0], atol=1e-4)
+    np.testing.assert_allclose(mean, replica.evaluate(np.array([10.005])).f_b[0], atol=1e-4)
 
 
 def test_noise_of_a_receiver_is_smoothed_and_its_outliers_lose():
@@ -74,13 +74,13 @@ def test_noise_of_a_receiver_is_smoothed_and_its_outliers_lose():
         position, velocity, _ = differences(truth_from_track(each), TOWN)
         assert position < most
         assert velocity < 0.08
-    residual = apart(truth_from_track(jumped), jumped)
+    residual = track_residual(truth_from_track(jumped), jumped)
     assert residual.farthest == pytest.approx(30.0, abs=0.5)
     assert residual.farthest_time == pytest.approx(track.time[201], abs=0.3)
-    assert residual.doubts[0].startswith("the twin is 2.")  # 30 m at three of 601 rows: 2.1 m RMS
-    clean = apart(truth_from_track(noisy), noisy)
+    assert residual.doubts[0].startswith("the simulated replica is 2.")  # 30 m at three of 601 rows: 2.1 m RMS
+    clean = track_residual(truth_from_track(noisy), noisy)
     (doubt,) = clean.doubts  # a car that turns at more than 1 g, as it does
-    assert "the twin accelerates with 11 m/s^2 at 1044.0 s" in doubt
+    assert "the simulated replica accelerates with 11 m/s^2 at 1044.0 s" in doubt
     hardest = np.linalg.norm(np.gradient(TOWN.evaluate(track.time).v_n, track.time, axis=0), axis=1).max()
     assert clean.acceleration == pytest.approx(hardest, abs=0.5)
 
@@ -88,8 +88,8 @@ def test_noise_of_a_receiver_is_smoothed_and_its_outliers_lose():
 def test_without_velocity_and_attitude_the_course_is_the_heading():
     track = track_of(TOWN, 5.0)
     bare = replace(track, v_n=np.full_like(track.v_n, UNKNOWN), rph=np.full_like(track.rph, UNKNOWN))
-    twin = truth_from_track(bare)
-    at, true = (each.evaluate(1000.0 + np.arange(35.0, 95.0)) for each in (twin, TOWN))
+    replica = truth_from_track(bare)
+    at, true = (each.evaluate(1000.0 + np.arange(35.0, 95.0)) for each in (replica, TOWN))
     assert rms(ned_offset(at.lla, true.lla)) < 0.02
     assert rms(at.v_n - true.v_n) < 0.05
     turn = (at.rph[:, 2] - true.rph[:, 2] + np.pi) % (2 * np.pi) - np.pi
@@ -97,7 +97,7 @@ def test_without_velocity_and_attitude_the_course_is_the_heading():
     assert np.abs(at.rph[:, 0]).max() == pytest.approx(0.0, abs=1e-9)
     climb = np.arctan2(-true.v_n[:, 2], np.hypot(*true.v_n[:, :2].T))
     np.testing.assert_allclose(at.rph[:, 1], climb, atol=0.01)
-    assert np.isnan(apart(twin, bare).velocity)
+    assert np.isnan(track_residual(replica, bare).velocity)
 
 
 def test_a_gap_is_bridged_and_doubted():
@@ -105,13 +105,13 @@ def test_a_gap_is_bridged_and_doubted():
     since = track.time - track.time[0]
     kept = (since < 40.0) | (since > 52.0)
     holed = Trajectory(track.time[kept], track.lla[kept], track.v_n[kept], track.rph[kept])
-    twin = truth_from_track(holed)
-    residual = apart(twin, holed)
+    replica = truth_from_track(holed)
+    residual = track_residual(replica, holed)
     assert residual.gap == pytest.approx(12.2)
     assert residual.gap_time == pytest.approx(1039.9)
     assert "no row for 12.2 s from 1039.9 s" in residual.doubts[-1]
     # it swings no farther than the rows on either side
-    inside = twin.evaluate(1040.0 + np.arange(0.0, 12.0, 0.1))
+    inside = replica.evaluate(1040.0 + np.arange(0.0, 12.0, 0.1))
     for values, rows in ((inside.lla, holed.lla), (inside.rph[:, :2], holed.rph[:, :2])):
         edges = rows[[np.sum(since < 40.0) - 1, np.sum(since < 40.0)]]
         room = 1e-3 * np.ptp(values, axis=0) + [1e-9, 1e-9, 1e-3][: values.shape[1]]
@@ -139,14 +139,14 @@ def test_what_has_no_twin_is_refused():
 
 def test_the_twin_of_a_recorded_drive_says_where_the_track_is_poor():
     track = read_reference(recorded("ixr_tsukishima_20210412") / "ref.csv").data
-    twin = truth_from_track(track)
-    residual = apart(twin, track)
+    replica = truth_from_track(track)
+    residual = track_residual(replica, track)
     print(residual)
     assert residual.position == pytest.approx(2.3, abs=0.2)  # jumps of the receiver between houses
     assert residual.gap == pytest.approx(15.6, abs=0.01)
     assert len(residual.doubts) == 3
-    time = twin.start + np.arange(0.0, twin.duration, 0.1)
-    at = twin.evaluate(time)
+    time = replica.start + np.arange(0.0, replica.duration, 0.1)
+    at = replica.evaluate(time)
     assert np.degrees(np.abs(at.rph[:, 1])).max() < 60.0
-    off = np.linalg.norm(ned_offset(track.lla, twin.evaluate(track.time).lla), axis=1)
+    off = np.linalg.norm(ned_offset(track.lla, replica.evaluate(track.time).lla), axis=1)
     assert np.median(off) < 0.1

@@ -29,7 +29,7 @@ from insnav.simulate.imu_errors import ImuSimulation, corrupt_imu, gauss_markov
 from insnav.simulate.montecarlo import Sample, monte_carlo
 from insnav.simulate.recording import perfect_imu
 from insnav.simulate.truth import LevelTruth, Truth
-from insnav.simulate.truth_from_track import Residual, apart, truth_from_track
+from insnav.simulate.truth_from_track import Residual, track_residual, truth_from_track
 from insnav.types import FloatArray, GpsData, Trajectory
 
 FEWEST = 3  # replicas that make a band
@@ -236,7 +236,7 @@ def replicas(
             fix=f"ask for {FEWEST} or more",
         )
     rms = runs.figures.reshape(n, len(windows), len(task.times), -1)
-    far = apart(task.truth, drive.run.smoothed.solution)
+    far = track_residual(task.truth, drive.run.smoothed.solution)
     return tuple(_among(each, rms[:, kind], task.times, far, failures) for kind, each in enumerate(windows))
 
 

@@ -157,7 +157,7 @@ def _time(data: Mapping[str, FloatArray], scale: str, rows: TextCells) -> tuple[
     week = np.floor((day[:1] + (second + leap)[:1] / 86_400.0) / 7.0)
     note = f"times are seconds of GPS week {week[0]:.0f}" if len(week) else ""
     if scale != "GPST" and len(week):
-        zone = f" and {_ZONES[scale] / 3600.0:.0f} h taken off" if _ZONES[scale] else ""
+        zone = f" and {_ZONES[scale] / 3600.0:.0f} h subtracted" if _ZONES[scale] else ""
         note += f": {scale} with {leap[0]:.0f} leap seconds added{zone}"
     return (day - 7.0 * week) * 86_400.0 + second + leap if len(week) else day, (note,)
 
@@ -183,15 +183,15 @@ def _earth_fixed(
         return position, np.eye(3)
     _refuse(~(size < _LONGEST_BASELINE), size, columns[0], "a baseline [m] too long for one plane", rows)
     reference = _REFERENCE.search(text)
-    told = [float(word) for word in re.findall(rb"[-+]?\d+\.?\d*", reference.group(1))] if reference else []
-    if len(told) != 3 or b"Moving" in text[: rows.dialect.offset]:
+    numbers = [float(word) for word in re.findall(rb"[-+]?\d+\.?\d*", reference.group(1))] if reference else []
+    if len(numbers) != 3 or b"Moving" in text[: rows.dialect.offset]:
         raise InputError(
             "the baselines have no fixed reference position",
             where=rows.name,
             why="a line such as % ref pos : 35.160873 139.613836 69.8901 is needed",
             fix="write the solution as lat/lon/height (out-solformat=llh)",
         )
-    lla = np.array([[told[0] * DEG, told[1] * DEG, told[2]]])
+    lla = np.array([[numbers[0] * DEG, numbers[1] * DEG, numbers[2]]])
     north_east_down = dcm_from_quat(quat_earth_from_level(lla))[0]
     to_earth = north_east_down @ np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     return earth_from_lla(lla) + position @ to_earth.T, to_earth

@@ -168,8 +168,8 @@ def understand(
             why="it is not clear which one is meant",
             fix="rename or remove one of them",
         )
-    told, silent = _told(headers, schema, columns or {}, where)
-    taken = {found.index for found in told.values()}
+    given, silent = _given(headers, schema, columns or {}, where)
+    taken = {found.index for found in given.values()}
     ranked: dict[str, list[tuple[int, Found]]] = {}
     for index, header in enumerate(headers):
         if not header or index in taken:
@@ -179,9 +179,9 @@ def understand(
         except InputError as error:
             error.where = f"{where}: column {header!r}"
             raise
-        if match is not None and match[0].key not in told and match[0].key not in silent:
+        if match is not None and match[0].key not in given and match[0].key not in silent:
             ranked.setdefault(match[0].key, []).append((match[2], Found(match[0], index, header, match[1])))
-    found = dict(told)
+    found = dict(given)
     notes: list[str] = []
     for key, candidates in ranked.items():
         candidates.sort(key=lambda item: (item[0], item[1].index))
@@ -198,11 +198,11 @@ def understand(
     return found, tuple(notes)
 
 
-def _told(
+def _given(
     headers: Sequence[str], schema: Sequence[Quantity], columns: Mapping[str, str], where: str
 ) -> tuple[dict[str, Found], set[str]]:
     """Columns that the user names, and keys that the user says are not there."""
-    told: dict[str, Found] = {}
+    given: dict[str, Found] = {}
     silent: set[str] = set()
     for name, header in columns.items():
         match = match_header(name, schema)
@@ -223,8 +223,8 @@ def _told(
                 why=f"{where} has: {_listed(headers)}",
                 fix=_did_you_mean(header, headers),
             )
-        told[quantity.key] = Found(quantity, list(headers).index(header), header, unit)
-    return told, silent
+        given[quantity.key] = Found(quantity, list(headers).index(header), header, unit)
+    return given, silent
 
 
 def require(

@@ -14,7 +14,7 @@ from insnav.types import FloatArray
 _GRAVITY = 9.8  # [m/s^2]; on Earth 9.76 .. 9.83
 _GRAVITY_TOLERANCE = 0.05
 _MIN_SHARE = 0.02  # of the quiet blocks that must show gravity
-_UNCALIBRATED = 0.2  # a sensor may be off by so much before it is calibrated
+_UNCALIBRATED = 0.2  # the error of a sensor may be so large before it is calibrated
 _MAX_RATE = 12.0  # no vehicle turns faster for long [rad/s]
 _MAX_SENSOR_RATE = 70.0  # and no usual sensor has more [rad/s]
 _MAX_TURN_RATIO = 4.0  # a lever arm or a swaying vehicle may falsify the comparison with gravity by so much
@@ -63,7 +63,9 @@ def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: f
     return Quiet(mean * scale, np.quantile(sample, 0.999, axis=0) * scale)
 
 
-def find_accel_unit(quiet: Quiet, stated: str | None, *, interval: float, increments: bool, where: str) -> tuple[str, str]:
+def find_accel_unit(
+    quiet: Quiet, stated: str | None, *, interval: float, increments: bool, where: str
+) -> tuple[str, str]:
     """Unit of the accelerometers, by gravity, and the evidence.
 
     `quiet` is of the record as in the file, divided by the interval [s] if it holds increments; `stated` is the unit in
@@ -95,7 +97,7 @@ def find_accel_unit(quiet: Quiet, stated: str | None, *, interval: float, increm
             text = f"accelerometers in {unit}: gravity in the quiet stretches is {gravity:.4g} m/s^2"
             off = gravity / _GRAVITY - 1.0
             if abs(off) > _GRAVITY_TOLERANCE:
-                text += f", {off:+.1%} off; are the sensors not calibrated?"
+                text += f", {off:+.1%} error; are the sensors uncalibrated?"
             return unit, text
     other = norms * interval if increments else norms / interval
     per_sample = np.mean(np.abs(other / _GRAVITY - 1.0) < _GRAVITY_TOLERANCE) > _MIN_SHARE
@@ -132,14 +134,14 @@ def turn_ratio(time: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[f
     step = -(-n // _MAX_GROUPS)
     t, w, f = (array[: 3 * n * width].reshape(n, 3, width, -1)[::step].mean(axis=2) for array in (time, gyro, accel))
     seen = (f[:, 2] - f[:, 0]) / (t[:, 2] - t[:, 0])
-    told = np.cross(f[:, 1], w[:, 1])
-    both, seen2, told2 = float(np.sum(seen * told)), float(np.sum(seen**2)), float(np.sum(told**2))
-    if told2 == 0.0 or seen2 == 0.0:
+    expected = np.cross(f[:, 1], w[:, 1])
+    both, seen2, expected2 = float(np.sum(seen * expected)), float(np.sum(seen**2)), float(np.sum(expected**2))
+    if expected2 == 0.0 or seen2 == 0.0:
         return 0.0, 0.0
-    correlation = both / math.sqrt(seen2 * told2)
+    correlation = both / math.sqrt(seen2 * expected2)
     if abs(correlation) < max(_MIN_CORRELATION, 4.0 / math.sqrt(seen.size)):  # chance makes 1 / sqrt(size)
         return 0.0, 0.0
-    return both / told2, correlation
+    return both / expected2, correlation
 
 
 def find_gyro_unit(
@@ -192,7 +194,7 @@ def check_axes(quiet: Quiet, axes: str | None, *, where: str) -> str:
     """
     norms = np.linalg.norm(quiet.mean, axis=1)[:, None]
     direction = np.mean(quiet.mean / np.where(norms > 0.0, norms, 1.0), axis=0)  # zeros: a sensor that was off
-    said = f"axes {axes} as told" if axes else "axes taken as FRD (forward, right, down)"
+    said = f"axes {axes} as given" if axes else "axes taken as FRD (forward, right, down)"
     reads = f"specific force at rest points along ({', '.join(f'{c:+.2f}' for c in direction)})"
     if direction[2] > _LEVEL:
         if axes is None:

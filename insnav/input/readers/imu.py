@@ -15,7 +15,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.clean import IMU_KINDS
 from insnav.input.interpret.columns import Found, find_unit, require, understand
-from insnav.input.interpret.physics import find_accel_unit, check_axes, find_gyro_unit, quiet_part, turn_ratio
+from insnav.input.interpret.physics import check_axes, find_accel_unit, find_gyro_unit, quiet_part, turn_ratio
 from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, Quantity
 from insnav.input.readers.raw_columns import SI_UNITS, from_outputs, raw_schema
 from insnav.input.readers.reading import Reading
@@ -73,22 +73,22 @@ def read_imu(
         An option cannot be meant as given.
     """
     matrix = axes_matrix(axes or "FRD")
-    told = parse_units(units)
+    given = parse_units(units)
     table = open_table(path, "imu")
     name = table.name
     scales = dict(raw_scales or {})
     schema = raw_schema(scales)
     found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)
-    increments = _choose(found, sampling, told, table, schema)
+    increments = _choose(found, sampling, given, table, schema)
     gyro_keys, accel_keys = (_ANGLES, _VELOCITIES) if increments else (_RATES, _FORCES)
     stated = {
-        "gyro": told.get("gyro") or _common_unit(found, gyro_keys, name),
-        "accel": told.get("accel") or _common_unit(found, accel_keys, name),
+        "gyro": given.get("gyro") or _common_unit(found, gyro_keys, name),
+        "accel": given.get("accel") or _common_unit(found, accel_keys, name),
     }
     extras = [key for key in ("temperature", "odometer", "baro") if key in found]
     keys = ["time", *gyro_keys, *accel_keys, *extras]
-    rows = read_rows(table, found, keys, IMU_KINDS, slowest=_SLOWEST, time_unit=told.get("time"))
-    raw_notes, raw_units = from_outputs(rows.columns, found, scales, told, increments=increments, where=name)
+    rows = read_rows(table, found, keys, IMU_KINDS, slowest=_SLOWEST, time_unit=given.get("time"))
+    raw_notes, raw_units = from_outputs(rows.columns, found, scales, given, increments=increments, where=name)
     stated |= {key: SI_UNITS[key] for key in scales}
     cleaned = rows.clean(_damaged(rows.columns, keys[:7], found, name))
     time = cleaned.columns["time"]
@@ -179,18 +179,18 @@ def _split(units: str) -> list[list[str]]:
 def _choose(
     found: dict[str, Found],
     sampling: Sampling | None,
-    told: dict[str, str],
+    given: dict[str, str],
     table: Table,
     schema: Sequence[Quantity],
 ) -> bool:
     """Whether to read increments; makes sure that all columns are there."""
-    dims = {ALL_UNITS[told[key]][0] for key in ("gyro", "accel") if key in told}
+    dims = {ALL_UNITS[given[key]][0] for key in ("gyro", "accel") if key in given}
     if sampling == "increment" or dims & {"angle", "velocity"}:
         if dims & {"rate", "acceleration"} or sampling in ("mean", "instant"):
             raise ConfigError(
                 "units and sampling do not fit each other",
                 where="imu-units",
-                why=f"{', '.join(f'{k}={u}' for k, u in told.items())}, sampling {sampling or 'not given'}",
+                why=f"{', '.join(f'{k}={u}' for k, u in given.items())}, sampling {sampling or 'not given'}",
                 fix="increments: gyro=rad,accel=m/s; rates: gyro=rad/s,accel=m/s^2, --imu-sampling mean",
             )
         # Columns with the plain names and no unit hold increments because the user says so.
@@ -289,7 +289,7 @@ def _in_body(columns: dict[str, FloatArray], keys: tuple[str, ...], matrix: Floa
 
 
 def _temperature(time: FloatArray, column: FloatArray | None) -> tuple[FloatArray | None, tuple[str, ...]]:
-    """Temperature without holes: it changes slowly, and loggers write it less often."""
+    """Temperature without gaps: it changes slowly, and loggers write it less often."""
     if column is None:
         return None, ()
     known = np.isfinite(column)
@@ -308,4 +308,4 @@ def _sampling_evidence(data: ImuData, sampling: Sampling | None, stamp: Stamp | 
         first += " (by the column names)" if data.sampling == "increment" else " (assumed; else --imu-sampling)"
     if data.sampling == "instant":
         return f"samples are {first}"
-    return f"samples are {first}, stamped at its {data.stamp}" + ("" if stamp else " (assumed; else --imu-stamp)")
+    return f"samples are {first}, timestamped at its {data.stamp}" + ("" if stamp else " (assumed; else --imu-stamp)")

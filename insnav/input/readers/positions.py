@@ -116,9 +116,9 @@ def _height(found: Mapping[str, Found], height: Height | None) -> tuple[str, str
     key = "height_msl" if above_sea else "height"
     kind = "msl" if above_sea or height == "msl" else "ellipsoidal"
     if kind == "ellipsoidal":
-        why = "as told" if height else "assumed; else --gps-height msl"
+        why = "as given" if height else "assumed; else --gps-height msl"
         return key, kind, f"heights are above the ellipsoid ({why})"
-    why = "as told" if height else "by the column's name"
+    why = "as given" if height else "by the column's name"
     return (
         key,
         kind,
@@ -184,15 +184,15 @@ def _angles(lla: FloatArray, v_n: FloatArray, cleaned: Cleaned, found: Mapping[s
     step = np.diff(lla[:, :2], axis=0) * [1.0, np.cos(lla[0, 0])] * _EARTH_RADIUS
     seen = float(np.median(np.linalg.norm(step, axis=1) / np.diff(cleaned.columns["time"])))
     speeds = np.linalg.norm(v_n[:, :2], axis=1)
-    told = float(np.median(speeds[np.isfinite(speeds)])) if np.isfinite(speeds).any() else 0.0
-    if told > max(_SLOW, _RADIANS_RATIO * seen):
+    stated_speed = float(np.median(speeds[np.isfinite(speeds)])) if np.isfinite(speeds).any() else 0.0
+    if stated_speed > max(_SLOW, _RADIANS_RATIO * seen):
         raise InputError(
             "the positions look like radians",
             where=name,
-            why=f"as degrees they move at {seen:.3g} m/s, but the velocity columns say {told:.3g} m/s",
+            why=f"as degrees they move at {seen:.3g} m/s, but the velocity columns say {stated_speed:.3g} m/s",
             fix="name the columns lat_rad and lon_rad, or lat_deg and lon_deg if they are degrees",
         )
-    if _SLOW < told < 2.0 * seen < 4.0 * told:
+    if _SLOW < stated_speed < 2.0 * seen < 4.0 * stated_speed:
         return f"positions in deg: they move at {seen:.3g} m/s, as the velocity columns say"
     return "positions in deg: assumed; all lie near (0, 0): if they are radians, name them lat_rad, lon_rad"
 

@@ -32,7 +32,7 @@ def from_outputs(
     columns: dict[str, FloatArray],
     found: Mapping[str, Found],
     scales: Mapping[str, RawScale],
-    told: Mapping[str, str],
+    given: Mapping[str, str],
     *,
     increments: bool,
     where: str,
@@ -55,11 +55,11 @@ def from_outputs(
     """
     notes, units = [], {}
     for triad, scale in scales.items():
-        if triad in told:
+        if triad in given:
             raise ConfigError(
                 f"the calibration is of {triad} outputs in {scale.unit}",
                 where="imu-units",
-                why=f"{told[triad]} was given",
+                why=f"{given[triad]} was given",
                 fix="leave the unit out, or use a calibration of rates and specific forces",
             )
         if increments:

@@ -64,22 +64,10 @@ class ReadingFacts:
 
     def as_dict(self) -> dict[str, Any]:
         """Give the facts in a form ready for JSON."""
-        facts: dict[str, Any] = {
-            "kind": self.kind,
-            "path": self.path,
-            "sha256": self.sha256,
-            "n_rows": self.n_rows,
-            "n_used": self.n_used,
-            "start_s": self.start_s,
-            "end_s": self.end_s,
-            "rate_hz": self.rate_hz,
-            "n_gaps": self.n_gaps,
-            "longest_gap_s": self.longest_gap_s,
-            "columns": dict(self.columns),
-            "evidence": list(self.evidence),
-        }
-        extra = {"axes": self.axes, "sampling": self.sampling, "stamp": self.stamp, "height": self.height}
-        return facts | {name: value for name, value in extra.items() if value}
+        facts = {each.name: getattr(self, each.name) for each in fields(self)}
+        facts |= {"columns": dict(self.columns), "evidence": list(self.evidence)}
+        optional = ("axes", "sampling", "stamp", "height")
+        return {name: value for name, value in facts.items() if value or name not in optional}
 
     @classmethod
     def from_dict(cls, facts: Mapping[str, Any]) -> ReadingFacts:

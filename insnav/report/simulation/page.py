@@ -118,8 +118,8 @@ def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Pat
     write_data(folder.path("gps.csv"), made.gps)
     write_data(folder.path("ref.csv"), made.reference)
     texts = model_texts(plan)
-    if made.specimen is not None:
-        texts["sensor_realisation.toml"] = calibration_to_toml(made.specimen.errors)
+    if made.realisation is not None:
+        texts["sensor_realisation.toml"] = calibration_to_toml(made.realisation.errors)
     page = recording_page(plan, made)
     return write_page(folder, page, plan_metadata(plan), texts), page
 
@@ -143,7 +143,7 @@ def recording_page(plan: Plan, made: Recording) -> Page:
         Quantity("lever_arm", made.lever_b, "m"),
         Quantity("command", command),
     )
-    realisation = () if made.specimen is None else (_realisation(made.specimen.errors),)
+    realisation = () if made.realisation is None else (_realisation(made.realisation.errors),)
     return Page(
         f"Simulated recording of {plan.name}",
         (

@@ -18,10 +18,9 @@ from insnav.simulate.curves import Spline, spline_of, spline_through
 from insnav.simulate.earthfixed import EarthTruth
 from insnav.simulate.imu_errors import Seed
 from insnav.simulate.motion.kinds import Kind
-from insnav.simulate.motion.moves import Move, State
+from insnav.simulate.motion.moves import Move
 from insnav.simulate.motion.vehicle import position_curve
 from insnav.simulate.motion.vibration import Vibration, shaken
-from insnav.simulate.motion.waypoints import Way
 from insnav.simulate.truth import LevelTruth, Truth
 from insnav.types import FloatArray
 from insnav.units import G0
@@ -102,11 +101,6 @@ def commands_of(moves: Sequence[Move], start: Start, spacing: float) -> Commands
         grade[a:b] = 0.0 if move.grade is None else move.grade(local)
         right[a:b] = 0.0 if move.right is None else move.right(local)
     return Commands(t, speed, heading, grade, right, float(edges[-1]))
-
-
-def commands_on(way: Way) -> Commands:
-    """The same of a way through points."""
-    return Commands(way.time, way.speed, way.heading, way.grade, np.zeros_like(way.time), float(way.time[-1]))
 
 
 def truth_of(
@@ -228,8 +222,3 @@ def turns_of(moves: Sequence[Move], spacing: float) -> Turns:
         base.append(after)
     polynomials = PPoly(np.concatenate(pieces, axis=1), np.concatenate(breaks))
     return Turns(np.array(edges[:-1]), np.array(base[:-1]), spline_of(polynomials))
-
-
-def state_at(start: Start) -> State:
-    """State in which the first move begins."""
-    return State(start.speed, start.heading)

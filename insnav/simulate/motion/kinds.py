@@ -1,4 +1,4 @@
-"""Kinds of vehicles: what they can do, what they do unless told otherwise, how they lean."""
+"""Kinds of vehicles: what they can do, what they do by default, how they lean."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Kind:
     grade : float
         Steepest climb [rad].
     acceleration, jerk, bend : float
-        Unless told otherwise: along the way [m/s^2], of any force [m/s^3], of the path upwards [m/s^2].
+        Defaults: along the way [m/s^2], of any force [m/s^3], of the path upwards [m/s^2].
     banks : bool
         Whether it banks into its turns so that nothing pulls sideways.
     on_the_spot : bool
         Whether it can turn without moving.
     body : Vehicle
-        How the body leans and shakes on its wheels.
+        How the body leans and shakes.
     """
 
     name: str

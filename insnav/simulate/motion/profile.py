@@ -15,12 +15,12 @@ from pydantic_core import PydanticCustomError
 from insnav.config_file import Table, checked, quantity, read_toml, refuse, scalar, signed_scalar
 from insnav.exceptions import ConfigError
 from insnav.simulate.imu_errors import Seed
-from insnav.simulate.motion.assemble import Start, commands_of, commands_on, spacing_of, state_at, truth_of
+from insnav.simulate.motion.assemble import Commands, Start, commands_of, spacing_of, truth_of
 from insnav.simulate.motion.kinds import KINDS, Kind
 from insnav.simulate.motion.moves import Move, State
 from insnav.simulate.motion.segments import SEGMENTS, Impossible, Repeat, Segment
 from insnav.simulate.motion.vibration import Vibration
-from insnav.simulate.motion.waypoints import Way, way_through
+from insnav.simulate.motion.waypoints import way_through
 from insnav.simulate.truth import Truth
 from insnav.types import FloatArray
 
@@ -106,14 +106,11 @@ class MotionProfile:
     _vehicle: Kind
     _vibration: Vibration
     _moves: tuple[Move, ...]
-    _way: Way | None
+    _way: Commands | None
 
     def truth(self, seed: Seed) -> Truth:
         """Make the exact motion; only its vibration is random."""
-        if self._way is not None:
-            commands = commands_on(self._way)
-        else:
-            commands = commands_of(self._moves, self._start, spacing_of(self._moves, self._vibration))
+        commands = self._way or commands_of(self._moves, self._start, spacing_of(self._moves, self._vibration))
         return truth_of(commands, self._moves, self._start, self._vehicle, self._vibration, seed)
 
 
@@ -145,7 +142,7 @@ def load_profile(name_or_path: str | Path, library: Path | None = None) -> Motio
         start, moves, way = _segments(file, segments, vehicle, problems)
     if problems:
         refuse(problems, str(path))
-    duration = float(way.time[-1]) if way is not None else math.fsum(move.duration for move in moves)
+    duration = way.duration if way is not None else math.fsum(move.duration for move in moves)
     if duration > _LONGEST:
         refuse([f"the motion takes {duration / 3600.0:.4g} h, and the longest is {_LONGEST / 3600.0:g} h"], str(path))
     name = path.stem if file.name is None else file.name
@@ -190,7 +187,7 @@ def _segments(
         problems.append(f"start.speed: {given.speed:.4g} m/s is faster than a {vehicle.name} goes")
     place = np.array([given.lat, given.lon, given.height])
     start = Start(place, given.heading, given.speed, given.roll, given.pitch, given.time)
-    state, moves = state_at(start), list[Move]()
+    state, moves = State(start.speed, start.heading), list[Move]()
     for name, segment in segments:
         try:
             made = segment.moves(state, vehicle)
@@ -215,7 +212,7 @@ def _after(segment: Segment, state: State) -> State:
 
 def _waypoints(
     file: _ProfileFile, vehicle: Kind, vibration: Vibration, problems: list[str]
-) -> tuple[Start, list[Move], Way | None]:
+) -> tuple[Start, list[Move], Commands | None]:
     if file.segment:
         problems.append("segment, waypoint: a motion has either segments or waypoints")
     if file.start is not None and "lat" in file.start.model_fields_set:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, PlainValidator, model_validator
@@ -48,6 +48,18 @@ class Segment(Table):
     """What all segments have in common."""
 
     kind: str
+    either: ClassVar[tuple[str, ...]] = ()  # two keys of which exactly one is needed
+    above_zero: ClassVar[tuple[str, ...]] = ()
+
+    @model_validator(mode="after")
+    def _keys_fit(self) -> Self:
+        if self.either and sum(getattr(self, key) is not None for key in self.either) != 1:
+            raise _wrong(f"needs either {' or '.join(self.either)}")
+        for key in self.above_zero:
+            value = getattr(self, key)
+            if value is not None and not value > 0.0:
+                raise _wrong(f"{key} must be above zero")
+        return self
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         """Moves of the segment of a vehicle in this state.
@@ -62,13 +74,6 @@ class Segment(Table):
 
 class Impossible(Exception):  # noqa: N818
     """Why a segment cannot be driven."""
-
-
-def _above_zero(model: Segment, *names: str) -> None:
-    for name in names:
-        value = getattr(model, name)
-        if value is not None and not value > 0.0:
-            raise _wrong(f"{name} must be above zero")
 
 
 def _moving(state: State, vehicle: Kind) -> None:
@@ -101,10 +106,7 @@ class ChangeSpeed(Segment):
     acceleration: Acceleration = None
     jerk: Jerk = None
 
-    @model_validator(mode="after")
-    def _can_be(self) -> ChangeSpeed:
-        _above_zero(self, "acceleration", "jerk")
-        return self
+    above_zero = ("acceleration", "jerk")
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         """See `Segment`."""
@@ -142,12 +144,7 @@ class Cruise(Segment):
     duration: Annotated[float | None, scalar("time")] = None
     distance: Annotated[float | None, scalar("length")] = None
 
-    @model_validator(mode="after")
-    def _one_of_them(self) -> Cruise:
-        if (self.duration is None) == (self.distance is None):
-            raise _wrong("needs either duration or distance")
-        _above_zero(self, "duration", "distance")
-        return self
+    either = above_zero = ("duration", "distance")
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         """See `Segment`."""
@@ -163,11 +160,11 @@ class Turn(Segment):
     radius: Annotated[float | None, scalar("length")] = None
     jerk: Jerk = None
 
+    either = ("rate", "radius")
+    above_zero = ("rate", "radius", "jerk")
+
     @model_validator(mode="after")
-    def _one_of_them(self) -> Turn:
-        if (self.rate is None) == (self.radius is None):
-            raise _wrong("needs either rate or radius")
-        _above_zero(self, "rate", "radius", "jerk")
+    def _turns(self) -> Self:
         if self.angle == 0.0:
             raise _wrong("angle must not be zero")
         return self
@@ -196,10 +193,7 @@ class Climb(Segment):
     height: Length
     angle: Annotated[float | None, scalar("angle")] = None
 
-    @model_validator(mode="after")
-    def _can_be(self) -> Climb:
-        _above_zero(self, "height", "angle")
-        return self
+    above_zero = ("height", "angle")
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         """See `Segment`."""
@@ -219,9 +213,10 @@ class Helix(Segment):
     turns: float
     height: SignedLength
 
+    above_zero = ("radius",)
+
     @model_validator(mode="after")
-    def _can_be(self) -> Helix:
-        _above_zero(self, "radius")
+    def _turns(self) -> Self:
         if self.turns == 0.0 or not math.isfinite(self.turns):
             raise _wrong("turns must be a number that is not zero, negative to the left")
         return self
@@ -245,10 +240,7 @@ class LaneChange(Segment):
     offset: SignedLength
     duration: Duration
 
-    @model_validator(mode="after")
-    def _can_be(self) -> LaneChange:
-        _above_zero(self, "duration")
-        return self
+    above_zero = ("duration",)
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         """See `Segment`."""
@@ -267,10 +259,7 @@ class Slide(Segment):
     jerk: Jerk = None
     back: bool = False
 
-    @model_validator(mode="after")
-    def _can_be(self) -> Slide:
-        _above_zero(self, "length", "acceleration", "speed", "jerk")
-        return self
+    above_zero = ("length", "acceleration", "speed", "jerk")
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         """See `Segment`."""
@@ -292,12 +281,8 @@ class Spin(Segment):
     rate: Rate
     within: Duration = 0.5
 
-    @model_validator(mode="after")
-    def _one_of_them(self) -> Spin:
-        if (self.angle is None) == (self.turns is None):
-            raise _wrong("needs either angle or turns")
-        _above_zero(self, "rate", "within")
-        return self
+    either = ("angle", "turns")
+    above_zero = ("rate", "within")
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         """See `Segment`."""
@@ -315,10 +300,7 @@ class Coning(Segment):
     frequency: Frequency
     duration: Duration
 
-    @model_validator(mode="after")
-    def _can_be(self) -> Coning:
-        _above_zero(self, "angle", "frequency", "duration")
-        return self
+    above_zero = ("angle", "frequency", "duration")
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         """See `Segment`."""

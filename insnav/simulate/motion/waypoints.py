@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.interpolate import PchipInterpolator, make_interp_spline
 
 from insnav.earth import ned_offset
+from insnav.simulate.motion.assemble import Commands
 from insnav.simulate.motion.kinds import Kind
 from insnav.types import FloatArray
 
@@ -15,25 +14,7 @@ _SMOOTHING = 2.0  # time over which a change of acceleration is spread [s]
 _FINE = 4001
 
 
-@dataclass(frozen=True, slots=True)
-class Way:
-    """Speed, heading and grade over time, at evenly spaced instants.
-
-    Attributes
-    ----------
-    time : (n,) array
-        [s].
-    speed, heading, grade : (n,) array
-        Forward [m/s], not wrapped [rad], [rad].
-    """
-
-    time: FloatArray
-    speed: FloatArray
-    heading: FloatArray
-    grade: FloatArray
-
-
-def way_through(lla: FloatArray, speed: FloatArray, spacing: float, vehicle: Kind) -> tuple[Way | None, list[str]]:
+def way_through(lla: FloatArray, speed: FloatArray, spacing: float, vehicle: Kind) -> tuple[Commands | None, list[str]]:
     """Make the way through points at even instants `spacing` apart [s], or say what keeps it from being driven.
 
     Speeds of zero at the first and the last of the points `lla` make a drive from rest to rest. The problems name
@@ -92,4 +73,5 @@ def way_through(lla: FloatArray, speed: FloatArray, spacing: float, vehicle: Kin
     at = np.interp(travelled, length, fine)
     course = np.unwrap(np.arctan2(slope[:, 1], slope[:, 0]))
     rise = PchipInterpolator(chord, lla[:, 2])(at, nu=1) / np.interp(at, fine, stretch)
-    return Way(t, smooth, np.interp(at, fine, course), np.arctan(rise)), []
+    heading = np.interp(at, fine, course)
+    return Commands(t, smooth, heading, np.arctan(rise), np.zeros_like(t), float(t[-1])), []
