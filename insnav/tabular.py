@@ -84,7 +84,7 @@ class Tabular:
             names = self.COLUMNS[field]
             table = np.sqrt(np.diagonal(values, axis1=1, axis2=2)) if values.ndim == 3 else values
             for name, column in zip(names, table.reshape(len(table), -1).T, strict=True):
-                factor = _factor(name)
+                factor = unit_of(name)
                 columns[name] = column if factor == 1.0 else column / factor
         frame = pd.DataFrame(columns)
         frame.attrs = {
@@ -145,7 +145,8 @@ class FromTable(Tabular):
         return cls(**(found | others))
 
 
-def _factor(name: str) -> float:
+def unit_of(name: str) -> float:
+    """SI value of the unit in which a column is, by the end of its name; 1 if that is an SI unit or none."""
     return next((factor for suffix, factor in _FACTORS if name.endswith(suffix)), 1.0)
 
 
@@ -154,7 +155,7 @@ def _array(frame: pd.DataFrame, names: tuple[str, ...]) -> NDArray[Any]:
     absent = np.full(len(frame), np.nan)
     # a copy: the arrays that pandas returns are read-only
     columns = [
-        np.array(frame[name], dtype=np.float64) * _factor(name) if name in frame.columns else absent for name in names
+        np.array(frame[name], dtype=np.float64) * unit_of(name) if name in frame.columns else absent for name in names
     ]
     if names == ("fix",):
         return columns[0].astype(np.int64)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from insnav import types
+from insnav.errors.metrics import TrajectoryErrors
 from insnav.exceptions import InputError
 from insnav.tabular import FromTable, Tabular
 
@@ -16,7 +17,7 @@ N = 7
 _WORDS = {"sampling": "instant", "stamp": "mid"}  # what is no array
 _WIDE = {("Epochs", "q_nb"): (4,), ("Epochs", "covariance"): (9, 9)}
 KINDS = [kind for kind in vars(types).values() if isinstance(kind, type) and issubclass(kind, Tabular)]
-KINDS = [kind for kind in KINDS if kind not in (Tabular, FromTable)]
+KINDS = [kind for kind in KINDS if kind not in (Tabular, FromTable)] + [TrajectoryErrors]
 
 
 def _filled(kind: type[Tabular], seed: int = 0) -> Any:
@@ -54,9 +55,10 @@ def test_every_field_survives_a_choice_of_rows(kind: type[Tabular], chosen: Any)
             np.testing.assert_array_equal(left, whole[chosen], err_msg=field.name)
 
 
-def test_all_seven_kinds_of_rows_are_looked_at() -> None:
+def test_all_kinds_of_rows_are_looked_at() -> None:
     assert {kind.__name__ for kind in KINDS} == {
         "ImuData", "GpsData", "Trajectory", "Increments", "Innovations", "SensorErrors", "Epochs",
+        "TrajectoryErrors",
     }  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from insnav.errors.metrics import TrajectoryErrors, accuracy, nees, position_err
 from insnav.exceptions import InputError
 from insnav.output.solution_tables import has_smoothed, read_solution
 from insnav.plain_text import plain_text
-from insnav.types import BoolArray, FloatArray, Trajectory
+from insnav.types import FloatArray, Trajectory
 
 
 class Compared(NamedTuple):
@@ -96,7 +96,7 @@ def shared_errors(runs: Sequence[Path], reference: Trajectory, *, lever_b: Float
         Compared(
             plain_text(run.resolve().name),
             "smoothed" if which == "smoothed" else "filter",
-            _at(each, np.isin(each.time, shared)),
+            each.rows(np.isin(each.time, shared)),
         )
         for (run, which), each in zip(wanted, errors, strict=True)
     ]
@@ -112,10 +112,3 @@ def named_errors(
         numbered = chain([name], (f"{name}-{number}" for number in count(2)))
         named[next(each for each in numbered if each not in named and each != "reference")] = errors
     return named
-
-
-def _at(errors: TrajectoryErrors, rows: BoolArray) -> TrajectoryErrors:
-    sd = None if errors.sd is None else errors.sd[rows]
-    return TrajectoryErrors(
-        errors.time[rows], errors.position[rows], errors.velocity[rows], errors.attitude[rows], sd, errors.speed[rows]
-    )

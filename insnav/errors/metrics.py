@@ -7,7 +7,7 @@ cubic Hermite interpolation of position, so that a 10 Hz solution adds less than
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -23,28 +23,17 @@ from insnav.attitude import (
 )
 from insnav.earth import lla_offset, ned_offset
 from insnav.exceptions import InputError
-from insnav.types import BoolArray, FloatArray, Trajectory
+from insnav.sample_statistics import rms
+from insnav.tabular import Tabular, unit_of
+from insnav.types import BoolArray, FloatArray, IntArray, Trajectory
 
 MOVING_M_S = 0.5  # faster than this counts as moving
 LONGEST_STEP = 2.0  # times the median step of the estimate; longer is a gap, and nothing is made up inside it
 _SAME_TIME = 1e-6  # of a step: times written with different digits are the same time
 
-# name with unit -> group, column, and factor from SI
-_COLUMNS: dict[str, tuple[str, int, float]] = {
-    "north_m": ("position", 0, 1.0),
-    "east_m": ("position", 1, 1.0),
-    "down_m": ("position", 2, 1.0),
-    "velocity_north_m_s": ("velocity", 0, 1.0),
-    "velocity_east_m_s": ("velocity", 1, 1.0),
-    "velocity_down_m_s": ("velocity", 2, 1.0),
-    "roll_deg": ("attitude", 0, 180.0 / np.pi),
-    "pitch_deg": ("attitude", 1, 180.0 / np.pi),
-    "heading_deg": ("attitude", 2, 180.0 / np.pi),
-}
-
 
 @dataclass(frozen=True, slots=True)
-class TrajectoryErrors:
+class TrajectoryErrors(Tabular):
     """Estimate minus truth at the epochs of the reference that the estimate covers.
 
     Attributes
@@ -62,6 +51,15 @@ class TrajectoryErrors:
     speed : (m,) array
         Speed of the reference, or of the estimate where the reference does not know it [m/s].
     """
+
+    COLUMNS: ClassVar = {
+        "time": ("time_s",),
+        "position": ("north_m", "east_m", "down_m"),
+        "velocity": ("velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s"),
+        "attitude": ("roll_deg", "pitch_deg", "heading_deg"),
+        "sd": Trajectory.COLUMNS["sd"],
+        "speed": ("speed_m_s",),
+    }
 
     time: FloatArray
     position: FloatArray
@@ -175,8 +173,9 @@ def accuracy(errors: TrajectoryErrors, mask: BoolArray | None = None) -> dict[st
         return None
     horizontal = errors.horizontal[rows]
     table: dict[str, Any] = {"n": int(np.count_nonzero(rows)), "horizontal_m": _statistics(horizontal)}
-    for name, (group, column, factor) in _COLUMNS.items():
-        table[name] = _statistics(getattr(errors, group)[rows, column] * factor)
+    for group in ("position", "velocity", "attitude"):
+        for name, column in zip(errors.COLUMNS[group], getattr(errors, group)[rows].T, strict=True):
+            table[name] = _statistics(column / unit_of(name))
     v_horizontal = np.hypot(errors.velocity[rows, 0], errors.velocity[rows, 1])
     table["velocity_horizontal_m_s"] = _statistics(v_horizontal)
     table["cep50_m"], table["r95_m"] = (float(np.percentile(horizontal, p)) for p in (50.0, 95.0))
@@ -237,13 +236,13 @@ def _statistics(error: FloatArray) -> dict[str, float] | None:
     size = np.abs(known)
     return {
         "mean": float(np.mean(known)),
-        "rms": float(np.sqrt(np.mean(known**2))),
+        "rms": rms(known),
         "p95": float(np.percentile(size, 95.0)),
         "max": float(np.max(size)),
     }
 
 
-def _brackets(time: FloatArray, wanted: FloatArray) -> tuple[Any, FloatArray, BoolArray]:
+def _brackets(time: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray, BoolArray]:
     """Interval of `time` that holds each wanted time, the share of it gone by, and whether it may be used."""
     if len(time) < 2:
         return np.zeros(len(wanted), dtype=np.intp), np.zeros(len(wanted)), np.isin(wanted, time)
@@ -275,7 +274,7 @@ def _rates(time: FloatArray, value: FloatArray) -> FloatArray:
 
 
 def _interpolated(
-    estimate: Trajectory, index: Any, share: FloatArray
+    estimate: Trajectory, index: IntArray, share: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
     """Position, velocity, attitude and sd of an estimate at given shares of its intervals."""
     if len(estimate.time) < 2:
@@ -305,7 +304,7 @@ def _known_velocity(trajectory: Trajectory) -> FloatArray:
     return np.where(given, trajectory.v_n, _rates(trajectory.time, path))
 
 
-def _attitude(rph: FloatArray, index: Any, share: FloatArray) -> FloatArray:
+def _attitude(rph: FloatArray, index: IntArray, share: FloatArray) -> FloatArray:
     """Attitude along the shortest rotation between neighbouring samples (Shoemake 1985)."""
     q = quat_from_rph(rph)
     first, second = q[index], q[index + 1]

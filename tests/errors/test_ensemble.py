@@ -88,7 +88,7 @@ def test_normalised_error_tells_how_true_the_covariance_is(scale, nees):
         assert share.max() < 0.05
 
 
-def test_errors_are_judged_with_the_whole_covariance():
+def test_errors_are_normalised_by_the_whole_covariance():
     error = np.zeros((60, 9))
     error[:, :2] = 1e-3, -1e-3  # against the correlation of the stated errors
     run = run_with(error, np.full(9, 1e-3))

@@ -1,4 +1,4 @@
-"""Recorded windows of real drives and of a bench: as large as predicted, or said why not."""
+"""Recorded windows of real drives and of a bench: as large as predicted, or with the reason why not."""
 
 from __future__ import annotations
 

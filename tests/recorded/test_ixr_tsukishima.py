@@ -76,7 +76,7 @@ def test_position_is_within_decimetres_of_the_fixed_reference(
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_lasting_noise_of_the_fixes_is_reduced(
+def test_time_correlated_noise_of_the_fixes_is_reduced(
     seed: int, data: tuple[ImuData, GpsData, ImuSpec], reference: Trajectory
 ) -> None:
     imu, gps, spec = data
@@ -106,7 +106,7 @@ def test_standard_deviations_that_are_missing_come_from_a_stated_rule(done: Navi
 
 
 def velocity_error(gps: GpsData) -> FloatArray:
-    """Length of velocity minus central difference of positions; NaN beside a missing fix."""
+    """Length of velocity minus central difference of positions; NaN next to a missing fix."""
     path = ned_offset(gps.lla, gps.lla[0])
     span = gps.time[2:] - gps.time[:-2]
     error = np.full(len(gps.time), np.nan)

@@ -1,4 +1,4 @@
-"""Withheld fixes of recorded drives: how far the solution goes astray."""
+"""GNSS outage tests on recorded drives: how the error of the solution grows."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.shared import recorded
 
 
 def errors(imu: ImuData, gps: GpsData, lever_b: tuple[float, float, float], lengths: list[float]) -> list[float]:
-    """Horizontal RMS at the end of windows of each length, wheels and all used."""
+    """Horizontal RMS at the end of windows of each length, NHC and odometer used."""
     spec = imu_model(imu, gps)
     ready = aided(prepare(imu, gps, spec, FilterSettings(lever_b=np.array(lever_b), delay_sd=DELAY_SD)), spec)
     print(*ready.notes, sep="\n")
@@ -29,14 +29,14 @@ def errors(imu: ImuData, gps: GpsData, lever_b: tuple[float, float, float], leng
     return [each.quantities["horizontal"][0] for each in sums]
 
 
-def test_consumer_mems_with_wheels() -> None:
+def test_consumer_mems_with_nhc() -> None:
     imu, gps = recording("rtklib_drive_20250708")
     found = errors(imu, gps, (0.0, -0.05, 0.0), [5.0, 10.0, 15.0, 30.0])
     # 30 s: 12 m were aimed at; two of 57 windows of 50 m and more make it 13.7
     assert all(rms <= bar for rms, bar in zip(found, (1.0, 2.5, 4.5, 14.5), strict=True))
 
 
-def test_tokyo_with_wheel_speed() -> None:
+def test_tokyo_with_odometer() -> None:
     imu, _ = recording("ixr_tsukishima_20210412")
     ref = read_gps(recorded("ixr_tsukishima_20210412") / "ref.csv").data
     good = ref.fix == 1

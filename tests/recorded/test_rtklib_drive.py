@@ -1,4 +1,4 @@
-"""Car with a consumer MEMS IMU and an RTK receiver; no reference of higher grade, so it is judged by its own fixes."""
+"""Car with a consumer MEMS IMU and an RTK receiver; its own fixes are the reference, as none is of higher grade."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def test_a_damaged_baseline_is_refused(text: str, tmp_path: Path):
         read_baseline(tmp_path / "b.json")
 
 
-def test_a_recorded_drive_is_judged_in_pieces():
+def test_a_recorded_drive_is_evaluated_in_pieces():
     recorded("umn_thor75_uav")
     (case,) = (case for case in load_corpus(LIBRARY / "corpus.toml").recorded if case.data == "umn_thor75_uav")
     found = measure(source_of(case, DATA).material(1)).values

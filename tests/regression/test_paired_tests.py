@@ -29,7 +29,7 @@ def test_holm_of_a_worked_example():
     np.testing.assert_allclose(holm([0.9, 0.8]), [1.0, 1.0])
 
 
-def test_pieces_that_hang_together_are_worth_less():
+def test_correlated_pieces_have_a_smaller_effective_sample_size():
     """False calls at 5 % stay near 5 % though neighbours are correlated; taken as independent they would not."""
     rng = np.random.default_rng(3)
     false = {True: 0, False: 0}

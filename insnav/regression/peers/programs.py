@@ -16,7 +16,7 @@ from insnav.imu import ImuSpec
 from insnav.imu.model import sample_intervals
 from insnav.imu.specification import SensorSpec
 from insnav.sample_statistics import rms
-from insnav.types import FloatArray, GpsData, ImuData, Trajectory
+from insnav.types import FloatArray, GpsData, ImuData, IntArray, Trajectory
 from insnav.units import DEG
 
 _WARM = 2.0  # of the drive, to compile by [s]
@@ -170,7 +170,9 @@ def run_gtsam(task: Task) -> PeerRun:
     return PeerRun(cpu, int(edges[-1] - edges[0]), Trajectory(fixes, lla, v_n, rph))
 
 
-def _gtsam(task: Task, ned: FloatArray, sd: FloatArray, edges: Any) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+def _gtsam(
+    task: Task, ned: FloatArray, sd: FloatArray, edges: IntArray
+) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     """Position, velocity and attitude at each fix."""
     import gtsam
     from gtsam.symbol_shorthand import B, V, X

@@ -7,7 +7,6 @@ import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from insnav.regression.cases import Material, source_of
 from insnav.regression.corpus import Corpus, RecordedCase
 from insnav.regression.evaluate import errors_of, settled
 from insnav.regression.peers.programs import PeerRun, Task, run_gtsam, run_pyins
-from insnav.regression.run_corpus import SERIES
+from insnav.regression.run_corpus import SERIES, AnyCase
 from insnav.sample_statistics import rms
 from insnav.simulate.montecarlo import run_seed
 from insnav.types import Trajectory
@@ -87,7 +86,7 @@ def run_peers(
     return rows
 
 
-def _compared(case: Any, data: Path) -> list[PeerRow]:
+def _compared(case: AnyCase, data: Path) -> list[PeerRow]:
     """Every program on one case."""
     whole = source_of(case, data).material(run_seed(SERIES, 1))
     rows = []

@@ -1,4 +1,4 @@
-"""The covariance budget: against everything at once, matrix exponentials, the laws on paper, published figures."""
+"""The covariance budget: against everything at once, matrix exponentials, the closed laws, published figures."""
 
 from __future__ import annotations
 

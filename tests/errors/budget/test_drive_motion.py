@@ -1,4 +1,4 @@
-"""The budget on paper beside recorded windows: two ways from one filter to the same errors."""
+"""The covariance budget against recorded windows: two ways from one filter to the same errors."""
 
 from __future__ import annotations
 

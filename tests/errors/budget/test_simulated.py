@@ -52,7 +52,7 @@ def quiet(spec: ImuSpec) -> ImuSpec:
 
 
 def test_constant_errors_are_those_of_simulated_recordings(driving):
-    """Specimen by specimen the same errors, navigated by the whole chain from samples to solution."""
+    """Realisation by realisation the same errors, navigated by the whole chain from samples to solution."""
     spec = quiet(whole())
     found = free_runs(spec, driving, ROWS, 3, (5, 0)).error
     for run in range(3):
@@ -106,7 +106,7 @@ def test_predicted_covariance_is_that_of_the_runs(driving, spec, hold):
 
 
 def test_each_family_alone_is_as_predicted(driving):
-    """Also that no source is left out of the runs, or drawn twice."""
+    """Also that no source is left out of the runs, or sampled twice."""
     spec, runs, slope, row = whole(), 60, 2e-5, np.array([1500])
     sources = sources_of(spec, slope)
     parts = covariance(sources, driving, row).parts[0]

@@ -70,7 +70,7 @@ def injected(seed: int = 1, laps: int = 2) -> Prepared:
 
 
 def drawn(seed: int, spec: ImuSpec = SPEC) -> Prepared:
-    """A drive with an IMU drawn from a specification; the filter is told `SPEC`."""
+    """A drive with an IMU sampled from a specification; the filter uses `SPEC`."""
     imu = corrupt_imu(perfect(), spec, (seed, 3)).imu
     return prepare(imu, measure_gps(motion(), RECEIVER, (seed, 4)), SPEC, FilterSettings())
 
