@@ -132,6 +132,14 @@ class Navigator:
             raise ConfigError("only a filter that smooths compares fixes", where="settings.smooth")
         return self._estimate.history.smooth()
 
+    def history(self) -> FloatArray:
+        """Process the samples still waiting and return every epoch; see `insnav.kernels.smoother.keep`."""
+        if self._tail is not None:
+            self._advance(None, last=True)
+        if self._estimate.history is None:
+            raise ConfigError("only a filter that smooths keeps its epochs", where="settings.smooth")
+        return self._estimate.history.rows()
+
     def _advance(self, imu: ImuData | None, *, last: bool) -> None:
         buffer = _join(self._tail, imu)
         n = buffer.time.shape[0]

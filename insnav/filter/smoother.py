@@ -97,6 +97,10 @@ class History:
         self.epoch(time, x, correction, np.eye(self._states), p)
         self._blocks[-1][self._used - 1, kernel.KIND] = kernel.RESTART
 
+    def rows(self) -> FloatArray:
+        """Every epoch in one array."""
+        return np.concatenate([*self._blocks[:-1], self._blocks[-1][: self._used]])
+
     def smooth(self) -> SmoothedErrors:
         """Go backwards over all epochs."""
         count = (len(self._blocks) - 1) * ROWS + self._used

@@ -1,0 +1,460 @@
+"""Noise of IMU and fixes by maximum likelihood, from the drive itself.
+
+The filter runs once with a preset. Its innovations have a likelihood for every other set of noise figures, found by
+covariance algebra at the fixes alone (`insnav.kernels.noise_likelihood`). The figures with the largest likelihood,
+given what IMUs of this grade are like, are found by Fisher scoring; curvature gives their intervals. Noise from
+innovations: R. K. Mehra, "On the identification of variances and adaptive Kalman filtering", IEEE Trans. Autom. Control
+15 (1970) 175-184; by what is measured rather than by truth: P. Abbeel, A. Coates, M. Montemerlo, A. Y. Ng, S. Thrun,
+"Discriminative training of Kalman filters", Robotics: Science and Systems (2005).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from insnav.exceptions import DivergenceError
+from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
+from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.navigator import Navigator
+from insnav.filter.prepare import Prepared
+from insnav.filter.state_layout import first_state, layout
+from insnav.imu.specification import ImuSpec, SensorSpec
+from insnav.kernels import noise_likelihood as kernel
+from insnav.kernels.errorstate import STATES
+from insnav.kernels.smoother import FIX, NOISE, OFFERED, TIME
+from insnav.types import BoolArray, FloatArray, GpsData
+
+LONGEST = 2400.0  # of the record that is looked at [s]
+SPACING = 0.9  # shortest time between the fixes that are looked at [s]
+FEWEST = 120  # fixes needed
+HUBER = 3.0  # innovations beyond so many standard deviations count less, so that false fixes do not decide
+# what the variance of clean innovations loses by that: 1 - 2 Q(3), the expectation of psi(u) u for standard normal u
+CLEAN = 0.9973
+ROUNDS = 12  # of Fisher scoring at most
+STEP = 0.01  # of numerical derivatives, in logarithms
+LARGEST_STEP = 1.5  # of a round, in logarithms
+ENOUGH = 0.05  # smaller gains of the log-likelihood end the search
+OBSERVABLE = 0.8  # a figure is observable if the drive narrows its interval to this part of the prior's
+WHITE_AGAIN = 20.0  # so much log-likelihood the figures of the IMU may make up for if fixes are white after all
+WORTH = 0.0  # log of the posterior odds that a time-correlated position error must reach to be modelled
+
+# how far figures of an IMU may be from those of the nearest grade, one sd of their logarithm: datasheets of parts of
+# one grade differ by factors of two to three in noise, by ten in what is called in-run bias
+IMU_PRIOR = {
+    "random_walk": 0.8,
+    "bias_instability": 1.5,
+    "bias": 1.5,
+    "scale_factor": 1.5,
+    "misalignment": 1.5,
+}
+# The same of the standard deviation of a position, upwards and downwards. Innovations cannot show that it is smaller:
+# errors that hardly change from fix to fix leave no trace in them. Smaller innovations are time correlation.
+POSITION_PRIOR = (0.6, 0.03)
+VELOCITY_PRIOR = 0.6
+SHARE = (0.0, 1.5)  # log odds of the time-correlated share of the variance of a position, and their sd
+CORRELATION_TIME = (float(np.log(45.0)), 1.0)  # logarithm of its correlation time [s], and its sd
+LARGEST_SHARE = 0.999  # beyond it the white rest would be too small for a filter
+STARTS = [(share, time) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0.85)]
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseFigure:
+    """One figure of the noise, as found.
+
+    Attributes
+    ----------
+    key : str
+        Its dotted name, such as ``gyro.random_walk`` or ``gps.share``.
+    factor : float
+        The figure, by that of the prior [-]; for ``gps.share`` [-] and ``gps.correlation_time`` [s] the figure itself.
+    low, high : float
+        Its interval of 95 %.
+    observable : bool
+        The drive tells it; otherwise it is the prior's.
+    """
+
+    key: str
+    factor: float
+    low: float
+    high: float
+    observable: bool
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseEstimate:
+    """What the innovations of a drive say about noise.
+
+    Attributes
+    ----------
+    spec : ImuSpec
+        The IMU.
+    position_factor : (3,) array
+        Of the standard deviations of positions, North, East, Down [-].
+    velocity_factor : (3,) array
+        Of those of velocities [-].
+    correlated : CorrelatedNoise or None
+        Time-correlated part of the position error.
+    figures : tuple of NoiseFigure
+        What was found, with intervals.
+    gain : float
+        Log-likelihood gained over the prior's figures.
+    mean_before, mean_after : float
+        Mean square of the normalised innovations with the figures before and with those found [-].
+    """
+
+    spec: ImuSpec
+    position_factor: FloatArray
+    velocity_factor: FloatArray
+    correlated: CorrelatedNoise | None
+    figures: tuple[NoiseFigure, ...]
+    gain: float
+    mean_before: float
+    mean_after: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Parameter:
+    """A figure, as a logarithm: the middle of its prior, and its standard deviation above and below that."""
+
+    key: str
+    middle: float
+    sd: float
+    sd_below: float
+
+
+class InnovationLikelihood:
+    """Innovations of one drive as a function of the noise.
+
+    Parameters
+    ----------
+    ready : Prepared
+        The recording.
+    spec : ImuSpec
+        IMU error specification it was prepared with.
+    """
+
+    def __init__(self, ready: Prepared, spec: ImuSpec) -> None:
+        gps = _thinned(ready.gps)
+        self.median_sd: FloatArray = np.median(gps.position_sd, axis=0)
+        correlated = ready.settings.correlated
+        if correlated is None:  # the nominal run needs the states, whatever their size
+            correlated = CorrelatedNoise(0.1, 40.0, np.sqrt(0.1) * self.median_sd)
+        self._settings = replace(ready.settings, correlated=correlated, aiding=None, smooth=True, output_interval=10.0)
+        self._ready, self._spec = ready, spec
+        self._states = STATES if ready.model.sd[6:].any() else STATES - 6
+        navigator = Navigator(ready.initial, ready.model, gps, ready.alignment, ready.nominal, self._settings)
+        imu = ready.imu.rows(ready.imu.time <= ready.initial.time + LONGEST)
+        navigator.feed(imu)
+        rows = navigator.history()
+        time = rows[:, TIME]
+        at = layout(self._settings)
+        self._lasting = at.lasting
+        self._tape = kernel.tape(rows, at.states, ready.model.noise, ready.model.decay, _bridged(imu.time, time))
+        self._offered = rows[:, OFFERED] == FIX
+        h, jitter = self._tape[6], ready.settings.jitter
+        # of fixes: what the scatter of the timestamps makes of speed and acceleration, the negatives of the column of
+        # the delay; of other aiding: its noise
+        self._other = rows[:, NOISE : NOISE + 36 : 7].copy()
+        self._other[self._offered] = (jitter * h[self._offered][:, :, STATES]) ** 2
+        fix = np.searchsorted(gps.time - ready.settings.delay, time - 1e-4)
+        fix = np.minimum(fix, gps.time.shape[0] - 1)
+        self._sd = np.nan_to_num(np.hstack([gps.position_sd[fix], gps.velocity_sd[fix]]), nan=1.0)
+        self._out = np.empty((2, 6 * rows.shape[0]))
+        self.fixes = int(np.count_nonzero(self._offered & (self._tape[1] > 0)))
+        self.parameters = self._choose(velocities=bool(np.isfinite(gps.v_n).all(axis=1).any()))
+
+    def _choose(self, *, velocities: bool) -> tuple[_Parameter, ...]:
+        found = []
+        for name, sensor in (("gyro", self._spec.gyro), ("accel", self._spec.accel)):
+            for key, sd in IMU_PRIOR.items():
+                if np.any(getattr(sensor, key) > 0.0) and not (self._states == 15 and key == "scale_factor"):
+                    found.append(_Parameter(f"{name}.{key}", 0.0, sd, sd))
+        found += [_Parameter(f"gps.{name}", 0.0, *POSITION_PRIOR) for name in ("horizontal", "vertical")]
+        if velocities:
+            found.append(_Parameter("gps.velocity", 0.0, VELOCITY_PRIOR, VELOCITY_PRIOR))
+        for key, (middle, sd) in (("share", SHARE), ("correlation_time", CORRELATION_TIME)):
+            found.append(_Parameter(f"gps.{key}", middle, sd, sd))
+        return tuple(found)
+
+    def spec(self, at: FloatArray) -> ImuSpec:
+        """IMU of a set of figures."""
+        factor = {p.key: float(np.exp(x)) for p, x in zip(self.parameters, at, strict=True)}
+
+        def scaled(sensor: SensorSpec, name: str) -> SensorSpec:
+            return replace(
+                sensor, **{key: getattr(sensor, key) * factor.get(f"{name}.{key}", 1.0) for key in IMU_PRIOR}
+            )
+
+        return replace(self._spec, gyro=scaled(self._spec.gyro, "gyro"), accel=scaled(self._spec.accel, "accel"))
+
+    def fixes_of(self, at: FloatArray) -> tuple[FloatArray, FloatArray, float, float]:
+        """Factors of position and velocity sd, share and correlation time of the position error."""
+        value = {p.key: float(x) for p, x in zip(self.parameters, at, strict=True)}
+        level, down = np.exp(value["gps.horizontal"]), np.exp(value["gps.vertical"])
+        share = LARGEST_SHARE / (1.0 + np.exp(-value["gps.share"]))
+        velocity = np.full(3, np.exp(value.get("gps.velocity", 0.0)))
+        return np.array([level, level, down]), velocity, float(share), float(np.exp(value["gps.correlation_time"]))
+
+    def normalised(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Innovations and their variances with a set of figures."""
+        model = error_model(self.spec(at), self._states)
+        position, velocity, share, time = self.fixes_of(at)
+        correlated = CorrelatedNoise(share, time, np.sqrt(share) * position * self.median_sd)
+        start = first_state(_start(self._ready, model, position), replace(self._settings, correlated=correlated))
+        factor = np.concatenate([np.sqrt(1.0 - share) * position, velocity])
+        variance = self._other + self._offered[:, None] * (factor * self._sd) ** 2
+        count = kernel.innovations(
+            self._tape,
+            self._ready.model.decay,
+            np.array([np.mean(model.noise[:3]), np.mean(model.noise[3:6]), *model.noise[18:]]),
+            model.noise[6:18],
+            model.decay,
+            self._lasting,
+            correlated.sd,
+            time,
+            variance,
+            start.covariance,
+            HUBER,
+            self._out,
+        )
+        return self._out[0, :count].copy(), self._out[1, :count].copy()
+
+    def bias_seen(self, at: FloatArray) -> float:
+        """Negative log-likelihood of the gyro bias that a static alignment saw."""
+        known = self._ready.alignment.gyro_bias_sd
+        if not np.isfinite(known).all():
+            return 0.0
+        gyro = self.spec(at).gyro
+        variance = gyro.bias**2 + gyro.bias_instability**2 + known**2
+        return 0.5 * float(np.sum(np.log(variance) + self._ready.alignment.gyro_bias**2 / variance))
+
+
+def cost_of(innovation: FloatArray, variance: FloatArray) -> float:
+    """Negative log-likelihood of innovations, robust: beyond three sd it grows with their size, not with its square.
+
+    Parameters
+    ----------
+    innovation, variance : (k,) array
+        Innovations and their variances.
+    """
+    u = np.abs(innovation) / np.sqrt(variance)
+    square = np.where(u <= HUBER, 0.5 * u * u, HUBER * u - 0.5 * HUBER**2)
+    return float(np.sum(square) + 0.5 * CLEAN * np.sum(np.log(variance)))
+
+
+def _start(ready: Prepared, model: ErrorModel, factor: FloatArray) -> InitialState:
+    """Initial state for another error model: alignment errors by the sensor errors change with these, others stay."""
+    initial, alignment = ready.initial, ready.alignment
+    variance = np.diag(initial.covariance)
+    sd = np.sqrt(variance[:6])
+
+    def tilt(of: ErrorModel, attitude_sd: FloatArray) -> InitialState:
+        return initial_state(
+            replace(alignment, sd=attitude_sd),
+            of,
+            initial.lla,
+            initial.v_n,
+            sd[:3] * factor if initial.from_fix else sd[:3],
+            sd[3:],
+            from_fix=initial.from_fix,
+        )
+
+    def by_sensors(of: ErrorModel) -> FloatArray:
+        variance: FloatArray = np.diag(tilt(of, np.zeros(3)).covariance)[6:9]
+        return variance
+
+    own = np.maximum(alignment.sd**2 - by_sensors(ready.model), 1e-4 * alignment.sd**2)
+    return tilt(model, np.sqrt(own + by_sensors(model)))
+
+
+def _bridged(samples: FloatArray, epochs: FloatArray) -> FloatArray:
+    """Whether a gap of the samples lies before each epoch."""
+    step = np.diff(samples)
+    gap = samples[1:][step > 2.5 * np.median(step)]
+    count = np.searchsorted(gap, epochs + 0.5)
+    return np.asarray(np.diff(count, prepend=0) > 0)
+
+
+def _thinned(gps: GpsData) -> GpsData:
+    """Fixes with at least `SPACING` between them."""
+    keep, last = [], -np.inf
+    for row, time in enumerate(gps.time.tolist()):
+        if time - last >= SPACING and (gps.fix is None or gps.fix[row] != 0):
+            keep.append(row)
+            last = time
+    return gps.rows(np.array(keep, dtype=int))
+
+
+@dataclass(frozen=True, slots=True)
+class _Top:
+    """Where the posterior density is largest, and how sharp the top is."""
+
+    at: FloatArray
+    covariance: FloatArray
+    cost: float
+
+
+class _Posterior:
+    """Innovation likelihood of drives that share one IMU, with the prior."""
+
+    def __init__(self, drives: Sequence[InnovationLikelihood]) -> None:
+        self.drives, self.parameters = drives, drives[0].parameters
+        self.middle = np.array([p.middle for p in self.parameters])
+        self._sd = np.array([[p.sd, p.sd_below] for p in self.parameters]).T
+
+    def weight(self, at: FloatArray) -> FloatArray:
+        """Curvature of the prior."""
+        curvature: FloatArray = np.where(at >= self.middle, self._sd[0], self._sd[1]) ** -2.0
+        return curvature
+
+    def innovations(self, at: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """Innovations, their variances, and the cost of a set of figures."""
+        parts = [drive.normalised(at) for drive in self.drives]
+        e, s = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+        off = np.where(np.isfinite(at), at - self.middle, 0.0)
+        cost = cost_of(e, s) + 0.5 * float(np.sum(self.weight(at) * off**2))
+        return e, s, cost + sum(drive.bias_seen(at) for drive in self.drives)
+
+    def climb(self, at: FloatArray, free: BoolArray) -> _Top:
+        """Fisher scoring on the free figures, with Levenberg's damping."""
+        e, s, cost = self.innovations(at)
+        rows, damping = np.flatnonzero(free), 1e-3
+        for _ in range(ROUNDS):
+            far = np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0)
+            by_e, by_s, slope = np.empty((rows.size, e.size)), np.empty((rows.size, e.size)), np.empty(rows.size)
+            for i, row in enumerate(rows):
+                there = at.copy()
+                there[row] += STEP
+                e1, s1, cost1 = self.innovations(there)
+                slope[i] = (cost1 - cost) / STEP
+                by_e[i] = (e1 - e) / STEP / np.sqrt(s * far)
+                by_s[i] = (s1 - s) / STEP / (np.sqrt(2.0) * s)
+            fisher = by_e @ by_e.T + by_s @ by_s.T + np.diag(self.weight(at)[rows])
+            gained = 0.0
+            while damping < 1e4:
+                move = -np.linalg.solve(fisher + damping * np.diag(np.diag(fisher)), slope)
+                move *= min(1.0, LARGEST_STEP / float(np.max(np.abs(move))))
+                there = at.copy()
+                there[rows] += move
+                e1, s1, cost1 = self.innovations(there)
+                if cost1 < cost:
+                    gained = cost - cost1
+                    at, e, s, cost = there, e1, s1, cost1
+                    damping = max(1e-6, 0.1 * damping)
+                    break
+                damping = 10.0 * max(damping, 1e-3)
+            if gained < ENOUGH:
+                break
+        covariance = np.diag(1.0 / self.weight(at))
+        covariance[np.ix_(rows, rows)] = np.linalg.inv(fisher)
+        return _Top(at, covariance, cost)
+
+
+def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
+    """Figures with the largest posterior density; several drives share one set.
+
+    Parameters
+    ----------
+    drives : sequence of InnovationLikelihood
+        Drives of one IMU, begun with the same figures.
+    """
+    posterior = _Posterior(drives)
+    white = posterior.middle.copy()
+    white[-2] = -np.inf
+    before = posterior.innovations(white)
+    starts = [white]
+    for share, time in STARTS:
+        there = posterior.middle.copy()
+        there[-2:] = np.log(share / (1.0 - share)), np.log(time)
+        starts.append(there)
+    first = min(starts[1:], key=lambda at: posterior.innovations(at)[2])
+    every = np.ones(white.shape[0], dtype=bool)
+    top = posterior.climb(first, every)
+    only_white = top.at.copy()
+    only_white[-2:] = -np.inf, posterior.middle[-1]
+    every[-2:] = False
+    of_fixes = every & np.array([p.key.startswith("gps.") for p in posterior.parameters])
+    other = posterior.climb(only_white, of_fixes)
+    if other.cost < top.cost + WHITE_AGAIN:
+        other = posterior.climb(other.at, every)
+    if other.cost < top.cost + WORTH:
+        top = other
+    e, s, cost = posterior.innovations(top.at)
+    drive = drives[0]
+    position, velocity, share, time = drive.fixes_of(top.at)
+    lasting = None
+    if share > 0.0:
+        lasting = CorrelatedNoise(share, time, np.sqrt(share) * position * drive.median_sd)
+    return NoiseEstimate(
+        drive.spec(top.at),
+        position,
+        velocity,
+        lasting,
+        tuple(
+            _figure(p, x, sd)
+            for p, x, sd in zip(posterior.parameters, top.at, np.sqrt(np.diag(top.covariance)), strict=True)
+        ),
+        before[2] - cost,
+        float(np.mean(before[0] ** 2 / before[1])),
+        float(np.mean(e**2 / s)),
+    )
+
+
+def _figure(parameter: _Parameter, x: float, sd: float) -> NoiseFigure:
+    low, high = x - 1.96 * sd, x + 1.96 * sd
+    if parameter.key == "gps.share":
+        value, low, high = (float(LARGEST_SHARE / (1.0 + np.exp(-each))) for each in (x, low, high))
+    else:
+        value, low, high = (float(np.exp(each)) for each in (x, low, high))
+    return NoiseFigure(parameter.key, value, low, high, bool(np.isfinite(x) and sd < OBSERVABLE * parameter.sd))
+
+
+def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
+    """Noise of IMU and fixes from the innovations of one drive.
+
+    Parameters
+    ----------
+    ready : Prepared
+        The recording.
+    spec : ImuSpec
+        IMU error specification it was prepared with: the prior.
+
+    Returns
+    -------
+    NoiseEstimate or None
+        None where the drive is too short to tell, or the filter diverges with the prior.
+    """
+    if _thinned(ready.gps).time.shape[0] < FEWEST:
+        return None
+    try:
+        drive = InnovationLikelihood(ready, spec)
+    except DivergenceError:
+        return None
+    return maximise([drive]) if drive.fixes >= FEWEST else None
+
+
+def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
+    """The recording prepared with the noise that was found.
+
+    Parameters
+    ----------
+    ready : Prepared
+        As given to `identify_noise`.
+    found : NoiseEstimate
+    """
+    model = error_model(found.spec, STATES if ready.model.sd[6:].any() else STATES - 6)
+    gps = replace(
+        ready.gps,
+        position_sd=ready.gps.position_sd * found.position_factor,
+        velocity_sd=ready.gps.velocity_sd * found.velocity_factor,
+    )
+    return replace(
+        ready,
+        gps=gps,
+        model=model,
+        settings=replace(ready.settings, correlated=found.correlated),
+        initial=_start(ready, model, found.position_factor),
+    )

@@ -1,0 +1,325 @@
+"""Likelihood of the innovations of a filter under other noise than it was run with, without integrating again.
+
+A filter has run once; its epochs keep transition, measurement and feedback. The error of that nominal run is a linear
+system whose noise is linear in its spectral densities, so that any set of densities costs one pass of covariance
+algebra over the epochs: the innovations form of the likelihood (F. C. Schweppe, "Evaluation of likelihood functions for
+Gaussian signals", IEEE Trans. Inf. Theory 11 (1965) 61-70; T. Kailath, "An innovations approach to least-squares
+estimation", IEEE Trans. Autom. Control 13 (1968) 646-655).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from insnav.kernels.dynamics import NAV
+from insnav.kernels.errorstate import SENSOR, STATES
+from insnav.kernels.gps_measurement import inverse
+from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, RESTART, TIME
+
+GROUPS = 4  # of white noise: gyro, accelerometer, gyro misalignment, accelerometer misalignment
+GYRO, ACCEL, GYRO_AXES, ACCEL_AXES = 0, 1, 2, 3
+
+
+@njit(cache=True)
+def _white(phi, span, column, out):  # type: ignore[no-untyped-def]
+    """Noise at the end of a span of unit white noise on three states from `column` on, isotropic, (9, 9).
+
+    Injected at s, it shows at the end by the transition over the rest of the span, whose blocks grow as powers of that
+    rest: attitude to velocity and velocity to position with the first, attitude to position with the second.
+    """
+    for a in range(3):
+        power_a = column // 3 - a if a <= column // 3 else 1
+        for b in range(3):
+            power_b = column // 3 - b if b <= column // 3 else 1
+            share = span / (power_a + power_b + 1.0)
+            for i in range(3):
+                for j in range(3):
+                    total = 0.0
+                    for k in range(3):
+                        total += phi[3 * a + i, column + k] * phi[3 * b + j, column + k]
+                    out[3 * a + i, 3 * b + j] = share * total
+
+
+@njit(cache=True)
+def tape(history, n, noise, decay, bridged):  # type: ignore[no-untyped-def]
+    """Take from the history of a run what the likelihood of its innovations needs.
+
+    Parameters
+    ----------
+    history : (m, width(n)) array
+        Epochs; see `insnav.kernels.smoother`.
+    n : int
+        Number of states.
+    noise : (20,) array
+        Spectral densities the run was made with; see `insnav.kernels.errorstate.propagate`.
+    decay : (12,) array
+        Inverse correlation times it was made with [1/s].
+    bridged : (m,) bool array
+        A gap of the samples was bridged on the way to the epoch.
+
+    Returns
+    -------
+    span : (m,) array
+        Time since the epoch before [s].
+    kind : (m,) int array
+        Rows of the measurement used, as in the history.
+    phi : (m, 9, 21) array
+        Transition from the epoch before.
+    white : (m, 4, 9, 9) array
+        Noise by group, of unit density; that of misalignment of one rad^2 s.
+    bridge : (m, 2) array
+        Variance that bridging a gap added to velocity and attitude.
+    z, h : (m, 6), (m, 6, n) array
+        Measurement, predicted minus measured, and its derivative.
+    fed : (m, n) array
+        Error that the run took off its state after the measurement.
+    correction : (m, 12) array
+        Sensor errors it used from then on.
+    restart : (m, 9) array
+        Variances of position, velocity and attitude that an explicit reset set or added; zero elsewhere.
+    """
+    m = history.shape[0]
+    span, kind = np.zeros(m), np.zeros(m, dtype=np.int64)
+    phi, white = np.zeros((m, NAV, STATES)), np.zeros((m, GROUPS, NAV, NAV))
+    bridge, z, h = np.zeros((m, 2)), np.zeros((m, 6)), np.zeros((m, 6, n))
+    fed, correction, restart = np.zeros((m, n)), np.zeros((m, SENSOR)), np.zeros((m, NAV))
+    before, after = np.zeros((n, n)), np.zeros((n, n))
+    full = np.zeros((NAV, STATES))
+    unit = np.zeros((2, NAV, NAV))
+    for k in range(m):
+        row = history[k]
+        kind[k] = int(row[KIND])
+        span[k] = row[TIME] - history[k - 1, TIME] if k > 0 else 0.0
+        correction[k] = row[CORRECTION : CORRECTION + SENSOR]
+        at = JACOBIAN + 6 * n
+        for i in range(NAV):
+            for j in range(STATES):
+                phi[k, i, j] = row[at]
+                at += 1
+        at += n - NAV
+        for i in range(n):
+            for j in range(i + 1):
+                before[i, j] = before[j, i] = row[at]
+                at += 1
+        if k > 0 and span[k] > 0.0:
+            # what white noise and driving noise leave of the whole is that of misalignment, or of a bridged gap
+            for i in range(NAV):
+                for j in range(STATES):
+                    total = 0.0
+                    for a in range(STATES):
+                        total += phi[k, i, a] * after[a, j]
+                    full[i, j] = total
+            _white(phi[k], span[k], 6, unit[0])
+            _white(phi[k], span[k], 3, unit[1])
+            rest = np.zeros(NAV)
+            for i in range(NAV):
+                total = before[i, i]
+                for j in range(STATES):
+                    total -= full[i, j] * phi[k, i, j]
+                total -= noise[0] * unit[0, i, i] + noise[3] * unit[1, i, i]
+                rest[i] = total
+            turned = max(0.0, rest[6] + rest[7] + rest[8]) / 3.0
+            pushed = max(0.0, rest[3] + rest[4] + rest[5]) / 3.0
+            white[k, GYRO], white[k, ACCEL] = unit[0], unit[1]
+            if bridged[k]:
+                bridge[k, 0], bridge[k, 1] = pushed, turned
+            else:
+                if noise[18] > 0.0:
+                    white[k, GYRO_AXES] = unit[0] * (turned / noise[18] / span[k])
+                    for i in range(3, 6):
+                        pushed -= turned / span[k] * unit[0, i, i] / 3.0
+                if noise[19] > 0.0:
+                    white[k, ACCEL_AXES] = unit[1] * (max(0.0, pushed) / noise[19] / span[k])
+        if kind[k] == RESTART:
+            for i in range(NAV):
+                restart[k, i] = before[i, i] - (after[i, i] if i > 5 else 0.0)
+            after[:] = before
+            continue
+        if kind[k] == COAST:
+            after[:] = before
+            continue
+        count = 0
+        rows = np.zeros(6, dtype=np.int64)
+        for i in range(6):
+            if kind[k] & (1 << i):
+                rows[count] = i
+                count += 1
+            z[k, i] = row[RESIDUAL + i]
+            for j in range(n):
+                h[k, i, j] = row[JACOBIAN + n * i + j]
+        used, s, residual = np.zeros((count, n)), np.zeros((count, count)), np.zeros(count)
+        for i in range(count):
+            used[i] = h[k, rows[i]]
+            residual[i] = z[k, rows[i]]
+        ph = np.dot(before, used.T)
+        for i in range(count):
+            for j in range(count):
+                total = row[NOISE + 6 * rows[i] + rows[j]]
+                for a in range(n):
+                    total += used[i, a] * ph[a, j]
+                s[i, j] = total
+        gain = np.dot(ph, inverse(s))
+        fed[k] = np.dot(gain, residual)
+        after[:] = before - np.dot(gain, ph.T)
+    return span, kind, phi, white, bridge, z, h, fed, correction, restart
+
+
+@njit(cache=True)
+def innovations(  # type: ignore[no-untyped-def]
+    run,
+    nominal_decay,
+    density,
+    driving,
+    decay,
+    lasting,
+    lasting_sd,
+    lasting_time,
+    variance,
+    start,
+    limit,
+    out,
+):
+    """Innovations of the filter that other noise makes, about the nominal run.
+
+    Parameters
+    ----------
+    run : tuple of arrays
+        From `tape`.
+    nominal_decay, decay : (12,) array
+        Inverse correlation times of the sensor errors in the nominal run and in the other [1/s].
+    density : (4,) array
+        Spectral density of each group of white noise.
+    driving : (12,) array
+        Spectral density of the noise that drives the sensor errors.
+    lasting : int
+        First of three states of a time-correlated position error, or negative.
+    lasting_sd : (3,) array
+        Its standard deviation [m].
+    lasting_time : float
+        Its correlation time [s].
+    variance : (m, 6) array
+        White noise of the measurements.
+    start : (n, n) array
+        Initial covariance.
+    limit : float
+        An innovation beyond so many standard deviations is de-weighted, in the manner of Huber [-].
+    out : (2, 6 m) array
+        Filled with innovation and variance of every component of a measurement used, one given those before.
+
+    Returns
+    -------
+    count : int
+        Number of components.
+    """
+    span, kind, phi, white, bridge, z, h, fed, correction, restart = run
+    n = start.shape[0]
+    p, mean = start.copy(), np.zeros(n)
+    w, fade = np.zeros((NAV, n)), np.ones(n)
+    ph, moved = np.zeros(n), np.zeros(n)
+    last = np.zeros(SENSOR)
+    count = 0
+    for k in range(span.shape[0]):
+        dt = span[k]
+        if dt > 0.0:
+            for j in range(SENSOR):
+                fade[NAV + j] = np.exp(-dt * decay[j])
+            if lasting >= 0:
+                for j in range(3):
+                    fade[lasting + j] = np.exp(-dt / lasting_time)
+            f = phi[k]
+            for i in range(NAV):
+                row = w[i]
+                row[:] = 0.0
+                total = 0.0
+                for a in range(STATES):
+                    share = f[i, a]
+                    if share != 0.0:
+                        source = p[a]
+                        for j in range(n):
+                            row[j] += share * source[j]
+                        total += share * mean[a]
+                moved[i] = total
+            for i in range(NAV):
+                mean[i] = moved[i]
+                for j in range(i + 1):
+                    total = 0.0
+                    for a in range(STATES):
+                        total += w[i, a] * f[j, a]
+                    for g in range(GROUPS):
+                        total += density[g] * white[k, g, i, j]
+                    p[i, j] = total
+                for j in range(NAV, n):
+                    p[i, j] = w[i, j] * fade[j]
+                # noise that drives the sensor errors shows in the navigation errors with half a span's delay
+                for j in range(SENSOR):
+                    p[i, NAV + j] += 0.5 * dt * driving[j] * f[i, NAV + j]
+                for j in range(NAV, n):
+                    p[j, i] = p[i, j]
+            for i in range(NAV):
+                for j in range(i):
+                    p[j, i] = p[i, j]
+            for i in range(3):
+                p[3 + i, 3 + i] += bridge[k, 0]
+                p[6 + i, 6 + i] += bridge[k, 1]
+            for i in range(NAV, n):
+                for j in range(NAV, n):
+                    p[i, j] *= fade[i] * fade[j]
+            for j in range(SENSOR):
+                p[NAV + j, NAV + j] += dt * driving[j]
+                # the nominal run let its correction decay at its own pace
+                pace = np.exp(-dt * nominal_decay[j])
+                mean[NAV + j] = fade[NAV + j] * mean[NAV + j] + (pace - fade[NAV + j]) * last[j]
+            if lasting >= 0:
+                for j in range(3):
+                    at = lasting + j
+                    p[at, at] += (1.0 - fade[at] ** 2) * lasting_sd[j] ** 2
+                    mean[at] *= fade[at]
+        if kind[k] == RESTART:
+            for i in range(6):
+                p[i, :] = 0.0
+                p[:, i] = 0.0
+                mean[i] = 0.0
+            for i in range(NAV):
+                p[i, i] += restart[k, i]
+            if lasting >= 0:
+                for j in range(3):
+                    at = lasting + j
+                    p[at, :] = 0.0
+                    p[:, at] = 0.0
+                    mean[at] = 0.0
+                    p[at, at] = lasting_sd[j] ** 2
+                    p[j, j] = max(p[j, j], 1.0001 * lasting_sd[j] ** 2)
+                    p[j, at] = p[at, j] = -(lasting_sd[j] ** 2)
+        elif kind[k] > COAST:
+            for i in range(6):
+                if not kind[k] & (1 << i):
+                    continue
+                ph[:] = 0.0
+                error = z[k, i]
+                for a in range(n):
+                    share = h[k, i, a]
+                    if share != 0.0:
+                        error -= share * mean[a]
+                        source = p[a]
+                        for j in range(n):
+                            ph[j] += share * source[j]
+                s = variance[k, i]
+                for a in range(n):
+                    s += h[k, i, a] * ph[a]
+                out[0, count], out[1, count] = error, s
+                count += 1
+                far = abs(error) / np.sqrt(s)
+                if far > limit:
+                    s *= far / limit
+                inv = 1.0 / s
+                for a in range(n):
+                    share = ph[a] * inv
+                    mean[a] += share * error
+                    target = p[a]
+                    for j in range(n):
+                        target[j] -= share * ph[j]
+            for a in range(n):
+                mean[a] -= fed[k, a]
+        last = correction[k]
+    return count

@@ -1,0 +1,236 @@
+"""Noise from innovations: the likelihood is that of a filter, and known densities lie in their intervals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.filter import FilterSettings, error_model
+from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.noise_identification import (
+    InnovationLikelihood,
+    NoiseEstimate,
+    identify_noise,
+    maximise,
+    with_noise,
+)
+from insnav.filter.prepare import Prepared
+from insnav.imu.specification import ImuSpec
+from insnav.kernels import noise_likelihood as kernel
+from insnav.simulate import GpsErrors, corrupt_gps
+from insnav.types import FloatArray, GpsData, ImuData
+from tests.filter import drives
+
+LAPS = 16  # twenty minutes
+KEYS = ("random_walk", "bias_instability", "scale_factor")
+OFF = {
+    "gyro.random_walk": 3.0,
+    "gyro.bias_instability": 3.0,
+    "gyro.scale_factor": 1 / 3,
+    "accel.random_walk": 1 / 2,
+    "accel.bias_instability": 3.0,
+    "accel.scale_factor": 4.0,
+}  # of the prior, by the truth
+
+
+def wrong_spec() -> ImuSpec:
+    sensors = {
+        name: replace(
+            getattr(drives.SPEC, name),
+            **{key: getattr(getattr(drives.SPEC, name), key) * OFF[f"{name}.{key}"] for key in KEYS},
+        )
+        for name in ("gyro", "accel")
+    }
+    return replace(drives.SPEC, **sensors)
+
+
+def prepared(imu: ImuData, gps: GpsData, spec: ImuSpec, seed: int, laps: int = LAPS) -> Prepared:
+    model = error_model(spec, 21)
+    start = drives.begin(model, np.random.default_rng([5, seed]), laps)
+    settings = FilterSettings(lever_b=drives.LEVER_B, gates=drives.UNFAILING)
+    return Prepared(imu, gps, model, settings, start.alignment, start.initial, 0.02, ())
+
+
+def recorded(seed: int, errors: GpsErrors | None = None, laps: int = LAPS) -> tuple[ImuData, GpsData]:
+    rng = np.random.default_rng([31, seed])
+    imu = drives.noisy_imu(drives.perfect_imu(laps=laps), drives.MODEL, rng)
+    gps = drives.perfect_gps(laps=laps)
+    return imu, drives.noisy_gps(gps, rng) if errors is None else corrupt_gps(gps, errors, seed)
+
+
+def random_run(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, ...]:
+    """Epochs of no filter in particular: some with a position, some with a position and a velocity, some with none."""
+    span = np.where(np.arange(m) == 0, 0.0, rng.uniform(0.1, 1.0, m))
+    kind = np.array([0, 7, 63, 7, 0, 56] * m)[:m]
+    phi = np.zeros((m, 9, 21))
+    phi[:, :, :9] = np.eye(9)
+    phi += 0.1 * rng.standard_normal(phi.shape)
+    root = 0.3 * rng.standard_normal((m, kernel.GROUPS, 9, 9))
+    white = root @ np.swapaxes(root, 2, 3)
+    bridge = rng.uniform(0.0, 0.1, (m, 2))
+    z, h = rng.standard_normal((m, 6)), rng.standard_normal((m, 6, n))
+    fed = 0.1 * rng.standard_normal((m, n)) * (kind[:, None] > 0)
+    return span, kind, phi, white, bridge, z, h, fed, rng.standard_normal((m, 12)), np.zeros((m, 9))
+
+
+def test_the_likelihood_is_that_of_a_textbook_filter():
+    """Brown and Hwang, Random Signals and Applied Kalman Filtering, with a known input, all rows at once."""
+    rng = np.random.default_rng(3)
+    n, m, lasting = 25, 40, 22
+    run = random_run(rng, n, m)
+    span, kind, phi, white, bridge, z, h, fed, correction, _ = run
+    before, decay = rng.uniform(0.0, 0.1, 12), rng.uniform(0.0, 0.1, 12)
+    density, driving = rng.uniform(0.1, 1.0, 4), rng.uniform(0.1, 1.0, 12)
+    sd, time = np.array([0.5, 0.7, 0.9]), 3.0
+    variance = rng.uniform(0.5, 2.0, (m, 6))
+    root = rng.standard_normal((n, n))
+    out = np.empty((2, 6 * m))
+    count = kernel.innovations(
+        run, before, density, driving, decay, lasting, sd, time, variance, root @ root.T, 1e9, out
+    )
+    found = np.sum(np.log(out[1, :count]) + out[0, :count] ** 2 / out[1, :count])
+
+    mean, p, total, rows = np.zeros(n), root @ root.T, 0.0, 0
+    for k in range(m):
+        dt = span[k]
+        if dt > 0.0:
+            f, q = np.eye(n), np.zeros((n, n))
+            f[:9, :21] = phi[k]
+            f[np.arange(9, 21), np.arange(9, 21)] = np.exp(-decay * dt)
+            fade = np.exp(-dt / time)
+            for i in range(3):
+                f[lasting + i, lasting + i] = fade
+                q[lasting + i, lasting + i] = (1.0 - fade**2) * sd[i] ** 2
+                q[3 + i, 3 + i] += bridge[k, 0]
+                q[6 + i, 6 + i] += bridge[k, 1]
+            q[:9, :9] += np.einsum("g,gij->ij", density, white[k])
+            q[9:21, 9:21] = np.diag(driving * dt)
+            q[:9, 9:21] = 0.5 * dt * phi[k][:, 9:] * driving
+            q[9:21, :9] = q[:9, 9:21].T
+            known = np.zeros(n)
+            known[9:21] = (np.exp(-before * dt) - np.exp(-decay * dt)) * correction[k - 1]
+            mean, p = f @ mean + known, f @ p @ f.T + q
+        used = [i for i in range(6) if kind[k] >> i & 1]
+        if used:
+            hk, r = h[k][used], np.diag(variance[k, used])
+            s = hk @ p @ hk.T + r
+            e = z[k, used] - hk @ mean
+            total += np.linalg.slogdet(s)[1] + e @ np.linalg.solve(s, e)
+            gain = p @ hk.T @ np.linalg.inv(s)
+            keep = np.eye(n) - gain @ hk
+            mean, p = mean + gain @ e - fed[k], keep @ p @ keep.T + gain @ r @ gain.T
+            rows += len(used)
+    assert count == rows
+    assert found == pytest.approx(total, rel=1e-9)
+
+
+def test_with_its_own_noise_the_innovations_are_those_of_the_filter():
+    imu, gps = recorded(1, GpsErrors((0.5, 0.5, 1.0), (1.0, 1.0, 1.5), 40.0, (0.1, 0.1, 0.15)), laps=4)
+    ready = prepared(imu, gps, drives.SPEC, 1, laps=4)
+    drive = InnovationLikelihood(ready, drives.SPEC)
+    at = np.array([p.middle for p in drive.parameters])
+    innovation, variance = drive.normalised(at)
+    _, _, share, time = drive.fixes_of(at)
+    sd = np.sqrt(share) * drive.median_sd
+    navigator = replace(
+        ready, settings=replace(ready.settings, correlated=CorrelatedNoise(share, time, sd))
+    ).navigator()
+    navigator.feed(imu)
+    run = navigator.finish()
+    assert run.innovations.used_position.all()
+    first = innovation.reshape(-1, 6)[:, 0]  # of each fix, north; those after it know it
+    scale = np.sqrt(variance.reshape(-1, 6)[:, 0])
+    np.testing.assert_allclose(scale, run.innovations.sd[:, 0], rtol=0.02)
+    # the filter linearises about another trajectory
+    assert np.std(first + run.innovations.innovation[:, 0]) < 0.02 * np.std(first)
+
+
+@pytest.fixture(scope="module")
+def found() -> list[NoiseEstimate]:
+    estimates = []
+    for seed in range(4):
+        imu, gps = recorded(seed)
+        estimate = identify_noise(prepared(imu, gps, wrong_spec(), seed), wrong_spec())
+        assert estimate is not None
+        estimates.append(estimate)
+    return estimates
+
+
+def test_known_densities_are_found_within_their_intervals(found):
+    inside, seen = [], set()
+    for estimate in found:
+        for figure in estimate.figures:
+            if figure.key in OFF and figure.observable:
+                inside.append(figure.low <= 1.0 / OFF[figure.key] <= figure.high)
+                seen.add(figure.key)
+    assert seen >= {"gyro.bias_instability", "gyro.random_walk", "accel.scale_factor"}
+    assert len(inside) > 10
+    assert np.mean(inside) >= 0.85  # 95 % of them, by chance a few less
+
+
+def test_white_fixes_stay_white_and_keep_their_size(found):
+    for estimate in found:
+        np.testing.assert_allclose(estimate.position_factor, 1.0, atol=0.05)
+        np.testing.assert_allclose(estimate.velocity_factor, 1.0, atol=0.05)
+        assert estimate.correlated is None or estimate.correlated.share < 0.1
+        assert estimate.gain > 10.0
+        assert estimate.mean_after == pytest.approx(1.0, abs=0.05)
+
+
+def test_time_correlated_errors_are_found_without_velocities():
+    errors = GpsErrors((0.5, 0.5, 1.0), (1.2, 1.2, 2.4), 60.0)
+    imu, gps = recorded(3, errors)
+    n = gps.time.size
+    sd = np.tile(errors.position_sd, (n, 1))
+    gps = replace(gps, v_n=np.full((n, 3), np.nan), velocity_sd=np.full((n, 3), np.nan), position_sd=sd)
+    estimate = identify_noise(prepared(imu, gps, drives.SPEC, 3), drives.SPEC)
+    assert estimate is not None
+    assert estimate.correlated is not None
+    assert estimate.correlated.share == pytest.approx(1.2**2 / 1.3**2, abs=0.06)
+    assert estimate.correlated.time == pytest.approx(60.0, rel=0.5)
+
+
+def test_false_fixes_do_not_decide():
+    imu, gps = recorded(2)
+    rng = np.random.default_rng(8)
+    false = rng.random(gps.time.size) < 0.02
+    lla = gps.lla.copy()
+    lla[false, :2] += rng.standard_normal((false.sum(), 2)) * 30.0 / 6.4e6
+    spoilt = identify_noise(prepared(imu, replace(gps, lla=lla), wrong_spec(), 2), wrong_spec())
+    clean = identify_noise(prepared(imu, gps, wrong_spec(), 2), wrong_spec())
+    assert spoilt is not None
+    assert clean is not None
+    np.testing.assert_allclose(spoilt.position_factor, clean.position_factor, rtol=0.1)
+    ratio = spoilt.spec.gyro.bias_instability / clean.spec.gyro.bias_instability
+    np.testing.assert_allclose(ratio, 1.0, atol=0.2)
+
+
+def test_the_filter_is_set_up_with_what_was_found(found):
+    imu, gps = recorded(0)
+    ready = prepared(imu, gps, wrong_spec(), 0)
+    after = with_noise(ready, found[0])
+    np.testing.assert_allclose(after.model.noise, error_model(found[0].spec, 21).noise)
+    np.testing.assert_allclose(after.gps.position_sd, gps.position_sd * found[0].position_factor)
+    # attitude and position at the start do not depend on the IMU where the start was given
+    np.testing.assert_allclose(np.diag(after.initial.covariance)[6:9], drives.START_SD[6:] ** 2, rtol=1e-6)
+
+
+def test_a_short_drive_tells_nothing():
+    imu, gps = recorded(0, laps=1)
+    assert identify_noise(prepared(imu, gps, drives.SPEC, 0, laps=1), drives.SPEC) is None
+
+
+def test_drives_of_one_imu_together_tell_more_than_one(found):
+    pool = []
+    for seed in range(4):
+        imu, gps = recorded(seed)
+        pool.append(InnovationLikelihood(prepared(imu, gps, wrong_spec(), seed), wrong_spec()))
+    together = {figure.key: figure for figure in maximise(pool).figures}
+    alone = {figure.key: figure for figure in found[0].figures}
+    for key in ("gyro.random_walk", "gyro.bias_instability", "accel.bias_instability", "accel.scale_factor"):
+        by_truth = together[key].factor * OFF[key]
+        assert 0.7 < by_truth < 1.4
+        widths = [np.log(each[key].high / each[key].low) for each in (together, alone)]
+        assert widths[0] < 0.7 * widths[1]
