@@ -266,7 +266,11 @@ def _value_text(each: Quantity) -> str:
         text = ", ".join(_with_sd(float(v), float(s), each) for v, s in parts)
     if each.interval is None:
         return text
-    low, high = (number(each.scaled(float(bound)), each.digits) for bound in each.interval)
+    known = isinstance(sd, float) and np.isfinite(sd) and sd > 0.0
+    low, high = (
+        rounded(bound, sd) if known else number(bound, each.digits)
+        for bound in (float(each.scaled(float(end))) for end in each.interval)
+    )
     return f"{text} ({low} … {high})"
 
 

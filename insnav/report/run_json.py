@@ -58,7 +58,7 @@ def section_facts(sections: Sequence[Section]) -> dict[str, Any]:
 
 
 def _put(facts: dict[str, Any], section: Section) -> None:
-    content: dict[str, Any] = {}
+    content: dict[str, Any] = {} if section.key else facts
     for each in section.items:
         content |= each.facts()
     for part in section.parts:
@@ -68,10 +68,10 @@ def _put(facts: dict[str, Any], section: Section) -> None:
         for row, found in zip(section.rows, rows, strict=True):
             content[str(row[0].value)] = dict(islice(found.items(), 1, None))
         rows = []
-    old = facts.get(section.key, {})
     if not section.key:
-        facts |= content
-    elif section.rows and not section.keyed and not content:
+        return
+    old = facts.get(section.key, {})
+    if section.rows and not section.keyed and not content:
         facts[section.key] = rows
     elif content or rows:
         facts[section.key] = {**(old if isinstance(old, dict) else {}), **content, **({"rows": rows} if rows else {})}

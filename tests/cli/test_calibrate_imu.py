@@ -35,7 +35,7 @@ def test_sweeps_on_the_terminal_and_in_the_folder(bench: Path, cli: Cli) -> None
         "Pieces: error = k rate + b'",
         "condition",
         "Impact on navigation",
-        "Corrected data",
+        "Uncertainty of corrected data",
         "times smaller",
     ):
         assert words in shown.out
@@ -45,9 +45,9 @@ def test_sweeps_on_the_terminal_and_in_the_folder(bench: Path, cli: Cli) -> None
     assert known.gyro_map is not None
     assert known.gyro_map.y is None
     facts = json.loads(Path("calibration/run.json").read_text())
-    assert facts["rate_error_deg_s"]["map"] < 0.2 * facts["rate_error_deg_s"]["matrix"]
+    assert facts["rate_error"]["map_deg_s"] < 0.2 * facts["rate_error"]["matrix_deg_s"]
     assert set(facts["pieces"]) == {"x", "z"}
-    assert all(item["with_m"] < 0.2 * item["without_m"] for item in facts["minute"])
+    assert all(item["with_m"] < 0.2 * item["without_m"] for item in facts["navigation_impact"])
 
 
 def test_run_takes_the_file_with_its_pieces(bench: Path, drive: Path, cli: Cli) -> None:

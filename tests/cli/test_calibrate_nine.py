@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from insnav.imu import load_calibration
+from insnav.lab.nine_position.method import SENSORS
 from insnav.output.folder import read_facts
 from tests.cli.conftest import Cli
 from tests.lab.modules import NINE, UPRIGHT, Modules, make
@@ -35,19 +36,20 @@ def test_modules_are_recovered(
     errors = load_calibration("calibration/calibration.toml")
     truth = modules.gyro / np.diag(modules.gyro)[:, None]
     facts = read_facts(Path("calibration"))
-    printed = {item["name"]: item for item in facts["parameters"]}
+    printed = facts["parameters"]
     for i, j in np.argwhere(~np.eye(3, dtype=bool)):
-        half_width = 2.0 * printed[f"gyro {'xyz'[i]} senses {'xyz'[j]}"]["half_width_95"]
+        low, high = printed[f"gyro_{'xyz'[i]}_senses_{'xyz'[j]}_interval_mrad"]
+        half_width = high - low
         assert 1e3 * errors.gyro_matrix[i, j] == pytest.approx(1e3 * truth[i, j], abs=half_width)
-    biases = facts["parameters"][:6]
-    for item, true in zip(biases, modules.bias, strict=True):
-        assert item["value"] * 9.80665e-3 == pytest.approx(true, abs=5.0 * item["sd"] * 9.80665e-3)
+    for name, true in zip(SENSORS, modules.bias, strict=True):
+        bias, sd = (printed[f"{name.replace(' ', '_')}_{key}"] for key in ("bias_mg", "bias_sd_mg"))
+        assert bias * 9.80665e-3 == pytest.approx(true, abs=5.0 * sd * 9.80665e-3)
     for words in (
         "first order",
         "symmetric",
         "carries the scale of the accelerometers",
         "itself it would double",
-        "Corrected data",
+        "Uncertainty of corrected data",
     ):
         assert words in shown.out
     assert ("extreme positions" in shown.out) == (samples > 1)

@@ -56,13 +56,22 @@ def test_the_calibration_file_is_what_run_reads(bench: Path, cli: Cli) -> None:
     assert Path("calibration/figures/poses.png").stat().st_size > 10_000
 
 
-def test_the_sheet_shows_field_units_and_every_pose_only_on_the_page(bench: Path, cli: Cli) -> None:
+def test_the_page_shows_field_units_and_every_pose_only_on_the_page(bench: Path, cli: Cli) -> None:
     shown = cli("calibrate", "poses", "imu.csv", *G)
-    for text in ("24 poses and 23 turns", "bias x [mg]", "scale factor z [ppm]", "x feels y [mrad]", "left out"):
+    for text in (
+        "24 poses and 23 turns",
+        "bias x",
+        " mg",
+        "scale factor error z",
+        " ppm",
+        "x senses y",
+        " mrad",
+        "left out",
+    ):
         assert text in shown.out
-    assert "tells [%]" not in shown.out
+    assert "turn share [%]" not in shown.out
     page = Path("calibration/report.html").read_text(encoding="utf-8")
-    assert "tells [%]" in page
+    assert "turn share [%]" in page
     assert "normal gravity" not in shown.err
     assert "as given" in shown.err
     assert "g-sensitivity of the gyros up to" in shown.out
@@ -83,7 +92,7 @@ def test_counts_and_the_calibration_give_what_was_true(bench: Path, cli: Cli, ax
     truth = correct(measured(np.random.default_rng(1)), exact)
     turn = axes_matrix(axes)
     if axes == "FRD":
-        matrix = np.array(facts["accel"]["matrix_counts_per_m_s2"]) / 415.0
+        matrix = np.array(facts["accel"]["matrix_counts_m_s2"]) / 415.0
         np.testing.assert_allclose(matrix, TRUE.accel_matrix, atol=0.01)
         # noise is the same in both; what is left is the rounding to counts and the uncertainty of the calibration
         assert np.sqrt(np.mean((got.accel - truth.accel) ** 2)) < 2.5e-3
@@ -96,15 +105,15 @@ def test_counts_and_the_calibration_give_what_was_true(bench: Path, cli: Cli, ax
         assert abs(np.linalg.norm(got.accel[still], axis=1).mean() - 9.81) < 0.01
 
 
-def test_impact_on_navigation_is_on_the_sheet(bench: Path, cli: Cli) -> None:
+def test_impact_on_navigation_is_on_the_page(bench: Path, cli: Cli) -> None:
     shown = cli("calibrate", "poses", "imu.csv", *G)
     assert "Impact on navigation" in shown.out
-    assert "Corrected data" in shown.out
+    assert "Uncertainty of corrected data" in shown.out
     facts = read_facts(Path("calibration"))
-    assert all(item["with_m"] < 0.1 * item["without_m"] for item in facts["minute"])
+    assert all(item["with_m"] < 0.1 * item["without_m"] for item in facts["navigation_impact"])
     known = load_calibration("calibration/calibration.toml")
     assert known.gyro_terms is not None
-    unit = "rad_s_per_m_s2"
+    unit = "rad_s_m_s2"
     np.testing.assert_allclose(known.gyro_terms.g_sensitivity, facts["gyro"][f"g_sensitivity_{unit}"])
 
 

@@ -10,7 +10,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, result_sheet
+from insnav.cli.console import Stages, note, result_page
 
 METHOD = "Method"
 
@@ -54,27 +54,22 @@ def run(
     **options: Any,
 ) -> None:
     """Calibrate, write the folder with calibration file and report, and print the result."""
-    from dataclasses import replace
-
     from insnav.output.folder import RunFolder
 
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("loading")
         from insnav.imu import calibration_to_toml
-        from insnav.report.calibration.page import calibration_report
-        from insnav.report.run_json import json_ready
-        from insnav.report.sheet import write_sheet
+        from insnav.report.calibration.page import calibration_metadata, calibration_page
+        from insnav.report.save import write_page
         from insnav.session.bench import calibrate
 
         named = parse.columns(columns, "--columns") if isinstance(columns, str) else columns
         found = calibrate(method, files, columns=named, stage=stage, opened=opened, **options)
         stage("writing")
-        sheet, facts = calibration_report(found)
+        page = calibration_page(found)
         texts = {} if found.errors is None else {"calibration.toml": calibration_to_toml(found.errors)}
-        where = write_sheet(folder, sheet, json_ready(facts), texts)
+        where = write_page(folder, page, calibration_metadata(found), texts)
     if as_json:
-        for line in sheet.warnings:
+        for line in page.warnings:
             note(f"warning: {line}")
-    if method == "poses":
-        sheet = replace(sheet, tables=sheet.tables[:-1])  # the last lists every pose: too long for a terminal
-    result_sheet(where, sheet, out, as_json=as_json, more=texts)
+    result_page(where, page, out, as_json=as_json, more=texts)

@@ -1,8 +1,8 @@
-"""Page and facts of a multi-position calibration: poses and turns, or six positions and three turns."""
+"""Page of a multi-position calibration: poses and turns, or six positions and three turns."""
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,14 +11,12 @@ from insnav.lab.calibration import Calibration
 from insnav.lab.multi_position.many_positions import PosesCalibration
 from insnav.lab.multi_position.method import Found
 from insnav.lab.multi_position.six_positions import POSITIONS, TURN_SD, TURNS, SixPositions
+from insnav.quantity import Quantity
+from insnav.report.calibration.common import corrected_section, impact_section
 from insnav.report.calibration.multi_position_figures import draw_poses, draw_six_positions
-from insnav.report.calibration.page import corrected_table, impact_facts, impact_table
-from insnav.report.calibration.triad import g_table, triad_table
+from insnav.report.calibration.triad import g_section, triad_section
 from insnav.report.numbers import number
-from insnav.report.page import Table
-from insnav.report.run_json import json_ready
-from insnav.report.sheet import Picture, Sheet
-from insnav.report.style import drawing
+from insnav.report.page import FigureSpec, Page, Section
 from insnav.sample_statistics import rms
 from insnav.types import ImuData
 from insnav.units import DEG, G0
@@ -26,114 +24,103 @@ from insnav.units import DEG, G0
 _MG, _MRAD = 1e-3 * G0, 1e-3
 
 
-def poses_report(calibration: Calibration[Reading[ImuData], Found]) -> tuple[Sheet, dict[str, Any]]:
-    """Page and facts of a multi-position calibration."""
-    return _sheet(calibration), _facts(calibration)
-
-
-def _facts(calibration: Calibration[Reading[ImuData], Found]) -> dict[str, Any]:
-    found, how = calibration.detail, calibration.options
-    configuration = {
-        "method": "six" if how.six else "poses",
-        "counts": how.counts,
-        "gravity_m_s2": how.gravity,
-        "gravity": how.gravity_source,
-    }
-    unit = ("counts", "counts_per_") if found.counts else ("", "")
-    facts: dict[str, Any] = {
-        "configuration": configuration,
-        "input": calibration.record.facts.as_dict(),
-        "gravity_m_s2": found.g,
-    }
-    for sensor, si, triad in (("accel", "m_s2", found.accel), ("gyro", "rad_s", found.gyro)):
-        matrix = f"matrix_{unit[1]}{si}" if found.counts else "matrix"
-        facts[sensor] = {
-            f"bias_{unit[0] or si}": triad.bias.tolist(),
-            f"bias_sd_{unit[0] or si}": triad.bias_sd.tolist(),
-            matrix: triad.matrix.tolist(),
-            f"{matrix}_sd": triad.matrix_sd.tolist(),
-            "condition": triad.condition,
-        }
-    g_unit = "counts_per_m_s2" if found.counts else "rad_s_per_m_s2"
-    facts["gyro"][f"g_sensitivity_{g_unit}"] = found.g_sensitivity.tolist()
-    facts["gyro"][f"g_sensitivity_sd_{g_unit}"] = found.g_sensitivity_sd.tolist()
-    facts["gravity_error_mg"] = {
-        "before": (found.norm_before / _MG).tolist(),
-        "after": (found.norm_after / _MG).tolist(),
-    }
-    if isinstance(found, PosesCalibration):
-        facts["method"] = "poses"
-        facts["gravity_error_mg"]["left_out"] = (found.norm_left_out / _MG).tolist()
-        facts["turn_error_deg"] = {
-            "before": (found.turn_before / DEG).tolist(),
-            "without_g_sensitivity": (found.turn_plain / DEG).tolist(),
-            "after": (found.turn_after / DEG).tolist(),
-            "left_out": (found.turn_left_out / DEG).tolist(),
-            "used": found.turn_used.tolist(),
-        }
-        facts["poses_s"] = [[pose.start, pose.end] for pose in found.poses]
-        facts["rest_limit_sd"] = found.factor
-    else:
-        facts["method"] = "six positions"
-        facts["sections"] = {name: list(span) for name, span in found.sections.items()}
-        facts["position_tilt_mrad"] = found.tilt / _MRAD
-        facts["turn_deg"] = found.angle / DEG
-    facts["minute"] = impact_facts(calibration)
-    facts["warnings"] = list(calibration.warnings)
-    ready: dict[str, Any] = json_ready(facts)
-    return ready
-
-
-def _sheet(calibration: Calibration[Reading[ImuData], Found]) -> Sheet:
-    """Its last table lists every pose: too long for a terminal."""
+def multi_position_page(calibration: Calibration[Reading[ImuData], Found]) -> Page:
+    """Report a multi-position calibration."""
     found = calibration.detail
-    tables = [
-        triad_table("Accelerometers", found.accel, found.counts, accel=True),
-        triad_table("Gyros", found.gyro, found.counts, accel=False),
-        g_table(found.g_sensitivity, found.g_sensitivity_sd, found.counts),
-    ]
+    own = _of_poses(found) if isinstance(found, PosesCalibration) else _of_six_positions(found)
     without = "Without: one zero and one scale factor for three sensors." if found.counts else ""
-    impact = (corrected_table(calibration), impact_table(calibration, without))
-    general = (
-        f"Gravity is {found.g:.5f} m/s^2; accelerometer scale factors are as good as that.",
-        "A positive output is a positive specific force (an axis pointing up) and a positive rate.",
-        "The Earth's rotation (15 deg/h) is neglected; biases are those of this time since switching on.",
-    )
-    with drawing():
-        if isinstance(found, PosesCalibration):
-            summary = _poses_summary(found)
-            tables += [_quality_table(found), *impact, _poses_table(found)]
-            picture = Picture("poses", draw_poses(found), "Gravity in every pose, and turns between them")
-            assumed: tuple[str, ...] = (
-                "Body x is the sensitive axis of accelerometer x; body y lies in the plane of x and y.",
-                "Standard deviations come from the scatter of the residuals, "
-                f"{len(found.poses) - 9} degrees of freedom for the accelerometers.",
-                "Method: Tedaldi, Pretto, Menegatti (ICRA 2014), plus the gyros' g-sensitivity from the rests.",
-            )
-        else:
-            summary = _six_summary(found)
-            tables += [_turns_table(found), *impact, _positions_table(found)]
-            picture = Picture("positions", draw_six_positions(found), "Gravity in the six positions")
-            assumed = (
-                f"Turns are by {found.angle / DEG:g} deg within {TURN_SD / DEG:g} deg (1 sd), to either side.",
-                "Axes are those of the housing, as good as it stood: off the diagonal that is the uncertainty.",
-                "Method: Ferraris, Grimaldi, Parvis (1995).",
-            )
-    return Sheet(
+    gravity = [
+        Quantity("before", found.norm_before, "mg"),
+        Quantity("after", found.norm_after, "mg"),
+    ]
+    if isinstance(found, PosesCalibration):
+        gravity.append(Quantity("left_out", found.norm_left_out, "mg"))
+    return Page(
         f"Multi-position calibration: {calibration.record.facts.path}",
-        summary,
-        tuple(tables),
-        (picture,),
-        (*assumed, *general),
+        own.summary,
+        (
+            triad_section("accel", "Accelerometers", found.accel, found.counts),
+            triad_section("gyro", "Gyros", found.gyro, found.counts),
+            g_section(found.g_sensitivity, found.g_sensitivity_sd, found.counts),
+            Section("gravity_error", items=tuple(gravity), show="json"),
+            own.quality,
+            corrected_section(calibration),
+            impact_section(calibration, without),
+            own.every,
+            Section("", items=(Quantity("gravity", found.g, "m/s^2"), *own.items), show="json"),
+            Section("", figures=(own.figure,)),
+        ),
         calibration.warnings,
+        (
+            *own.assumptions,
+            f"Gravity is {found.g:.5f} m/s^2; accelerometer scale factors are as good as that.",
+            "A positive output is a positive specific force (an axis pointing up) and a positive rate.",
+            "The Earth's rotation (15 deg/h) is neglected; biases are those of this time since switching on.",
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Own:
+    """What poses and six positions each have of their own; `every` lists each position: too long for a terminal."""
+
+    summary: tuple[str, ...]
+    quality: Section
+    every: Section
+    items: tuple[Quantity, ...]
+    figure: FigureSpec
+    assumptions: tuple[str, ...]
+
+
+def _of_poses(found: PosesCalibration) -> _Own:
+    turns = (
+        Quantity("before", found.turn_before, "deg"),
+        Quantity("without_g_sensitivity", found.turn_plain, "deg"),
+        Quantity("after", found.turn_after, "deg"),
+        Quantity("left_out", found.turn_left_out, "deg"),
+        Quantity("used", [bool(used) for used in found.turn_used]),
+    )
+    every = Section("", parts=(_poses(found), Section("turn_error", items=turns, show="json")), show="page")
+    return _Own(
+        _poses_summary(found),
+        _quality(found),
+        every,
+        (
+            Quantity("poses", np.array([[pose.start, pose.end] for pose in found.poses]), "s"),
+            Quantity("rest_limit_sd", found.factor),
+        ),
+        FigureSpec("poses", "Gravity in every pose, and turns between them", lambda: draw_poses(found)),
+        (
+            "Body x is the sensitive axis of accelerometer x; body y lies in the plane of x and y.",
+            "Standard deviations come from the scatter of the residuals, "
+            f"{len(found.poses) - 9} degrees of freedom for the accelerometers.",
+            "Method: Tedaldi, Pretto, Menegatti (ICRA 2014), plus g-sensitivity from the stationary spans.",
+        ),
+    )
+
+
+def _of_six_positions(found: SixPositions) -> _Own:
+    sections = tuple(Quantity(name, list(span)) for name, span in found.sections.items())
+    every = Section("", parts=(_positions(found), Section("sections", items=sections, show="json")), show="page")
+    return _Own(
+        _six_summary(found),
+        _turns(found),
+        every,
+        (Quantity("position_tilt", found.tilt, "mrad"), Quantity("turn", found.angle, "deg")),
+        FigureSpec("positions", "Gravity in the six positions", lambda: draw_six_positions(found)),
+        (
+            f"Turns are by {found.angle / DEG:g} deg within {TURN_SD / DEG:g} deg (1 sd), to either side.",
+            "Axes are those of the housing, as well as it stood: off the diagonal that is the uncertainty.",
+            "Method: Ferraris, Grimaldi, Parvis (1995).",
+        ),
     )
 
 
 def _poses_summary(found: PosesCalibration) -> tuple[str, ...]:
     used = found.turn_used
     return (
-        f"{len(found.poses)} poses and {int(np.count_nonzero(used))} turns; rest is where the accelerometers scatter "
-        f"less than {found.factor:g} times as in the quietest tenth.",
+        f"{len(found.poses)} poses and {int(np.count_nonzero(used))} turns; stationary where the accelerometers "
+        f"scatter less than {found.factor:g} times as in the quietest tenth.",
         f"{_gravity_text(found)}; turns miss the next pose by {number(rms(found.turn_before[used]) / DEG)} deg "
         f"before, {number(rms(found.turn_after[used]) / DEG)} deg after.",
     )
@@ -154,88 +141,75 @@ def _six_summary(found: SixPositions) -> tuple[str, ...]:
     )
 
 
-def _quality_table(found: PosesCalibration) -> Table:
+def _quality(found: PosesCalibration) -> Section:
     used = found.turn_used
     gravity = (found.norm_before, None, found.norm_after, found.norm_left_out)
     turns = (found.turn_before[used], found.turn_plain[used], found.turn_after[used], found.turn_left_out[used])
-    rows = []
-    for title, series, unit in (("gravity [mg]", gravity, _MG), ("turn [deg]", turns, DEG)):
-        for how, reduce in (("RMS", rms), ("worst", lambda v: float(np.abs(v).max()))):
-            rows.append(
-                (f"{title}, {how}", *(number(None if values is None else reduce(values) / unit) for values in series))
-            )
-    return Table(
-        "Errors",
-        ("", "before", "without g-sensitivity", "after", "left out"),
-        tuple(rows),
-        "left out: every fifth at a time, by a calibration without them",
+    columns = ("before", "without_g_sensitivity", "after", "left_out")
+    rows = tuple(
+        (
+            Quantity("error", f"{name}, {how}"),
+            *(
+                Quantity(column, None if values is None else reduce(values), unit)
+                for column, values in zip(columns, series, strict=True)
+            ),
+        )
+        for name, series, unit in (("gravity", gravity, "mg"), ("turn", turns, "deg"))
+        for how, reduce in (("RMS", rms), ("worst", lambda v: float(np.abs(v).max())))
     )
+    note = "left out: every fifth at a time, by a calibration without them"
+    return Section("", "Errors", rows=rows, note=note)
 
 
-def _poses_table(found: PosesCalibration) -> Table:
-    up = (
-        np.linalg.solve(found.accel.matrix, (np.array([p.force for p in found.poses]) - found.accel.bias).T).T / found.g
-    )
+def _poses(found: PosesCalibration) -> Section:
+    forces = np.array([pose.force for pose in found.poses])
+    up = np.linalg.solve(found.accel.matrix, (forces - found.accel.bias).T).T / found.g
     rows = []
     for i, pose in enumerate(found.poses):
-        last = i == len(found.poses) - 1
-        rows.append(
-            (
-                str(i + 1),
-                f"{pose.start:.2f}",
-                f"{pose.end - pose.start:.2f}",
-                " ".join(f"{v:+.2f}" for v in up[i]),
-                f"{found.norm_before[i] / _MG:+.2f}",
-                f"{found.norm_after[i] / _MG:+.3f}",
-                f"{100.0 * found.accel_share[i]:.0f}",
-                "–" if last else number(found.turn_before[i] / DEG),
-                "–" if last or not found.turn_used[i] else number(found.turn_after[i] / DEG),
-                "–" if last else f"{100.0 * found.gyro_share[i]:.0f}",
-            )
-        )
-    return Table(
-        "Poses, and the turn from each to the next",
-        (
-            "pose",
-            "from [s]",
-            "for [s]",
-            "f [g]",
-            "before [mg]",
-            "after [mg]",
-            "tells [%]",
-            "turn before [deg]",
-            "after [deg]",
-            "tells [%]",
-        ),
-        tuple(rows),
-        "tells: how much of one parameter this pose or turn determines by itself; all add up to nine parameters",
-    )
+        row = [
+            Quantity("pose", str(i + 1)),
+            Quantity("from", pose.start, "s", decimals=2),
+            Quantity("for", pose.end - pose.start, "s", decimals=2),
+            Quantity("f [g]", " ".join(f"{v:+.2f}" for v in up[i])),
+            Quantity("before", float(found.norm_before[i]), "mg"),
+            Quantity("after", float(found.norm_after[i]), "mg"),
+            Quantity("share", float(found.accel_share[i]), "%", decimals=0),
+        ]
+        if i < len(found.poses) - 1:
+            after = float(found.turn_after[i]) if found.turn_used[i] else None
+            row += [
+                Quantity("turn_before", float(found.turn_before[i]), "deg"),
+                Quantity("turn_after", after, "deg"),
+                Quantity("turn_share", float(found.gyro_share[i]), "%", decimals=0),
+            ]
+        rows.append(tuple(row))
+    note = "share: of one parameter that this pose or turn determines by itself; all add up to nine parameters"
+    return Section("", "Poses, and the turn from each to the next", rows=tuple(rows), note=note)
 
 
-def _turns_table(found: SixPositions) -> Table:
+def _turns(found: SixPositions) -> Section:
     scale = np.diag(found.gyro.matrix)
-    unit, size = ("counts s", 1.0) if found.counts else ("deg", DEG)
     rows = tuple(
-        (name, number(found.turned[i] / size, 6), number(found.turned[i] / scale[i] / DEG, 6))
+        (
+            Quantity("turn", name),
+            Quantity("before", float(found.turned[i]), "counts s" if found.counts else "deg", digits=6),
+            Quantity("after", float(found.turned[i] / scale[i]), "deg", digits=6),
+        )
         for i, name in enumerate(TURNS)
     )
-    return Table("Turns, as their own gyro has them", ("", f"before [{unit}]", "after [deg]"), rows)
+    return Section("", "Turns, as their own gyro measures them", rows=rows)
 
 
-def _positions_table(found: SixPositions) -> Table:
+def _positions(found: SixPositions) -> Section:
     rows = tuple(
         (
-            name,
-            str(found.sections[name][0]),
-            str(found.sections[name][1]),
-            f"{found.norm_before[i] / _MG:+.2f}",
-            f"{found.norm_after[i] / _MG:+.3f}",
-            " ".join(f"{v / _MG:+.2f}" for v in found.force_after[i]),
+            Quantity("position", name),
+            Quantity("first_sample", found.sections[name][0]),
+            Quantity("last_sample", found.sections[name][1], meaning="last + 1"),
+            Quantity("before", float(found.norm_before[i]), "mg", meaning="|f| - g before"),
+            Quantity("after", float(found.norm_after[i]), "mg"),
+            Quantity("left", found.force_after[i], "mg", meaning="f - ideal, after"),
         )
         for i, name in enumerate(POSITIONS)
     )
-    return Table(
-        "Positions",
-        ("", "first sample", "last + 1", "|f| - g before [mg]", "after [mg]", "f - ideal, after [mg]"),
-        rows,
-    )
+    return Section("", "Positions", rows=rows)

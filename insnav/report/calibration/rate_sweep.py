@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from insnav.lab.calibration import Calibration
 from insnav.lab.rate_sweep.method import SweepCalibration
 from insnav.lab.rate_sweep.records import SweepRecord
-from insnav.report.calibration.page import (
-    base_facts,
-    corrected_table,
-    fit_facts,
-    impact_table,
-    parameter_table,
-    quality_table,
-)
+from insnav.quantity import Quantity
+from insnav.report.calibration.common import corrected_section, impact_section, quality_section
 from insnav.report.calibration.rate_sweep_figures import draw_sweeps
 from insnav.report.numbers import number
-from insnav.report.page import Table
-from insnav.report.sheet import Picture, Sheet
-from insnav.report.style import drawing
+from insnav.report.page import FigureSpec, Page, Section
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray
 from insnav.units import DEG
@@ -30,69 +21,60 @@ from insnav.units import DEG
 AXES = ("x", "y", "z")
 
 
-def sweep_report(calibration: Calibration[SweepRecord, SweepCalibration]) -> tuple[Sheet, dict[str, Any]]:
-    """Page and facts of three gyros swept about three axes."""
+def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
+    """Report three gyros swept about three axes."""
     record, found, fits = calibration.record, calibration.detail, calibration.fits
-    unit = record.unit if record.raw else "deg/s"
+    unit, scale = (record.unit, 1.0) if record.raw else ("deg/s", 1.0 / DEG)
     stages = (rms(found.error_line), rms(found.error_matrix), rms(found.error_map))
-    summary = [
-        f"Rate error, RMS over all dwells: {number(stages[0] / DEG)} deg/s by one line a gyro, "
-        f"{number(stages[1] / DEG)} deg/s by the matrix, {_gain(found, stages)}.",
-        *_dropped(found),
-    ]
-    with drawing():
-        figure = draw_sweeps(found)
-    scale = 1.0 if record.raw else 1.0 / DEG
     settings = {name: _settings(found.rate[found.used[:, i]]) for i, name in enumerate(fits)}
-    quality = quality_table(fits, unit, settings, scale)
-    pieces = _pieces_table(found)
-    facts = base_facts("rate sweeps", record.tables, calibration)
-    facts |= {
-        "fits": fit_facts(fits, unit, scale),
-        "condition_matrix": float(np.linalg.cond(found.matrix / np.diag(found.matrix)[:, None])),
-        "rate_error_deg_s": dict(zip(("line", "matrix", "map"), (value / DEG for value in stages), strict=True)),
-        "rate_error_by_gyro_deg_s": {
-            axis: {"matrix": rms(found.error_matrix[:, i]) / DEG, "map": rms(found.error_map[:, i]) / DEG}
-            for i, axis in enumerate(AXES)
-        },
-        "pieces": {
-            axis: {
-                "rate_deg_s": item.knot / DEG,
-                "error_deg_s": item.value / DEG,
-                "sd_deg_s": np.sqrt(np.diag(item.covariance)) / DEG,
-            }
-            for axis, item in zip(AXES, found.pieces, strict=True)
-            if item is not None
-        },
-        "dropped": [
-            {"sensor": AXES[axis], "rate_deg_s": item.rate, "reason": item.reason} for axis, item in found.dropped
-        ],
-    }
-    sheet = Sheet(
+    figure = FigureSpec(
+        "rate_errors",
+        "What matrix and bias leave, the pieces through it, and what these leave",
+        lambda: draw_sweeps(found),
+    )
+    return Page(
         "Three gyros swept over rates about three axes",
-        tuple(summary),
         (
-            parameter_table("Output = B rate + b", calibration.parameters, _words(found)),
-            _errors_table(found),
-            *([pieces] if pieces.rows else []),
-            quality,
-            corrected_table(calibration),
-            impact_table(calibration),
+            f"Rate error, RMS over all dwells: {number(stages[0] / DEG)} deg/s by one line a gyro, "
+            f"{number(stages[1] / DEG)} deg/s by the matrix, {_gain(found, stages)}.",
+            *_dropped(found),
         ),
-        (Picture("rate_errors", figure, "What matrix and bias leave, the pieces through it, and what these leave."),),
         (
-            "The rate of the table is exact and about the axis named; the Earth's rotation along it is in the bias.",
-            "The corrected rate is inverse(B) (output - b); from it the error is taken off, k rate + b' in each piece.",
-            "Beyond the swept rates the outer pieces are continued.",
+            Section("parameters", "Output = B rate + b", calibration.parameters, note=_pieces_note(found)),
+            _errors(found, stages),
+            *_pieces(found),
+            quality_section(fits, unit, settings, scale),
+            corrected_section(calibration),
+            impact_section(calibration),
+            _details(found),
+            Section("", figures=(figure,)),
         ),
         calibration.warnings,
+        (
+            "The rate of the table is exact and about the axis named; the Earth's rotation along it is in the bias.",
+            "The corrected rate is inverse(B) (output - b); its error is subtracted, k rate + b' in each piece.",
+            "Beyond the swept rates the outer pieces are continued.",
+        ),
     )
-    return sheet, facts
+
+
+def _details(found: SweepCalibration) -> Section:
+    condition = float(np.linalg.cond(found.matrix / np.diag(found.matrix)[:, None]))
+    dropped = tuple(
+        (Quantity("sensor", AXES[axis]), Quantity("rate_deg_s", item.rate), Quantity("reason", item.reason))
+        for axis, item in found.dropped
+    )
+    return Section(
+        "",
+        items=(Quantity("condition_matrix", condition),),
+        parts=(Section("dropped", rows=dropped),),
+        show="json",
+    )
 
 
 def _dropped(found: SweepCalibration) -> list[str]:
     """What was left out, gyro by gyro and end by end."""
-    said = []
+    lines = []
     for i, axis in enumerate(AXES):
         for sense in (-1.0, 1.0):
             rates = [item.rate for gyro, item in found.dropped if gyro == i and sense * item.rate > 0.0]
@@ -100,75 +82,89 @@ def _dropped(found: SweepCalibration) -> list[str]:
                 first, last = min(rates, key=abs), max(rates, key=abs)
                 reason = next(item.reason for gyro, item in found.dropped if gyro == i and item.rate == first)
                 span = f"{first:+g}" + (f" to {last:+g}" if last != first else "")
-                said.append(f"gyro {axis} leaves out {span} deg/s: {reason}")
-    return said
+                lines.append(f"gyro {axis} leaves out {span} deg/s: {reason}")
+    return lines
 
 
 def _gain(found: SweepCalibration, stages: Sequence[float]) -> str:
     if all(item is None for item in found.pieces):
-        return "which leaves nothing that a piecewise compensation could take off"
+        return "which leaves nothing that a piecewise compensation could correct"
     _, before, after = stages
     less = f", {number(before / after, 2)} times smaller" if 0.0 < after < before else ""
     return f"{number(after / DEG)} deg/s with the piecewise compensation too{less}"
 
 
-def _words(found: SweepCalibration) -> str:
+def _pieces_note(found: SweepCalibration) -> str:
     if all(item is None for item in found.pieces):
         return ""
     return "given the pieces below, whose shape is not in the 1 sd"
 
 
 def _settings(rate: FloatArray) -> list[str]:
-    words = []
+    texts = []
     for row in rate / DEG:
         turned = [f"{value:+.4g} deg/s about {axis}" for value, axis in zip(row, AXES, strict=True) if value != 0.0]
-        words.append(", ".join(turned) or "rest")
-    return words
+        texts.append(", ".join(turned) or "rest")
+    return texts
 
 
-def _errors_table(found: SweepCalibration) -> Table:
+def _errors(found: SweepCalibration, stages: Sequence[float]) -> Section:
     rows = []
     for i, axis in enumerate(AXES):
-        item = found.pieces[i]
-        final = found.error_map[:, i]
+        item, final = found.pieces[i], found.error_map[:, i]
         worst = int(np.nanargmax(np.abs(final)))
-        cells = [number(rms(errors[:, i]) / DEG) for errors in (found.error_line, found.error_matrix, found.error_map)]
-        left_out = None if item is None else float(np.sqrt(np.mean(item.left_out**2))) / DEG
         rows.append(
             (
-                f"gyro {axis}",
-                *cells,
-                number(left_out),
-                f"{number(abs(float(final[worst])) / DEG)} at {_settings(found.rate[worst : worst + 1])[0]}",
+                Quantity("gyro", axis),
+                Quantity("line", rms(found.error_line[:, i]), "deg/s", meaning="own line, RMS"),
+                Quantity("matrix", rms(found.error_matrix[:, i]), "deg/s"),
+                Quantity("map", rms(final), "deg/s", meaning="matrix and pieces"),
+                Quantity("left_out", None if item is None else rms(item.left_out), "deg/s"),
+                Quantity("worst", abs(float(final[worst])), "deg/s"),
+                Quantity("worst_at", _settings(found.rate[worst : worst + 1])[0], meaning="at"),
             )
         )
-    columns = ("RMS [deg/s]", "own line", "matrix", "matrix and pieces", "left out", "worst")
     note = (
         "own line: bias and scale factor of each gyro alone; left out: in its own sweep, each rate by pieces fitted "
         "without it"
     )
-    return Table("Error of the corrected rate", columns, tuple(rows), note)
+    of_all = tuple(
+        Quantity(name, value, "deg/s") for name, value in zip(("line", "matrix", "map"), stages, strict=True)
+    )
+    return Section(
+        "",
+        parts=(
+            Section("rate_error_by_gyro", "Error of the corrected rate", rows=tuple(rows), note=note, keyed=True),
+            Section("rate_error", items=of_all, show="json"),
+        ),
+    )
 
 
-def _pieces_table(found: SweepCalibration) -> Table:
-    rows = []
-    for axis, item in zip(AXES, found.pieces, strict=True):
-        if item is None:
-            continue
-        for i, slope in enumerate(item.slope):
-            at_zero = item.value[i] - slope * item.knot[i]
-            rows.append(
-                (
-                    axis,
-                    f"{item.knot[i] / DEG:+.2f} to {item.knot[i + 1] / DEG:+.2f}",
-                    f"{1e6 * slope:.0f}",
-                    number(1e6 * float(item.slope_sd[i]), 2),
-                    f"{at_zero / DEG:+.4f}",
-                )
-            )
-    return Table(
-        "Pieces: error = k rate + b'",
-        ("gyro", "corrected rate [deg/s]", "k [ppm]", "1 sd", "b' [deg/s]"),
-        tuple(rows),
-        "they meet at the borders; beyond the outer ones the last piece goes on",
+def _pieces(found: SweepCalibration) -> tuple[Section, ...]:
+    """Pieces of the compensation as lines, and in JSON the errors at their ends."""
+    known = {axis: item for axis, item in zip(AXES, found.pieces, strict=True) if item is not None}
+    rows = tuple(
+        (
+            Quantity("gyro", axis),
+            Quantity("from", float(item.knot[i]), "deg/s", decimals=2),
+            Quantity("to", float(item.knot[i + 1]), "deg/s", decimals=2),
+            Quantity("k", float(slope), "ppm", sd=float(item.slope_sd[i])),
+            Quantity("b", float(item.value[i] - slope * item.knot[i]), "deg/s", meaning="b'", decimals=4),
+        )
+        for axis, item in known.items()
+        for i, slope in enumerate(item.slope)
+    )
+    knots = tuple(
+        (
+            Quantity("gyro", axis),
+            Quantity("rate", item.knot, "deg/s"),
+            Quantity("error", item.value, "deg/s"),
+            Quantity("sd", np.sqrt(np.diag(item.covariance)), "deg/s"),
+        )
+        for axis, item in known.items()
+    )
+    note = "corrected rate from and to; they meet at the borders; beyond the outer ones the last piece goes on"
+    return (
+        Section("", "Pieces: error = k rate + b'", rows=rows, note=note),
+        Section("pieces", rows=knots, show="json", keyed=True),
     )

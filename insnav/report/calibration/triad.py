@@ -1,63 +1,68 @@
-"""Three calibrated sensors as a table in field units."""
+"""Three calibrated sensors in field units."""
 
 from __future__ import annotations
 
-import numpy as np
-
+from insnav.lab.calibration import measured
 from insnav.lab.multi_position.triad import AXES, Triad
-from insnav.report.numbers import number
-from insnav.report.page import Table
+from insnav.quantity import Quantity
+from insnav.report.page import Section
 from insnav.types import FloatArray
-from insnav.units import DEG, G0, PPM
-
-_MG, _MRAD = 1e-3 * G0, 1e-3
+from insnav.units import DEG, G0
 
 
-def triad_table(title: str, triad: Triad, counts: bool, *, accel: bool) -> Table:
-    """Tabulate three sensors in field units: bias, scale factor, misalignment, each with its standard deviation.
+def triad_section(key: str, title: str, triad: Triad, counts: bool) -> Section:
+    """Bias, scale factor and misalignment of three sensors with their standard deviations; matrices in JSON.
 
     Parameters
     ----------
+    key : {"accel", "gyro"}
+        Which sensors.
     title : str
     triad : Triad
     counts : bool
         The record is in raw units.
-    accel : bool
-        Accelerometers, else gyros.
     """
-    per = G0 if accel else DEG
-    bias_unit, bias = ("counts", 1.0) if counts else (("mg", _MG) if accel else ("deg/s", DEG))
-    scale_unit = f"counts/{'g' if accel else '(deg/s)'}" if counts else "ppm"
-    rows = []
+    accel = key == "accel"
+    si, shown = ("m/s^2", "mg") if accel else ("rad/s", "deg/s")
+    bias_unit, matrix_unit = ("counts", f"counts/({si})") if counts else (si, "")
+    rows = [
+        _row(
+            f"bias {axis}",
+            Quantity("value", float(triad.bias[i]), "counts" if counts else shown, float(triad.bias_sd[i])),
+        )
+        for i, axis in enumerate(AXES)
+    ]
     for i, axis in enumerate(AXES):
-        rows.append((f"bias {axis} [{bias_unit}]", triad.bias[i] / bias, triad.bias_sd[i] / bias))
-    for i, axis in enumerate(AXES):
-        value, sd = triad.matrix[i, i], triad.matrix_sd[i, i]
-        shown = (value * per, sd * per) if counts else ((value - 1.0) / PPM, sd / PPM)
-        rows.append((f"scale factor {axis} [{scale_unit}]", *shown))
+        value, sd = float(triad.matrix[i, i]), float(triad.matrix_sd[i, i])
+        if counts:
+            per, unit = (G0, "counts/g") if accel else (DEG, "counts/(deg/s)")
+            rows.append(_row(f"scale factor {axis}", measured("value", value * per, unit, sd * per)))
+        else:
+            rows.append(_row(f"scale factor error {axis}", Quantity("value", value - 1.0, "ppm", sd)))
     for i, axis in enumerate(AXES):
         for j, other in enumerate(AXES):
             if i != j and triad.matrix_sd[i, j] > 0.0:
-                own = triad.matrix[i, i] * _MRAD
-                rows.append(
-                    (f"{axis} feels {other} [mrad]", triad.matrix[i, j] / own, triad.matrix_sd[i, j] / abs(own))
-                )
-    return Table(
-        title,
-        ("", "value", "1 sd"),
-        tuple((text, _value(value, sd), number(sd, 2)) for text, value, sd in rows),
-        f"condition number {number(triad.condition)}",
+                own = float(triad.matrix[i, i])
+                across, sd = float(triad.matrix[i, j]) / own, float(triad.matrix_sd[i, j]) / abs(own)
+                rows.append(_row(f"{axis} senses {other}", Quantity("value", across, "mrad", sd)))
+    items = (
+        Quantity("bias", triad.bias, bias_unit, triad.bias_sd),
+        Quantity("matrix", triad.matrix, matrix_unit, triad.matrix_sd),
+        Quantity("condition", triad.condition),
+    )
+    note = f"± 1 sd; condition number {triad.condition:.3g}"
+    return Section(
+        key,
+        parts=(Section("", title, rows=tuple(rows), note=note), Section("", items=items, show="json")),
     )
 
 
-def _value(value: float, sd: float) -> str:
-    """As many decimals as the standard deviation has, with two digits of it."""
-    decimals = 1 - int(np.floor(np.log10(sd))) if sd > 0.0 else 3
-    return f"{value:.{min(max(decimals, 0), 9)}f}"
+def _row(name: str, value: Quantity) -> tuple[Quantity, ...]:
+    return Quantity("parameter", name), value
 
 
-def g_table(sensitivity: FloatArray, sd: FloatArray, counts: bool) -> Table:
-    """Tabulate what the gyros feel of the specific force.
+def g_section(sensitivity: FloatArray, sd: FloatArray, counts: bool) -> Section:
+    """g-sensitivity of the gyros.
 
     Parameters
     ----------
@@ -66,14 +71,22 @@ def g_table(sensitivity: FloatArray, sd: FloatArray, counts: bool) -> Table:
     counts : bool
         The record is in raw units.
     """
-    unit, size = ("counts per g", G0) if counts else ("deg/s per g", G0 / DEG)
+    unit, per = ("counts/g", G0) if counts else ("deg/s/g", G0 / DEG)
     rows = tuple(
         (
-            f"gyro {axis}",
-            *(f"{_value(float(v) * size, float(s) * size)} ± {number(float(s) * size, 2)}" for v, s in pairs),
+            Quantity("gyro", axis),
+            *(
+                measured(f"by {other}", sensitivity[i, j] * per, unit, float(sd[i, j]) * per)
+                for j, other in enumerate(AXES)
+            ),
         )
-        for axis, pairs in zip(
-            AXES, (zip(*rows, strict=True) for rows in zip(sensitivity, sd, strict=True)), strict=True
-        )
+        for i, axis in enumerate(AXES)
     )
-    return Table(f"Gyros: g-sensitivity, ± 1 sd [{unit}]", ("", *(f"by {axis}" for axis in AXES)), rows)
+    whole = Quantity("g_sensitivity", sensitivity, "counts/(m/s^2)" if counts else "(rad/s)/(m/s^2)", sd)
+    return Section(
+        "",
+        parts=(
+            Section("", "g-sensitivity of the gyros", rows=rows, note="± 1 sd"),
+            Section("gyro", items=(whole,), show="json"),
+        ),
+    )
