@@ -286,6 +286,8 @@ class EventKind(StrEnum):
     GATE_PHYSICAL_POSITION = "gate.physical.position"
     GATE_PHYSICAL_VELOCITY = "gate.physical.velocity"
     GATE_POSITION = "gate.position"
+    GATE_RECORD_POSITION = "gate.record.position"
+    GATE_RECORD_VELOCITY = "gate.record.velocity"
     GATE_VELOCITY = "gate.velocity"
     SOFT_POSITION = "soft.position"
     SOFT_VELOCITY = "soft.velocity"

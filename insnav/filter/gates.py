@@ -11,7 +11,25 @@ from dataclasses import dataclass, field
 
 from scipy.special import chdtri
 
-from insnav.types import Event, EventKind, FloatArray
+from insnav.types import BoolArray, Event, EventKind, FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Trust:
+    """Which fixes the whole record contradicts; see `insnav.filter.whole_record`.
+
+    Attributes
+    ----------
+    false_position, false_velocity : (n,) bool array
+        Not to be used.
+    position_residual, velocity_residual : (n,) array
+        Distance from the smoothed track [m], [m/s].
+    """
+
+    false_position: BoolArray
+    false_velocity: BoolArray
+    position_residual: FloatArray
+    velocity_residual: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +75,7 @@ class Gates:
 
 
 REJECTED = "rejected"
+_CONTRADICTED = "all other fixes and the IMU contradict it"
 
 
 def quality(gates: Gates, time: float, fix: int | None, position_sd: FloatArray) -> Event | None:
@@ -121,3 +140,15 @@ def statistical(
     if size <= small:
         return Event(time, kinds[1], nis, gates.nis_limit, "NIS (3 dof)", "weighted down", "see innovations.csv")
     return Event(time, kinds[0], nis, gates.nis_limit, "NIS (3 dof)", REJECTED, "see innovations.csv")
+
+
+def whole_record(time: float, row: int, trust: Trust) -> tuple[Event | None, Event | None]:
+    """Reject position or velocity of a fix that the whole record contradicts."""
+    position = velocity = None
+    if trust.false_position[row]:
+        size = float(trust.position_residual[row])
+        position = Event(time, EventKind.GATE_RECORD_POSITION, size, float("nan"), "m", REJECTED, _CONTRADICTED)
+    if trust.false_velocity[row]:
+        size = float(trust.velocity_residual[row])
+        velocity = Event(time, EventKind.GATE_RECORD_VELOCITY, size, float("nan"), "m/s", REJECTED, _CONTRADICTED)
+    return position, velocity

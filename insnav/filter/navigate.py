@@ -8,11 +8,13 @@ from typing import Literal
 
 import numpy as np
 
+from insnav.filter.gates import Trust
 from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.first_pass import FirstPass
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
+from insnav.filter.whole_record import OPEN, Reconciled, reconcile
 from insnav.imu.specification import ImuSpec
 from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, Run
 
@@ -109,10 +111,26 @@ def navigate_prepared(
     if aiding == "on" or (aiding == "auto" and (ready.settings.logs or longest_gap(ready.gps) > GAP_WORTH)):
         ready = aided(ready, spec, None if progress is None else _half_of(progress, 0.0))
         progress = None if progress is None else _half_of(progress, 0.5)
-    run = _run(ready, progress)
+    found = _decided(ready, _run(ready, progress))
+    run = found.run
     on_time = ready.gps.time - ready.settings.delay
     events = (*ready.faults, *run.events, *_outside(on_time, ready.initial.time, float(ready.imu.time[-1])))
-    return Navigated(replace(run, events=events), ready.gps, ready.notes)
+    return Navigated(replace(run, events=events), ready.gps, (*found.notes, *ready.notes))
+
+
+def _decided(ready: Prepared, first: Run) -> Reconciled:
+    """Let the whole record decide which fixes were false; a run that is not smoothed stays as it is."""
+
+    def again(fixes: GpsData, trust: Trust | None, opened: float) -> Run:
+        covariance = ready.initial.covariance.copy()
+        covariance[:3, :3] += opened**2 * np.eye(3)
+        initial = replace(ready.initial, covariance=covariance, from_fix=ready.initial.from_fix and not opened)
+        settings = replace(ready.settings, gates=OPEN, trust=trust)
+        return _run(replace(ready, gps=fixes, settings=settings, initial=initial), None)
+
+    if first.smoothed is None:
+        return Reconciled(first)
+    return reconcile(first, ready.gps, ready.settings.delay, ready.settings.gates, again)
 
 
 def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> Prepared:

@@ -290,6 +290,8 @@ class Navigator:
     ) -> tuple[Event | None, Event | None]:
         """Why position and velocity are rejected or weighted down, or None."""
         gates, gps = self._settings.gates, self._gps
+        if self._settings.trust is not None:
+            return gate.whole_record(time, row, self._settings.trust)
         position = (
             quality
             or gate.physical_position(gates, time, distance, gps.position_sd[row], time - self._last_good)

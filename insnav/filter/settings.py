@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from insnav.filter.gates import Gates
+from insnav.filter.gates import Gates, Trust
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.measurements.measurement import Measurement
 from insnav.types import FloatArray, SensorLog
@@ -48,6 +48,8 @@ class FilterSettings:
         Aiding besides fixes, in the order of use; None: not looked for.
     smooth : bool
         Run the backward pass over the recording at its end; see `insnav.filter.smoother`.
+    trust : Trust or None
+        Fixes to leave out, found by `insnav.filter.whole_record`.
     """
 
     lever_b: FloatArray = field(default_factory=lambda: np.zeros(3))
@@ -64,3 +66,4 @@ class FilterSettings:
     logs: tuple[SensorLog, ...] = ()
     aiding: tuple[Measurement, ...] | None = None
     smooth: bool = True
+    trust: Trust | None = None

@@ -1,0 +1,247 @@
+"""The whole record decides which fixes were false: filter and smoother repeated with robust weights.
+
+The gates of the filter decide once, in order of time, from one side: a false first fix is believed, and a long row of
+false ones is followed by a reset onto their track. After the smoother every fix can be compared with what all others,
+earlier and later, say. Where filter and smoother contradict each other, the drive is navigated a few times more,
+without gates: all fixes weak at first, then each weighted by its residual from the smoothed track. The weight is that
+of Geman and McClure, made strict step by step (graduated non-convexity), so that no start decides.
+
+References
+----------
+Yang, Antonante, Tzoumas, Carlone, "Graduated Non-Convexity for Robust Spatial Perception: From Non-Minimal Solvers to
+Global Outlier Rejection", IEEE Robotics and Automation Letters 5 (2020) 1127-1134: the Geman-McClure surrogate.
+Agamennoni, Nieto, Nebot, "Approximate Inference in State-Space Models With Heavy-Tailed Noise", IEEE Transactions on
+Signal Processing 60 (2012) 5024-5037: smoothing repeated with weights of each measurement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtri
+
+from insnav.attitude import dcm_from_rph
+from insnav.earth import lla_offset, ned_offset
+from insnav.filter.gates import Gates, Trust
+from insnav.types import BoolArray, EventKind, FloatArray, GpsData, Run
+
+OPEN = Gates(max_sd=np.inf, max_speed=np.inf, probability=1.0, reset_after=np.inf)  # no gate: the weights decide
+SCHEDULE = (100.0, 30.0, 10.0, 3.0, 1.0)  # control parameter of the surrogate, from nearly convex to strict
+# First weights of position and velocity. Positions start the weaker: a frozen or shifted position contradicts the
+# velocities beside it only by their integral, and many of them together would decide against few velocities.
+FIRST = (1e-4, 1e-2)
+ALONE = 1e-2  # first weight of positions without velocities: with less, the IMU alone would lead the track too far
+FALSE = 0.1  # a fix of less weight is not used at all
+LIMIT = float(chdtri(3, 0.01))  # squared normalised residual of three numbers at which a weight falls to a quarter [-]
+GROSS = float(chdtri(3, 1e-9))  # of an accepted fix: filter and smoother contradict each other [-]
+MEDIAN = float(chdtri(3, 0.5))
+AGREEMENT = 2.0  # median squared residual, in parts of what it should be, up to which weights have made fixes agree
+MOST = 0.5  # share of fixes that may be false: beyond it they are not what the others contradict
+LONGEST = 3.0  # fixes that the smoothed track supports may be rejected for so long [s]
+ENDS = 0.2  # a fix so little before or after the track is compared with its end [s]
+OPEN_START = 3000.0  # standard deviation of a first position that may be false [m]
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """Fixes minus smoothed track at the antenna.
+
+    Attributes
+    ----------
+    position, velocity : (n, 3) array
+        North, East, Down [m], [m/s]; ``NaN`` where the fix has none or lies outside the track.
+    square_position, square_velocity : (n,) array
+        Squared and normalised by reported and smoothed standard deviation: 3 on average, if both are true.
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    square_position: FloatArray
+    square_velocity: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Reconciled:
+    """What the whole record says of the fixes.
+
+    Attributes
+    ----------
+    run : Run
+        The first run if nothing contradicted it, else that with the weights found.
+    trust : Trust or None
+        Weights of the fixes, if any were needed.
+    notes : tuple of str
+        Which fixes were found false.
+    """
+
+    run: Run
+    trust: Trust | None = None
+    notes: tuple[str, ...] = ()
+
+
+def residuals(run: Run, gps: GpsData, delay: float) -> Residuals:
+    """Compare fixes with the smoothed track.
+
+    Parameters
+    ----------
+    run : Run
+        Smoothed.
+    gps : GpsData
+        Every value with a standard deviation.
+    delay : float
+        How much older the fixes are than their timestamps, as far as it was given and not estimated [s].
+
+    Returns
+    -------
+    Residuals
+        One row a fix.
+    """
+    assert run.smoothed is not None
+    track = run.smoothed.solution
+    assert track.sd is not None
+    time = gps.time - delay
+    after = np.clip(np.searchsorted(track.time, time), 1, track.time.shape[0] - 1)
+    part = (time - track.time[after - 1]) / (track.time[after] - track.time[after - 1])
+    part = np.clip(part, 0.0, 1.0)[:, None]
+    lla = track.lla[after - 1] + part * (track.lla[after] - track.lla[after - 1])
+    v_n = track.v_n[after - 1] + part * (track.v_n[after] - track.v_n[after - 1])
+    antenna = lla_offset(lla, (dcm_from_rph(track.rph[after]) @ run.lever_b[:, None])[:, :, 0])
+    position, velocity = ned_offset(gps.lla, antenna), gps.v_n - v_n
+    outside = (time < track.time[0] - ENDS) | (time > track.time[-1] + ENDS)
+    position[outside] = velocity[outside] = np.nan
+    sd = track.sd[after]
+    return Residuals(
+        position,
+        velocity,
+        np.sum(position**2 / (gps.position_sd**2 + sd[:, :3] ** 2), axis=1),
+        np.sum(velocity**2 / (gps.velocity_sd**2 + sd[:, 3:6] ** 2), axis=1),
+    )
+
+
+def reconcile(
+    first: Run, gps: GpsData, delay: float, gates: Gates, again: Callable[[GpsData, Trust | None, float], Run]
+) -> Reconciled:
+    """Find the fixes that the whole record contradicts, where filter and smoother contradict each other.
+
+    Parameters
+    ----------
+    first : Run
+        With gates; smoothed.
+    gps : GpsData
+        The fixes it was made of.
+    delay : float
+        As of `residuals`.
+    gates : Gates
+        Of the first run; a residual that they call small is never false.
+    again : callable
+        Navigates once more: fixes, which of them to leave out, and a standard deviation to be added to the first
+        position [m].
+
+    Returns
+    -------
+    Reconciled
+        The first run itself, bit for bit, where nothing contradicts it.
+    """
+    scale = _scale(first.innovations.nis_position), _scale(first.innovations.nis_velocity)
+    if not _contradicted(first, gps, delay, residuals(first, gps, delay), scale, gates):
+        return Reconciled(first)
+    n = gps.time.shape[0]
+    alone = not np.isfinite(gps.v_n).any()
+    weights = np.full(n, ALONE if alone else FIRST[0]), np.full(n, FIRST[1])
+    for strictness in SCHEDULE:
+        found = residuals(again(_weighted(gps, *weights), None, OPEN_START), gps, delay)
+        squares = found.square_position / scale[0], found.square_velocity / scale[1]
+        weights = _geman_mcclure(squares[0], strictness), _geman_mcclure(squares[1], strictness)
+    size = np.linalg.norm(found.position, axis=1), np.linalg.norm(found.velocity, axis=1)
+    trust = Trust(
+        (weights[0] < FALSE) & (size[0] > gates.small_position),
+        (weights[1] < FALSE) & (size[1] > gates.small_velocity),
+        *size,
+    )
+    agreement = max(float(np.nanmedian(square)) / MEDIAN for square in squares if np.isfinite(square).any())
+    false = float(np.mean(trust.false_position))
+    if agreement > AGREEMENT or false > MOST:
+        said = (
+            f"fixes and IMU contradict each other, and no weighting of the fixes makes them agree: half of the "
+            f"residuals from the smoothed track exceed {np.sqrt(agreement):.2g} times their size; the decisions of "
+            "the filter stand (events.csv)"
+        )
+        return Reconciled(first, None, (said,))
+    opened = OPEN_START if trust.false_position[: _before(gps, first)].any() else 0.0
+    run = again(_weighted(gps, *weights), trust, opened)
+    return Reconciled(run, trust, tuple(_notes(gps, trust)))
+
+
+def _scale(nis: FloatArray) -> float:
+    """How much larger squared innovations are than they should be; no less than one."""
+    known = nis[np.isfinite(nis)]
+    return max(1.0, float(np.median(known)) / MEDIAN) if known.size else 1.0
+
+
+def _before(gps: GpsData, run: Run) -> int:
+    """Number of fixes up to the one the run started from."""
+    return int(np.searchsorted(gps.time, run.alignment.time, side="right")) + 1
+
+
+def _contradicted(
+    run: Run, gps: GpsData, delay: float, found: Residuals, scale: tuple[float, float], gates: Gates
+) -> bool:
+    """Whether the filter reset, believed a fix that the smoothed track contradicts, or rejected many it supports."""
+    if any(event.kind is EventKind.RESET for event in run.events):
+        return True
+    rows = np.searchsorted(gps.time - delay, run.innovations.time - 1e-6)
+    squares = found.square_position[rows] / scale[0], found.square_velocity[rows] / scale[1]
+    believed = run.innovations.used_position, run.innovations.used_velocity
+    large = (
+        np.linalg.norm(found.position[rows], axis=1) > 2.0 * gates.small_position,
+        np.linalg.norm(found.velocity[rows], axis=1) > 2.0 * gates.small_velocity,
+    )
+    if any(
+        bool(np.any(square[used & far] > GROSS)) for square, used, far in zip(squares, believed, large, strict=True)
+    ):
+        return True
+    offered = np.isfinite(run.innovations.nis_position)
+    supported = np.asarray(offered & ~believed[0] & (squares[0] < LIMIT))
+    return any(stop - start > LONGEST for start, stop in _stretches(run.innovations.time, supported))
+
+
+def _geman_mcclure(square: FloatArray, strictness: float) -> FloatArray:
+    """Weight of a squared normalised residual; one where there is none."""
+    limit = strictness * LIMIT
+    return np.asarray(np.where(np.isfinite(square), (limit / (limit + square)) ** 2, 1.0))
+
+
+def _weighted(gps: GpsData, position: FloatArray, velocity: FloatArray) -> GpsData:
+    """Fixes whose standard deviations say how much they are trusted."""
+    return replace(
+        gps,
+        position_sd=gps.position_sd / np.sqrt(np.maximum(position, 1e-8))[:, None],
+        velocity_sd=gps.velocity_sd / np.sqrt(np.maximum(velocity, 1e-8))[:, None],
+    )
+
+
+def _stretches(time: FloatArray, chosen: BoolArray) -> list[tuple[float, float]]:
+    """First and last time of each unbroken row of chosen fixes."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(np.int8), [0]])))
+    return [(float(time[start]), float(time[stop - 1])) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _notes(gps: GpsData, trust: Trust) -> list[str]:
+    found = []
+    for name, false, size, unit in (
+        ("position", trust.false_position, trust.position_residual, "m"),
+        ("velocity", trust.false_velocity, trust.velocity_residual, "m/s"),
+    ):
+        if false.any():
+            spans = [
+                f"{start:.1f} s" if start == stop else f"{start:.1f} to {stop:.1f} s"
+                for start, stop in _stretches(gps.time, false)
+            ]
+            listed = ", ".join(spans[:3]) + (f" and {len(spans) - 3} more" if len(spans) > 3 else "")
+            found.append(
+                f"{int(false.sum())} {name} fixes contradict the whole record by up to "
+                f"{float(np.nanmax(size[false])):.3g} {unit} and were not used: {listed}"
+            )
+    return found

@@ -1,0 +1,100 @@
+"""Fixes that the whole record contradicts are found and left out; a drive without contradictions stays as it was."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from insnav.errors.metrics import position_errors
+from insnav.filter import FilterSettings
+from insnav.filter.navigate import Navigated, feed, navigate_recording
+from insnav.filter.prepare import DELAY_SD, prepare
+from insnav.imu import load_imu
+from insnav.simulate.faults import gps_drag, gps_jump, gps_spike
+from insnav.simulate.gps_file import load_gps
+from insnav.simulate.motion import load_profile
+from insnav.simulate.recording import MOTION_STREAM, Recording, simulate_recording
+from insnav.types import EventKind, FloatArray, GpsData
+
+SETTINGS = FilterSettings(delay_sd=DELAY_SD)
+AT = 200.0  # begin of the faults, after the first sample [s]
+
+
+@lru_cache(maxsize=3)
+def recording(seed: int) -> Recording:
+    truth = load_profile("city").truth((seed, MOTION_STREAM))
+    return simulate_recording(truth, load_imu("automotive"), load_gps("single"), seed)
+
+
+def navigated(seed: int, gps: GpsData) -> Navigated:
+    return navigate_recording(recording(seed).imu, gps, load_imu("automotive"), SETTINGS)
+
+
+def horizontal(seed: int, done: Navigated) -> FloatArray:
+    assert done.run.smoothed is not None
+    errors = position_errors(done.run.smoothed.solution, recording(seed).reference)
+    return np.hypot(errors.position[:, 0], errors.position[:, 1])
+
+
+def span(gps: GpsData, length: float) -> tuple[float, float]:
+    return gps.time[0] + AT, gps.time[0] + AT + length
+
+
+def frozen(gps: GpsData, length: float) -> GpsData:
+    """Position that stays while the velocity goes on."""
+    begin, end = span(gps, length)
+    inside = (gps.time >= begin) & (gps.time < end)
+    lla = gps.lla.copy()
+    lla[inside] = lla[np.flatnonzero(inside)[0]]
+    return replace(gps, lla=lla)
+
+
+def false(done: Navigated) -> list[float]:
+    return [event.time for event in done.run.events if event.kind is EventKind.GATE_RECORD_POSITION]
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+def test_nothing_changes_where_nothing_is_contradicted(seed):
+    gps = recording(seed).gps
+    done = navigated(seed, gps)
+    ready = prepare(recording(seed).imu, gps, load_imu("automotive"), SETTINGS)
+    navigator = ready.navigator()
+    feed(navigator, ready.imu)
+    np.testing.assert_array_equal(done.run.solution.lla, navigator.finish().solution.lla)
+    assert false(done) == []
+
+
+@pytest.mark.parametrize(("seed", "metres"), [(5, 30.0), (5, 1000.0), (6, 100.0)])
+def test_a_row_of_shifted_fixes_is_left_out(seed, metres):
+    gps = recording(seed).gps
+    done = navigated(seed, gps_jump(gps, metres, span(gps, 30.0)))
+    assert horizontal(seed, done).max() < 5.0
+    assert len(false(done)) == 30
+    assert not any(event.kind is EventKind.RESET for event in done.run.events)
+    assert any("30 position fixes contradict the whole record" in note for note in done.notes)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_false_first_fix_is_found(seed):
+    gps = recording(seed).gps
+    clean = horizontal(seed, navigated(seed, gps)).max()
+    done = navigated(seed, gps_spike(gps, 1100.0, (gps.time[0], gps.time[0])))
+    assert horizontal(seed, done).max() < clean + 2.0
+    assert any("1 position fixes contradict" in note for note in done.notes)
+
+
+@pytest.mark.parametrize("seconds", [30.0, 120.0])
+def test_positions_that_freeze_are_left_out(seconds):
+    done = navigated(5, frozen(recording(5).gps, seconds))
+    assert horizontal(5, done).max() < 5.0
+    assert len(false(done)) > 0.9 * seconds
+
+
+def test_what_cannot_be_reconciled_is_said():
+    gps = recording(5).gps
+    done = navigated(5, gps_drag(gps, 2.0, span(gps, 60.0)))
+    assert any("no weighting of the fixes makes them agree" in note for note in done.notes)
+    assert false(done) == []
