@@ -1,0 +1,39 @@
+"""The fast tier: `-m "not slow"` leaves out the tests that take most of the time."""
+
+from __future__ import annotations
+
+import pytest
+
+SLOW = (
+    "tests/alignment/test_robust_start.py",
+    "tests/bench/",
+    "tests/certificate/test_certify.py",
+    "tests/cli/test_process.py::test_work_of_more_than_a_second",
+    "tests/cli/test_readme.py",
+    "tests/cli/test_simulate.py::test_a_stopped_series",
+    "tests/cli/test_simulate.py::test_many_runs",
+    "tests/errors/budget/test_covariance.py::test_the_sum_of_the_parts",
+    "tests/errors/budget/test_from_windows.py",
+    "tests/faults/test_navigation.py::test_n5_outages",
+    "tests/filter/test_whole_record.py",
+    "tests/lab/test_multi_position.py::test_the_truth_lies_within",
+    "tests/lab/test_nine_position.py::test_everything_is_recovered",
+    "tests/lab/test_noise_model.py",
+    "tests/physics/test_free_inertial.py",
+    "tests/physics/test_platform_errors.py",
+    "tests/recorded/",
+    "tests/regression/test_peers.py",
+    "tests/regression/test_verdicts.py",
+    "tests/report/test_simulation.py",
+    "tests/simulate/test_montecarlo.py",
+)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", 'slow: takes seconds; left out by -m "not slow"')
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.nodeid.startswith(SLOW):
+            item.add_marker(pytest.mark.slow)
