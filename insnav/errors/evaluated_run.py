@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -71,9 +71,6 @@ def evaluate_run(
 
 def fixed_epochs(reference: Reading[Trajectory]) -> Trajectory:
     """Epochs of a reference with fixed ambiguities; all of them where the file does not tell."""
-    data = reference.data
     if reference.fix is None or not (reference.fix == 1).any():
-        return data
-    good = np.asarray(reference.fix == 1)
-    sd = None if data.sd is None else data.sd[good]
-    return replace(data, time=data.time[good], lla=data.lla[good], v_n=data.v_n[good], rph=data.rph[good], sd=sd)
+        return reference.data
+    return reference.data.rows(np.asarray(reference.fix == 1))

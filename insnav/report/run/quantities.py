@@ -14,6 +14,7 @@ from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_moti
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import Section, one_each
 from insnav.report.run.short_duration import short_section
+from insnav.sample_statistics import rms
 from insnav.types import Alignment, BoolArray, EventKind, FloatArray, Run, SensorErrors, Trajectory
 
 PARTS = ("all", "static", "moving")
@@ -178,7 +179,7 @@ def _innovations(innovation: FloatArray, nis: FloatArray, used: BoolArray, unit:
         Quantity("rejected", int((processed & ~used).sum())),
         Quantity("nis_mean_per_axis", _mean(nis[used & np.isfinite(nis)] / 3.0), meaning="mean NIS per axis"),
         Quantity(
-            "innovation_rms", [_rms(counted[:, axis]) for axis in range(3)], unit, meaning="innovation RMS N, E, D"
+            "innovation_rms", [rms(counted[:, axis]) for axis in range(3)], unit, meaning="innovation RMS N, E, D"
         ),
     )
 
@@ -286,16 +287,16 @@ def _smoothed(found: EvaluatedRun, reference: str) -> Section:
     ]
     parts: tuple[Section, ...] = ()
     if found.errors is not None and found.smoothed_errors is not None:
-        rms = [_rms(each.horizontal) for each in (found.errors, found.smoothed_errors)]
+        size = [rms(each.horizontal) for each in (found.errors, found.smoothed_errors)]
         items.append(
-            Quantity("horizontal_rms_by_filter", _ratio(rms[1], rms[0]), meaning="RMS error over the filter's")
+            Quantity("horizontal_rms_by_filter", _ratio(size[1], size[0]), meaning="RMS error over the filter's")
         )
         parts = (_accuracy("Accuracy of the smoothed solution", found.smoothed_errors, reference),)
     return Section("smoothed", "Smoothed solution", tuple(items), parts=parts, show="page")
 
 
 def _horizontal_sd(solution: Trajectory) -> float | None:
-    return None if solution.sd is None else _rms(np.hypot(solution.sd[:, 0], solution.sd[:, 1]))
+    return None if solution.sd is None else rms(np.hypot(solution.sd[:, 0], solution.sd[:, 1]))
 
 
 def _ratio(value: float | None, by: float | None) -> float | None:
@@ -304,8 +305,3 @@ def _ratio(value: float | None, by: float | None) -> float | None:
 
 def _mean(values: FloatArray) -> float | None:
     return float(np.mean(values)) if values.size else None
-
-
-def _rms(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")

@@ -24,6 +24,7 @@ from insnav.report.style import (
     shade,
     stacked,
 )
+from insnav.sample_statistics import rms
 from insnav.types import BoolArray, FloatArray
 
 _AXES = {
@@ -79,9 +80,9 @@ def draw_errors(
         axes.set_ylabel(label)
         if known.size:
             mean, unit_name = float(np.mean(known)), label[label.index("[") + 1 : -1]
-            after = "" if smoothed is None else f"; smoothed RMS {_rms(unit * getattr(smoothed, group)[:, axis]):.3g}"
+            after = "" if smoothed is None else f"; smoothed RMS {rms(unit * getattr(smoothed, group)[:, axis]):.3g}"
             axes.set_title(
-                f"mean {mean:.3g}, RMS {_rms(known):.3g}{after} {unit_name}",
+                f"mean {mean:.3g}, RMS {rms(known):.3g}{after} {unit_name}",
                 fontsize=8.0,
                 color="#444444",
             )
@@ -144,10 +145,6 @@ def draw_distribution(errors: TrajectoryErrors) -> Figure:
     axes.set_ylabel("share of epochs below [%]")
     axes.legend(loc="lower right")
     return figure
-
-
-def _rms(value: FloatArray) -> float:
-    return float(np.sqrt(np.nanmean(value**2)))
 
 
 def _inside(value: FloatArray, half: FloatArray) -> str:
