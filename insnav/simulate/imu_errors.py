@@ -9,11 +9,18 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
-from insnav.imu import ClockSpec, ImuErrors, ImuSpec, SensorSpec, corrupt, draw_errors, sample_intervals
+from insnav.imu import ClockSpec, ErrorTerms, ImuErrors, ImuSpec, SensorSpec, corrupt, draw_errors, sample_intervals
+from insnav.imu.error_terms import Sensor, terms_of
 from insnav.types import BoolArray, FloatArray, ImuData
 
 _FLICKER_RATIO = 3.0  # between the correlation times whose processes make flicker noise together
 _VIBRATION_WINDOW = 0.5  # in which the variance of the specific force is taken [s]
+
+# by `insnav.imu.corrupt`, or as noise and drift below; any other term of the table needs no code here
+_MADE_ELSEWHERE = {
+    *("bias", "scale_factor", "misalignment", *ErrorTerms.__dataclass_fields__),
+    *("bias_instability", "random_walk", "rate_random_walk", "flicker", "rate_ramp"),
+}
 
 Seed = int | tuple[int, ...]
 
@@ -90,8 +97,11 @@ def corrupt_imu(
     ramps = constants.standard_normal((2, 3)) * [spec.gyro.rate_ramp, spec.accel.rate_ramp]
     gyro_drift += since * ramps[0] + flicker(gyro_flicker, imu.time, spec.gyro.flicker)
     accel_drift += since * ramps[1] + flicker(accel_flicker, imu.time, spec.accel.flicker)
+    rate, force = np.asarray(imu.gyro / span), np.asarray(imu.accel / span)
+    gyro_drift += further_errors("gyro", spec.gyro, rate, force, since, constants)
+    accel_drift += further_errors("accel", spec.accel, rate, force, since, constants)
     if np.any(spec.gyro.vibration_rectification) or np.any(spec.accel.vibration_rectification):
-        shaking = local_variance(np.asarray(imu.accel / span), float(np.median(dt)))
+        shaking = local_variance(force, float(np.median(dt)))
         gyro_drift += spec.gyro.vibration_rectification * shaking
         accel_drift += spec.accel.vibration_rectification * shaking
     gyro = wrong.gyro + (gyro_drift + gyro_noise) * span
@@ -103,6 +113,24 @@ def corrupt_imu(
         return ImuSimulation(wrong, errors, gyro_bias, accel_bias)
     imu, kept = timestamped(wrong, spec.clock, np.random.default_rng(clock))
     return ImuSimulation(imu, errors, gyro_bias[kept], accel_bias[kept])
+
+
+def further_errors(
+    sensor: Sensor, size: SensorSpec, rate: FloatArray, force: FloatArray, since: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Errors by constant or steadily growing terms of the table that nothing else here makes, ``(n, 3)``.
+
+    rate, force (n, 3): what is sensed [rad/s], [m/s^2]; since (n, 1): time since the start [s].
+    """
+    made = np.zeros(rate.shape)
+    for term in terms_of(sensor):
+        sizes = getattr(size, term.key)
+        if term.drive is None or term.key in _MADE_ELSEWHERE or not np.any(sizes):
+            continue
+        signal = term.drive(rate, force, since)
+        for (axis, driving), number in zip(term.elements, rng.standard_normal(len(term.elements)), strict=True):
+            made[:, axis] += signal[:, driving] * (number * sizes[axis])
+    return made
 
 
 def quantised(values: FloatArray, sensor: SensorSpec, dt: FloatArray, span: FloatArray | float) -> FloatArray:
