@@ -1,4 +1,4 @@
-"""``insnav acceptance``: what a bench says about gyros and accelerometers, on one page."""
+"""``insnav acceptance``: acceptance figures of gyros and accelerometers, on one page."""
 
 from __future__ import annotations
 

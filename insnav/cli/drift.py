@@ -15,8 +15,8 @@ from insnav.cli.console import Stages, note, result_page
 SHORT_HELP = "Drift of MEMS gyros: model, Kalman smoothing, and what both do to the noise."
 HELP = """Drift of MEMS gyros: model, Kalman smoothing, and what both do to the noise.
 
-The drift is fitted by bias, rate, temperature and specific force, and taken off; what is left is smoothed by a scalar
-Kalman filter and judged by Allan deviations before and after, and by a rate ramp.
+The drift is fitted by bias, rate, temperature and specific force, and corrected; what is left is smoothed by a scalar
+Kalman filter and evaluated by Allan deviations before and after, and by a rate ramp.
 Smoothing lowers the Allan deviation at short times. It delays the rate, and cannot remove bias instability.
 
 \b

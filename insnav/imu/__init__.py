@@ -1,7 +1,7 @@
 """The inertial measurement unit: its errors, how large they may be, how to add and how to remove them.
 
-`ImuErrors` is a set of known errors (of a calibration, or drawn at random); `corrupt` adds and `correct`
-removes exactly these. `ImuSpec` says how large unknown errors are; `load_imu` reads it from a preset or a
+`ImuErrors` is a set of known errors (of a calibration, or sampled); `corrupt` adds and `correct`
+removes exactly these. `ImuSpec` is the IMU error specification; `load_imu` reads it from a preset or a
 file.
 
 Reading files needs pydantic, which is imported only when one of the reading functions is first used.
@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from insnav.imu.higher_order import ErrorTerms
-from insnav.imu.model import ImuErrors, correct, corrupt, draw_errors, sample_intervals
+from insnav.imu.model import ImuErrors, correct, corrupt, sample_errors, sample_intervals
 from insnav.imu.presets import PRESETS
 from insnav.imu.specification import ClockSpec, ImuSpec, InitialSpec, SensorSpec
 
@@ -43,11 +43,11 @@ __all__ = [
     "calibration_to_toml",
     "correct",
     "corrupt",
-    "draw_errors",
     "identify",
     "load_calibration",
     "load_imu",
     "nearest_preset",
+    "sample_errors",
     "sample_intervals",
     "to_toml",
     "white_noise",

@@ -171,7 +171,7 @@ def load_calibration(path: str | Path) -> ImuErrors:
         raise ConfigError(
             "this is an IMU file, not a calibration",
             where=str(path),
-            why="it says how large errors are, not which",
+            why="it specifies how large errors are, not which",
             fix="give it to --imu; a calibration.toml comes from insnav calibrate",
         )
     file = validate(_FILE, content, str(path))

@@ -18,7 +18,7 @@ import numpy as np
 from insnav.exceptions import ConfigError, InputError
 from insnav.types import FloatArray
 
-REFERENCE_TEMPERATURE = 25.0  # unless a calibration says another one [deg C]
+REFERENCE_TEMPERATURE = 25.0  # unless a calibration has another one [deg C]
 
 
 def zeros() -> FloatArray:
@@ -101,7 +101,7 @@ class ErrorTerms:
         Parameters
         ----------
         y : (n, 3) array
-            Shown, bias and g-sensitivity taken off [rad/s] or [m/s^2].
+            Shown, bias and g-sensitivity subtracted [rad/s] or [m/s^2].
         warmer : (n,) array or None
             Temperature above the reference [K].
 

@@ -111,7 +111,7 @@ def load_imu(preset_or_path: str) -> ImuSpec:
         raise ConfigError(
             "this is a calibration, not an IMU file",
             where=str(path),
-            why="it says which errors a sensor has, not how large they may be",
+            why="it has the errors of one sensor, not how large they may be",
             fix="give it to --calibration; an imu.toml comes from insnav allan, or from a datasheet",
         )
     file = validate(_FILE, content, str(path))

@@ -1,4 +1,4 @@
-"""The IMU error model: one deterministic object that both corrupts and corrects, and how it is drawn at random.
+"""The IMU error model: one object that both corrupts and corrects, and how a sensor realisation is sampled.
 
 measured = matrix @ true + bias, with matrix = I + S + M: scale factor errors S on the diagonal,
 misalignment M off it; P. D. Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation
@@ -46,7 +46,7 @@ class ImuErrors:
     temperature : float or None
         At which temperature [deg C]; what depends on the temperature counts from it, or from 25 deg C.
     gyro_map : DynamicMap or None
-        Error that non-linear gyros have left after all else is taken off.
+        Error that non-linear gyros have left after all else is corrected.
     gyro_raw, accel_raw : RawScale or None
         How the volts or counts of a file become rates and specific forces, if they do; for the reader, not for
         `correct`, which takes what the reader makes of them.
@@ -171,7 +171,7 @@ def correct(imu: ImuData, errors: ImuErrors) -> ImuData:
     Returns
     -------
     ImuData
-        ``inverse(matrix) @ (measured - bias)``, the `ErrorTerms` taken off before.
+        ``inverse(matrix) @ (measured - bias)``, the `ErrorTerms` corrected before.
 
     Raises
     ------
@@ -232,8 +232,8 @@ def _warmer(imu: ImuData, errors: ImuErrors, matters: bool) -> FloatArray | None
     return np.asarray(imu.temperature - reference)
 
 
-def draw_errors(spec: ImuSpec, rng: np.random.Generator) -> ImuErrors:
-    """Draw the constant errors of one specimen: turn-on bias, scale factor and misalignment.
+def sample_errors(spec: ImuSpec, rng: np.random.Generator) -> ImuErrors:
+    """Sample the constant errors of one sensor realisation: turn-on bias, scale factor and misalignment.
 
     Parameters
     ----------
@@ -248,14 +248,14 @@ def draw_errors(spec: ImuSpec, rng: np.random.Generator) -> ImuErrors:
         For `corrupt`.
     """
 
-    def draw(sensor: SensorSpec) -> tuple[FloatArray, FloatArray]:
+    def sampled(sensor: SensorSpec) -> tuple[FloatArray, FloatArray]:
         bias = rng.standard_normal(3) * sensor.bias
         matrix = rng.standard_normal((3, 3)) * sensor.misalignment[:, None]
         np.fill_diagonal(matrix, 1.0 + rng.standard_normal(3) * sensor.scale_factor)
         return bias, matrix
 
-    gyro_bias, gyro_matrix = draw(spec.gyro)
-    accel_bias, accel_matrix = draw(spec.accel)
+    gyro_bias, gyro_matrix = sampled(spec.gyro)
+    accel_bias, accel_matrix = sampled(spec.accel)
     terms = []
     for sensor, positions in ((spec.gyro, zero_matrix()), (spec.accel, np.asarray(spec.positions))):
         asymmetry, quadratic, bias_slope, scale_slope = (
@@ -263,8 +263,8 @@ def draw_errors(spec: ImuSpec, rng: np.random.Generator) -> ImuErrors:
             for sd in (sensor.asymmetry, sensor.quadratic, sensor.bias_slope, sensor.scale_slope)
         )
         g_sensitivity = rng.standard_normal((3, 3)) * sensor.g_sensitivity[:, None]
-        drawn = (asymmetry, quadratic, bias_slope, scale_slope, g_sensitivity, positions)
-        terms.append(ErrorTerms(*drawn) if any(np.any(value) for value in drawn) else None)
+        values = (asymmetry, quadratic, bias_slope, scale_slope, g_sensitivity, positions)
+        terms.append(ErrorTerms(*values) if any(np.any(value) for value in values) else None)
     return ImuErrors(
         gyro_bias,
         gyro_matrix,

@@ -16,7 +16,7 @@ class RawScale:
     """Straight line of each sensor of a triad: ``value = (output - zero) / scale``.
 
     It turns the columns of a file into rates [rad/s] or specific forces [m/s^2] where they are read, before axes are
-    exchanged and known errors taken off.
+    exchanged and known errors corrected.
 
     Attributes
     ----------

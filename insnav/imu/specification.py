@@ -49,7 +49,7 @@ class SensorSpec:
     asymmetry, quadratic, bias_slope, scale_slope, g_sensitivity : (3,) array
         Standard deviations of what `ErrorTerms` has; g-sensitivity of every element of the matrix.
 
-    The terms from `flicker` on are there to simulate; a filter takes no notice of them.
+    The terms from `flicker` on are there to simulate; filters ignore them.
     """
 
     bias: FloatArray = field(default_factory=zeros)
@@ -111,7 +111,7 @@ class InitialSpec:
 
 @dataclass(frozen=True, slots=True)
 class ClockSpec:
-    """What is wrong with the time stamps of an IMU, for simulation.
+    """What is wrong with the timestamps of an IMU, for simulation.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class ClockSpec:
     drift : float
         And by this part of the time since the start [-].
     jitter : float
-        Standard deviation of each stamp [s].
+        Standard deviation of each timestamp [s].
     lost_every, lost_length : float
         Mean time between drop-outs, exponentially distributed, and their mean length [s]; zero for none.
     """
@@ -149,7 +149,7 @@ class ImuSpec:
     absent : tuple of str
         Dotted names of everything that was not given and therefore counts as zero.
     clock : ClockSpec
-        Its time stamps.
+        Its timestamps.
     positions : (3, 3) array
         Row i is the place of accelerometer i from the point that is navigated, body axes [m].
     """

@@ -1,6 +1,6 @@
 """What every calibration method has in common: options, reading, fitting and a result with its uncertainty.
 
-A method is a module with `read` and `fit` (see `Method`); `METHODS` says which module the name of a command means.
+A method is a module with `read` and `fit` (see `Method`); `METHODS` has the module of each command.
 """
 
 from __future__ import annotations
@@ -251,7 +251,7 @@ def physical(errors: ImuErrors) -> ImuErrors:
 
 
 def carried_over(new: ImuErrors, other: ImuErrors, kept: str) -> ImuErrors:
-    """Put the other triad of an earlier calibration, ``gyro`` or ``accel``, beside a new one."""
+    """Take the other triad, ``gyro`` or ``accel``, from an earlier calibration."""
     fields = [field for field in new.__dataclass_fields__ if field.startswith(f"{kept}_")]
     return replace(new, **{field: getattr(other, field) for field in fields})
 

@@ -16,7 +16,7 @@ from insnav.exceptions import InputError
 from insnav.types import FloatArray
 
 RANK_TOLERANCE = 1e-9  # singular values of the scaled design below this share of the largest count as zero
-LEVEL = 0.95  # of a printed interval, where nothing else is said
+LEVEL = 0.95  # of a printed interval, unless stated otherwise
 
 
 @dataclass(frozen=True, slots=True)

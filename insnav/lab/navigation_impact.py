@@ -20,7 +20,7 @@ from insnav.units import DEG
 MINUTE = 60.0  # [s]
 RATE = 50  # samples a second
 PLACE = np.array([45.0 * DEG, 0.0, 0.0])
-DRAWS = 24
+SAMPLES = 24
 TURN = 10.0 * DEG  # [rad/s]
 SPEED = 10.0  # [m/s]
 
@@ -28,8 +28,8 @@ SPEED = 10.0  # [m/s]
 def navigation_impact(errors: ImuErrors, sd: CalibrationSd, *, seed: int = 1) -> tuple[Impact, ...]:
     """Navigate a simulated minute at rest and on a circle, sensors without other errors.
 
-    The true errors are drawn about the calibrated ones with their uncertainty; the calibration corrects what it knows.
-    Both start from the true state, and height is held.
+    The true errors are sampled about the calibrated ones with their uncertainty; the calibration corrects the known
+    part. Both start from the true state, and height is held.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def navigation_impact(errors: ImuErrors, sd: CalibrationSd, *, seed: int = 1) ->
     sd : CalibrationSd
         Their uncertainty.
     seed : int
-        Of the draws.
+        Random seed.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def navigation_impact(errors: ImuErrors, sd: CalibrationSd, *, seed: int = 1) ->
     """
     known = physical(errors)
     rng = np.random.default_rng(seed)
-    truths = [_drawn(known, sd, rng) for _ in range(DRAWS)]
+    truths = [_sampled(known, sd, rng) for _ in range(SAMPLES)]
     impacts = []
     for words, motion in (
         ("at rest", straight(PLACE, 0.0, 0.0, MINUTE)),
@@ -61,14 +61,14 @@ def navigation_impact(errors: ImuErrors, sd: CalibrationSd, *, seed: int = 1) ->
     return tuple(impacts)
 
 
-def _drawn(known: ImuErrors, sd: CalibrationSd, rng: np.random.Generator) -> ImuErrors:
+def _sampled(known: ImuErrors, sd: CalibrationSd, rng: np.random.Generator) -> ImuErrors:
     gyro_map, terms = known.gyro_map, known.gyro_terms
     if gyro_map is not None:
         maps = zip(gyro_map.axes, sd.gyro_map, strict=True)
-        gyro_map = DynamicMap(*(_drawn_map(item, spread, rng) for item, spread in maps))
+        gyro_map = DynamicMap(*(_sampled_map(item, spread, rng) for item, spread in maps))
     if terms is not None:
-        drawn = sd.g_sensitivity * rng.standard_normal((3, 3))
-        terms = replace(terms, g_sensitivity=terms.g_sensitivity + drawn)
+        error = sd.g_sensitivity * rng.standard_normal((3, 3))
+        terms = replace(terms, g_sensitivity=terms.g_sensitivity + error)
     return replace(
         known,
         gyro_bias=known.gyro_bias + sd.gyro_bias * rng.standard_normal(3),
@@ -80,7 +80,7 @@ def _drawn(known: ImuErrors, sd: CalibrationSd, rng: np.random.Generator) -> Imu
     )
 
 
-def _drawn_map(item: AxisMap | None, spread: FloatArray | None, rng: np.random.Generator) -> AxisMap | None:
+def _sampled_map(item: AxisMap | None, spread: FloatArray | None, rng: np.random.Generator) -> AxisMap | None:
     if item is None or spread is None:
         return item
     return replace(item, error=item.error + np.linalg.cholesky(spread) @ rng.standard_normal(item.rate.size))

@@ -189,9 +189,9 @@ def inertia_from_fall(
     fit = _slope(height, squared, where)
     lever = 0.5 * mass * gravity * radius**2
     value = float(fit.value[0]) * lever - mass * radius**2
-    said = _suspicions(fit, height, squared, "the weight was not released from rest, or friction brakes it")
+    warnings = _suspicions(fit, height, squared, "the weight was not released from rest, or friction brakes it")
     sd, half = float(fit.sd[0]) * lever, float(fit.half_width()[0]) * lever
-    return Inertia("falling weight", value, sd, half, fit, height, squared, said)
+    return Inertia("falling weight", value, sd, half, fit, height, squared, warnings)
 
 
 def inertia_from_precession(
@@ -240,9 +240,11 @@ def inertia_from_precession(
             why=f"slope {float(fit.value[0]):.4g} ± {float(fit.sd[0]):.2g} rad/s per s",
             fix="each row needs the rotor rate at the time of its precession",
         )
-    said = _suspicions(fit, period, rate, "the rotor slows down, or the gyroscope is not balanced without the weight")
+    warnings = _suspicions(
+        fit, period, rate, "the rotor slows down, or the gyroscope is not balanced without the weight"
+    )
     half = value * relative * coverage_factor(fit.dof)
-    return Inertia("precession", value, value * relative, half, fit, period, rate, said)
+    return Inertia("precession", value, value * relative, half, fit, period, rate, warnings)
 
 
 def agreement(first: Inertia, second: Inertia) -> Agreement:
@@ -277,15 +279,15 @@ def _slope(x: FloatArray, y: FloatArray, where: str) -> Fit:
 
 def _suspicions(fit: Fit, x: FloatArray, y: FloatArray, cause: str) -> tuple[str, ...]:
     """Say if the points do not lie on a line through the origin, or one not with the others."""
-    said = []
+    warnings = []
     if x.size > 3:
         free = linear_fit(np.column_stack((np.ones_like(x), x)), y, ("intercept", "slope"))
         if abs(free.value[0]) > free.half_width(0.99)[0]:
-            said.append(f"the line misses the origin by {abs(free.value[0]) / free.sd[0]:.1f} sd: {cause}")
+            warnings.append(f"the line misses the origin by {abs(free.value[0]) / free.sd[0]:.1f} sd: {cause}")
     if x.size < 5:
-        said.append(f"only {x.size} measurements: the uncertainty itself is uncertain")
-    said += [f"measurement {row + 1} does not belong to the others" for row in outliers(fit, x[:, None])]
-    return tuple(said)
+        warnings.append(f"only {x.size} measurements: the uncertainty itself is uncertain")
+    warnings += [f"measurement {row + 1} does not belong to the others" for row in outliers(fit, x[:, None])]
+    return tuple(warnings)
 
 
 def _positive(where: str, **columns: FloatArray) -> None:

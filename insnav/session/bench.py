@@ -60,18 +60,18 @@ def calibrate(
     InputError
         A file that cannot be used, or does not determine what is to be found.
     """
-    say = stage or (lambda name: None)
+    started = stage or (lambda name: None)
     module = method_named(method)
     how = BenchOptions(**options)
-    say("reading")
+    started("reading")
     record = module.read([files] if isinstance(files, str | Path) else list(files), how)
     if opened is not None:
         opened(record)
-    say("fitting")
+    started("fitting")
     found = module.fit(record, how)
     if found.errors is None:
         return found
-    say("navigating")
+    started("navigating")
     impact = navigation_impact(found.sensed or found.errors, found.sd)
     errors = found.errors
     if add is not None:

@@ -15,12 +15,12 @@ correlation_time = "60 s"
 [velocity]                                   # without this table the receiver gives none
 white = "0.1 m/s"
 
-[multipath]                                  # jumps that the standard deviations do not tell
+[multipath]                                  # jumps that the reported standard deviations do not show
 every = "60 s"
 length = "8 s"
 size = "8 m"
 
-[degraded]                                   # a float solution now and then, told by fix type 2
+[degraded]                                   # a float solution now and then, reported by fix type 2
 every = "200 s"
 length = "10 s"
 white = "0.3 m"

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
-from insnav.imu import ClockSpec, ErrorTerms, ImuErrors, ImuSpec, SensorSpec, corrupt, draw_errors, sample_intervals
+from insnav.imu import ClockSpec, ErrorTerms, ImuErrors, ImuSpec, SensorSpec, corrupt, sample_errors, sample_intervals
 from insnav.imu.error_terms import Sensor, terms_of
 from insnav.types import BoolArray, FloatArray, ImuData
 
@@ -84,7 +84,7 @@ def corrupt_imu(
     """
     constant, gyro_seed, accel_seed, gyro_flicker, accel_flicker, clock = np.random.SeedSequence(seed).spawn(6)
     constants = np.random.default_rng(constant)
-    errors = draw_errors(spec, constants)
+    errors = sample_errors(spec, constants)
     if temperature is not None:
         imu = replace(imu, temperature=np.asarray(temperature, dtype=np.float64))
     wrong = corrupt(imu, errors)

@@ -15,8 +15,8 @@ from insnav.imu import (
     SensorSpec,
     correct,
     corrupt,
-    draw_errors,
     load_imu,
+    sample_errors,
     sample_intervals,
 )
 from insnav.types import ImuData, Sampling
@@ -99,7 +99,7 @@ def test_drawn_errors_have_the_standard_deviations_of_the_spec() -> None:
         SensorSpec(bias=np.full(3, 4.0), scale_factor=np.full(3, 0.03), misalignment=np.full(3, 0.04)),
     )
     rng = np.random.default_rng(7)
-    drawn = [draw_errors(spec, rng) for _ in range(4000)]
+    drawn = [sample_errors(spec, rng) for _ in range(4000)]
     # 4000 draws know a standard deviation to 1.1 % (1 sigma)
     np.testing.assert_allclose(np.std([e.gyro_bias for e in drawn], axis=0), [1.0, 2.0, 3.0], rtol=0.05)
     np.testing.assert_allclose(np.std([e.accel_bias for e in drawn], axis=0), 4.0, rtol=0.05)
@@ -109,14 +109,14 @@ def test_drawn_errors_have_the_standard_deviations_of_the_spec() -> None:
 
 
 def test_a_perfect_imu_has_no_errors() -> None:
-    perfect = draw_errors(ImuSpec("perfect", SensorSpec(), SensorSpec()), np.random.default_rng(0))
+    perfect = sample_errors(ImuSpec("perfect", SensorSpec(), SensorSpec()), np.random.default_rng(0))
     np.testing.assert_array_equal(perfect.gyro_matrix, np.eye(3))
     np.testing.assert_array_equal(perfect.accel_bias, np.zeros(3))
 
 
 def test_drawing_is_reproducible() -> None:
     spec = load_imu("tactical")
-    first, second = (draw_errors(spec, np.random.default_rng(3)) for _ in range(2))
+    first, second = (sample_errors(spec, np.random.default_rng(3)) for _ in range(2))
     np.testing.assert_array_equal(first.gyro_matrix, second.gyro_matrix)
     np.testing.assert_array_equal(first.accel_bias, second.accel_bias)
 

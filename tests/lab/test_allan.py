@@ -87,11 +87,11 @@ def with_holes(n: int, missing: list[slice]) -> ImuData:
     return ImuData(time[kept], ramp, ramp)
 
 
-def test_a_few_lost_samples_are_filled_and_said():
+def test_a_few_lost_samples_are_filled_and_noted():
     record = even_record(with_holes(20_000, [slice(500, 501), slice(9000, 9003)]))
     assert len(record.values) == 20_000
     np.testing.assert_allclose(record.values[:, 0], np.arange(20_000.0), atol=1e-9)
-    assert "4 lost samples in 2 holes" in record.notes[0]
+    assert "4 lost samples in 2 gaps" in record.notes[0]
 
 
 def test_gaps_leave_the_longest_stretch_and_are_said():
@@ -102,11 +102,11 @@ def test_gaps_leave_the_longest_stretch_and_are_said():
     assert "56% of the samples" in record.notes[0]
 
 
-def test_uneven_stamps_are_said():
+def test_timestamp_jitter_is_noted():
     rest = at_rest(1000, 0.01)
     shaken = rest.time + 0.002 * np.random.default_rng(1).uniform(-1.0, 1.0, 1000)
     assert not even_record(rest).notes
-    assert "uneven" in even_record(ImuData(shaken, rest.gyro, rest.accel)).notes[0]
+    assert "timestamp jitter" in even_record(ImuData(shaken, rest.gyro, rest.accel)).notes[0]
 
 
 def test_short_records_are_refused():

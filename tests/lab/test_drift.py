@@ -11,7 +11,7 @@ from insnav.exceptions import InputError
 from insnav.imu import ImuErrors, calibration_to_toml, load_calibration
 from insnav.imu.higher_order import ErrorTerms
 from insnav.lab.drift.allan_before_after import TAUS, drift_study, power_fit
-from insnav.lab.drift.drift_model import DriftRecord, corrected_rates, drift_errors, drift_model, lasting
+from insnav.lab.drift.drift_model import DriftRecord, corrected_rates, drift_errors, drift_model, variance_inflation
 from insnav.lab.drift.rate_smoothing import P0, Smoother, choose_smoother, computed_ramp, smooth
 from insnav.lab.noise.allan import AllanDeviation, allan_deviation
 from insnav.units import DEG, DEG_PER_SQRT_H, G0
@@ -62,10 +62,10 @@ def test_printed_uncertainty_holds_with_noise_that_lasts():
 
 def test_means_scatter_as_those_of_a_known_process():
     rng = np.random.default_rng(2)
-    white = np.mean([lasting(rng.standard_normal(5000), 1)[0] for _ in range(50)])
+    white = np.mean([variance_inflation(rng.standard_normal(5000), 1)[0] for _ in range(50)])
     assert 1.0 < white < 1.5  # the largest of several counts
     decay = 0.9
-    found = [lasting(noise(rng, 20_000, 1.0, sd=1.0, time=-1.0 / np.log(decay)), 1)[0] for _ in range(50)]
+    found = [variance_inflation(noise(rng, 20_000, 1.0, sd=1.0, time=-1.0 / np.log(decay)), 1)[0] for _ in range(50)]
     assert np.mean(found) == pytest.approx((1.0 + decay) / (1.0 - decay), rel=0.35)
 
 

@@ -16,7 +16,13 @@ from insnav.lab.multi_position.gravity_norm import fit_gravity_norm, norm_error,
 from insnav.lab.multi_position.gyro_rotations import prepare, rotations
 from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses
 from insnav.lab.multi_position.method import errors_in_si, file_errors
-from insnav.lab.multi_position.stationary_spans import clipped, find_poses, liveliness, moving_variance, pose_between
+from insnav.lab.multi_position.stationary_spans import (
+    clipped,
+    find_poses,
+    measure_activity,
+    moving_variance,
+    pose_between,
+)
 from insnav.lab.multi_position.triad import Triad, corrected, directions
 from insnav.types import FloatArray, ImuData
 from tests.lab.hand import RATE, G, random_record, record, turn
@@ -256,7 +262,7 @@ def test_rests_are_found_inside_the_true_ones_and_a_knock_does_not_double_a_pose
     accel = ideal.accel + ACCEL_NOISE * rng.normal(size=ideal.accel.shape)
     accel[rests[2][0] + 100] += 5.0
     data = replace(ideal, accel=accel)
-    poses = find_poses(data, liveliness(data), 3.0)
+    poses = find_poses(data, measure_activity(data), 3.0)
     assert len(poses) == len(rests)
     for pose, (first, last) in zip(poses, rests, strict=True):
         assert first <= pose.first < pose.last <= last

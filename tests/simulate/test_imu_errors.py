@@ -144,10 +144,9 @@ def test_a_new_term_of_the_table_is_simulated_without_further_code(monkeypatch):
 
     cubic = ErrorTerm("accel", "cubic", "cubic", "ratio", "ppm", "constant", "diagonal", lambda w, f, t: f**3)
     monkeypatch.setattr(error_terms, "TERMS", (*error_terms.TERMS, cubic))
-    sizes = [
-        corrupt_imu(still_imu(10, 0.01), ImuSpec("t", SensorSpec(), Wider(cubic=triple(1e-6))), n) for n in range(400)
-    ]
-    off = np.array([each.imu.accel + [0.0, 0.0, 9.8] for each in sizes])
+    bent = ImuSpec("bent", SensorSpec(), Wider(cubic=triple(1e-6)))
+    still = still_imu(10, 0.01)
+    off = np.array([corrupt_imu(still, bent, seed).imu.accel - still.accel for seed in range(400)])
     assert np.all(off[:, :, :2] == 0.0)
     assert off[:, 0, 2].std() == pytest.approx(1e-6 * 9.8**3, rel=0.1)
     assert np.ptp(off[:, :, 2], axis=1).max() < 1e-12

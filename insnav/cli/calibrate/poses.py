@@ -1,4 +1,4 @@
-"""``insnav calibrate poses``: an IMU calibrated by hand, without any table."""
+"""``insnav calibrate poses``: multi-position calibration of an IMU, without a table."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from insnav.input.readers.reading import Reading
     from insnav.types import ImuData
 
-SHORT_HELP = "IMU calibrated by hand: many poses, or six positions and three turns."
-HELP = """IMU calibrated by hand, without any table: many poses, or six positions and three turns.
+SHORT_HELP = "Multi-position calibration: many poses, or six positions and three turns."
+HELP = """Multi-position calibration without a table: many poses, or six positions and three turns.
 
 Poses: put the IMU down in 12 to 40 different poses for 3 s each, turning it by about 90 degrees between them; poses are
-found by themselves. Six: every axis up and down at rest, then a full turn about each axis while it points up.
+found automatically. Six: every axis up and down at rest, then a full turn about each axis while it points up.
 Gravity must be known: by --gravity or --lat (and --height).
 
 \b
@@ -81,7 +81,7 @@ def poses(
     force: opt.Force = False,
     as_json: opt.Json = False,
 ) -> None:
-    """Calibrate an IMU by hand."""
+    """Calibrate an IMU in many positions."""
     from math import radians
 
     from insnav.session.bench import bench_gravity

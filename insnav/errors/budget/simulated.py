@@ -1,6 +1,6 @@
 """The simulated budget: free-inertial Monte Carlo runs of IMUs sampled from a specification, on one motion.
 
-Every run samples its constant errors with `insnav.imu.draw_errors`, its noise as `insnav.simulate.corrupt_imu` does,
+Every run samples its constant errors with `insnav.imu.sample_errors`, its noise as `insnav.simulate.corrupt_imu` does,
 and is integrated by the step that navigates recordings. The compiled loop neglects the change that sensor errors make
 in coning and sculling, which is of second order.
 """
@@ -17,7 +17,7 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.errors.budget.initial_covariance import STATES
 from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.sources import Source
-from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, draw_errors
+from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, sample_errors
 from insnav.imu.error_terms import Sensor, terms_of
 from insnav.kernels import error_propagation as _kernel
 from insnav.simulate.imu_errors import flicker
@@ -25,7 +25,7 @@ from insnav.types import FloatArray, IntArray
 from insnav.units import G0
 
 _SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
-# terms that `draw_errors` and the compiled kernel have; all others are made sample by sample before it
+# terms that `sample_errors` and the compiled kernel have; all others are made sample by sample before it
 _IN_KERNEL = (
     *("bias", "bias_instability", "random_walk", "scale_factor", "misalignment", "rate_random_walk"),
     *("asymmetry", "quadratic", "g_sensitivity"),
@@ -102,7 +102,7 @@ def free_runs(
     dt, changes = motion.dt[:n], _changes(motion, n) if _late(spec) else None
     for run in range(runs):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,)))
-        errors = draw_errors(spec, rng)
+        errors = sample_errors(spec, rng)
         together = rng.standard_normal(len(known)) @ carried if known else np.zeros(STATES)
         x = _start(spec.initial or InitialSpec(), motion, start_q, rng, hold, together[:9])
         more = _more(spec, motion, n, rng, changes)

@@ -127,16 +127,16 @@ def dwell_warnings(dwells: Dwells, names: Sequence[str], temperature: FloatArray
 
     dwells: from `reduce_dwells`; names: of the sensors; temperature (n,): temperature of the rows [deg C].
     """
-    said = []
+    warnings = []
     for name, lost in zip(names, dwells.dropped.T, strict=True):
         share = lost / dwells.count
         if share.max() > 0.05:
             worst = int(np.argmax(share))
-            said.append(f"{name}: dwell {worst + 1} lost {share[worst]:.0%} of its samples as spikes")
+            warnings.append(f"{name}: dwell {worst + 1} lost {share[worst]:.0%} of its samples as spikes")
     if temperature is not None and np.ptp(temperature) > LARGEST_DRIFT_C:
         low, high = float(np.min(temperature)), float(np.max(temperature))
-        said.append(
+        warnings.append(
             f"the temperature drifted from {low:.1f} to {high:.1f} deg C during the calibration: drift of the zero "
             "with temperature is in the residuals and may be in the results"
         )
-    return tuple(said)
+    return tuple(warnings)

@@ -115,21 +115,21 @@ def read_steps(
     keys = [q["setting"].key for q in _EVERY.values() if q["setting"].key in table.columns]
     settings = table.stack(*keys)
     reduced: dict[str, Channel] = {}
-    said: list[str] = []
+    warnings: list[str] = []
     for axis, channel in channels.items():
         volts = channel.unit != "LSB" and UNITS[channel.unit][0] == "signal"
         limit = spike_limit if spike_limit is not None else LIMIT_V / UNITS[channel.unit][1] if volts else np.inf
         dwells = reduce_dwells(
             settings, channel.output[:, None], limit, table.get("time"), where=f"{table.name}, {axis}"
         )
-        said += dwell_warnings(dwells, (axis,), None if reduced else table.get("temperature"))
+        warnings += dwell_warnings(dwells, (axis,), None if reduced else table.get("temperature"))
         own = dwells.setting[:, keys.index(_EVERY[axis]["setting"].key)]
         used = np.ones(own.size, dtype=np.bool_)
         if axis.startswith("gyro"):  # turning about another axis shows misalignment, not scale factor
             others = [i for i, key in enumerate(keys) if key.startswith("rate") and key != _EVERY[axis]["setting"].key]
             used = np.all(dwells.setting[:, others] == 0.0, axis=1)
         reduced[axis] = Channel(axis, own[used], dwells.value[used, 0], channel.unit)
-    return BenchRecord(table, None, None, reduced, tuple(said))
+    return BenchRecord(table, None, None, reduced, tuple(warnings))
 
 
 def read_powerups(path: str | Path, columns: Mapping[str, str] | None = None) -> BenchRecord:
@@ -205,8 +205,8 @@ def _read(
 ) -> BenchTable:
     schema = tuple(known[kind] for known in _EVERY.values() for kind in kinds)
     headers = open_table(path).headers if columns else ()
-    told = {name: header for name, header in (columns or {}).items() if header in headers}
-    table = read_bench(path, (*schema, *more), needed, columns=told)
+    named = {name: header for name, header in (columns or {}).items() if header in headers}
+    table = read_bench(path, (*schema, *more), needed, columns=named)
     outputs = {known[kind].key for known in _EVERY.values() for kind in ("raw", "sensed", "bias")}
     if not outputs & set(table.columns):
         example = "gyro_x_deg_s, accel_x_g, gyro_x_v, accel_x_lsb"

@@ -35,7 +35,7 @@ class PowerCoefficient:
 
     @property
     def seen(self) -> bool:
-        """Whether it can be told from zero."""
+        """Whether it is distinguishable from zero."""
         return self.low > 0.0
 
 
@@ -84,13 +84,13 @@ class DriftStudy:
 
     record: DriftRecord
     gyros: tuple[GyroDrift, ...]
-    errors: ImuErrors  # the drift, to be taken off other records
+    errors: ImuErrors  # the drift, to correct other records
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
 
 
 def drift_study(record: DriftRecord) -> DriftStudy:
-    """Fit, correct, smooth and judge every gyro of a record.
+    """Fit, correct and smooth every gyro of a record, and compare its noise before and after.
 
     Parameters
     ----------
@@ -143,8 +143,8 @@ def _factors(n: int, interval: float) -> tuple[IntArray, tuple[str, ...]]:
             fix="record 100 s at rest at 10 Hz or more",
         )
     lost = ", ".join(f"{tau:g}" for tau, good in zip(TAUS, held, strict=True) if not good)
-    said = (f"{lost} s: not held by {n * interval:g} s at rest, sampled every {interval:g} s",) if lost else ()
-    return np.unique(np.rint(wanted[held]).astype(np.int64)), said
+    notes = (f"{lost} s: not held by {n * interval:g} s at rest, sampled every {interval:g} s",) if lost else ()
+    return np.unique(np.rint(wanted[held]).astype(np.int64)), notes
 
 
 def _one(record: DriftRecord, rest: slice, model: DriftModel, rate: FloatArray, factors: IntArray) -> GyroDrift:
@@ -212,13 +212,13 @@ def power_fit(allan: AllanDeviation, own: FloatArray) -> dict[str, PowerCoeffici
 
 
 def _warnings(record: DriftRecord, gyros: Sequence[GyroDrift]) -> tuple[str, ...]:
-    said = []
+    warnings = []
     for each in gyros:
         name = f"gyro {each.model.axis}"
-        said += [f"{name}: {term} is left out: {why}" for term, why in each.model.left_out.items()]
+        warnings += [f"{name}: {term} is left out: {why}" for term, why in each.model.left_out.items()]
         if each.smoother.bounded:
-            said.append(
+            warnings.append(
                 f"{name}: the part at rest shows no walk; Q is the smallest that it could show, a time constant of a "
                 f"tenth of it ({each.smoother.time_constant:.3g} s)"
             )
-    return tuple(said)
+    return tuple(warnings)

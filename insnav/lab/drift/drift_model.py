@@ -19,11 +19,11 @@ from insnav.types import BoolArray, FloatArray, ImuData
 from insnav.units import DEG, G0
 
 TERMS = ("A", "B", "c_T", "c_g")
-# a term shows only if its cause changes by so much (standard deviation) beside the causes before it
+# a term shows only if its cause changes by so much (standard deviation) apart from the causes before it
 SHOWS = {"B": 1.0 * DEG, "c_T": 0.5, "c_g": 0.05 * G0}
 _CAUSES = {"B": "rate", "c_T": "temperature", "c_g": "specific force along the axis"}
 FEWEST = 100  # samples
-PARTS = (12, 24, 48, 96, 192)  # of a record, whose means tell how long residuals last
+PARTS = (12, 24, 48, 96, 192)  # of a record, whose means show how long residuals stay correlated
 LARGEST_B = 0.5  # of a gyro in the unit of its header
 
 
@@ -62,7 +62,7 @@ class DriftModel:
 
     axis: str  # its letter
     # terms found: A [rad/s], B [-], c_T [rad/s/K], c_g [rad/s/(m/s^2)], and their standard deviations, with what the
-    # residuals have in common from sample to sample (`lasting`)
+    # residuals have in common from sample to sample (`variance_inflation`)
     value: Mapping[str, float]
     sd: Mapping[str, float]
     left_out: Mapping[str, str]  # terms that the record does not show, and why
@@ -118,7 +118,7 @@ def drift_model(record: DriftRecord, axis: str) -> DriftModel:
             why="a wrong unit in a header, another axis, or the other sense of rotation",
             fix="check the units and signs of gyro and rate",
         )
-    inflation, freedom = lasting(fit.residual, len(names))
+    inflation, freedom = variance_inflation(fit.residual, len(names))
     sd = fit.sd * np.sqrt(inflation)
     return DriftModel(
         axis,
@@ -131,7 +131,7 @@ def drift_model(record: DriftRecord, axis: str) -> DriftModel:
 
 
 def _hidden(term: str, cause: FloatArray | None, columns: list[FloatArray]) -> str:
-    """Why a term cannot be found beside those before it; empty if it can."""
+    """Why a term cannot be separated from those before it; empty if it can."""
     name = _CAUSES[term]
     if cause is None:
         return f"the record has no column of the {name}"
@@ -139,9 +139,9 @@ def _hidden(term: str, cause: FloatArray | None, columns: list[FloatArray]) -> s
     if alone < SHOWS[term]:
         return f"the {name} hardly changes ({_size(term, alone)} standard deviation)"
     known = np.column_stack(columns)
-    beside = float(np.std(cause - known @ np.linalg.lstsq(known, cause, rcond=None)[0]))
-    if beside < SHOWS[term]:
-        return f"the {name} changes only together with what was fitted before it ({_size(term, beside)} beside it)"
+    alone = float(np.std(cause - known @ np.linalg.lstsq(known, cause, rcond=None)[0]))
+    if alone < SHOWS[term]:
+        return f"the {name} changes only together with what was fitted before it ({_size(term, alone)} otherwise)"
     return ""
 
 
@@ -150,7 +150,7 @@ def _size(term: str, value: float) -> str:
     return f"{value / factor:.2g} {unit}"
 
 
-def lasting(residual: FloatArray, fitted: int) -> tuple[float, float]:
+def variance_inflation(residual: FloatArray, fitted: int) -> tuple[float, float]:
     """How much more the means of residuals scatter than those of independent ones.
 
     The variance of the means of equal parts, times their length, is that of a sample if samples are independent. It is

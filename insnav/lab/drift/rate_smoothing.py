@@ -58,7 +58,7 @@ def choose_smoother(values: FloatArray, interval: float) -> Smoother:
     """Q and R of greatest likelihood.
 
     values (n,): random part of a rate at rest [rad/s]; interval: sampling interval [s]. Q is at least so large
-    that the time constant is a tenth of the record: slower walks cannot be told from none. Raises InputError:
+    that the time constant is a tenth of the record: slower walks are not observable. Raises InputError:
     values that do not change.
     """
     step = np.diff(values)
@@ -172,7 +172,7 @@ def _answer(time: FloatArray, rate: FloatArray, smoothed: FloatArray, ramp: slic
     slope = float((rate[ramp.stop - 1] - rate[ramp.start]) / (time[ramp.stop - 1] - time[ramp.start]))
     half = slice((ramp.start + ramp.stop) // 2, ramp.stop)
     late = (rate[half] - smoothed[half]) / slope
-    # a filter forgets slowly: what it is off by lasts, and ten parts tell how much the mean scatters
+    # a filter forgets slowly: its errors are correlated, and ten parts show how much the mean scatters
     parts = np.array([part.mean() for part in np.array_split(late, 10)]) if late.size >= 20 else late
     sd = float(np.std(parts, ddof=1) / math.sqrt(parts.size))
     worst = float(np.max(np.abs(rate[half.start :] - smoothed[half.start :])))

@@ -1,1 +1,1 @@
-"""Calibration by hand in many positions, without a table."""
+"""Multi-position calibration, without a table."""

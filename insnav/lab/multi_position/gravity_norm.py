@@ -130,36 +130,36 @@ def fit_gravity_norm(force: FloatArray, g: float, start: Triad) -> GravityFit:
         ftol=1e-14,
         gtol=1e-14,
     )
-    judged = normal(norm_jacobian(done.x, force))
-    _refuse_singular(judged, g)
+    determined = normal(norm_jacobian(done.x, force))
+    _refuse_singular(determined, g)
     error = norm_error(unpacked(done.x), force, g)
     sd = float(np.sqrt(error @ error / (n - PARAMETERS)))
-    covariance = judged.inverse * sd**2
+    covariance = determined.inverse * sd**2
     deviation = np.sqrt(np.diag(covariance))
     found = unpacked(done.x)
-    triad = Triad(found.bias, found.matrix, deviation[:3], _matrix(deviation), judged.condition)
-    return GravityFit(triad, covariance, error, sd, judged)
+    triad = Triad(found.bias, found.matrix, deviation[:3], _matrix(deviation), determined.condition)
+    return GravityFit(triad, covariance, error, sd, determined)
 
 
-def _refuse_singular(judged: Normal, g: float) -> None:
-    if judged.condition < WORST_CONDITION:
+def _refuse_singular(determined: Normal, g: float) -> None:
+    if determined.condition < WORST_CONDITION:
         return
     raise InputError(
         "the poses do not determine the accelerometers",
-        why=f"{', '.join(NAMES[i] for i in judged.weak)} cannot be told apart "
-        f"(condition number {judged.condition:.3g}, at most {WORST_CONDITION:g})",
-        fix=f"add a pose with {missing_pose(judged, g)}, and others like it",
+        why=f"{', '.join(NAMES[i] for i in determined.weak)} cannot be separated "
+        f"(condition number {determined.condition:.3g}, at most {WORST_CONDITION:g})",
+        fix=f"add a pose with {missing_pose(determined, g)}, and others like it",
     )
 
 
-def missing_pose(judged: Normal, g: float) -> str:
-    """Say which pose would tell most about the least determined combination of parameters.
+def missing_pose(determined: Normal, g: float) -> str:
+    """Name the pose that would show most of the least determined combination of parameters.
 
-    judged: of poses so far; g: gravity [m/s^2].
+    determined: by the poses so far; g: gravity [m/s^2].
     """
     candidates = directions()
     # as if the sensors were perfect: a few percent do not change which pose is missing
     rows = norm_jacobian(packed(perfect()), g * candidates)
     rows /= np.linalg.norm(rows, axis=0)
-    gain = np.abs(rows @ judged.direction)
+    gain = np.abs(rows @ determined.direction)
     return pose_text(candidates[int(np.argmax(gain))])

@@ -132,7 +132,7 @@ def residuals(rotation: FloatArray, up: FloatArray) -> FloatArray:
 
 
 def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) -> FloatArray:
-    """Sensitivity to start from, the same for all axes; tells whether axes are exchanged.
+    """Sensitivity to start from, the same for all axes; refuses exchanged axes.
 
     bias (3,): in the unit of the record; up (m + 1, 3): unit vectors along the specific force in the poses; counts:
     the sensitivity is not known; else it is about 1. Returns (3, 3). Raises InputError: gyros whose axes or signs
@@ -170,7 +170,7 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
     if less < 0.5 * best and less < MISFIT:
         columns = ", ".join(f"{'+' if signs[o] > 0 else '-'}{AXES[o]}" for o in order)
         raise InputError(
-            "the gyros do not turn as the accelerometers say",
+            "the rotations of the gyros do not agree with the accelerometers",
             why=f"the turns would fit if gyro x, y, z measured {columns} (misfit {np.rad2deg(less):.3g} deg instead "
             f"of {np.rad2deg(best):.3g} deg)",
             fix="columns exchanged, or a left-handed triad? bring gyros and accelerometers to the same "
@@ -207,15 +207,15 @@ def fit_turns(turns: Turns, bias: FloatArray, start: FloatArray, up: FloatArray,
         return np.column_stack([(misfit(e + step) - here) / _STEP for step in _STEP * np.eye(PARAMETERS)])
 
     done = least_squares(misfit, np.zeros(PARAMETERS), jac=slope, method="lm", xtol=1e-10, ftol=1e-10)
-    judged = normal(done.jac)
-    if not judged.condition < WORST_CONDITION:
+    determined = normal(done.jac)
+    if not determined.condition < WORST_CONDITION:
         raise InputError(
             "the turns do not determine the gyros",
-            why=f"{', '.join(NAMES[i] for i in judged.weak)} cannot be told apart "
-            f"(condition number {judged.condition:.3g}, at most {WORST_CONDITION:g})",
+            why=f"{', '.join(NAMES[i] for i in determined.weak)} cannot be separated "
+            f"(condition number {determined.condition:.3g}, at most {WORST_CONDITION:g})",
             fix="turn about every axis, by some 90 degrees, while that axis is level",
         )
     matrix = start @ (np.eye(3) + done.x.reshape(3, 3))
     sd = float(np.sqrt(2.0 * done.cost / (2 * count - PARAMETERS)))
     error = np.linalg.norm(residuals(rotations(turns, bias, matrix), up), axis=1)
-    return TurnFit(matrix, judged.inverse * sd**2, np.asarray(done.jac), error, sd, judged)
+    return TurnFit(matrix, determined.inverse * sd**2, np.asarray(done.jac), error, sd, determined)

@@ -1,10 +1,10 @@
-"""Calibration by hand: a sensor put down in many poses and turned between them, without a table.
+"""Multi-position calibration: a sensor put down in many poses and turned between them, without a table.
 
 References
 ----------
 D. Tedaldi, A. Pretto, E. Menegatti, "A robust and easy to implement method for IMU calibration without external
 equipments", ICRA 2014. Beyond it, the part of the gyros' output that goes with the specific force is estimated from
-the poses and taken off before the turns are integrated: in a MEMS gyro it is the larger part of what remains.
+the poses and subtracted before the turns are integrated: in a MEMS gyro it is the larger part of what remains.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from insnav.lab.multi_position.gyro_rotations import (
     residuals,
     rotations,
 )
-from insnav.lab.multi_position.stationary_spans import Liveliness, Pose, clipped, find_poses, liveliness
+from insnav.lab.multi_position.stationary_spans import Activity, Pose, clipped, find_poses, measure_activity
 from insnav.lab.multi_position.triad import Triad, corrected
 from insnav.types import BoolArray, FloatArray, ImuData
 
@@ -104,14 +104,14 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
     """
     if imu.sampling == "increment":
         raise InputError("increments are not calibrated by poses", fix="give rates and specific forces")
-    lively = liveliness(imu)
-    factor, poses, fit, start = _best_poses(imu, lively, g, counts)
+    activity = measure_activity(imu)
+    factor, poses, fit, start = _best_poses(imu, activity, g, counts)
     force = np.array([pose.force for pose in poses])
     _refuse_norm(fit, g)
     _refuse_bias(fit.triad, g, counts)
     up = _directions(fit.triad, force)
     rest = _rest(poses, fit.triad)
-    damaged = clipped(imu.gyro, lively.ratio > factor * factor)
+    damaged = clipped(imu.gyro, activity.ratio > factor * factor)
     plain = prepare(imu, poses, damaged)
     guess = first_guess(plain, rest.mean, up, counts)
     coarse = fit_turns(plain, rest.mean, guess, up, plain.use)
@@ -150,10 +150,10 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
 
 
 def _best_poses(
-    imu: ImuData, lively: Liveliness, g: float, counts: bool
+    imu: ImuData, activity: Activity, g: float, counts: bool
 ) -> tuple[float, tuple[Pose, ...], GravityFit, Triad]:
     """Search the tightest limit of rest by which the accelerometers become about least uncertain."""
-    found = [(factor, find_poses(imu, lively, factor)) for factor in FACTORS]
+    found = [(factor, find_poses(imu, activity, factor)) for factor in FACTORS]
     most = max(len(poses) for _, poses in found)
     tried: list[tuple[float, float, tuple[Pose, ...], GravityFit, Triad]] = []
     refused: InputError | None = None
@@ -210,8 +210,8 @@ def _refuse_bias(accel: Triad, g: float, counts: bool) -> None:
     if not counts and worst > WRONG_UNIT * g:
         raise InputError(
             "the accelerometers are not in m/s^2 from zero",
-            why=f"their biases come out as {', '.join(f'{b:.3g}' for b in accel.bias)} m/s^2",
-            fix="give specific force, gravity not taken off; or --counts for raw units",
+            why=f"their estimated biases are {', '.join(f'{b:.3g}' for b in accel.bias)} m/s^2",
+            fix="give specific force, gravity not subtracted; or --counts for raw units",
         )
 
 
@@ -220,7 +220,7 @@ def _refuse_gyro_units(gyro: Triad, counts: bool) -> None:
     if not counts and np.abs(scale - 1.0).max() > WRONG_UNIT:
         raise InputError(
             "the gyros are not in rad/s",
-            why=f"their scale factors come out as {', '.join(f'{s:.4g}' for s in scale)}",
+            why=f"their estimated scale factors are {', '.join(f'{s:.4g}' for s in scale)}",
             fix="say --imu-units, or --counts for raw units",
         )
 
@@ -271,7 +271,7 @@ def _whole_covariance(
     """Covariance of the gyros' matrix with what it has from the accelerometers, the bias and the g-sensitivity, (9, 9).
 
     Each of these is moved along the directions of its covariance by one standard deviation. What they add to the
-    scatter of the residuals is taken off that: it must not count twice.
+    scatter of the residuals is subtracted there: it must not count twice.
     """
     force = np.array([pose.force for pose in poses])
     felt = corrected(fit.triad, imu.accel)

@@ -31,7 +31,7 @@ Found = PosesCalibration | SixPositions
 RAW_UNIT = "LSB"  # of a record whose headers state none
 FEW_POSES = 20  # below, the uncertainty is itself uncertain
 ALONE = 0.9  # a pose that determines so much of a parameter alone is not checked by any other
-WARM = 2.0  # change of temperature worth a word [K]
+WARM = 2.0  # change of temperature that is pointed out [K]
 OVERFIT = 2.0  # a left-out error so many times the fitted one
 DRIFT = 6.0  # standard deviations of its bias by which a gyro that drifted has changed
 
@@ -205,7 +205,9 @@ def _pose_warnings(found: PosesCalibration) -> list[str]:
         warnings.append(f"only {n} poses: with {n - 9} degrees of freedom the standard deviations are rough")
     for sensor, triad in (("accelerometers", found.accel), ("gyros", found.gyro)):
         if triad.condition > BADLY_CONDITIONED:
-            warnings.append(f"the poses are lopsided for the {sensor}: condition number {triad.condition:.3g}")
+            warnings.append(
+                f"the poses are unevenly distributed for the {sensor}: condition number {triad.condition:.3g}"
+            )
     alone = [str(i + 1) for i in np.flatnonzero(found.accel_share > ALONE)]
     if alone:
         warnings.append(f"pose {', '.join(alone)} alone determines a parameter: add poses like it, to check it")

@@ -17,7 +17,7 @@ import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.lab.multi_position.many_positions import FACTORS, refuse_force_units
-from insnav.lab.multi_position.stationary_spans import Pose, clipped, find_poses, liveliness, pose_between
+from insnav.lab.multi_position.stationary_spans import Pose, clipped, find_poses, measure_activity, pose_between
 from insnav.lab.multi_position.triad import AXES, Triad, corrected
 from insnav.strapdown import nominal_interval
 from insnav.types import FloatArray, ImuData
@@ -76,7 +76,7 @@ def calibrate_six_positions(
     sections : mapping of str to tuple of int, optional
         First and last plus one sample of all `SECTIONS`; found by `find_sections` by default.
     turn : float
-        Angle of each turn [rad]; to which side, the gyros say.
+        Angle of each turn [rad]; its sense is taken from the gyros.
     counts : bool
         Sensitivities are not known, not even roughly.
 
@@ -163,7 +163,7 @@ def _accelerometers(force: FloatArray, poses: list[Pose], g: float) -> tuple[Tri
     tilt = float(np.sqrt(2.0 * np.mean(((half - bias) / scale)[off] ** 2)) / g)
     noise = np.array([pose.force_sd / np.sqrt(pose.count) for pose in poses])
     pair = np.sqrt(np.diag(noise[0::2] ** 2 + noise[1::2] ** 2)) / 2.0
-    # a tilt of t takes 1 - cos t off what a vertical axis feels
+    # a tilt of t lowers what a vertical axis feels by 1 - cos t
     second = np.abs(scale) * g * tilt**2 / np.sqrt(2.0)
     matrix_sd = np.where(off, np.abs(scale)[:, None] * tilt / np.sqrt(2.0), np.diag(np.hypot(pair, second) / g))
     condition = float(np.linalg.cond(matrix / scale[:, None]))
@@ -255,8 +255,8 @@ def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
     InputError
         Some are not there.
     """
-    lively = liveliness(imu)
-    poses = find_poses(imu, lively, FACTORS[2])
+    activity = measure_activity(imu)
+    poses = find_poses(imu, activity, FACTORS[2])
     if len(poses) < len(POSITIONS):
         raise InputError(
             f"{len(poses)} rests are too few",
@@ -264,7 +264,7 @@ def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
             fix="rest for 2 s or more with every axis up and down, or give the sections with --sections",
         )
     force = np.array([pose.force for pose in poses])
-    # middle of opposite extremes: the bias even of raw counts, as far as it is needed to tell up from down
+    # middle of opposite extremes: the bias even of raw counts, as far as up and down need it
     middle = (force.max(axis=0) + force.min(axis=0)) / 2.0
     half = np.maximum((force.max(axis=0) - force.min(axis=0)) / 2.0, 1e-12 * np.abs(force).max())
     up = (force - middle) / half
@@ -282,7 +282,7 @@ def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
         axis = int(np.argmax(np.abs(way)))
         if last - first < 3 or way @ then < np.cos(_SAME_POSE) or abs(way[axis]) < np.cos(np.arcsin(OFF_AXIS)):
             continue
-        angle = np.abs(np.sum(imu.gyro[first:last] - bias, axis=0)) * lively.interval
+        angle = np.abs(np.sum(imu.gyro[first:last] - bias, axis=0)) * activity.interval
         name = TURNS[axis]
         if int(np.argmax(angle)) == axis and angle[axis] > largest.get(name, 0.0):
             largest[name], found[name] = float(angle[axis]), (first, last)

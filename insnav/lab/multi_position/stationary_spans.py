@@ -1,6 +1,6 @@
 """A bench record cut into poses: stretches at rest, in units that need not be known.
 
-Everything is judged by ratios (of variances, of directions), so raw counts serve as well as m/s^2.
+Everything goes by ratios (of variances, of directions), so raw counts serve as well as m/s^2.
 
 References
 ----------
@@ -24,7 +24,7 @@ WINDOW = 1.0  # over which the variance is taken [s]
 SHORTEST = 0.5  # rest between two windows that saw motion, at least [s]: 1.5 s of rest altogether
 FEWEST = 10  # samples of a pose
 QUIET_SHARE = 0.1  # quantile of the variance that is that of rest
-CONTRAST = 25.0  # variance of the most lively tenth against that, at least, in a record of rests and motions
+CONTRAST = 25.0  # variance of the most active tenth against that, at least, in a record of rests and motions
 KNOCK = 1.5 * WINDOW  # a break of rest so short, without change of pose, was a knock [s]
 SAME_POSE = 0.01  # change of specific force, over its spread in the record, that is no change of pose
 CLIPPED = 3  # samples in a row with the largest value of the channel that are the end of its range
@@ -88,17 +88,17 @@ def moving_variance(values: FloatArray, window: int) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True)
-class Liveliness:
+class Activity:
     """How much the specific force varies over a record, against what it does at rest."""
 
     ratio: FloatArray  # (n,) variance in a moving window over that at rest [-]
     interval: float  # sampling interval [s]
 
 
-def liveliness(imu: ImuData) -> Liveliness:
-    """Measure the liveliness of a record.
+def measure_activity(imu: ImuData) -> Activity:
+    """Measure the activity of a record.
 
-    Raises InputError: the record is too short, or nothing tells rest from motion.
+    Raises InputError: the record is too short, or rest and motion do not differ.
     """
     interval = float(np.median(np.diff(imu.time))) if imu.time.size > 1 else np.inf
     window = 2 * round(0.5 * WINDOW / interval) + 1 if np.isfinite(interval) else 0
@@ -116,22 +116,22 @@ def liveliness(imu: ImuData) -> Liveliness:
     if contrast < CONTRAST:
         raise InputError(
             "no pose at rest was found",
-            why=f"the specific force varies everywhere alike (the most lively tenth {np.sqrt(contrast):.1f} times "
+            why=f"the specific force varies everywhere alike (the most active tenth {np.sqrt(contrast):.1f} times "
             "as much as the quietest): the sensor never rests, or is never moved",
             fix="record poses of 2 s or more at rest, with motion between them",
         )
-    return Liveliness(variance / floor, interval)
+    return Activity(variance / floor, interval)
 
 
-def find_poses(imu: ImuData, lively: Liveliness, factor: float) -> tuple[Pose, ...]:
+def find_poses(imu: ImuData, activity: Activity, factor: float) -> tuple[Pose, ...]:
     """Cut the stretches at rest out of a record.
 
-    lively: of this record; factor: rest is where the standard deviation is below so many times that of the quietest
+    activity: of this record; factor: rest is where the standard deviation is below so many times that of the quietest
     tenth. Poses are in order of time. The window keeps half its length between a pose and any motion. Of a pose
     broken by a knock the longer part is kept: twice the same pose would count as two.
     """
-    still: BoolArray = lively.ratio < factor * factor
-    shortest = max(FEWEST, round(SHORTEST / lively.interval))
+    still: BoolArray = activity.ratio < factor * factor
+    shortest = max(FEWEST, round(SHORTEST / activity.interval))
     found = [pose_between(imu, first, first + n) for first, n in runs(still) if n >= shortest]
     if not found:
         return ()

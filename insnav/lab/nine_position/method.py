@@ -5,7 +5,7 @@ Each module holds one gyro and the two accelerometers across its axis: x module 
 forces, and so shows where that axis points. With ideal values L and measured m, one column a position,
 
     M_A = L_A A_m^+                  corrects the accelerometers,
-    M_G = Omega_L Omega_m^+          is the sensitivity of the gyros, to be taken off by its inverse.
+    M_G = Omega_L Omega_m^+          is the sensitivity of the gyros, corrected by its inverse.
 
 For a small turn of a module its product loses exactly what its gyro gains, so M_G holds to first order; what is left of
 that order, the difference of two squares, cancels over positions that are symmetric in roll and pitch.
@@ -44,7 +44,7 @@ AXIS = np.array([1, 2, 2, 0, 0, 1])  # of each sensor
 PRODUCTS = ((0, 1), (2, 3), (4, 5))  # the two sensors of each module
 TRIAD = ((3, 4), (0, 5), (1, 2))  # the two sensors of each axis
 SECOND_ORDER = 2.0  # covers 95 % of the errors of second order in simulations of three common sets of positions
-MOST_SENSITIVE, MOST_CROSSED = 0.2, 0.2  # farther from 1, or from 0, the columns are not what they are said to be
+MOST_SENSITIVE, MOST_CROSSED = 0.2, 0.2  # farther from 1, or from 0, the columns are not what they are stated to be
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ def calibrate_nine(
     InputError
         Positions that leave something undetermined, with the one to add; or columns that do not belong to their names.
     """
-    said = check_positions(roll, pitch, where)
+    warnings = check_positions(roll, pitch, where)
     force = ideal_force(roll, pitch, gravity)
     fits = _affine(force, measured, where)
     _refuse_exchanged(fits, where)
@@ -154,7 +154,7 @@ def calibrate_nine(
         fits=fits,
         condition_accel=float(np.linalg.cond(_triad(free))),
         condition_gyro=float(np.linalg.cond(_products(free[gyro_rows]))),
-        warnings=said,
+        warnings=warnings,
     )
 
 

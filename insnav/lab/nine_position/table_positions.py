@@ -41,7 +41,7 @@ def opposite_pairs(force: FloatArray, gravity: float) -> tuple[tuple[int, int] |
 
 
 def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[str, ...]:
-    """Refuse positions that leave something undetermined or unbalanced, and say which one to add.
+    """Refuse positions that leave something undetermined or unbalanced, and name the one to add.
 
     roll, pitch (n,): [rad]. Returns, in words, what is unusual but can be used.
     """

@@ -24,9 +24,9 @@ TAUS = 90
 LONGEST_PART = 3  # the longest averaging time is this part of the record: beyond it hardly a degree of freedom is left
 FEWEST = 100  # samples that make a record
 GAP = 1.5  # a step longer than this many intervals lacks samples
-FILLED = 10  # holes of up to so many samples are filled ...
+FILLED = 10  # gaps of up to so many samples are filled ...
 FILLED_PART = 1e-3  # ... if they are not more than this part of all
-JITTER = 0.1  # unevenness of the stamps beyond which it is pointed out [intervals]
+JITTER = 0.1  # timestamp jitter beyond which it is pointed out [intervals]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +83,8 @@ def between(imu: ImuData, start: float, end: float) -> ImuData:
 def even_record(imu: ImuData) -> EvenRecord:
     """Bring a record to even steps, as the Allan deviation needs it.
 
-    Short holes are filled by straight lines if there are few of them, else the longest stretch without one is taken.
-    Within it the samples are taken as even, at the mean step: loggers stamp late more often than sensors sample late.
+    Short gaps are filled by straight lines if there are few of them, else the longest stretch without one is taken.
+    Within it the samples are taken as even, at the mean step: late timestamps are more frequent than late samples.
 
     Raises InputError: fewer than 100 samples, or no stretch of them.
     """
@@ -100,7 +100,7 @@ def even_record(imu: ImuData) -> EvenRecord:
         lost = np.rint(step[after] / usual).astype(np.int64) - 1
         if lost.max() <= FILLED and lost.sum() <= FILLED_PART * time.size:
             values, time = _filled(values, time, after, lost)
-            notes.append(f"{lost.sum()} lost samples in {after.size} holes were filled by straight lines")
+            notes.append(f"{lost.sum()} lost samples in {after.size} gaps filled by straight lines")
         else:
             edges = np.concatenate([[0], after, [time.size]])
             longest = int(np.argmax(np.diff(edges)))
@@ -116,8 +116,8 @@ def even_record(imu: ImuData) -> EvenRecord:
     uneven = float(np.std(np.diff(time)) / interval)
     if uneven > JITTER:
         notes.append(
-            f"the time stamps are uneven by {uneven:.0%} of an interval (1 sd): the samples are taken as even, "
-            "deviations at the shortest times depend on that"
+            f"timestamp jitter {uneven:.0%} of an interval (1 sd): samples taken as even, which affects deviations at "
+            "the shortest times"
         )
     return EvenRecord(np.ascontiguousarray(values), interval, float(time[0]), tuple(notes))
 
@@ -132,7 +132,7 @@ def _refuse_short(count: int, what: str) -> None:
 
 
 def _filled(values: FloatArray, time: FloatArray, after: IntArray, lost: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Samples and times with straight lines over the holes before rows `after`."""
+    """Samples and times with straight lines over the gaps before rows `after`."""
     place = np.arange(time.size, dtype=np.float64)
     place += np.cumsum(np.bincount(after, lost, time.size))
     every = np.arange(place[-1] + 1.0)

@@ -26,10 +26,10 @@ from insnav.types import BoolArray, FloatArray, IntArray
 NAMES = ("Q", "N", "B", "K", "GM", "R")  # Gauss-Markov before R: the first five are random
 B_FACTOR = math.sqrt(2.0 * math.log(2.0) / math.pi)  # floor of the Allan deviation by B: 0.664
 FITTED_PART = 6  # the fit ends at this part of the record: beyond it variances are too few squares to be near Gaussian
-PER_DECADE = 4  # points of the fit: more say nothing new, as neighbours share their samples
+PER_DECADE = 4  # points of the fit: more add nothing, as neighbours share their samples
 SIGNIFICANT = 6.63  # chi-square of one coefficient at 1 %
 ROUNDS, FEW_ROUNDS = 4, 2
-FEWEST_FREEDOM = 0.5  # fewer say no more than that nothing is known
+FEWEST_FREEDOM = 0.5  # with fewer nothing is known
 LARGEST_MISFIT = 1.0
 NEGLIGIBLE = 1e-4  # relative error of a variance that cannot matter
 SINGULAR = 1e-4  # smallest eigenvalue of a correlation matrix that is taken seriously
@@ -43,7 +43,7 @@ class Coefficient:
 
     value: float  # estimate
     sd: float  # its standard deviation
-    low: float  # 95 % interval, by chi-square with the degrees of freedom that the standard deviation tells
+    low: float  # 95 % interval, by chi-square with the degrees of freedom of the standard deviation
     high: float
 
 
@@ -113,7 +113,7 @@ def fit_noise(allan: AllanDeviation, column: int = 0, terms: str = "QNBKRG", con
             allowed = np.array([name[0] in terms and name not in ("B", "GM") for name in NAMES])
             allowed[NAMES.index("B" if family == "B" else "GM")] = family in terms
             fits.append(_Fitter(allan, column, rows).fit(allowed))
-    # a bump must earn its two parameters: short of that a flat floor, or a walk, says as much
+    # a bump must earn its two parameters: short of that a flat floor, or a walk, describes it as well
     best = fits[1] if len(fits) > 1 and fits[1].likelihood + SIGNIFICANT < fits[0].likelihood else fits[0]
     time = best.time
     sd = math.sqrt(best.spread[-1, -1]) * time if math.isfinite(time) else 0.0
@@ -188,7 +188,7 @@ class _Fitter:
         self.size = float(np.max(allan.deviation[rows, column])) ** 2  # everything is fitted in this unit
         self.seen = allan.deviation[rows, column] ** 2 / self.size
         times = max(2, math.ceil(TIMES_PER_DECADE * math.log10(self.tau[-1] / self.tau[0])))
-        # A bump is seen only if its top, at 1.89 T, and something beside it lie within the record. A short one is the
+        # A bump is seen only if its top, at 1.89 T, and more than it lie within the record. A short one is the
         # sensor's own filter, no bias.
         self.times = np.geomspace(
             SHORTEST * allan.interval, max(self.tau[-1] / 3.0, 2.0 * SHORTEST * allan.interval), times

@@ -6,7 +6,7 @@ sd = q sqrt(T / 2); IEEE Std 952-1997, annex C, exponentially correlated noise).
 own figures are taken; where it found a flat floor the peak is put upon the floor. The floor itself is not written as
 flicker noise as well: a simulation from the file would have the bias instability twice.
 
-Quantisation and rate ramp go into the file for simulations; a filter takes no notice of them.
+Quantisation and rate ramp go into the file for simulations; filters ignore them.
 """
 
 from __future__ import annotations
@@ -73,9 +73,9 @@ def imu_spec(
     absent: list[str] = []
     sensors = []
     for first, sensor in ((0, "gyro"), (3, "accel")):
-        spec, missing, said = _sensor(allan, models[first : first + 3], first, sensor)
+        spec, missing, how = _sensor(allan, models[first : first + 3], first, sensor)
         sensors.append(spec)
-        notes += said
+        notes += how
         absent += [f"{sensor}.{key}" for key in ("bias", "scale_factor", "misalignment", *missing)]
     notes.append(
         "turn-on bias, scale factor and misalignment are absent from imu.toml: one record at rest does not show them"

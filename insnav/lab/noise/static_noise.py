@@ -1,4 +1,4 @@
-"""All that a static record says about the noise of an IMU: deviations, models, floors, and what to beware of."""
+"""Noise of an IMU from a stationary record: Allan deviations, models, floors, and warnings."""
 
 from __future__ import annotations
 
@@ -118,18 +118,18 @@ def _refuse_motion(record: EvenRecord) -> None:
 
 
 def _of_record(imu: ImuData, record: EvenRecord) -> list[str]:
-    said = []
+    warnings = []
     kinds: dict[str, int] = {}
     for event in inspect(imu)[1]:
         kinds[event.action.split(":")[0]] = kinds.get(event.action.split(":")[0], 0) + 1
-    said += [f"{count} times: {what}; still used here" for what, count in kinds.items()]
+    warnings += [f"{count} times: {what}; still used here" for what, count in kinds.items()]
     steps, scatter = smallest_step(record.values), record.values.std(axis=0)
     coarse = np.flatnonzero(steps > COARSE * scatter)
     for column in coarse:
         white = white_of_steps(float(steps[column]), record.interval)
-        said.append(
-            f"{AXES[column]} is coarse: one step is {steps[column] / scatter[column]:.1f} times the scatter "
-            f"of the samples and alone makes a random walk of {_random_walk(white, int(column))}"
+        warnings.append(
+            f"{AXES[column]}: quantisation step is {steps[column] / scatter[column]:.1f} sigma, alone a random walk of "
+            f"{_random_walk(white, int(column))}"
         )
     if imu.temperature is not None:
         change = float(np.ptp(imu.temperature))
@@ -139,35 +139,35 @@ def _of_record(imu: ImuData, record: EvenRecord) -> list[str]:
             )
             follows = temperature_correlation(record.values, inside)
             names = ", ".join(f"{AXES[i]} ({follows[i]:+.2f})" for i in np.flatnonzero(np.abs(follows) > FOLLOWS))
-            said.append(
+            warnings.append(
                 f"the temperature changed by {change:.1f} C"
-                + (f", and with it (correlation) {names}: long-term figures are of the room as well" if names else "")
+                + (f", and with it (correlation) {names}: long-term figures include it" if names else "")
             )
-    return said
+    return warnings
 
 
 def _of_models(
     models: tuple[NoiseModel | None, ...], floors: tuple[Floor | None, ...], record: EvenRecord
 ) -> list[str]:
     short = [AXES[i] for i, floor in enumerate(floors) if floor is not None and not floor.reached]
-    said = []
+    warnings = []
     if short:
-        said.append(
+        warnings.append(
             f"too short for the bias instability of {', '.join(short)}: the deviation still falls at the end of "
             f"{record.length:.4g} s"
         )
     for i, model in enumerate(models):
         if model is None:
-            said.append(f"{AXES[i]} never changes: no noise to be seen")
+            warnings.append(f"{AXES[i]} never changes: no noise")
             continue
         if model.misfit > MISFIT:
-            said.append(
-                f"{AXES[i]}: no sum of the noise terms follows the curve closer than {0.5 * model.misfit:.0%} of the "
-                "deviation (vibration, a filter in the sensor, temperature); intervals of coefficients allow for it"
+            warnings.append(
+                f"{AXES[i]}: noise model fits the Allan deviation within {0.5 * model.misfit:.0%} (vibration, a filter "
+                "in the sensor or temperature); intervals of coefficients include it"
             )
         if "R" in model.coefficients:
-            said.append(f"{AXES[i]} drifts steadily (rate ramp): warming up, mostly; filters take no notice of it")
-    return said
+            warnings.append(f"{AXES[i]} drifts steadily (rate ramp): warming up, mostly; filters ignore it")
+    return warnings
 
 
 def _random_walk(value: float, column: int) -> str:

@@ -13,7 +13,7 @@ from insnav.lab.single_axis.rate_table import FEWEST, Dropped
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
 
-USUAL = 31  # rates about an axis, from which pieces can be told from noise
+USUAL = 31  # rates about an axis, from which pieces are distinguishable from noise
 FEWEST_FOR_MAP = 12  # with fewer no pieces are sought
 MOST_CROSSED = 0.3  # of the rate about another axis, over that about its own
 FLAT = 0.5  # of its usual slope: a gyro that grows less with the rate is saturated
@@ -22,11 +22,11 @@ _AT_STOP = 0.05  # of its usual growth: an output that grows less stands at its 
 
 
 def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[str, ...]:
-    """Refuse sweeps that leave an axis out, and tell what is unusual.
+    """Refuse sweeps that leave an axis out; warnings of what is unusual.
 
     rate (n, 3): rates of the table [rad/s]; own (k,): dwells about each axis alone.
     """
-    said = []
+    warnings = []
     for axis, rows in zip("xyz", own, strict=True):
         different = np.unique(rate[rows, "xyz".index(axis)])
         if different.size < FEWEST:
@@ -41,22 +41,24 @@ def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[
                 f"the sweep about {axis} has one sense of rotation only",
                 where=where,
                 why=f"its rates are from {different[0] / DEG:g} to {different[-1] / DEG:g} deg/s; bias and what "
-                "differs between the senses cannot be told apart",
+                "differs between the senses cannot be separated",
                 fix="sweep through zero",
             )
         if different.size < FEWEST_FOR_MAP:
-            said.append(
+            warnings.append(
                 f"the sweep about {axis} has {different.size} rates, too few to see what the matrix leaves over the "
                 "rate: nothing of that is compensated"
             )
         elif different.size < USUAL:
-            said.append(
+            warnings.append(
                 f"the sweep about {axis} has {different.size} rates; with fewer than {USUAL} what the matrix leaves is "
-                "hardly told from noise"
+                "hardly distinguishable from noise"
             )
         if -different[0] < 0.5 * different[-1] or different[-1] < -0.5 * different[0]:
-            said.append(f"the sweep about {axis} is lopsided: {different[0] / DEG:g} to {different[-1] / DEG:g} deg/s")
-    return tuple(said)
+            warnings.append(
+                f"the sweep about {axis} is one-sided: {different[0] / DEG:g} to {different[-1] / DEG:g} deg/s"
+            )
+    return tuple(warnings)
 
 
 def saturated(rate: FloatArray, output: FloatArray, sd: FloatArray) -> tuple[BoolArray, tuple[Dropped, ...]]:
@@ -131,23 +133,23 @@ def refuse_crossed(fits: Sequence[Fit], raw: bool, where: str) -> None:
                 f"gyro {axis} does not follow the rate about {axis}",
                 where=where,
                 why=f"its sensitivity is {own:.3g} ± {fit.sd[i]:.2g}",
-                fix="check that the columns of rate and output are what their headers say",
+                fix="check that the columns of rate and output are what their headers state",
             )
         if not raw and abs(own - 1.0) > WRONG_UNIT:
             raise InputError(
                 f"gyro {axis} does not show a rate in the unit of its column",
                 where=where,
-                why=f"its scale factor comes out as {own:.4g}",
+                why=f"its scale factor is estimated as {own:.4g}",
                 fix="turn the sign of the table or of the gyro" if own < 0.0 else "check the units in the headers",
             )
 
 
 def shifted_zeros(error: FloatArray, own: Sequence[IntArray]) -> tuple[str, ...]:
-    """Tell gyros whose zero differs between the sweeps about the other two axes.
+    """Name gyros whose zero differs between the sweeps about the other two axes.
 
     error (n, 3): of the corrected rates [rad/s]; NaN where not known; own (k,): dwells about each axis alone.
     """
-    said = []
+    warnings = []
     for i, axis in enumerate("xyz"):
         j, k = (a for a in range(3) if a != i)
         sides = [values[np.isfinite(values)] for values in (error[own[j], i], error[own[k], i])]
@@ -156,8 +158,8 @@ def shifted_zeros(error: FloatArray, own: Sequence[IntArray]) -> tuple[str, ...]
         shift = float(sides[1].mean() - sides[0].mean())
         sd = float(np.hypot(*(side.std(ddof=1) / np.sqrt(side.size) for side in sides)))
         if abs(shift) > 5.0 * sd + 1e-9 * float(np.abs(error[np.isfinite(error)]).max()):
-            said.append(
+            warnings.append(
                 f"gyro {axis}: its zero differs by {abs(shift) / DEG:.3g} deg/s between the sweeps about {'xyz'[j]} "
                 f"and {'xyz'[k]}: drift, temperature, or sensitivity to gravity, if the sensor was mounted anew"
             )
-    return tuple(said)
+    return tuple(warnings)

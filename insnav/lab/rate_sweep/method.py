@@ -47,7 +47,7 @@ class SweepCalibration:
     # error of the corrected rate of each gyro over that rate [rad/s], None where it is noise about zero
     pieces: tuple[Pieces | None, ...]
     # (n, 3) rate minus that of the table [rad/s]: each gyro by its own bias and scale factor alone, by the full
-    # matrix, and with the pieces taken off; NaN where a gyro is saturated
+    # matrix, and with the pieces subtracted; NaN where a gyro is saturated
     error_line: FloatArray
     error_matrix: FloatArray
     error_map: FloatArray
@@ -85,10 +85,10 @@ def calibrate_sweeps(
     ------
     InputError
         An axis without a sweep, too few rates, gyros that do not follow the rate about their axis or are not in the
-        unit they are said to be in, or an error so steep that it cannot be undone.
+        unit of their columns, or an error so steep that it cannot be undone.
     """
     own = tuple(_alone(rate, axis) for axis in range(3))
-    told = check_rates(rate, own, where)
+    warnings = check_rates(rate, own, where)
     used: BoolArray = np.ones(rate.shape, dtype=np.bool_)
     dropped: list[tuple[int, Dropped]] = []
     for axis, rows in enumerate(own):
@@ -134,7 +134,7 @@ def calibrate_sweeps(
         error_line=np.asarray(free / np.diag(matrix) - rate),
         error_matrix=after,
         error_map=final,
-        warnings=(*told, *shifted_zeros(after, own)),
+        warnings=(*warnings, *shifted_zeros(after, own)),
     )
 
 
@@ -263,6 +263,6 @@ def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
             "the error of a gyro over the rate cannot be compensated",
             where=where,
             why=problem.why or problem.what,
-            fix="the gyro is saturated or broken, or the rates of the table are not what the file says",
+            fix="the gyro is saturated or broken, or the rates of the table are not what the file states",
         ) from None
     return found

@@ -1,6 +1,6 @@
 """A line of straight pieces through points, borders and their number found from the points.
 
-A border is put where it takes most off the sum of squares, then all are moved in turn until none moves any more: the
+A border is put where it lowers the sum of squares most, then all are moved in turn until none moves any more: the
 forward selection of hinges of J. H. Friedman, Multivariate Adaptive Regression Splines, Annals of Statistics 19
 (1991), section 3. How many there are is decided by an information criterion.
 """
@@ -103,7 +103,7 @@ def _criterion(points: _Points, borders: FloatArray, floor: float) -> float:
 
 
 def _best_border(points: _Points, borders: FloatArray, candidates: FloatArray) -> float | None:
-    """Candidate that takes most off the sum of squares, with enough points between it and its neighbours."""
+    """Candidate that lowers the sum of squares most, with enough points between it and its neighbours."""
     place = np.searchsorted(points.x, candidates)
     free = np.ones(candidates.size, dtype=np.bool_)
     for other in np.searchsorted(points.x, borders):

@@ -95,7 +95,7 @@ def read_sweeps(
     )
     limit = spike_limit if spike_limit is not None else default_limit(unit)
     raw = UNITS[unit][0] == "signal"
-    dwells, said = [], []
+    dwells, warnings = [], []
     for axis, table in enumerate(tables):
         if len(tables) == 3:
             rate = np.zeros((table.columns["rate"].size, 3))
@@ -105,9 +105,9 @@ def read_sweeps(
         outputs = table.stack(*(f"{'raw' if raw else 'gyro'}_{a}" for a in AXES))
         in_si = limit if raw else limit * UNITS[unit][1]
         found = reduce_dwells(rate, outputs, in_si, table.get("time"), where=table.name)
-        said += [f"{table.name}: {line}" for line in dwell_warnings(found, AXES, table.get("temperature"))]
+        warnings += [f"{table.name}: {line}" for line in dwell_warnings(found, AXES, table.get("temperature"))]
         fewest = int(found.count.min())
         if found.raw and fewest < USUAL_SAMPLES:
-            said.append(f"{table.name}: only {fewest} samples in a dwell; {USUAL_SAMPLES} or more are usual")
+            warnings.append(f"{table.name}: only {fewest} samples in a dwell; {USUAL_SAMPLES} or more are usual")
         dwells.append(found)
-    return SweepRecord(tables, tuple(dwells), unit, tuple(said))
+    return SweepRecord(tables, tuple(dwells), unit, tuple(warnings))

@@ -91,7 +91,7 @@ def calibrate_accel(record: Record) -> Tumble:
     Raises
     ------
     InputError
-        See `calibrate_tumble`; or a digital output in another unit than its column says.
+        See `calibrate_tumble`; or a digital output in another unit than its column states.
     """
     found = calibrate_tumble(record.setting, record.output, where=record.table.name)
     refuse_unit(record, float(found.fit.value[1]) / G0)
@@ -100,12 +100,12 @@ def calibrate_accel(record: Record) -> Tumble:
 
 def tumble_warnings(found: Tumble) -> tuple[str, ...]:
     """Say what is wrong with a tumble test that could still be used."""
-    said = []
+    warnings = []
     if found.angle.size < USUAL:
-        said.append(f"only {found.angle.size} positions; {USUAL}, every 30 deg, are usual")
+        warnings.append(f"only {found.angle.size} positions; {USUAL}, every 30 deg, are usual")
     for row in found.suspicious:
-        said.append(
+        warnings.append(
             f"the position at {found.angle[row] / DEG:.4g} deg does not belong to the others: its residual is "
             f"{found.fit.residual[row]:.3g}, beyond what their scatter explains"
         )
-    return tuple(said)
+    return tuple(warnings)

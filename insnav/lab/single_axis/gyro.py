@@ -93,7 +93,7 @@ def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> R
     Raises
     ------
     InputError
-        See `calibrate_rate_table`; or a digital output in another unit than its column says.
+        See `calibrate_rate_table`; or a digital output in another unit than its column states.
     """
     # the table's rates are round numbers in deg/s: keep them so
     rate = np.round(record.setting / DEG, 9)
@@ -104,15 +104,15 @@ def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> R
 
 def rate_table_warnings(found: RateTable) -> tuple[str, ...]:
     """Say what is wrong with a rate table that could still be used."""
-    said = []
+    warnings = []
     used = np.unique(found.rate[found.used])
     left = [item for item in found.dropped if np.isfinite(item.limit) and not item.reason.startswith("outside")]
     if left:
-        said.append(
+        warnings.append(
             f"{len(left)} of {found.rate.size} rates were left out: the output has left the straight line there"
         )
     if used.size < USUAL_RATES:
-        said.append(f"only {used.size} different rates; {USUAL_RATES} or more are usual")
+        warnings.append(f"only {used.size} different rates; {USUAL_RATES} or more are usual")
     if used[0] >= 0.0 or used[-1] <= 0.0:
-        said.append("one sense of rotation only: a scale factor that differs between the senses is in the zero")
-    return tuple(said)
+        warnings.append("one sense of rotation only: a scale factor that differs between the senses is in the zero")
+    return tuple(warnings)

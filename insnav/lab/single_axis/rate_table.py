@@ -108,7 +108,7 @@ def calibrate_rate_table(
             "the output does not follow the rate",
             where=where,
             why=f"scale factor {fit.value[1]:.3g} ± {fit.sd[1]:.2g}, residuals up to {np.abs(fit.residual).max():.3g}",
-            fix="check that the columns of rate and output are what their headers say",
+            fix="check that the columns of rate and output are what their headers state",
         )
     if keep is not None:
         dropped = tuple(_outside(item, r, u, fit) for item, r, u in _pairs(dropped, rate, output, used))
@@ -173,8 +173,8 @@ def _linear_part(rate: FloatArray, output: FloatArray, where: str) -> tuple[Bool
 
 def _within(rate: FloatArray, keep: tuple[float, float]) -> tuple[BoolArray, tuple[Dropped, ...]]:
     used = (rate >= keep[0]) & (rate <= keep[1])
-    told = f"outside the range given, {keep[0]:g} to {keep[1]:g}"
-    return used, tuple(Dropped(float(r), np.nan, np.nan, told) for r in rate[~used])
+    reason = f"outside the range given, {keep[0]:g} to {keep[1]:g}"
+    return used, tuple(Dropped(float(r), np.nan, np.nan, reason) for r in rate[~used])
 
 
 def _pairs(
@@ -204,7 +204,7 @@ def _refuse_nonsense(rate: FloatArray, output: FloatArray, where: str) -> None:
             "the columns of rate and output seem to be exchanged",
             where=where,
             why="the outputs are round numbers, as commanded rates are, and the rates are not",
-            fix="exchange the headers, or say which is which with --columns rate=HEADER,output=HEADER",
+            fix="exchange the headers, or name them with --columns rate=HEADER,output=HEADER",
         )
 
 

@@ -91,7 +91,7 @@ def refuse_unit(record: Record, scale: float) -> None:
         raise InputError(
             "the output is not in the unit of its column",
             where=record.table.name,
-            why=f"its scale factor comes out as {scale:.4g}, for {record.unit}",
+            why=f"its scale factor is estimated as {scale:.4g}, for {record.unit}",
             fix="turn the sign of the table or of the sensor" if scale < 0.0 else "check the units in the headers",
         )
 

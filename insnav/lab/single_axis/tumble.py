@@ -16,7 +16,7 @@ from insnav.types import FloatArray
 from insnav.units import DEG
 
 NAMES = ("bias K0", "scale factor K1", "second order K2", "cross-coupling K3")
-FEWEST = 6  # positions: four unknowns, and something left to judge them by
+FEWEST = 6  # positions: four unknowns, and some to spare that show how good these are
 USUAL = 12
 EVEN = 0.25  # positions may be off even spacing by this share of it
 

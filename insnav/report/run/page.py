@@ -17,7 +17,7 @@ from insnav.output.kml import write_kml
 from insnav.output.solution_tables import TableFormat, write_events, write_run_table
 from insnav.report.numbers import number
 from insnav.report.page import FigureSpec, Page, Section
-from insnav.report.run.figures.errors import draw_distribution, draw_errors
+from insnav.report.run.figures.errors import draw_distribution, sample_errors
 from insnav.report.run.figures.innovations import draw_innovations
 from insnav.report.run.figures.sensor_errors import draw_sensor_errors
 from insnav.report.run.figures.states import draw_attitude, draw_height, draw_velocity
@@ -109,7 +109,7 @@ def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
             FigureSpec(
                 f"{group}_error",
                 f"{group.capitalize()} error and its ±3 sd",
-                partial(draw_errors, errors, group, clock, spans, found.smoothed_errors),
+                partial(sample_errors, errors, group, clock, spans, found.smoothed_errors),
             )
             for group in ("position", "velocity", "attitude")
             if np.isfinite(getattr(errors, group)).any()

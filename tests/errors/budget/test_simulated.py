@@ -16,7 +16,7 @@ from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, sampled
 from insnav.errors.budget.simulated import free_runs
 from insnav.errors.budget.sources import families, only, sources_of
 from insnav.exceptions import ConfigError
-from insnav.imu import ImuSpec, SensorSpec, corrupt, draw_errors, load_imu
+from insnav.imu import ImuSpec, SensorSpec, corrupt, load_imu, sample_errors
 from insnav.simulate import corrupt_imu
 from insnav.strapdown import increments, intervals, navigate
 from insnav.types import ImuData, Trajectory
@@ -56,7 +56,7 @@ def test_constant_errors_are_those_of_simulated_recordings(driving):
     spec = quiet(whole())
     found = free_runs(spec, driving, ROWS, 3, (5, 0)).error
     for run in range(3):
-        drawn = draw_errors(spec, np.random.default_rng(np.random.SeedSequence((5, 0), spawn_key=(run,))))
+        drawn = sample_errors(spec, np.random.default_rng(np.random.SeedSequence((5, 0), spawn_key=(run,))))
         wanted = navigated(corrupt(samples(driving), drawn), driving)
         size = np.repeat([np.abs(wanted[:, part]).max() for part in (slice(0, 3), slice(3, 6), slice(6, 9))], 3)
         assert (np.abs(found[run] - wanted) / size).max() < 1e-4

@@ -34,7 +34,7 @@ _AXES = {
 }
 
 
-def draw_errors(
+def sample_errors(
     errors: TrajectoryErrors,
     group: str,
     clock: Clock,
