@@ -57,6 +57,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "m/s": ("velocity", 1.0),
     "km/h": ("velocity", 1.0 / 3.6),
     "cm/s": ("velocity", 1e-2),
+    "mm/s": ("velocity", 1e-3),
     "s": ("time", 1.0),
     "ms": ("time", 1e-3),
     "min": ("time", 60.0),

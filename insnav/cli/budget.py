@@ -12,7 +12,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, note_more, result, result_facts
+from insnav.cli.console import Stages, note, note_more, quiet_figures, result_page
 from insnav.cli.data_options import Data, takes_data
 
 SHORT_HELP = "How much error an IMU makes in a minute, from what: analytic, simulated, recorded."
@@ -180,15 +180,9 @@ def budget(
             note(f"IMU model: {found.budget.imu}")
             note_more(f"not given, taken as zero: {', '.join(found.budget.absent)}")
         stage("writing")
-        from insnav.report.budget.page import write_budget
-        from insnav.report.sheet import sheet_text
+        from insnav.report.save import save_result
 
-        configuration = data.options
-        if found.windows is not None:
-            configuration["input"] = {name: each.as_dict() for name, each in outcome.inputs.items()}
-        where, sheet = write_budget(folder, found.budget, configuration, found.windows)
-    if as_json:
-        result_facts(where)
-    else:
-        shown = replace(sheet, tables=sheet.tables[: 2 if found.windows is None else -2])
-        result(f"{sheet_text(shown)}\n\nfiles       {out}: report.html, budget.pdf, figures/budget.png, run.json")
+        quiet_figures()
+        outcome = replace(outcome, options=data.options)
+        where = save_result(outcome, folder)
+    result_page(where, outcome.page(), out, as_json=as_json, more=("budget.pdf",))

@@ -9,7 +9,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, result_sheet
+from insnav.cli.console import Stages, quiet_figures, result_page
 from insnav.cli.data_options import Data, takes_data
 
 SHORT_HELP = "How the error grows without GPS: simulated outages all over a drive."
@@ -49,6 +49,8 @@ def outage(
     as_json: opt.Json = False,
 ) -> None:
     """Simulate outages."""
+    from dataclasses import replace
+
     from insnav.output.folder import RunFolder
 
     wanted = parse.positive_numbers(lengths, "--lengths")
@@ -57,7 +59,7 @@ def outage(
             parse.finite(value, option, largest=1e5)
     parse.at_least_one(workers, "--workers", "processes")
     with RunFolder(out, force=force) as folder, Stages() as stage:
-        found = data.load(stage).outage(
+        outcome = data.load(stage).outage(
             lengths=wanted,
             first=first,
             spacing=spacing,
@@ -66,11 +68,9 @@ def outage(
             progress=lambda fraction: stage("navigating", fraction),
         )
         stage("writing")
-        from insnav.report.outage.page import outage_facts, outage_sheet
-        from insnav.report.sheet import write_sheet
+        from insnav.report.save import save_result
 
-        study, inputs = found.found, found.inputs
-        sheet = outage_sheet(study.windows, study.growth, study.reference, Path(inputs["imu"].path).name, found.notes)
-        readings = {name: each.as_dict() for name, each in inputs.items()}
-        where = write_sheet(folder, sheet, outage_facts(study.growth, readings, data.options, found.notes))
-    result_sheet(where, sheet, out, as_json=as_json)
+        quiet_figures()
+        outcome = replace(outcome, options=data.options)
+        where = save_result(outcome, folder)
+    result_page(where, outcome.page(), out, as_json=as_json)

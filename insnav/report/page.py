@@ -20,7 +20,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Show = Literal["all", "page", "json"]
-STATISTICS = {"rms": "RMS", "p95": "95 %", "max": "max", "mean": "mean"}  # members of a value that is a mapping
+STATISTICS = {
+    "rms": "RMS",
+    "p95": "95 %",
+    "max": "max",
+    "mean": "mean",
+    "predicted": "predicted sd",
+}  # members of a value that is a mapping
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +55,8 @@ class Section:
     Attributes
     ----------
     key : str
-        Where its quantities stand in JSON; empty puts them beside those of its parent.
+        Where its quantities stand in JSON; empty puts them beside those of its parent, ``name[]`` makes them the next
+        of a list.
     title : str
         Heading; empty for none.
     items : tuple of Quantity
@@ -158,12 +165,9 @@ def one_each(key: str, title: str, items: Mapping[str, Sequence[Quantity]], firs
     -------
     Section
     """
-    each_in_json = tuple(
-        Section(name, items=tuple(own), show="json") if own else Section("", items=(Quantity(name, None),), show="json")
-        for name, own in items.items()
-    )
-    rows = tuple((Quantity("name", name.replace("_", " "), meaning=first), *own) for name, own in items.items() if own)
-    return Section(key, parts=(*each_in_json, Section("", title, rows=rows, note=note)))
+    unknown = tuple(Section("", items=(Quantity(name, None),), show="json") for name, own in items.items() if not own)
+    rows = tuple((Quantity("name", name, meaning=first), *own) for name, own in items.items() if own)
+    return Section(key, title, rows=rows, parts=unknown, note=note, keyed=True)
 
 
 def _figures(section: Section) -> tuple[FigureSpec, ...]:
@@ -197,7 +201,7 @@ def section_tables(section: Section, shown: Sequence[Show] = ("all",)) -> list[T
 
 def _rows_table(section: Section) -> Table:
     """Rows as cells; a unit that a whole column shares stands in its heading, others in the cells."""
-    found = [{each.key: each for whole in row for each in _members(whole)} for row in section.rows]
+    found = [{each.key: each for whole in row for each in members(whole)} for row in section.rows]
     columns = list(dict.fromkeys(key for row in found for key in row))
     headings, shared = [], {}
     for key in columns:
@@ -209,13 +213,22 @@ def _rows_table(section: Section) -> Table:
     return Table(section.title, tuple(headings), cells, section.note)
 
 
-def _members(each: Quantity) -> list[Quantity]:
-    """Columns of a quantity: one, or one for each member of a mapping."""
+def members(each: Quantity) -> list[Quantity]:
+    """Columns of a quantity: one, or one for each member of a mapping.
+
+    Parameters
+    ----------
+    each : Quantity
+
+    Returns
+    -------
+    list of Quantity
+    """
     if not isinstance(each.value, Mapping):
         return [each]
     return [
         replace(
-            each, key=f"{each.key} {name}", value=value, meaning=f"{each.label} {STATISTICS.get(name, name)}".strip()
+            each, key=f"{each.key}_{name}", value=value, meaning=f"{each.label} {STATISTICS.get(name, name)}".strip()
         )
         for name, value in each.value.items()
     ]
@@ -229,7 +242,7 @@ def _cell_in_row(each: Quantity | None, *, with_unit: bool) -> str:
     if each is None:
         return ""
     text = cell(each)
-    return f"{text} {each.shown_unit}" if with_unit and each.shown_unit and each.value is not None else text
+    return f"{text} {each.shown_unit}" if with_unit and each.shown_unit and text != number(None) else text
 
 
 def cell(each: Quantity) -> str:
@@ -264,7 +277,7 @@ def _value_text(each: Quantity) -> str:
         sds = np.broadcast_to(np.nan if sd is None else np.asarray(sd, dtype=np.float64), np.shape(value)).ravel()
         parts = zip(np.ravel(np.asarray(value, dtype=np.float64)), sds, strict=True)
         text = ", ".join(_with_sd(float(v), float(s), each) for v, s in parts)
-    if each.interval is None:
+    if each.interval is None or not np.isfinite(each.interval).all():
         return text
     known = isinstance(sd, float) and np.isfinite(sd) and sd > 0.0
     low, high = (

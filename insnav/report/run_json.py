@@ -70,6 +70,9 @@ def _put(facts: dict[str, Any], section: Section) -> None:
         rows = []
     if not section.key:
         return
+    if section.key.endswith("[]"):
+        facts.setdefault(section.key.removesuffix("[]"), []).append(content)
+        return
     old = facts.get(section.key, {})
     if section.rows and not section.keyed and not content:
         facts[section.key] = rows

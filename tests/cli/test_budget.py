@@ -88,7 +88,7 @@ def test_a_recorded_drive_stands_beside_the_paper(cli: Cli):
     # one window by its sources, all of them by the filter
     assert last["covariance"]["position_m"][:2] == pytest.approx(predicted, rel=0.25)
     assert last["simulated"]["horizontal_m"] == pytest.approx(last["covariance"]["horizontal_m"], rel=0.2)
-    assert facts["recorded_windows"]["raw"]["windows"] == recorded["windows"] > 20
+    assert facts["recorded_windows"]["uncalibrated"]["windows"] == recorded["windows"] > 20
     assert "rec. N" in shown.out
     assert "Sensors as turned on" in shown.out
     names = {path.name for path in Path("budget/figures").iterdir()}

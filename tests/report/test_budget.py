@@ -12,17 +12,32 @@ from matplotlib.figure import Figure
 from insnav.errors.budget.error_budget import Budget, RecordedColumn, budget
 from insnav.errors.budget.sampled_motion import at_rest
 from insnav.errors.budget.sources import families, sources_of
+from insnav.errors.budget.study import BudgetStudy
 from insnav.imu import load_imu
 from insnav.report.budget.figures import ranked, shares
-from insnav.report.budget.page import budget_facts, budget_sheet, columns_table, sources_table, warnings
+from insnav.report.budget.page import page, warnings
+from insnav.report.budget.quantities import contributions_section, positions_section
 from insnav.report.budget.terms import effect, growth, size
-from insnav.report.sheet import sheet_text
+from insnav.report.page import section_tables
+from insnav.report.run_json import page_facts
+from insnav.report.style import drawing
+from insnav.report.terminal import page_text
+from insnav.result import Result
 from tests.errors.budget.imus import plain, whole
 
 
 @pytest.fixture(scope="module")
 def found() -> Budget:
     return budget(plain(), at_rest(20.0), (5.0, 10.0, 20.0), runs=30)
+
+
+def page_of(found: Budget):
+    return page(Result("budget", BudgetStudy(found)))
+
+
+def drawn(found: Budget) -> Figure:
+    with drawing():
+        return page_of(found).figures[0].draw()
 
 
 def cells(table, name: str) -> dict[str, str]:
@@ -35,7 +50,7 @@ def texts(figure: Figure) -> list[str]:
 
 
 def test_columns_are_the_errors_at_the_times(found):
-    table = columns_table(found)
+    table = section_tables(positions_section(found))[0]
     assert [row[0] for row in table.rows] == ["5", "10", "20"]
     assert len(table.columns) == 1 + 4 * 3
     at = found.chosen[2]
@@ -47,7 +62,7 @@ def test_columns_are_the_errors_at_the_times(found):
 
 
 def test_sources_are_ranked_and_sum_up(found):
-    table = sources_table(found)
+    table = section_tables(contributions_section(found))[0]
     values = [float(row[table.columns.index("covariance")]) for row in table.rows[:-2]]
     assert values == sorted(values, reverse=True)
     assert float(cells(table, "together (RSS)")["covariance"]) == pytest.approx(
@@ -74,7 +89,7 @@ def test_every_family_has_words_a_unit_and_a_law():
 
 
 def test_facts_are_complete_and_json(found):
-    facts = json.loads(json.dumps(budget_facts(found, {"imu": "plain"})))
+    facts = json.loads(json.dumps(page_facts(page_of(found))))
     assert [entry["time_s"] for entry in facts["budget"]] == pytest.approx([5.0, 10.0, 20.0])
     last = facts["budget"][-1]
     assert last["covariance"]["position_m"] == pytest.approx(list(found.covariance.total[found.chosen[-1], :3]))
@@ -87,18 +102,17 @@ def test_facts_are_complete_and_json(found):
 
 
 def test_page_shows_curves_tables_and_assumptions(found):
-    sheet = budget_sheet(found)
-    figure = sheet.pictures[0].figure
+    sheet, figure = page_of(found), drawn(found)
     written = texts(figure)
     for family in found.families:
         assert family in written
     assert any("Schuler" in text or "Validity of the short forms" in text for text in written)
     linear, growth_axes = figure.axes[:2]
     labels = [text.get_text() for text in linear.get_legend().get_texts()]
-    assert labels == ["up to the worst case", "covariance, 1 sd", "analytic", "simulated, 30 runs"]
+    assert labels == ["up to the worst-case sum", "covariance, 1 sd", "analytic", "simulated, 30 runs"]
     assert (growth_axes.get_xscale(), growth_axes.get_yscale()) == ("log", "log")
     assert {"t", "t²", "t³"} <= {text.get_text() for text in growth_axes.texts}
-    shown = sheet_text(sheet)
+    shown = page_text(sheet)
     assert "1 if the covariance is true" in shown
     assert found.families[ranked(found)[0]] in sheet.summary[3]
 
@@ -108,12 +122,12 @@ def test_a_recorded_column_has_its_place(found):
         np.array([10.0, 20.0]), np.array([[1.5, 1.0, 1.0], [6.25, 1.0, 1.0]]), np.ones((2, 3)), 12, "a drive"
     )
     joined = replace(found, recorded=recorded)
-    table = columns_table(joined)
+    table = section_tables(positions_section(joined))[0]
     assert cells(table, "20")["rec. N"] == "6.25"
     assert cells(table, "5")["rec. N"] == "–"
-    labels = [t.get_text() for t in budget_sheet(joined).pictures[0].figure.axes[0].get_legend().get_texts()]
+    labels = [t.get_text() for t in drawn(joined).axes[0].get_legend().get_texts()]
     assert "recorded, 12 windows" in labels
-    assert budget_facts(joined, {})["recorded"]["windows"] == 12
+    assert page_facts(page_of(joined))["recorded"]["windows"] == 12
 
 
 def test_what_is_missing_or_too_large_is_said(found):
@@ -123,12 +137,12 @@ def test_what_is_missing_or_too_large_is_said(found):
     assert "quantisation" in warnings(bare)[1]
     wrong = replace(found, simulated=replace(found.simulated, nees=2.0 * found.simulated.nees))
     assert "trust the simulated" in warnings(wrong)[0]
-    assert any(text.startswith("Mind: Not given") for text in texts(budget_sheet(bare).pictures[0].figure))
+    assert any(text.startswith("Warning: Not given") for text in texts(drawn(bare)))
     consumer = budget(load_imu("consumer"), at_rest(60.0), (60.0,))
-    assert any("too much for the linear model" in text for text in warnings(consumer))
+    assert any("exceeds the linear model" in text for text in warnings(consumer))
 
 
 def test_a_held_vertical_is_said():
-    sheet = budget_sheet(budget(plain(), at_rest(10.0), (10.0,), hold=True))
+    sheet = page_of(budget(plain(), at_rest(10.0), (10.0,), hold=True))
     assert "down: held to the reference" in sheet.summary[1]
     assert any("held to the reference" in text for text in sheet.assumptions)

@@ -12,15 +12,16 @@ from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings, re
 from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS
 from insnav.report.budget.windows import (
-    recorded_assumptions,
-    recorded_pictures,
-    recorded_sentences,
-    recorded_sheet,
-    recorded_tables,
-    recorded_warnings,
+    windows_assumptions,
+    windows_figures,
+    windows_sentences,
+    windows_warnings,
 )
-from insnav.report.budget.windows_quantities import recorded_facts
-from insnav.report.sheet import sheet_text
+from insnav.report.budget.windows_quantities import windows_sections
+from insnav.report.page import Page, section_tables
+from insnav.report.run_json import section_facts
+from insnav.report.style import drawing
+from insnav.report.terminal import page_text
 from insnav.simulate.truth_from_track import Residual
 from tests.errors.outage import drives
 
@@ -31,7 +32,11 @@ def budget() -> RecordedBudget:
     return recorded_budget(drives.injected(), drives.SPEC, None, settings)
 
 
-def with_twins(budget: RecordedBudget, factor: float) -> RecordedBudget:
+def tables_of(budget: RecordedBudget):
+    return [table for section in windows_sections(budget) for table in section_tables(section)]
+
+
+def with_replicas(budget: RecordedBudget, factor: float) -> RecordedBudget:
     part = budget.calibrated
     recorded = part.growth.total_rms
     rms = recorded * factor * np.linspace(0.8, 1.2, 11)[:, None, None]
@@ -49,13 +54,13 @@ def with_twins(budget: RecordedBudget, factor: float) -> RecordedBudget:
 
 
 def test_tables_have_all_rows_and_times(budget: RecordedBudget):
-    tables = recorded_tables(budget)
+    tables = tables_of(budget)
     titles = [table.title for table in tables]
     assert len(set(titles)) == len(titles) == 10
     first = tables[0]
     assert first.columns[1:] == ("10 s", "20 s", "30 s")
     assert [row[0] for row in first.rows] == list(COMPONENTS)
-    rms, high, largest = first.rows[0][3].split(" / ")
+    rms, high, largest = first.rows[0][3].split(", ")
     assert float(rms) == pytest.approx(budget.calibrated.growth.rms[-1, 0], rel=0.01)
     assert float(rms) <= float(largest)
     assert float(high) <= float(largest)
@@ -64,64 +69,67 @@ def test_tables_have_all_rows_and_times(budget: RecordedBudget):
         assert "nan" not in " ".join(text for row in table.rows for text in row)
 
 
-def test_sensors_as_turned_on_are_told_in_field_units(budget: RecordedBudget):
-    (table,) = [t for t in recorded_tables(budget) if t.title.startswith("Constant") and "turned on" in t.title]
-    accel, gyro = ([float(row[i].split(" ± ")[0]) for row in table.rows] for i in (1, 2))
+def test_uncalibrated_sensor_errors_are_in_field_units(budget: RecordedBudget):
+    (table,) = [t for t in tables_of(budget) if t.title.startswith("Constant") and "uncalibrated" in t.title]
+    accel, gyro = ([float(text.split(" ± ")[0]) for text in row[1].split(", ")] for row in table.rows)
     np.testing.assert_allclose(accel, drives.SIGNS, rtol=0.1)
     np.testing.assert_allclose(gyro[:2], 10.0 * drives.SIGNS[:2], rtol=0.1)
 
 
 def test_sentences_explain(budget: RecordedBudget):
-    lines = recorded_sentences(budget)
+    lines = windows_sentences(budget)
     text = " ".join(lines)
     assert "predicted" in text
     assert "explained" in text
     assert "of tilt or" in text
-    assert "bias and tilt cannot be told apart in a straight window" in text
-    assert "times that of the prediction" in text
-    assert "do not overlap" in text
+    assert "in a straight window only the sum of bias and tilt is observable" in text
+    assert "times predicted" in text
+    assert "effective sample size" in text
 
 
-@pytest.mark.parametrize(("factor", "words"), [(1.0, "describes this recording"), (0.3, "worse"), (4.0, "better")])
-def test_twins_are_said_to_agree_or_not(budget: RecordedBudget, factor: float, words: str):
-    made = with_twins(budget, factor)
-    (line,) = [text for text in recorded_sentences(made) if "simulated twins" in text]
+@pytest.mark.parametrize(("factor", "words"), [(1.0, "describe this recording"), (0.3, "worse"), (4.0, "better")])
+def test_replicas_are_said_to_agree_or_not(budget: RecordedBudget, factor: float, words: str):
+    made = with_replicas(budget, factor)
+    (line,) = [text for text in windows_sentences(made) if "simulated replicas" in text]
     assert words in line
-    warned = any("twins" in text for text in recorded_warnings(made))
+    warned = any("replicas" in text for text in windows_warnings(made))
     assert warned == (factor != 1.0)
 
 
 def test_what_is_not_explained_is_a_warning(budget: RecordedBudget):
     part = budget.calibrated
     wrong = tuple(replace(each, explained=False) for each in part.verdicts[:1])
-    found = recorded_warnings(replace(budget, calibrated=replace(part, verdicts=wrong)))
-    assert any("north is larger than predicted" in text for text in found)
+    found = windows_warnings(replace(budget, calibrated=replace(part, verdicts=wrong)))
+    assert any("error north larger than predicted" in text for text in found)
 
 
 def test_a_start_that_is_not_independent_is_a_warning(budget: RecordedBudget):
     noted = replace(budget, notes=("Not independent: so and so", "else"))
-    assert recorded_warnings(noted)[0].startswith("Not independent")
-    assert "else" in recorded_assumptions(noted)
+    assert windows_warnings(noted)[0].startswith("Not independent")
+    assert "Predicted: covariance" in " ".join(windows_assumptions(noted))
 
 
 def test_facts_are_json_with_units(budget: RecordedBudget):
-    facts = json.loads(json.dumps(recorded_facts(with_twins(budget, 1.0)), allow_nan=False))
+    found = section_facts(windows_sections(with_replicas(budget, 1.0)))
+    facts = json.loads(json.dumps(found, allow_nan=False))["recorded_windows"]
     calibrated = facts["calibrated"]
     assert calibrated["windows"] == budget.calibrated.windows.count
     assert calibrated["rms_m"]["north"][-1] == pytest.approx(budget.calibrated.growth.rms[-1, 0])
-    assert calibrated["twins"]["inside_band"] is True
-    assert facts["raw"]["sensors"]["accel_bias_mg"] == pytest.approx(list(drives.SIGNS), rel=0.1)
-    assert facts["raw"]["by_motion"]["static"] is None
-    assert facts["raw"]["diagnosis"]["north"]["acceleration"]["filter_sd_mg"] == pytest.approx(1.0, rel=0.3)
+    assert calibrated["replicas"]["inside_band"] is True
+    assert facts["uncalibrated"]["sensors"]["accel_bias_mg"] == pytest.approx(list(drives.SIGNS), rel=0.1)
+    assert facts["uncalibrated"]["by_motion"]["static"] is None
+    assert facts["uncalibrated"]["diagnosis"]["north"]["acceleration"]["filter_sd_mg"] == pytest.approx(1.0, rel=0.3)
 
 
-def test_sheet_and_figures(budget: RecordedBudget):
-    made = with_twins(budget, 1.0)
-    text = sheet_text(recorded_sheet(made, "drive.csv"))
+def test_page_and_figures(budget: RecordedBudget):
+    made = with_replicas(budget, 1.0)
+    text = page_text(Page("drive.csv", windows_sentences(made), windows_sections(made)))
     assert "nan" not in text
-    pictures = recorded_pictures(made)
-    assert len({picture.name for picture in pictures}) == len(pictures) == 6
-    for picture in pictures:
-        for axes in picture.figure.axes:
+    figures = windows_figures(made)
+    assert len({figure.name for figure in figures}) == len(figures) == 6
+    for figure in figures:
+        with drawing():
+            drawn = figure.draw()
+        for axes in drawn.axes:
             assert axes.get_ylabel().endswith("]")
             assert np.isfinite(axes.get_ylim()).all()

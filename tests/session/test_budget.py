@@ -11,10 +11,7 @@ import pytest
 
 from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings
 from insnav.exceptions import ConfigError, InputError
-from insnav.output.folder import RunFolder, read_facts, verify_folder
-from insnav.report.budget.windows import recorded_sheet
-from insnav.report.budget.windows_quantities import recorded_facts
-from insnav.report.sheet import write_sheet
+from insnav.output.folder import read_facts, verify_folder
 from insnav.session.drive import load
 
 WINDOWS = WindowSettings(spacing=15.0)
@@ -42,15 +39,12 @@ def test_from_files_to_a_folder(drive: Path):
     )
     assert set(result.inputs) == {"imu", "gps"}
     assert result.found.budget.recorded is not None
-    budget = result.found.windows
-    assert budget is not None
-    with RunFolder(Path("budget"), force=False) as folder:
-        write_sheet(folder, recorded_sheet(budget, "imu.csv"), recorded_facts(budget))
-    verify_folder(Path("budget"))
-    facts = read_facts(Path("budget"))
+    assert result.found.windows is not None
+    verify_folder(result.save("budget"))
+    facts = read_facts(Path("budget"))["recorded_windows"]
     assert facts["calibrated"]["times_s"] == [10.0, 20.0]
-    assert facts["raw"]["windows"] == facts["calibrated"]["windows"] > 3
-    for name in ("recorded_growth", "recorded_causes", "recorded_regression", "raw_growth"):
+    assert facts["uncalibrated"]["windows"] == facts["calibrated"]["windows"] > 3
+    for name in ("recorded_growth", "recorded_causes", "recorded_regression", "uncalibrated_growth"):
         assert Path(f"budget/figures/{name}.png").stat().st_size > 10_000
 
 

@@ -12,6 +12,7 @@ from insnav.imu.specification import ImuSpec, gyro_bias_sd
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
+from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section
 from insnav.report.run.quantities import alignment_items
@@ -115,12 +116,7 @@ def frame(result: Result[FineAlignment]) -> pd.DataFrame:
     pandas.DataFrame
         One row a step: ``time_s``, ``roll_deg``, ``heading_deg``, …
     """
-    import pandas as pd
-
     steps = {"coarse": result.found.coarse, "fine": result.found.fine}
-    rows = [
-        {"step": name} | {key: value for each in alignment_items(found) for key, value in each.facts().items()}
-        for name, found in steps.items()
-        if found is not None
-    ]
-    return pd.DataFrame(rows)
+    return rows_frame(
+        (Quantity("step", name), *alignment_items(each)) for name, each in steps.items() if each is not None
+    )

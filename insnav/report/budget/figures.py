@@ -1,4 +1,4 @@
-"""The error budget on one page: growth on linear and on logarithmic axes, the columns, and what comes from where."""
+"""The error budget on one page: growth on linear and on logarithmic axes, the columns, and the error contributions."""
 
 from __future__ import annotations
 
@@ -79,16 +79,16 @@ def draw_budget(budget: Budget, title: str, note: str, columns: Table, sources: 
 
 
 def _draw_linear(axes: Axes, budget: Budget) -> None:
-    """Horizontal error over time: on paper, predicted, simulated, recorded; shaded up to the worst case."""
+    """Horizontal error over time: analytic, covariance, simulated, recorded; shaded up to the worst-case sum."""
     time, whole = budget.time, budget.covariance
     sd, worst = horizontal(whole.total), horizontal(whole.worst)
-    axes.fill_between(time, sd, worst, color=SKY, alpha=0.25, linewidth=0.0, label="up to the worst case")
+    axes.fill_between(time, sd, worst, color=SKY, alpha=0.25, linewidth=0.0, label="up to the worst-case sum")
     axes.plot(time, sd, color=BLACK, linewidth=1.8, label="covariance, 1 sd")
     axes.plot(time, horizontal(budget.analytic.total), color=BLUE, linewidth=1.4, linestyle="--", label="analytic")
     _mark_measured(axes, budget)
     axes.set_xlim(0.0, 1.03 * time[-1])
     axes.set_ylim(0.0, 1.08 * float(worst[-1]))
-    axes.set_xlabel("time without aid [s]")
+    axes.set_xlabel("time without aiding [s]")
     axes.set_ylabel("horizontal position error [m]")
     axes.legend(loc="upper left", fontsize=7.5)
     axes.set_title("all sources together")
@@ -146,7 +146,7 @@ def _draw_growth(axes: Axes, budget: Budget) -> None:
         axes.annotate(words, (time[at], guide[at]), fontsize=8.0, color="#555555", ha="right", va="bottom")
     logarithmic(axes.xaxis)
     logarithmic(axes.yaxis)
-    axes.set_xlabel("time without aid [s]")
+    axes.set_xlabel("time without aiding [s]")
     axes.set_ylabel("horizontal position error [m]")
     axes.set_title("by source, 1 sd; dotted: growth with t, t², t³")
     axes.legend(loc="upper left", fontsize=7.0, handlelength=1.4)

@@ -12,13 +12,14 @@ from insnav.errors.outage.statistics import COMPONENTS, components
 from insnav.report.budget.windows_quantities import GROWS, UNITS
 from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION, blank, legend_above, logarithmic, stacked
 from insnav.types import FloatArray
+from insnav.units import UNITS as FACTORS
 
 _WINDOWS = 80  # drawn one by one
 _MARKS = {"static": ("s", GREEN), "straight": ("o", BLUE), "turning": ("^", VERMILLION)}
 _GUIDES = (("t", 1.0), ("t²", 2.0), ("t³", 3.0))
 
 
-def draw_growth(part: RecordedPart, kind: str, judge: str) -> Figure:
+def draw_growth(part: RecordedPart, kind: str, reference: str) -> Figure:
     """Draw North, East and horizontal error over the time without fixes, the last also on logarithmic axes.
 
     Parameters
@@ -26,7 +27,7 @@ def draw_growth(part: RecordedPart, kind: str, judge: str) -> Figure:
     part : RecordedPart
     kind : str
         Of windows, in words.
-    judge : str
+    reference : str
         What the error is against.
     """
     windows, curve = part.windows, part.curve
@@ -34,7 +35,7 @@ def draw_growth(part: RecordedPart, kind: str, judge: str) -> Figure:
         9.6,
         7.4,
         f"Recorded error without GPS: {windows.count} windows of {windows.length:g} s, {kind}",
-        f"against {judge}; thin grey: each window; bands hold with 95 %, that of the windows from blocks of them",
+        f"against {reference}; thin grey: each window; 95 % bands, of the windows by block bootstrap",
     )
     axes = figure.subplots(2, 2, gridspec_kw={"hspace": 0.34, "wspace": 0.24})
     error = components(windows)[0]
@@ -53,7 +54,7 @@ def draw_growth(part: RecordedPart, kind: str, judge: str) -> Figure:
             )
         _curves(panel, part, i, both_sides=name != "horizontal")
         largest = 1.1 * float(np.nanmax([np.nanmax(np.abs(error[:, :, i])), np.nanmax(curve.predicted[:, i])]))
-        panel.set_ylim(-largest if name != "horizontal" else 0.0, largest)  # the band of few twins is wide
+        panel.set_ylim(-largest if name != "horizontal" else 0.0, largest)  # the band of few replicas is wide
         panel.set_ylabel(f"{name} error [m]")
         panel.set_xlabel("time without GPS [s]")
     last = axes[1, 1]
@@ -67,9 +68,9 @@ def draw_growth(part: RecordedPart, kind: str, judge: str) -> Figure:
 
 
 def _curves(panel: Axes, part: RecordedPart, i: int, *, both_sides: bool) -> None:
-    """RMS with its interval, predicted, and the band of the twins; of an axis to both sides of zero."""
+    """RMS with its interval, predicted, and the band of the replicas; of an axis to both sides of zero."""
     curve = part.curve
-    rms = np.where(curve.rms[:, i] > 0.0, curve.rms[:, i], np.nan)  # nothing is left where the judge is the error
+    rms = np.where(curve.rms[:, i] > 0.0, curve.rms[:, i], np.nan)  # nothing is left where all error is the reference's
     for sign in (1.0, -1.0) if both_sides else (1.0,):
         first = sign > 0.0
         if part.replicas is not None:
@@ -81,7 +82,7 @@ def _curves(panel: Axes, part: RecordedPart, i: int, *, both_sides: bool) -> Non
                 color=ORANGE,
                 alpha=0.25,
                 linewidth=0.0,
-                label="twins" if first else "",
+                label="simulated replicas" if first else "",
             )
         if np.isfinite(curve.low[:, i]).any():
             panel.fill_between(
@@ -124,7 +125,7 @@ def _guides(panel: Axes, times: FloatArray, rms: FloatArray) -> None:
 
 
 def draw_causes(part: RecordedPart, kind: str) -> Figure:
-    """Draw velocity, effective acceleration and drift of each window that was fitted, with what the filter states.
+    """Draw velocity, effective acceleration and drift of each window that was fitted, with the filter's sd.
 
     Parameters
     ----------
@@ -136,8 +137,8 @@ def draw_causes(part: RecordedPart, kind: str) -> Figure:
     windows = diagnosis.windows
     figure, panels = stacked(
         3,
-        f"What each of {windows.count} windows errs by, {kind}",
-        "fit of t, t², t³ to each window; band: one standard deviation that the filter states, for both axes; "
+        f"Equivalent errors of {windows.count} windows, {kind}",
+        "fit of t, t², t³ to each window; band: 1 sd of the filter, both axes; "
         + ("at rest or straight" if diagnosis.steady else "turns included, in which no curve is pure"),
         columns=2,
         height=7.0,
@@ -148,7 +149,8 @@ def draw_causes(part: RecordedPart, kind: str) -> Figure:
         sd = np.array([curve.sd for curve in axis.curves])
         for row, (name, cause) in enumerate(zip(CAUSES, axis.causes, strict=True)):
             panel = panels[row][column]
-            unit, text = UNITS[name]
+            text = UNITS[name]
+            unit = FACTORS[text][1]
             factor = 1.0 / unit if name != "drift" else 1.0 / unit / diagnosis.gravity
             panel.axhspan(
                 -cause.filter_sd / unit, cause.filter_sd / unit, color=GREY, alpha=0.25, linewidth=0.0, label="filter"
@@ -209,7 +211,7 @@ def draw_regression(part: RecordedPart, kind: str) -> Figure:
     panel.set_yscale("log")
     logarithmic(panel.xaxis)
     logarithmic(panel.yaxis)
-    panel.set_xlabel("predicted sd, judge included [m]")
+    panel.set_xlabel("predicted sd, reference included [m]")
     panel.set_ylabel("recorded |error| / 0.80 [m]")
     legend_above(panel)
     return figure

@@ -15,7 +15,7 @@ from insnav.types import FloatArray
 _POINTS = 24  # times at which the windows are summed up
 
 
-def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], judge: str) -> Figure:
+def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], reference: str) -> Figure:
     """Draw horizontal and vertical error over the time without fixes.
 
     Parameters
@@ -24,7 +24,7 @@ def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], judge: str) 
         All windows.
     sums : sequence of Growth
         What they amount to at the end of each length.
-    judge : str
+    reference : str
         What the error is against.
     """
     longest = max(window.length for window in windows)
@@ -32,7 +32,7 @@ def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], judge: str) 
     figure, panels = stacked(
         2,
         f"Error without GPS: {len(chosen)} windows of {longest:g} s",
-        f"against {judge}, whose own error is in all lines; smoothed: the largest in windows of each length",
+        f"against {reference}, whose own error is in all lines; smoothed: largest in windows of each length",
         height=7.2,
     )
     for (axes,), name, columns in zip(panels, ("horizontal", "vertical"), ((0, 1), (2,)), strict=True):
@@ -43,7 +43,7 @@ def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], judge: str) 
         axes.plot(time, high, color=SKY, linewidth=1.4, label="95 %")
         axes.plot(time, rms, color=BLUE, linewidth=2.0, label="RMS")
         axes.plot(
-            time, predicted, color=BLACK, linewidth=1.4, linestyle="--", label="predicted: sd of solution and judge"
+            time, predicted, color=BLACK, linewidth=1.4, linestyle="--", label="predicted sd, solution and reference"
         )
         axes.plot(
             [each.length for each in sums],
@@ -68,7 +68,7 @@ def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], judge: str) 
 def _over_time(
     windows: Sequence[Outage], columns: tuple[int, ...]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """RMS, 95 % quantile and predicted sd of the error, the judge's part in all, at logarithmically spaced times."""
+    """RMS, 95 % quantile and predicted sd of the error, reference errors in all, at logarithmically spaced times."""
     first = max(float(window.elapsed[0]) for window in windows)
     time = np.geomspace(max(first, 0.2), windows[0].length, _POINTS)
     size, sd = np.empty((len(windows), _POINTS)), np.empty((len(windows), _POINTS))

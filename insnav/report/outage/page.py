@@ -1,127 +1,117 @@
-"""Facts and page of the errors in GPS outages."""
+"""The report of a GNSS outage test."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from insnav.errors.outage.gnss_outage import Outage
 from insnav.errors.outage.statistics import Growth
-from insnav.report.numbers import number
+from insnav.errors.outage.study import OutageStudy
+from insnav.output.folder import RunFolder
+from insnav.output.solution_tables import TableFormat
+from insnav.quantity import Quantity
+from insnav.report.frames import rows_frame
 from insnav.report.outage.figures import draw_outages
-from insnav.report.page import Table
-from insnav.report.run_json import json_ready
-from insnav.report.sheet import Picture, Sheet
-from insnav.report.style import drawing
-from insnav.units import DEG
+from insnav.report.page import FigureSpec, Page, Section, members
+from insnav.result import Result
 
-_ROWS = (
-    ("horizontal", "horizontal [m]", 1.0),
-    ("vertical", "vertical [m]", 1.0),
-    ("velocity", "velocity [m/s]", 1.0),
-    ("heading", "heading [deg]", DEG),
-    ("smoothed horizontal", "smoothed, horizontal [m]", 1.0),
-    ("smoothed vertical", "smoothed, vertical [m]", 1.0),
-)
-_KEYS = {
-    "horizontal": "horizontal_m",
-    "vertical": "vertical_m",
-    "velocity": "velocity_m_s",
-    "heading": "heading_deg",
-    "smoothed horizontal": "smoothed_horizontal_m",
-    "smoothed vertical": "smoothed_vertical_m",
+if TYPE_CHECKING:
+    import pandas as pd
+
+_COMPONENTS = {
+    "horizontal": "m",
+    "vertical": "m",
+    "velocity": "m/s",
+    "heading": "deg",
+    "smoothed horizontal": "m",
+    "smoothed vertical": "m",
 }
 
 
-def outage_facts(
-    sums: Sequence[Growth], reading: Mapping[str, Any], configuration: Mapping[str, Any], notes: Sequence[str]
-) -> dict[str, Any]:
-    """Gather the figures, JSON-ready, units in the keys.
+def page(result: Result[OutageStudy]) -> Page:
+    """Lay out an outage test.
 
     Parameters
     ----------
-    sums : sequence of Growth
-    reading : mapping
-        What was understood of each file.
-    configuration : mapping
-        Options in force.
-    notes : sequence of str
-        What was assumed and found.
+    result : Result of OutageStudy
+
+    Returns
+    -------
+    Page
     """
-    windows = [
-        {
-            "length_s": each.length,
-            "windows": each.count,
-            "inside_3_sd": each.inside_at_end,
-            **{
-                _KEYS[name]: dict(
-                    zip(("rms", "p95", "max", "predicted"), (v / unit for v in _figures(each, name)), strict=True)
-                )
-                for name, _, unit in _ROWS
-            },
-        }
-        for each in sums
-    ]
-    ready: dict[str, Any] = json_ready(
-        {"configuration": configuration, "input": reading, "outages": windows, "notes": list(notes)}
-    )
-    return ready
-
-
-def outage_sheet(
-    windows: Sequence[Outage], sums: Sequence[Growth], judge: str, name: str, notes: Sequence[str]
-) -> Sheet:
-    """Put tables and figure on one page.
-
-    Parameters
-    ----------
-    windows : sequence of Outage
-    sums : sequence of Growth
-    judge : str
-        What the error is against.
-    name : str
-        The drive.
-    notes : sequence of str
-        What was assumed and found.
-    """
-    tables = [
-        Table(
-            title,
-            ("without GPS [s]", "windows", "RMS", "95 %", "max", "predicted sd"),
-            tuple((f"{each.length:g}", str(each.count), *_cells(_figures(each, key), unit)) for each in sums),
-        )
-        for key, title, unit in _ROWS
-        if any(np.isfinite(_figures(each, key)[0]) for each in sums)
-    ]
-    inside = ", ".join(f"{100.0 * each.inside_at_end:.0f} % of {each.length:g} s" for each in sums)
-    with drawing():
-        figure = draw_outages(windows, sums, judge)
-    return Sheet(
-        f"Error without GPS: {name}",
+    study = result.found
+    inside = ", ".join(f"{100.0 * each.inside_at_end:.0f} % of {each.length:g} s" for each in study.growth)
+    name = Path(result.inputs["imu"].path).name if "imu" in result.inputs else "a drive"
+    rows = tuple(_row(each) for each in study.growth)
+    tables = tuple(_table(component, study.growth, rows) for component in _COMPONENTS)
+    draw = partial(draw_outages, study.windows, study.growth, study.reference)
+    return Page(
+        f"GNSS outage test: {name}",
         (
-            f"Errors are against {judge}, at the end of each window; the smoothed error is the largest in the window.",
+            f"Errors are against {study.reference}, at the end of each window; smoothed: largest in the window.",
             f"Inside 3 sd (north, east, down): {inside}.",
         ),
-        tuple(tables),
-        (Picture("outages", figure, "Error over the time without GPS"),),
         (
-            "Each window starts from the filter as it was at its first epoch, with all fixes before and none within.",
-            "From the RMS the variance that the judge itself states is taken off, '< judge' if nothing is left; "
-            "quantiles and largest are as they are, and against noisy fixes the largest of many is mostly their noise.",
-            "The heading is against that of the drive smoothed with all fixes, so it is no independent figure.",
+            Section("outages", rows=rows, show="json"),
+            *(table for table in tables if table.rows),
+            Section("", figures=(FigureSpec("outages", "Error over the time without GPS", draw),), show="page"),
         ),
-        tuple(notes),
+        assumptions=(
+            "Each window starts from the filter at its first epoch, with all fixes before and none within.",
+            "Reference variance is subtracted from the RMS, which is 0 if nothing is left; 95 % and max contain it: "
+            "against noisy fixes the largest of many is mostly their noise.",
+            "Heading is compared with that smoothed from all fixes, so it is not independent.",
+        ),
     )
 
 
-def _figures(found: Growth, component: str) -> tuple[float, ...]:
-    """RMS, 95 %, largest, predicted."""
-    column = found.column(component)
-    return tuple(float(each[-1, column]) for each in (found.rms, found.p95, found.largest, found.predicted))
+def _row(found: Growth) -> tuple[Quantity, ...]:
+    """Errors at the end of the windows of one length."""
+    return (
+        Quantity("length", found.length, "s", meaning="without GPS"),
+        Quantity("windows", found.count),
+        Quantity("inside_3_sd", found.inside_at_end),
+        *(_component(found, name, unit) for name, unit in _COMPONENTS.items()),
+    )
 
 
-def _cells(values: tuple[float, ...], unit: float) -> list[str]:
-    """RMS, 95 %, largest, predicted."""
-    return ["< judge" if values[0] == 0.0 else number(values[0] / unit), *(number(v / unit) for v in values[1:])]
+def _component(found: Growth, name: str, unit: str) -> Quantity:
+    column = found.column(name)
+    figures = {"rms": found.rms, "p95": found.p95, "max": found.largest, "predicted": found.predicted}
+    return Quantity(name.replace(" ", "_"), {key: float(each[-1, column]) for key, each in figures.items()}, unit)
+
+
+def _table(component: str, growth: Sequence[Growth], rows: Sequence[tuple[Quantity, ...]]) -> Section:
+    """Table of one component, with a row a length; without rows if nothing is known of it."""
+    key = component.replace(" ", "_")
+    chosen = []
+    for length, windows, *others in rows:
+        (found,) = (each for each in others if each.key == key)
+        columns = (replace(each, meaning=each.label.removeprefix(f"{found.label} ")) for each in members(found))
+        chosen.append((replace(length, digits=2), windows, *columns))
+    known = any(np.isfinite(found.rms[-1, found.column(component)]) for found in growth)
+    return Section("", component.capitalize(), rows=tuple(chosen) if known else ())
+
+
+def write_files(result: Result[OutageStudy], folder: RunFolder, table_format: TableFormat) -> None:
+    """Nothing but page and figure."""
+
+
+def frame(result: Result[OutageStudy]) -> pd.DataFrame:
+    """Give the errors at the end of the windows as a table.
+
+    Parameters
+    ----------
+    result : Result of OutageStudy
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row a length.
+    """
+    return rows_frame(_row(each) for each in result.found.growth)

@@ -63,7 +63,7 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
         _solution(run.solution),
         _fixes(run),
         _aiding(run),
-        Section("outages", "GPS outages", rows=tuple(spans)) if spans else _only("outages", ()),
+        Section("outages", "GPS outages", rows=tuple(spans)),
         Section("sensor_errors", "Estimated sensor errors at the end", _sensor_errors(run.sensor_errors)),
         Section("alignment", "Initial alignment", alignment_items(run.alignment), show="page"),
         *((short_section(found.short_duration),) if found.short_duration else ()),
@@ -195,7 +195,7 @@ def _aiding(run: Run) -> Section:
         )
         for use in run.aiding
     ]
-    return Section("aiding", "Aiding besides GPS", rows=tuple(rows)) if rows else _only("aiding", ())
+    return Section("aiding", "Aiding besides GPS", rows=tuple(rows))
 
 
 def _sensor_errors(sensor_errors: SensorErrors) -> tuple[Quantity, ...]:
