@@ -16,7 +16,8 @@ from insnav.filter.measurements.first_pass import FirstPass
 from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.measurements.non_holonomic import NonHolonomic
 from insnav.filter.measurements.zero_velocity import ZeroVelocity, find_stops
-from insnav.filter.prepare import DELAY_SD
+from insnav.filter.navigate import aided, feed
+from insnav.filter.prepare import DELAY_SD, Prepared
 from insnav.kernels import aiding_measurements as kernel
 from insnav.kernels.errorstate import STATES
 from insnav.simulate import reference, without_fixes
@@ -310,3 +311,38 @@ def test_rows_at_the_epochs_hold_what_came_of_them():
     np.testing.assert_allclose(solution.time[rows], [state.time for state in kept], rtol=0, atol=1e-6)
     np.testing.assert_array_equal(solution.v_n[rows], [state.x[3:6] for state in kept])
     np.testing.assert_array_equal(solution.lla[rows], [state.x[:3] for state in kept])
+
+
+@pytest.mark.parametrize("late", [0.0, 0.3, -0.2])
+def test_aiding_is_calibrated_in_the_time_of_the_samples(late):
+    """However late the fixes are: an odometer stamped like the samples has no lag, and no axle is found that is not."""
+    motion = drives.truth(laps=0)
+    rng = np.random.default_rng(12)
+    imu = drives.noisy_imu(drives.perfect_imu(laps=0), drives.MODEL, rng)
+    inside = np.minimum(imu.time, motion.start + motion.duration - 0.05)
+    imu = replace(imu, odometer=np.linalg.norm(reference(motion, inside).v_n, axis=1))
+    fixes = drives.noisy_gps(drives.perfect_gps(laps=0), rng)
+    start = drives.begin(drives.MODEL, rng, laps=0)
+    settings = FilterSettings(lever_b=drives.LEVER_B, delay_sd=DELAY_SD)
+    ready = Prepared(
+        imu,
+        replace(fixes, time=fixes.time + late),
+        drives.MODEL,
+        settings,
+        start.alignment,
+        start.initial,
+        0.02,
+        (),
+    )
+    done = aided(ready, drives.SPEC)
+    print(done.notes)
+    found = {each.name: each for each in done.settings.aiding}
+    assert np.abs(found["odometer"].time - imu.time).max() < 0.03
+    assert np.linalg.norm(found["nhc"].lever_b) < 0.1
+    stops, _, _ = find_stops(imu, fixes, drives.SPEC)
+    np.testing.assert_allclose(found["zupt"].stops, stops, rtol=0, atol=0.6)
+    run = done.navigator()
+    feed(run, imu)
+    (use,) = [each for each in run.finish().aiding if each.name == "odometer"]
+    assert use.innovation_rms < 0.15
+    assert use.rejected < 0.01 * use.processed
