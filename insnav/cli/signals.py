@@ -14,6 +14,7 @@ from types import FrameType
 PATIENCE = 0.2  # before a request is repeated [s]
 
 _repeat: threading.Timer | None = None
+_requested = _heard = False
 
 
 class Stopped(BaseException):
@@ -38,7 +39,13 @@ def listen() -> None:
 
 
 def arrived() -> None:
-    """Stop repeating the request: what unwinds must not be disturbed."""
+    """Stop repeating the request: what unwinds must not be disturbed, by a repetition already on its way either."""
+    global _heard
+    _heard = _requested
+    _cancel()
+
+
+def _cancel() -> None:
     global _repeat
     if _repeat is not None:
         _repeat.cancel()
@@ -46,8 +53,11 @@ def arrived() -> None:
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
-    global _repeat
-    arrived()
+    global _repeat, _requested
+    if _heard:
+        return
+    _requested = True
+    _cancel()
     _repeat = threading.Timer(PATIENCE, signal.raise_signal, (number,))
     _repeat.daemon = True
     _repeat.start()
@@ -55,6 +65,6 @@ def _stop(number: int, frame: FrameType | None) -> None:
 
 
 def _unless_stopped(lost: sys.UnraisableHookArgs) -> None:
-    """Do not report a request that was lost; it is repeated."""
-    if not isinstance(lost.exc_value, Stopped):
+    """Report nothing that is lost while stopping: the request, or destructors of objects it left half made."""
+    if not _requested:
         sys.__unraisablehook__(lost)

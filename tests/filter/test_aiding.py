@@ -313,9 +313,9 @@ def test_rows_at_the_epochs_hold_what_came_of_them():
     np.testing.assert_array_equal(solution.lla[rows], [state.x[:3] for state in kept])
 
 
-@pytest.mark.parametrize("late", [0.0, 0.3, -0.2])
-def test_aiding_is_calibrated_in_the_time_of_the_samples(late):
-    """However late the fixes are: an odometer stamped like the samples has no lag, and no axle is found that is not."""
+@pytest.mark.parametrize(("late", "given"), [(0.0, 0.0), (0.3, 0.0), (-0.2, 0.0), (2.0, 2.0)])
+def test_aiding_is_calibrated_in_the_time_of_the_samples(late, given):
+    """However late the fixes are: an odometer stamped like the samples has no lag, and the axle is where the IMU is."""
     motion = drives.truth(laps=0)
     rng = np.random.default_rng(12)
     imu = drives.noisy_imu(drives.perfect_imu(laps=0), drives.MODEL, rng)
@@ -323,7 +323,7 @@ def test_aiding_is_calibrated_in_the_time_of_the_samples(late):
     imu = replace(imu, odometer=np.linalg.norm(reference(motion, inside).v_n, axis=1))
     fixes = drives.noisy_gps(drives.perfect_gps(laps=0), rng)
     start = drives.begin(drives.MODEL, rng, laps=0)
-    settings = FilterSettings(lever_b=drives.LEVER_B, delay_sd=DELAY_SD)
+    settings = FilterSettings(lever_b=drives.LEVER_B, delay=given, delay_sd=DELAY_SD)
     ready = Prepared(
         imu,
         replace(fixes, time=fixes.time + late),

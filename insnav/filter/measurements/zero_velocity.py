@@ -99,7 +99,7 @@ def find_stops(imu: ImuData, gps: GpsData, spec: ImuSpec) -> tuple[FloatArray, F
         if high < low:
             stationary &= feature < 0.5 * (high + low)
     wrong, right = float(np.mean(stationary[moving])), float(np.mean(stationary[still]))
-    rates = f"{100 * right:.0f} % of stops detected, {100 * wrong:.2g} % false"
+    rates = f"{100 * right:.0f} % of stops detected, {100 * wrong:.3g} % false"
     if stationary.all() or wrong > FALSE_STOPS or right < FEWEST_STOPS:
         return none, no_sd, f"ZUPT: not used, {rates}"
     edges = np.flatnonzero(np.diff(np.concatenate([[0], stationary.astype(np.int8), [0]])))

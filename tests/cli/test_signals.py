@@ -1,0 +1,71 @@
+"""A request to stop reaches the program once, and nothing it leaves half made says a word."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from tests.cli.conftest import ROOT
+
+HALF_MADE = """
+import os, signal, sys
+from insnav.cli import signals
+
+class Half:
+    def __init__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+        self.whole = True
+
+    def __del__(self):
+        self.whole  # what the request interrupted has no such attribute
+
+signals.listen()
+try:
+    Half()
+except signals.Stopped as stopped:
+    del stopped
+    print("stopped")
+"""
+LATE = """
+import os, signal, time
+from insnav.cli import signals
+
+signals.listen()
+try:
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(1.0)
+except signals.Stopped:
+    signals.arrived()
+    os.kill(os.getpid(), signal.SIGTERM)  # the repetition that was on its way
+    print("tidied up")
+"""
+BEFORE = """
+import os, signal
+from insnav.cli import signals
+
+class Broken:
+    def __del__(self):
+        raise ValueError("a defect")
+
+signals.listen()
+signals.arrived()  # nobody has asked for anything yet
+Broken()
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+except signals.Stopped as stopped:
+    print(stopped.number == signal.SIGINT)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are different there")
+@pytest.mark.parametrize(
+    ("program", "out", "word"), [(HALF_MADE, "stopped", ""), (LATE, "tidied up", ""), (BEFORE, "True", "a defect")]
+)
+def test_a_request_is_heard_once_and_leaves_no_message(program: str, out: str, word: str):
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == out
+    assert word in done.stderr
+    assert bool(word) == bool(done.stderr)
