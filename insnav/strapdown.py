@@ -1,7 +1,7 @@
 """Strapdown mechanization: samples -> increments with coning and sculling -> velocity, position, attitude.
 
 The samples of a recording are first brought to one form, successive intervals with integrated rate and specific
-force (`intervals`), holes filled and marked. `increments` adds the coning and sculling terms; `navigate` integrates.
+force (`intervals`), gaps filled and marked. `increments` adds the coning and sculling terms; `navigate` integrates.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ GAP = 1.5  # an interval this many times the nominal one has lost samples
 
 @dataclass(frozen=True, slots=True)
 class Intervals:
-    """Samples as successive intervals without holes.
+    """Samples as successive intervals without gaps.
 
     Attributes
     ----------
@@ -40,8 +40,8 @@ class Intervals:
         Integral over the interval [rad], [m/s], or, if `instant`, value at its end [rad/s], [m/s^2].
     segment : (n,) array of int
         Number of the uninterrupted stretch.
-    hole : (n,) array
-        Zero where something was measured; else the length of the hole [s] that this interval helps to bridge, its
+    gap : (n,) array
+        Zero where something was measured; else the length of the gap [s] that this interval helps to bridge, its
         value on the straight line between the neighbours.
     instant : bool
         See `gyro`. The first interval of an instantaneous record has zero length.
@@ -52,7 +52,7 @@ class Intervals:
     gyro: FloatArray
     accel: FloatArray
     segment: IntArray
-    hole: FloatArray
+    gap: FloatArray
     instant: bool
 
 
@@ -96,8 +96,8 @@ def _interval_ends(imu: ImuData, nominal: float) -> tuple[FloatArray, FloatArray
     """Start and end of each sample's interval [s], whatever end of it the file stamps."""
     t = imu.time
     step = np.diff(t)
-    hole = _lost(t, nominal)
-    whole = np.where(hole, nominal, step)  # after a hole the interval is the nominal one
+    gap = _lost(t, nominal)
+    whole = np.where(gap, nominal, step)  # after a gap the interval is the nominal one
     if imu.sampling == "instant" or imu.stamp == "end":
         length = np.concatenate([[nominal], whole])
         return t - length, t
@@ -105,13 +105,13 @@ def _interval_ends(imu: ImuData, nominal: float) -> tuple[FloatArray, FloatArray
         length = np.concatenate([whole, [nominal]])
         return t, t + length
     middle = t[:-1] + 0.5 * step
-    start = np.concatenate([[t[0] - 0.5 * nominal], np.where(hole, t[1:] - 0.5 * nominal, middle)])
-    end = np.concatenate([np.where(hole, t[:-1] + 0.5 * nominal, middle), [t[-1] + 0.5 * nominal]])
+    start = np.concatenate([[t[0] - 0.5 * nominal], np.where(gap, t[1:] - 0.5 * nominal, middle)])
+    end = np.concatenate([np.where(gap, t[:-1] + 0.5 * nominal, middle), [t[-1] + 0.5 * nominal]])
     return start, end
 
 
 def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
-    """Bring samples to successive intervals and fill holes.
+    """Bring samples to successive intervals and fill gaps.
 
     Parameters
     ----------
@@ -124,26 +124,26 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
     -------
     Intervals
         Where samples are missing, intervals of about nominal length whose rate and specific force join the
-        neighbouring samples in a straight line, marked by `hole`.
+        neighbouring samples in a straight line, marked by `gap`.
     """
     nominal = nominal_interval(imu.time) if nominal is None else nominal
     instant = imu.sampling == "instant"
     start, end = _interval_ends(imu, nominal)
     segment = np.zeros(end.shape[0], dtype=np.int64)
-    hole = np.zeros(end.shape[0])
-    holes = np.flatnonzero(start[1:] - end[:-1] > (GAP - 1.0) * nominal)
+    gap = np.zeros(end.shape[0])
+    gaps = np.flatnonzero(start[1:] - end[:-1] > (GAP - 1.0) * nominal)
     gyro, accel = imu.gyro, imu.accel
-    if holes.size:
-        # rates are what is continued across a hole; the samples themselves keep every bit
+    if gaps.size:
+        # rates are what is continued across a gap; the samples themselves keep every bit
         length_of = end - start if imu.sampling == "increment" else np.ones(end.shape[0])
-        at, new_hole, new_end, new_gyro, new_accel = [], [], [], [], []
-        for k in holes:
+        at, new_gap, new_end, new_gyro, new_accel = [], [], [], [], []
+        for k in gaps:
             length = start[k + 1] - end[k]
             missing = max(1, round(length / nominal))
             share = np.arange(1, missing + 1)
             way = (share / (missing + 1))[:, None]
             at.append(np.full(missing, k + 1))
-            new_hole.append(np.full(missing, length))
+            new_gap.append(np.full(missing, length))
             new_end.append(np.append(end[k] + share[:-1] / missing * length, start[k + 1]))
             before, after = gyro[k] / length_of[k], gyro[k + 1] / length_of[k + 1]
             new_gyro.append(before + way * (after - before))
@@ -153,15 +153,15 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
         end = np.insert(end, where, np.concatenate(new_end))
         gyro = np.insert(gyro, where, np.concatenate(new_gyro), axis=0)
         accel = np.insert(accel, where, np.concatenate(new_accel), axis=0)
-        hole = np.insert(hole, where, np.concatenate(new_hole))
-        segment = np.concatenate([[0], np.cumsum(hole[1:] != hole[:-1])]).astype(np.int64)
+        gap = np.insert(gap, where, np.concatenate(new_gap))
+        segment = np.concatenate([[0], np.cumsum(gap[1:] != gap[:-1])]).astype(np.int64)
     dt = np.diff(end, prepend=start[0])
     if instant:
         dt[0] = 0.0
-    elif holes.size or imu.sampling == "mean":
-        scale = np.where(hole > 0.0, dt, 1.0)[:, None] if imu.sampling == "increment" else dt[:, None]
+    elif gaps.size or imu.sampling == "mean":
+        scale = np.where(gap > 0.0, dt, 1.0)[:, None] if imu.sampling == "increment" else dt[:, None]
         gyro, accel = gyro * scale, accel * scale
-    return Intervals(end, dt, gyro, accel, segment, hole, instant)
+    return Intervals(end, dt, gyro, accel, segment, gap, instant)
 
 
 def split(parts: Intervals, times: FloatArray, first: int, last: int) -> tuple[IntArray, FloatArray, FloatArray]:
@@ -209,7 +209,7 @@ def increments(
     """Angle and velocity increments with coning and sculling terms.
 
     A polynomial through five neighbouring increments (six neighbouring values of an instantaneous record), at their
-    true times and never across a hole, stands for rate and specific force inside the interval; the quaternion is
+    true times and never across a gap, stands for rate and specific force inside the interval; the quaternion is
     integrated from it by fourth-order Runge-Kutta. Looking at samples on both sides suits post-processing: at 1 deg,
     10 Hz coning and 100 Hz samples it leaves 0.06 deg/h, where the usual algorithm with only the previous increment
     leaves 9.8 deg/h.

@@ -67,7 +67,7 @@ def test_mean_and_increment_are_the_same_integral():
 def test_uneven_stamps_are_no_hole(sampling, stamp, change):
     parts = intervals(change(record(sampling, stamp)), STEP)
     assert parts.end.size == N
-    assert (parts.hole == 0.0).all()
+    assert (parts.gap == 0.0).all()
     assert_seamless(parts)
 
 
@@ -86,13 +86,13 @@ def test_missing_samples_are_bridged_in_a_straight_line_and_marked(sampling, sta
     imu = without(whole, slice(700, 700 + missing))
     parts, unharmed = intervals(imu), intervals(whole)
     bridge = slice(700, 700 + missing)
-    assert np.flatnonzero(parts.hole).tolist() == list(range(700, 700 + missing))
-    np.testing.assert_allclose(parts.hole[bridge], missing * STEP, rtol=1e-6)
+    assert np.flatnonzero(parts.gap).tolist() == list(range(700, 700 + missing))
+    np.testing.assert_allclose(parts.gap[bridge], missing * STEP, rtol=1e-6)
     assert_seamless(parts)
     np.testing.assert_allclose(parts.end, unharmed.end, rtol=0, atol=1e-9)
     line = np.linspace(unharmed.gyro[699], unharmed.gyro[700 + missing], missing + 2)[1:-1]
     np.testing.assert_allclose(parts.gyro[bridge], line, rtol=1e-9)
-    measured = parts.hole == 0.0
+    measured = parts.gap == 0.0
     np.testing.assert_allclose(parts.accel[measured], unharmed.accel[measured], rtol=1e-9)
     assert len(np.unique(parts.segment)) == 3  # before, across, after: no polynomial reaches into the hole
 
@@ -100,7 +100,7 @@ def test_missing_samples_are_bridged_in_a_straight_line_and_marked(sampling, sta
 @pytest.mark.parametrize("sampling", ["mean", "increment", "instant"])
 def test_a_missing_sample_among_jitter_is_still_a_hole(sampling):
     parts = intervals(without(jittered(record(sampling), 0.0012), slice(700, 701)), STEP)
-    assert np.flatnonzero(parts.hole).tolist() == [700]
+    assert np.flatnonzero(parts.gap).tolist() == [700]
 
 
 def test_pieces_fill_their_intervals_and_add_up():

@@ -1,6 +1,6 @@
-"""Initial attitude: from rest (levelling, gyrocompass), from GPS course, or in motion; each with its uncertainty."""
+"""Initial attitude: stationary (levelling, gyrocompass), from GPS course, or in motion; each with its uncertainty."""
 
-from insnav.alignment.align import align, align_static, rest_of
-from insnav.alignment.static import Rest, find_rest
+from insnav.alignment.align import align, align_static, stationary_of
+from insnav.alignment.static import StationaryMeans, find_stationary
 
-__all__ = ["Rest", "align", "align_static", "find_rest", "rest_of"]
+__all__ = ["StationaryMeans", "align", "align_static", "find_stationary", "stationary_of"]

@@ -1,4 +1,4 @@
-"""Which alignment the data allow: static or moving start, gyrocompass, course, or a heading that is given."""
+"""Which alignment the data allow: stationary or moving start, gyrocompass, course, or a given heading."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from insnav.strapdown import Intervals
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData
 from insnav.units import G0
 
-GYROCOMPASS_SD = np.deg2rad(15.0)  # gyros that leave the heading less certain do not gyrocompass
-SURE_SD = np.deg2rad(3.0)  # a gyrocompass as good as this needs no course beside it
-GIVEN_HEADING_SD = np.deg2rad(2.0)  # of a heading that the user gives
-STATIC_SPEED = 0.5  # GPS speed that is still rest [m/s]
-SOON = 10.0  # a rest that begins this soon after the start is the start [s]
-COURSE_TIME = 0.5  # a course in motion may be off by the turn in this time [s]
-LEVEL_SPAN = 20.0  # length of the level from GPS velocity change [s]
+GYROCOMPASS_SD = np.deg2rad(15.0)  # beyond it the filter's small-angle errors no longer hold
+SURE_SD = np.deg2rad(3.0)  # a gyrocompass as good as the course of a car needs no course
+GIVEN_HEADING_SD = np.deg2rad(2.0)  # of a heading that the user gives: read from a map or a compass
+STATIC_SPEED = 0.5  # GPS speed of a stationary vehicle, with the noise of a poor receiver [m/s]
+SOON = 10.0  # a stop that begins this soon after the first fix is the start of the drive [s]
+COURSE_TIME = 0.5  # a course in motion may be off by the turn in this time: half a GPS interval [s]
+LEVEL_SPAN = 20.0  # of the level from GPS velocity change: longer, gyro drift tilts the frame; shorter, noise [s]
 
 
 def align_static(
@@ -32,18 +32,18 @@ def align_static(
     rest: tuple[float, float],
     heading: float | None = None,
 ) -> Alignment:
-    """Attitude at rest.
+    """Attitude of a stationary IMU.
 
     Parameters
     ----------
     parts : Intervals
         Samples.
     spec : ImuSpec
-        How good the sensors are.
+        IMU error specification.
     lat, height : float
         Latitude [rad], height [m].
     rest : tuple of float
-        Start and end of the rest [s].
+        Start and end of the stationary interval [s].
     heading : float, optional
         Given heading [rad]; by default it is found by gyrocompass if the gyros allow it.
 
@@ -84,13 +84,13 @@ def align(
     parts : Intervals
         Samples.
     spec : ImuSpec
-        How good the sensors are.
+        IMU error specification.
     gps : GpsData
         Fixes with standard deviations.
     static_span : tuple of float, optional
-        A rest the user vouches for [s]; otherwise it is looked for.
+        Stationary interval as given [s]; found by default.
     heading : float, optional
-        Heading the user gives, at the start [rad].
+        Heading at the start as given [rad].
 
     Returns
     -------
@@ -108,16 +108,16 @@ def align(
     if not covered.any():
         raise AlignmentError("no GPS fix lies inside the IMU record", fix="check the time bases of both files")
     first_fix = float(gps.time[covered][0])
-    rest = static_span or rest_of(parts, gps)
+    rest = static_span or stationary_of(parts, gps)
     lla = gps.lla[covered][0]
     if rest is not None and (static_span is not None or rest[0] <= first_fix + SOON):
         return _from_rest(parts, spec, gps, speed, rest, heading)
     return _in_motion(parts, spec, speed, gps.time[covered], lla, heading)
 
 
-def rest_of(parts: Intervals, gps: GpsData) -> tuple[float, float] | None:
-    """First rest of a recording, as `insnav.alignment.find_rest` with GPS as the other sensor."""
-    return static.find_rest(parts, _slow(parts, motion.velocity(gps)))
+def stationary_of(parts: Intervals, gps: GpsData) -> tuple[float, float] | None:
+    """First stationary interval of a recording [s], as `find_stationary` with GPS as the other sensor."""
+    return static.find_stationary(parts, _slow(parts, motion.velocity(gps)))
 
 
 def _slow(parts: Intervals, speed: motion.Velocity) -> BoolArray | None:
@@ -155,11 +155,11 @@ def _from_rest(
     if moving is not None:
         end = min(moving + motion.SPAN + 1.0, float(parts.end[-1]))
         rph = np.array([found.rph[0], found.rph[1], 0.0])
-        # the gyros are to be trusted only after their mean at rest is taken off
+        # gyros carry the heading only after their stationary mean is subtracted
         at = static.summarize(parts, *rest)
         bias, bias_sd = static.gyro_bias(at, spec, rph, np.inf, lat)
         track = motion.history(parts, start, end, rph, bias, lat)
-        # the part of the bias sd that is the unknown heading's does not turn the heading
+        # the horizontal Earth rate, unknown with the heading, is in the bias sd but does not turn the heading
         drift = float(min(bias_sd[2], np.max(gyro_bias_sd(spec.gyro))))
         course = motion.course_heading(track, speed, moving, drift, float(found.sd[0]))
     if course is None or course.sd >= found.sd[2]:
@@ -190,7 +190,7 @@ def _in_motion(
     if moving is None:
         raise AlignmentError(
             "the IMU cannot be aligned",
-            why=f"no rest was found, and the vehicle never moves faster than {motion.SLOWEST:g} m/s for the course",
+            why=f"no static interval was found, and the vehicle never moves faster than {motion.SLOWEST:g} m/s",
             fix="give a static interval with --static START:END, or an initial state with --initial FILE",
         )
     later = fixes[fixes >= max(start, moving)]

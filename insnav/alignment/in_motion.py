@@ -13,11 +13,13 @@ from insnav.strapdown import Intervals
 from insnav.types import FloatArray, GpsData
 from insnav.units import G0
 
-SLOWEST = 2.0  # below this the course says nothing [m/s]
+SLOWEST = 2.0  # below this the noise of GPS velocity turns the course by degrees [m/s]
 SURELY = 3.0  # a spike of the positions looks like motion for less than this [s]
-SPAN = 15.0  # how much motion is looked at for a heading [s]
-SLIP_SD = np.deg2rad(3.0)  # of the direction of travel against the body's forward axis
-DIFFERENCE = 2.0  # base of velocities made from positions [s]
+SPAN = 15.0  # motion that a heading is found from: longer, gyro drift counts [s]
+SLIP_SD = np.deg2rad(3.0)  # of the direction of travel against the body's forward axis: slip and mounting
+DIFFERENCE = 2.0  # base of velocities from positions: 1 m of noise makes 0.7 m/s [s]
+CLEAR_SD = np.deg2rad(20.0)  # of the direction of acceleration, beyond which it decides nothing
+TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)  # course and acceleration so far apart, or from opposite
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,8 +168,8 @@ def course_heading(track: History, speed: Velocity, moving: float, drift_sd: flo
     leak = 9.8 * tilt * (t[-1] - t[0]) / np.sqrt(max(seen.shape[0], 1))
     felt_sd = float(np.sqrt((2.0 * np.median(sd) ** 2 + leak**2) / max(strength, 1e-12)))
     apart = abs(float(wrap_pi(agree - mean)))
-    if felt_sd < np.deg2rad(20.0) and apart > max(np.deg2rad(40.0), 4.0 * felt_sd):
-        if apart > np.pi - max(np.deg2rad(30.0), 3.0 * felt_sd):
+    if felt_sd < CLEAR_SD and apart > max(TURNED, 4.0 * felt_sd):
+        if apart > np.pi - max(REVERSED, 3.0 * felt_sd):
             return Course(float(wrap_pi(mean + np.pi)), course_sd, "GPS course, vehicle reversing")
         sd_turned = float(np.hypot(2.0 * felt_sd, drift))
         return Course(float(agree), sd_turned, "direction of acceleration (the IMU is turned in the vehicle)")
@@ -231,7 +233,7 @@ def _level(
     rph = np.array([0.0, 0.0, heading])
     for _ in range(8):
         track = history(parts, start, end, rph, np.zeros(3), lla[0])
-        # the course is that of t0, and gyros tell the turn since the start
+        # the course is that of t0; the gyros measure the turn since the start
         turned = track.heading(np.array([t0])) - track.heading(np.array([start]))
         heading = course - float(wrap_pi(turned)[0])
         ends = track.integral(np.array([max(t0, track.time[0]), min(t1, track.time[-1])]))

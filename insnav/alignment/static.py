@@ -1,4 +1,4 @@
-"""The vehicle at rest: finding it, levelling, gyrocompassing, gyro bias.
+"""The stationary vehicle: finding it, levelling, gyrocompassing, gyro bias.
 
 References
 ----------
@@ -18,24 +18,24 @@ from insnav.imu.specification import ImuSpec, gyro_bias_sd, level_bias_sd
 from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray
 
-WINDOW = 0.5  # length of the windows that are judged [s]
+WINDOW = 0.5  # length of the windows that are classified: several periods of an idling engine [s]
 FEWEST = 10  # samples a mean is taken of
-SHORTEST = 3.0  # shortest rest worth using [s]
+SHORTEST = 3.0  # a shorter stop levels no better than the first fixes [s]
 CALM_ACCEL, CALM_GYRO = 0.3, 0.03  # without GPS, quiet below: standard deviation [m/s^2], [rad/s] ...
 QUIET_FACTOR = 4.0  # ... and up to this many times the quietest tenth of the record
 LOUD_ACCEL, LOUD_GYRO = 1.0, 0.15  # never quiet above, even with an engine running: sd [m/s^2], [rad/s]
-TURNING = 0.01  # mean rate against the median of the quiet windows that is a turn [rad/s]
-PUSHED = 0.2  # change of mean specific force from window to window that is a motion [m/s^2]
+TURNING = 0.01  # mean rate against the median of the quiet windows that is a turn: 0.6 deg/s [rad/s]
+PUSHED = 0.2  # change of mean specific force from window to window that is a motion: 0.02 g [m/s^2]
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
-    """Means over a stretch at rest.
+class StationaryMeans:
+    """Means over a stationary interval.
 
     Attributes
     ----------
     start, end : float
-        The stretch [s].
+        The interval [s].
     rate, force : (3,) array
         Mean angular rate [rad/s] and specific force [m/s^2] in body axes.
     rate_sd, force_sd : (3,) array
@@ -57,7 +57,7 @@ def rates(parts: Intervals) -> tuple[FloatArray, FloatArray]:
     return parts.gyro / parts.dt[:, None], parts.accel / parts.dt[:, None]
 
 
-def summarize(parts: Intervals, start: float, end: float) -> Rest:
+def summarize(parts: Intervals, start: float, end: float) -> StationaryMeans:
     """Means over the intervals that end in (start, end]."""
     rate, force = rates(parts)
     first, last = np.searchsorted(parts.end, [start, end], side="right")
@@ -74,15 +74,15 @@ def summarize(parts: Intervals, start: float, end: float) -> Rest:
         parts_mean = np.array([chunk.mean(axis=0) for chunk in np.array_split(values, n)])
         return np.asarray(parts_mean.std(axis=0, ddof=1) / np.sqrt(n))
 
-    return Rest(start, end, rate.mean(axis=0), force.mean(axis=0), scatter(rate), scatter(force))
+    return StationaryMeans(start, end, rate.mean(axis=0), force.mean(axis=0), scatter(rate), scatter(force))
 
 
-def find_rest(parts: Intervals, slow: BoolArray | None = None) -> tuple[float, float] | None:
-    """First stretch at rest.
+def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[float, float] | None:
+    """First stationary interval.
 
-    Windows of half a second count as rest where the mean rate is that of the other quiet windows, the mean specific
-    force does not change, and `slow` does not object. Without `slow`, specific force and rate must also scatter
-    little, or little more than in the quietest tenth of the record; with it an idling engine does no harm.
+    Windows of half a second are stationary where the mean rate is that of the other quiet windows, the mean specific
+    force does not change, and `slow` is true. Without `slow`, specific force and rate must also scatter little, or
+    little more than in the quietest tenth of the record; with it an idling engine does no harm.
 
     Parameters
     ----------
@@ -127,18 +127,18 @@ def find_rest(parts: Intervals, slow: BoolArray | None = None) -> tuple[float, f
 
 
 def level(force: FloatArray) -> tuple[float, float]:
-    """Roll and pitch [rad] of a body at rest from its specific force, (3,) (Groves 2013, eq. 5.101)."""
+    """Roll and pitch [rad] of a stationary body from its specific force, (3,) (Groves 2013, eq. 5.101)."""
     x, y, z = force
     return float(np.arctan2(-y, -z)), float(np.arctan2(x, np.hypot(y, z)))
 
 
-def tilt_sd(rest: Rest, spec: ImuSpec, lat: float, height: float) -> FloatArray:
+def tilt_sd(rest: StationaryMeans, spec: ImuSpec, lat: float, height: float) -> FloatArray:
     """Standard deviation of the level about North and East [rad], for any heading (Groves 2013, eq. 5.106)."""
     g = gravity_n(lat, height)[2]
     return np.full(2, float(np.sqrt(np.max(level_bias_sd(spec.accel) ** 2 + rest.force_sd**2))) / g + 2e-6)
 
 
-def gyrocompass(rest: Rest, spec: ImuSpec, lat: float) -> tuple[float, float]:
+def gyrocompass(rest: StationaryMeans, spec: ImuSpec, lat: float) -> tuple[float, float]:
     """Heading and its standard deviation [rad] from the Earth's rotation (Groves 2013, eq. 5.105, 5.107).
 
     The standard deviation is infinite at the poles and meaningless above about a radian.
@@ -150,14 +150,14 @@ def gyrocompass(rest: Rest, spec: ImuSpec, lat: float) -> tuple[float, float]:
     return float(wrap_two_pi(np.arctan2(-w[1], w[0]))), sd / (OMEGA_EARTH * max(np.cos(lat), 1e-9))
 
 
-def latitude_from_sensors(rest: Rest) -> float:
+def latitude_from_sensors(rest: StationaryMeans) -> float:
     """Latitude [rad] from the angle between the Earth's rotation and gravity; its sign comes out of it too."""
     up = rest.force / np.linalg.norm(rest.force)
     return float(np.arcsin(np.clip(rest.rate @ up / np.linalg.norm(rest.rate), -1.0, 1.0)))
 
 
 def gyro_bias(
-    rest: Rest, spec: ImuSpec, rph: FloatArray, heading_sd: float, lat: float
+    rest: StationaryMeans, spec: ImuSpec, rph: FloatArray, heading_sd: float, lat: float
 ) -> tuple[FloatArray, FloatArray]:
     """Mean gyro output minus the Earth's rotation, and its standard deviation [rad/s], (3,) each."""
     earth = earth_rate_n(lat)

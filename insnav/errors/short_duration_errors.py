@@ -84,7 +84,7 @@ def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorError
         state = int(np.searchsorted(solution.time, begin))
         first = int(np.searchsorted(starts, solution.time[state] - tolerance))
         last = int(np.searchsorted(inc.time, starts[min(first, len(starts) - 1)] + LENGTH + tolerance))
-        if last <= first or inc.time[last - 1] - starts[first] < LENGTH - KEEP or parts.hole[first:last].any():
+        if last <= first or inc.time[last - 1] - starts[first] < LENGTH - KEEP or parts.gap[first:last].any():
             continue
         if not np.isfinite(solution.rph[state]).all():  # near a pole
             continue

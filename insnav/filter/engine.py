@@ -1,7 +1,7 @@
 """filterpy's Kalman filter behind guards.
 
-filterpy takes what it is given: one NaN, one wrong shape or one negative variance spoils everything after it without
-a word. Nothing enters or leaves here unchecked.
+filterpy checks nothing: one NaN, one wrong shape or one negative variance spoils all that follows, silently. Nothing
+enters or leaves here unchecked.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from insnav.exceptions import DivergenceError
 from insnav.kernels.gps_measurement import covariance_fault, inverse, measurement_fault
 from insnav.types import FloatArray
 
-MAX_REPAIRS = 10
+MAX_REPAIRS = 10  # rounding costs one or two in hours; more are a defect of model or data
 
 
 class Engine:
@@ -82,7 +82,7 @@ class Engine:
         Returns
         -------
         error : (n,) array
-            Estimated error; the caller takes it off the state.
+            Estimated error, for the caller to correct the state by.
         repaired : bool
             A negative variance had to be repaired.
 
@@ -93,7 +93,7 @@ class Engine:
         """
         if measurement_fault(z, h, r):
             raise DivergenceError(
-                "the filter was offered a measurement that is not finite or has no positive variance",
+                "a measurement is not finite or has no positive variance",
                 where=f"time {time:.3f} s",
                 why=f"innovation {z}, variance {np.diagonal(r)}",
                 fix="check the GPS file around this time",
@@ -122,9 +122,9 @@ class Engine:
                 "the filter's covariance keeps losing positive variances",
                 where=f"time {time:.3f} s",
                 why=f"{self.repairs} repairs",
-                fix="check the standard deviations of the GPS file and the figures of the IMU file",
+                fix="check the standard deviations of the GPS file and the IMU error specification",
             )
-        # in units of each state's own deviation, or the largest would set the floor for all
+        # in units of each state's own standard deviation, or the largest would set the floor for all
         scale = np.sqrt(np.abs(np.diagonal(self._filter.P)))
         live = scale > 0.0
         unit = np.where(live, scale, 1.0)

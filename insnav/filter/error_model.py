@@ -1,4 +1,4 @@
-"""From the IMU's figures and an alignment to the filter's noise, correlation times and initial covariance."""
+"""From the IMU error specification and an alignment to the noise and the initial covariance of the filter."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
 from insnav.kernels.errorstate import STATES
 from insnav.types import Alignment, FloatArray
 
-# Misalignment is not a state: much of it shows as scale factor or bias. The rest makes angle and velocity errors in
-# proportion to rate and acceleration; as noise, their squares times the time over which they stay alike [s].
+# Misalignment is not a state: much of it shows as scale factor or bias. What is left makes angle and velocity errors in
+# proportion to rate and acceleration; as noise, their squares times the length of a manoeuvre [s].
 MANOEUVRE = 1.0
 
 
@@ -29,10 +29,10 @@ class ErrorModel:
     decay : (12,) array
         Inverse correlation time of the twelve sensor errors [1/s].
     sd : (12,) array
-        Standard deviation of each sensor error before anything is known.
+        Initial standard deviation of each sensor error.
     axes_sd : (3,) array
-        How far the axes of the sensors, whose attitude the filter finds, are from those of the IMU [rad]: roll and
-        pitch by the accelerometers, heading by the gyros. No state stands for it.
+        Misalignment of the sensors, whose attitude the filter finds, against the IMU [rad]: roll and pitch of the
+        accelerometers, heading of the gyros. It is not a state.
     """
 
     noise: FloatArray
@@ -43,7 +43,7 @@ class ErrorModel:
 
 @dataclass(frozen=True, slots=True)
 class InitialState:
-    """Where the filter starts, and how sure that is.
+    """Initial state and covariance.
 
     Attributes
     ----------
@@ -82,8 +82,8 @@ class FilterState:
         Estimated sensor errors; see `insnav.kernels.errorstate`.
     delay : float
         Estimated GPS delay, beyond the one given [s].
-    lasting : (3,) array
-        Estimated part of the GPS error that lasts [m].
+    correlated : (3,) array
+        Estimated time-correlated GPS position error, North, East, Down [m].
     lever_b : (3,) array
         Antenna seen from the IMU, body axes [m].
     motion : (6,) array
@@ -96,7 +96,7 @@ class FilterState:
     x: FloatArray
     correction: FloatArray
     delay: float
-    lasting: FloatArray
+    correlated: FloatArray
     lever_b: FloatArray
     motion: FloatArray
     covariance: FloatArray
@@ -109,9 +109,9 @@ def _bias(sensor: SensorSpec, turn_on: FloatArray) -> tuple[FloatArray, FloatArr
     the stationary variance is that of both together. A turn-on bias then does not fade away within `T`.
     """
     sd = np.hypot(turn_on, sensor.bias_instability)
-    wander = 2.0 * sensor.bias_instability**2 / sensor.correlation_time
-    decay = np.where(sd > 0, wander / (2.0 * np.where(sd > 0, sd, 1.0) ** 2), 0.0)
-    return wander + sensor.rate_random_walk**2, decay, sd
+    driving = 2.0 * sensor.bias_instability**2 / sensor.correlation_time
+    decay = np.where(sd > 0, driving / (2.0 * np.where(sd > 0, sd, 1.0) ** 2), 0.0)
+    return driving + sensor.rate_random_walk**2, decay, sd
 
 
 def _scale(sensor: SensorSpec) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -162,8 +162,8 @@ def initial_state(
 ) -> InitialState:
     """State and covariance from an alignment, a position and a velocity.
 
-    Levelling hides the accelerometer bias in the tilt, and gyrocompassing the gyro bias in the heading. Both are put
-    into the covariance as correlations, so that the filter knows from the first fix that their sum is zero.
+    Levelling hides the accelerometer bias in the tilt, and gyrocompassing the gyro bias in the heading: their sum is
+    zero. The covariance holds both as correlations.
 
     Parameters
     ----------

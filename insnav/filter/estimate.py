@@ -1,4 +1,4 @@
-"""State, covariance and what the smoother is left, changed only together: predict, correct, restart."""
+"""State, covariance and the history for the smoother, changed only together: predict, correct, restart."""
 
 from __future__ import annotations
 
@@ -10,40 +10,41 @@ from insnav.filter.error_model import ErrorModel, FilterState
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
-from insnav.filter.state_layout import layout, set_lasting, tie
+from insnav.filter.state_layout import cross_covariance, layout, reset_correlated
 from insnav.kernels import errorstate
 from insnav.types import Event, EventKind, FloatArray, Increments
 
-SUBSTEP = 0.1  # longest sub-step of transition and noise [s]
-# unseen change of rate [rad/s^2] and specific force [m/s^3] in a hole, and the most assumed of it [rad], [m/s]
-HOLE_NOISE = np.array([0.1, 0.5, 0.3, 20.0])
-NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame is no use [rad]
-ATTITUDE_RESET_SD = np.deg2rad([1.0, 1.0, 5.0])  # added at a reset [rad]
+SUBSTEP = 0.1  # longest sub-step of transition and noise: a car turns by less than 6 deg in it [s]
+# unseen change of rate [rad/s^2] and specific force [m/s^3] in a gap, and the most assumed of it [rad], [m/s]
+GAP_NOISE = np.array([0.1, 0.5, 0.3, 20.0])
+NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame is no use: 1 km from the pole [rad]
+ATTITUDE_RESET_SD = np.deg2rad([1.0, 1.0, 5.0])  # added at a reset: whatever led there has tilted it, too [rad]
 VELOCITY_RESET_SD = 5.0  # velocity of a reset by fixes without velocity [m/s]
+RESET_FACTOR = 3.0  # the fix of a reset follows many that were rejected: its standard deviation counts so many times
 
 
 class Estimate:
-    """What the filter believes.
+    """State and covariance of the filter.
 
     Parameters
     ----------
     start : FilterState
-        Where to begin.
+        Initial state and covariance.
     model : ErrorModel
         Noise of the sensors.
     settings : FilterSettings
         Which states there are.
     record : Record
-        Told of repairs.
+        Notes repairs.
     coast : float
         Longest time between filter epochs [s].
 
     Attributes
     ----------
-    x, correction, delay, lasting, lever, motion
+    x, correction, delay, correlated, lever, motion
         See `insnav.filter.error_model.FilterState`.
     at : Layout
-        Where the states stand.
+        Indices of the states.
     span : (1,) array
         Time since the last filter epoch [s].
     history : History or None
@@ -56,11 +57,11 @@ class Estimate:
         self.at = layout(settings)
         n = self.at.states
         self.x, self.correction = start.x.copy(), start.correction.copy()
-        self.delay, self.lasting, self.lever = start.delay, start.lasting.copy(), start.lever_b.copy()
+        self.delay, self.correlated, self.lever = start.delay, start.correlated.copy(), start.lever_b.copy()
         self.motion, self.span = start.motion.copy(), np.zeros(1)
         self.history = History(n) if settings.smooth else None
         self._engine = Engine(start.covariance)
-        self._model, self._correlated, self._record = model, settings.correlated, record
+        self._model, self._gps_noise, self._record = model, settings.correlated, record
         self._sums = np.zeros(errorstate.SUMS)
         self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
         self._work = errorstate.scratch(n)
@@ -74,20 +75,20 @@ class Estimate:
         return self._engine.covariance
 
     def kept(self, time: float) -> FilterState:
-        """Everything, to go on from another time."""
+        """Copy of everything, to go on from."""
         return FilterState(
             time,
             self.x.copy(),
             self.correction.copy(),
             self.delay,
-            self.lasting.copy(),
+            self.correlated.copy(),
             self.lever.copy(),
             self.motion.copy(),
             self.covariance.copy(),
         )
 
     def propagate(
-        self, inc: Increments, hole: FloatArray, first: int, last: int, close: bool, grid: FloatArray, out: Record.Rows
+        self, inc: Increments, gap: FloatArray, first: int, last: int, close: bool, grid: FloatArray, out: Record.Rows
     ) -> int:
         """Carry the state over increments from `first`, at most to `last`; see `errorstate.propagate`."""
         k: int
@@ -101,7 +102,7 @@ class Estimate:
             inc.dvel,
             inc.coning,
             inc.sculling,
-            hole,
+            gap,
             self.x,
             self.correction,
             self.motion,
@@ -109,7 +110,7 @@ class Estimate:
             self.span,
             self._limit,
             self._model.noise,
-            HOLE_NOISE,
+            GAP_NOISE,
             self._model.decay,
             self._phi,
             self._q,
@@ -132,13 +133,13 @@ class Estimate:
                 why="heading and longitude have no meaning there",
                 fix="cut the recording before it",
             )
-        if self._correlated is not None:
-            fade = float(np.exp(-self.span[0] / self._correlated.time))
-            self.lasting *= fade
+        if self._gps_noise is not None:
+            fade = float(np.exp(-self.span[0] / self._gps_noise.time))
+            self.correlated *= fade
             for i in range(3):
-                at = self.at.lasting + i
+                at = self.at.correlated + i
                 self._phi[at, at] = fade
-                self._q[at, at] = (1.0 - fade**2) * self._correlated.sd[i] ** 2
+                self._q[at, at] = (1.0 - fade**2) * self._gps_noise.sd[i] ** 2
         self._note_repair(time, self._engine.predict(self._phi, self._q, time))
         if self.history is not None:
             self.history.epoch(time, self.x, self.correction, self._phi, self.covariance)
@@ -158,7 +159,7 @@ class Estimate:
             self.history.updated(self.x, self.correction)
 
     def restart(self, time: float, z: FloatArray, position_sd: FloatArray, velocity_sd: FloatArray | None) -> None:
-        """Set position, and velocity if its standard deviation is given, to a fix, and say how little is known then.
+        """Set position, and velocity if its standard deviation is given, to a fix, with a covariance to match.
 
         Parameters
         ----------
@@ -173,31 +174,30 @@ class Estimate:
         error = np.zeros(p.shape[0])
         error[:3] = z[:3]
         p[:6, :] = p[:, :6] = 0.0
-        p[:3, :3] = np.diag((3.0 * position_sd) ** 2)
+        p[:3, :3] = np.diag((RESET_FACTOR * position_sd) ** 2)
         if velocity_sd is not None:
             error[3:6] = z[3:]
-            p[3:6, 3:6] = np.diag((3.0 * velocity_sd) ** 2)
+            p[3:6, 3:6] = np.diag((RESET_FACTOR * velocity_sd) ** 2)
         else:
             p[3:6, 3:6] += VELOCITY_RESET_SD**2 * np.eye(3)
-        # whatever led here has probably spoilt the attitude as well
         p[6:9, 6:9] += np.diag(ATTITUDE_RESET_SD**2)
-        if self._correlated is not None:
-            set_lasting(p, self.at.lasting, self._correlated.sd)
-            tie(p, self.at.lasting, self._correlated.sd)
-            self.lasting[:] = 0.0
+        if self._gps_noise is not None:
+            reset_correlated(p, self.at.correlated, self._gps_noise.sd)
+            cross_covariance(p, self.at.correlated, self._gps_noise.sd)
+            self.correlated[:] = 0.0
         errorstate.feed_back(self.x, self.correction, error)
         self._engine.replace_covariance(p)
         if self.history is not None:
             self.history.restart(time, self.x, self.correction, p)
 
     def _take(self, error: FloatArray) -> None:
-        """Take an estimated error off the state."""
+        """Correct the state by an estimated error (closed loop)."""
         errorstate.feed_back(self.x, self.correction, error)
         at = self.at
         if at.delay >= 0:
             self.delay -= error[at.delay]
-        if at.lasting >= 0:
-            self.lasting -= error[at.lasting : at.lasting + 3]
+        if at.correlated >= 0:
+            self.correlated -= error[at.correlated : at.correlated + 3]
         if at.lever >= 0:
             self.lever -= error[at.lever : at.lever + 3]
 

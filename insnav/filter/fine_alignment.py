@@ -1,4 +1,4 @@
-"""Fine alignment at rest: the filter, told that the vehicle does not move."""
+"""Fine alignment: the filter over a stationary record, with zero velocity and fixed position as its fixes."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from insnav.filter.settings import FilterSettings
 from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, FloatArray, GpsData, ImuData
 
-STILL_POSITION_SD, STILL_VELOCITY_SD = 0.1, 0.02  # a vehicle rocked by wind and people [m], [m/s]
-STILL_INTERVAL = 1.0  # between the zero velocities offered to the filter [s]
+POSITION_SD, VELOCITY_SD = 0.1, 0.02  # a vehicle rocked by wind and people [m], [m/s]
+INTERVAL = 1.0  # between zero-velocity updates: rocking is correlated over shorter times [s]
+COARSE_SHARE, COARSE_TIME = 0.1, 10.0  # of the record, at least [s], for the alignment that the filter starts from
 
 
 @dataclass(frozen=True, slots=True)
 class FineAlignment:
-    """Alignment of a static record.
+    """Alignment of a stationary record.
 
     Attributes
     ----------
@@ -49,18 +50,18 @@ def fine_alignment(
     rest: tuple[float, float],
     heading: float | None = None,
 ) -> FineAlignment:
-    """Align a record at rest, first from means, then by the filter with zero velocity and fixed position.
+    """Align a stationary record, first from means, then by the filter with zero velocity and fixed position.
 
     Parameters
     ----------
     imu : ImuData
         Samples.
     spec : ImuSpec
-        How good the sensors are.
+        IMU error specification.
     lla : (3,) array
         Latitude, longitude [rad], height [m].
     rest : tuple of float
-        Static interval [s].
+        Stationary interval [s].
     heading : float, optional
         Given heading [rad].
 
@@ -89,26 +90,24 @@ def fine_alignment(
     if not np.isfinite(coarse.sd[2]):
         return FineAlignment(coarse, None, latitude, float(lla[0]))
     # the filter takes its start from the first part only, so that it does not see the same data twice
-    first = min(end, begin + max(10.0, 0.1 * (end - begin)))
+    first = min(end, begin + max(COARSE_TIME, COARSE_SHARE * (end - begin)))
     start = align_static(parts, spec, float(lla[0]), float(lla[2]), (begin, first), heading)
     if not np.isfinite(start.sd[2]):
         start = coarse
-    start = replace(start, time=first if first < end - 10.0 else begin)
-    n = int((end - start.time) / STILL_INTERVAL)
+    start = replace(start, time=first if first < end - COARSE_TIME else begin)
+    n = int((end - start.time) / INTERVAL)
     if n < 2:
         return FineAlignment(coarse, None, latitude, float(lla[0]))
-    time = np.asarray(start.time + STILL_INTERVAL * np.arange(1, n + 1), dtype=float)
+    time = np.asarray(start.time + INTERVAL * np.arange(1, n + 1), dtype=float)
     still = GpsData(
         time,
         np.tile(lla, (n, 1)),
         np.zeros((n, 3)),
-        np.full((n, 3), STILL_POSITION_SD),
-        np.full((n, 3), STILL_VELOCITY_SD),
+        np.full((n, 3), POSITION_SD),
+        np.full((n, 3), VELOCITY_SD),
     )
-    model = error_model(spec, 15)  # scale factors do not show at rest
-    initial = initial_state(
-        start, model, lla, np.zeros(3), np.full(3, STILL_POSITION_SD), np.full(3, STILL_VELOCITY_SD)
-    )
+    model = error_model(spec, 15)  # scale factors are not observable while stationary
+    initial = initial_state(start, model, lla, np.zeros(3), np.full(3, POSITION_SD), np.full(3, VELOCITY_SD))
     navigator = Navigator(
         initial,
         model,

@@ -1,7 +1,7 @@
-"""Errors of GPS positions that last: their share and their correlation time, from positions and velocities.
+"""Time-correlated errors of GPS positions: their share and correlation time, from positions and velocities.
 
-Multipath and atmosphere change over tens of seconds. A filter that takes such errors for white believes the mean of
-many fixes far too much. Here they are found where velocities are given, and become states of the filter.
+Multipath and atmosphere change over tens of seconds. A filter that takes such errors for white trusts the mean of many
+fixes far too much. Where velocities are given, the errors are found here and become states of the filter.
 """
 
 from __future__ import annotations
@@ -17,14 +17,17 @@ from insnav.types import FloatArray, GpsData
 
 LONGEST = 400.0  # longest time over which errors are compared [s]
 TIMES = np.geomspace(3.0, 300.0, 25)  # correlation times tried [s]
-WORTH = 0.1  # a smaller share of the variance is not modelled [-]
-FEWEST = 100  # fixes needed
+WORTH = 0.1  # a smaller share of the variance makes no difference to the filter [-]
+FEWEST = 100  # fixes; fewer do not show a correlation time
 ROUGH = 0.05  # largest error of the integrated velocity between fixes, by the sd of a fix [-]
-CLAIMED = 0.7  # a smaller variance than this part of the claimed one has not been seen whole [-]
-WORTH_CLAIM = 0.3  # what must be missing from the claimed variance before it is taken to last [-]
-MISFIT = 1.3  # so many times that of white errors a claim may miss what is seen [-]
-SHORTEST_CLAIM = 10.0  # shorter correlation times would have been seen [s]
-TOO_MUCH = 3.0  # a larger variance, by the claimed one, is something else than the error of the fixes [-]
+WHOLE = 0.7  # a smaller share of the reported variance has not been seen to its end [-]
+WORTH_REPORTED = 0.3  # what must be missing from the reported variance before it is taken as time-correlated [-]
+MISFIT = 1.3  # so many times that of white errors alone may be the misfit if the reported variance is believed [-]
+SHORTEST_REPORTED = 10.0  # shorter correlation times would have been seen [s]
+TOO_MUCH = 3.0  # a variance larger than so many times the reported one is not the error of the fixes [-]
+MOST = 0.95  # largest share: some of the error is always white [-]
+BETTER = 0.8  # misfit of the fit with a correlated part, by that of white errors alone, that earns it its place [-]
+CHI2_MEDIAN = 0.4549  # median of chi-square with one degree of freedom
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +43,7 @@ class CorrelatedNoise:
     sd : (3,) array
         Standard deviation of that part, North, East, Down [m].
     by_reported : bool
-        Seen only as what the variance claimed by the fixes lacks from one fix to the next.
+        Seen only as the part of the reported variance that successive fixes lack.
     """
 
     share: float
@@ -50,7 +53,7 @@ class CorrelatedNoise:
 
 
 def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> CorrelatedNoise | None:
-    """Find the part of the position error that lasts.
+    """Find the time-correlated part of the position error.
 
     Position change minus integrated velocity over m fixes is the difference of two position errors plus the sum of m
     velocity errors. Half its variance grows from the white part, for small m, to the whole variance, for large m, with
@@ -61,7 +64,7 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
     gps : GpsData
         Fixes with standard deviations.
     lag : float
-        How much older than positions velocities are [s].
+        By which velocities lag positions [s].
     claimed : bool
         The standard deviations are the receiver's own, and may be believed where a drive is too short to show by itself
         how far the errors go.
@@ -69,7 +72,7 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
     Returns
     -------
     CorrelatedNoise or None
-        None where there are no velocities, too few fixes, or nothing that lasts.
+        None where there are no velocities, too few fixes, or only white errors.
     """
     good = np.isfinite(gps.v_n).all(axis=1) & np.isfinite(gps.position_sd).all(axis=1)
     if good.sum() < FEWEST:
@@ -80,14 +83,16 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
     gap = step > 1.5 * usual
     lla, v = gps.lla[good], gps.v_n[good][:, :2]
     gone = ned_offset(lla[1:], lla[:-1])[:, :2]
-    felt = np.diff(CubicSpline(t, v).antiderivative()(t + lag), axis=0)
+    integrated = np.diff(CubicSpline(t, v).antiderivative()(t + lag), axis=0)
     # what half as many velocities would change, by the fourth order of the spline 16 times the error of all
     half = np.diff(CubicSpline(t[::2], v[::2]).antiderivative()(t + lag), axis=0)
     even = ~np.logical_or(gap[0:-1:2], gap[1::2])
-    missing = (half - felt)[: 2 * even.shape[0]].reshape(-1, 2, 2).sum(axis=1)[even] / 16.0
+    missing = (half - integrated)[: 2 * even.shape[0]].reshape(-1, 2, 2).sum(axis=1)[even] / 16.0
     if missing.size == 0 or np.sqrt(np.mean(missing**2)) > ROUGH * float(np.median(sd[:, :2])):
         return None  # velocities too far apart in time to be integrated as well as positions are measured
-    error = np.vstack([np.zeros(2), np.cumsum(gone - felt, axis=0)])  # position error minus the sum of velocity errors
+    error = np.vstack(
+        [np.zeros(2), np.cumsum(gone - integrated, axis=0)]
+    )  # of position, less the sum of velocity errors
     stretch = np.concatenate([[0], np.cumsum(gap)])
     most = min(LONGEST / usual, t.shape[0] / 4)
     lags = np.unique(np.geomspace(1, max(most, 2), 30).astype(int))
@@ -98,7 +103,7 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
             continue
         d = (error[m:] - error[:-m])[whole] / sd[:, :2][m:][whole]
         # half the squared difference; the median is not moved by single outliers (chi-square with one degree)
-        level.append(0.5 * float(np.median(d * d)) / 0.4549)
+        level.append(0.5 * float(np.median(d * d)) / CHI2_MEDIAN)
         weight.append(np.sqrt(whole.sum() / m))
     if len(level) < 8:
         return None
@@ -106,39 +111,40 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
     scale = np.array(weight) / (y + 0.05)
     ones = np.ones_like(x)
     white_only = nnls(np.column_stack([ones, x]) * scale[:, None], y * scale)[1]
-    rest, time, (white, lasting, _) = min(
+    misfit, time, (white, correlated, _) = min(
         (_fit(x, y, scale, float(each)) for each in TIMES), key=lambda found: found[0]
     )
-    total = white + lasting
-    # the lasting term must earn its place, be a visible part of what the fixes claim, and have been seen to its end
-    seen = TIMES[0] < time <= x[-1] / 5.0 and CLAIMED < total <= TOO_MUCH
-    by_reported = not (seen and rest <= 0.8 * white_only and lasting >= 0.05 and lasting >= WORTH * total)
+    total = white + correlated
+    # the correlated term must earn its place, be a visible part of the reported variance, and be seen to its end: five
+    # correlation times
+    seen = TIMES[0] < time <= x[-1] / 5.0 and WHOLE < total <= TOO_MUCH
+    by_reported = not (seen and misfit <= BETTER * white_only and correlated >= max(0.05, WORTH * total))
     if by_reported:
         share, time = _by_reported(x, y, scale, white_only) if reported else (0.0, 0.0)
-        if share < WORTH_CLAIM:
+        if share < WORTH_REPORTED:
             return None
     else:
-        share = lasting / total
-    share = min(float(share), 0.95)
+        share = correlated / total
+    share = min(float(share), MOST)
     return CorrelatedNoise(share, time, np.sqrt(share) * np.median(sd, axis=0), by_reported)
 
 
 def _fit(x: FloatArray, y: FloatArray, scale: FloatArray, time: float) -> tuple[float, float, FloatArray]:
-    """Misfit, correlation time, and the parts: white, lasting, growing with time."""
+    """Misfit, correlation time, and the parts: white, time-correlated, growing with time (velocity noise)."""
     terms = np.column_stack([np.ones_like(x), 1.0 - np.exp(-x / time), x])
-    parts, rest = nnls(terms * scale[:, None], y * scale)
-    return float(rest), time, parts
+    parts, misfit = nnls(terms * scale[:, None], y * scale)
+    return float(misfit), time, parts
 
 
 def _by_reported(x: FloatArray, y: FloatArray, scale: FloatArray, white_only: float) -> tuple[float, float]:
-    """Share and correlation time of what lasts, if the variance that the fixes claim is right.
+    """Share and correlation time if the reported variance is right.
 
-    A drive that is short by the correlation time shows the white part only. Fixes that scatter less than they claim
-    from one to the next have the rest of their error in common, or are better than they say. The first is believed,
-    unless white errors of another size fit much better: a long record shows that nothing follows.
+    A drive that is short by the correlation time shows the white part only. Fixes that scatter less from one to the
+    next than reported have the difference in common, or are better than reported. The first is assumed, unless white
+    errors of another size fit much better: a long record shows that nothing follows.
     """
     best = np.inf, 0.0, 0.0
-    for time in TIMES[TIMES >= SHORTEST_CLAIM]:
+    for time in TIMES[TIMES >= SHORTEST_REPORTED]:
         fading = np.exp(-x / time)  # white + (1 - white) (1 - fading) + slope x
         (white, _), rest = nnls(np.column_stack([fading, x]) * scale[:, None], (y - 1.0 + fading) * scale)
         best = min(best, (float(rest), 1.0 - float(white), float(time)))

@@ -1,4 +1,4 @@
-"""Fixes without a standard deviation are given one, by a stated rule, from their own scatter."""
+"""Noise of the fixes: standard deviations that were not reported, and the lag of velocity against position."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from insnav.earth import ned_offset
 from insnav.types import BoolArray, FloatArray, GpsData
 
 POSITION_FLOOR, VELOCITY_FLOOR = 0.03, 0.05  # smallest standard deviation assumed [m], [m/s]
-WINDOW = 10.0  # scatter is looked at over this long before and after [s]
+WINDOW = 10.0  # scatter is taken over this long before and after: shorter is noise, longer misses a tunnel's end [s]
 DEFAULT_POSITION, DEFAULT_VELOCITY = (1.5, 1.5, 3.0), (0.2, 0.2, 0.3)  # of a receiver without carrier phase
 CARRIER = 0.1  # a larger scatter of positions is not that of carrier-phase fixes [m]
-FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever the receiver claims [m]
-LAG_WORTH = 0.03  # a smaller lag between velocity and position is not corrected [s]
+FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever is reported [m]
+LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
 
 
 def velocity_lag(gps: GpsData) -> tuple[float, float]:
-    """How much older than the positions the velocities are, from the fixes alone.
+    """Lag of velocities behind positions, from the fixes alone.
 
     Some receivers give, with the position of now, the mean velocity since the fix before. The difference between the
     velocity and the slope of a spline through the positions is then the lag times the acceleration; a robust straight
@@ -78,7 +78,7 @@ def _scatter(
 ) -> FloatArray:
     """White noise of a smooth series from its third differences, overall and locally, whichever is larger.
 
-    Where the scatter is not that of carrier-phase fixes it does not fall below `default` either.
+    Above `least_scatter`, that of carrier-phase fixes, it does not fall below `default` either.
 
     ``x[i] - 3 x[i+1] + 3 x[i+2] - x[i+3]`` removes any uniformly accelerated motion and has 20 times the variance of
     the noise; 1.4826 times the median of its magnitude is its standard deviation, outliers or not. Doubled, because
@@ -121,7 +121,7 @@ def with_sd(gps: GpsData) -> tuple[GpsData, tuple[str, ...]]:
     gps : GpsData
         With a standard deviation for every value that is given.
     notes : tuple of str
-        What was assumed, in words.
+        What was assumed.
     """
     notes = []
     position_sd, velocity_sd = gps.position_sd, gps.velocity_sd
@@ -131,14 +131,15 @@ def with_sd(gps: GpsData) -> tuple[GpsData, tuple[str, ...]]:
         position_sd = np.where(missing[:, None], found, position_sd)
         middle: FloatArray = np.median(position_sd[missing], axis=0)
         notes.append(
-            f"{missing.sum()} fixes without position sd: from the scatter of successive fixes, median N/E/D "
+            f"{missing.sum()} fixes without position sigma: estimated from successive fixes, median N/E/D "
             f"{middle[0]:.2f}/{middle[1]:.2f}/{middle[2]:.2f} m (floor {POSITION_FLOOR:g} m)"
         )
     if gps.fix is not None:
         sure = (gps.fix == FLOAT) & (position_sd.max(axis=1) < FLOAT_SD)
         if sure.any():
             position_sd = np.where(sure[:, None], np.maximum(position_sd, FLOAT_SD), position_sd)
-            notes.append(f"{sure.sum()} float solutions (fix = {FLOAT}) claim better than {FLOAT_SD:g} m: set to that")
+            raised = f"reported sigma below {FLOAT_SD:g} m raised to {FLOAT_SD:g} m"
+            notes.append(f"{sure.sum()} float solutions (fix = {FLOAT}): {raised}")
     given = np.isfinite(gps.v_n).all(axis=1)
     missing = np.asarray(given & np.isnan(velocity_sd).any(axis=1))
     if missing.any():
@@ -146,7 +147,7 @@ def with_sd(gps: GpsData) -> tuple[GpsData, tuple[str, ...]]:
         velocity_sd = np.where(missing[:, None], found, velocity_sd)
         middle = np.median(velocity_sd[missing], axis=0)
         notes.append(
-            f"{missing.sum()} fixes without velocity sd: from the scatter of successive fixes, median N/E/D "
+            f"{missing.sum()} fixes without velocity sigma: estimated from successive fixes, median N/E/D "
             f"{middle[0]:.2f}/{middle[1]:.2f}/{middle[2]:.2f} m/s (floor {VELOCITY_FLOOR:g} m/s)"
         )
     return replace(gps, position_sd=position_sd, velocity_sd=velocity_sd), tuple(notes)

@@ -27,14 +27,14 @@ from insnav.kernels.gps_measurement import assess
 from insnav.kernels.increments import LOOKAHEAD
 from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData, Increments, Run
 
-POSITION = (EventKind.GATE_POSITION, EventKind.SOFT_POSITION)
-VELOCITY = (EventKind.GATE_VELOCITY, EventKind.SOFT_VELOCITY)
-SOFT = (EventKind.SOFT_POSITION, EventKind.SOFT_VELOCITY)
-MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # samples behind the newest that can be processed
+POSITION = (EventKind.GATE_POSITION, EventKind.DEWEIGHTED_POSITION)
+VELOCITY = (EventKind.GATE_VELOCITY, EventKind.DEWEIGHTED_VELOCITY)
+DEWEIGHTED = (EventKind.DEWEIGHTED_POSITION, EventKind.DEWEIGHTED_VELOCITY)
+MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # newest samples that must wait for their neighbours
 CONTEXT = 2 * MARGIN  # samples kept before the first unprocessed one
-COAST = 1.0  # longest time between filter epochs [s]
+COAST = 1.0  # longest time between filter epochs: the transition is of second order [s]
 BROKEN = 3.0  # a longer time without a rejected fix ends a row of rejections, if fixes come more often [s]
-FEWEST_REJECTIONS = 5  # fixes that must have been rejected before a reset
+FEWEST_REJECTIONS = 5  # before a reset: at low rates a second or two of multipath must not cause one
 
 
 class Navigator:
@@ -43,11 +43,11 @@ class Navigator:
     Parameters
     ----------
     start : InitialState or FilterState
-        Where to begin, or to go on from; samples and fixes before its time are passed over.
+        To start, or to go on, from; samples and fixes before its time are passed over.
     model : ErrorModel
         Noise of the sensors.
     gps : GpsData
-        Fixes, with a standard deviation for every value that is given.
+        Fixes, every value with a standard deviation.
     alignment : Alignment
         Kept for the result.
     nominal : float
@@ -55,7 +55,7 @@ class Navigator:
     settings : FilterSettings
         Lever arm, delay, gates, output.
     marks : container of int
-        Rows of `gps` after which the whole state is kept, in `kept`, to go on from it another time.
+        Rows of `gps` after which the whole state is kept, in `kept`, to go on from.
 
     Examples
     --------
@@ -92,7 +92,7 @@ class Navigator:
         every = settings.output_interval
         self._grid = np.array([start.time if every > 0 else np.inf, every, start.time])
         self._start, self._done = start.time, -np.inf
-        self._next = 0  # first fix not yet used
+        self._next = 0  # first fix not yet processed
         self._last_good = start.time  # time of the last accepted position
         often = float(np.median(np.diff(gps.time))) if gps.time.shape[0] > 1 else 1.0
         self._broken = max(BROKEN, 2.5 * often)
@@ -124,8 +124,8 @@ class Navigator:
             estimate.history.smooth() if estimate.history is not None else None,
         )
 
-    def offered(self) -> SmoothedErrors:
-        """Process the samples still waiting and tell what filter and smoother make of every fix, used or not."""
+    def smoothed_errors(self) -> SmoothedErrors:
+        """Process the samples still waiting, smooth, and compare every fix, accepted or not, with the result."""
         if self._tail is not None:
             self._advance(None, last=True)
         if self._estimate.history is None:
@@ -148,19 +148,19 @@ class Navigator:
             self._tail = buffer
             return
         parts = strapdown.intervals(buffer, self._nominal)
-        # everything up to the last sample that has all its neighbours, holes before it included
-        stop = parts.end.shape[0] - (parts.hole[::-1] == 0.0).cumsum().searchsorted(n - ready, side="left") - 1
+        # everything up to the last sample that has all its neighbours, gaps before it included
+        stop = parts.end.shape[0] - (parts.gap[::-1] == 0.0).cumsum().searchsorted(n - ready, side="left") - 1
         stop = parts.end.shape[0] if last else stop
         first = int(np.searchsorted(parts.end, max(self._done, self._start + strapdown.TIME_TOLERANCE), side="right"))
         if stop > first:
             cuts = np.concatenate([[self._start], self._fix_time[self._next :]])
             pieces = strapdown.split(parts, cuts, first, stop)
             inc = strapdown.increments(parts, pieces)
-            self._process(inc, parts.hole[pieces[0]])
+            self._process(inc, parts.gap[pieces[0]])
             self._done = parts.end[stop - 1]
         self._tail = buffer.rows(slice(max(0, ready - CONTEXT), None))
 
-    def _process(self, inc: Increments, hole: FloatArray) -> None:
+    def _process(self, inc: Increments, gap: FloatArray) -> None:
         begin = int(np.searchsorted(inc.time, self._start + strapdown.TIME_TOLERANCE))
         # index of the piece that ends at each fix
         fixes = self._fix_time[self._next :]
@@ -172,7 +172,7 @@ class Navigator:
             if i < begin:
                 self._next += 1
                 continue
-            k = self._run(inc, hole, k, int(i) + 1, True, out)
+            k = self._run(inc, gap, k, int(i) + 1, True, out)
             self._update(inc.time[i])
             row = int(self._fix[self._next])
             self._aiding.at_fix(inc.time[i])
@@ -181,15 +181,15 @@ class Navigator:
             if row in self._marks:
                 self.kept[row] = self._estimate.kept(inc.time[i])
             self._next += 1
-        self._run(inc, hole, k, inc.time.shape[0], False, out)
+        self._run(inc, gap, k, inc.time.shape[0], False, out)
         self._record.keep(out)
 
-    def _run(self, inc: Increments, hole: FloatArray, first: int, last: int, close: bool, out: Record.Rows) -> int:
+    def _run(self, inc: Increments, gap: FloatArray, first: int, last: int, close: bool, out: Record.Rows) -> int:
         """Carry on to `last`; a filter epoch there if `close`, and in between wherever the next fix is far."""
         estimate, k, begin = self._estimate, first, out.used
         while k < last:
             done = k
-            k = estimate.propagate(inc, hole, k, last, close, self._grid, out)
+            k = estimate.propagate(inc, gap, k, last, close, self._grid, out)
             self._aiding.turned(inc, done, k)
             if estimate.span[0] >= self._coast - 1e-9 and not (close and k == last):
                 estimate.predict(inc.time[k - 1])
@@ -214,11 +214,11 @@ class Navigator:
             self._record.event(quality)
             self._note_fix(time, nis, [False, False])
             return
-        for half, event in enumerate(self._judge(time, row, nis, distance, change, quality)):
+        for half, event in enumerate(self._gate(time, row, nis, distance, change, quality)):
             if event is None:
                 continue
             self._record.event(event)
-            if event.kind in SOFT:
+            if event.kind in DEWEIGHTED:
                 # exactly the noise that brings the NIS down to its limit
                 part = slice(3 * half, 3 * half + 3)
                 r[part, part] += (event.value / event.limit - 1.0) * self._s[part, part]
@@ -237,7 +237,7 @@ class Navigator:
         self._note_fix(time, nis, use)
 
     def _show(self, time: float, out: Record.Rows) -> None:
-        """Let the row of the solution at an epoch, if there is one, hold what came of its measurements."""
+        """Put the state after an epoch's measurements into the row of the solution at its time, if there is one."""
         if out.used and out.time[out.used - 1] >= time - strapdown.TIME_TOLERANCE:
             p = self._estimate.covariance
             out.state[out.used - 1] = self._estimate.x
@@ -262,9 +262,9 @@ class Navigator:
             estimate.delay,
             settings.velocity_lag,
             settings.jitter,
-            estimate.at.lasting,
+            estimate.at.correlated,
             estimate.at.lever,
-            estimate.lasting,
+            estimate.correlated,
             settings.correlated.share if settings.correlated is not None else 0.0,
             gps.lla[row],
             gps.v_n[row],
@@ -279,7 +279,7 @@ class Navigator:
         )
         return found
 
-    def _judge(
+    def _gate(
         self,
         time: float,
         row: int,
@@ -288,7 +288,7 @@ class Navigator:
         change: float,
         quality: Event | None,
     ) -> tuple[Event | None, Event | None]:
-        """Why position and velocity are rejected or weighted down, or None."""
+        """Why position and velocity are rejected or de-weighted, or None."""
         gates, gps = self._settings.gates, self._gps
         if self._settings.trust is not None:
             return gate.whole_record(time, row, self._settings.trust)
@@ -305,14 +305,14 @@ class Navigator:
         return position, velocity
 
     def _consider_reset(self, time: float, row: int) -> None:
-        """After a long unbroken row of rejected positions, start again from the fix, once, and say so."""
+        """After a long unbroken row of rejected positions, reset to the fix, once, with an event."""
         gates, gps = self._settings.gates, self._gps
         if self._rejections and time - self._rejections[-1] > self._broken:
             self._rejections.clear()
         self._rejections.append(time)
         if time - self._rejections[0] < gates.reset_after or len(self._rejections) < FEWEST_REJECTIONS:
             return
-        self._assess(row)  # anew: the velocity of this fix may have been used already
+        self._assess(row)  # anew: the velocity of this fix may have been accepted already
         z = self._z
         with_velocity = np.isfinite(z[3:]).all() and gate.physical_velocity(gates, time, gps.v_n[row]) is None
         self._estimate.restart(time, z, gps.position_sd[row], gps.velocity_sd[row] if with_velocity else None)

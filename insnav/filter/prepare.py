@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insnav import strapdown
-from insnav.alignment import align, rest_of
+from insnav.alignment import align, stationary_of
 from insnav.alignment import in_motion as motion
 from insnav.alignment.align import LEVEL_SPAN
 from insnav.attitude import dcm_from_rph
@@ -132,7 +132,7 @@ def prepare(
     return Prepared(imu, gps, model, settings, alignment, initial, nominal, (*notes, *found), tuple(faults))
 
 
-def first_rest(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
+def first_stationary(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
     """First stationary interval of a recording, by IMU and GPS.
 
     Parameters
@@ -148,7 +148,7 @@ def first_rest(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
         Start and end [s].
     """
     gps = _good(with_sd(gps)[0], Gates())
-    return rest_of(strapdown.intervals(_first_part(imu, gps), strapdown.nominal_interval(imu.time)), gps)
+    return stationary_of(strapdown.intervals(_first_part(imu, gps), strapdown.nominal_interval(imu.time)), gps)
 
 
 def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:

@@ -1,4 +1,4 @@
-"""What a run leaves behind, collected while it goes on and put into shape at its end."""
+"""Outputs, innovations and events of a run, collected on the way and put into shape at its end."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from insnav.types import (
     Trajectory,
 )
 
-CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long [s]
-# Mean NIS, by its expectation, beyond which the filter has diverged. A mean far below one is no divergence: at rest,
+CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long: time-correlated errors of fixes average out [s]
+# Mean NIS, by its expectation, beyond which the filter has diverged. A mean far below one is no divergence: stationary,
 # and with the cautious standard deviations of many receivers, it is the rule (30 minutes of a good recorded drive).
 TOO_LARGE = 5.0
 
@@ -42,7 +42,7 @@ class Record:
     Parameters
     ----------
     fixes : int
-        Number of fixes that may come.
+        Largest number of fixes.
     """
 
     @dataclass(slots=True)
@@ -83,7 +83,7 @@ class Record:
         self._events.append(event)
 
     def aiding(self, measurement: Measurement, innovation: FloatArray, nis: float, used: bool) -> None:
-        """Note what the filter made of an aiding measurement; at most its first three numbers are of one unit."""
+        """Note the innovation of an aiding measurement; at most its first three numbers are of one unit."""
         rows = self._aiding.setdefault((measurement.name, measurement.unit.split(",")[0]), [])
         rows.append((nis / innovation.shape[0], float(np.mean(innovation[:3] ** 2)), float(used)))
 
@@ -99,7 +99,7 @@ class Record:
         p: FloatArray,
         delay: float,
     ) -> None:
-        """Note what the filter made of one fix; `predicted` is predicted minus measured."""
+        """Note the innovation of a fix, as predicted minus measured, and the state after it."""
         i = self._count
         self._time[i] = time
         self._innovation[i], self._sd[i], self._nis[i], self._use[i] = predicted, sd, nis, use
@@ -141,18 +141,18 @@ class Record:
             self._use[:n, 1],
         )
         self._events += _divergence(innovations)
-        # an offset that was found, and not told, is laid to the clock of the IMU: GPS time is the better one
+        # an offset that was estimated, not given, is attributed to the IMU clock: GPS time is the better one
         clock = delay if settings.delay_sd > 0 else 0.0
-        believed = state.copy() if found is not None else None
-        if clock != 0.0:  # what the filter believed of the offset at the time has moved the state along its velocity
+        unmoved = state.copy() if found is not None else None
+        if clock != 0.0:  # the offset as estimated at the time has put the state elsewhere along its velocity
             move_along(state, clock - delays)
             move_along(self._state[:n], clock - self._delays[:n])
-        forward = _trajectory(time + clock, state, known, variance, axes_sd)
+        filtered = _trajectory(time + clock, state, known, variance, axes_sd)
         smoothed = None
-        if found is not None and believed is not None:
-            smoothed = _smoothed(time, believed, forward, found, axes_sd, clock)
+        if found is not None and unmoved is not None:
+            smoothed = _smoothed(time, unmoved, filtered, found, axes_sd, clock)
         return Run(
-            solution=forward,
+            solution=filtered,
             innovations=innovations,
             sensor_errors=SensorErrors(self._time[:n] + clock, self._sensor[:n], np.sqrt(self._sensor_sd[:n])),
             events=tuple(sorted(self._events, key=lambda event: event.time)),
@@ -184,8 +184,8 @@ def _trajectory(
 ) -> Trajectory:
     """States, and variances of the `known` ones, to a trajectory with roll, pitch, heading and standard deviations.
 
-    Misalignment is no state of the filter but noise, which averages out, as the misalignment does not: no attitude is
-    known better than the axes of the sensors are.
+    Misalignment is no state of the filter but noise, which averages out as the misalignment does not: no attitude is
+    better than the axes of the sensors.
     """
     rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], 9))
     solution(time, state, np.flatnonzero(known), variance, rph, sd)
@@ -196,20 +196,20 @@ def _trajectory(
 def _smoothed(
     time: FloatArray,
     state: FloatArray,
-    forward: Trajectory,
+    filtered: Trajectory,
     found: SmoothedErrors,
     axes_sd: FloatArray,
     clock: float,
 ) -> Smoothed:
-    """Take the smoothed errors off the filter's states; after the last epoch there is nothing to add to them."""
+    """Correct the filter's states by the smoothed errors; before the first and after the last epoch they stay."""
     variance = np.zeros((time.shape[0], NAV + 3))
     first, last = apply(time, state, variance, found.time, found.after, found.before, found.covariance)
     rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], 9))
     solution(time, state, np.arange(first, last), variance[first:last], rph, sd)
     sd[:, 6:] = np.maximum(sd[:, 6:], axes_sd)
     for part in (slice(0, first), slice(last, None)):
-        rph[part], sd[part] = forward.rph[part], forward.sd[part] if forward.sd is not None else np.nan
-        state[part, :3], state[part, 3:6] = forward.lla[part], forward.v_n[part]
+        rph[part], sd[part] = filtered.rph[part], filtered.sd[part] if filtered.sd is not None else np.nan
+        state[part, :3], state[part, 3:6] = filtered.lla[part], filtered.v_n[part]
     at, error = found.state[found.used].copy(), found.after[found.used]
     for row, wrong in zip(at, error, strict=True):
         feed_back(row, np.zeros(SENSOR), wrong)
@@ -225,7 +225,7 @@ def _smoothed(
 
 
 def _divergence(innovations: Innovations) -> list[Event]:
-    """Windows of a minute whose used measurements are, on average, far from where the filter expected them."""
+    """Minutes in which accepted measurements are, on average, farther from their predictions than expected."""
     found: list[Event] = []
     if innovations.time.size == 0:
         return found
@@ -245,7 +245,7 @@ def _divergence(innovations: Innovations) -> list[Event]:
                     TOO_LARGE,
                     f"mean NIS of {name} / 3",
                     "flagged",
-                    "the standard deviations of the GPS file or the figures of the IMU file do not fit the data",
+                    "optimistic sigmas of GPS or IMU file",
                 )
             )
     return found

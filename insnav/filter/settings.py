@@ -1,4 +1,4 @@
-"""What a user may want to choose about the filter."""
+"""Settings of the filter."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from insnav.types import FloatArray, SensorLog
 
 @dataclass(frozen=True, slots=True)
 class FilterSettings:
-    """What a user may want to choose about the filter.
+    """Settings of the filter, as a user gives them and a recording completes them.
 
     Attributes
     ----------
     lever_b : (3,) array
         Antenna seen from the IMU, body axes [m]; the first guess if `lever_sd` is positive.
     lever_sd : float
-        How uncertain each component of that is [m]; positive: estimated as three more states.
+        Standard deviation of each component of that [m]; positive: estimated as three more states.
     delay : float
         How much older the fixes are than their timestamps [s]; the first guess if `delay_sd` is positive.
     delay_sd : float
-        How uncertain that is [s]; positive: estimated as a 22nd state, and the solution is put into the time of the
-        fixes, since it cannot be told which of the two clocks is off.
+        Standard deviation of that [s]; positive: estimated as a 22nd state, and the solution is put into the time of
+        the fixes, since GPS time is the better clock.
     velocity_lag : float
         By which the velocity of a fix lags its position [s]; see `insnav.filter.gps_noise.velocity_lag`.
     jitter : float

@@ -1,4 +1,4 @@
-"""What the filter leaves for the smoother, and the pass backwards over it."""
+"""History of the filter's epochs, and the backward pass of the smoother over it."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ class SmoothedErrors:
     correction : (m, 12) array
         Its sensor errors.
     used : (m,) bool array
-        Whether a fix was used at the epoch.
+        Whether a fix was accepted at the epoch.
     after, before : (m, 21) array
         Error of the state after and before the measurement, estimate minus smoothed.
     covariance : (m, 9, 9) array
         Of smoothed position, velocity and attitude.
     variance : (m, 12) array
         Of the smoothed sensor errors.
-    offered : (m, 25) array
-        What filter and smoother make of each measurement; see `insnav.kernels.smoother.backward`.
+    innovations : (m, 25) array
+        Of each fix, accepted or not, against filter and smoother; see `insnav.kernels.smoother.backward`.
     """
 
     time: FloatArray
@@ -49,7 +49,7 @@ class SmoothedErrors:
     before: FloatArray
     covariance: FloatArray
     variance: FloatArray
-    offered: FloatArray
+    innovations: FloatArray
 
 
 class History:
@@ -109,7 +109,7 @@ class History:
         head = np.empty((count, kernel.RESIDUAL))
         after, before = np.empty((count, m)), np.empty((count, m))
         covariance, variance = np.empty((count, NAV, NAV)), np.empty((count, SENSOR))
-        offered = np.empty((count, 25))
+        innovations = np.empty((count, 25))
         for number in range(len(self._blocks) - 1, -1, -1):
             last = min(count, (number + 1) * ROWS)
             part = slice(number * ROWS, last)
@@ -123,7 +123,7 @@ class History:
                 before[part],
                 covariance[part],
                 variance[part],
-                offered[part],
+                innovations[part],
             )
             head[part] = block[:, : kernel.RESIDUAL]
             self._blocks.pop()
@@ -132,12 +132,12 @@ class History:
             head[:, kernel.TIME].copy(),
             head[:, kernel.STATE : kernel.CORRECTION].copy(),
             head[:, kernel.CORRECTION :].copy(),
-            (kind > kernel.COAST) & (head[:, kernel.OFFERED] == kernel.FIX),
+            (kind > kernel.COAST) & (head[:, kernel.SOURCE] == kernel.FIX),
             after,
             before,
             covariance,
             variance,
-            offered,
+            innovations,
         )
 
     def _room(self) -> FloatArray:

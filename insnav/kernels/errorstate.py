@@ -165,7 +165,7 @@ def propagate(  # type: ignore[no-untyped-def]
     dvel,
     coning,
     sculling,
-    hole,
+    gap,
     x,
     correction,
     motion,
@@ -173,7 +173,7 @@ def propagate(  # type: ignore[no-untyped-def]
     span,
     limit,
     noise,
-    hole_noise,
+    gap_noise,
     decay,
     phi,
     q,
@@ -193,8 +193,8 @@ def propagate(  # type: ignore[no-untyped-def]
         Range of intervals.
     close : bool
         A filter epoch follows: end the sub-step at `last`. Otherwise it stays open for the next call.
-    time, dt, dtheta, dvel, coning, sculling, hole
-        Increments, and the length [s] of the hole an interval helps to bridge (0: measured).
+    time, dt, dtheta, dvel, coning, sculling, gap
+        Increments, and the length [s] of the gap an interval helps to bridge (0: measured).
     x : (10,) array
         State, in place.
     correction : (12,) array
@@ -211,8 +211,8 @@ def propagate(  # type: ignore[no-untyped-def]
     noise : (20,) array
         Spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors; then the squared
         misalignment of gyros and accelerometers times the length of a manoeuvre [rad^2 s].
-    hole_noise : (4,) array
-        How fast rate [rad/s^2] and specific force [m/s^3] may change unseen: a straight line across a hole of length T
+    gap_noise : (4,) array
+        How fast rate [rad/s^2] and specific force [m/s^3] may change unseen: a straight line across a gap of length T
         leaves an angle or velocity error of about that times T^2; and the most that is assumed of these errors, beyond
         which a linear filter makes no sense [rad], [m/s].
     decay : (12,) array
@@ -293,10 +293,10 @@ def propagate(  # type: ignore[no-untyped-def]
         motion[3] += share * ((x[3] - vn) / h - motion[3])
         motion[4] += share * ((x[4] - ve) / h - motion[4])
         motion[5] += share * ((x[5] - vd) / h - motion[5])
-        if hole[k] > 0.0:
+        if gap[k] > 0.0:
             for i in range(3):
-                q[3 + i, 3 + i] += min(hole_noise[1] * hole[k] ** 2, hole_noise[3]) ** 2 * h / hole[k]
-                q[6 + i, 6 + i] += min(hole_noise[0] * hole[k] ** 2, hole_noise[2]) ** 2 * h / hole[k]
+                q[3 + i, 3 + i] += min(gap_noise[1] * gap[k] ** 2, gap_noise[3]) ** 2 * h / gap[k]
+                q[6 + i, 6 + i] += min(gap_noise[0] * gap[k] ** 2, gap_noise[2]) ** 2 * h / gap[k]
         due = time[k] >= grid[0] - 1e-9
         full = span[0] >= limit[1] - 1e-9
         ends = due or full or sums[0] >= limit[0] - 1e-9 or (close and k == last - 1)

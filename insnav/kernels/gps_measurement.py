@@ -143,9 +143,9 @@ def assess(  # type: ignore[no-untyped-def]
     delay,
     lag,
     jitter,
-    lasting_at,
+    correlated_at,
     lever_at,
-    lasting,
+    correlated,
     share,
     lla,
     v_n,
@@ -166,9 +166,9 @@ def assess(  # type: ignore[no-untyped-def]
         See `antenna`.
     jitter : float
         Standard deviation of the time stamps [s].
-    lasting_at, lever_at : int
+    correlated_at, lever_at : int
         First state of a position error that lasts and of the lever arm; negative where they are not estimated.
-    lasting : (3,) array
+    correlated : (3,) array
         Estimate of the position error that lasts [m].
     share : float
         Its share of the variance of a fix, which is not white [-].
@@ -189,10 +189,10 @@ def assess(  # type: ignore[no-untyped-def]
         Length of the innovation of position [m] and of velocity [m/s].
     """
     antenna(x, motion, lever, delay, lag, lla, v_n, z, h)
-    if lasting_at >= 0:
+    if correlated_at >= 0:
         for i in range(3):
-            z[i] += lasting[i]
-            h[i, lasting_at + i] = 1.0
+            z[i] += correlated[i]
+            h[i, correlated_at + i] = 1.0
     if lever_at >= 0:
         _by_lever(x, motion, lever_at, h)
     for i in range(3):

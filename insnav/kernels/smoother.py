@@ -1,4 +1,4 @@
-"""Fixed-interval smoother: what later measurements say about each filter epoch, carried backwards.
+"""Fixed-interval smoother: the information of later measurements, carried backwards through the filter's epochs.
 
 The backward pass is that of Bryson and Frazier in the discrete form of Bierman ("Fixed interval smoothing with discrete
 measurements", Int. J. Control 18 (1973) 65-75): an adjoint vector and matrix instead of inverses of covariances, which
@@ -16,11 +16,11 @@ from insnav.kernels.errorstate import SENSOR, STATES, feed_back
 from insnav.kernels.gps_measurement import inverse
 
 # columns of a row of the history
-TIME, KIND, OFFERED, STATE, CORRECTION, RESIDUAL, NOISE = 0, 1, 2, 3, 13, 25, 31
+TIME, KIND, SOURCE, STATE, CORRECTION, RESIDUAL, NOISE = 0, 1, 2, 3, 13, 25, 31
 JACOBIAN = NOISE + 36
 COAST, RESTART = 0, -1  # kinds; else a bit for each row of the measurement that was used
 POSITION, VELOCITY = 7, 56
-FIX, AIDING = 1, 2  # what was measured
+FIX, AIDING = 1, 2  # sources of a measurement
 
 
 @njit(cache=True)
@@ -49,7 +49,7 @@ def keep(row, time, x, correction, phi, p):  # type: ignore[no-untyped-def]
     n = p.shape[0]
     row[TIME] = time
     row[KIND] = COAST
-    row[OFFERED] = 0.0
+    row[SOURCE] = 0.0
     keep_state(row, x, correction)
     at = JACOBIAN + 6 * n
     for i in range(NAV):
@@ -75,10 +75,10 @@ def keep_state(row, x, correction):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def keep_measurement(row, kind, offered, z, h, r):  # type: ignore[no-untyped-def]
+def keep_measurement(row, kind, source, z, h, r):  # type: ignore[no-untyped-def]
     """Note the measurement of an epoch: predicted minus measured, its derivative and its covariance."""
     row[KIND] = kind
-    row[OFFERED] = offered
+    row[SOURCE] = source
     n = h.shape[1]
     for i in range(6):
         row[RESIDUAL + i] = z[i]
@@ -89,8 +89,8 @@ def keep_measurement(row, kind, offered, z, h, r):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def backward(history, n, adjoint, information, after, before, covariance, variance, offered):  # type: ignore[no-untyped-def]
-    """Carry the adjoint backwards through some epochs and tell the smoothed errors there.
+def backward(history, n, adjoint, information, after, before, covariance, variance, innovations):  # type: ignore[no-untyped-def]
+    """Carry the adjoint backwards through some epochs, and find the smoothed errors there.
 
     Parameters
     ----------
@@ -107,9 +107,9 @@ def backward(history, n, adjoint, information, after, before, covariance, varian
         Filled with the covariance of smoothed position, velocity and attitude.
     variance : (m, 12) array
         Filled with the variances of the smoothed sensor errors.
-    offered : (m, 25) array
-        Filled, where a fix was offered, with predicted minus measured and the variance of the prediction, by the filter
-        before it saw the fix (0 to 11) and smoothed (12 to 23), and the filter's variance of the attitude error about
+    innovations : (m, 25) array
+        Filled, where there was a fix, with predicted minus measured and the variance of the prediction, by the filter
+        before the fix (0 to 11) and smoothed (12 to 23), and the filter's variance of the attitude error about
         Down (24); elsewhere ``NaN``.
     """
     p = np.zeros((n, n))
@@ -176,8 +176,8 @@ def backward(history, n, adjoint, information, after, before, covariance, varian
                 covariance[k, i, j] = p[i, j] - 0.5 * (removed[i, j] + removed[j, i])
         for i in range(SENSOR):
             variance[k, i] = p[NAV + i, NAV + i] - removed[NAV + i, NAV + i]
-        _compare(row, n, p, removed, error, offered[k])
-        if kind == RESTART:  # what follows says nothing of what was before
+        _compare(row, n, p, removed, error, innovations[k])
+        if kind == RESTART:  # later measurements say nothing of earlier states
             adjoint[:] = 0.0
             information[:] = 0.0
         else:
@@ -192,8 +192,8 @@ def backward(history, n, adjoint, information, after, before, covariance, varian
 
 @njit(cache=True)
 def _compare(row, n, p, removed, error, out):  # type: ignore[no-untyped-def]
-    """Tell what filter and smoother make of a measurement, used or not."""
-    if row[OFFERED] != FIX:
+    """Innovation of a fix, accepted or not, against filter and smoother."""
+    if row[SOURCE] != FIX:
         out[:] = np.nan
         return
     for i in range(6):
@@ -213,7 +213,7 @@ def _compare(row, n, p, removed, error, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def apply(time, state, variance, epoch, after, before, covariance):  # type: ignore[no-untyped-def]
-    """Take the smoothed errors off the filter's states, between epochs as well.
+    """Correct the filter's states by the smoothed errors, between epochs as well.
 
     Between two epochs the error is smooth: its position follows the cubic that its position and velocity at both ends
     determine, all else a straight line.

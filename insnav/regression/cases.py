@@ -11,7 +11,7 @@ import numpy as np
 from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import lla_offset
 from insnav.exceptions import InputError
-from insnav.filter.prepare import DELAY_SD, first_rest
+from insnav.filter.prepare import DELAY_SD, first_stationary
 from insnav.filter.settings import FilterSettings
 from insnav.imu import ImuSpec, identify, load_imu
 from insnav.imu.imu_file import to_toml
@@ -201,7 +201,7 @@ class RecordedSource:
     def _model(self) -> ImuSpec:
         if self._case.imu != AT_REST:
             return load_imu(self._case.model(self._case.imu))
-        rest = first_rest(self._imu, self._gps)
+        rest = first_stationary(self._imu, self._gps)
         if rest is None:
             raise InputError("the vehicle is never stationary", where=self._case.name, fix="name an IMU model instead")
         return identify(self._imu, *rest)[0]

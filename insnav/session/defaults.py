@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.alignment import find_rest
+from insnav.alignment import find_stationary
 from insnav.errors.budget.from_windows import WindowSettings
 from insnav.errors.outage.window_reference import is_stationary, stationary_fixes
 from insnav.filter import FilterSettings
 from insnav.filter.gps_noise import with_sd
-from insnav.filter.prepare import DELAY_SD, first_rest
+from insnav.filter.prepare import DELAY_SD, first_stationary
 from insnav.imu import identify, load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
@@ -56,7 +56,7 @@ def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tupl
     span = inputs.get("static")
     if span is not None:
         return span
-    return find_rest(intervals(imu)) if fixes is None else first_rest(imu, fixes)
+    return find_stationary(intervals(imu)) if fixes is None else first_stationary(imu, fixes)
 
 
 def complete_fixes(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 import numpy as np
 
-from insnav.alignment import find_rest
+from insnav.alignment import find_stationary
 from insnav.errors.budget.from_windows import WindowSettings, recorded_budget
 from insnav.errors.budget.study import BudgetStudy
 from insnav.errors.evaluated_run import EvaluatedRun, evaluate_run, fixed_epochs
@@ -361,7 +361,7 @@ class Drive:
         """
         inputs, notes = self.readings.inputs, list(self.notes)
         span = inputs.get("static")
-        rest = span or find_rest(intervals(self.imu.data))
+        rest = span or find_stationary(intervals(self.imu.data))
         if rest is None:
             raise AlignmentError(
                 "no rest was found",

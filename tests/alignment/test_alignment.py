@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from insnav.alignment import align, align_static, find_rest
-from insnav.alignment.align import rest_of
+from insnav.alignment import align, align_static, find_stationary
+from insnav.alignment.align import stationary_of
 from insnav.attitude import (
     dcm_from_rph,
     quat_conjugate,
@@ -192,7 +192,7 @@ def test_gyro_bias_at_rest_is_found_and_as_sure_as_it_says():
 def test_the_rest_is_found(rest):
     truth = started(rest)
     record = log(truth, CAR, 3)
-    found = find_rest(intervals(record.imu))
+    found = find_stationary(intervals(record.imu))
     assert found is not None
     assert found[0] == pytest.approx(500.0, abs=1.1)
     # the car starts off so gently that the first second cannot be told from rest
@@ -203,8 +203,8 @@ def test_a_smooth_drive_is_not_a_rest_where_gps_sees_it():
     """Straight on at constant speed an IMU alone cannot tell; the fixes can."""
     record = since(log(started(), CAR, 3), 533.0)
     parts = intervals(record.imu)
-    assert find_rest(parts) is not None
-    assert rest_of(parts, record.gps) is None
+    assert find_stationary(parts) is not None
+    assert stationary_of(parts, record.gps) is None
 
 
 # ---- heading from motion

@@ -142,7 +142,7 @@ def test_a_small_innovation_is_weighted_down_not_rejected(recorded):
 
     run = run_with(recorded, change)
     at = [event.kind for event in run.events if event.time == pytest.approx(recorded[1].time[SPIKED])]
-    assert at == [EventKind.SOFT_POSITION]
+    assert at == [EventKind.DEWEIGHTED_POSITION]
     assert run.innovations.used_position[SPIKED]
 
 

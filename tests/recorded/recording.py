@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from insnav.alignment import rest_of
+from insnav.alignment import stationary_of
 from insnav.filter import FilterSettings
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.navigate import Navigated, navigate_recording
@@ -27,7 +27,7 @@ def recording(name: str) -> tuple[ImuData, GpsData]:
 
 def imu_model(imu: ImuData, gps: GpsData) -> ImuSpec:
     """IMU model from the static part, 'consumer' where there is none."""
-    spec, said = imu_from_rest(imu, rest_of(intervals(imu), with_sd(gps)[0]))
+    spec, said = imu_from_rest(imu, stationary_of(intervals(imu), with_sd(gps)[0]))
     print(f"\nIMU model {spec.name}: {said}")
     return spec
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insnav.alignment import find_rest
+from insnav.alignment import find_stationary
 from insnav.attitude import wrap_pi
 from insnav.filter.fine_alignment import FineAlignment, fine_alignment
 from insnav.imu import identify, load_imu
@@ -37,7 +37,7 @@ def whole(imu: ImuData, lla: FloatArray) -> FineAlignment:
 
 
 def test_the_whole_record_is_found_to_be_at_rest(imu: ImuData) -> None:
-    rest = find_rest(intervals(imu))
+    rest = find_stationary(intervals(imu))
     assert rest is not None
     assert rest[0] == pytest.approx(imu.time[0], abs=1.0)
     assert rest[1] == pytest.approx(imu.time[-1], abs=1.0)

@@ -155,22 +155,22 @@ def _window(
     part = part_of(ready, state, length + RECOVERY)
     navigator = Navigator(state, ready.model, gps, ready.alignment, ready.nominal, settings)
     feed(navigator, part.imu)
-    offered = navigator.offered()
-    at = np.searchsorted(offered.time, gps.time[inside] - delay - 1e-6)
-    at = at[at < offered.time.shape[0]]
-    values = offered.offered[at]
+    found = navigator.smoothed_errors()
+    at = np.searchsorted(found.time, gps.time[inside] - delay - 1e-6)
+    at = at[at < found.time.shape[0]]
+    values = found.innovations[at]
     reference_sd = np.column_stack([gps.position_sd[inside], gps.velocity_sd[inside]])[: at.shape[0]]
-    speed = np.linalg.norm(offered.state[at, 3:6], axis=1)
+    speed = np.linalg.norm(found.state[at, 3:6], axis=1)
     return Outage(
         start,
         length,
-        offered.time[at] - state.time,
+        found.time[at] - state.time,
         values[:, :6],
         np.sqrt(np.maximum(values[:, 6:12], 0.0)),
         values[:, 12:18],
         np.sqrt(np.maximum(values[:, 18:24], 0.0)),
         reference_sd,
-        wrap_pi(rph_from_quat(offered.state[at, 6:])[:, 2] - np.interp(offered.time[at], *course.T)),
+        wrap_pi(rph_from_quat(found.state[at, 6:])[:, 2] - np.interp(found.time[at], *course.T)),
         np.sqrt(values[:, 24]),
         float(np.mean(speed)),
     )

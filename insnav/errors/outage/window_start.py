@@ -105,7 +105,7 @@ def forward_start(state: FilterState, settings: FilterSettings, lever_b: FloatAr
     return replace(
         state,
         covariance=state.covariance[:n, :n].copy(),
-        lasting=np.zeros(3),
+        correlated=np.zeros(3),
         lever_b=state.lever_b.copy() if lever_b is None else lever_b.copy(),
     )
 

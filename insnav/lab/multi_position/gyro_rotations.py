@@ -73,7 +73,7 @@ def prepare(imu: ImuData, poses: Sequence[Pose], damaged: BoolArray) -> Turns:
     finish = np.array([pose.start for pose in poses[1:]])
     start = np.searchsorted(parts.end, begin, side="right").astype(np.int64)
     end = np.searchsorted(parts.end, finish, side="right").astype(np.int64)
-    holes = np.concatenate(([0], np.cumsum(parts.hole > 0.0)))
+    holes = np.concatenate(([0], np.cumsum(parts.gap > 0.0)))
     bad = np.concatenate(([0], np.cumsum(damaged)))
     samples = np.array([[a.last, b.first] for a, b in itertools.pairwise(poses)])
     use = (holes[end] == holes[start]) & (bad[samples[:, 1]] == bad[samples[:, 0]])

@@ -12,8 +12,8 @@ from insnav.report.style import BLACK, BLUE, SKY, VERMILLION, Clock, band, legen
 from insnav.types import BoolArray, EventKind, FloatArray, Run
 
 _CHI2_95 = 7.815  # 95 % point of chi-square with 3 degrees of freedom
-_POSITION_GATE = (EventKind.GATE_POSITION, EventKind.SOFT_POSITION)
-_VELOCITY_GATE = (EventKind.GATE_VELOCITY, EventKind.SOFT_VELOCITY)
+_POSITION_GATE = (EventKind.GATE_POSITION, EventKind.DEWEIGHTED_POSITION)
+_VELOCITY_GATE = (EventKind.GATE_VELOCITY, EventKind.DEWEIGHTED_VELOCITY)
 
 
 def draw_innovations(run: Run) -> Figure:
