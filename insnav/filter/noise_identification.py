@@ -24,7 +24,7 @@ from insnav.filter.state_layout import first_state, layout
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.kernels import noise_likelihood as kernel
 from insnav.kernels.errorstate import STATES
-from insnav.kernels.smoother import FIX, NOISE, OFFERED, TIME
+from insnav.kernels.smoother import FIX, NOISE, SOURCE, TIME
 from insnav.types import BoolArray, FloatArray, GpsData
 
 LONGEST = 2400.0  # of the record that is looked at [s]
@@ -151,9 +151,9 @@ class InnovationLikelihood:
         rows = navigator.history()
         time = rows[:, TIME]
         at = layout(self._settings)
-        self._lasting = at.lasting
+        self._lasting = at.correlated
         self._tape = kernel.tape(rows, at.states, ready.model.noise, ready.model.decay, _bridged(imu.time, time))
-        self._offered = rows[:, OFFERED] == FIX
+        self._offered = rows[:, SOURCE] == FIX
         h, jitter = self._tape[6], ready.settings.jitter
         # of fixes: what the scatter of the timestamps makes of speed and acceleration, the negatives of the column of
         # the delay; of other aiding: its noise
