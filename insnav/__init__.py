@@ -23,17 +23,17 @@ Time
 Shapes
     One row a sample: ``(n,)``, ``(n, 3)``, quaternions ``(n, 4)``, matrices ``(n, 3, 3)``.
 
-The way of the data
--------------------
-``read_imu``, ``read_gps`` -> ``ImuData``, ``GpsData`` -> `navigate_recording` (alignment, strapdown, filter) -> ``Run``
--> `position_errors`, figures, report.
+Start here
+----------
+>>> import insnav  # doctest: +SKIP
+>>> drive = insnav.load("imu.csv", gps="gps.csv", ref="ref.csv", lever_arm=(0.8, -0.3, -1.2))  # doctest: +SKIP
+>>> result = drive.navigate()  # doctest: +SKIP
+>>> result.plot("position_error"); result.to_frame(); result.save("run1")  # doctest: +SKIP
+>>> drive.outage(lengths=(10, 30)); drive.budget(times=(10, 60))  # doctest: +SKIP
 
-Examples
---------
->>> from insnav import FilterSettings, load_imu, navigate_recording, read_gps, read_imu  # doctest: +SKIP
->>> imu, gps = read_imu("imu.csv"), read_gps("gps.csv")  # doctest: +SKIP
->>> done = navigate_recording(imu.data, gps.data, load_imu("automotive"), FilterSettings())  # doctest: +SKIP
->>> done.run.solution.lla  # doctest: +SKIP
+Files, data frames and arrays come in through `load`, simulated drives through `simulate`, bench records through
+`calibrate`. The commands of the shell call the same functions, with the same defaults. `navigate_recording`, `navigate`
+and `increments` are the parts for those who build their own.
 """
 
 from __future__ import annotations
@@ -48,24 +48,35 @@ if TYPE_CHECKING:
     from insnav.filter.navigate import navigate_recording
     from insnav.imu import load_imu
     from insnav.input import read_gps, read_imu, read_reference
+    from insnav.result import Result, open_result
+    from insnav.session.bench import calibrate
+    from insnav.session.comparison import compare
+    from insnav.session.drive import Drive, load
+    from insnav.session.simulation import simulate
     from insnav.strapdown import increments, intervals, navigate
     from insnav.types import GpsData, ImuData, Increments, Run, Trajectory
 
 __version__ = "0.2.0"
 
 _HOME = {
+    "Drive": "insnav.session.drive",
     "FilterSettings": "insnav.filter",
     "GpsData": "insnav.types",
     "ImuData": "insnav.types",
     "Increments": "insnav.types",
     "InsnavError": "insnav.exceptions",
+    "Result": "insnav.result",
     "Run": "insnav.types",
     "Trajectory": "insnav.types",
+    "calibrate": "insnav.session.bench",
+    "compare": "insnav.session.comparison",
     "increments": "insnav.strapdown",
     "intervals": "insnav.strapdown",
+    "load": "insnav.session.drive",
     "load_imu": "insnav.imu",
     "navigate": "insnav.strapdown",
     "navigate_recording": "insnav.filter.navigate",
+    "open_result": "insnav.result",
     "position_errors": "insnav.errors.metrics",
     "read_gps": "insnav.input",
     "read_imu": "insnav.input",
@@ -73,27 +84,40 @@ _HOME = {
 }
 
 __all__ = [
+    "Drive",
     "FilterSettings",
     "GpsData",
     "ImuData",
     "Increments",
     "InsnavError",
+    "Result",
     "Run",
     "Trajectory",
+    "calibrate",
+    "compare",
     "increments",
     "intervals",
+    "load",
     "load_imu",
     "navigate",
     "navigate_recording",
+    "open_result",
     "position_errors",
     "read_gps",
     "read_imu",
     "read_reference",
+    "simulate",
 ]
 
 
 def __getattr__(name: str) -> Any:
     # numba, filterpy and pyarrow take most of a second to import: only when something that needs them is used
+    if name == "simulate":  # a package that can be called
+        return import_module("insnav.simulate")
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
     raise AttributeError(f"module 'insnav' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

@@ -55,6 +55,10 @@ class Result(Generic[F]):
     notes: tuple[str, ...] = ()
     events: tuple[Event, ...] = ()
 
+    def __repr__(self) -> str:
+        sources = ", ".join(facts.path for facts in self.inputs.values())
+        return f"Result: {self.kind} of {sources}" if sources else f"Result: {self.kind}"
+
     def page(self) -> Page:
         """Lay out the result: sections of quantities and figures.
 

@@ -9,18 +9,19 @@ from typing import Annotated
 import typer
 
 from insnav.cli import options as opt
-from insnav.cli.console import result
+from insnav.cli.console import quiet_figures, result
 from insnav.cli.data_options import Data, takes_data
 
 SHORT_HELP = "Accuracy of several runs against one reference, side by side."
 HELP = """Accuracy of several runs against one reference, side by side.
 
-Every run has a row for the filter's solution and one for the smoothed solution, if it has that. Only epochs of the
+Every run has a row for the filtered and one for the smoothed solution, if it has that. Only epochs of the
 reference that every run covers are counted, so that the rows can be compared.
 
 \b
 Examples:
   insnav compare run1 run2 --ref ref.csv
+  insnav compare run1 run2 --ref ref.csv --out comparison   # with figure and page
   insnav compare run1 --ref rtk.csv --ref-lever-arm 0.8,-0.3,-1.2
   insnav compare run1 --ref ref.csv --tum tum   # files for evo_ape
   insnav compare run1 run2 --ref ref.csv --json | jq '.[].accuracy'
@@ -39,32 +40,41 @@ def compare(
             rich_help_panel=opt.RESULT,
         ),
     ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Also write figure and page into this folder.", rich_help_panel=opt.RESULT),
+    ] = None,
     force: opt.Force = False,
     as_json: opt.Json = False,
 ) -> None:
     """Compare runs."""
-    from insnav.errors.comparison import compare as table
-    from insnav.errors.comparison import named_errors
-    from insnav.report.comparison import comparison_lines
-    from insnav.report.run_json import json_ready
-    from insnav.session.checked_inputs import checked, vector
-    from insnav.session.read import read_ref
+    from dataclasses import replace
+
+    from insnav.output.folder import RunFolder
+    from insnav.session.comparison import compare as compared
 
     assert data.ref is not None
-    inputs = checked(data.inputs)
-    lever_b, truth = vector(inputs, "ref_lever_arm"), read_ref(data.ref, inputs).data
-    rows = table(runs, truth, lever_b=lever_b)
+    outcome = replace(compared(*runs, ref=data.ref, **data.inputs), options=data.options)
+    if out is not None:
+        from insnav.report.save import save_result
+
+        quiet_figures()
+        with RunFolder(out, force=force) as folder:
+            save_result(outcome, folder)
+    found = outcome.found
     if tum is not None:
-        from insnav.output.folder import RunFolder
         from insnav.output.tum import tum_files
 
+        errors = {name: (each.position, each.attitude) for name, each in found.named().items()}
         with RunFolder(tum, force=force) as folder:
-            errors = named_errors(runs, truth, lever_b)
-            time = next(iter(errors.values())).time
-            for name, text in tum_files(truth, time, {k: (e.position, e.attitude) for k, e in errors.items()}).items():
+            for name, text in tum_files(found.reference, found.compared[0].errors.time, errors).items():
                 folder.path(name).write_text(text, encoding="utf-8", newline="\n")
             folder.commit({"runs": [str(run) for run in runs]})
     if as_json:
-        result(json.dumps(json_ready(rows), indent=1, ensure_ascii=False))
+        from insnav.report.run_json import json_ready
+
+        result(json.dumps(json_ready(found.rows()), indent=1, ensure_ascii=False))
     else:
-        result("\n".join(comparison_lines(rows)))
+        from insnav.report.comparison.page import comparison_lines
+
+        result("\n".join(comparison_lines(found)))

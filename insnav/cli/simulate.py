@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,7 +16,7 @@ from insnav.cli.data_options import say_reading
 if TYPE_CHECKING:
     from insnav.output.folder import RunFolder
     from insnav.report.page import Page
-    from insnav.report.simulation.page import Plan
+    from insnav.session.simulation import Plan, SimulationOptions
 
 SHORT_HELP = "IMU and GPS files of a motion that is exactly known; or hundreds of runs of it."
 HELP = """IMU and GPS files of a motion that is exactly known.
@@ -148,17 +147,37 @@ def simulate(
     }
     _check(profile, source, runs, run, (imu, gps), resume)
     target = out or Path("sim")
-    warming = _temperatures(temperature) if temperature else None
+    options: SimulationOptions = {
+        "imu": imu,
+        "gps": gps,
+        "seed": seed,
+        "run": run,
+        "rate": rate,
+        "sampling": sampling.value,
+        "faults": fault or [],
+        "temperature": _temperatures(temperature) if temperature else None,
+        "gravity": gravity.value,
+    }
     from insnav.output.folder import RunFolder
 
     with RunFolder(target, force=force) as folder, Stages() as stage:
         stage("motion")
-        plan = _plan(configuration, profile, source)
+        from insnav.session.simulation import plan_of, profiled, replica
+
+        motion = profiled(str(profile), seed) if source is None else replica(source)
+        if motion.track is not None:
+            say_reading(motion.track.facts)
+        plan = plan_of(motion, options, configuration)
         stage("simulating")
         if runs is None:
-            where, page = _one(folder, plan, warming, stage)
+            from insnav.report.simulation.page import write_recording
+
+            made = plan.measured()
+            stage("writing")
+            quiet_figures()
+            where, page = write_recording(folder, plan, made)
         else:
-            where, page = _many(folder, plan, runs, workers, resume, warming, stage)
+            where, page = _many(folder, plan, runs, workers or _processors(), resume, stage)
     if as_json:
         result_facts(where)
         return
@@ -203,104 +222,13 @@ def _temperatures(text: str) -> tuple[float, float]:
     return values[0], values[-1]
 
 
-def _plan(configuration: dict[str, Any], profile: str | None, source: Path | None) -> Plan:
-    from insnav.imu import load_imu
-    from insnav.report.simulation.page import IDEAL, Plan
-    from insnav.simulate.faults import parse_fault
-    from insnav.simulate.gps_file import load_gps
-    from insnav.simulate.montecarlo import run_seed
-
-    seed, run = configuration["seed"], configuration["run"]
-    imu, gps = configuration["imu"], configuration["gps"]
-    models = {
-        "imu": None if imu == IDEAL else load_imu(imu),
-        "gps": None if gps == IDEAL else load_gps(gps),
-        "faults": tuple(parse_fault(text) for text in configuration["fault"]),
-        "seed": seed if run is None else run_seed(seed, run),
-        "rate": configuration["rate_hz"],
-        "sampling": configuration["sampling"],
-        "configuration": configuration,
-    }
-    motion = _replica(source) if source is not None else _profiled(str(profile), seed)
-    return Plan(**models, **motion | {"truth": replace(motion["truth"], gravity=configuration["gravity"])})
-
-
-def _profiled(name: str, seed: int) -> dict[str, Any]:
-    """Motion of a profile."""
-    from insnav.simulate.motion import load_profile
-    from insnav.simulate.recording import MOTION_STREAM
-
-    profile = load_profile(name)
-    return {
-        "name": profile.name,
-        "purpose": profile.purpose,
-        "source": {},
-        "profile": profile.text,
-        "truth": profile.truth((seed, MOTION_STREAM)),
-    }
-
-
-def _replica(source: Path) -> dict[str, Any]:
-    """Motion of a recorded track: the smoothed solution of a run folder, or its solution, or a file."""
-    from insnav.exceptions import InputError
-    from insnav.input import read_reference
-    from insnav.simulate.truth_from_track import track_residual, truth_from_track
-
-    track = source
-    if source.is_dir():
-        names = [f"{stem}.{kind}" for stem in ("smoothed", "solution") for kind in ("csv", "parquet")]
-        found = next((source / name for name in names if (source / name).is_file()), None)
-        if found is None:
-            raise InputError(
-                "there is no solution in this folder",
-                where=str(source),
-                why=f"none of {', '.join(names)}",
-                fix="give a folder that `insnav run` has written, or a file",
-            )
-        track = found
-    reading = read_reference(track)
-    say_reading(reading.facts)
-    truth = truth_from_track(reading.data)
-    return {
-        "name": f"replica of {source.name or source.resolve().name}",
-        "purpose": "",
-        "source": {"track": str(track), "track_sha256": reading.facts.sha256},
-        "residual": track_residual(truth, reading.data),
-        "profile": "",
-        "truth": truth,
-    }
-
-
-def _one(folder: RunFolder, plan: Plan, warming: tuple[float, float] | None, stage: Stages) -> tuple[Path, Page]:
-    from insnav.report.simulation.page import write_recording
-    from insnav.simulate.recording import perfect_imu, simulate_recording, temperature_ramp
-
-    perfect = perfect_imu(plan.truth, plan.rate, plan.sampling)
-    made = simulate_recording(
-        plan.truth,
-        plan.imu,
-        plan.gps,
-        plan.seed,
-        faults=plan.faults,
-        temperature=temperature_ramp(perfect, warming),
-        perfect=perfect,
-    )
-    stage("writing")
-    quiet_figures()
-    return write_recording(folder, plan, made)
-
-
-def _many(
-    folder: RunFolder,
-    plan: Plan,
-    runs: int,
-    workers: int | None,
-    resume: bool,
-    warming: tuple[float, float] | None,
-    stage: Stages,
-) -> tuple[Path, Page]:
+def _processors() -> int:
     import joblib
 
+    return int(joblib.cpu_count())
+
+
+def _many(folder: RunFolder, plan: Plan, runs: int, workers: int, resume: bool, stage: Stages) -> tuple[Path, Page]:
     from insnav.cli.signals import Stopped
     from insnav.errors.ensemble import navigated_recording
     from insnav.report.simulation.ensemble import write_runs
@@ -316,13 +244,15 @@ def _many(
     if not resume:
         checkpoint.remove()
     perfect = perfect_imu(plan.truth, plan.rate, plan.sampling)
-    task = navigated_recording(plan.truth, plan.imu, plan.gps, perfect, plan.faults, temperature_ramp(perfect, warming))
+    task = navigated_recording(
+        plan.truth, plan.imu, plan.gps, perfect, plan.faults, temperature_ramp(perfect, plan.temperature)
+    )
     try:
         done = monte_carlo(
             task,
             runs,
             plan.seed,
-            workers=workers or joblib.cpu_count(),
+            workers=workers,
             progress=lambda fraction: stage("navigating", fraction),
             checkpoint=checkpoint,
         )

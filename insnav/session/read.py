@@ -116,7 +116,7 @@ def read_samples(imu: Given | ImuData, inputs: Inputs) -> Reading[ImuData]:
         described = [key for key in _DESCRIBING if inputs.get(key) is not None]
         if described:
             raise ConfigError("ImuData needs no description", where=described[0], fix="leave it out")
-        reading = _in_memory(imu, "IMU")
+        reading = in_memory(imu, "IMU")
     else:
         scales = {} if known is None else {"gyro": known.gyro_raw, "accel": known.accel_raw}
         with _named("columns"):
@@ -134,7 +134,7 @@ def read_samples(imu: Given | ImuData, inputs: Inputs) -> Reading[ImuData]:
 
 def _read_gps(gps: Given | GpsData, inputs: Inputs) -> Reading[GpsData]:
     if isinstance(gps, GpsData):
-        return _in_memory(gps, "GPS")
+        return in_memory(gps, "GPS")
     with _named("gps_columns"):
         return read_gps(_table(gps), columns=inputs.get("gps_columns"), height=inputs.get("gps_height"))
 
@@ -142,7 +142,7 @@ def _read_gps(gps: Given | GpsData, inputs: Inputs) -> Reading[GpsData]:
 def read_ref(reference: Given | Trajectory, inputs: Inputs) -> Reading[Trajectory]:
     """Read a reference, given as for `insnav.load`."""
     if isinstance(reference, Trajectory):
-        return _in_memory(reference, "reference")
+        return in_memory(reference, "reference")
     with _named("ref_columns"):
         return read_reference(_table(reference), columns=inputs.get("ref_columns"))
 
@@ -199,15 +199,23 @@ def _named_columns(headers: tuple[str, ...], numbers: FloatArray) -> Table:
     return Table("data in memory", hashlib.sha256(numbers.tobytes()).hexdigest(), headers, cells)
 
 
-def _in_memory(data: T, kind: str) -> Reading[T]:
-    """Reading of data that need no understanding."""
+def in_memory(data: T, kind: str, name: str = "data in memory") -> Reading[T]:
+    """Reading of data that need no understanding.
+
+    Parameters
+    ----------
+    data : ImuData, GpsData or Trajectory
+    kind : {"IMU", "GPS", "reference"}
+    name : str
+        What stands for the name of the file.
+    """
     time: Any = data.time
     if len(time) < 2 or not (np.diff(time) > 0.0).all():
         raise ConfigError(f"the {kind} data need two rows or more, in order of time", where=type(data).__name__)
     digest = hashlib.sha256(b"".join(value.tobytes() for value in data._arrays().values())).hexdigest()
     step = float(np.median(np.diff(time)))
     facts = ReadingFacts(
-        kind, "data in memory", digest, len(time), len(time), float(time[0]), float(time[-1]), 1.0 / step, 0, 0.0, {}
+        kind, name, digest, len(time), len(time), float(time[0]), float(time[-1]), 1.0 / step, 0, 0.0, {}
     )
     if isinstance(data, ImuData):
         facts = replace(facts, axes="FRD", sampling=data.sampling, stamp=data.stamp)

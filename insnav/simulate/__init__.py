@@ -7,15 +7,24 @@
 A truth is made of two curves, position and attitude; everything else is derived from them. `straight` and `circle` are
 truths in closed form; `insnav.simulate.motion` makes them from motion profiles, `truth_from_track` from recorded
 tracks.
+
+The package itself can be called: ``insnav.simulate("city", imu="automotive")`` is `insnav.session.simulation.simulate`.
 """
 
 from __future__ import annotations
+
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 from insnav.simulate.closed_forms import circle, straight
 from insnav.simulate.gps_errors import GpsErrors, corrupt_gps, without_fixes
 from insnav.simulate.ideal_sensors import gps_from_truth, imu_from_truth, reference
 from insnav.simulate.imu_errors import ImuSimulation, corrupt_imu
 from insnav.simulate.truth import Kinematics, LevelTruth, Truth
+
+if TYPE_CHECKING:
+    from insnav.session.drive import Drive
 
 __all__ = [
     "GpsErrors",
@@ -32,3 +41,16 @@ __all__ = [
     "straight",
     "without_fixes",
 ]
+
+
+class _Simulate(ModuleType):
+    """Package that can be called, as the function of its name."""
+
+    def __call__(self, *args: Any, **options: Any) -> Drive:
+        """Simulate a drive; see `insnav.session.simulation.simulate`."""
+        from insnav.session.simulation import simulate
+
+        return simulate(*args, **options)
+
+
+sys.modules[__name__].__class__ = _Simulate

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from insnav.earth import lla_offset
-from insnav.errors.comparison import compare
 from insnav.exceptions import InputError
 from insnav.output.solution_tables import write_run_table
-from insnav.report.comparison import comparison_lines
+from insnav.report.comparison.page import comparison_lines
+from insnav.session.comparison import compare
 
 
 def folder(tmp_path, name, solution, file_format="csv"):
@@ -24,11 +24,12 @@ def folder(tmp_path, name, solution, file_format="csv"):
 def test_each_run_gets_its_own_errors(driven, tmp_path):
     _, _, true = driven
     off = replace(true, lla=lla_offset(true.lla, np.array([3.0, 4.0, 0.0])))
-    rows = compare([folder(tmp_path, "good", true), folder(tmp_path, "off", off, "parquet")], true)
+    found = compare(folder(tmp_path, "good", true), folder(tmp_path, "off", off, "parquet"), ref=true).found
+    rows = found.rows()
     assert [row["run"] for row in rows] == ["good", "off"]
     assert rows[0]["accuracy"]["horizontal_m"]["rms"] < 1e-4
     assert rows[1]["accuracy"]["horizontal_m"]["rms"] == pytest.approx(5.0, abs=1e-4)
-    head, good, bad, *_ = comparison_lines(rows)
+    head, good, bad, *_ = comparison_lines(found)
     column = head.split("  ")
     assert column[0] == "run"
     assert good.startswith("good")
@@ -42,7 +43,7 @@ def test_only_shared_epochs_are_counted(driven, tmp_path):
     wrong = lla_offset(true.lla, np.column_stack((0.01 * true.time, 0.0 * true.time, 0.0 * true.time)))
     whole = replace(true, lla=wrong)
     part = replace(true, time=true.time[:half], lla=wrong[:half], v_n=true.v_n[:half], rph=true.rph[:half])
-    rows = compare([folder(tmp_path, "whole", whole), folder(tmp_path, "part", part)], true)
+    rows = compare(folder(tmp_path, "whole", whole), folder(tmp_path, "part", part), ref=true).found.rows()
     assert rows[0]["accuracy"] == rows[1]["accuracy"]
     assert rows[0]["accuracy"]["n"] == half
 
@@ -59,14 +60,14 @@ def test_runs_of_different_recordings_cannot_be_compared(driven, tmp_path):
         for name, s in (("a", first), ("b", second))
     ]
     with pytest.raises(InputError, match="no time in common"):
-        compare(paths, true)
+        compare(*paths, ref=true)
 
 
 def test_what_the_reference_does_not_know_has_no_column(driven, tmp_path):
     _, _, true = driven
     unknown = np.full_like(true.v_n, np.nan)
-    rows = compare([folder(tmp_path, "run", true)], replace(true, v_n=unknown, rph=unknown))
-    head = comparison_lines(rows)[0]
+    found = compare(folder(tmp_path, "run", true), ref=replace(true, v_n=unknown, rph=unknown)).found
+    head = comparison_lines(found)[0]
     assert "head" not in head
     assert "v m/s" not in head
     assert "N m" in head
@@ -74,4 +75,4 @@ def test_what_the_reference_does_not_know_has_no_column(driven, tmp_path):
 
 def test_a_folder_without_a_solution_is_named(driven, tmp_path):
     with pytest.raises(InputError, match="no solution"):
-        compare([tmp_path], driven[2])
+        compare(tmp_path, ref=driven[2])

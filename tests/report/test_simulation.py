@@ -11,11 +11,11 @@ import pytest
 
 from insnav.errors.ensemble import FIGURES, ensemble, epochs
 from insnav.imu import load_calibration, load_imu
+from insnav.input import Reading, ReadingFacts
 from insnav.output.folder import RunFolder, verify_folder
 from insnav.report.simulation.ensemble import correlation_notes, ensemble_lines, write_runs
 from insnav.report.simulation.ensemble_figures import draw_ensemble, draw_nees
 from insnav.report.simulation.page import (
-    Plan,
     in_folder,
     plan_key,
     run_command,
@@ -25,6 +25,7 @@ from insnav.report.simulation.page import (
 )
 from insnav.report.simulation.profile_figures import draw_motion, draw_sketch, draw_way, way
 from insnav.report.style import drawing
+from insnav.session.simulation import Motion, Plan
 from insnav.simulate import circle, corrupt_imu, gps_from_truth, imu_from_truth, reference, straight
 from insnav.simulate.gps_file import load_gps
 from insnav.simulate.montecarlo import Failure, Runs
@@ -38,11 +39,7 @@ ROUND = circle(PLACE, 20.0, 0.2, 120.0)  # almost four turns
 
 def plan_of(truth, **more) -> Plan:
     values = {
-        "name": "town",
-        "purpose": "two minutes of a car",
-        "source": {},
-        "profile": "# as it was\n",
-        "truth": truth,
+        "motion": Motion("town", "two minutes of a car", truth, "# as it was\n"),
         "imu": load_imu("automotive"),
         "gps": None,
         "seed": 7,
@@ -233,11 +230,12 @@ def test_time_correlated_errors_of_the_receiver_explain_an_over_confident_positi
 def test_a_digest_stands_for_everything_that_matters():
     plan = plan_of(TOWN)
     assert plan_key(plan) == plan_key(plan_of(TOWN))
+    track = Reading(plan.truth, (), ReadingFacts("reference", "ref.csv", "a", 2, 2, 0.0, 1.0, 1.0, 0, 0.0, {}))
     others = [
-        {"source": {"track_sha256": "a"}},
+        {"motion": replace(plan.motion, track=track)},
         {"seed": 8},
-        {"profile": "# other\n"},
+        {"motion": replace(plan.motion, profile="# other\n")},
         {"configuration": {"rate_hz": 5.0}},
         {"imu": load_imu("tactical")},
     ]
-    assert len({plan_key(plan), *(plan_key(plan_of(TOWN, **other)) for other in others)}) == 6
+    assert len({plan_key(plan), *(plan_key(replace(plan, **other)) for other in others)}) == 6

@@ -17,7 +17,6 @@ from insnav.report.page import FigureSpec, Page, Section
 from insnav.report.save import write_page
 from insnav.report.simulation.ensemble_figures import draw_ensemble, draw_nees
 from insnav.report.simulation.page import (
-    Plan,
     correlated_share,
     entry,
     model_name,
@@ -29,6 +28,7 @@ from insnav.report.simulation.page import (
     seen,
     sensor_section,
 )
+from insnav.session.simulation import Plan
 from insnav.simulate.montecarlo import Runs
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG
@@ -112,7 +112,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     if len(found.nees):
         figures.append(FigureSpec("nees", "Normalised error squared over time", lambda: draw_nees(found)))
     return Page(
-        f"{len(runs.number)} simulated runs of {plan.name}",
+        f"{len(runs.number)} simulated runs of {plan.motion.name}",
         (
             *motion_lines(plan, time, motion),
             entry("runs", f"{len(runs.number)} of {model_name(plan.imu)} and {model_name(plan.gps)}, seed {plan.seed}"),

@@ -6,8 +6,7 @@ import hashlib
 import json
 import math
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,20 +27,19 @@ from insnav.report.provenance import imu_model
 from insnav.report.run_json import json_ready, section_facts, versions
 from insnav.report.save import write_page
 from insnav.report.simulation.profile_figures import draw_motion, draw_sketch, draw_way, way
+from insnav.session.simulation import IDEAL, Plan
 from insnav.simulate.recording import Recording, times
 from insnav.simulate.truth import Kinematics, Truth
-from insnav.types import FloatArray, Sampling
+from insnav.types import FloatArray
 from insnav.units import DEG
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from insnav.simulate.faults import Fault
     from insnav.simulate.gps_errors import GpsSpec
     from insnav.simulate.motion import MotionProfile
     from insnav.simulate.truth_from_track import Residual
 
-IDEAL = "ideal"  # name of a sensor without errors
 _DRAWN = 20_000  # most instants of the motion that reports look at
 _DRAWN_RATE = 97.0  # no multiple of what people make motions of, whose peaks would all be missed [Hz]
 _MARGIN = 12
@@ -50,51 +48,6 @@ _GRAVITY = {
     "linear": "without its north component, and linear in height: for comparison with packages that have it so",
 }
 _SAMPLES = {"mean": "means over their interval", "instant": "values at an instant", "increment": "increments"}
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """Everything a simulation is made from.
-
-    Attributes
-    ----------
-    name, purpose : str
-        Of the motion.
-    source : mapping
-        Track that the motion is a simulated replica of, and its digest.
-    profile : str
-        Text of the motion profile; empty if the motion is that of a recorded track.
-    truth : Truth
-        The motion.
-    imu, gps : ImuSpec, GpsSpec or None
-        Sensors; None for ideal ones.
-    seed : int
-        Of everything random.
-    rate : float
-        Of the IMU [Hz].
-    sampling : {"mean", "instant", "increment"}
-        What its samples are.
-    faults : tuple of Fault
-        What goes wrong.
-    configuration : mapping
-        Options as given.
-    residual : Residual or None
-        How far a simulated replica is from its track.
-    """
-
-    name: str
-    purpose: str
-    source: Mapping[str, Any]
-    profile: str
-    truth: Truth
-    imu: ImuSpec | None
-    gps: GpsSpec | None
-    seed: int
-    rate: float
-    sampling: Sampling
-    faults: tuple[Fault, ...]
-    configuration: Mapping[str, Any]
-    residual: Residual | None = None
 
 
 def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Path, Page]:
@@ -145,7 +98,7 @@ def recording_page(plan: Plan, made: Recording) -> Page:
     )
     realisation = () if made.realisation is None else (_realisation(made.realisation.errors),)
     return Page(
-        f"Simulated recording of {plan.name}",
+        f"Simulated recording of {plan.motion.name}",
         (
             *motion_lines(plan, time, motion),
             entry("IMU", f"{model_name(plan.imu)}: {samples}"),
@@ -166,8 +119,8 @@ def recording_page(plan: Plan, made: Recording) -> Page:
 def model_texts(plan: Plan) -> dict[str, str]:
     """Text files with what was simulated: motion profile, IMU and receiver."""
     texts = {}
-    if plan.profile:
-        texts["profile.toml"] = plan.profile
+    if plan.motion.profile:
+        texts["profile.toml"] = plan.motion.profile
     if plan.imu is not None:
         texts["imu.toml"] = to_toml(plan.imu)
     if plan.gps is not None:
@@ -223,7 +176,7 @@ def plan_key(plan: Plan) -> str:
     content = {
         "versions": versions(),
         "configuration": plan.configuration,
-        "source": plan.source,
+        "source": plan.motion.source,
         "texts": model_texts(plan),
         "seed": plan.seed,
     }
@@ -332,10 +285,10 @@ def motion_lines(plan: Plan, time: FloatArray, motion: Kinematics) -> list[str]:
     """Sum up the motion in lines of text."""
     top = float(np.linalg.norm(motion.v_n, axis=1).max())
     extent = f"{plan.truth.duration:.1f} s, {number(way(time, motion))} m, up to {number(top)} m/s"
-    lines = [entry("motion", f"{plan.name}: {extent}")]
+    lines = [entry("motion", f"{plan.motion.name}: {extent}")]
     if plan.truth.gravity != "full":
         lines.append(entry("gravity", _GRAVITY[plan.truth.gravity]))
-    apart = plan.residual
+    apart = plan.motion.residual
     if apart is None:
         return lines
     velocity = f" and {number(apart.velocity)} m/s" if math.isfinite(apart.velocity) else ""
@@ -378,17 +331,20 @@ def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
         ),
     )
     more = (
-        Quantity("name", plan.name),
-        Quantity("purpose", plan.purpose),
-        *(Quantity(key, value) for key, value in plan.source.items()),
+        Quantity("name", plan.motion.name),
+        Quantity("purpose", plan.motion.purpose),
+        *(Quantity(key, value) for key, value in plan.motion.source.items()),
         Quantity("start", plan.truth.start, "s"),
         Quantity("gravity", plan.truth.gravity),
         Quantity("start_lat", float(lat), "deg"),
         Quantity("start_lon", float(lon), "deg"),
         Quantity("start_height", float(height), "m"),
     )
-    parts = (Section("", items=more, show="json"), *(() if plan.residual is None else (_replica(plan.residual),)))
-    return Section("motion", f"Motion: {plan.purpose or plan.name}", shown, parts=parts)
+    parts = (
+        Section("", items=more, show="json"),
+        *(() if plan.motion.residual is None else (_replica(plan.motion.residual),)),
+    )
+    return Section("motion", f"Motion: {plan.motion.purpose or plan.motion.name}", shown, parts=parts)
 
 
 def _replica(apart: Residual) -> Section:
@@ -410,8 +366,8 @@ def motion_figures(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
     return Section(
         "",
         figures=(
-            FigureSpec("way", "Track", lambda: draw_way(time, motion, plan.name)),
-            FigureSpec("motion", "What ideal sensors measure", lambda: draw_motion(time, motion, plan.name)),
+            FigureSpec("way", "Track", lambda: draw_way(time, motion, plan.motion.name)),
+            FigureSpec("motion", "What ideal sensors measure", lambda: draw_motion(time, motion, plan.motion.name)),
         ),
     )
 

@@ -1,0 +1,133 @@
+"""The report of runs against one reference: one line a solution."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial, reduce
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from insnav.errors.comparison import Compared, Comparison
+from insnav.errors.metrics import accuracy, nees
+from insnav.output.data_files import write_table
+from insnav.output.folder import RunFolder
+from insnav.output.solution_tables import TableFormat
+from insnav.quantity import Quantity
+from insnav.report.comparison.figures import draw_comparison, draw_distributions
+from insnav.report.page import FigureSpec, Page, Section, section_tables
+from insnav.report.terminal import table_text
+from insnav.result import Result
+from insnav.types import FloatArray
+from insnav.units import UNITS
+
+if TYPE_CHECKING:
+    import pandas as pd
+# key, heading, unit, quantity and statistic of `insnav.errors.metrics.accuracy`
+_COLUMNS = (
+    ("north", "N", "m", "north_m", "rms"),
+    ("east", "E", "m", "east_m", "rms"),
+    ("down", "D", "m", "down_m", "rms"),
+    ("horizontal", "2D", "m", "horizontal_m", "rms"),
+    ("horizontal_p95", "95 %", "m", "horizontal_m", "p95"),
+    ("horizontal_max", "max", "m", "horizontal_m", "max"),
+    ("velocity_horizontal", "v", "m/s", "velocity_horizontal_m_s", "rms"),
+    ("roll", "roll", "deg", "roll_deg", "rms"),
+    ("pitch", "pitch", "deg", "pitch_deg", "rms"),
+    ("heading", "head", "deg", "heading_deg", "rms"),
+)
+_NOTE = (
+    "{n} epochs of the reference that every run covers; RMS, and of the horizontal error also 95 % and largest;",
+    "in 3 sd: share of position errors inside three stated standard deviations",
+)
+
+
+def page(result: Result[Comparison]) -> Page:
+    """Lay out a comparison.
+
+    Parameters
+    ----------
+    result : Result of Comparison
+
+    Returns
+    -------
+    Page
+    """
+    found = result.found
+    figures = (
+        FigureSpec("horizontal_error", "Horizontal error over time", partial(draw_comparison, found)),
+        FigureSpec("error_distribution", "Distribution of the horizontal error", partial(draw_distributions, found)),
+    )
+    runs = {each.run for each in found.compared}
+    count = len(found.compared[0].errors.time)
+    return Page(
+        f"{len(runs)} run{'s' * (len(runs) > 1)} against {result.inputs['reference'].path}",
+        (f"{count} epochs of the reference that every run covers are compared.",),
+        (_section(found), Section("", figures=figures, show="page")),
+    )
+
+
+def write_files(result: Result[Comparison], folder: RunFolder, table_format: TableFormat) -> None:
+    """Write the horizontal errors of every solution."""
+    errors = result.found.named()
+    time = next(iter(errors.values())).time
+    columns: dict[str, FloatArray] = {f"{name} [m]": np.round(each.horizontal, 4) for name, each in errors.items()}
+    write_table(folder.path("horizontal_errors.csv"), {"time_s": time, **columns})
+
+
+def frame(result: Result[Comparison]) -> pd.DataFrame:
+    """Give the accuracy of every solution as a table, one row a solution.
+
+    Parameters
+    ----------
+    result : Result of Comparison
+
+    Returns
+    -------
+    pandas.DataFrame
+        ``run``, ``solution``, and RMS errors with their unit in the name.
+    """
+    import pandas as pd
+
+    return pd.DataFrame(
+        [{name: value for each in _row(of) for name, value in each.facts().items()} for of in result.found.compared]
+    )
+
+
+def comparison_lines(found: Comparison) -> list[str]:
+    """Lay out a comparison for the terminal: a heading, one line a solution, and what the columns are.
+
+    Parameters
+    ----------
+    found : Comparison
+
+    Returns
+    -------
+    list of str
+        What the reference does not know is left out.
+    """
+    (table,) = section_tables(_section(found))
+    units = {" [deg]": " °", " [": " ", "]": ""}  # 110 columns are no room for brackets
+    headings = [reduce(lambda text, unit: text.replace(unit, units[unit]), units, name) for name in table.columns]
+    rows = [("  smoothed" if solution == "smoothed" else run, *cells) for run, solution, *cells in table.rows]
+    columns = (headings[0], *headings[2:])
+    lines = table_text(replace(table, title="", note="", columns=columns, rows=tuple(rows))).splitlines()
+    count = len(found.compared[0].errors.time)
+    return [*(line[2:] for line in lines), *(line.format(n=count) for line in _NOTE)]
+
+
+def _section(found: Comparison) -> Section:
+    return Section("runs", "Accuracy", rows=tuple(_row(each) for each in found.compared), note=_NOTE[1])
+
+
+def _row(of: Compared) -> tuple[Quantity, ...]:
+    """RMS errors of one solution; the name of a smoothed one is that of its run, set in."""
+    errors, consistency = accuracy(of.errors) or {}, nees(of.errors)
+    position = None if consistency is None else consistency["position"]
+    row = [Quantity("run", of.run), Quantity("solution", of.solution)]
+    for key, heading, unit, quantity, statistic in _COLUMNS:
+        if errors.get(quantity) is not None:
+            size = UNITS[unit][1]
+            row.append(Quantity(key, errors[quantity][statistic] * size, unit, meaning=heading))
+    inside = None if position is None else position["inside_3_sd"]
+    return (*row, Quantity("inside_3_sd", inside, "%", meaning="in 3 sd"))

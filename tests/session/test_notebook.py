@@ -1,0 +1,184 @@
+"""What a notebook does with a drive, and that the command line does the same."""
+
+from __future__ import annotations
+
+import json
+import pydoc
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+
+import insnav
+from insnav.exceptions import ConfigError, InputError
+from insnav.output.folder import verify_folder
+from insnav.output.solution_tables import read_solution
+from tests.cli.conftest import Cli, cli
+
+__all__ = ["cli"]
+LEVER = (0.8, -0.3, -1.2)
+
+
+def test_the_first_lines_of_a_notebook(drive: Path) -> None:
+    drive_ = insnav.load("imu.csv", gps="gps.csv", ref="ref.csv", lever_arm=LEVER)
+    assert "13000 rows" in repr(drive_)
+    result = drive_.navigate()
+    assert isinstance(result.plot("position_error"), Figure)
+    assert isinstance(result.plot("track"), Figure)
+    frame = result.to_frame()
+    assert len(frame) == len(result.found.run.solution.time)
+    assert {"time_s", "lat_deg", "heading_deg"} <= set(frame.columns)
+    result.save("run1")
+    verify_folder(Path("run1"))
+    assert "Horizontal error" in result.summary()
+    assert repr(result) == "Result: run of imu.csv, gps.csv, ref.csv"
+    assert "<table" in result._repr_html_()
+    outage = drive_.outage(lengths=(10, 30))
+    assert [each.length for each in outage.found.growth] == [10.0, 30.0]
+    budget = drive_.budget(times=(10, 60), windows=insnav_windows())
+    assert list(budget.found.budget.time[budget.found.budget.chosen]) == [10.0, 60.0]
+
+
+def insnav_windows() -> object:
+    from insnav.errors.budget.from_windows import WindowSettings
+
+    return WindowSettings(spacing=20.0)  # without simulated replicas, which take a minute
+
+
+def test_notebook_and_shell_give_the_same_bytes(drive: Path, cli: Cli) -> None:
+    options = ("--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2", "--figures", "none")
+    assert cli("run", "imu.csv", "--gps", "gps.csv", *options, "--out", "shell").code == 0
+    insnav.load("imu.csv", gps="gps.csv", ref="ref.csv", lever_arm=LEVER).navigate().save("notebook", figures="none")
+    for name in ("solution.csv", "smoothed.csv", "innovations.csv", "biases.csv"):
+        assert Path("shell", name).read_bytes() == Path("notebook", name).read_bytes()
+    ours, theirs = (json.loads(Path(folder, "run.json").read_text()) for folder in ("notebook", "shell"))
+    assert {key for key in ours if ours[key] != theirs[key]} == {"configuration"}
+
+
+def test_files_frames_arrays_and_types_are_the_same_data(drive: Path) -> None:
+    imu, gps = pd.read_csv("imu.csv"), pd.read_csv("gps.csv")
+    given = {"imu_model": "automotive", "lever_arm": LEVER}
+    from_files = insnav.load("imu.csv", gps="gps.csv", **given)
+    solution = from_files.navigate(smooth=False).found.run.solution
+    columns = [imu[[f"{name}_{axis}_{unit}" for axis in "xyz"]].to_numpy() for name, unit in _UNITS.items()]
+    assert from_files.gps is not None
+    for samples, fixes in (
+        (imu, gps),
+        ((imu["time_s"].to_numpy(), *columns), gps),
+        (from_files.imu.data, from_files.gps.data),
+    ):
+        again = insnav.load(samples, gps=fixes, **given).navigate(smooth=False).found.run.solution
+        np.testing.assert_array_equal(again.lla, solution.lla)
+        np.testing.assert_array_equal(again.rph, solution.rph)
+
+
+_UNITS = {"gyro": "rad_s", "accel": "m_s2"}
+
+
+def test_arrays_without_times_need_a_rate() -> None:
+    n = 3000
+    rest = (np.zeros((n, 3)), np.tile([0.0, 0.0, -9.81], (n, 1)))
+    drive = insnav.load(rest, rate=100.0, lat=0.8)
+    assert drive.imu.facts.rate_hz == pytest.approx(100.0)
+    with pytest.raises(ConfigError, match="no samples of an IMU"):
+        insnav.load(rest)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "error", "words"),
+    [
+        ({"lever_arm": (1.0, 2.0)}, ConfigError, "three numbers"),
+        ({"lever_arm": (0.0, 0.0, 120.0)}, ConfigError, "longer than 100 m"),
+        ({"gps_delay": float("nan")}, ConfigError, "nan s is not a sensible value"),
+        ({"heading": 92.0}, ConfigError, "not a sensible value"),  # degrees, where radians are meant
+        ({"static": (20.0, 10.0)}, ConfigError, "ends before it begins"),
+        ({"lever": (0.0, 0.0, 0.0)}, ConfigError, "'lever' is unknown"),
+        ({"logs": {"sonar": "sonar.csv"}}, ConfigError, "no known sensor"),
+        ({"gps_columns": {"lat": "zz"}}, InputError, "zz"),
+        ({"imu_model": "none.toml"}, ConfigError, "neither an IMU preset nor a file"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(
+    drive: Path, inputs: dict[str, object], error: type[Exception], words: str
+) -> None:
+    with pytest.raises((error, ConfigError), match=words):
+        insnav.load("imu.csv", gps="gps.csv", **inputs)
+
+
+def test_a_place_is_needed_to_navigate_and_to_align(drive: Path) -> None:
+    alone = insnav.load("imu.csv", imu_model="automotive")
+    with pytest.raises(ConfigError, match="nothing tells where the vehicle was"):
+        alone.navigate()
+    with pytest.raises(ConfigError, match="nothing tells the latitude"):
+        alone.align()
+    at_a_latitude = insnav.load("imu.csv", imu_model="automotive", lat=np.deg2rad(48.0)).align()
+    with_fixes = insnav.load("imu.csv", gps="gps.csv", imu_model="automotive").align()
+    np.testing.assert_allclose(with_fixes.found.coarse.rph[:2], at_a_latitude.found.coarse.rph[:2], atol=1e-3)
+
+
+def test_a_reference_of_another_point_is_brought_to_the_antenna(drive: Path) -> None:
+    at_imu = insnav.load("imu.csv", "gps.csv", "ref.csv", lever_arm=LEVER, ref_lever_arm=(0, 0, 0))
+    assert at_imu.reference is not None
+    data = at_imu.reference.data
+    moved = at_imu._antenna_positions(at_imu.reference)
+    down = moved.lla[:, 2] - data.lla[:, 2]
+    assert np.median(down) == pytest.approx(1.2, abs=0.05)  # the antenna is above the IMU
+    blind = insnav.Trajectory(data.time, data.lla, data.v_n, np.full_like(data.rph, np.nan))
+    with pytest.raises(ConfigError, match="brought to the antenna"):
+        insnav.load("imu.csv", "gps.csv", blind, lever_arm=LEVER, ref_lever_arm=(0, 0, 0)).outage(lengths=(5,))
+
+
+def test_a_simulated_drive_knows_its_exact_motion() -> None:
+    drive = insnav.simulate("laboratory_slide", imu="tactical", gps="rtk", seed=3)
+    assert drive.reference is not None
+    assert drive.imu_spec.name == "tactical"
+    again = insnav.simulate("laboratory_slide", imu="tactical", gps="rtk", seed=3)
+    np.testing.assert_array_equal(drive.imu.data.gyro, again.imu.data.gyro)
+    other = insnav.simulate("laboratory_slide", imu="tactical", gps="rtk", seed=4)
+    assert not np.array_equal(drive.imu.data.gyro, other.imu.data.gyro)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        "import insnav; insnav.simulate; from insnav.simulate import Truth",
+        "from insnav.simulate import Truth; import insnav",
+        "import insnav.simulate; import insnav",
+        "from insnav import simulate; import insnav; assert simulate is insnav.simulate",
+    ],
+)
+def test_simulate_is_a_function_and_a_package(lines: str) -> None:
+    use = "assert callable(insnav.simulate); from insnav.simulate import Truth; assert insnav.simulate.Truth is Truth"
+    subprocess.run([sys.executable, "-c", f"{lines}; {use}"], check=True)
+
+
+def test_the_public_names_are_seen_and_explained() -> None:
+    names = [name for name in dir(insnav) if not name.startswith("_")]
+    assert 18 <= len(names) <= 26
+    assert {"load", "simulate", "calibrate", "compare", "open_result", "Drive", "Result"} <= set(names)
+    for name in names:
+        assert getattr(insnav, name).__doc__
+    text = pydoc.render_doc(insnav, renderer=pydoc.plaintext)
+    assert "Conventions, everywhere in insnav" in text
+    assert "load(imu" in text
+
+
+def test_the_package_can_be_run() -> None:
+    shown = subprocess.run([sys.executable, "-m", "insnav", "--version"], check=True, capture_output=True, text=True)
+    assert shown.stdout == f"insnav {insnav.__version__}\n"
+
+
+def test_results_in_memory_and_folders_are_compared(drive: Path) -> None:
+    result = insnav.load("imu.csv", gps="gps.csv", lever_arm=LEVER).navigate(smooth=False)
+    result.save("saved", figures="none")
+    both = insnav.compare(result, "saved", ref="ref.csv")
+    memory, folder = both.found.compared
+    assert [each.run for each in both.found.compared] == ["run 1", "saved"]
+    np.testing.assert_allclose(memory.errors.horizontal, folder.errors.horizontal, atol=1e-4)
+    assert isinstance(both.plot("horizontal_error"), Figure)
+    assert len(both.to_frame()) == 2
+    assert read_solution(Path("saved")).lla.shape == result.found.run.solution.lla.shape
