@@ -39,7 +39,6 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
 
     Parameters
     ----------
-    found : Acceptance
     files : sequence of BenchRecord
         The input.
     """

@@ -42,7 +42,6 @@ def draw_residuals(series: Sequence[Series], setting: str, title: str, note: str
 
     Parameters
     ----------
-    series : sequence of Series
     setting : str
         Label of the horizontal axis, unit in brackets.
     title, note : str

@@ -14,12 +14,7 @@ _MG = 1e-3 * G0
 
 
 def draw_poses(found: PosesCalibration) -> Figure:
-    """Draw the error of gravity in each pose and of each turn to the next.
-
-    Parameters
-    ----------
-    found : PosesCalibration
-    """
+    """Draw the error of gravity in each pose and of each turn to the next."""
     number = np.arange(1, len(found.poses) + 1)
     figure, panels = stacked(
         3,
@@ -54,12 +49,7 @@ def draw_poses(found: PosesCalibration) -> Figure:
 
 
 def draw_six_positions(found: SixPositions) -> Figure:
-    """Draw the error of gravity in the six positions, and what is left across.
-
-    Parameters
-    ----------
-    found : SixPositions
-    """
+    """Draw the error of gravity in the six positions, and what is left across."""
     number = np.arange(len(POSITIONS))
     figure, panels = stacked(
         3,

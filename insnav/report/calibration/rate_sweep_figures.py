@@ -13,12 +13,7 @@ from insnav.units import DEG
 
 
 def draw_sweeps(found: SweepCalibration) -> Figure:
-    """Draw the error of each gyro over the rate about its axis: left after the matrix, right after the pieces too.
-
-    Parameters
-    ----------
-    found : SweepCalibration
-    """
+    """Draw the error of each gyro over the rate about its axis: left after the matrix, right after the pieces too."""
     figure, panels = stacked(
         3,
         "Rate sweeps: error of each gyro after the matrix (left) and after the piecewise compensation (right)",

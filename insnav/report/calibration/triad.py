@@ -17,8 +17,6 @@ def triad_section(key: str, title: str, triad: Triad, counts: bool) -> Section:
     ----------
     key : {"accel", "gyro"}
         Which sensors.
-    title : str
-    triad : Triad
     counts : bool
         The record is in raw units.
     """

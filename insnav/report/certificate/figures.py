@@ -28,12 +28,7 @@ _STYLES = (
 
 
 def draw_certificate(checks: Sequence[Check]) -> Figure:
-    """Draw one row for every check, the figure that counts large, on a logarithmic axis.
-
-    Parameters
-    ----------
-    checks : sequence of Check
-    """
+    """Draw one row for every check, the figure that counts large, on a logarithmic axis."""
     height = 1.5 + _ROW * len(checks)
     failed = sum(not check.passed for check in checks)
     figure = blank(

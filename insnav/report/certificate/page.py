@@ -18,12 +18,7 @@ _EXCEEDS = "!"  # behind an error that exceeds the limit
 
 
 def certificate_page(certificate: Certificate) -> Page:
-    """Report all checks, a table for every topic.
-
-    Parameters
-    ----------
-    certificate : Certificate
-    """
+    """Report all checks, a table for every topic."""
     checks, failed = certificate.checks, certificate.failed
     lines = tuple(f"{check.topic}: {check.case}" for check in failed)
     machine = f"{platform.system()} {platform.machine()}"
@@ -74,12 +69,7 @@ _NOTES = {  # by the name of an integrator
 
 
 def certificate_markdown(certificate: Certificate) -> str:
-    """Write all checks as one Markdown table, as for a README.
-
-    Parameters
-    ----------
-    certificate : Certificate
-    """
+    """Write all checks as one Markdown table, as for a README."""
     others = [name for name in _names(certificate.checks) if name not in {c.values[0][0] for c in certificate.checks}]
     rows = [("check", "limit", "insnav", *others)]
     for check in certificate.checks:

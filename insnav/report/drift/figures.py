@@ -12,12 +12,7 @@ from insnav.units import DEG, DEG_PER_H
 
 
 def draw_drift(found: DriftStudy) -> Figure:
-    """Draw one row a gyro: the part at rest, Allan deviations, and the error on a rate ramp.
-
-    Parameters
-    ----------
-    found : DriftStudy
-    """
+    """Draw one row a gyro: the part at rest, Allan deviations, and the error on a rate ramp."""
     rows = len(found.gyros)
     note = "grey: as measured; black: drift model taken off; colour: after the scalar Kalman filter; bars and band 95 %"
     figure = blank(12.0, 1.4 + 3.0 * rows, f"Drift of gyros before and after: {found.record.name}", note)

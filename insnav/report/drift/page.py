@@ -41,7 +41,6 @@ def drift_page(found: DriftStudy, name: str) -> Page:
 
     Parameters
     ----------
-    found : DriftStudy
     name : str
         Of the record.
     """
@@ -180,12 +179,7 @@ def _ramps(each: GyroDrift, name: str) -> Section:
 
 
 def rates_csv(found: DriftStudy) -> str:
-    """Write the corrected and the smoothed rates as text of a table.
-
-    Parameters
-    ----------
-    found : DriftStudy
-    """
+    """Write the corrected and the smoothed rates as text of a table."""
     columns = {"time_s": found.record.time}
     for each in found.gyros:
         columns[f"gyro_{each.model.axis}_corrected_deg_s"] = each.corrected_rate / DEG

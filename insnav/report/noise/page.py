@@ -57,7 +57,6 @@ def noise_quantity(
     term : {"Q", "N", "B", "K", "GM", "R"}
     value, sd, interval : float
         In SI.
-    gyro : bool
     si : bool
         Shown in SI, not in the unit usual for it.
     """
@@ -70,7 +69,6 @@ def noise_page(found: StaticNoise, name: str) -> Page:
 
     Parameters
     ----------
-    found : StaticNoise
     name : str
         Of the record.
     """
@@ -164,12 +162,7 @@ def _filter_figures(found: StaticNoise) -> Section:
 
 
 def deviations_csv(found: StaticNoise) -> str:
-    """Write the deviations with their intervals as text of a table, one row for each averaging time.
-
-    Parameters
-    ----------
-    found : StaticNoise
-    """
+    """Write the deviations with their intervals as text of a table, one row for each averaging time."""
     columns = {"tau_s": found.allan.tau}
     for i, (axis, model) in enumerate(zip(AXES, found.models, strict=True)):
         unit = "deg/h" if i < 3 else "ug"

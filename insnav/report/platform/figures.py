@@ -34,13 +34,7 @@ _HOUR = 3600.0
 
 
 def draw_platform_track(run: PlatformRun, ref: Trajectory | None) -> Figure:
-    """Draw the track of the platform, without its errors and of a reference where there are such, from above.
-
-    Parameters
-    ----------
-    run : PlatformRun
-    ref : Trajectory or None
-    """
+    """Draw the track of the platform, without its errors and of a reference where there are such, from above."""
     solution = run.solution
     tracks = [("solution", solution, BLUE, 1.4)]
     if run.undisturbed is not solution:
@@ -79,12 +73,7 @@ def draw_platform_track(run: PlatformRun, ref: Trajectory | None) -> Figure:
 
 
 def draw_platform_velocity(run: PlatformRun) -> Figure:
-    """Draw velocity East, North, Up, and the height if it is computed.
-
-    Parameters
-    ----------
-    run : PlatformRun
-    """
+    """Draw velocity East, North, Up, and the height if it is computed."""
     v_n, rows = run.solution.v_n, [("east [m/s]", 1, 1.0), ("north [m/s]", 0, 1.0)]
     if run.vertical != "off":
         rows.append(("up [m/s]", 2, -1.0))
@@ -108,12 +97,7 @@ def draw_platform_velocity(run: PlatformRun) -> Figure:
 
 
 def draw_torquing(run: PlatformRun) -> Figure:
-    """Draw the rates at which the gyros are torqued, about East, North, Up.
-
-    Parameters
-    ----------
-    run : PlatformRun
-    """
+    """Draw the rates at which the gyros are torqued, about East, North, Up."""
     figure, panels = stacked(
         3, "Commanded torquing rates", "Earth rate plus transport rate, as computed; the Earth turns at 15.041 deg/h"
     )
@@ -168,7 +152,6 @@ def draw_platform_and_strapdown(
 
     Parameters
     ----------
-    found : PlatformComparison
     theory : StaticErrors or None
         Closed form, at rest.
     motion, errors : str

@@ -60,12 +60,7 @@ def draw_line() -> Figure:
 
 
 def draw_convergence(found: Sequence[Convergence]) -> Figure:
-    """Draw the error of each integrator on y = sin t over the length of its steps.
-
-    Parameters
-    ----------
-    found : sequence of Convergence
-    """
+    """Draw the error of each integrator on y = sin t over the length of its steps."""
     figure = blank(
         7.4,
         5.0,
@@ -122,7 +117,6 @@ def draw_differences(differences: Mapping[Integrator, TrajectoryErrors], against
 
     Parameters
     ----------
-    differences : mapping to TrajectoryErrors
     against : str
         What they are compared with.
     """

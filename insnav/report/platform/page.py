@@ -77,12 +77,7 @@ class PlatformStudy:
 
 
 def torquing_columns(run: PlatformRun) -> dict[str, FloatArray]:
-    """Columns of the time, the torquing rates and the platform's attitude error, by name with unit.
-
-    Parameters
-    ----------
-    run : PlatformRun
-    """
+    """Columns of the time, the torquing rates and the platform's attitude error, by name with unit."""
     rates, tilt = torquing_rates(run.solution) / DEG_PER_H, run.tilt / DEG
     named = {"time_s": run.solution.time}
     named |= {"torquing_e_deg_h": rates[:, 1], "torquing_n_deg_h": rates[:, 0], "torquing_u_deg_h": -rates[:, 2]}
@@ -92,12 +87,7 @@ def torquing_columns(run: PlatformRun) -> dict[str, FloatArray]:
 
 
 def platform_page(study: PlatformStudy) -> Page:
-    """Report a record integrated on a platform.
-
-    Parameters
-    ----------
-    study : PlatformStudy
-    """
+    """Report a record integrated on a platform."""
     run, theory, differences = study.run, study.theory, study.differences()
     end = run.solution
     lat, lon, height = end.lla[-1]

@@ -51,8 +51,6 @@ def draw_history(history: Sequence[Entry], baseline: Baseline | None, metric: Me
     ----------
     history : sequence of Entry
         Oldest first, at least one.
-    baseline : Baseline or None
-    metric : Metric
 
     Returns
     -------
@@ -118,13 +116,7 @@ def _name_versions(panels: Sequence[Axes], history: Sequence[Entry]) -> None:
 
 
 def draw_growth(cases: Mapping[str, CaseResult], baseline: Baseline | None) -> Figure | None:
-    """Draw the error without GPS over time, now and in the baseline, a panel for every case.
-
-    Parameters
-    ----------
-    cases : mapping of str to CaseResult
-    baseline : Baseline or None
-    """
+    """Draw the error without GPS over time, now and in the baseline, a panel for every case."""
     known = {
         name: case for name, case in cases.items() if case.measured is not None and case.measured.growth[:, 0].any()
     }
@@ -245,12 +237,7 @@ def draw_predicted(cases: Mapping[str, CaseResult]) -> Figure | None:
 
 
 def draw_heat(comparison: Comparison) -> Figure | None:
-    """Draw how much every figure of every case has changed since the baseline.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    """
+    """Draw how much every figure of every case has changed since the baseline."""
     changes = [change for change in comparison.changes if change.metric.kind != "cpu"]
     if not changes:
         return None

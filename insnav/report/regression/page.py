@@ -52,12 +52,8 @@ def write_pages(
     ----------
     folder : Path
         Made if need be; files of the same names are replaced.
-    result : Result
     history : sequence of Entry
         Oldest first.
-    baseline : Baseline or None
-    comparison : Comparison or None
-    now : Origin
     peers : sequence of PeerRow
         What other programs made of the same drives.
 
@@ -123,10 +119,6 @@ def regression_page(
 
     Parameters
     ----------
-    result : Result
-    baseline : Baseline or None
-    comparison : Comparison or None
-    now : Origin
     peers : sequence of PeerRow
         What other programs made of the same drives.
     """
@@ -190,10 +182,6 @@ def markdown(
 
     Parameters
     ----------
-    result : Result
-    comparison : Comparison or None
-    now : Origin
-    peers : sequence of PeerRow
     pictures : sequence of (str, str)
         Caption and file name.
     """

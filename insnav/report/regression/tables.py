@@ -44,7 +44,6 @@ def case_section(result: Result, comparison: Comparison | None) -> Section:
 
     Parameters
     ----------
-    result : Result
     comparison : Comparison or None
         None without a baseline.
     """
@@ -127,13 +126,6 @@ def regression_lines(
     result: Result, comparison: Comparison | None, baseline: Baseline | None, peers: Sequence[PeerRow] = ()
 ) -> list[str]:
     """Write the result of a run for the terminal.
-
-    Parameters
-    ----------
-    result : Result
-    comparison : Comparison or None
-    baseline : Baseline or None
-    peers : sequence of PeerRow
 
     Returns
     -------

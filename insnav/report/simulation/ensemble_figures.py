@@ -34,7 +34,6 @@ def draw_ensemble(found: Ensemble, runs: int) -> Figure:
 
     Parameters
     ----------
-    found : Ensemble
     runs : int
         How many there were.
     """
