@@ -35,13 +35,7 @@ ASSUMPTIONS = (
 
 
 def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
-    """Report the acceptance figures.
-
-    Parameters
-    ----------
-    files : sequence of BenchRecord
-        The input.
-    """
+    """Report the acceptance figures."""
     steps = [item for item in found.sensors if item.scale is not None]
     fits = {item.axis: item.scale.table.fit for item in steps if item.scale is not None}
     left_out = tuple(

@@ -24,10 +24,6 @@ def quality_rows(
 
     Parameters
     ----------
-    fits : mapping of str to Fit
-        By sensor.
-    unit : str
-        Of the residuals as shown.
     settings : mapping of str to sequence of str
         What was set in each row of each fit, in words.
     factor : float

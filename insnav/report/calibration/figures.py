@@ -44,8 +44,6 @@ def draw_residuals(series: Sequence[Series], setting: str, title: str, note: str
     ----------
     setting : str
         Label of the horizontal axis, unit in brackets.
-    title, note : str
-        What was done, and how to read it.
     """
     figure, panels = stacked(len(series), title, note, height=2.6 + 1.6 * len(series))
     for row, (axes,), item in zip(range(len(series)), panels, series, strict=True):
@@ -84,8 +82,6 @@ def draw_line(
         Label of the vertical axis, abscissa, ordinate, and slope.
     across : sequence of str
         Labels of the horizontal axes.
-    title, note : str
-        What was done, and how to read it.
     """
     figure = blank(9.6, 5.2, title, note)
     grid = {"wspace": 0.3, "hspace": 0.12, "height_ratios": (2.2, 1.0)}

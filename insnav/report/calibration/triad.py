@@ -15,8 +15,6 @@ def triad_section(key: str, title: str, triad: Triad, counts: bool) -> Section:
 
     Parameters
     ----------
-    key : {"accel", "gyro"}
-        Which sensors.
     counts : bool
         The record is in raw units.
     """

@@ -37,13 +37,7 @@ ASSUMPTIONS = (
 
 
 def drift_page(found: DriftStudy, name: str) -> Page:
-    """Report the drift of gyros.
-
-    Parameters
-    ----------
-    name : str
-        Of the record.
-    """
+    """Report the drift of gyros."""
     record, gyros = found.record, found.gyros
     fits = {f"gyro {each.model.axis}": each.model.fit for each in gyros}
     times = [f"{each:g} s" for each in record.time]

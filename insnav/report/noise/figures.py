@@ -29,8 +29,6 @@ def draw_allan(allan: AllanDeviation, models: Sequence[NoiseModel | None], title
         Columns gyro x, y, z, accelerometer x, y, z.
     models : sequence of NoiseModel or None
         One for each; None is not drawn.
-    title : str
-        What was recorded.
     """
     note = "points: overlapping Allan deviation with 95 % intervals; lines: fitted model; grey: slopes of Q, N, B, K, R"
     figure = blank(8.4, 9.4, title, note)

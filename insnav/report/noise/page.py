@@ -65,13 +65,7 @@ def noise_quantity(
 
 
 def noise_page(found: StaticNoise, name: str) -> Page:
-    """Report the noise of a static record.
-
-    Parameters
-    ----------
-    name : str
-        Of the record.
-    """
+    """Report the noise of a static record."""
     record, tau = found.record, found.allan.tau
     figure = FigureSpec(
         "allan",

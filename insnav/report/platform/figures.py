@@ -113,15 +113,7 @@ def draw_torquing(run: PlatformRun) -> Figure:
 
 
 def draw_platform_errors(run: PlatformRun, theory: StaticErrors | None) -> Figure:
-    """Draw what the platform's errors do to position, velocity and to its own attitude.
-
-    Parameters
-    ----------
-    run : PlatformRun
-        With errors.
-    theory : StaticErrors or None
-        What the closed form says, if the vehicle is at rest.
-    """
+    """Draw what the platform's errors do to position, velocity and to its own attitude."""
     note = "solution minus the same without the platform's errors"
     figure, panels = stacked(3, "Impact of the platform's errors", note + ("; black: closed form" if theory else ""))
     time = run.solution.time
@@ -148,15 +140,7 @@ def draw_platform_errors(run: PlatformRun, theory: StaticErrors | None) -> Figur
 def draw_platform_and_strapdown(
     found: PlatformComparison, theory: StaticErrors | None, motion: str, errors: str
 ) -> Figure:
-    """Draw the position error of a platform and of a strapdown navigator with the same errors.
-
-    Parameters
-    ----------
-    theory : StaticErrors or None
-        Closed form, at rest.
-    motion, errors : str
-        What was done, and with which errors.
-    """
+    """Draw the position error of a platform and of a strapdown navigator with the same errors."""
     figure, panels = stacked(2 if theory is None else 3, f"Platform and strapdown: {motion}", errors)
     hours = (found.time - found.time[0]) / _HOUR
     both = (("platform", found.platform, BLUE, 2.6, 0.55), ("strapdown", found.strapdown, VERMILLION, 1.2, 1.0))

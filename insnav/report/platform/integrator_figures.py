@@ -94,8 +94,6 @@ def draw_flight_errors(found: Mapping[float, Sequence[TrajectoryErrors]], motion
     ----------
     found : mapping of float to sequence of TrajectoryErrors
         By sampling rate [Hz], in the order of `INTEGRATORS`.
-    motion : str
-        What was flown.
     """
     figure, panels = stacked(
         len(found), "Integrators against truth", f"{motion}; horizontal position error", height=1.3 + 2.2 * len(found)
@@ -113,13 +111,7 @@ def draw_flight_errors(found: Mapping[float, Sequence[TrajectoryErrors]], motion
 
 
 def draw_differences(differences: Mapping[Integrator, TrajectoryErrors], against: str) -> Figure:
-    """Draw how far the integrators are from one of them, or from a reference.
-
-    Parameters
-    ----------
-    against : str
-        What they are compared with.
-    """
+    """Draw how far the integrators are from one of them, or from a reference."""
     figure, panels = stacked(2, "Difference between the integrators", f"horizontal, against {against}", height=5.6)
     clock = Clock.of(next(iter(differences.values())).time)
     sizes = {

@@ -25,7 +25,6 @@ from insnav.report.regression.tables import (
     case_section,
     change_rows,
     change_text,
-    changed_section,
     peer_section,
     rules,
     verdict_text,
@@ -54,8 +53,6 @@ def write_pages(
         Made if need be; files of the same names are replaced.
     history : sequence of Entry
         Oldest first.
-    peers : sequence of PeerRow
-        What other programs made of the same drives.
 
     Returns
     -------
@@ -115,13 +112,7 @@ def regression_page(
     now: Origin,
     peers: Sequence[PeerRow] = (),
 ) -> Page:
-    """Report the accuracy of this version, and what changed since the baseline.
-
-    Parameters
-    ----------
-    peers : sequence of PeerRow
-        What other programs made of the same drives.
-    """
+    """Report the accuracy of this version, and what changed since the baseline."""
     summary, warnings = [_where(now)], []
     sections = [case_section(result, comparison)]
     changes: Sequence[Change] = ()
@@ -131,7 +122,8 @@ def regression_page(
         warnings += [f"fails: {change_text(change)}" for change in comparison.failing]
         warnings += [f"broken: {name}: {why}" for name, why in comparison.broken.items()]
         warnings += [f"not compared: {name}: {why}" for name, why in comparison.apart.items()]
-        sections += [changed_section(changes)] if any(change.verdict != "same" for change in changes) else []
+        changed = change_rows([change for change in changes if change.verdict != "same"])
+        sections.append(Section("", "Figures that changed", rows=changed))
     warnings += [f"skipped: {name}: {why}" for name, why in result.skipped.items()]
     return Page(
         "insnav: accuracy over versions",
@@ -178,13 +170,7 @@ def markdown(
     peers: Sequence[PeerRow],
     pictures: Sequence[tuple[str, str]],
 ) -> str:
-    """Write the section for the README: plots and tables in Markdown.
-
-    Parameters
-    ----------
-    pictures : sequence of (str, str)
-        Caption and file name.
-    """
+    """Write the section for the README: plots and tables in Markdown."""
     lines = ["# Accuracy on the corpus", "", _where(now), ""]
     for caption, name in pictures:
         lines += [f"![{caption}]({name})", ""]

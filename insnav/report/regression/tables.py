@@ -40,13 +40,7 @@ def change_text(change: Change) -> str:
 
 
 def case_section(result: Result, comparison: Comparison | None) -> Section:
-    """One row a case: headline figures, and how many figures are better, the same, worse.
-
-    Parameters
-    ----------
-    comparison : Comparison or None
-        None without a baseline.
-    """
+    """One row a case: headline figures, and how many figures are better, the same, worse."""
     rows = []
     for name, case in result.cases.items():
         values = {} if case.measured is None else case.measured.values
@@ -71,7 +65,7 @@ def _counts(name: str, comparison: Comparison | None) -> tuple[Quantity, ...]:
 
 
 def change_rows(changes: Sequence[Change]) -> tuple[tuple[Quantity, ...], ...]:
-    """One row a change, for ``run.json``."""
+    """One row a change."""
     return tuple(
         (
             Quantity("case", change.case),
@@ -79,30 +73,12 @@ def change_rows(changes: Sequence[Change]) -> tuple[tuple[Quantity, ...], ...]:
             Quantity("old", change.old),
             Quantity("new", change.new),
             Quantity("change", change.shift.change),
-            Quantity("p", change.adjusted),
+            Quantity("p", change.adjusted, meaning="p, corrected", digits=1),
             Quantity("verdict", change.verdict),
             Quantity("fails", change.fails),
         )
         for change in changes
     )
-
-
-def changed_section(changes: Sequence[Change]) -> Section:
-    """Figures that changed, as they are read."""
-    rows = tuple(
-        (
-            Quantity("case", change.case),
-            Quantity("figure", change.metric.label),
-            Quantity("then", change.old),
-            Quantity("now", change.new),
-            Quantity("change", f"{100.0 * change.shift.change:+.1f}", "%"),
-            Quantity("p", change.adjusted, meaning="p, corrected", digits=1),
-            Quantity("verdict", change.verdict),
-        )
-        for change in changes
-        if change.verdict != "same"
-    )
-    return Section("", "Figures that changed", rows=rows)
 
 
 def peer_section(peers: Sequence[PeerRow]) -> Section:

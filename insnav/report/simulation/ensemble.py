@@ -50,8 +50,6 @@ def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> tuple[Path, Page]:
     ----------
     folder : RunFolder
         Entered, not committed.
-    plan : Plan
-        What was simulated.
     runs : Runs
         What the runs came to, as `insnav.errors.ensemble.NavigatedRecording` makes them.
 
@@ -73,17 +71,7 @@ def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> tuple[Path, Page]:
 
 
 def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
-    """Report an ensemble of simulated runs.
-
-    Parameters
-    ----------
-    plan : Plan
-        What was simulated.
-    found : Ensemble
-        The runs over time.
-    runs : Runs
-        The runs one by one.
-    """
+    """Report an ensemble of simulated runs."""
     time, motion = seen(plan.truth)
     columns = dict(zip(FIGURES, runs.figures.T, strict=True))
     share = inside(found).mean(axis=0) if len(found.nees) else ()
@@ -142,15 +130,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
 
 
 def ensemble_lines(page: Page, out: Path) -> list[str]:
-    """What the terminal shows of an ensemble: its summary and its files.
-
-    Parameters
-    ----------
-    page : Page
-        Of `ensemble_page`.
-    out : Path
-        The folder as the user gave it.
-    """
+    """What the terminal shows of an ensemble: its summary and its files."""
     return [*page.summary, entry("files", f"{out}: runs.csv, ensemble.csv, report.html, run.json, …")]
 
 
@@ -159,8 +139,6 @@ def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[s
 
     Parameters
     ----------
-    gps : GpsSpec or None
-        The receiver.
     nees : mapping of str to float
         Mean per axis, by group.
     """

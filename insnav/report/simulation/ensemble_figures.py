@@ -30,13 +30,7 @@ _TITLES = ("position", "velocity", "attitude")
 
 
 def draw_ensemble(found: Ensemble, runs: int) -> Figure:
-    """Draw root mean square error and stated standard deviation of all nine components over time.
-
-    Parameters
-    ----------
-    runs : int
-        How many there were.
-    """
+    """Draw root mean square error and stated standard deviation of all nine components over time."""
     clock = Clock.of(found.time)
     low, high = (np.sqrt(limit)[:, None] for limit in band(found.count))
     figure = blank(

@@ -57,10 +57,6 @@ def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Pat
     ----------
     folder : RunFolder
         Entered, not committed.
-    plan : Plan
-        What was simulated.
-    made : Recording
-        The result.
 
     Returns
     -------
@@ -78,15 +74,7 @@ def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Pat
 
 
 def recording_page(plan: Plan, made: Recording) -> Page:
-    """Report a simulated recording; its last line is the command that navigates it.
-
-    Parameters
-    ----------
-    plan : Plan
-        What was simulated.
-    made : Recording
-        The result.
-    """
+    """Report a simulated recording; its last line is the command that navigates it."""
     time, motion = seen(plan.truth)
     command = run_command(plan, made.lever_b, motion)
     samples = f"{len(made.imu.time)} samples at {plan.rate:g} Hz, {_SAMPLES[plan.sampling]}"
@@ -190,8 +178,6 @@ def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile]) -> Path
     ----------
     folder : RunFolder
         Entered, not committed.
-    profiles : sequence of MotionProfile
-        What to draw.
     """
 
     def draw(profile: MotionProfile) -> Figure:
@@ -232,12 +218,8 @@ def run_command(plan: Plan, lever_b: FloatArray, motion: Kinematics) -> str:
 
     Parameters
     ----------
-    plan : Plan
-        What was simulated.
     lever_b : (3,) array
         Antenna seen from the IMU, body axes [m].
-    motion : Kinematics
-        The motion, from its start on.
     """
     words = ["insnav", "run", "imu.csv", "--gps", "gps.csv", "--ref", "ref.csv"]
     if np.any(lever_b):
@@ -267,15 +249,7 @@ def in_folder(command: str, folder: Path) -> str:
 
 
 def shown_lines(page: Page, out: Path) -> list[str]:
-    """What the terminal shows of a simulated recording: its summary, its files, and the command as from here.
-
-    Parameters
-    ----------
-    page : Page
-        Of `recording_page`.
-    out : Path
-        The folder as the user gave it.
-    """
+    """What the terminal shows of a simulated recording: its summary, its files, and the command as from here."""
     *lines, last = page.summary
     files = entry("files", f"{out}: imu.csv, gps.csv, ref.csv, report.html, run.json, …")
     return [*lines, files, entry("next", in_folder(last.removeprefix("next").strip(), out))]
@@ -302,17 +276,7 @@ def entry(name: str, text: str) -> str:
 
 
 def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
-    """Extent and dynamics of the motion, and how far a simulated replica is from its track.
-
-    Parameters
-    ----------
-    plan : Plan
-        What was simulated.
-    time : (n,) array
-        Instants to look at [s].
-    motion : Kinematics
-        The motion at these.
-    """
+    """Extent and dynamics of the motion, and how far a simulated replica is from its track."""
     lat, lon, height = plan.truth.evaluate(np.array([plan.truth.start])).lla[0]
     heights = motion.lla[:, 2]
     shown = (

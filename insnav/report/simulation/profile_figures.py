@@ -41,10 +41,6 @@ def draw_way(time: FloatArray, motion: Kinematics, name: str) -> Figure:
     ----------
     time : (n,) array
         [s].
-    motion : Kinematics
-        The motion at these times.
-    name : str
-        Of the profile.
     """
     step = max(1, len(time) // _TRACK_POINTS)
     rows = np.unique(np.append(np.arange(0, len(time), step), len(time) - 1))
@@ -89,10 +85,6 @@ def draw_motion(time: FloatArray, motion: Kinematics, name: str) -> Figure:
     ----------
     time : (n,) array
         [s].
-    motion : Kinematics
-        The motion at these times.
-    name : str
-        Of the profile.
     """
     clock = Clock.of(time)
     figure, panels = stacked(
@@ -132,10 +124,6 @@ def draw_sketch(time: FloatArray, motion: Kinematics, name: str, purpose: str) -
     ----------
     time : (n,) array
         [s].
-    motion : Kinematics
-        The motion at these times.
-    name, purpose : str
-        Of the profile.
     """
     clock = Clock.of(time)
     figure = blank(8.4, 3.2, name, purpose)
