@@ -11,7 +11,7 @@ from insnav.errors.metrics import distance_and_time
 from insnav.errors.platform_errors import PlatformComparison
 from insnav.errors.schuler import StaticErrors
 from insnav.gimbal import PlatformRun, torquing_rates
-from insnav.report.run.figures.track import distance_text, map_limits, north_arrow, scale_bar
+from insnav.report.map_drawing import distance_text, finish_map, map_figure
 from insnav.report.style import (
     AXIS_COLOURS,
     BLACK,
@@ -20,7 +20,6 @@ from insnav.report.style import (
     GREY,
     VERMILLION,
     Clock,
-    blank,
     legend_above,
     line,
     stacked,
@@ -29,7 +28,6 @@ from insnav.report.style import (
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG, DEG_PER_H
 
-_WIDTH = 7.35  # of the map [inch]
 _HOUR = 3600.0
 
 
@@ -44,31 +42,17 @@ def draw_platform_track(run: PlatformRun, ref: Trajectory | None) -> Figure:
     origin = solution.lla[0]
     points = [(name, ned_offset(each.lla, origin), colour, width) for name, each, colour, width in tracks]
     every = np.concatenate([ned for _, ned, _, _ in points])
-    x_limits, y_limits = map_limits(every[:, 1], every[:, 0])
-    height = _WIDTH * (y_limits[1] - y_limits[0]) / (x_limits[1] - x_limits[0])
     length, _ = distance_and_time(solution)
-    figure = blank(
-        _WIDTH + 1.05,
-        height + 1.85,
+    figure, axes = map_figure(
+        every[:, 1],
+        every[:, 0],
         f"Track of a north-pointing platform, {distance_text(length)}",
         f"start at latitude {np.degrees(origin[0]):.5f}°, longitude {np.degrees(origin[1]):.5f}°; "
         f"integrator {run.integrator}, vertical channel {run.vertical}",
     )
-    figure.subplots_adjust(bottom=0.95 / (height + 1.85))
-    axes = figure.subplots()
-    axes.set_xlim(*x_limits)
-    axes.set_ylim(*y_limits)
     for name, ned, colour, width in points:
         axes.plot(ned[:, 1], ned[:, 0], color=colour, linewidth=width, label=name)
-    axes.plot(0.0, 0.0, "^", color=GREEN, markersize=13.0, markeredgecolor="white", label="start", zorder=4)
-    end = points[-1][1][-1]
-    axes.plot(end[1], end[0], "s", color=BLACK, markersize=5.0, markeredgecolor="white", label="end", zorder=4)
-    scale_bar(axes)
-    north_arrow(axes)
-    axes.set_aspect("equal")
-    axes.set_xlabel("East of start [m]")
-    axes.set_ylabel("North of start [m]")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.45 / height), ncols=6, handlelength=1.4)
+    finish_map(axes, points[-1][1][:, :2])
     return figure
 
 

@@ -10,11 +10,10 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from insnav.attitude import dcm_from_quat
 from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
+from insnav.report.map_drawing import distance_text, duration_text, finish_map, map_figure, map_limits
 from insnav.report.run.figures.states import readable_heading
-from insnav.report.run.figures.track import distance_text, duration_text, map_limits, north_arrow, scale_bar
 from insnav.report.style import (
     AXIS_COLOURS,
-    BLACK,
     BLUE,
     GREEN,
     ORANGE,
@@ -29,7 +28,6 @@ from insnav.report.style import (
 from insnav.simulate.truth import Kinematics
 from insnav.types import FloatArray
 
-_MAP_WIDTH = 7.35  # [inch]
 _TRACK_POINTS = 4000
 _AT_REST = 0.01  # largest speed of a motion whose sketch shows rates instead [m/s]
 
@@ -46,19 +44,14 @@ def draw_way(time: FloatArray, motion: Kinematics, name: str) -> Figure:
     rows = np.unique(np.append(np.arange(0, len(time), step), len(time) - 1))
     north, east = _on_map(motion.lla[rows])
     speed = np.linalg.norm(motion.v_n[rows], axis=1)
-    x_limits, y_limits = map_limits(east, north)
-    height = _MAP_WIDTH * (y_limits[1] - y_limits[0]) / (x_limits[1] - x_limits[0])
     lat, lon = np.degrees(motion.lla[0, :2])
-    figure = blank(
-        _MAP_WIDTH + 1.9,
-        height + 1.6,
+    figure, axes = map_figure(
+        east,
+        north,
         f"Simulated motion {name}: {distance_text(way(time, motion))} in {duration_text(float(time[-1] - time[0]))}",
         f"start at latitude {lat:.5f}°, longitude {lon:.5f}°, height {motion.lla[0, 2]:.1f} m; exact, without errors",
+        beside=0.85,
     )
-    figure.subplots_adjust(right=1.0 - 0.75 / (_MAP_WIDTH + 1.9))
-    axes = figure.subplots()
-    axes.set_xlim(*x_limits)
-    axes.set_ylim(*y_limits)
     points = np.column_stack((east, north))
     pieces = LineCollection(
         list(np.stack((points[:-1], points[1:]), axis=1)), cmap="cividis", linewidth=2.2, capstyle="round", zorder=2
@@ -66,14 +59,7 @@ def draw_way(time: FloatArray, motion: Kinematics, name: str) -> Figure:
     pieces.set_array(0.5 * (speed[:-1] + speed[1:]))
     pieces.set_clim(0.0, max(float(speed.max()), 0.1))
     axes.add_collection(pieces)
-    axes.plot(east[0], north[0], "^", color=GREEN, markersize=13.0, markeredgecolor="white", label="start", zorder=4)
-    axes.plot(east[-1], north[-1], "s", color=BLACK, markersize=5.0, markeredgecolor="white", label="end", zorder=4)
-    scale_bar(axes)
-    north_arrow(axes)
-    axes.set_aspect("equal")
-    axes.set_xlabel("East of start [m]")
-    axes.set_ylabel("North of start [m]")
-    legend_above(axes)
+    finish_map(axes, np.column_stack((north, east)))
     figure.colorbar(pieces, ax=axes, label="speed [m/s]", fraction=0.05, pad=0.02)
     return figure
 
