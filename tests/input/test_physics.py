@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.input import read_imu
-from insnav.input.interpret.axes import all_axes, axes_matrix
+from insnav.input.interpret.axes import axes_matrix
 from insnav.input.readers.imu import parse_units
 from tests.input.files import IMU_HEADER, G, rolling, write
 
@@ -193,12 +195,16 @@ def test_axes_bring_data_to_forward_right_down(tmp_path, axes):
 
 
 def test_there_are_24_right_handed_axes_and_all_are_rotations():
-    names = all_axes()
-    assert len(set(names)) == 24
-    for name in names:
-        matrix = axes_matrix(name)
+    found = 0
+    for letters in itertools.permutations("FBRLDU", 3):
+        try:
+            matrix = axes_matrix("".join(letters))
+        except ConfigError:
+            continue
+        found += 1
         np.testing.assert_array_equal(matrix @ matrix.T, np.eye(3))
         np.testing.assert_array_equal(np.cross(matrix[:, 0], matrix[:, 1]), matrix[:, 2])
+    assert found == 24
 
 
 @pytest.mark.parametrize(("axes", "what"), [("FRU", "left-handed"), ("FFD", "twice"), ("XYZ", "not three"), ("FR", "")])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 
 from insnav.exceptions import ConfigError
@@ -54,12 +52,3 @@ def axes_matrix(axes: str) -> FloatArray:
             fix=f"one direction must be the opposite one; or did you mean {other}?",
         )
     return matrix
-
-
-def all_axes() -> list[str]:
-    """List the 24 right-handed sets of axes."""
-    found = []
-    for letters in itertools.permutations(_DIRECTIONS, 3):
-        if round(float(np.linalg.det(np.array([_DIRECTIONS[letter] for letter in letters]).T))) == 1:
-            found.append("".join(letters))
-    return found

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.types import BoolArray, Event, EventKind, FloatArray, IntArray
+from insnav.types import BoolArray, Event, FloatArray, IntArray
 
 MAX_UNSORTED = 0.01  # fraction of rows that may be out of order
 _RESET_ROWS = 5  # so many rows at the end, all before what came earlier, are a clock that was set back
@@ -18,25 +18,21 @@ _MIN_INTERVAL = 1e-9  # shorter ones count as none [s]
 
 @dataclass(frozen=True, slots=True)
 class Kinds:
-    """Names of the events of one kind of file: its rows, in the plural; how many make a gap, and how many no data.
+    """Rows of one kind of file: their word in the plural, and what their events begin with, such as ``imu``.
 
-    `gap` is None if gaps are no event.
+    More than `gap_rows` missing ones are a gap, and fewer than `min_rows` no data.
     """
 
     rows: str
-    nan: str
-    unsorted: str
-    duplicate: str
-    cut_row: str
-    gap: str | None
+    source: str
     gap_rows: int
     min_rows: int
+    gaps: bool = True  # whether gaps are events
 
 
-K = EventKind
-IMU_KINDS = Kinds("samples", K.IMU_NAN, K.IMU_UNSORTED, K.IMU_DUPLICATE, K.IMU_CUT_ROW, K.IMU_GAP, 5, 3)
-GPS_KINDS = Kinds("fixes", K.GPS_NAN, K.GPS_UNSORTED, K.GPS_DUPLICATE, K.GPS_CUT_ROW, K.GPS_GAP, 2, 3)
-REFERENCE_KINDS = Kinds("rows", K.REF_NAN, K.REF_UNSORTED, K.REF_DUPLICATE, K.REF_CUT_ROW, None, 0, 2)
+IMU_KINDS = Kinds("samples", "imu", 5, 3)
+GPS_KINDS = Kinds("fixes", "gps", 2, 3)
+REFERENCE_KINDS = Kinds("rows", "ref", 0, 2, gaps=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,11 +116,11 @@ def clean(
     time = kept["time"]
     interval = float(np.median(dt))
     gaps = np.flatnonzero(dt > (kinds.gap_rows + 1.5) * interval)
-    if kinds.gap is not None:
+    if kinds.gaps:
         events += [
             Event(
                 float(time[i]),
-                kinds.gap,
+                f"{kinds.source}.gap",
                 float(dt[i]),
                 interval,
                 "s",
@@ -142,7 +138,7 @@ def clean(
 
 def cut_event(kinds: Kinds, time: float, why: str) -> Event:
     """Event for a last row that was left out, at the time of the row before it [s]."""
-    return Event(time, kinds.cut_row, 1.0, float("nan"), "rows", f"the last row was left out: {why}")
+    return Event(time, f"{kinds.source}.cut_row", 1.0, float("nan"), "rows", f"the last row was left out: {why}")
 
 
 def runs(mask: BoolArray) -> list[tuple[int, int]]:
@@ -170,7 +166,7 @@ def _run_events(time: FloatArray, bad: BoolArray, kinds: Kinds, action: str) -> 
     for first, length in runs(bad):
         at = known[min(int(np.searchsorted(known, first)), len(known) - 1)]
         text = f"{length} {kinds.rows} left out: {action}"
-        events.append(Event(float(time[at]), kinds.nan, float(length), float("nan"), "rows", text))
+        events.append(Event(float(time[at]), f"{kinds.source}.nan", float(length), float("nan"), "rows", text))
     return events
 
 
@@ -205,7 +201,7 @@ def _ordered(
         events.append(
             Event(
                 float(time[at]),
-                kinds.unsorted,
+                f"{kinds.source}.unsorted",
                 float(n_late),
                 _tolerated(len(time)),
                 "rows",
@@ -240,7 +236,7 @@ def _ordered(
                 events.append(
                     Event(
                         float(time[at]),
-                        kinds.duplicate,
+                        f"{kinds.source}.duplicate",
                         float(count),
                         float("nan"),
                         "rows",

@@ -48,7 +48,7 @@ def read_sensor_log(
     found, notes = understand(table.headers, table.units, schema, columns=columns, where=table.name)
     wanted = next((each for each in alternatives if set(each) <= set(found)), alternatives[-1])
     require(found, ("time", *wanted), table.headers, schema, where=table.name)
-    kinds = Kinds("rows", f"{name}.nan", f"{name}.unsorted", f"{name}.duplicate", f"{name}.cut_row", None, 0, 3)
+    kinds = Kinds("rows", name, 0, 3, gaps=False)
     keys = ("time", *wanted, *(["sd"] if "sd" in found else []))
     rows = read_rows(table, found, keys, kinds, slowest=_SLOWEST)
     cleaned = rows.clean(~np.isfinite(rows.columns["time"]), "no time")

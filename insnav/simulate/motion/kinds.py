@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from insnav.simulate.motion.vehicle import Vehicle
 from insnav.units import G0
 
+_RIGID = Vehicle(lean=0.0, squat=0.0, velocity_shake=(0.0, 0.0, 0.0), angle_shake=(0.0, 0.0, 0.0))
+
 
 @dataclass(frozen=True, slots=True)
 class Kind:
@@ -38,44 +40,20 @@ class Kind:
     acceleration: float
     jerk: float
     bend: float
-    banks: bool
-    on_the_spot: bool
-    body: Vehicle
+    banks: bool = False
+    on_the_spot: bool = False
+    body: Vehicle = _RIGID
 
 
-_RIGID = Vehicle(lean=0.0, squat=0.0, velocity_shake=(0.0, 0.0, 0.0), angle_shake=(0.0, 0.0, 0.0))
 HIGHEST = 100.0 * G0  # of a laboratory device; beyond it a motion is a slip of the pen
 FASTEST_SPIN = math.radians(4000.0)
+_STEEPEST_BANK = G0 * math.tan(math.radians(75))  # as acceleration across the way [m/s^2]
 
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("car", 100.0, 10.0, 9.0, math.radians(25), 1.5, 2.0, 0.5, banks=False, on_the_spot=False, body=Vehicle()),
-        Kind(
-            "aircraft",
-            1000.0,
-            50.0,
-            G0 * math.tan(math.radians(75)),
-            math.radians(60),
-            2.0,
-            2.0,
-            2.0,
-            banks=True,
-            on_the_spot=False,
-            body=_RIGID,
-        ),
-        Kind(
-            "slide",
-            100.0,
-            HIGHEST,
-            HIGHEST,
-            math.radians(60),
-            0.5,
-            5.0,
-            1.0,
-            banks=False,
-            on_the_spot=True,
-            body=_RIGID,
-        ),
+        Kind("car", 100.0, 10.0, 9.0, math.radians(25), 1.5, 2.0, 0.5, body=Vehicle()),
+        Kind("aircraft", 1000.0, 50.0, _STEEPEST_BANK, math.radians(60), 2.0, 2.0, 2.0, banks=True),
+        Kind("slide", 100.0, HIGHEST, HIGHEST, math.radians(60), 0.5, 5.0, 1.0, on_the_spot=True),
     )
 }
