@@ -78,19 +78,21 @@ class Tabular:
         """
         import pandas as pd
 
-        columns: dict[str, NDArray[Any]] = {}
-        arrays = self._arrays()
-        for field, values in arrays.items():
-            names = self.COLUMNS[field]
-            table = np.sqrt(np.diagonal(values, axis1=1, axis2=2)) if values.ndim == 3 else values
-            for name, column in zip(names, table.reshape(len(table), -1).T, strict=True):
-                factor = unit_of(name)
-                columns[name] = column if factor == 1.0 else column / factor
-        frame = pd.DataFrame(columns)
+        frame = pd.DataFrame(self.columns())
         frame.attrs = {
             f.name: value for f in fields(self) if f.name not in self.COLUMNS and (value := getattr(self, f.name))
         }
         return frame
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Columns ``(n,)`` of every array that is there, by their canonical names and in the units of these."""
+        columns: dict[str, NDArray[Any]] = {}
+        for field, values in self._arrays().items():
+            table = np.sqrt(np.diagonal(values, axis1=1, axis2=2)) if values.ndim == 3 else values
+            for name, column in zip(self.COLUMNS[field], table.reshape(len(table), -1).T, strict=True):
+                factor = unit_of(name)
+                columns[name] = column if factor == 1.0 else column / factor
+        return columns
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
         values = {field.name: getattr(self, field.name) for field in fields(self)}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,17 +87,10 @@ class ImuData(FromTable):
     odometer: FloatArray | None = None
     baro: FloatArray | None = None
 
-    def to_frame(self) -> pd.DataFrame:
-        """Table in the canonical columns, those of increments if that is what the samples are.
-
-        Returns
-        -------
-        pandas.DataFrame
-            One row a sample; `sampling` and `stamp` are in its ``attrs``.
-        """
-        frame = Tabular.to_frame(self)
-        names = dict(zip(_GYRO + _ACCEL, _DTHETA + _DVEL, strict=True))
-        return frame.rename(columns=names) if self.sampling == "increment" else frame
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Canonical columns ``(n,)``, those of increments if that is what the samples are."""
+        names = dict(zip(_GYRO + _ACCEL, _DTHETA + _DVEL, strict=True)) if self.sampling == "increment" else {}
+        return {names.get(name, name): column for name, column in Tabular.columns(self).items()}
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, **others: str) -> Self:

@@ -1,58 +1,35 @@
-"""What tables are made of: columns with their unit and decimals, taken from the fields of a dataclass."""
+"""Columns on their way into files: rounded, without NaN, and with their names unquoted."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
+from numpy.typing import NDArray
 
-from insnav.types import FloatArray
-from insnav.units import DEG
-
-AXES, NED = ("x", "y", "z"), ("n", "e", "d")
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """One column: its name with unit, the SI value of that unit, and the decimals worth writing."""
-
-    name: str
-    decimals: int
-    unit: float = 1.0
+Decimals = tuple[
+    tuple[str, int], ...
+]  # pattern that is found in the name of a column, and its decimals; the first counts
 
 
-Fields = tuple[tuple[str, tuple[Column, ...]], ...]  # field of a dataclass and its columns, in the order of the table
-Cells = tuple[FloatArray, Column]
+def rounded(name: str, values: NDArray[Any], decimals: Decimals) -> NDArray[Any]:
+    """Round a column, unless it counts, to its decimals; zero has no sign, and a heading is below 360 deg."""
+    if values.dtype.kind == "i":
+        return values
+    values = np.round(values, next(places for pattern, places in decimals if re.search(pattern, name))) + 0.0
+    return np.where(values == 360.0, 0.0, values) if name == "heading_deg" else values
 
 
-def degrees(decimals: int, *names: str) -> tuple[Column, ...]:
-    """Columns of angles."""
-    return tuple(Column(f"{name}_deg", decimals, DEG) for name in names)
+def arrow_table(columns: Mapping[str, Any]) -> pa.Table:
+    """Table of numbers, null where they are not finite, and of text."""
+    return pa.table({name: _arrow_array(values) for name, values in columns.items()})
 
 
-def cells_of(data: object, fields: Fields) -> dict[str, Cells]:
-    """Values of the fields that are not None, in the units of their columns."""
-    found: dict[str, Cells] = {}
-    for field, columns in fields:
-        values = getattr(data, field)
-        if values is not None:
-            parts = values.T if values.ndim > 1 else (values,)
-            found |= {c.name: (v if c.unit == 1.0 else v / c.unit, c) for c, v in zip(columns, parts, strict=True)}
-    return found
-
-
-def rounded(values: FloatArray, column: Column) -> FloatArray:
-    """Round to the decimals of the column; zero has no sign, and a heading is below 360 deg."""
-    values = np.round(values, column.decimals) + 0.0
-    return np.where(values == 360.0, 0.0, values) if column.name == "heading_deg" else values
-
-
-def arrow_array(values: Any) -> Any:
-    """Arrow array of numbers, null where they are not finite, or of text."""
+def _arrow_array(values: Any) -> Any:
     if not isinstance(values, np.ndarray):
         return pa.array(values, pa.string())
     # from the buffer: pyarrow's way from an array imports pandas, which takes longer than writing the file
@@ -66,8 +43,3 @@ def write_csv(table: pa.Table, stream: Any) -> None:
     """Write a header without quotation marks, and the rows."""
     stream.write((",".join(table.column_names) + "\n").encode())
     pa.csv.write_csv(table, stream, pa.csv.WriteOptions(include_header=False, quoting_style="needed"))
-
-
-def labels(template: str, names: Sequence[str], decimals: int, unit: float = 1.0) -> tuple[Column, ...]:
-    """One column for each name put into a template."""
-    return tuple(Column(template.format(name), decimals, unit) for name in names)

@@ -17,63 +17,22 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from insnav.exceptions import InputError
-from insnav.output.columns import (
-    AXES,
-    NED,
-    Column,
-    Fields,
-    arrow_array,
-    cells_of,
-    degrees,
-    labels,
-    rounded,
-    write_csv,
-)
+from insnav.output.columns import Decimals, arrow_table, rounded, write_csv
 from insnav.plain_text import cell_text, plain_text
+from insnav.tabular import unit_of
 from insnav.types import Event, FloatArray, Innovations, SensorErrors, Trajectory
-from insnav.units import DEG_PER_H, G0, PPM
 
 TableFormat = Literal["csv", "parquet"]
 
-_ATTITUDE = ("roll", "pitch", "heading")
-_TIME = ("time", (Column("time_s", 6),))
-_SOLUTION: Fields = (
-    _TIME,
-    ("lla", (*degrees(10, "lat", "lon"), Column("height_m", 5))),
-    ("v_n", labels("v{}_m_s", NED, 6)),
-    ("rph", degrees(6, *_ATTITUDE)),
-    ("sd", (*labels("sd_{}_m", NED, 5), *labels("sd_v{}_m_s", NED, 6), *degrees(6, *(f"sd_{a}" for a in _ATTITUDE)))),
+_NAMES: dict[type, str] = {Trajectory: "solution", Innovations: "innovations", SensorErrors: "biases"}
+_DECIMALS: Decimals = (
+    ("^lat|^lon", 10),
+    ("value|limit", 9),
+    ("time|_m_s$|_deg|_mg", 6),
+    ("_m$", 5),
+    ("nis", 4),
+    ("_ppm", 3),
 )
-_SENSOR_ERRORS = (
-    *labels("gyro_bias_{}_deg_h", AXES, 6, DEG_PER_H),
-    *labels("accel_bias_{}_mg", AXES, 6, 1e-3 * G0),
-    *labels("gyro_scale_{}_ppm", AXES, 3, PPM),
-    *labels("accel_scale_{}_ppm", AXES, 3, PPM),
-)
-# what a table is called and where its columns come from
-_TABLES: dict[type, tuple[str, Fields]] = {
-    Trajectory: ("solution", _SOLUTION),
-    Innovations: (
-        "innovations",
-        (
-            _TIME,
-            ("innovation", (*labels("innovation_{}_m", NED, 5), *labels("innovation_v{}_m_s", NED, 6))),
-            ("sd", (*labels("sd_{}_m", NED, 5), *labels("sd_v{}_m_s", NED, 6))),
-            ("nis_position", (Column("nis_position", 4),)),
-            ("nis_velocity", (Column("nis_velocity", 4),)),
-            ("used_position", (Column("used_position", 0),)),
-            ("used_velocity", (Column("used_velocity", 0),)),
-        ),
-    ),
-    SensorErrors: (
-        "biases",
-        (
-            _TIME,
-            ("value", _SENSOR_ERRORS),
-            ("sd", tuple(Column(f"sd_{column.name}", column.decimals, column.unit) for column in _SENSOR_ERRORS)),
-        ),
-    ),
-}
 
 
 def write_run_table(
@@ -99,18 +58,12 @@ def write_run_table(
     Path
         The file written.
     """
-    usual, fields = _TABLES[type(data)]
-    as_text = file_format == "csv"
-    columns = {key: _written(*cells, as_text=as_text) for key, cells in cells_of(data, fields).items()}
-    return _write(folder / f"{name or usual}.{file_format}", columns)
-
-
-def _written(values: Any, column: Column, *, as_text: bool) -> Any:
-    if values.dtype == np.bool_:
-        return values.astype(np.int64)
-    if as_text:
-        return rounded(values, column)
-    return values.astype(np.float32) if column.name.startswith("sd_") else values
+    columns = {key: v.astype(np.int64) if v.dtype == np.bool_ else v for key, v in data.columns().items()}
+    if file_format == "csv":
+        columns = {key: rounded(key, v, _DECIMALS) for key, v in columns.items()}
+    else:
+        columns = {key: v.astype(np.float32) if key.startswith("sd_") else v for key, v in columns.items()}
+    return _write(folder / f"{name or _NAMES[type(data)]}.{file_format}", columns)
 
 
 def write_events(folder: Path, events: Sequence[Event]) -> Path:
@@ -121,10 +74,11 @@ def write_events(folder: Path, events: Sequence[Event]) -> Path:
     Path
         The file written.
     """
-    numbers = {
-        key: rounded(np.array([getattr(event, key.removesuffix("_s")) for event in events], dtype=np.float64), column)
-        for key, column in (("time_s", _TIME[1][0]), ("value", Column("value", 9)), ("limit", Column("limit", 9)))
+    values = {
+        key: np.array([getattr(event, key.removesuffix("_s")) for event in events], dtype=np.float64)
+        for key in ("time_s", "value", "limit")
     }
+    numbers = {key: rounded(key, each, _DECIMALS) for key, each in values.items()}
     texts = {key: [cell_text(getattr(event, key)) for event in events] for key in ("kind", "action", "hint")}
     # A dimensionless value has no unit to write; a lone "-" would look like the start of a formula.
     texts["unit"] = ["" if event.unit == "-" else cell_text(event.unit) for event in events]
@@ -156,21 +110,21 @@ def read_solution(folder: Path, name: str = "solution") -> Trajectory:
         )
     try:
         table = pa.csv.read_csv(path) if path.suffix == ".csv" else pa.parquet.read_table(path)
-        fields = {field: _matrix(table, columns) for field, columns in _SOLUTION if field != "sd"}
-        sd = _matrix(table, _SOLUTION[-1][1]) if _SOLUTION[-1][1][0].name in table.column_names else None
+        absent = () if Trajectory.COLUMNS["sd"][0] in table.column_names else ("sd",)
+        fields = {field: _matrix(table, names) for field, names in Trajectory.COLUMNS.items() if field not in absent}
     except (pa.ArrowException, OSError, KeyError, ValueError, TypeError) as error:
         raise InputError(
             "the solution cannot be read", where=str(path), why=plain_text(error), fix="make the run again"
         ) from error
-    return Trajectory(time=fields["time"][:, 0], lla=fields["lla"], v_n=fields["v_n"], rph=fields["rph"], sd=sd)
+    return Trajectory(**{**fields, "time": fields["time"][:, 0]})
 
 
-def _matrix(table: Any, columns: Sequence[Column]) -> FloatArray:
-    return np.column_stack([table[c.name].cast(pa.float64()).to_numpy() * c.unit for c in columns])
+def _matrix(table: Any, names: Sequence[str]) -> FloatArray:
+    return np.column_stack([table[name].cast(pa.float64()).to_numpy() * unit_of(name) for name in names])
 
 
 def _write(path: Path, columns: Mapping[str, Any]) -> Path:
-    table = pa.table({name: arrow_array(values) for name, values in columns.items()})
+    table = arrow_table(columns)
     with path.open("wb") as stream:
         if path.suffix == ".csv":
             write_csv(table, stream)
