@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from insnav import types
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.exceptions import InputError
+from insnav.input import read_gps, read_imu, read_reference
 from insnav.tabular import FromTable, Tabular
 
 N = 7
@@ -156,3 +158,34 @@ def test_other_columns_are_an_error_that_names_them() -> None:
     with pytest.raises(InputError) as raised:
         types.GpsData.from_frame(frame)
     assert "unknown: latitude; missing: lat_deg" in raised.value.why
+
+
+def _car(n: int = 400) -> tuple[types.ImuData, types.GpsData, types.Trajectory]:
+    """Plausible samples at 50 Hz, fixes and a reference at 5 Hz of a car that drives a curve."""
+    rng = np.random.default_rng(1)
+    time = 100.0 + np.arange(n) / 50.0
+    gyro = 0.01 * rng.standard_normal((n, 3)) + [0.0, 0.0, 0.1]
+    accel = 0.1 * rng.standard_normal((n, 3)) + [0.0, 1.0, -9.81]
+    imu = types.ImuData(time, gyro, accel, temperature=20.0 + rng.random(n), odometer=10.0 + rng.random(n))
+    at, m = time[::10], n // 10
+    lla = np.deg2rad([48.0, 11.0, 0.0]) + np.column_stack([1e-6 * at, 1e-6 * at, 500.0 + rng.random(m)])
+    v_n = 10.0 + rng.random((m, 3))
+    sd = 0.5 + rng.random((m, 3))
+    gps = types.GpsData(at, lla, v_n, sd, 0.1 * sd, np.full(m, 4), np.linspace(0.1, 0.2, m))
+    rph = np.column_stack([0.01 * rng.random((m, 2)), np.linspace(0.1, 0.2, m)])
+    return imu, gps, types.Trajectory(at, lla, v_n, rph)
+
+
+def test_tables_written_as_csv_are_read_as_what_they_were(tmp_path: Path):
+    made = _car()
+    for data, read, fields_read in zip(
+        made,
+        (read_imu, read_gps, read_reference),
+        (("gyro", "accel", "temperature", "odometer"), tuple(types.GpsData.COLUMNS), ("lla", "v_n", "rph")),
+        strict=True,
+    ):
+        path = tmp_path / f"{type(data).__name__}.csv"
+        data.to_frame().to_csv(path, index=False)
+        again = read(path).data
+        for name in ("time", *fields_read):
+            np.testing.assert_allclose(getattr(again, name), getattr(data, name), rtol=1e-14, err_msg=name)
