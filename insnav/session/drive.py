@@ -423,7 +423,7 @@ class Drive:
 
     def _compared_with(self) -> str:
         if self.reference is None:
-            return "the withheld fixes"
+            return "the drive's own GPS fixes"
         return f"the positions of {Path(self.reference.facts.path).name}"
 
     def _events(self, more: Sequence[Event]) -> tuple[Event, ...]:

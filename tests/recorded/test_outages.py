@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.errors.outage.gnss_outage import growth, outages
+from insnav.errors.outage.gnss_outage import outages
+from insnav.errors.outage.statistics import outage_growth
 from insnav.filter import FilterSettings
 from insnav.filter.navigate import aided
 from insnav.filter.prepare import DELAY_SD, prepare
@@ -19,14 +20,14 @@ def errors(imu: ImuData, gps: GpsData, lever_b: tuple[float, float, float], leng
     spec = imu_model(imu, gps)
     ready = aided(prepare(imu, gps, spec, FilterSettings(lever_b=np.array(lever_b), delay_sd=DELAY_SD)), spec)
     print(*ready.notes, sep="\n")
-    sums = growth(outages(ready, lengths=lengths))
+    sums = outage_growth(outages(ready, lengths=lengths))
     for each in sums:
-        rms, high, largest, predicted = each.quantities["horizontal"]
+        rms, high, largest, predicted = (v[-1, 0] for v in (each.rms, each.p95, each.largest, each.predicted))
         print(
             f"{each.length:g} s: RMS {rms:.2f}, 95 % {high:.2f}, max {largest:.2f}, predicted {predicted:.2f} m, "
-            f"{each.count} windows, inside 3 sd {100 * each.inside:.0f} %"
+            f"{each.count} windows, inside 3 sd {100 * each.inside_at_end:.0f} %"
         )
-    return [each.quantities["horizontal"][0] for each in sums]
+    return [each.rms[-1, 0] for each in sums]
 
 
 def test_consumer_mems_with_nhc() -> None:
