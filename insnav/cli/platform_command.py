@@ -29,7 +29,7 @@ by four integrators side by side. With a tilt, drifts or biases given, the platf
 \b
 Columns: time_s, f_east_m_s2, f_north_m_s2, f_up_m_s2 (or f_down_m_s2), or
 x, y, z with --axes. Without a vertical column only --vertical off works.
-Steps are as long as the times say; a gap of over five samples is refused.
+Steps are as long as the intervals of the samples; a gap of over five samples is refused.
 
 \b
 Examples:
@@ -207,7 +207,7 @@ def platform(
             from insnav.input.readers.specific_force import read_specific_force
 
             heights = read_heights(height_input) if height_input else None
-            judge = read_reference(ref) if ref else None
+            reference = read_reference(ref) if ref else None
             reading = read_specific_force(
                 force_file,
                 axes=axes.value if axes else None,
@@ -221,7 +221,7 @@ def platform(
                     why=f"--vertical {vertical.value} integrates f_up_m_s2 or f_down_m_s2",
                     fix="use --vertical off",
                 )
-            for each in (reading, heights, judge):
+            for each in (reading, heights, reference):
                 if each is not None:
                     say_reading(each.facts)
             stage("navigating")
@@ -253,10 +253,10 @@ def platform(
 
             name = Path(reading.facts.path).name
             study = PlatformStudy(
-                integrator.value, runs, errors, judge.data if judge else None, name, reading.facts.evidence
+                integrator.value, runs, errors, reference.data if reference else None, name, reading.facts.evidence
             )
             readings = {"force": reading.facts.as_dict()}
-            readings |= {key: each.facts.as_dict() for key, each in (("height", heights), ("ref", judge)) if each}
+            readings |= {key: each.facts.as_dict() for key, each in (("height", heights), ("ref", reference)) if each}
             page = platform_page(study)
             metadata = {"versions": versions(), "configuration": configuration, "input": readings}
             write_run_table(folder.directory, study.run.solution)

@@ -14,7 +14,7 @@ from insnav.cli.console import Stages, note, result
 SHORT_HELP = "Accuracy of this version on the corpus of drives against the baseline."
 HELP = """Accuracy of this version on the corpus of drives, against the baseline.
 
-Simulated drives are made again with fixed seeds, recorded ones are read from a folder beside the project and left out
+Simulated drives are made again with fixed seeds, recorded ones are read from a folder next to the project and left out
 by name where it is absent. Figures of merit are compared with those of the baseline by paired tests, not by equality;
 one that is significantly worse by 5 % or more ends with exit code 1 and its name.
 
@@ -40,7 +40,7 @@ def regress(
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Recorded drives. [shared/data beside the project]",
+            help="Recorded drives. [shared/data next to the project]",
             rich_help_panel=opt.FILES,
         ),
     ] = None,
@@ -64,7 +64,7 @@ def regress(
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder of baseline and reports. [reports beside the corpus' folder]",
+            help="Folder of baseline and reports. [reports next to the corpus' folder]",
             rich_help_panel=opt.RESULT,
         ),
     ] = None,

@@ -14,7 +14,7 @@ SHORT_HELP = "Certify the numerics of this installation against closed forms."
 HELP = """Certify the numerics of this installation against closed forms.
 
 Coning, sculling, spin, loops, hours without aiding, the Schuler period, rest, a day of sensor errors, meridians, poles,
-the north-pointing platform and normal gravity: the error of every integrator stands beside the bar that the one insnav
+the north-pointing platform and normal gravity: the errors of all integrators with the limit that the one insnav
 navigates with has to keep. Takes some ten seconds; twice as long the first time, when loops are compiled.
 
 \b

@@ -23,7 +23,7 @@ from insnav.report.simulation.page import (
     shown_lines,
     write_recording,
 )
-from insnav.report.simulation.profile_figures import draw_motion, draw_sketch, draw_way, way
+from insnav.report.simulation.profile_figures import draw_motion, draw_simulated_track, draw_sketch, track_length
 from insnav.report.style import drawing
 from insnav.session.simulation import Motion, Plan
 from insnav.simulate import circle, corrupt_imu, gps_from_truth, imu_from_truth, reference, straight
@@ -80,7 +80,7 @@ def test_every_motion_can_be_drawn(truth, tmp_path):
     time, motion = seen(truth)
     with drawing():
         for figure in (
-            draw_way(time, motion, "any"),
+            draw_simulated_track(time, motion, "any"),
             draw_motion(time, motion, "any"),
             draw_sketch(time, motion, "any", "to see"),
         ):
@@ -107,8 +107,8 @@ def test_motion_is_drawn_in_the_units_of_its_labels():
     assert np.nanmax(heading) <= 360.0
 
 
-def test_length_of_the_way():
-    assert way(*seen(ROUND)) == pytest.approx(20.0 * 120.0, rel=1e-3)
+def test_length_of_the_track():
+    assert track_length(*seen(ROUND)) == pytest.approx(20.0 * 120.0, rel=1e-3)
 
 
 def test_a_recording_leaves_everything_behind(tmp_path):
@@ -119,7 +119,7 @@ def test_a_recording_leaves_everything_behind(tmp_path):
     facts = json.loads((where / "run.json").read_text())
     assert set(facts["files"]) == {
         "imu.csv", "gps.csv", "ref.csv", "imu.toml", "profile.toml", "sensor_realisation.toml", "report.html",
-        "figures/way.png", "figures/motion.png",
+        "figures/track.png", "figures/motion.png",
     }  # fmt: skip
     assert facts["motion"]["start_lat_deg"] == pytest.approx(48.0)
     assert facts["motion"]["max_specific_force_m_s2"][2] > 9.8

@@ -74,7 +74,7 @@ def _keep_used_readable(axes: Axes, item: Series) -> None:
 def draw_line(
     panels: Sequence[tuple[str, FloatArray, FloatArray, float]], across: Sequence[str], title: str, note: str
 ) -> Figure:
-    """Draw points beside the lines through the origin fitted to them, and below what these leave.
+    """Draw points and the lines through the origin fitted to them, residuals below.
 
     Parameters
     ----------

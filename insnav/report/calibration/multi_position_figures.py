@@ -1,4 +1,4 @@
-"""Gravity and turns in a calibration by hand, before and after."""
+"""Gravity and turns of a multi-position calibration, before and after."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def draw_poses(found: PosesCalibration) -> Figure:
         turns.plot(between[used], shown, mark, color=colour, markersize=3.5, label=name)
     turns.set_yscale("log")
     logarithmic(turns.yaxis)
-    turns.set_ylabel("turn misses pose by [deg]")
+    turns.set_ylabel("error of turn [deg]")
     turns.set_xlabel("number of the pose; turns between")
     for (panel,) in panels:
         legend_above(panel)
@@ -54,7 +54,7 @@ def draw_six_positions(found: SixPositions) -> Figure:
     figure, panels = stacked(
         3,
         "Calibration by six positions: gravity, before and after",
-        "bottom: what the positions were off by, seen by the level axes; opposite positions share it",
+        "bottom: tilt of the positions as measured by the level axes; opposite positions share it",
         height=7.0,
     )
     (before,), (after,), (across,) = panels

@@ -14,7 +14,9 @@ from insnav.units import DEG, DEG_PER_H
 def draw_drift(found: DriftStudy) -> Figure:
     """Draw one row a gyro: the part at rest, Allan deviations, and the error on a rate ramp."""
     rows = len(found.gyros)
-    note = "grey: as measured; black: drift model taken off; colour: after the scalar Kalman filter; bars and band 95 %"
+    note = (
+        "grey: as measured; black: drift model subtracted; colour: after the scalar Kalman filter; bars and band 95 %"
+    )
     figure = blank(12.0, 1.4 + 3.0 * rows, f"Drift of gyros before and after: {found.record.name}", note)
     panels = figure.subplots(rows, 3, squeeze=False, sharex="col", gridspec_kw={"wspace": 0.28, "hspace": 0.22})
     for (rest, allan, ramp), each in zip(panels, found.gyros, strict=True):

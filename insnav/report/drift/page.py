@@ -49,7 +49,7 @@ def drift_page(found: DriftStudy, name: str) -> Page:
         (
             f"{record.time.size} samples at {1.0 / record.interval:.6g} Hz, "
             f"the first {gyros[0].rest.stop * record.interval:g} s at rest",
-            *(text for each in gyros for text in _plainly(each)),
+            *(text for each in gyros for text in _conclusions(each)),
         ),
         (
             Section("gyros", parts=tuple(_gyro(each) for each in gyros), figures=(figure,)),
@@ -61,7 +61,7 @@ def drift_page(found: DriftStudy, name: str) -> Page:
     )
 
 
-def _plainly(each: GyroDrift) -> tuple[str, ...]:
+def _conclusions(each: GyroDrift) -> tuple[str, ...]:
     name, corrected, smoothed = f"gyro {each.model.axis}", each.corrected, each.smoothed
     shortest, longest = float(corrected.allan.tau[0]), float(corrected.allan.tau[-1])
     lower = float(corrected.deviation[0] / smoothed.deviation[0])

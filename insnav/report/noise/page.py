@@ -96,7 +96,7 @@ def noise_page(found: StaticNoise, name: str) -> Page:
 
 
 def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
-    """Coefficients of one axis as they are usually told, and in SI."""
+    """Coefficients of one axis in their usual units, and in SI."""
     model, floor, gyro = found.models[column], found.floors[column], column < 3
     key = AXES[column].replace(" ", "_")
     if model is None or floor is None:

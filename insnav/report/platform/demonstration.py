@@ -40,7 +40,7 @@ _MOTION = f"circles at {SPEED:g} m/s, {ROUND / 60:g} min a turn, latitude 45°"
 
 
 def demonstration() -> Page:
-    """Report what closed forms say of the integrators, and a platform next to a strapdown navigator."""
+    """Report the integrators against closed forms, and a platform against a strapdown navigator."""
     orders = sine_convergence()
     holding = partial(circle, np.array([LAT, 0.0, HEIGHT]), SPEED, 2.0 * np.pi / ROUND)
     flight = integrator_errors(holding(FLIGHT), FLIGHT_RATES, keep=1.0)

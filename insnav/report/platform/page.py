@@ -23,13 +23,13 @@ from insnav.report.platform.integrator_figures import draw_differences, speed_of
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG, DEG_PER_H, UNITS
 
-REST_M_S = 0.1  # a platform that says less without its errors is at rest
+REST_M_S = 0.1  # a platform slower than this without its errors is at rest
 _AGAINST: Integrator = "fourth"
 
 
 @dataclass(frozen=True, slots=True)
 class PlatformStudy:
-    """One record integrated in every way.
+    """One record, by all integrators.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ def platform_page(study: PlatformStudy) -> Page:
         (
             Section("", items=(Quantity("integrator", study.chosen), Quantity("vertical", run.vertical)), show="json"),
             Section("end", "At the end", rows=tuple(_state(*each) for each in study.runs.items()), keyed=True),
-            _differences(differences, judged=study.reference is not None),
+            _differences(differences, to_reference=study.reference is not None),
             *(_errors(study, theory) if study.errors.any else ()),
             Section("", figures=_figures(study, theory, differences)),
         ),
@@ -140,7 +140,7 @@ def _state(name: Integrator, run: PlatformRun) -> tuple[Quantity, ...]:
     )
 
 
-def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, judged: bool) -> Section:
+def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, to_reference: bool) -> Section:
     rows = tuple(
         (
             Quantity("integrator", name),
@@ -151,10 +151,10 @@ def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, judged: 
         for name, each in differences.items()
     )
     return Section(
-        f"largest_difference_to_{'reference' if judged else _AGAINST}",
-        f"Horizontal difference to {'the reference' if judged else 'fourth order'}",
+        f"largest_difference_to_{'reference' if to_reference else _AGAINST}",
+        f"Horizontal difference to {'the reference' if to_reference else 'fourth order'}",
         rows=rows,
-        note="on a platform without errors" if judged else "",
+        note="on a platform without errors" if to_reference else "",
         keyed=True,
     )
 
@@ -235,7 +235,7 @@ def _assumptions(study: PlatformStudy) -> tuple[str, ...]:
     lines = [
         "forward and backward take the rates of each step's start and end, mean their mean; fourth is Runge-Kutta of "
         "fourth order, the specific force half-way from a polynomial through the six samples around it.",
-        "Each step is as long as the times of the samples say.",
+        "Steps are as long as the intervals between the samples.",
         vertical[study.run.vertical],
     ]
     if study.errors.any:

@@ -99,8 +99,8 @@ def _versions(axes: Axes, history: Sequence[Entry], name: str, metric: Metric) -
         else:
             axes.fill_between(place[rows], value[rows, 1], value[rows, 2], color=BLUE, alpha=0.2, linewidth=0.0)
     for verdict, marker, colour in (("better", "v", GREEN), ("worse", "^", VERMILLION)):
-        said = [each.verdicts.get(name, {}).get(metric.key) == verdict for each in history]
-        begun = [i for i, now in enumerate(said) if now and not (i and said[i - 1])]
+        now_so = [each.verdicts.get(name, {}).get(metric.key) == verdict for each in history]
+        begun = [i for i, now in enumerate(now_so) if now and not (i and now_so[i - 1])]
         axes.plot(place[begun], value[begun, 0], marker, color=colour, markersize=6.5, zorder=4.0)
 
 
@@ -125,7 +125,7 @@ def draw_growth(cases: Mapping[str, CaseResult], baseline: Baseline | None) -> F
     figure, panels = _small(
         list(known),
         "Horizontal error without GPS [m] over time [s]: now and in the baseline",
-        "RMS over all windows of all drives of a case; what helps besides GPS (wheels, rest) is used where found",
+        "RMS over all windows of all drives of a case; other aiding (NHC, ZUPT) is used where found",
     )
     for (name, case), axes in zip(known.items(), panels, strict=True):
         assert case.measured is not None
@@ -206,8 +206,8 @@ def draw_predicted(cases: Mapping[str, CaseResult]) -> Figure | None:
         11.4,
         4.7,
         "Actual error against predicted standard deviation",
-        "each point: RMS over the drives of a case in an eighth of their time; on the diagonal the filter is right, "
-        "above it claims too much",
+        "each point: RMS over the drives of a case in an eighth of their time; on the diagonal the filter is "
+        "consistent, above it over-confident",
     )
     panels = figure.subplots(1, 3, gridspec_kw={"wspace": 0.3})
     for axes, (title, unit, columns), labels in zip(panels, _GROUPS, _AXES, strict=True):

@@ -1,4 +1,4 @@
-"""What a comparison with the baseline says, in words and tables."""
+"""A comparison with the baseline in tables and sentences."""
 
 from __future__ import annotations
 

@@ -207,7 +207,7 @@ def _epochs(found: Ensemble) -> dict[str, FloatArray | IntArray]:
     for kind, values in (("rms", found.rms), ("sd", found.sd)):
         for i, (name, unit) in enumerate(zip(COMPONENTS, _UNITS, strict=True)):
             table[f"{kind}_{name}{key_suffix(unit)}"] = np.round(values[:, i] * _FACTORS[i], 7)
-    # a second without a fix has none, and an empty cell says so
+    # a second without a fix has none: an empty cell
     at, fixes = np.searchsorted(found.time, found.nees_time), np.isin(found.nees_time, found.time)
     for name, column in zip(GROUPS, found.nees.T, strict=True):
         values = np.full(len(found.time), np.nan)

@@ -26,7 +26,12 @@ from insnav.report.page import FigureSpec, Page, Section
 from insnav.report.provenance import imu_model
 from insnav.report.run_json import json_ready, section_facts, versions
 from insnav.report.save import write_page
-from insnav.report.simulation.profile_figures import draw_motion, draw_sketch, draw_way, way
+from insnav.report.simulation.profile_figures import (
+    draw_motion,
+    draw_simulated_track,
+    draw_sketch,
+    track_length,
+)
 from insnav.session.simulation import IDEAL, Plan
 from insnav.simulate.recording import Recording, times
 from insnav.simulate.truth import Kinematics, Truth
@@ -234,7 +239,7 @@ def run_command(plan: Plan, lever_b: FloatArray, motion: Kinematics) -> str:
 
 def _hides_heading(plan: Plan, motion: Kinematics) -> bool:
     """Whether neither the course nor a gyrocompass can tell the heading."""
-    # twice that speed: a course that is there for moments only tells nothing
+    # twice that speed: a course over moments only is no heading
     moves = float(np.linalg.norm(motion.v_n[:, :2], axis=1).max()) > 2.0 * SLOWEST
     if moves or plan.imu is None:
         return False
@@ -258,7 +263,7 @@ def shown_lines(page: Page, out: Path) -> list[str]:
 def motion_lines(plan: Plan, time: FloatArray, motion: Kinematics) -> list[str]:
     """Sum up the motion in lines of text."""
     top = float(np.linalg.norm(motion.v_n, axis=1).max())
-    extent = f"{plan.truth.duration:.1f} s, {number(way(time, motion))} m, up to {number(top)} m/s"
+    extent = f"{plan.truth.duration:.1f} s, {number(track_length(time, motion))} m, up to {number(top)} m/s"
     lines = [entry("motion", f"{plan.motion.name}: {extent}")]
     if plan.truth.gravity != "full":
         lines.append(entry("gravity", _GRAVITY[plan.truth.gravity]))
@@ -281,7 +286,7 @@ def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
     heights = motion.lla[:, 2]
     shown = (
         Quantity("duration", plan.truth.duration, "s", decimals=1),
-        Quantity("distance", way(time, motion), "m", digits=4),
+        Quantity("distance", track_length(time, motion), "m", digits=4),
         Quantity("max_speed", float(np.linalg.norm(motion.v_n, axis=1).max()), "m/s", meaning="largest speed"),
         Quantity(
             "height_range", np.array([heights.min(), heights.max()]), "m", meaning="height, from and to", decimals=1
@@ -330,7 +335,7 @@ def motion_figures(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
     return Section(
         "",
         figures=(
-            FigureSpec("way", "Track", lambda: draw_way(time, motion, plan.motion.name)),
+            FigureSpec("track", "Track", lambda: draw_simulated_track(time, motion, plan.motion.name)),
             FigureSpec("motion", "What ideal sensors measure", lambda: draw_motion(time, motion, plan.motion.name)),
         ),
     )

@@ -32,8 +32,8 @@ _TRACK_POINTS = 4000
 _AT_REST = 0.01  # largest speed of a motion whose sketch shows rates instead [m/s]
 
 
-def draw_way(time: FloatArray, motion: Kinematics, name: str) -> Figure:
-    """Draw the way seen from above, coloured by speed.
+def draw_simulated_track(time: FloatArray, motion: Kinematics, name: str) -> Figure:
+    """Draw the track seen from above, coloured by speed.
 
     Parameters
     ----------
@@ -45,10 +45,11 @@ def draw_way(time: FloatArray, motion: Kinematics, name: str) -> Figure:
     north, east = _on_map(motion.lla[rows])
     speed = np.linalg.norm(motion.v_n[rows], axis=1)
     lat, lon = np.degrees(motion.lla[0, :2])
+    length = distance_text(track_length(time, motion))
     figure, axes = map_figure(
         east,
         north,
-        f"Simulated motion {name}: {distance_text(way(time, motion))} in {duration_text(float(time[-1] - time[0]))}",
+        f"Simulated motion {name}: {length} in {duration_text(float(time[-1] - time[0]))}",
         f"start at latitude {lat:.5f}°, longitude {lon:.5f}°, height {motion.lla[0, 2]:.1f} m; exact, without errors",
         beside=0.85,
     )
@@ -104,7 +105,7 @@ def draw_motion(time: FloatArray, motion: Kinematics, name: str) -> Figure:
 
 
 def draw_sketch(time: FloatArray, motion: Kinematics, name: str, purpose: str) -> Figure:
-    """Draw the way and the speed side by side: enough to choose a profile by.
+    """Draw the track and the speed side by side: enough to choose a profile by.
 
     Parameters
     ----------
@@ -135,8 +136,8 @@ def draw_sketch(time: FloatArray, motion: Kinematics, name: str, purpose: str) -
     return figure
 
 
-def way(time: FloatArray, motion: Kinematics) -> float:
-    """Length of the way [m], by the trapezoidal rule."""
+def track_length(time: FloatArray, motion: Kinematics) -> float:
+    """Length of the track [m], by the trapezoidal rule."""
     speed = np.linalg.norm(motion.v_n, axis=1)
     return float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time)))
 
