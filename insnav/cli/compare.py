@@ -21,7 +21,7 @@ reference that every run covers are counted, so that the rows can be compared.
 \b
 Examples:
   insnav compare run1 run2 --ref ref.csv
-  insnav compare run1 run2 --ref ref.csv --out comparison   # with figure and page
+  insnav compare run1 run2 --ref ref.csv --out comparison
   insnav compare run1 --ref rtk.csv --ref-lever-arm 0.8,-0.3,-1.2
   insnav compare run1 --ref ref.csv --tum tum   # files for evo_ape
   insnav compare run1 run2 --ref ref.csv --json | jq '.[].accuracy'

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -107,7 +107,8 @@ def read_positions(
         found[key].quantity.name: found[key].describe(rows.time_unit if key == "time" else None) for key in keys
     }
     fix = np.where(np.isfinite(data["fix"]), data["fix"], -1.0).astype(np.int64) if "fix" in data else None
-    return rows.reading(kind, Positions(data, lla, v_n), cleaned, columns_read, evidence, height=height_kind, fix=fix)
+    reading = rows.reading(kind, Positions(data, lla, v_n), cleaned, columns_read, evidence, height=height_kind)
+    return replace(reading, fix=fix)
 
 
 def _height(found: Mapping[str, Found], height: Height | None) -> tuple[str, str, str]:

@@ -14,7 +14,7 @@ from insnav.input.interpret.columns import Found
 from insnav.input.interpret.physics import find_time_unit
 from insnav.input.interpret.schema import ALL_UNITS
 from insnav.input.readers.reading import Reading, ReadingFacts
-from insnav.types import BoolArray, FloatArray, IntArray, Sampling, Stamp
+from insnav.types import BoolArray, FloatArray, Sampling, Stamp
 
 T = TypeVar("T")
 
@@ -66,7 +66,6 @@ class Rows:
         sampling: Sampling | None = None,
         stamp: Stamp | None = None,
         height: str = "",
-        fix: IntArray | None = None,
     ) -> Reading[T]:
         """Data with what happened to the rows and what was understood; see `ReadingFacts`."""
         time = cleaned.columns["time"]
@@ -91,7 +90,7 @@ class Rows:
             stamp=stamp,
             height=height,
         )
-        return Reading(data, events, facts, fix)
+        return Reading(data, events, facts)
 
 
 def read_rows(
