@@ -76,23 +76,7 @@ class Inertias:
 def read(files: Sequence[str | Path], how: BenchOptions) -> tuple[BenchTable, BenchTable]:
     """Read heights and times of a falling weight, and precession periods and rotor rates.
 
-    Parameters
-    ----------
-    files : sequence of str or Path
-        These two.
-    how : BenchOptions
-        Weights, radius and arm, which are checked here.
-
-    Returns
-    -------
-    BenchTable, BenchTable
-
-    Raises
-    ------
-    ConfigError
-        A mass or length that cannot be.
-    InputError
-        A file cannot be used.
+    Raises ConfigError: a mass or length that cannot be.
     """
     for name in ("fall_mass", "radius", "mass", "arm"):
         value = getattr(how, name)
@@ -109,25 +93,7 @@ def read(files: Sequence[str | Path], how: BenchOptions) -> tuple[BenchTable, Be
 def fit(
     record: tuple[BenchTable, BenchTable], how: BenchOptions
 ) -> Calibration[tuple[BenchTable, BenchTable], Inertias]:
-    """Moments of inertia by both methods.
-
-    Parameters
-    ----------
-    record : (BenchTable, BenchTable)
-        From `read`.
-    how : BenchOptions
-        Weights, radius, arm and gravity.
-
-    Returns
-    -------
-    Calibration
-        Without errors: a rotor is no IMU.
-
-    Raises
-    ------
-    InputError
-        See `inertia_from_fall` and `inertia_from_precession`.
-    """
+    """Moments of inertia by `inertia_from_fall` and `inertia_from_precession`; without errors, as it is no IMU."""
     falls, turns = record
     time = falls.columns["fall_time" if "fall_time" in falls.columns else "time"]
     first = inertia_from_fall(falls.columns["height"], time, how.fall_mass, how.radius, how.gravity, where=falls.name)

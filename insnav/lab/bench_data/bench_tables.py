@@ -46,27 +46,9 @@ def read_bench(
 ) -> BenchTable:
     """Read a table of the bench.
 
-    Parameters
-    ----------
-    path : str or Path
-        ``.csv`` or ``.parquet``.
-    schema : sequence of Quantity
-        What it may hold; time and temperature always.
-    needed : sequence of str
-        Keys that it must hold.
-    columns : mapping of str to str, optional
-        Quantity to header, for headers that are not understood by themselves.
-    alternatives : mapping of str to str, optional
-        Key that does instead of a needed one.
-
-    Returns
-    -------
-    BenchTable
-
-    Raises
-    ------
-    InputError
-        A column is missing or has no unit, or a cell is empty.
+    schema: what it may hold; time and temperature always; needed: keys that it must hold; columns: quantity to
+    header, for headers that are not understood by themselves; alternatives: key that does instead of a needed one.
+    Raises InputError: A column is missing or has no unit, or a cell is empty.
     """
     table = open_table(path)
     schema = (*schema, TIME, TEMPERATURE)

@@ -80,28 +80,10 @@ def reduce_dwells(
 ) -> Dwells:
     """Reduce a record to one value for each stretch of equal settings.
 
-    Parameters
-    ----------
-    settings : (n, k) array
-        Commanded rates or angles of each row. Rows of one dwell follow one another; a setting that comes back
-        later is a dwell of its own.
-    samples : (n, m) array
-        Outputs of m sensors.
-    limit : float
-        As in `clean_mean`.
-    time : (n,) array, optional
-        Times of the rows; default their number.
-    where : str
-        Place to name in the error.
-
-    Returns
-    -------
-    Dwells
-
-    Raises
-    ------
-    InputError
-        A value that is not a number, or a dwell of spikes.
+    settings (n, k): commanded rates or angles of each row. Rows of one dwell follow one another; a setting that
+    comes back later is a dwell of its own; samples (n, m): outputs of m sensors; limit: as in `clean_mean`; time
+    (n,): times of the rows; default their number. Raises InputError: A value that is not a number, or a dwell of
+    spikes.
     """
     bad = ~(np.isfinite(settings).all(axis=1) & np.isfinite(samples).all(axis=1))
     if bad.any():

@@ -77,16 +77,7 @@ class DriftModel:
 def drift_model(record: DriftRecord, axis: str) -> DriftModel:
     """Fit the drift of one gyro.
 
-    Parameters
-    ----------
-    record : DriftRecord
-    axis : str
-        Letter of the gyro.
-
-    Raises
-    ------
-    InputError
-        Fewer than 100 samples.
+    axis: letter of the gyro. Raises InputError: fewer than 100 samples.
     """
     if record.time.size < FEWEST:
         raise InputError(

@@ -86,21 +86,8 @@ def smooth(values: FloatArray, smoother: Smoother) -> FloatArray:
 
     The steps are filterpy's until the gain has settled; from there on they are a recursion of constant gain.
 
-    Parameters
-    ----------
-    values : (n,) array
-        [rad/s], finite.
-    smoother : Smoother
-
-    Returns
-    -------
-    (n,) array
-        [rad/s]
-
-    Raises
-    ------
-    InputError
-        A value that is not finite: one would stay in the filter for ever.
+    values (n,): [rad/s], finite. Returns (n,): [rad/s]. Raises InputError: A value that is not finite: one would
+    stay in the filter for ever.
     """
     if not np.isfinite(values).all():
         raise InputError("a rate is not a number", where=f"sample {int(np.argmin(np.isfinite(values)))}")

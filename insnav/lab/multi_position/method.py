@@ -39,24 +39,7 @@ DRIFT = 6.0  # standard deviations of its bias by which a gyro that drifted has 
 def read(files: Sequence[str | Path], how: BenchOptions) -> Reading[ImuData]:
     """Read a record of rests in many positions.
 
-    Parameters
-    ----------
-    files : sequence of str or Path
-        One.
-    how : BenchOptions
-        Counts or not, axes, columns, units, sampling and timestamps; how it was recorded is checked here.
-
-    Returns
-    -------
-    Reading of ImuData
-        In SI units, or of raw counts as in the file; in body axes.
-
-    Raises
-    ------
-    ConfigError
-        Options that contradict each other.
-    InputError
-        The file cannot be used.
+    In SI units, or of raw counts as in the file; in body axes. Raises ConfigError: options that contradict each other.
     """
     if not how.six and how.sections is not None:
         raise ConfigError("sections belong to six positions", where="--sections", fix="add --method six")
@@ -81,18 +64,8 @@ def read(files: Sequence[str | Path], how: BenchOptions) -> Reading[ImuData]:
 def fit(record: Reading[ImuData], how: BenchOptions) -> Calibration[Reading[ImuData], Found]:
     """Calibrate by `calibrate_poses` or `calibrate_six_positions`.
 
-    Parameters
-    ----------
-    record : Reading of ImuData
-        From `read`.
-    how : BenchOptions
-        Gravity, counts, six positions with their sections and turns, axes, name.
-
-    Returns
-    -------
-    Calibration
-        Its errors carry the axes of the file, a name and the mean temperature; uncertainty and impact are those in SI
-        units, of raw units against one zero and one scale factor for three sensors.
+    Its errors carry the axes of the file, a name and the mean temperature; uncertainty and impact are those in SI
+    units, of raw units against one zero and one scale factor for three sensors.
     """
     data, sections = record.data, how.sections
     if isinstance(sections, str | Path):

@@ -241,19 +241,7 @@ def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
     Positions are the longest rests with each axis up and down; turns lie between two rests of the same pose with the
     axis of the turn vertical, and are the largest about each axis.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Record in any units.
-
-    Returns
-    -------
-    dict of str to tuple of int
-
-    Raises
-    ------
-    InputError
-        Some are not there.
+    Raises InputError: some are not there.
     """
     activity = measure_activity(imu)
     poses = find_poses(imu, activity, FACTORS[2])

@@ -240,22 +240,9 @@ def _jacobian(function: Callable[[FloatArray], FloatArray], at: FloatArray, step
 def read(files: Sequence[str | Path], how: BenchOptions) -> NineRecord:
     """Read the table of positions.
 
-    Parameters
-    ----------
-    files : sequence of str or Path
-        One, with ``roll_deg``, ``pitch_deg`` and, in any unit of acceleration, ``x_ay`` to ``z_ay``: module, then axis.
-        One row a position, or all its samples in successive rows.
-    how : BenchOptions
-        Columns.
-
-    Returns
-    -------
-    NineRecord
-
-    Raises
-    ------
-    InputError
-        The file cannot be used.
+    files: one, with ``roll_deg``, ``pitch_deg`` and, in any unit of acceleration, ``x_ay`` to ``z_ay``: module,
+    then axis. One row a position, or all its samples in successive rows; how: columns. Raises InputError: the file
+    cannot be used.
     """
     table = read_bench(files[0], SCHEMA, ("roll", "pitch", *SENSORS), columns=how.columns)
     settings, samples = table.stack("roll", "pitch"), table.stack(*SENSORS)

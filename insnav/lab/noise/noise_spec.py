@@ -52,22 +52,10 @@ def imu_spec(
 ) -> tuple[ImuSpec, tuple[str, ...]]:
     """Figures for a filter from the noise of six axes.
 
-    Parameters
-    ----------
-    allan : AllanDeviation
-        Columns gyro x, y, z, accelerometer x, y, z.
-    models : tuple of NoiseModel or None
-        One for each; None for an axis without any noise.
-    name, source : str
-        For the file.
-
-    Returns
-    -------
-    spec : ImuSpec
-        Random walk, bias instability with its correlation time, rate random walk, and to simulate quantisation and
-        rate ramp. Turn-on bias, scale factor and misalignment are absent: one record at rest does not show them.
-    notes : tuple of str
-        How each figure came about.
+    allan: columns gyro x, y, z, accelerometer x, y, z; models: one for each; None for an axis without any noise;
+    name, source: for the file. Returns spec: random walk, bias instability with its correlation time, rate random
+    walk, and to simulate quantisation and rate ramp. Turn-on bias, scale factor and misalignment are absent: one
+    record at rest does not show them; notes: how each figure came about.
     """
     notes: list[str] = []
     absent: list[str] = []

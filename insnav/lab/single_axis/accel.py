@@ -36,25 +36,7 @@ def read(files: Sequence[str | Path], how: BenchOptions) -> tuple[Record, ...]:
 
 
 def fit(record: tuple[Record, ...], how: BenchOptions) -> Calibration[tuple[Record, ...], tuple[Tumble, ...]]:
-    """Fit the model of each accelerometer.
-
-    Parameters
-    ----------
-    record : tuple of Record
-        From `read`.
-    how : BenchOptions
-        Gravity and name.
-
-    Returns
-    -------
-    Calibration
-        Of accelerometers x, y, z; one stands for all three. Second order and cross-coupling are parameters only.
-
-    Raises
-    ------
-    InputError
-        See `calibrate_accel`.
-    """
+    """Fit the model of accelerometers x, y, z, or of one for all; its K2 and K3 are parameters only."""
     found = tuple(calibrate_accel(item) for item in record)
     zero, scale = (three([item.fit.value[k] for item in found]) for k in (0, 1))  # scale: unit per g
     zero_sd, scale_sd = (three([item.fit.sd[k] for item in found]) / np.abs(scale) for k in (0, 1))
@@ -79,19 +61,7 @@ def fit(record: tuple[Record, ...], how: BenchOptions) -> Calibration[tuple[Reco
 def calibrate_accel(record: Record) -> Tumble:
     """Model of an accelerometer.
 
-    Parameters
-    ----------
-    record : Record
-        Tumble test of one accelerometer.
-
-    Returns
-    -------
-    Tumble
-
-    Raises
-    ------
-    InputError
-        See `calibrate_tumble`; or a digital output in another unit than its column states.
+    Raises InputError: see `calibrate_tumble`; or a digital output in another unit than its column states.
     """
     found = calibrate_tumble(record.setting, record.output, where=record.table.name)
     refuse_unit(record, float(found.fit.value[1]) / G0)

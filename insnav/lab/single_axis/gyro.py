@@ -37,25 +37,7 @@ def read(files: Sequence[str | Path], how: BenchOptions) -> tuple[Record, ...]:
 
 
 def fit(record: tuple[Record, ...], how: BenchOptions) -> Calibration[tuple[Record, ...], tuple[RateTable, ...]]:
-    """Fit zero and scale factor of each gyro.
-
-    Parameters
-    ----------
-    record : tuple of Record
-        From `read`.
-    how : BenchOptions
-        Range of rates to use, and the name.
-
-    Returns
-    -------
-    Calibration
-        Of gyros x, y, z; one gyro stands for all three.
-
-    Raises
-    ------
-    InputError
-        See `calibrate_gyro`.
-    """
+    """Fit zero and scale factor of gyros x, y, z, or of one for all."""
     found = tuple(calibrate_gyro(item, how.keep) for item in record)
     zero, scale = (three([item.fit.value[k] for item in found]) for k in (0, 1))  # scale: unit per deg/s
     zero_sd, scale_sd = (three([item.fit.sd[k] for item in found]) / np.abs(scale) for k in (0, 1))
@@ -79,21 +61,8 @@ def fit(record: tuple[Record, ...], how: BenchOptions) -> Calibration[tuple[Reco
 def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> RateTable:
     """Zero and scale factor of a gyro; rates in deg/s as rate tables show them.
 
-    Parameters
-    ----------
-    record : Record
-        Rate table of one gyro.
-    keep : (float, float), optional
-        Smallest and largest rate to use [deg/s].
-
-    Returns
-    -------
-    RateTable
-
-    Raises
-    ------
-    InputError
-        See `calibrate_rate_table`; or a digital output in another unit than its column states.
+    keep: smallest and largest rate to use [deg/s]. Raises InputError: see `calibrate_rate_table`; or a digital output
+    in another unit than its column states.
     """
     # the table's rates are round numbers in deg/s: keep them so
     rate = np.round(record.setting / DEG, 9)
