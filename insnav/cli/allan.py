@@ -57,29 +57,19 @@ def allan(
     span = parse.span(static, "--static") if static else None
     with RunFolder(out, force=force) as folder, Stages() as stage:
         reading = data.read_imu(stage)
-        samples = reading.data
-        from insnav.lab.noise.allan import between
-
-        samples = between(samples, *span) if span else samples
         stage("noise")
         from insnav.imu import to_toml
-        from insnav.lab.noise.static_noise import static_noise
         from insnav.report.noise.page import deviations_csv, noise_page
         from insnav.report.save import write_page
+        from insnav.session.bench import allan as analysed
 
-        name = Path(reading.facts.path).name
-        found = static_noise(
-            samples,
-            wanted,
-            name=f"IMU of {name}",
-            source=f"Allan deviation of {name}, {samples.time[-1] - samples.time[0]:.0f} s at rest",
-            workers=workers,
-            progress=lambda fraction: stage("noise", fraction),
+        found = analysed(
+            reading, taus=wanted, static=span, workers=workers, progress=lambda fraction: stage("noise", fraction)
         )
         for text in found.warnings:
             note(text)
         stage("writing")
-        page = noise_page(found, name)
+        page = noise_page(found, Path(reading.facts.path).name)
         texts = {IMU_TOML: to_toml(found.spec), "allan.csv": deviations_csv(found)}
         where = write_page(folder, page, {"command": "allan", "imu": reading.facts.as_dict()}, texts)
     result_page(where, page, out, as_json=as_json, more=texts)

@@ -17,6 +17,7 @@ import numpy as np
 from insnav.exceptions import ConfigError, InputError
 from insnav.imu.higher_order import zero_matrix, zeros
 from insnav.imu.model import ImuErrors
+from insnav.input.formats.table import Table
 from insnav.lab.least_squares import Fit
 from insnav.quantity import Quantity
 from insnav.types import FloatArray
@@ -213,7 +214,7 @@ class Calibration(Generic[R, D]):
 class Method(Protocol[R, D]):
     """How a calibration method is called."""
 
-    def read(self, files: Sequence[str | Path], how: BenchOptions) -> R:
+    def read(self, files: Sequence[str | Path | Table], how: BenchOptions) -> R:
         """Read the files of the bench."""
 
     def fit(self, record: R, how: BenchOptions) -> Calibration[R, D]:

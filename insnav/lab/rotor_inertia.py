@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, measured
@@ -73,7 +74,7 @@ class Inertias:
     agreement: Agreement
 
 
-def read(files: Sequence[str | Path], how: BenchOptions) -> tuple[BenchTable, BenchTable]:
+def read(files: Sequence[str | Path | Table], how: BenchOptions) -> tuple[BenchTable, BenchTable]:
     """Read heights and times of a falling weight, and precession periods and rotor rates.
 
     Raises ConfigError: a mass or length that cannot be.

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast, overload
 
 import numpy as np
 
 from insnav.earth import gravity_n
 from insnav.exceptions import ConfigError
 from insnav.imu import load_calibration
+from insnav.input import Reading
+from insnav.input.formats.table import Table
 from insnav.lab.acceptance.acceptance import Acceptance
 from insnav.lab.acceptance.acceptance import acceptance as acceptance_figures
 from insnav.lab.bench_data.bench_tables import BenchTable
@@ -19,12 +21,25 @@ from insnav.lab.bench_data.records import BenchRecord, read_drift, read_powerups
 from insnav.lab.calibration import BenchOptions, Calibration, carried_over, method_named
 from insnav.lab.drift.allan_before_after import DriftStudy, drift_study
 from insnav.lab.navigation_impact import navigation_impact
+from insnav.lab.noise.allan import between
+from insnav.lab.noise.static_noise import SignalNoise, StaticNoise, signal_noise, static_noise
+from insnav.session.checked_inputs import checked
+from insnav.session.inputs import Inputs
+from insnav.session.read import is_frame, read_samples, samples_source
+from insnav.types import FloatArray, ImuData
+
+if TYPE_CHECKING:
+    from insnav.session.read import Given
+
+Taus: TypeAlias = Sequence[float] | Literal["log", "octave"]
+_COUNTS = ("accel_x", "accel_y", "accel_z")
 
 
 def calibrate(
     method: str,
-    files: str | Path | Sequence[str | Path],
+    files: Given | ImuData | Sequence[Given],
     *,
+    rate: float | None = None,
     add: str | Path | None = None,
     stage: Callable[[str], None] | None = None,
     opened: Callable[[Any], None] | None = None,
@@ -37,8 +52,11 @@ def calibrate(
     method : {"gyro", "accel", "imu", "nine", "poses", "rotor"}
         Rate table; tumble test; rate sweeps about three axes; nine positions; multi-position without a table; moment
         of inertia of a rotor.
-    files : str, Path or sequence of these
-        See the command of this name, such as ``insnav calibrate gyro --help``.
+    files : path, data frame or sequence of these; for ``poses`` also arrays or ImuData
+        With columns as the command of this name takes them, such as ``insnav calibrate gyro --help``. Arrays are
+        ``(time, gyro, accel)``, or ``(gyro, accel)`` with `rate`.
+    rate : float, optional
+        Sampling rate of arrays without times [Hz].
     add : str or Path, optional
         A calibration file whose other triad is carried over.
     stage : callable, optional
@@ -64,7 +82,11 @@ def calibrate(
     module = method_named(method)
     how = BenchOptions(**options)
     started("reading")
-    record = module.read([files] if isinstance(files, str | Path) else list(files), how)
+    record = (
+        read_samples(files, Inputs())
+        if isinstance(files, ImuData)
+        else module.read(_sources(files, rate, how.counts), how)
+    )
     if opened is not None:
         opened(record)
     started("fitting")
@@ -79,10 +101,105 @@ def calibrate(
     return replace(found, errors=errors, impact=impact)
 
 
+def _sources(files: Any, rate: float | None, counts: bool) -> list[str | Path | Table]:
+    """Files, data frames and arrays as the readers of the bench take them."""
+    if isinstance(files, str | Path) or is_frame(files):
+        return [samples_source(files, rate)]
+    if all(isinstance(each, str | Path) or is_frame(each) for each in files):
+        return [samples_source(each, rate) for each in files]
+    table = samples_source(files, rate)
+    if counts and isinstance(table, Table):  # raw counts have no unit in their headers
+        table = replace(table, headers=("time_s", *(name[:6] for name in table.headers[1:4]), *_COUNTS))
+    return [table]
+
+
+@overload
+def allan(imu: FloatArray, *, rate: float, taus: Taus = ..., workers: int | None = ...) -> SignalNoise: ...
+
+
+@overload
+def allan(
+    imu: Given | ImuData | Reading[ImuData],
+    *,
+    rate: float | None = ...,
+    taus: Taus = ...,
+    static: tuple[float, float] | None = ...,
+    workers: int | None = ...,
+    progress: Callable[[float], None] = ...,
+    **inputs: Any,
+) -> StaticNoise: ...
+
+
+def allan(
+    imu: Any,
+    *,
+    rate: float | None = None,
+    taus: Taus = "log",
+    static: tuple[float, float] | None = None,
+    workers: int | None = None,
+    progress: Callable[[float], None] = lambda fraction: None,
+    **inputs: Any,
+) -> StaticNoise | SignalNoise:
+    """Allan deviation and noise coefficients of a stationary IMU, or of plain signals.
+
+    Parameters
+    ----------
+    imu : array, path, data frame, two or three arrays, ImuData or Reading of ImuData
+        One array, ``(n,)`` or ``(n, c)``, is a signal with `rate`; anything else an IMU as for `insnav.load`.
+    rate : float, optional
+        Sampling rate of arrays without times [Hz].
+    taus : sequence of float, "log" or "octave"
+        Averaging times [s]; about 90 evenly on the logarithmic axis, or powers of two.
+    static : (float, float), optional
+        Part of the record of an IMU to use [s]; default all.
+    workers : int, optional
+        Threads.
+    progress : callable, optional
+        Called with the fraction done.
+    **inputs
+        How to understand the file of an IMU, as in `insnav.session.inputs.Inputs`.
+
+    Returns
+    -------
+    StaticNoise or SignalNoise
+        Of an IMU with its specification for filters and simulations; of signals in their unit.
+
+    Raises
+    ------
+    ConfigError
+        Averaging times that the record does not hold, or an array without a rate.
+    InputError
+        The record is too short, or not stationary.
+
+    Examples
+    --------
+    >>> noise = allan(np.random.default_rng(1).normal(size=10_000), rate=100.0)
+    >>> round(noise.models[0].coefficients["N"].value, 1)
+    0.1
+    """
+    if isinstance(imu, np.ndarray):
+        if rate is None or not rate > 0.0 or imu.ndim not in (1, 2) or len(imu) < 2:
+            raise ConfigError("a signal needs a rate", where="rate", fix="give an array (n,) or (n, c) and rate in Hz")
+        values = np.asarray(imu, dtype=np.float64).reshape(len(imu), -1)
+        return signal_noise(values, 1.0 / rate, taus, workers=workers, progress=progress)
+    if not isinstance(imu, Reading):
+        imu = read_samples(imu, checked(cast("Inputs", inputs | ({} if rate is None else {"rate": rate}))))
+    samples: ImuData = imu.data if static is None else between(imu.data, *static)
+    name = Path(imu.facts.path).name
+    return static_noise(
+        samples,
+        taus,
+        name=f"IMU of {name}",
+        source=f"Allan deviation of {name}, {samples.time[-1] - samples.time[0]:.0f} s at rest",
+        workers=workers,
+        progress=progress,
+    )
+
+
 def acceptance(
-    steps: Sequence[str | Path] = (),
-    static: str | Path | None = None,
-    powerups: Sequence[str | Path] = (),
+    steps: Sequence[Given] = (),
+    static: Given | None = None,
+    powerups: Sequence[Given] = (),
     *,
     lengths: Sequence[float] = (1.0, 10.0, 100.0),
     columns: Mapping[str, str] | None = None,
@@ -92,11 +209,11 @@ def acceptance(
 
     Parameters
     ----------
-    steps : sequence of str or Path
+    steps : sequence of path or data frame
         Rate tables of gyros and positions of accelerometers in gravity.
-    static : str or Path, optional
+    static : path or data frame, optional
         Record at rest.
-    powerups : sequence of str or Path
+    powerups : sequence of path or data frame
         Outputs after each power-up.
     lengths : sequence of float
         Averaging times of the bias stability [s], increasing.
@@ -115,19 +232,19 @@ def acceptance(
         A file cannot be used.
     """
     limit = BenchOptions(spike_limit=spike_limit).spike_limit
-    measured = [read_steps(path, columns, limit) for path in steps]
-    rest = None if static is None else read_static(static, columns)
-    repeated = [read_powerups(path, columns) for path in powerups]
+    measured = [read_steps(samples_source(each, None), columns, limit) for each in steps]
+    rest = None if static is None else read_static(samples_source(static, None), columns)
+    repeated = [read_powerups(samples_source(each, None), columns) for each in powerups]
     found = acceptance_figures(measured, rest, repeated, lengths)
     return found, [*measured, *([] if rest is None else [rest]), *repeated]
 
 
-def drift(file: str | Path, *, columns: Mapping[str, str] | None = None) -> tuple[DriftStudy, BenchTable]:
+def drift(file: Given, *, columns: Mapping[str, str] | None = None) -> tuple[DriftStudy, BenchTable]:
     """Study what the drift of gyros depends on, and what smoothing does to it; see `drift_study`.
 
     Parameters
     ----------
-    file : str or Path
+    file : path or data frame
         See ``insnav drift --help``.
     columns : mapping of str to str, optional
         As in `insnav.lab.calibration.BenchOptions`.
@@ -143,7 +260,7 @@ def drift(file: str | Path, *, columns: Mapping[str, str] | None = None) -> tupl
     InputError
         The file cannot be used.
     """
-    record, table = read_drift(file, columns)
+    record, table = read_drift(samples_source(file, None), columns)
     return drift_study(record), table
 
 

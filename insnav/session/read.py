@@ -121,7 +121,7 @@ def read_samples(imu: Given | ImuData, inputs: Inputs) -> Reading[ImuData]:
         scales = {} if known is None else {"gyro": known.gyro_raw, "accel": known.accel_raw}
         with _named("columns"):
             reading = read_imu(
-                _source(imu, inputs.get("rate")),
+                samples_source(imu, inputs.get("rate")),
                 axes=inputs.get("axes"),
                 columns=inputs.get("columns"),
                 units=inputs.get("units"),
@@ -158,9 +158,9 @@ def _named(columns: Literal["columns", "gps_columns", "ref_columns"]) -> Iterato
         raise
 
 
-def _source(imu: Given, rate: float | None) -> str | Path | Table:
+def samples_source(imu: Given, rate: float | None) -> str | Path | Table:
     """Samples as a file or a table; arrays are time [s], gyro [rad/s], accel [m/s^2], or the last two with `rate`."""
-    if isinstance(imu, str | Path) or _is_frame(imu):
+    if isinstance(imu, str | Path) or is_frame(imu):
         return _table(imu)
     arrays = [np.asarray(each, dtype=np.float64) for each in imu]
     if len(arrays) == 2 and rate is not None:
@@ -171,15 +171,15 @@ def _source(imu: Given, rate: float | None) -> str | Path | Table:
             why=f"their shapes are {', '.join(str(each.shape) for each in arrays)}",
             fix="give (time, gyro, accel) of shapes (n,), (n, 3), (n, 3) in s, rad/s, m/s^2; or (gyro, accel) and rate",
         )
-    return _named_columns(("time_s", *_GYRO, *_ACCEL), np.column_stack(arrays))
+    return named_columns(("time_s", *_GYRO, *_ACCEL), np.column_stack(arrays))
 
 
 def _table(given: Given) -> str | Path | Table:
     """A file as it is; a data frame, or time [s] and latitude, longitude [deg], height [m], as a table."""
     if isinstance(given, str | Path):
         return given
-    if _is_frame(given):
-        return _named_columns(tuple(str(name) for name in given.columns), given.to_numpy(dtype=np.float64))
+    if is_frame(given):
+        return named_columns(tuple(str(name) for name in given.columns), given.to_numpy(dtype=np.float64))
     arrays = [np.asarray(each, dtype=np.float64) for each in given]
     if len(arrays) != 2 or arrays[1].shape != (len(arrays[0]), 3):
         raise ConfigError(
@@ -187,14 +187,16 @@ def _table(given: Given) -> str | Path | Table:
             why=f"their shapes are {', '.join(str(each.shape) for each in arrays)}",
             fix="give (time, lla) of shapes (n,), (n, 3) in s, deg, deg, m; or GpsData, Trajectory, a data frame",
         )
-    return _named_columns(("time_s", "lat_deg", "lon_deg", "height_m"), np.column_stack(arrays))
+    return named_columns(("time_s", "lat_deg", "lon_deg", "height_m"), np.column_stack(arrays))
 
 
-def _is_frame(given: object) -> TypeIs[pd.DataFrame]:
+def is_frame(given: object) -> TypeIs[pd.DataFrame]:
+    """Whether data are a data frame."""
     return hasattr(given, "columns") and hasattr(given, "to_numpy")  # pandas takes a third of a second to import
 
 
-def _named_columns(headers: tuple[str, ...], numbers: FloatArray) -> Table:
+def named_columns(headers: tuple[str, ...], numbers: FloatArray) -> Table:
+    """Table of numbers in memory, units in the headers."""
     cells = ArrayCells(tuple(np.ascontiguousarray(numbers.T)), lambda row: f"row {row + 1}")
     return Table("data in memory", hashlib.sha256(numbers.tobytes()).hexdigest(), headers, cells)
 

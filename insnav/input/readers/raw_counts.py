@@ -7,6 +7,7 @@ from pathlib import Path
 
 from insnav.exceptions import InputError
 from insnav.input.formats.registry import open_table
+from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.clean import IMU_KINDS
 from insnav.input.interpret.columns import require, understand
@@ -18,7 +19,7 @@ from insnav.types import ImuData
 
 
 def read_counts(
-    path: str | Path, *, axes: str | None = None, columns: Mapping[str, str] | None = None
+    path: str | Path | Table, *, axes: str | None = None, columns: Mapping[str, str] | None = None
 ) -> Reading[ImuData]:
     """Read inertial data in raw units, only brought to body axes; arguments as for `insnav.input.read_imu`.
 

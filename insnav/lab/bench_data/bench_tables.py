@@ -10,6 +10,7 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.input.formats.registry import open_table
+from insnav.input.formats.table import Table
 from insnav.input.interpret.columns import require, understand
 from insnav.input.interpret.schema import Quantity
 from insnav.types import FloatArray
@@ -37,7 +38,7 @@ class BenchTable:
 
 
 def read_bench(
-    path: str | Path,
+    path: str | Path | Table,
     schema: Sequence[Quantity],
     needed: Sequence[str],
     *,

@@ -14,6 +14,7 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.input.formats.registry import open_table
+from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
 from insnav.lab.bench_data.dwells import LIMIT_V, dwell_warnings, reduce_dwells
@@ -67,7 +68,7 @@ class BenchRecord:
     warnings: tuple[str, ...] = ()
 
 
-def read_static(path: str | Path, columns: Mapping[str, str] | None = None) -> BenchRecord:
+def read_static(path: str | Path | Table, columns: Mapping[str, str] | None = None) -> BenchRecord:
     """Read a record at rest: ``time_s`` and outputs.
 
     Parameters
@@ -89,7 +90,7 @@ def read_static(path: str | Path, columns: Mapping[str, str] | None = None) -> B
 
 
 def read_steps(
-    path: str | Path, columns: Mapping[str, str] | None = None, spike_limit: float | None = None
+    path: str | Path | Table, columns: Mapping[str, str] | None = None, spike_limit: float | None = None
 ) -> BenchRecord:
     """Read a rate table or positions in gravity: ``rate_x_deg_s`` or ``force_x_g`` … and outputs.
 
@@ -132,7 +133,7 @@ def read_steps(
     return BenchRecord(table, None, None, reduced, tuple(warnings))
 
 
-def read_powerups(path: str | Path, columns: Mapping[str, str] | None = None) -> BenchRecord:
+def read_powerups(path: str | Path | Table, columns: Mapping[str, str] | None = None) -> BenchRecord:
     """Read power-ups: ``powerup``, settings and outputs; or biases already computed, ``gyro_x_bias_deg_s``.
 
     Parameters
@@ -156,7 +157,7 @@ def read_powerups(path: str | Path, columns: Mapping[str, str] | None = None) ->
     return BenchRecord(table, None, table.columns["powerup"], channels)
 
 
-def read_drift(path: str | Path, columns: Mapping[str, str] | None = None) -> tuple[DriftRecord, BenchTable]:
+def read_drift(path: str | Path | Table, columns: Mapping[str, str] | None = None) -> tuple[DriftRecord, BenchTable]:
     """Read gyros at rest and turning: ``time_s``, ``gyro_x_deg_s`` …, and whatever their drift may depend on.
 
     That is ``rate_x_deg_s`` … (true rates; without them everything is at rest), ``temperature_c``, ``accel_x_g`` ….
@@ -197,7 +198,7 @@ def read_drift(path: str | Path, columns: Mapping[str, str] | None = None) -> tu
 
 
 def _read(
-    path: str | Path,
+    path: str | Path | Table,
     kinds: tuple[str, ...],
     needed: tuple[str, ...],
     columns: Mapping[str, str] | None,

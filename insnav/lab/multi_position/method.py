@@ -12,6 +12,7 @@ from insnav.exceptions import ConfigError
 from insnav.imu.higher_order import ErrorTerms
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
+from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.readers.imu import read_imu
 from insnav.input.readers.raw_counts import read_counts
@@ -36,7 +37,7 @@ OVERFIT = 2.0  # a left-out error so many times the fitted one
 DRIFT = 6.0  # standard deviations of its bias by which a gyro that drifted has changed
 
 
-def read(files: Sequence[str | Path], how: BenchOptions) -> Reading[ImuData]:
+def read(files: Sequence[str | Path | Table], how: BenchOptions) -> Reading[ImuData]:
     """Read a record of rests in many positions.
 
     In SI units, or of raw counts as in the file; in body axes. Raises ConfigError: options that contradict each other.

@@ -21,6 +21,7 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.imu.model import ImuErrors
+from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity as Column
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
 from insnav.lab.bench_data.dwells import Dwells, dwell_warnings, reduce_dwells
@@ -237,7 +238,7 @@ def _jacobian(function: Callable[[FloatArray], FloatArray], at: FloatArray, step
     return np.column_stack(columns)
 
 
-def read(files: Sequence[str | Path], how: BenchOptions) -> NineRecord:
+def read(files: Sequence[str | Path | Table], how: BenchOptions) -> NineRecord:
     """Read the table of positions.
 
     files: one, with ``roll_deg``, ``pitch_deg`` and, in any unit of acceleration, ``x_ay`` to ``z_ay``: module,

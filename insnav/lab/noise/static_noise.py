@@ -23,7 +23,7 @@ from insnav.lab.noise.allan import (
 )
 from insnav.lab.noise.noise_model import NoiseModel, evaluated, fit_noise
 from insnav.lab.noise.noise_spec import Floor, floor_of, imu_spec, temperature_correlation, white_of_steps
-from insnav.types import ImuData
+from insnav.types import FloatArray, ImuData
 from insnav.units import DEG, DEG_PER_SQRT_H, M_S_PER_SQRT_H
 
 COARSE = 0.5  # steps larger than this part of the scatter of the samples are pointed out
@@ -31,6 +31,15 @@ MISFIT = 0.1  # relative misfit of the variance that is pointed out
 WARMING = 1.0  # [deg C]
 TURNS, PUSHES = 3.0 * DEG, 0.5  # changes of the mean over a second that are motion and no drift [rad/s], [m/s^2]
 FOLLOWS = 0.5  # correlation with temperature that is pointed out
+
+
+@dataclass(frozen=True, slots=True)
+class SignalNoise:
+    """Noise of signals at even steps."""
+
+    allan: AllanDeviation  # a column for each signal
+    models: tuple[NoiseModel | None, ...]  # one for each, at the times of `allan`; None for one that never changes
+    fitted: AllanDeviation  # at the times to which the models are fitted: they do not depend on those of `allan`
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +53,49 @@ class StaticNoise:
     spec: ImuSpec  # for filters and simulations
     notes: tuple[str, ...]  # how the figures of `spec` came about
     warnings: tuple[str, ...]  # what may be wrong with the record or the models
+
+
+def signal_noise(
+    values: FloatArray,
+    interval: float,
+    taus: Sequence[float] | Literal["log", "octave"] = "log",
+    *,
+    workers: int | None = None,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> SignalNoise:
+    """Allan deviation and noise coefficients of signals.
+
+    Parameters
+    ----------
+    values : (n, c) array
+        At even steps, a column for each signal, such as rates [rad/s] or specific forces [m/s^2].
+    interval : float
+        Step [s].
+    taus : sequence of float, "log" or "octave"
+        Averaging times [s], see `averaging_factors`.
+    workers : int, optional
+        Threads.
+    progress : callable, optional
+        Called with the fraction done.
+
+    Returns
+    -------
+    SignalNoise
+        In the unit of the signals.
+
+    Raises
+    ------
+    ConfigError
+        Averaging times that the signals do not hold.
+    """
+    factors, every = averaging_factors(len(values), interval, taus), averaging_factors(len(values), interval)
+    allan = allan_deviation(values, interval, factors, workers)
+    fitted = allan if np.array_equal(every, factors) else allan_deviation(values, interval, every, workers)
+    models: list[NoiseModel | None] = []
+    for column, quiet in enumerate(silent(values)):
+        progress(column / values.shape[1])
+        models.append(None if quiet else evaluated(fit_noise(fitted, column), allan, column))
+    return SignalNoise(allan, tuple(models), fitted)
 
 
 def static_noise(
@@ -68,7 +120,7 @@ def static_noise(
     workers : int, optional
         Threads.
     progress : callable, optional
-        Told the fraction done.
+        Called with the fraction done.
 
     Raises
     ------
@@ -79,23 +131,12 @@ def static_noise(
     """
     record = even_record(imu)
     _refuse_motion(record)
-    factors = averaging_factors(len(record.values), record.interval, taus)
-    allan = allan_deviation(record.values, record.interval, factors, workers)
-    # the models are fitted to times of their own: they do not depend on those shown
-    every = averaging_factors(len(record.values), record.interval)
-    fitted = (
-        allan if np.array_equal(every, factors) else allan_deviation(record.values, record.interval, every, workers)
-    )
-    quiet = silent(record.values)
-    models: list[NoiseModel | None] = []
-    for column in range(len(AXES)):
-        progress(column / len(AXES))
-        models.append(None if quiet[column] else fit_noise(fitted, column))
-    floors = tuple(None if m is None else floor_of(fitted, i, m) for i, m in enumerate(models))
-    spec, notes = imu_spec(fitted, tuple(models), name, source)
-    shown = tuple(None if m is None else evaluated(m, allan, i) for i, m in enumerate(models))
-    warnings = (*record.notes, *_of_record(imu, record), *_of_models(tuple(models), floors, record))
-    return StaticNoise(record, allan, shown, floors, spec, notes, warnings)
+    found = signal_noise(record.values, record.interval, taus, workers=workers, progress=progress)
+    at_fit = tuple(None if m is None else evaluated(m, found.fitted, i) for i, m in enumerate(found.models))
+    floors = tuple(None if m is None else floor_of(found.fitted, i, m) for i, m in enumerate(at_fit))
+    spec, notes = imu_spec(found.fitted, at_fit, name, source)
+    warnings = (*record.notes, *_of_record(imu, record), *_of_models(at_fit, floors, record))
+    return StaticNoise(record, found.allan, found.models, floors, spec, notes, warnings)
 
 
 def _refuse_motion(record: EvenRecord) -> None:

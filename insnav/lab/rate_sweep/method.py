@@ -17,6 +17,7 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.imu.dynamic_map import AxisMap, DynamicMap
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
+from insnav.input.formats.table import Table
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, condition_warnings, measured
 from insnav.lab.least_squares import Fit, linear_fit
 from insnav.lab.rate_sweep.checks import FEWEST_FOR_MAP, check_rates, refuse_crossed, saturated, shifted_zeros
@@ -138,7 +139,7 @@ def calibrate_sweeps(
     )
 
 
-def read(files: Sequence[str | Path], how: BenchOptions) -> SweepRecord:
+def read(files: Sequence[str | Path | Table], how: BenchOptions) -> SweepRecord:
     """Read three sweeps about x, y, z, or one file of all; see `read_sweeps`."""
     return read_sweeps(files, columns=how.columns, spike_limit=how.spike_limit)
 

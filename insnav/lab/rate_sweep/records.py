@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
 from insnav.lab.bench_data.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
@@ -65,7 +66,7 @@ class SweepRecord:
 
 
 def read_sweeps(
-    paths: Sequence[str | Path], *, columns: Mapping[str, str] | None = None, spike_limit: float | None = None
+    paths: Sequence[str | Path | Table], *, columns: Mapping[str, str] | None = None, spike_limit: float | None = None
 ) -> SweepRecord:
     """Read the sweeps.
 

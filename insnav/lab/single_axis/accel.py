@@ -9,6 +9,7 @@ import numpy as np
 
 from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
+from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, fitted
 from insnav.lab.single_axis.records import (
@@ -30,7 +31,7 @@ SCHEMA = (
 )
 
 
-def read(files: Sequence[str | Path], how: BenchOptions) -> tuple[Record, ...]:
+def read(files: Sequence[str | Path | Table], how: BenchOptions) -> tuple[Record, ...]:
     """Read the tumble tests of accelerometers x, y, z, or of one; see `read_records`."""
     return read_records(files, SCHEMA, how)
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
 from insnav.lab.bench_data.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
@@ -50,7 +51,7 @@ class Record:
 
 
 def read_records(
-    files: Sequence[str | Path], schema: Sequence[Quantity], how: BenchOptions = STANDARD
+    files: Sequence[str | Path | Table], schema: Sequence[Quantity], how: BenchOptions = STANDARD
 ) -> tuple[Record, ...]:
     """Read the files of x, y, z, or of one sensor that stands for all three; see `read_record`.
 
@@ -67,7 +68,7 @@ def read_records(
     return records
 
 
-def read_record(path: str | Path, schema: Sequence[Quantity], how: BenchOptions = STANDARD) -> Record:
+def read_record(path: str | Path | Table, schema: Sequence[Quantity], how: BenchOptions = STANDARD) -> Record:
     """Read the file of one sensor.
 
     path: columns of setting and output; several successive rows of one setting are the samples of a dwell; schema:
