@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
     from insnav.report.page import Page
-    from insnav.report.sheet import Sheet
 
 DELAY = 1.0  # work shorter than this shows no progress bar [s]
 WIDTH = 110  # largest of a line of the log
@@ -64,30 +63,6 @@ def result_facts(folder: Path) -> None:
     from insnav.output.folder import FACTS_FILE
 
     result((folder / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
-
-
-def result_sheet(folder: Path, sheet: Sheet, out: Path, *, as_json: bool, more: Iterable[str] = ()) -> None:
-    """Print the sheet of a finished folder and where it is, or its facts instead.
-
-    Parameters
-    ----------
-    folder : Path
-        With its ``run.json``.
-    sheet : Sheet
-    out : Path
-        The folder as the user named it.
-    as_json : bool
-        Print the facts.
-    more : iterable of str
-        Files beside those of every sheet.
-    """
-    if as_json:
-        result_facts(folder)
-        return
-    from insnav.report.sheet import sheet_text
-
-    names = ", ".join([*more, "report.html", "figures", "run.json"])
-    result(f"{sheet_text(sheet)}\n\nfiles       {out}: {names}")
 
 
 def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Iterable[str] = ()) -> None:

@@ -281,7 +281,7 @@ def _value_text(each: Quantity) -> str:
         return text
     known = isinstance(sd, float) and np.isfinite(sd) and sd > 0.0
     low, high = (
-        rounded(bound, sd) if known else number(bound, each.digits)
+        rounded(bound, sd) if known else number(bound, each.digits) if bound else "0"
         for bound in (float(each.scaled(float(end))) for end in each.interval)
     )
     return f"{text} ({low} … {high})"

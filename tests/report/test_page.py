@@ -1,4 +1,4 @@
-"""A sheet says the same on the terminal and on the page, whatever is in its texts."""
+"""A page says the same on the terminal and in a browser, whatever is in its texts."""
 
 from __future__ import annotations
 
@@ -10,18 +10,23 @@ import pytest
 
 from insnav.exceptions import ConfigError
 from insnav.output.folder import RunFolder, verify_folder
-from insnav.report.page import Table
-from insnav.report.sheet import Picture, Sheet, sheet_text, write_sheet
-from insnav.report.style import blank, drawing
+from insnav.quantity import Quantity
+from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.save import write_page
+from insnav.report.style import blank
+from insnav.report.terminal import page_text
 
 HOSTILE = '<script>alert(1)</script>"><img src=x onerror=y>\x1b[31m'
 
 
-def a_sheet(text: str = "as it is", pictures: int = 1) -> Sheet:
-    with drawing():
-        figures = tuple(Picture("residual", blank(4.0, 3.0, "Residual", "note"), text) for _ in range(pictures))
-    table = Table("Parameters", ("name", "value [V]"), (("zero", "0.1957"), (text, "-12.5")), text)
-    return Sheet("A calibration", (text,), (table,), figures, (text,), (text,))
+def a_page(text: str = "as it is", figures: int = 1) -> Page:
+    residual = FigureSpec("residual", text, lambda: blank(4.0, 3.0, "Residual", "note"))
+    rows = tuple(
+        (Quantity("name", name), Quantity("value", value, "V", digits=4))
+        for name, value in (("zero", 0.1957), (text, -12.5))
+    )
+    section = Section("parameters", "Parameters", rows=rows, figures=(residual,) * figures, note=text)
+    return Page("A calibration", (text,), (section,), (text,), (text,))
 
 
 class Elements(HTMLParser):
@@ -38,9 +43,9 @@ class Elements(HTMLParser):
 
 
 def test_terminal_shows_every_text_and_lines_numbers_up() -> None:
-    lines = sheet_text(a_sheet()).splitlines()
+    lines = page_text(a_page()).splitlines()
     assert lines[0] == "A calibration"
-    rows = [line for line in lines if line.endswith(("0.1957", "-12.5"))]
+    rows = [line for line in lines if line.endswith(("0.1957", "-12.50"))]
     assert len(rows) == 2
     assert len({len(row) for row in rows}) == 1
     assert "Warnings" in lines
@@ -48,12 +53,12 @@ def test_terminal_shows_every_text_and_lines_numbers_up() -> None:
 
 
 def test_terminal_gets_no_escape_codes() -> None:
-    assert "\x1b" not in sheet_text(a_sheet(HOSTILE))
+    assert "\x1b" not in page_text(a_page(HOSTILE))
 
 
 def test_page_holds_the_tables_and_nothing_foreign(tmp_path: Path) -> None:
     with RunFolder(tmp_path / "out", force=False) as folder:
-        where = write_sheet(folder, a_sheet(HOSTILE), {"zero_v": 0.1957}, {"calibration.toml": 'name = "x"\n'})
+        where = write_page(folder, a_page(HOSTILE), {"command": "x"}, {"calibration.toml": 'name = "x"\n'})
     page = Elements()
     page.feed((where / "report.html").read_text(encoding="utf-8"))
     assert page.tags.count("img") == 1
@@ -61,11 +66,13 @@ def test_page_holds_the_tables_and_nothing_foreign(tmp_path: Path) -> None:
     assert "0.1957" in page.text
     assert (where / "figures/residual.png").stat().st_size > 1000
     assert (where / "calibration.toml").read_text(encoding="utf-8") == 'name = "x"\n'
-    assert json.loads((where / "run.json").read_text(encoding="utf-8"))["zero_v"] == 0.1957
+    facts = json.loads((where / "run.json").read_text(encoding="utf-8"))
+    assert facts["command"] == "x"
+    assert facts["parameters"][0]["value_V"] == 0.1957
     verify_folder(where)
 
 
 def test_same_name_twice_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="same name"), RunFolder(tmp_path / "out", force=False) as folder:
-        write_sheet(folder, a_sheet(pictures=2), {})
+        write_page(folder, a_page(figures=2))
     assert not list(tmp_path.iterdir())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -44,16 +44,20 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
         if item.scale is not None
         for drop in item.scale.table.dropped
     )
+    units = _units(found.sensors)
     at_rest = f", {found.length:.6g} s at rest" if found.length else ""
     names = ", ".join(item.axis for item in found.sensors)
     return Page(
         "Acceptance of gyros and accelerometers",
         (f"{names}{at_rest}; {', '.join(record.table.name for record in files)}", *left_out),
         (
-            Section("sensors", parts=tuple(part for item in found.sensors for part in _sensor(item))),
+            Section(
+                "sensors",
+                parts=tuple(part for item in found.sensors for part in _sensor(item, units[item.axis.split()[0]])),
+            ),
             residuals_section([row for item in steps for row in _quality(item)]),
             Section("", items=(Quantity("left_out", left_out),), show="json"),
-            Section("", figures=_figures(found)),
+            Section("", figures=_figures(found, units)),
         ),
         (*found.warnings, *condition_warnings(fits)),
         ASSUMPTIONS,
@@ -77,9 +81,9 @@ def _quality(item: Accepted) -> tuple[tuple[Quantity, ...], ...]:
     return quality_rows({item.axis: table.fit}, _output_unit(item), {item.axis: settings})
 
 
-def _sensor(item: Accepted) -> tuple[Section, ...]:
+def _sensor(item: Accepted, shown: str) -> tuple[Section, ...]:
     """Figures of one sensor in the unit that suits their size, and in JSON in the one that is always there."""
-    key, shown, fixed = item.axis.replace(" ", "_"), _unit(item), _JSON_UNIT[item.axis.split()[0]]
+    key, fixed = item.axis.replace(" ", "_"), _JSON_UNIT[item.axis.split()[0]]
     title = f"{item.axis[0].upper()}{item.axis[1:]}"
     sections = (
         Section(key, items=(Quantity("output_unit", _output_unit(item)),), show="json"),
@@ -145,18 +149,20 @@ def _spread(spread: Spread, unit: str) -> tuple[Quantity, ...]:
     )
 
 
-def _unit(item: Accepted) -> str:
-    """Unit that suits the largest figure of a sensor."""
-    sizes = [abs(item.scale.bias)] if item.scale is not None else []
-    sizes += [each.spread.sd for each in item.stability]
-    sizes += [item.repeatability.sd] if item.repeatability is not None else []
-    largest = max(sizes, default=0.0)
-    if item.axis.startswith("accel"):
-        return "ug" if largest < 0.01 * G0 else "mg"
-    return "deg/h" if largest < FINE else "deg/s"
+def _units(items: Sequence[Accepted]) -> dict[str, str]:
+    """Units that suit the largest figure of all gyros, of all accelerometers."""
+    largest = dict.fromkeys(_SENSORS, 0.0)
+    for item in items:
+        sensor = item.axis.split()[0]
+        sizes = [abs(item.scale.bias)] if item.scale is not None else []
+        sizes += [each.spread.sd for each in item.stability]
+        sizes += [item.repeatability.sd] if item.repeatability is not None else []
+        largest[sensor] = max(largest[sensor], *sizes, 0.0)
+    gyro = "deg/h" if largest["gyro"] < FINE else "deg/s"
+    return {"gyro": gyro, "accel": "ug" if largest["accel"] < 0.01 * G0 else "mg"}
 
 
-def _figures(found: Acceptance) -> tuple[FigureSpec, ...]:
+def _figures(found: Acceptance, units: Mapping[str, str]) -> tuple[FigureSpec, ...]:
     figures = []
     for sensor, title in _SENSORS.items():
         series = [_residuals(item) for item in found.sensors if item.scale is not None and item.axis.startswith(sensor)]
@@ -167,8 +173,8 @@ def _figures(found: Acceptance) -> tuple[FigureSpec, ...]:
     at_rest = [
         (item.axis, item.stability, (unit, UNITS[unit][1]))
         for item in found.sensors
+        for unit in (units[item.axis.split()[0]],)
         if item.stability
-        for unit in (_unit(item),)
     ]
     if at_rest:
         caption = "Means of the parts of the record at rest"
