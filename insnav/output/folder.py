@@ -101,17 +101,12 @@ class RunFolder:
         return self._aside
 
     def path(self, name: str) -> Path:
-        """Name the place of a file of the result; folders on the way are made.
-
-        Parameters
-        ----------
-        name : str
-            Relative to the run folder, such as ``figures/track.png``.
+        """Place of a file of the result, such as ``figures/track.png``; folders on the way are made.
 
         Raises
         ------
         OutputError
-            The name leads out of the folder, or is that of the facts, which `commit` writes.
+            The name leads out of the folder, or is ``run.json``, which `commit` writes.
         """
         path = Path(os.path.normpath(self._aside / name))
         if path == self._aside or not path.is_relative_to(self._aside) or name == FACTS_FILE:
@@ -120,17 +115,12 @@ class RunFolder:
         return path
 
     def commit(self, facts: Mapping[str, Any]) -> Path:
-        """Write ``run.json`` last, bring everything to the disk and move the folder to its target.
+        """Write ``run.json`` last, bring everything to the disk and move the folder to its target, which is returned.
 
         Parameters
         ----------
         facts : mapping
             JSON-ready; ``files``, the size and SHA-256 digest of every other file, is added.
-
-        Returns
-        -------
-        Path
-            The finished folder.
 
         Raises
         ------

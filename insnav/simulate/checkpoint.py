@@ -42,15 +42,7 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """Where progress is kept, and what it belongs to.
-
-    Attributes
-    ----------
-    path : Path
-        The file; its folder must exist.
-    key : str
-        Stands for everything the runs depend on, such as a digest of the inputs; progress of another key is refused.
-    """
+    """Where progress is kept, and a key of everything the runs depend on: progress of another key is refused."""
 
     path: Path
     key: str

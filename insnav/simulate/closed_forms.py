@@ -35,23 +35,12 @@ def straight(
     ----------
     lla : (3,) array
         Start: latitude [rad], longitude [rad], height [m].
-    speed : float
-        Horizontal speed at the start [m/s].
-    heading : float
-        Heading, and course at the start [rad].
-    duration : float
-        Length [s].
-    climb : float
-        Rate of height [m/s].
-    roll, pitch : float
-        Constant roll and pitch [rad].
-    start : float
-        Time of the first instant [s].
-
-    Returns
-    -------
-    LevelTruth
-        The motion.
+    speed, climb : float
+        Horizontal speed at the start, and rate of height [m/s].
+    heading, roll, pitch : float
+        Heading, which is the course at the start, and the rest of the attitude [rad].
+    duration, start : float
+        Length, and time of the first instant [s].
     """
     along = np.array([speed * math.cos(heading), speed * math.sin(heading), climb])
     attitude = Harmonic(np.array([roll, pitch, heading]), _ZERO, _ZERO, _ZERO)

@@ -45,15 +45,7 @@ class GpsErrors:
 
 @dataclass(frozen=True, slots=True)
 class RandomSpells:
-    """Spells that come at random: exponential times between them and exponential lengths (a Poisson process).
-
-    Attributes
-    ----------
-    every : float
-        Mean time from the end of one to the beginning of the next [s].
-    length : float
-        Mean length [s].
-    """
+    """Spells at random, a Poisson process: mean time from the end of one to the next, and mean length [s]."""
 
     every: float
     length: float

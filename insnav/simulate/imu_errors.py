@@ -54,7 +54,7 @@ def corrupt_imu(
     gyro_step: float = 0.0,
     accel_step: float = 0.0,
 ) -> ImuSimulation:
-    """Draw an IMU from a specification and let it measure.
+    """Sample an IMU from a specification and let it measure.
 
     Constant errors come first (`insnav.imu.corrupt`), then in-run bias, white noise, quantisation, range, rounding,
     timestamps. Every source has a stream of random numbers of its own: switching one on does not change the others.
@@ -75,7 +75,6 @@ def corrupt_imu(
     Returns
     -------
     ImuSimulation
-        The samples and their errors.
 
     Raises
     ------

@@ -64,30 +64,23 @@ def simulate_recording(
     temperature: FloatArray | None = None,
     perfect: ImuData | None = None,
 ) -> Recording:
-    """Measure a motion with sensors sampled from their specifications.
+    """Measure a motion with sensors sampled from their specifications; None is a sensor without errors.
 
     Parameters
     ----------
     truth : Truth
-        The motion.
     imu_spec, gps_spec : ImuSpec, GpsSpec or None
-        How good the sensors are; None for one without errors.
     seed : int
         The same seed gives the same recording; other seeds other sensor realisations and other noise.
     rate : float
         Of the IMU [Hz].
     sampling : {"mean", "instant", "increment"}
-        What a sample is.
     faults : sequence of Fault
-        What goes wrong, applied one after the other.
+        Applied one after the other; one that changes nothing is refused.
     temperature : (n,) array, optional
         Of the IMU at each sample [deg C].
     perfect : ImuData, optional
         What `perfect_imu` gives for the same truth, rate and sampling: spares doing it again for every seed.
-
-    Returns
-    -------
-    Recording
 
     Raises
     ------

@@ -44,17 +44,7 @@ class Cells(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ArrayCells:
-    """Rows of a format that is converted as a whole.
-
-    Attributes
-    ----------
-    columns : tuple of (n,) arrays
-        In the order of the headers.
-    find_line : callable
-        See `Cells.line`.
-    cut : str
-        See `Numbers`.
-    """
+    """Rows of a format that is converted as a whole: columns ``(n,)`` in the order of the headers; see `Cells.line`."""
 
     columns: tuple[FloatArray, ...]
     find_line: Callable[[int], str]

@@ -22,12 +22,12 @@ def read_gps(
 
     Parameters
     ----------
-    path : str, Path or Table
+    path : str or Path
         A data file of any supported format, or ``-`` for standard input.
     columns : mapping of str to str, optional
         Quantity, with or without unit, to header: ``{"sd_n_m": "sigma"}``; an empty header leaves it out.
     height : {"ellipsoidal", "msl"}, optional
-        What the heights are; default: by the header, else ellipsoidal, and said so.
+        What the heights are; default: by the header, else ellipsoidal, and reported so.
 
     Returns
     -------
@@ -38,7 +38,7 @@ def read_gps(
     InputError
         The file cannot be used.
     ConfigError
-        `columns` cannot be meant as given.
+        A column is named that does not exist.
     """
     reading = read_positions(path, "GPS", GPS_SCHEMA, GPS_KINDS, columns=columns, height=height)
     read = reading.data

@@ -16,14 +16,7 @@ from insnav.types import Trajectory
 
 
 def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | None = None) -> Reading[Trajectory]:
-    """Read a reference: position, and velocity, attitude and standard deviations as far as the file has them.
-
-    Parameters
-    ----------
-    path : str, Path or Table
-        A data file of any supported format, or ``-`` for standard input.
-    columns : mapping of str to str, optional
-        Quantity, with or without unit, to header.
+    """Read a reference: position, and velocity and attitude as far as the file has them; see `read_gps`.
 
     Returns
     -------
@@ -34,8 +27,6 @@ def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | Non
     ------
     InputError
         The file cannot be used.
-    ConfigError
-        `columns` cannot be meant as given.
     """
     reading = read_positions(path, "reference", REFERENCE_SCHEMA, REFERENCE_KINDS, columns=columns)
     read = reading.data

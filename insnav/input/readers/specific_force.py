@@ -71,21 +71,17 @@ def read_specific_force(
     path : str or Path
         A data file of any supported format, or ``-`` for standard input.
     axes : {"ENU", "NED"}, optional
-        What columns x, y, z are; columns whose names say their direction (``f_east_m_s2``, ``fe``) need none.
+        What columns x, y, z are; columns whose names state their direction (``f_east_m_s2``, ``fe``) need none.
     columns : mapping of str to str, optional
         Quantity, with or without unit, to header.
     sample_rate : float, optional
         Samples per second [Hz] of a file without a time column; the first is at 0 s.
 
-    Returns
-    -------
-    Reading of SpecificForce
-
     Raises
     ------
     InputError
         The file cannot be used: columns missing, not along level axes, or a gap of more than five samples, in which
-        nobody knows what moved the vehicle.
+        the motion is unknown.
     ConfigError
         `columns` cannot be meant as given, or `sample_rate` is given for a file that has times.
     """

@@ -84,19 +84,7 @@ class _ProfileFile(Table):
 
 @dataclass(frozen=True)
 class MotionProfile:
-    """A motion that can be driven.
-
-    Attributes
-    ----------
-    name : str
-        Of the file, unless the file says another one.
-    purpose : str
-        What it is for, in one line.
-    duration : float
-        [s].
-    text : str
-        The file.
-    """
+    """A motion that can be driven: its name, its purpose in one line, how long it takes [s], and its file."""
 
     name: str
     purpose: str
