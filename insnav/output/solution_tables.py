@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -19,12 +19,19 @@ import pyarrow.parquet
 from insnav.exceptions import InputError
 from insnav.output.columns import Decimals, arrow_table, rounded, write_csv
 from insnav.plain_text import cell_text, plain_text
-from insnav.tabular import unit_of
-from insnav.types import Event, FloatArray, Innovations, SensorErrors, Trajectory
+from insnav.tabular import Tabular, unit_of
+from insnav.types import Event, EventKind, FloatArray, GpsData, Innovations, SensorErrors, Trajectory
 
 TableFormat = Literal["csv", "parquet"]
+T = TypeVar("T", bound=Tabular)
 
-_NAMES: dict[type, str] = {Trajectory: "solution", Innovations: "innovations", SensorErrors: "biases"}
+_NAMES: dict[type, str] = {
+    Trajectory: "solution",
+    Innovations: "innovations",
+    SensorErrors: "biases",
+    GpsData: "fixes",
+}
+_OPTIONAL = ("sd", "fix", "heading")  # fields that may have no columns
 _DECIMALS: Decimals = (
     ("^lat|^lon", 10),
     ("value|limit", 9),
@@ -35,23 +42,18 @@ _DECIMALS: Decimals = (
 )
 
 
-def write_run_table(
-    folder: Path,
-    data: Trajectory | Innovations | SensorErrors,
-    file_format: TableFormat = "csv",
-    name: str = "",
-) -> Path:
-    """Write a solution, every fix with its innovation and NIS, or the estimated sensor errors.
+def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv", name: str = "") -> Path:
+    """Write a solution, fixes, every fix with its innovation and NIS, estimated sensor errors or errors of a solution.
 
     Parameters
     ----------
     folder : Path
         Where to.
-    data : Trajectory, Innovations or SensorErrors
+    data : Tabular
         Every row of it is written; a field that is None has no columns.
     file_format : {"csv", "parquet"}
     name : str, optional
-        Of the file, without suffix; default ``solution``, ``innovations`` or ``biases``.
+        Of the file, without suffix; default ``solution``, ``innovations``, ``biases`` or ``fixes``.
 
     Returns
     -------
@@ -93,30 +95,91 @@ def has_smoothed(folder: Path) -> bool:
 
 
 def read_solution(folder: Path, name: str = "solution") -> Trajectory:
-    """Read a solution of a run folder, ``solution`` or ``smoothed``, csv or parquet.
+    """Read a solution of a run folder, ``solution`` or ``smoothed``, csv or parquet; see `read_run_table`."""
+    return read_run_table(folder, Trajectory, name)
+
+
+def read_run_table(folder: Path, kind: type[T], name: str = "") -> T:
+    """Read a table of a run folder, csv or parquet.
+
+    Parameters
+    ----------
+    folder : Path
+    kind : type
+        What it is a table of, as given to `write_run_table`.
+    name : str, optional
+        Of the file, without suffix, as there.
+
+    Returns
+    -------
+    that type
 
     Raises
     ------
     InputError
-        No solution in the folder, or not one written by insnav.
+        No such table in the folder, or not one written by insnav.
     """
-    path = next((p for p in (folder / f"{name}.{kind}" for kind in ("parquet", "csv")) if p.is_file()), None)
+    name = name or _NAMES[kind]
+    what = {"solution": "solution", "smoothed": "smoothed solution"}.get(name, f"table of {name.replace('_', ' ')}")
+    path = next((p for p in (folder / f"{name}.{suffix}" for suffix in ("parquet", "csv")) if p.is_file()), None)
     if path is None:
         raise InputError(
-            f"there is no {'smoothed ' if name == 'smoothed' else ''}solution in this folder",
+            f"there is no {what} in this folder",
             where=str(folder),
             why=f"neither {name}.csv nor {name}.parquet",
             fix="give a folder that `insnav run` has written",
         )
     try:
         table = pa.csv.read_csv(path) if path.suffix == ".csv" else pa.parquet.read_table(path)
-        absent = () if Trajectory.COLUMNS["sd"][0] in table.column_names else ("sd",)
-        fields = {field: _matrix(table, names) for field, names in Trajectory.COLUMNS.items() if field not in absent}
+        return kind(**{field: _field(table, field, names) for field, names in kind.COLUMNS.items()})
     except (pa.ArrowException, OSError, KeyError, ValueError, TypeError) as error:
         raise InputError(
-            "the solution cannot be read", where=str(path), why=plain_text(error), fix="make the run again"
+            f"the {what} cannot be read", where=str(path), why=plain_text(error), fix="make the run again"
         ) from error
-    return Trajectory(**{**fields, "time": fields["time"][:, 0]})
+
+
+def _field(table: Any, field: str, names: Sequence[str]) -> Any:
+    """One field of a type, None if it may be and has no columns."""
+    if field in _OPTIONAL and names[0] not in table.column_names:
+        return None
+    values = _matrix(table, names)
+    if field.startswith("used"):
+        return values[:, 0] == 1.0
+    if field == "fix":
+        return values[:, 0].astype(np.int64)
+    return values[:, 0] if len(names) == 1 else values
+
+
+def read_events(folder: Path) -> tuple[Event, ...]:
+    """Read ``events.csv`` of a run folder.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    tuple of Event
+    """
+    kinds = {kind.value: kind for kind in EventKind}
+    text = pa.csv.ConvertOptions(column_types=dict.fromkeys(("kind", "unit", "action", "hint"), pa.string()))
+    rows = pa.csv.read_csv(folder / "events.csv", convert_options=text).to_pylist()
+    return tuple(
+        Event(
+            row["time_s"],
+            kinds.get(row["kind"], row["kind"]),
+            _number(row["value"]),
+            _number(row["limit"]),
+            row["unit"] or "-",
+            row["action"],
+            row["hint"],
+        )
+        for row in rows
+    )
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else float(value)
 
 
 def _matrix(table: Any, names: Sequence[str]) -> FloatArray:

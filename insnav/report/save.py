@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from insnav.exceptions import ConfigError
+from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat
@@ -95,7 +96,9 @@ def open_folder(folder: Path) -> Result[Any]:
     kind = str(facts.get("kind", "run"))
     inputs = {name: ReadingFacts.from_dict(each) for name, each in facts.get("input", {}).items()}
     found = _of_room(kind, "read_found")(folder)
-    return Result(kind, found, inputs, facts.get("configuration", {}), None, tuple(facts.get("notes", ())))
+    file, model = folder / "imu.toml", facts.get("imu_model")
+    imu_model = (load_imu(str(file)), str(model["chosen"])) if model and file.is_file() else None
+    return Result(kind, found, inputs, facts.get("configuration", {}), imu_model, tuple(facts.get("notes", ())))
 
 
 def write_page(

@@ -14,7 +14,10 @@ from insnav.output.folder import read_facts, verify_folder
 from tests.cli.conftest import QUICK, Cli
 
 WITH_REFERENCE = (*QUICK, "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2")
-TABLES = ["biases.csv", "events.csv", "innovations.csv", "run.json", "smoothed.csv", "solution.csv", "track.kml"]
+TABLES = [
+    *("biases.csv", "errors.csv", "events.csv", "fixes.csv", "imu.toml", "innovations.csv", "run.json"),
+    *("smoothed.csv", "smoothed_errors.csv", "solution.csv", "track.kml"),
+]
 FIGURES = ["attitude", "biases", "height", "innovations", "track", "uncertainty", "velocity"]
 ERROR_FIGURES = ["attitude_error", "error_distribution", "position_error", "velocity_error"]
 
@@ -206,7 +209,7 @@ def test_nothing_is_written_elsewhere_and_nobody_is_called(
 def test_without_smoothing_there_is_no_trace_of_it(drive: Path, cli: Cli):
     shown = cli("run", *WITH_REFERENCE, "--no-smooth")
     assert shown.code == 0, shown.err
-    assert _files(Path("run")) == [name for name in TABLES if name != "smoothed.csv"]
+    assert _files(Path("run")) == [name for name in TABLES if not name.startswith("smoothed")]
     assert read_facts(Path("run"))["smoothed"] is None
     assert "smoothed" not in shown.out
 

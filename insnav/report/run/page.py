@@ -11,6 +11,7 @@ import numpy as np
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.gps_gaps import outages
 from insnav.errors.metrics import nees
+from insnav.imu.imu_file import to_toml
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.kml import write_kml
@@ -24,6 +25,7 @@ from insnav.report.run.figures.states import draw_attitude, draw_height, draw_ve
 from insnav.report.run.figures.track import draw_track
 from insnav.report.run.figures.uncertainty import draw_uncertainty
 from insnav.report.run.quantities import run_sections
+from insnav.report.run.reopened import read_found as read_found
 from insnav.report.run.short_duration import short_columns
 from insnav.report.run.warnings import run_warnings
 from insnav.report.style import Clock
@@ -133,7 +135,7 @@ def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
 
 
 def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write solution, innovations, sensor errors, events and track.
+    """Write solution, fixes, innovations, errors, sensor errors, IMU model, events and track.
 
     Parameters
     ----------
@@ -148,6 +150,13 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: T
         write_run_table(place, run.smoothed.solution, table_format, "smoothed")
     write_run_table(place, run.innovations, table_format)
     write_run_table(place, run.sensor_errors, table_format)
+    for name, errors in (("errors", found.errors), ("smoothed_errors", found.smoothed_errors)):
+        if errors is not None:
+            write_run_table(place, errors, table_format, name)
+    if found.gps is not None:
+        write_run_table(place, found.gps, table_format)
+    if result.imu_model is not None:
+        folder.path("imu.toml").write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
     write_events(place, result.events or run.events)
     write_kml(place, run.solution, Path(result.inputs["imu"].path).name if "imu" in result.inputs else "track")
     if found.short_duration:

@@ -1,0 +1,52 @@
+"""``insnav report``: page and figures of a run again, from its folder."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from insnav.cli import options as opt
+from insnav.cli.console import quiet_figures, result, result_facts
+
+SHORT_HELP = "Page and figures of a run again, from its folder."
+HELP = """Page and figures of a run again, from its folder.
+
+Reads what `insnav run` has written and makes a new folder with figures and page from it, such as in another format or
+by another version of insnav. Nothing is navigated.
+
+\b
+Examples:
+  insnav report run
+  insnav report run --figures svg --out run_svg
+"""
+
+
+class Figures(StrEnum):
+    """File format of the figures."""
+
+    png = "png"
+    svg = "svg"
+
+
+def report(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder.", rich_help_panel=opt.FILES)],
+    figures: Annotated[
+        Figures, typer.Option(metavar="FORMAT", help="Figures as png or svg.", rich_help_panel=opt.RESULT)
+    ] = Figures.png,
+    out: opt.Out = Path("report"),
+    force: opt.Force = False,
+    as_json: opt.Json = False,
+) -> None:
+    """Draw a run again."""
+    from insnav.result import open_result
+
+    opened = open_result(run)
+    quiet_figures()
+    where = opened.save(out, force=force, figures=figures.value)
+    if as_json:
+        result_facts(where)
+    else:
+        result("\n".join([*opened.page().summary, "", f"files       {out}: report.html, figures, run.json"]))

@@ -1,0 +1,62 @@
+"""``insnav report``: a run is drawn again from its folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from insnav.output.folder import read_facts, verify_folder
+from tests.cli.conftest import Cli
+
+RUN = ("run", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2")
+
+
+@pytest.mark.parametrize("table_format", ["csv", "parquet"])
+def test_figures_and_figures_of_merit_are_those_of_the_run(drive: Path, cli: Cli, table_format: str):
+    made = cli(*RUN, "--format", table_format)
+    assert made.code == 0, made.err
+    shown = cli("report", "run", "--out", "again")
+    assert shown.code == 0, shown.err
+    first, again = verify_folder(Path("run")), verify_folder(Path("again"))
+    png = [name for name in first["files"] if name.endswith(".png")]
+    assert len(png) == 11
+    for name in png:
+        old, new = (np.asarray(Image.open(Path(folder, name)).convert("L"), dtype=float) for folder in ("run", "again"))
+        assert old.shape == new.shape
+        assert np.mean(np.abs(old - new) > 30.0) < 1e-3, name  # tables are rounded: a point may move by a pixel
+    for facts in (first, again):
+        assert facts["kind"] == "run"
+    for keys in (
+        ("accuracy", "all", "horizontal_m", "rms"),
+        ("smoothed", "accuracy", "consistency", "position", "nees"),
+        ("alignment", "heading_sd_deg"),
+        ("fixes", "position", "nis_mean_per_axis"),
+        ("imu_model", "gyro", "bias_deg_h"),
+        ("solution", "distance_m"),
+    ):
+        old, new = first, again
+        for key in keys:
+            old, new = old[key], new[key]
+        assert new == pytest.approx(old, rel=1e-3), keys
+    for key in ("input", "configuration", "notes", "warnings", "events", "aiding"):
+        assert again[key] == first[key], key
+    assert "Horizontal error" in shown.out
+    assert (Path("again/report.html").read_text()) != ""
+
+
+def test_vector_figures_and_json(drive: Path, cli: Cli):
+    assert cli(*RUN, "--figures", "none").code == 0
+    shown = cli("report", "run", "--figures", "svg", "--json")
+    assert json.loads(shown.out) == read_facts(Path("report"))
+    assert "figures/position_error.svg" in read_facts(Path("report"))["files"]
+
+
+def test_what_is_no_run_is_refused(drive: Path, cli: Cli):
+    shown = cli("report", ".")
+    assert shown.code == 3
+    assert "not a run folder" in shown.err
+    assert not Path("report").exists()
