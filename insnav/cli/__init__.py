@@ -68,6 +68,10 @@ for _module, _command in (
 app.add_typer(calibrate.app, name="calibrate", help=calibrate.HELP, short_help=calibrate.SHORT_HELP)
 
 
+# options of earlier versions, which went by private words
+RENAMED = {"--twins": "--replicas", "--raw": "--uncalibrated"}
+
+
 def _version(value: bool) -> None:
     if value:
         from insnav import __version__
@@ -86,7 +90,7 @@ def _common(
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
-    arguments = [text for text in sys.argv[1:] if text != "--debug"]  # it may stand anywhere
+    arguments = [RENAMED.get(text, text) for text in sys.argv[1:] if text != "--debug"]  # it may stand anywhere
     debug = len(arguments) < len(sys.argv) - 1
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

@@ -16,10 +16,10 @@ from insnav.cli.console import Stages, note, note_more, quiet_figures, result_pa
 from insnav.cli.data_options import Data, takes_data
 
 SHORT_HELP = "How much error an IMU makes in a minute, from what: analytic, simulated, recorded."
-HELP = """How much error an IMU makes in a minute without aid, and from what.
+HELP = """How much error an IMU makes in a minute without aiding, and from what.
 
-Every source of error in the IMU file (and of the start, in its table [initial]) is followed to position, velocity and
-attitude: by closed formulas on paper, by the whole linear error model along the motion, and with --runs by simulated
+Every error source in the IMU file (and of the start, in its table [initial]) is propagated to position, velocity and
+attitude: analytically, by the covariance of the whole linear error model along the motion, and with --runs by simulated
 free-inertial runs. All of it on one page: report.html, figures/budget.png, budget.pdf.
 
 \b
@@ -28,17 +28,17 @@ Examples:
   insnav budget --imu tactical --times 10,60,300
   insnav budget --imu mems.toml --profile city --runs 500
   insnav budget --imu mems.toml --profile drive.toml --begin 120 --height held
-  insnav budget imu.csv --gps gps.csv --imu mems.toml --raw
+  insnav budget imu.csv --gps gps.csv --imu mems.toml --uncalibrated
   insnav budget imu.csv --gps gps.csv --lever-arm 0.8,-0.3,-1.2 --ref ref.csv --ref-sd 0.05,0.02
   insnav budget --imu mems.toml --json | jq '.budget[-1].covariance.horizontal_m'
 
-With a recorded drive, windows without GPS are slid along it, each begun with the state of the filter; their errors
-stand beside the three others, are taken apart (t, t², t³: which tilt, bias, drift), and compared with simulated twins
-of the drive. Windows are as long as the last of --times.
+With a recorded drive, free-inertial windows are slid along it, each initialised from the filter; their errors are
+compared with the three predictions and with simulated replicas of the drive, and attributed to tilt, bias and drift by
+their growth (t, t², t³). Windows are as long as the last of --times.
 
-Without a profile or a drive the IMU is at rest, level, heading north, at a latitude of 45 deg: what turns and
-accelerations make of heading, scale factors and misalignment shows with a profile. What the IMU file does not give
-counts as zero, and is said.
+Without a profile or a drive the IMU is stationary, level, heading north, at a latitude of 45 deg: errors of heading,
+scale factor and misalignment show only in motion, with a profile. What the IMU file does not give is taken as zero, and
+listed.
 """
 MOTION, WINDOWS = "Motion", "Windows of the recorded drive"
 
@@ -60,11 +60,11 @@ class Vertical(StrEnum):
 @takes_data("DRIVE", optional=True, files={"gps": False, "ref": False}, without=("lat", "height"))
 def budget(
     data: Data,
-    raw: Annotated[
+    uncalibrated: Annotated[
         bool,
         typer.Option(
-            "--raw",
-            help="Also windows with the sensors as they were turned on, beside the paper.",
+            "--uncalibrated",
+            help="Also windows with the turn-on errors of the sensors, not corrected by the filter.",
             rich_help_panel=WINDOWS,
         ),
     ] = False,
@@ -72,7 +72,7 @@ def budget(
         StartFrom,
         typer.Option(
             metavar="HOW",
-            help="Windows begin with the state of the forward filter, or (not independent) smoothed.",
+            help="Windows start from the forward filter, or (not independent) from the smoothed solution.",
             rich_help_panel=WINDOWS,
         ),
     ] = StartFrom.forward,
@@ -84,8 +84,8 @@ def budget(
         float | None,
         typer.Option(metavar="S", help="From one to the next. [so that about 60 fit]", rich_help_panel=WINDOWS),
     ] = None,
-    twins: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Simulated twins of the drive.", rich_help_panel=WINDOWS)
+    replicas: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Simulated replicas of the drive.", rich_help_panel=WINDOWS)
     ] = 20,
     workers: Annotated[int, typer.Option(metavar="N", help="Processes.", rich_help_panel=WINDOWS)] = 2,
     deflection: Annotated[
@@ -111,13 +111,13 @@ def budget(
         ),
     ] = None,
     times: Annotated[
-        str, typer.Option(metavar="S,S,…", help="When the errors are told, s.", rich_help_panel=MOTION)
+        str, typer.Option(metavar="S,S,…", help="Report times, s.", rich_help_panel=MOTION)
     ] = "10,20,30,40,50,60",
     height: Annotated[
         Vertical | None,
         typer.Option(
             metavar="HOW",
-            help="The vertical channel is free, or held to the reference: free, held. [free up to 300 s, else held]",
+            help="Vertical channel: free, or held (height-constrained). [free up to 300 s, else held]",
             rich_help_panel=MOTION,
         ),
     ] = None,
@@ -127,9 +127,7 @@ def budget(
             metavar="N", min=0, help="Simulate so many runs, and so many of each source.", rich_help_panel=opt.RESULT
         ),
     ] = 0,
-    seed: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Of everything random.", rich_help_panel=opt.RESULT)
-    ] = 1,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Random seed.", rich_help_panel=opt.RESULT)] = 1,
     out: opt.Out = Path("budget"),
     force: opt.Force = False,
     as_json: opt.Json = False,
@@ -142,7 +140,7 @@ def budget(
     imu = data.inputs.get("imu_model")
     if data.imu is not None and (profile is not None or begin is not None):
         raise ConfigError("a drive has its own motion", where="--profile", fix="leave out the drive, or the profile")
-    if data.imu is None and (data.gps is not None or data.ref is not None or raw):
+    if data.imu is None and (data.gps is not None or data.ref is not None or uncalibrated):
         raise ConfigError(
             "there is no drive for these fixes", where="DRIVE", fix="give the IMU file of the drive first"
         )
@@ -166,7 +164,12 @@ def budget(
             from insnav.errors.budget.from_windows import WindowSettings
 
             windows = WindowSettings(
-                first=first, spacing=spacing, start=start.value, uncalibrated=raw, replicas=twins, workers=workers
+                first=first,
+                spacing=spacing,
+                start=start.value,
+                uncalibrated=uncalibrated,
+                replicas=replicas,
+                workers=workers,
             )
             outcome = data.load(stage).budget(settings, windows=windows, progress=progress)
         else:

@@ -37,9 +37,7 @@ class AidingWhen(StrEnum):
 
 Out = Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=RESULT)]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing result of insnav.", rich_help_panel=RESULT)]
-Json = Annotated[
-    bool, typer.Option("--json", help="Print the facts as JSON instead of a summary.", rich_help_panel=RESULT)
-]
+Json = Annotated[bool, typer.Option("--json", help="Print run.json instead of a summary.", rich_help_panel=RESULT)]
 AidingOption = Annotated[
     AidingWhen,
     typer.Option(

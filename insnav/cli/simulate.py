@@ -69,7 +69,8 @@ def simulate(
         str,
         typer.Option(
             metavar="MODEL",
-            help="How good the IMU is: consumer, automotive, industrial, tactical, navigation, ideal, or an imu.toml.",
+            help="IMU error specification: consumer, automotive, industrial, tactical, navigation, ideal, or an "
+            "imu.toml.",
             rich_help_panel=opt.IMU,
         ),
     ] = "consumer",
@@ -88,7 +89,7 @@ def simulate(
         str,
         typer.Option(
             metavar="MODEL",
-            help="How good the receiver is: a preset such as single or rtk, ideal, or a gps.toml.",
+            help="Receiver error specification: a preset such as single or rtk, ideal, or a gps.toml.",
             rich_help_panel="GPS",
         ),
     ] = "single",
@@ -104,9 +105,7 @@ def simulate(
             rich_help_panel=MOTION,
         ),
     ] = opt.GravityChoice.full,
-    seed: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Of everything random.", rich_help_panel=opt.RESULT)
-    ] = 1,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Random seed.", rich_help_panel=opt.RESULT)] = 1,
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Folder to make. [sim]", rich_help_panel=opt.RESULT)
     ] = None,

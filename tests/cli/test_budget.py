@@ -78,7 +78,7 @@ def test_long_budgets_hold_the_height_and_say_so(cli: Cli):
 
 def test_a_recorded_drive_stands_beside_the_paper(cli: Cli):
     drive = (SAMPLE / "imu.csv.gz", "--gps", SAMPLE / "gps.csv", "--imu", SAMPLE / "imu.toml")
-    options = ("--lever-arm", "0.8,-0.3,-1.2", "--times", "10,30", "--twins", "0", "--runs", "100", "--raw")
+    options = ("--lever-arm", "0.8,-0.3,-1.2", "--times", "10,30", "--replicas", "0", "--runs", "100", "--uncalibrated")
     shown = cli("budget", *drive, *options, "--ref", SAMPLE / "ref.csv", "--ref-sd", "0.02")
     assert shown.code == 0, shown.err
     verify_folder(Path("budget"))
@@ -111,7 +111,7 @@ def test_a_recorded_drive_stands_beside_the_paper(cli: Cli):
         (("--imu", "mems.toml", "--profile", "city", "--times", "3000"), 2, "not long enough"),
         (("--imu", "mems.toml", "--deflection", "-1"), 2, "--deflection"),
         (("--imu", "mems.toml", "--gps", "gps.csv"), 2, "DRIVE"),
-        (("--imu", "mems.toml", "--raw"), 2, "DRIVE"),
+        (("--imu", "mems.toml", "--uncalibrated"), 2, "DRIVE"),
         (("imu.csv", "--profile", "city"), 2, "--profile"),
         (("imu.csv", "--imu", "mems.toml"), 3, "imu.csv"),
         ((SAMPLE / "imu.csv.gz", "--imu", "mems.toml"), 2, "--gps"),
