@@ -76,7 +76,7 @@ def test_long_budgets_hold_the_height_and_say_so(cli: Cli):
         assert ("held to the reference" in shown.out) is held
 
 
-def test_a_recorded_drive_stands_beside_the_paper(cli: Cli):
+def test_a_recorded_drive_is_compared_with_the_prediction(cli: Cli):
     drive = (SAMPLE / "imu.csv.gz", "--gps", SAMPLE / "gps.csv", "--imu", SAMPLE / "imu.toml")
     options = ("--lever-arm", "0.8,-0.3,-1.2", "--times", "10,30", "--replicas", "0", "--runs", "100", "--uncalibrated")
     shown = cli("budget", *drive, *options, "--ref", SAMPLE / "ref.csv", "--ref-sd", "0.02")
@@ -90,7 +90,7 @@ def test_a_recorded_drive_stands_beside_the_paper(cli: Cli):
     assert last["simulated"]["horizontal_m"] == pytest.approx(last["covariance"]["horizontal_m"], rel=0.2)
     assert facts["recorded_windows"]["uncalibrated"]["windows"] == recorded["windows"] > 20
     assert "rec. N" in shown.out
-    assert "Sensors as turned on" in shown.out
+    assert "uncalibrated sensors" in shown.out
     names = {path.name for path in Path("budget/figures").iterdir()}
     assert names >= {"budget.png", "recorded_growth.png", "recorded_causes.png", "recorded_regression.png"}
 
