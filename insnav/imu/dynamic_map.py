@@ -20,21 +20,11 @@ SMALLEST_SLOPE = 0.1  # of the compensated over the measured rate; a gyro that n
 class AxisMap:
     """Error of one gyro over its measured rate, straight between knots and beyond the outer ones.
 
-    Attributes
-    ----------
-    rate : (k,) array
-        Measured rates at the knots [rad/s], increasing, at least two.
-    error : (k,) array
-        Error there, measured minus true [rad/s].
-
-    Raises
-    ------
-    ConfigError
-        Not such arrays, or a map that cannot be inverted.
+    Raises ConfigError: not such arrays, or a map that cannot be inverted.
     """
 
-    rate: FloatArray
-    error: FloatArray
+    rate: FloatArray  # (k,) measured rates at the knots [rad/s], increasing, at least two
+    error: FloatArray  # (k,) error there, measured minus true [rad/s]
 
     def __post_init__(self) -> None:
         rate, error = np.asarray(self.rate), np.asarray(self.error)
@@ -58,42 +48,28 @@ class AxisMap:
     def apply(self, measured: FloatArray) -> FloatArray:
         """Rate without the error.
 
-        Parameters
-        ----------
-        measured : (...) array
-            [rad/s].
+        measured: [rad/s].
         """
         return _line(self.rate, self.rate - self.error, measured)
 
     def rate_error(self, measured: FloatArray) -> FloatArray:
         """Error that `apply` takes off.
 
-        Parameters
-        ----------
-        measured : (...) array
-            [rad/s].
+        measured: [rad/s].
         """
         return _line(self.rate, self.error, measured)
 
     def inverse(self, compensated: FloatArray) -> FloatArray:
         """Undo `apply`.
 
-        Parameters
-        ----------
-        compensated : (...) array
-            [rad/s].
+        compensated: [rad/s].
         """
         return _line(self.rate - self.error, self.rate, compensated)
 
 
 @dataclass(frozen=True, slots=True)
 class DynamicMap:
-    """One map a gyro; None leaves an axis as it is.
-
-    Attributes
-    ----------
-    x, y, z : AxisMap or None
-    """
+    """One map a gyro; None leaves an axis as it is."""
 
     x: AxisMap | None = None
     y: AxisMap | None = None
@@ -107,10 +83,7 @@ class DynamicMap:
     def apply(self, measured: FloatArray) -> FloatArray:
         """Rates without the errors.
 
-        Parameters
-        ----------
-        measured : (n, 3) array
-            [rad/s].
+        measured (n, 3): [rad/s].
         """
         columns = [c if a is None else a.apply(c) for a, c in zip(self.axes, measured.T, strict=True)]
         return np.ascontiguousarray(np.column_stack(columns))
@@ -118,10 +91,7 @@ class DynamicMap:
     def inverse(self, compensated: FloatArray) -> FloatArray:
         """Undo `apply`.
 
-        Parameters
-        ----------
-        compensated : (n, 3) array
-            [rad/s].
+        compensated (n, 3): [rad/s].
         """
         columns = [c if a is None else a.inverse(c) for a, c in zip(self.axes, compensated.T, strict=True)]
         return np.ascontiguousarray(np.column_stack(columns))

@@ -33,17 +33,7 @@ _AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axi
 def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
     """Replace spikes and take out clipped and stuck samples.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Samples.
-
-    Returns
-    -------
-    imu : ImuData
-        The same object if there is nothing to object to.
-    events : list of Event
-        One for each stretch, with what was done.
+    Returns imu: the same object if there is nothing to object to; events: one for each stretch, with what was done.
     """
     if imu.time.shape[0] < 2 * STUCK:
         return imu, []

@@ -35,32 +35,17 @@ def zero_matrix() -> FloatArray:
 class ErrorTerms:
     """Further errors of a sensor triad, none of them by default.
 
-    Attributes
-    ----------
-    asymmetry : (3,) array
-        Half of what the scale factor of positive values exceeds that of negative ones by [-].
-    quadratic : (3,) array
-        Second-order non-linearity [1/(rad/s)] or [1/(m/s^2)].
-    bias_slope : (3,) array
-        Bias by temperature [rad/s/K] or [m/s^2/K].
-    scale_slope : (3,) array
-        Scale factor by temperature [1/K].
-    g_sensitivity : (3, 3) array
-        Of gyros: rate by specific force [rad/s/(m/s^2)].
-    positions : (3, 3) array
-        Of accelerometers: row i is the place of accelerometer i from the point that is navigated, body axes [m].
-
-    Raises
-    ------
-    ConfigError
-        A value that is not finite, or terms so large that the sensor cannot be inverted.
+    Raises ConfigError: A value that is not finite, or terms so large that the sensor cannot be inverted.
     """
 
+    # (3,) half of what the scale factor of positive values exceeds that of negative ones by [-]
     asymmetry: FloatArray = field(default_factory=zeros)
-    quadratic: FloatArray = field(default_factory=zeros)
-    bias_slope: FloatArray = field(default_factory=zeros)
-    scale_slope: FloatArray = field(default_factory=zeros)
+    quadratic: FloatArray = field(default_factory=zeros)  # (3,) second-order non-linearity [1/(rad/s)] or [1/(m/s^2)]
+    bias_slope: FloatArray = field(default_factory=zeros)  # (3,) bias by temperature [rad/s/K] or [m/s^2/K]
+    scale_slope: FloatArray = field(default_factory=zeros)  # (3,) scale factor by temperature [1/K]
+    # (3, 3) of gyros: rate by specific force [rad/s/(m/s^2)]
     g_sensitivity: FloatArray = field(default_factory=zero_matrix)
+    # (3, 3) of accelerometers: row i is the place of accelerometer i from the point that is navigated, body axes [m]
     positions: FloatArray = field(default_factory=zero_matrix)
 
     def __post_init__(self) -> None:
@@ -80,17 +65,8 @@ class ErrorTerms:
     def shown(self, z: FloatArray, warmer: FloatArray | None) -> FloatArray:
         """What the sensor shows.
 
-        Parameters
-        ----------
-        z : (n, 3) array
-            Bent by the matrix, without bias [rad/s] or [m/s^2].
-        warmer : (n,) array or None
-            Temperature above the reference [K].
-
-        Returns
-        -------
-        (n, 3) array
-            Without bias and g-sensitivity.
+        z (n, 3): bent by the matrix, without bias [rad/s] or [m/s^2]; warmer (n,): temperature above the reference [K].
+        Returns (n, 3): without bias and g-sensitivity.
         """
         y = z * self._gain(warmer) + self.asymmetry * np.abs(z) + self.quadratic * z * z
         return np.asarray(y if warmer is None else y + warmer[:, None] * self.bias_slope)
@@ -98,17 +74,8 @@ class ErrorTerms:
     def meant(self, y: FloatArray, warmer: FloatArray | None) -> FloatArray:
         """Undo `shown`: the root of the quadratic on the side of the sign, in the form that keeps digits.
 
-        Parameters
-        ----------
-        y : (n, 3) array
-            Shown, bias and g-sensitivity subtracted [rad/s] or [m/s^2].
-        warmer : (n,) array or None
-            Temperature above the reference [K].
-
-        Raises
-        ------
-        InputError
-            A value that the curvature never reaches.
+        y (n, 3): shown, bias and g-sensitivity subtracted [rad/s] or [m/s^2]; warmer (n,): temperature above the
+        reference [K]. Raises InputError: A value that the curvature never reaches.
         """
         if warmer is not None:
             y = y - warmer[:, None] * self.bias_slope

@@ -18,23 +18,12 @@ class RawScale:
     It turns the columns of a file into rates [rad/s] or specific forces [m/s^2] where they are read, before axes are
     exchanged and known errors corrected.
 
-    Attributes
-    ----------
-    unit : str
-        Of the output: ``V``, ``mV``, ``uV`` or ``LSB``.
-    zero : (3,) array
-        Output without input, x, y, z [unit].
-    scale : (3,) array
-        Output per input [unit/(rad/s)] or [unit/(m/s^2)]; negative for a sensor mounted upside down.
-
-    Raises
-    ------
-    ConfigError
-        Another unit, another shape, a value that is not finite, or a scale of zero.
+    Raises ConfigError: another unit, another shape, a value that is not finite, or a scale of zero.
     """
 
-    unit: str
-    zero: FloatArray
+    unit: str  # of the output: ``V``, ``mV``, ``uV`` or ``LSB``
+    zero: FloatArray  # (3,) output without input, x, y, z [unit]
+    # (3,) output per input [unit/(rad/s)] or [unit/(m/s^2)]; negative for a sensor mounted upside down
     scale: FloatArray
 
     def __post_init__(self) -> None:
@@ -57,19 +46,8 @@ class RawScale:
     def value(self, output: FloatArray, axis: int, unit: str | None = None) -> FloatArray:
         """Rate [rad/s] or specific force [m/s^2] of the outputs of one sensor.
 
-        Parameters
-        ----------
-        output : (n,) array
-            Its outputs.
-        axis : int
-            0, 1, 2 for x, y, z.
-        unit : str, optional
-            Unit of `output` if it is another than `unit`, such as mV for V.
-
-        Raises
-        ------
-        ConfigError
-            Counts where volts are needed, or volts where counts are.
+        output (n,): its outputs; axis: 0, 1, 2 for x, y, z; unit: unit of `output` if it is another than `unit`, such
+        as mV for V. Raises ConfigError: counts where volts are needed, or volts where counts are.
         """
         factor = 1.0
         if unit is not None and unit != self.unit:

@@ -14,57 +14,33 @@ from insnav.units import G0
 
 @dataclass(frozen=True, slots=True)
 class SensorSpec:
-    """How large the errors of a sensor triad are, one standard deviation per axis; see `insnav.imu.error_terms.TERMS`.
+    """Sizes of the errors of a sensor triad, one standard deviation per axis; see `insnav.imu.error_terms.TERMS`."""
 
-    Attributes
-    ----------
-    bias : (3,) array
-        Turn-on bias, constant over one run [rad/s] or [m/s^2].
-    bias_instability : (3,) array
-        Standard deviation of the in-run bias, a first-order Gauss-Markov process [rad/s] or [m/s^2].
-    correlation_time : float
-        Correlation time of that process [s]; infinite where there is no such process.
-    random_walk : (3,) array
-        Root power spectral density of the white noise [rad/sqrt(s)] or [m/s/sqrt(s)].
-    scale_factor : (3,) array
-        Scale factor error [-].
-    misalignment : (3,) array
-        Misalignment of each sensitive axis: each of the two off-diagonal terms, so that non-orthogonality of the
-        triad is in it [rad].
-    rate_random_walk : (3,) array
-        Root power spectral density of the noise that drives a random walk of the bias [rad/s/sqrt(s)] or
-        [m/s^2/sqrt(s)].
-    flicker : (3,) array
-        Coefficient B of flicker noise, whose Allan deviation is flat at 0.664 B [rad/s] or [m/s^2].
-    rate_ramp : (3,) array
-        Steady drift of the bias [rad/s^2] or [m/s^3].
-    quantisation : (3,) array
-        Coefficient Q of quantisation noise, a step of the integrated output over sqrt(12) [rad] or [m/s].
-    resolution : (3,) array
-        Step of each sample [rad/s] or [m/s^2].
-    range : (3,) array
-        Largest value that is shown [rad/s] or [m/s^2]; zero for no end.
-    vibration_rectification : (3,) array
-        Bias by the variance of the specific force along the axis [rad/s/(m/s^2)^2] or [1/(m/s^2)].
-    asymmetry, quadratic, bias_slope, scale_slope, g_sensitivity : (3,) array
-        Standard deviations of what `ErrorTerms` has; g-sensitivity of every element of the matrix.
-
-    The terms from `flicker` on are there to simulate; filters ignore them.
-    """
-
-    bias: FloatArray = field(default_factory=zeros)
+    bias: FloatArray = field(default_factory=zeros)  # (3,) turn-on bias, constant over one run [rad/s] or [m/s^2]
+    # (3,) standard deviation of the in-run bias, a first-order Gauss-Markov process [rad/s] or [m/s^2]
     bias_instability: FloatArray = field(default_factory=zeros)
-    correlation_time: float = math.inf
+    correlation_time: float = math.inf  # correlation time of that process [s]; infinite where there is no such process
+    # (3,) root power spectral density of the white noise [rad/sqrt(s)] or [m/s/sqrt(s)]
     random_walk: FloatArray = field(default_factory=zeros)
-    scale_factor: FloatArray = field(default_factory=zeros)
+    scale_factor: FloatArray = field(default_factory=zeros)  # (3,) scale factor error [-]
+    # (3,) misalignment of each sensitive axis: each of the two off-diagonal terms, so that non-orthogonality of the
+    # triad is in it [rad]
     misalignment: FloatArray = field(default_factory=zeros)
+    # (3,) root power spectral density of the noise that drives a random walk of the bias [rad/s/sqrt(s)] or
+    # [m/s^2/sqrt(s)]
     rate_random_walk: FloatArray = field(default_factory=zeros)
+    # from here on: only for simulation and budget, filters ignore them
+    # (3,) coefficient B of flicker noise, whose Allan deviation is flat at 0.664 B [rad/s] or [m/s^2]
     flicker: FloatArray = field(default_factory=zeros)
-    rate_ramp: FloatArray = field(default_factory=zeros)
+    rate_ramp: FloatArray = field(default_factory=zeros)  # (3,) steady drift of the bias [rad/s^2] or [m/s^3]
+    # (3,) coefficient Q of quantisation noise, a step of the integrated output over sqrt(12) [rad] or [m/s]
     quantisation: FloatArray = field(default_factory=zeros)
-    resolution: FloatArray = field(default_factory=zeros)
+    resolution: FloatArray = field(default_factory=zeros)  # (3,) step of each sample [rad/s] or [m/s^2]
+    # (3,) largest value that is shown [rad/s] or [m/s^2]; zero for no end
     range: FloatArray = field(default_factory=zeros)
+    # (3,) bias by the variance of the specific force along the axis [rad/s/(m/s^2)^2] or [1/(m/s^2)]
     vibration_rectification: FloatArray = field(default_factory=zeros)
+    # (3,) standard deviations of what `ErrorTerms` has; g-sensitivity of every element of the matrix
     asymmetry: FloatArray = field(default_factory=zeros)
     quadratic: FloatArray = field(default_factory=zeros)
     bias_slope: FloatArray = field(default_factory=zeros)
@@ -89,45 +65,22 @@ def level_bias(accel: SensorSpec) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class InitialSpec:
-    """Standard deviations of the initial state, for error budgets and simulation.
+    """Standard deviations of the initial state, for error budgets and simulation."""
 
-    Attributes
-    ----------
-    position : float
-        Each component of position [m].
-    velocity : float
-        Each component of velocity [m/s].
-    tilt : float
-        Roll and pitch [rad].
-    heading : float
-        Heading [rad].
-    """
-
-    position: float = 0.0
-    velocity: float = 0.0
-    tilt: float = 0.0
-    heading: float = 0.0
+    position: float = 0.0  # each component of position [m]
+    velocity: float = 0.0  # each component of velocity [m/s]
+    tilt: float = 0.0  # roll and pitch [rad]
+    heading: float = 0.0  # heading [rad]
 
 
 @dataclass(frozen=True, slots=True)
 class ClockSpec:
-    """What is wrong with the timestamps of an IMU, for simulation.
+    """What is wrong with the timestamps of an IMU, for simulation."""
 
-    Attributes
-    ----------
-    offset : float
-        Stamps are late by this [s].
-    drift : float
-        And by this part of the time since the start [-].
-    jitter : float
-        Standard deviation of each timestamp [s].
-    lost_every, lost_length : float
-        Mean time between drop-outs, exponentially distributed, and their mean length [s]; zero for none.
-    """
-
-    offset: float = 0.0
-    drift: float = 0.0
-    jitter: float = 0.0
+    offset: float = 0.0  # timestamps are late by this [s]
+    drift: float = 0.0  # and by this part of the time since the start [-]
+    jitter: float = 0.0  # standard deviation of each timestamp [s]
+    # mean time between drop-outs, exponentially distributed, and their mean length [s]; zero for none
     lost_every: float = 0.0
     lost_length: float = 0.0
 

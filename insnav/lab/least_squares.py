@@ -49,10 +49,7 @@ class Fit:
     def half_width(self, level: float = LEVEL) -> FloatArray:
         """Half width of the confidence interval of each estimate, (k,).
 
-        Parameters
-        ----------
-        level : float
-            Probability with which the interval holds the true value, normally distributed errors given.
+        level: probability with which the interval holds the true value, normally distributed errors given.
         """
         return self.sd * coverage_factor(self.dof, level)
 

@@ -71,16 +71,8 @@ class BenchRecord:
 def read_static(path: str | Path | Table, columns: Mapping[str, str] | None = None) -> BenchRecord:
     """Read a record at rest: ``time_s`` and outputs.
 
-    Parameters
-    ----------
-    path : str or Path
-    columns : mapping of str to str, optional
-        Quantity to header, for headers that are not understood by themselves; those of other files are passed over.
-
-    Raises
-    ------
-    InputError
-        No outputs, times that do not grow, or whatever `read_bench` finds.
+    columns: quantity to header, for headers that are not understood by themselves; those of other files are passed
+    over. Raises InputError: no outputs, times that do not grow, or whatever `read_bench` finds.
     """
     table = _read(path, ("raw", "sensed"), ("time",), columns)
     time = table.columns["time"]
@@ -96,19 +88,9 @@ def read_steps(
 
     Successive rows with the same settings are the samples of one dwell, reduced to their mean without spikes.
 
-    Parameters
-    ----------
-    path : str or Path
-    columns : mapping of str to str, optional
-        As in `read_static`.
-    spike_limit : float, optional
-        Samples further from a polynomial through their dwell are dropped, in the unit of the output; default 0.005 V,
-        and none in other units.
-
-    Raises
-    ------
-    InputError
-        An output without its setting, or whatever `read_bench` finds.
+    columns: as in `read_static`; spike_limit: samples further from a polynomial through their dwell are dropped, in
+    the unit of the output; default 0.005 V, and none in other units. Raises InputError: an output without its
+    setting, or whatever `read_bench` finds.
     """
     table = _read(path, ("setting", "raw", "sensed"), (), columns)
     channels = _channels(table, settings=True)
@@ -136,16 +118,7 @@ def read_steps(
 def read_powerups(path: str | Path | Table, columns: Mapping[str, str] | None = None) -> BenchRecord:
     """Read power-ups: ``powerup``, settings and outputs; or biases already computed, ``gyro_x_bias_deg_s``.
 
-    Parameters
-    ----------
-    path : str or Path
-    columns : mapping of str to str, optional
-        As in `read_static`.
-
-    Raises
-    ------
-    InputError
-        No column of power-ups, or whatever `read_bench` finds.
+    columns: as in `read_static`. Raises InputError: no column of power-ups, or whatever `read_bench` finds.
     """
     table = _read(path, ("setting", "raw", "sensed", "bias"), ("powerup",), columns, (POWERUP,))
     channels = {}
@@ -162,16 +135,7 @@ def read_drift(path: str | Path | Table, columns: Mapping[str, str] | None = Non
 
     That is ``rate_x_deg_s`` … (true rates; without them everything is at rest), ``temperature_c``, ``accel_x_g`` ….
 
-    Parameters
-    ----------
-    path : str or Path
-    columns : mapping of str to str, optional
-        As in `read_static`.
-
-    Raises
-    ------
-    InputError
-        No gyro, outputs in volts, or whatever `read_bench` finds.
+    columns: as in `read_static`. Raises InputError: no gyro, outputs in volts, or whatever `read_bench` finds.
     """
     table = _read(path, ("setting", "raw", "sensed"), ("time",), columns)
     values: dict[str, dict[str, FloatArray]] = {"sensed": {}, "setting": {}}

@@ -84,12 +84,8 @@ class NinePositions:
     def half_width(self, sd: FloatArray, *, first_order: bool) -> FloatArray:
         """Half width of 95 % intervals.
 
-        Parameters
-        ----------
-        sd : array
-            One of the standard deviations.
-        first_order : bool
-            Whether to allow for what the first order leaves out, as for the gyros.
+        sd: one of the standard deviations; first_order: whether to allow for what the first order leaves out, as for
+        the gyros.
         """
         return sd * coverage_factor(self.dof, LEVEL) + (self.second_order if first_order else 0.0)
 

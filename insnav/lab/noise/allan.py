@@ -58,16 +58,7 @@ class AllanDeviation:
 def between(imu: ImuData, start: float, end: float) -> ImuData:
     """Cut a part out of a record.
 
-    Parameters
-    ----------
-    imu : ImuData
-    start, end : float
-        Both included [s].
-
-    Raises
-    ------
-    InputError
-        Hardly a sample in it.
+    start, end: both included [s]. Raises InputError: hardly a sample in it.
     """
     kept = (imu.time >= start) & (imu.time <= end)
     if np.count_nonzero(kept) < 2:
