@@ -16,8 +16,8 @@ from insnav.filter.measurements.first_pass import FirstPass
 from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.measurements.non_holonomic import NonHolonomic
 from insnav.filter.measurements.zero_velocity import ZeroVelocity, find_stops
-from insnav.filter.navigate import aided, feed
-from insnav.filter.prepare import DELAY_SD, Prepared
+from insnav.filter.navigate import aided, feed, navigate_recording
+from insnav.filter.prepare import DELAY_SD, Prepared, Start
 from insnav.kernels import aiding_measurements as kernel
 from insnav.kernels.errorstate import STATES
 from insnav.simulate import reference, without_fixes
@@ -346,3 +346,46 @@ def test_aiding_is_calibrated_in_the_time_of_the_samples(late, given):
     (use,) = [each for each in run.finish().aiding if each.name == "odometer"]
     assert use.innovation_rms < 0.15
     assert use.rejected < 0.01 * use.processed
+
+
+def test_every_solution_is_in_the_time_of_the_fixes():
+    """Also its first rows, from when the filter did not know yet how late the fixes are."""
+    late = 0.3
+    motion = drives.truth()
+    imu, fixes, start = recording(2)
+    found = run(imu, replace(fixes, time=fixes.time + late), start, delay_sd=DELAY_SD)
+    for name, time, lla in (
+        ("filtered", found.solution.time, found.solution.lla),
+        ("smoothed", found.smoothed.solution.time, found.smoothed.solution.lla),
+        ("epochs", found.epochs.time, found.epochs.lla),
+        ("smoothed epochs", found.smoothed.epochs.time, found.smoothed.epochs.lla),
+    ):
+        inside = (time - late > motion.start + 0.5) & (time - late < motion.start + motion.duration)
+        error = np.linalg.norm(ned_offset(lla[inside], reference(motion, time[inside] - late).lla)[:, :2], axis=1)
+        early = time[inside] < motion.start + 15.0
+        print(name, "RMS", np.sqrt(np.mean(error**2)), "at first", np.sqrt(np.mean(error[early] ** 2)))
+        assert np.sqrt(np.mean(error**2)) < 0.5
+        assert np.sqrt(np.mean(error[early] ** 2)) < 1.0
+    np.testing.assert_array_equal(found.sensor_errors.time, found.epochs.time)
+    np.testing.assert_array_equal(found.smoothed.sensor_errors.time, found.smoothed.epochs.time)
+
+
+def test_velocities_that_lag_are_expected_where_they_were():
+    motion, lag = drives.truth(), 0.2
+    rng = np.random.default_rng(8)
+    imu = drives.noisy_imu(drives.perfect_imu(), drives.MODEL, rng)
+    perfect = drives.perfect_gps()
+    perfect = perfect.rows(perfect.time > motion.start + 1.0)
+    behind = reference(motion, perfect.time - lag)
+    shifted = replace(perfect, v_n=perfect.v_n + behind.v_n - reference(motion, perfect.time).v_n)
+    fixes = drives.noisy_gps(shifted, rng)
+    at = reference(motion, np.array([motion.start]))
+    begin = Start(motion.start, at.lla[0], at.v_n[0], at.rph[0], np.ones(3), 0.1 * np.ones(3), 0.5 * DEG * np.ones(3))
+    done = navigate_recording(
+        imu, fixes, drives.SPEC, FilterSettings(lever_b=drives.LEVER_B), start=begin, aiding="off"
+    )
+    print(done.notes)
+    assert any("GPS velocity lags position by 0.19" in note for note in done.notes)
+    nis = done.run.innovations.nis_velocity
+    print("velocity NIS/3:", np.mean(nis) / 3.0)
+    assert np.mean(nis) / 3.0 < 1.5

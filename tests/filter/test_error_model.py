@@ -1,0 +1,70 @@
+"""Noise, correlation times and initial covariance against what they are to describe."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.alignment.static import level
+from insnav.attitude import dcm_from_rph
+from insnav.earth import OMEGA_EARTH, gravity_n
+from insnav.filter import error_model, initial_state
+from insnav.types import Alignment
+from insnav.units import DEG, DEG_PER_H, UG
+from tests.filter import drives
+
+LLA = np.array([0.8, 0.1, 100.0])
+RPH = np.array([0.02, -0.03, 2.0])
+
+
+def initial_covariance(heading_method: str) -> np.ndarray:
+    alignment = Alignment(
+        0.0, RPH, np.full(3, 1e-9), np.zeros(3), np.full(3, np.inf), (0.0, 60.0), "static", heading_method
+    )
+    model = error_model(drives.SPEC, 21)
+    return initial_state(alignment, model, LLA, np.zeros(3), np.ones(3), np.ones(3)).covariance
+
+
+def attitude_error_of(roll: float, pitch: float, heading: float) -> np.ndarray:
+    """``phi`` of ``C_hat = (I - [phi x]) C``."""
+    turn = np.eye(3) - dcm_from_rph(np.array([roll, pitch, heading])) @ dcm_from_rph(RPH).T
+    return np.array([turn[2, 1], turn[0, 2], turn[1, 0]])
+
+
+def test_driving_noise_and_correlation_time_of_the_biases():
+    """``2 sd^2 / T`` of the in-run bias; a turn-on bias adds to the stationary variance and not to the noise."""
+    plain = error_model(drives.SPEC, 21)
+    size, time = drives.SPEC.gyro.bias_instability, drives.SPEC.gyro.correlation_time
+    np.testing.assert_allclose(plain.noise[6:9], 2.0 * size**2 / time)
+    np.testing.assert_allclose(plain.decay[:3], 1.0 / time)
+    turn_on = 100 * DEG_PER_H * np.ones(3)
+    both = error_model(replace(drives.SPEC, gyro=replace(drives.SPEC.gyro, bias=turn_on)), 21)
+    np.testing.assert_allclose(both.noise[6:9], plain.noise[6:9])
+    np.testing.assert_allclose(both.noise[6:9] / (2.0 * both.decay[:3]), turn_on**2 + size**2)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_the_tilt_of_a_levelled_imu_goes_with_its_accelerometer_bias(axis: int):
+    bias = 100 * UG * np.eye(3)[axis]
+    measured = dcm_from_rph(RPH).T @ -gravity_n(LLA[0], LLA[2]) + bias
+    tilt = attitude_error_of(*level(measured), RPH[2])
+    p = initial_covariance("given")
+    # the estimated bias is zero at first: its error is the negative of the bias
+    by_bias = p[6:9, 12:15] / np.diag(p)[12:15]
+    np.testing.assert_allclose((by_bias @ -bias)[:2], tilt[:2], rtol=1e-3, atol=3e-7)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_the_heading_of_a_gyrocompass_goes_with_its_gyro_bias(axis: int):
+    bias = 0.01 * DEG_PER_H * np.eye(3)[axis]
+    c = dcm_from_rph(RPH)
+    rate = c.T @ (OMEGA_EARTH * np.array([np.cos(LLA[0]), 0.0, -np.sin(LLA[0])])) + bias
+    levelled = dcm_from_rph(np.array([RPH[0], RPH[1], 0.0])) @ rate
+    heading = float(np.arctan2(-levelled[1], levelled[0]))
+    error = attitude_error_of(RPH[0], RPH[1], heading)
+    p = initial_covariance("gyrocompass")
+    by_bias = p[6:9, 9:12] / np.diag(p)[9:12]
+    assert abs(error[2]) < 0.1 * DEG
+    np.testing.assert_allclose((by_bias @ -bias)[2], error[2], rtol=1e-3, atol=1e-9)
