@@ -94,3 +94,23 @@ def test_wrong_values_are_refused_by_name(drive: Path, cli: Cli, options: tuple[
     shown = cli("run", *QUICK, *options)
     assert shown.code == 2
     assert word in shown.err
+
+
+def test_a_speedometer_of_its_own_clock_and_unit_is_used(tmp_path: Path, cli: Cli):
+    names = (SAMPLE / "ref.csv").read_text().splitlines()[0].split(",")
+    ref = np.loadtxt(SAMPLE / "ref.csv", delimiter=",", skiprows=1)[::2]
+    speed = np.linalg.norm(ref[:, names.index("vn_m_s") : names.index("vd_m_s") + 1], axis=1)
+    log = tmp_path / "speed.csv"
+    rows = [
+        f"{1e3 * (time - 99000.0):.0f},{3.6 * 1.05 * value:.3f}" for time, value in zip(ref[:, 0], speed, strict=True)
+    ]
+    log.write_text("\n".join(["time [ms],speed [km/h]", *rows]) + "\n")
+    files = (SAMPLE / "imu.csv.gz", "--gps", SAMPLE / "gps.csv", "--imu", "automotive", "--figures", "none")
+    shown = cli("run", *files, *ARM, "--speed", log, "--out", tmp_path / "run")
+    assert shown.code == 0, shown.err
+    assert used(str(tmp_path / "run")) == {"nhc", "zupt", "speedometer"}
+    facts = read_facts(tmp_path / "run")
+    assert facts["input"]["speedometer"]["n_rows"] == len(ref)
+    (note,) = [note for note in facts["notes"] if note.startswith("speedometer:")]
+    assert float(note.partition("lag ")[2].split()[0]) == pytest.approx(-99000.0, abs=0.05)
+    assert float(note.partition("scale ")[2].split()[0]) == pytest.approx(1.0 / 1.05, abs=0.002)
