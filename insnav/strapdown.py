@@ -30,30 +30,18 @@ GAP = 1.5  # an interval this many times the nominal one has lost samples
 
 @dataclass(frozen=True, slots=True)
 class Intervals:
-    """Samples as successive intervals without gaps.
+    """Samples as successive intervals without gaps."""
 
-    Attributes
-    ----------
-    end, dt : (n,) array
-        End and length of each interval [s]; each starts where the one before ends.
-    gyro, accel : (n, 3) array
-        Integral over the interval [rad], [m/s], or, if `instant`, value at its end [rad/s], [m/s^2].
-    segment : (n,) array of int
-        Number of the uninterrupted stretch.
-    gap : (n,) array
-        Zero where something was measured; else the length of the gap [s] that this interval helps to bridge, its
-        value on the straight line between the neighbours.
-    instant : bool
-        See `gyro`. The first interval of an instantaneous record has zero length.
-    """
-
-    end: FloatArray
+    end: FloatArray  # (n,) end and length of each interval [s]; each starts where the one before ends
     dt: FloatArray
+    # (n, 3) integral over the interval [rad], [m/s], or, if `instant`, value at its end [rad/s], [m/s^2]
     gyro: FloatArray
     accel: FloatArray
-    segment: IntArray
+    segment: IntArray  # (n,) number of the uninterrupted stretch
+    # (n,) zero where something was measured; else the length of the gap [s] that this interval helps to bridge, its
+    # value on the straight line between the neighbours
     gap: FloatArray
-    instant: bool
+    instant: bool  # see `gyro`. The first interval of an instantaneous record has zero length.
 
 
 @lru_cache(maxsize=2)

@@ -24,21 +24,11 @@ TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)  # course and acceleration
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """GPS velocity, measured or from successive positions.
+    """GPS velocity, measured or from successive positions."""
 
-    Attributes
-    ----------
-    time : (n,) array
-        [s]
-    v_n : (n, 3) array
-        North, East, Down [m/s].
-    sd : (n,) array
-        Standard deviation of each horizontal component [m/s].
-    """
-
-    time: FloatArray
-    v_n: FloatArray
-    sd: FloatArray
+    time: FloatArray  # (n,) [s]
+    v_n: FloatArray  # (n, 3) North, East, Down [m/s]
+    sd: FloatArray  # (n,) standard deviation of each horizontal component [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,19 +81,11 @@ def history(parts: Intervals, start: float, end: float, rph: FloatArray, bias: F
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """Heading at the start of a history, found from motion.
+    """Heading at the start of a history, found from motion."""
 
-    Attributes
-    ----------
-    heading, sd : float
-        [rad]
-    method : str
-        In words.
-    """
-
-    heading: float
+    heading: float  # [rad]
     sd: float
-    method: str
+    method: str  # in words
 
 
 def first_motion(speed: Velocity, start: float) -> float | None:

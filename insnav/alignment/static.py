@@ -30,23 +30,13 @@ PUSHED = 0.2  # change of mean specific force from window to window that is a mo
 
 @dataclass(frozen=True, slots=True)
 class StationaryMeans:
-    """Means over a stationary interval.
+    """Means over a stationary interval."""
 
-    Attributes
-    ----------
-    start, end : float
-        The interval [s].
-    rate, force : (3,) array
-        Mean angular rate [rad/s] and specific force [m/s^2] in body axes.
-    rate_sd, force_sd : (3,) array
-        Standard deviation of these means, from the scatter of the means of ten parts.
-    """
-
-    start: float
+    start: float  # the interval [s]
     end: float
-    rate: FloatArray
+    rate: FloatArray  # (3,) mean angular rate [rad/s] and specific force [m/s^2] in body axes
     force: FloatArray
-    rate_sd: FloatArray
+    rate_sd: FloatArray  # (3,) standard deviation of these means, from the scatter of the means of ten parts
     force_sd: FloatArray
 
 

@@ -19,87 +19,44 @@ MANOEUVRE = 1.0
 
 @dataclass(frozen=True, slots=True)
 class ErrorModel:
-    """Noise of the error-state filter.
+    """Noise of the error-state filter."""
 
-    Attributes
-    ----------
-    noise : (20,) array
-        Spectral densities: gyro [rad^2/s] and accelerometer [m^2/s^3] white noise, then the noise driving gyro bias,
-        accelerometer bias, gyro scale factor, accelerometer scale factor; then misalignment, see `MANOEUVRE`.
-    decay : (12,) array
-        Inverse correlation time of the twelve sensor errors [1/s].
-    sd : (12,) array
-        Initial standard deviation of each sensor error.
-    axes_sd : (3,) array
-        Misalignment of the sensors, whose attitude the filter finds, against the IMU [rad]: roll and pitch of the
-        accelerometers, heading of the gyros. It is not a state.
-    """
-
+    # (20,) spectral densities: gyro [rad^2/s] and accelerometer [m^2/s^3] white noise, then the noise driving gyro
+    # bias, accelerometer bias, gyro scale factor, accelerometer scale factor; then misalignment, see `MANOEUVRE`
     noise: FloatArray
-    decay: FloatArray
-    sd: FloatArray
+    decay: FloatArray  # (12,) inverse correlation time of the twelve sensor errors [1/s]
+    sd: FloatArray  # (12,) initial standard deviation of each sensor error
+    # (3,) misalignment of the sensors, whose attitude the filter finds, against the IMU [rad]: roll and pitch of the
+    # accelerometers, heading of the gyros. It is not a state.
     axes_sd: FloatArray = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True, slots=True)
 class InitialState:
-    """Initial state and covariance.
+    """Initial state and covariance."""
 
-    Attributes
-    ----------
-    time : float
-        [s]
-    lla, v_n, rph : (3,) array
-        Latitude, longitude [rad], height [m]; velocity N, E, D [m/s]; roll, pitch, heading [rad], at the IMU.
-    gyro_bias : (3,) array
-        First estimate of the gyro bias [rad/s].
-    covariance : (21, 21) array
-        Of the error states; see `insnav.kernels.errorstate`.
-    from_fix : bool
-        The position is that of a fix, with its errors.
-    """
-
-    time: float
+    time: float  # [s]
+    # (3,) latitude, longitude [rad], height [m]; velocity N, E, D [m/s]; roll, pitch, heading [rad], at the IMU
     lla: FloatArray
     v_n: FloatArray
     rph: FloatArray
-    gyro_bias: FloatArray
-    covariance: FloatArray
-    from_fix: bool = False
+    gyro_bias: FloatArray  # (3,) first estimate of the gyro bias [rad/s]
+    covariance: FloatArray  # (21, 21) of the error states; see `insnav.kernels.errorstate`
+    from_fix: bool = False  # the position is that of a fix, with its errors
 
 
 @dataclass(frozen=True, slots=True)
 class FilterState:
-    """The whole state of the filter at one time.
+    """The whole state of the filter at one time."""
 
-    Attributes
-    ----------
-    time : float
-        [s]
-    x : (10,) array
-        Position, velocity, quaternion; see `insnav.kernels.mechanization`.
-    correction : (12,) array
-        Estimated sensor errors; see `insnav.kernels.errorstate`.
-    delay : float
-        Estimated GPS delay, beyond the one given [s].
-    correlated : (3,) array
-        Estimated time-correlated GPS position error, North, East, Down [m].
-    lever_b : (3,) array
-        Antenna seen from the IMU, body axes [m].
-    motion : (6,) array
-        Body rate [rad/s] and acceleration in n [m/s^2].
-    covariance : (n, n) array
-        Of the error states.
-    """
-
-    time: float
-    x: FloatArray
-    correction: FloatArray
-    delay: float
-    correlated: FloatArray
-    lever_b: FloatArray
-    motion: FloatArray
-    covariance: FloatArray
+    time: float  # [s]
+    x: FloatArray  # (10,) position, velocity, quaternion; see `insnav.kernels.mechanization`
+    correction: FloatArray  # (12,) estimated sensor errors; see `insnav.kernels.errorstate`
+    delay: float  # estimated GPS delay, beyond the one given [s]
+    correlated: FloatArray  # (3,) estimated time-correlated GPS position error, North, East, Down [m]
+    lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
+    motion: FloatArray  # (6,) body rate [rad/s] and acceleration in n [m/s^2]
+    covariance: FloatArray  # (n, n) of the error states
 
 
 def _bias(sensor: SensorSpec, turn_on: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

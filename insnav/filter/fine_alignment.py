@@ -23,24 +23,12 @@ COARSE_SHARE, COARSE_TIME = 0.1, 10.0  # of the record, at least [s], for the al
 
 @dataclass(frozen=True, slots=True)
 class FineAlignment:
-    """Alignment of a stationary record.
+    """Alignment of a stationary record."""
 
-    Attributes
-    ----------
-    coarse : Alignment
-        From the means of the whole record.
-    fine : Alignment or None
-        By the filter, at the end of the record; None where the heading is unknown.
-    sensor_latitude : float
-        Latitude from the sensors alone [rad].
-    latitude : float
-        Latitude as given [rad].
-    """
-
-    coarse: Alignment
-    fine: Alignment | None
-    sensor_latitude: float
-    latitude: float
+    coarse: Alignment  # from the means of the whole record
+    fine: Alignment | None  # by the filter, at the end of the record; None where the heading is unknown
+    sensor_latitude: float  # latitude from the sensors alone [rad]
+    latitude: float  # latitude as given [rad]
 
 
 def fine_alignment(

@@ -32,24 +32,12 @@ CHI2_MEDIAN = 0.4549  # median of chi-square with one degree of freedom
 
 @dataclass(frozen=True, slots=True)
 class CorrelatedNoise:
-    """Gauss-Markov part of the position error.
+    """Gauss-Markov part of the position error."""
 
-    Attributes
-    ----------
-    share : float
-        Of the variance of a fix [-].
-    time : float
-        Correlation time [s].
-    sd : (3,) array
-        Standard deviation of that part, North, East, Down [m].
-    by_reported : bool
-        Seen only as the part of the reported variance that successive fixes lack.
-    """
-
-    share: float
-    time: float
-    sd: FloatArray
-    by_reported: bool = False
+    share: float  # of the variance of a fix [-]
+    time: float  # correlation time [s]
+    sd: FloatArray  # (3,) standard deviation of that part, North, East, Down [m]
+    by_reported: bool = False  # seen only as the part of the reported variance that successive fixes lack
 
 
 def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> CorrelatedNoise | None:

@@ -58,39 +58,17 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """A recording ready for the filter.
+    """A recording ready for the filter."""
 
-    Attributes
-    ----------
-    imu : ImuData
-        Samples, calibrated.
-    gps : GpsData
-        Fixes, every value with a standard deviation.
-    model : ErrorModel
-        Noise of the sensors.
-    settings : FilterSettings
-        With lag, jitter and time-correlated errors as found in the data.
-    alignment : Alignment
-        Initial attitude.
-    initial : InitialState
-        Initial state.
-    nominal : float
-        Sampling interval [s].
-    notes : tuple of str
-        What was found, and what was done about it.
-    faults : tuple of Event
-        Samples that were replaced or taken out.
-    """
-
-    imu: ImuData
-    gps: GpsData
-    model: ErrorModel
-    settings: FilterSettings
-    alignment: Alignment
-    initial: InitialState
-    nominal: float
-    notes: tuple[str, ...]
-    faults: tuple[Event, ...] = ()
+    imu: ImuData  # samples, calibrated
+    gps: GpsData  # fixes, every value with a standard deviation
+    model: ErrorModel  # noise of the sensors
+    settings: FilterSettings  # with lag, jitter and time-correlated errors as found in the data
+    alignment: Alignment  # initial attitude
+    initial: InitialState  # initial state
+    nominal: float  # sampling interval [s]
+    notes: tuple[str, ...]  # what was found, and what was done about it
+    faults: tuple[Event, ...] = ()  # samples that were replaced or taken out
 
     def navigator(self, marks: Container[int] = ()) -> Navigator:
         """Filter at the start; see `Navigator` for `marks`."""

@@ -19,36 +19,17 @@ IN_MEMORY = 1_000_000_000  # beyond so many bytes the history goes to the disk
 
 @dataclass(frozen=True, slots=True)
 class SmoothedErrors:
-    """Smoothed errors of the filter at its epochs.
+    """Smoothed errors of the filter at its epochs."""
 
-    Attributes
-    ----------
-    time : (m,) array
-        [s]
-    state : (m, 10) array
-        Filter's state after the measurement; see `insnav.kernels.mechanization`.
-    correction : (m, 12) array
-        Its sensor errors.
-    used : (m,) bool array
-        Whether a fix was accepted at the epoch.
-    after, before : (m, 21) array
-        Error of the state after and before the measurement, estimate minus smoothed.
-    covariance : (m, 9, 9) array
-        Of smoothed position, velocity and attitude.
-    variance : (m, 12) array
-        Of the smoothed sensor errors.
-    innovations : (m, 25) array
-        Of each fix, accepted or not, against filter and smoother; see `insnav.kernels.smoother.backward`.
-    """
-
-    time: FloatArray
-    state: FloatArray
-    correction: FloatArray
-    used: BoolArray
-    after: FloatArray
+    time: FloatArray  # (m,) [s]
+    state: FloatArray  # (m, 10) filter's state after the measurement; see `insnav.kernels.mechanization`
+    correction: FloatArray  # (m, 12) its sensor errors
+    used: BoolArray  # (m,) whether a fix was accepted at the epoch
+    after: FloatArray  # (m, 21) error of the state after and before the measurement, estimate minus smoothed
     before: FloatArray
-    covariance: FloatArray
-    variance: FloatArray
+    covariance: FloatArray  # (m, 9, 9) of smoothed position, velocity and attitude
+    variance: FloatArray  # (m, 12) of the smoothed sensor errors
+    # (m, 25) of each fix, accepted or not, against filter and smoother; see `insnav.kernels.smoother.backward`
     innovations: FloatArray
 
 

@@ -20,27 +20,13 @@ ENOUGH = 60.0  # time at such speeds from which mounting angles are good to a te
 
 @dataclass(frozen=True)
 class FirstPass:
-    """A drive and its smoothed solution, all in the time of the IMU samples.
+    """A drive and its smoothed solution, all in the time of the IMU samples."""
 
-    Attributes
-    ----------
-    solution : Trajectory
-        Smoothed, at several rows a second.
-    imu : ImuData
-        Samples.
-    gps : GpsData
-        Fixes.
-    spec : ImuSpec
-        IMU error specification.
-    logs : mapping of str to SensorLog
-        Logs of further sensors, by name.
-    """
-
-    solution: Trajectory
-    imu: ImuData
-    gps: GpsData
-    spec: ImuSpec
-    logs: Mapping[str, SensorLog] = field(default_factory=dict)
+    solution: Trajectory  # smoothed, at several rows a second
+    imu: ImuData  # samples
+    gps: GpsData  # fixes
+    spec: ImuSpec  # IMU error specification
+    logs: Mapping[str, SensorLog] = field(default_factory=dict)  # logs of further sensors, by name
 
     @cached_property
     def step(self) -> float:

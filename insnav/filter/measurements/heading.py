@@ -15,19 +15,11 @@ from insnav.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """Heading that the fixes come with.
+    """Heading that the fixes come with."""
 
-    Attributes
-    ----------
-    time, heading : (n,) array
-        Times [s] and heading [rad]; ``NaN`` where not known.
-    sd : (1,) array
-        Standard deviation [rad].
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) times [s] and heading [rad]; ``NaN`` where not known
     heading: FloatArray
-    sd: FloatArray
+    sd: FloatArray  # (1,) standard deviation [rad]
 
     order: ClassVar[int] = 0
     name: ClassVar[str] = "heading"

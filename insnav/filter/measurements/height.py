@@ -18,19 +18,11 @@ LEAST_SD = 0.3  # wind and doors change the pressure by this much [m]
 
 @dataclass(frozen=True, slots=True)
 class HeightAiding:
-    """Height over time; before the first and after the last it stays as there.
+    """Height over time; before the first and after the last it stays as there."""
 
-    Attributes
-    ----------
-    time, height : (n,) array
-        Times [s] and height above the ellipsoid [m].
-    sd : (1,) array
-        Standard deviation [m].
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) times [s] and height above the ellipsoid [m]
     height: FloatArray
-    sd: FloatArray
+    sd: FloatArray  # (1,) standard deviation [m]
 
     order: ClassVar[int] = 10
     name: ClassVar[str] = "height"

@@ -16,31 +16,16 @@ NOTHING = slice(0, 0)  # rows of a measurement that has nothing to say now
 
 @dataclass(frozen=True, slots=True)
 class FilterView:
-    """What a measurement may know of the filter.
+    """What a measurement may know of the filter."""
 
-    Attributes
-    ----------
-    begin, time : float
-        The interval since the last measurements, which ends now [s].
-    x : (10,) array
-        State; see `insnav.kernels.mechanization`. It follows the measurements used before at the same time.
-    correction : (12,) array
-        Estimated sensor errors.
-    rate : (3,) array
-        Body rate, corrected [rad/s].
-    mean_gyro : (3,) array
-        Mean gyro output over the interval, as sensed [rad/s].
-    speed : float
-        Horizontal speed before the first measurement of this time [m/s].
-    """
-
-    begin: float
+    begin: float  # the interval since the last measurements, which ends now [s]
     time: float
+    # (10,) state; see `insnav.kernels.mechanization`. It follows the measurements used before at the same time.
     x: FloatArray
-    correction: FloatArray
-    rate: FloatArray
-    mean_gyro: FloatArray
-    speed: float
+    correction: FloatArray  # (12,) estimated sensor errors
+    rate: FloatArray  # (3,) body rate, corrected [rad/s]
+    mean_gyro: FloatArray  # (3,) mean gyro output over the interval, as sensed [rad/s]
+    speed: float  # horizontal speed before the first measurement of this time [m/s]
 
 
 class Measurement(Protocol):

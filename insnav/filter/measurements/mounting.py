@@ -21,25 +21,14 @@ WIDEST = 45.0 * DEG  # an IMU turned farther in its vehicle was not meant to poi
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Axes of the vehicle seen from the IMU.
+    """Axes of the vehicle seen from the IMU."""
 
-    Attributes
-    ----------
-    angles, sd : (2,) array
-        Pitch and yaw of the direction of travel in the axes of the IMU, and their standard deviations [rad].
-    to_vehicle : (3, 3) array
-        From the axes of the IMU to those of the vehicle (forward, right, down).
-    lever_b : (3,) array
-        A point on the axle that does not steer, seen from the IMU, body axes [m].
-    right, down : (m,) array
-        Velocity across the direction of travel at the fast rows [m/s].
-    """
-
+    # (2,) pitch and yaw of the direction of travel in the axes of the IMU, and their standard deviations [rad]
     angles: FloatArray
     sd: FloatArray
-    to_vehicle: FloatArray
-    lever_b: FloatArray
-    right: FloatArray
+    to_vehicle: FloatArray  # (3, 3) from the axes of the IMU to those of the vehicle (forward, right, down)
+    lever_b: FloatArray  # (3,) A point on the axle that does not steer, seen from the IMU, body axes [m]
+    right: FloatArray  # (m,) velocity across the direction of travel at the fast rows [m/s]
     down: FloatArray
 
     @property

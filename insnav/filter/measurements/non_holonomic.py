@@ -19,21 +19,11 @@ LEAST_SD = 0.05  # suspension and tyre slip leave no vehicle straighter than thi
 
 @dataclass(frozen=True, slots=True)
 class NonHolonomic:
-    """Velocity of a point on the axle that does not steer, across the direction of travel: zero.
+    """Velocity of a point on the axle that does not steer, across the direction of travel: zero."""
 
-    Attributes
-    ----------
-    to_vehicle : (3, 3) array
-        From the axes of the IMU to those of the vehicle.
-    lever_b : (3,) array
-        The point seen from the IMU, body axes [m].
-    sd : (2,) array
-        Standard deviation of the velocity to the right and down [m/s].
-    """
-
-    to_vehicle: FloatArray
-    lever_b: FloatArray
-    sd: FloatArray
+    to_vehicle: FloatArray  # (3, 3) from the axes of the IMU to those of the vehicle
+    lever_b: FloatArray  # (3,) the point seen from the IMU, body axes [m]
+    sd: FloatArray  # (2,) standard deviation of the velocity to the right and down [m/s]
 
     order: ClassVar[int] = 90
     name: ClassVar[str] = "nhc"

@@ -23,23 +23,13 @@ LONGEST_GAP = 1.0  # speeds farther apart are not interpolated [s]
 
 @dataclass(frozen=True, slots=True)
 class Odometer:
-    """Forward speed of the point on the axle, over time.
+    """Forward speed of the point on the axle, over time."""
 
-    Attributes
-    ----------
-    time, speed : (n,) array
-        Times [s] and speed with the scale factor taken off [m/s].
-    to_vehicle, lever_b : (3, 3), (3,) array
-        As in `insnav.filter.measurements.non_holonomic`.
-    sd : (1,) array
-        Standard deviation [m/s].
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) times [s] and speed with the scale factor taken off [m/s]
     speed: FloatArray
-    to_vehicle: FloatArray
+    to_vehicle: FloatArray  # (3, 3) as in `insnav.filter.measurements.non_holonomic`
     lever_b: FloatArray
-    sd: FloatArray
+    sd: FloatArray  # (1,) standard deviation [m/s]
 
     order: ClassVar[int] = 30
     name: ClassVar[str] = "odometer"

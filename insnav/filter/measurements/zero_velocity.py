@@ -23,18 +23,11 @@ VELOCITY_SD = 0.02  # of a vehicle that stands with its engine running [m/s]
 
 @dataclass(frozen=True, slots=True)
 class ZeroVelocity:
-    """Velocity and angular rate against the Earth are zero.
+    """Velocity and angular rate against the Earth are zero."""
 
-    Attributes
-    ----------
-    stops : (k, 2) array
-        Begin and end of the stationary intervals [s].
-    sd : (6,) array
-        Standard deviation of the velocity [m/s] and of the mean gyro output over `INTERVAL` [rad/s]; infinite if the
-        rate is not to be used.
-    """
-
-    stops: FloatArray
+    stops: FloatArray  # (k, 2) begin and end of the stationary intervals [s]
+    # (6,) standard deviation of the velocity [m/s] and of the mean gyro output over `INTERVAL` [rad/s]; infinite if
+    # the rate is not to be used
     sd: FloatArray
 
     order: ClassVar[int] = 20
