@@ -106,23 +106,9 @@ def course_heading(track: History, speed: Velocity, moving: float, drift_sd: flo
     accelerometers, compared with that seen by GPS, needs no such assumption but is less precise: it decides between
     forward and reverse, and takes over where the IMU sits turned in the vehicle.
 
-    Parameters
-    ----------
-    track : History
-        From the start of navigation with heading zero, at least to `moving` + 15 s.
-    speed : Velocity
-        GPS velocity.
-    moving : float
-        From `first_motion` [s].
-    drift_sd : float
-        Standard deviation of the gyro bias [rad/s].
-    tilt : float
-        Standard deviation of the level [rad].
-
-    Returns
-    -------
-    Course or None
-        None if there are too few epochs in motion.
+    `track` starts with heading zero and reaches at least to 15 s after `moving`, the time from `first_motion` [s];
+    `drift_sd` is the standard deviation of the gyro bias [rad/s], `tilt` that of the level [rad]. None if there are too
+    few epochs in motion.
     """
     fast = np.hypot(speed.v_n[:, 0], speed.v_n[:, 1]) > np.maximum(SLOWEST, 5.0 * speed.sd)
     use = fast & (speed.time >= moving) & (speed.time <= min(moving + SPAN, track.time[-1]))
@@ -161,22 +147,11 @@ def course_heading(track: History, speed: Velocity, moving: float, drift_sd: flo
 def level_in_motion(
     parts: Intervals, start: float, end: float, speed: Velocity, lla: FloatArray
 ) -> tuple[FloatArray, float, float] | None:
-    """Attitude at `start` of a vehicle in motion: heading from its course, level from GPS velocity change.
+    """Attitude at `start` [s] of a vehicle in motion: heading from its course, level from GPS velocity until `end`.
 
     The mean specific force between the two ends, carried to the navigation frame by the gyros, must be the mean
     acceleration of GPS minus gravity (compare Wu and Pan, "Velocity/position integration formula part I: application
     to in-flight coarse alignment", IEEE Trans. AES 49 (2013) 1006-1023, eq. 12).
-
-    Parameters
-    ----------
-    parts : Intervals
-        Samples.
-    start, end : float
-        Time span to use [s].
-    speed : Velocity
-        GPS velocity.
-    lla : (3,) array
-        Position.
 
     Returns
     -------

@@ -15,21 +15,7 @@ from insnav.types import Event, FloatArray, GpsData, Increments
 
 
 class AidingUpdates:
-    """Use of the aiding measurements in one estimate.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Corrected.
-    settings : FilterSettings
-        The measurements, and the gates.
-    record : Record
-        Notes every measurement and rejection.
-    gps : GpsData
-        Fixes, which may come with a heading.
-    start : float
-        Time of the start [s].
-    """
+    """Use of the aiding measurements in one estimate, from the time `start` [s] on; fixes may come with a heading."""
 
     def __init__(
         self, estimate: Estimate, settings: FilterSettings, record: Record, gps: GpsData, start: float

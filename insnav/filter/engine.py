@@ -19,13 +19,7 @@ MAX_REPAIRS = 10  # rounding costs one or two in hours; more are a defect of mod
 
 
 class Engine:
-    """Closed-loop error-state filter: the state is zero before every update.
-
-    Parameters
-    ----------
-    covariance : (n, n) array
-        Initial covariance.
-    """
+    """Closed-loop error-state filter: the state is zero before every update; starts from a covariance, (n, n)."""
 
     def __init__(self, covariance: FloatArray) -> None:
         n = covariance.shape[0]
@@ -43,19 +37,9 @@ class Engine:
         return p
 
     def predict(self, transition: FloatArray, noise: FloatArray, time: float) -> bool:
-        """Carry the covariance to `time`.
+        """Carry the covariance to `time` [s] by transition and noise, (n, n) each, accumulated since the last call.
 
-        Parameters
-        ----------
-        transition, noise : (n, n) array
-            Accumulated since the last call.
-        time : float
-            For messages [s].
-
-        Returns
-        -------
-        bool
-            A negative variance had to be repaired.
+        Returns whether a negative variance had to be repaired.
 
         Raises
         ------
@@ -66,18 +50,7 @@ class Engine:
         return self._check(time)
 
     def update(self, z: FloatArray, h: FloatArray, r: FloatArray, time: float) -> tuple[FloatArray, bool]:
-        """Use a measurement.
-
-        Parameters
-        ----------
-        z : (m,) array
-            Predicted minus measured.
-        h : (m, n) array
-            Its derivative by the error state.
-        r : (m, m) array
-            Its covariance.
-        time : float
-            For messages [s].
+        """Use a measurement: predicted minus measured, (m,), its derivative by the error state, (m, n), its covariance.
 
         Returns
         -------

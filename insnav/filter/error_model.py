@@ -78,19 +78,9 @@ def _scale(sensor: SensorSpec) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def error_model(spec: ImuSpec, states: int) -> ErrorModel:
-    """Filter noise of an IMU.
+    """Filter noise of an IMU with Gauss-Markov sensor errors (Groves 2013, section 14.2.6).
 
-    Parameters
-    ----------
-    spec : ImuSpec
-        The IMU.
-    states : {15, 21}
-        With 15, scale factor errors are taken to be zero and known.
-
-    Returns
-    -------
-    ErrorModel
-        Gauss-Markov sensor errors (Groves 2013, section 14.2.6).
+    With 15 `states`, not 21, scale factor errors are taken as zero and known.
     """
     parts = [
         _bias(spec.gyro, spec.gyro.bias),
@@ -117,28 +107,10 @@ def initial_state(
     *,
     from_fix: bool = False,
 ) -> InitialState:
-    """State and covariance from an alignment, a position and a velocity.
+    """State and covariance from an alignment, a position and a velocity with their standard deviations [m], [m/s].
 
     Levelling hides the accelerometer bias in the tilt, and gyrocompassing the gyro bias in the heading: their sum is
     zero. The covariance holds both as correlations.
-
-    Parameters
-    ----------
-    alignment : Alignment
-        Attitude and gyro bias.
-    model : ErrorModel
-        From `error_model`.
-    lla, v_n : (3,) array
-        Position [rad, rad, m] and velocity [m/s] of the IMU.
-    position_sd, velocity_sd : (3,) array
-        Their standard deviations [m], [m/s].
-    from_fix : bool
-        The position is that of a fix, with its errors.
-
-    Returns
-    -------
-    InitialState
-        Ready for `insnav.filter.Navigator`.
     """
     sd = model.sd.copy()
     sd[:3] = np.minimum(sd[:3], alignment.gyro_bias_sd)

@@ -26,29 +26,9 @@ RESET_FACTOR = 3.0  # the fix of a reset follows many that were rejected: its st
 class Estimate:
     """State and covariance of the filter.
 
-    Parameters
-    ----------
-    start : FilterState
-        Initial state and covariance.
-    model : ErrorModel
-        Noise of the sensors.
-    settings : FilterSettings
-        Which states there are.
-    record : Record
-        Notes repairs.
-    coast : float
-        Longest time between filter epochs [s].
-
-    Attributes
-    ----------
-    x, correction, delay, correlated, lever, motion
-        See `insnav.filter.error_model.FilterState`.
-    at : Layout
-        Indices of the states.
-    span : (1,) array
-        Time since the last filter epoch [s].
-    history : History or None
-        For the smoother.
+    `x`, `correction`, `delay`, `correlated`, `lever` and `motion` are those of `insnav.filter.error_model.FilterState`,
+    `at` the indices of the states, `span` the time since the last filter epoch, (1,) [s], and `history` what the
+    smoother needs. `coast` is the longest time between filter epochs [s].
     """
 
     def __init__(
@@ -161,14 +141,8 @@ class Estimate:
     def restart(self, time: float, z: FloatArray, position_sd: FloatArray, velocity_sd: FloatArray | None) -> None:
         """Set position, and velocity if its standard deviation is given, to a fix, with a covariance to match.
 
-        Parameters
-        ----------
-        time : float
-            [s]
-        z : (6,) array
-            Predicted minus measured position [m] and velocity [m/s].
-        position_sd, velocity_sd : (3,) array
-            Standard deviation of the fix [m], [m/s].
+        `z` is predicted minus measured position [m] and velocity [m/s], (6,); the standard deviations are those of the
+        fix.
         """
         p = self.covariance.copy()
         error = np.zeros(p.shape[0])

@@ -119,25 +119,9 @@ def physical_velocity(gates: Gates, time: float, v_n: FloatArray) -> Event | Non
 def statistical(
     gates: Gates, time: float, kinds: tuple[EventKind, EventKind], nis: float, size: float, small: float
 ) -> Event | None:
-    """Reject an innovation that is improbable, or de-weight it where it is `small`.
+    """Reject an innovation whose NIS is improbable, or de-weight it if its length `size` is `small` [m] or [m/s].
 
-    Parameters
-    ----------
-    gates : Gates
-        Limits.
-    time : float
-        [s]
-    kinds : tuple of EventKind
-        Names of a rejection and of a de-weighting.
-    nis : float
-        Normalised innovation squared [-].
-    size, small : float
-        Length of the innovation and the length up to which it is kept, in the same unit.
-
-    Returns
-    -------
-    Event or None
-        None if it passes.
+    `kinds` are the names of a rejection and of a de-weighting; None if it passes.
     """
     if nis <= gates.nis_limit:
         return None

@@ -109,20 +109,7 @@ def _scatter(
 
 
 def with_sd(gps: GpsData) -> tuple[GpsData, tuple[str, ...]]:
-    """Fill in missing standard deviations.
-
-    Parameters
-    ----------
-    gps : GpsData
-        Fixes as read.
-
-    Returns
-    -------
-    gps : GpsData
-        With a standard deviation for every value that is given.
-    notes : tuple of str
-        What was assumed.
-    """
+    """Fill in missing standard deviations; also notes on what was assumed."""
     notes = []
     position_sd, velocity_sd = gps.position_sd, gps.velocity_sd
     missing: BoolArray = np.asarray(np.isnan(position_sd).any(axis=1))

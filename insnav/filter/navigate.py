@@ -134,22 +134,7 @@ def _decided(ready: Prepared, first: Run) -> Reconciled:
 
 
 def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> Prepared:
-    """Navigate once, calibrate the aiding by the smoothed solution, and add it to the settings.
-
-    Parameters
-    ----------
-    ready : Prepared
-        The recording.
-    spec : ImuSpec
-        IMU error specification.
-    progress : callable, optional
-        Called with the fraction done.
-
-    Returns
-    -------
-    Prepared
-        With aiding and notes on it.
-    """
+    """Navigate once, calibrate the aiding by the smoothed solution, and add it to the settings, with notes on it."""
     settings = replace(ready.settings, smooth=True, output_interval=FIRST_PASS_INTERVAL)
     run = _run(replace(ready, settings=settings), progress)
     assert run.smoothed is not None
@@ -176,17 +161,7 @@ def longest_gap(gps: GpsData) -> float:
 
 
 def feed(navigator: Navigator, imu: ImuData, progress: Callable[[float], None] | None = None) -> None:
-    """Give a filter the samples of a recording in blocks.
-
-    Parameters
-    ----------
-    navigator : Navigator
-        The filter.
-    imu : ImuData
-        All samples.
-    progress : callable, optional
-        Called with the fraction done.
-    """
+    """Give a filter the samples of a recording in blocks; `progress` is called with the fraction done."""
     n = imu.time.shape[0]
     for k in range(0, n, BLOCK):
         navigator.feed(imu.rows(slice(k, k + BLOCK)))

@@ -111,20 +111,7 @@ def prepare(
 
 
 def first_stationary(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
-    """First stationary interval of a recording, by IMU and GPS.
-
-    Parameters
-    ----------
-    imu : ImuData
-        Samples.
-    gps : GpsData
-        Fixes.
-
-    Returns
-    -------
-    tuple of float or None
-        Start and end [s].
-    """
+    """First stationary interval of a recording, by IMU and GPS: start and end [s], or None."""
     gps = _good(with_sd(gps)[0], Gates())
     return stationary_of(strapdown.intervals(_first_part(imu, gps), strapdown.nominal_interval(imu.time)), gps)
 

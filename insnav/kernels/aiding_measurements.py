@@ -11,27 +11,12 @@ from insnav.kernels.gps_measurement import rotation
 
 @njit(cache=True)
 def vehicle_velocity(x, rate, to_vehicle, lever, speed, z, h):  # type: ignore[no-untyped-def]
-    """Velocity of the point on the rear axle in the axes of the vehicle, less what the wheels say of it.
+    """Velocity of a point of the vehicle in the axes of the vehicle, less what is measured of it.
 
-    Parameters
-    ----------
-    x : (10,) array
-        State; see `insnav.kernels.mechanization`.
-    rate : (3,) array
-        Body rate [rad/s].
-    to_vehicle : (3, 3) array
-        From the axes of the IMU to those of the vehicle.
-    lever : (3,) array
-        The point, seen from the IMU, body axes [m].
-    speed : float
-        Wheel speed, scale factor taken off [m/s].
-    z : (6,) array
-        Its first three are filled with predicted minus measured: forward, right (zero), down (zero) [m/s].
-    h : (6, n) array
-        Its first three rows are filled with the derivative of `z` by the error states.
+    `x` is the state, `rate` the body rate [rad/s], `to_vehicle` turns IMU to vehicle axes, `lever` is the point seen
+    from the IMU, body axes [m], `speed` the measured forward speed [m/s]. The first three of ``z`` are predicted minus
+    measured: forward, right (zero), down (zero) [m/s]; those of ``h`` the derivative by the error states.
 
-    Notes
-    -----
     ``z = C_vb (C_bn v + w x lever)``; with ``C_hat = (I - [phi x]) C`` the derivative by velocity is ``C_vb C_bn``, by
     attitude ``-C_vb C_bn [v x]``, by gyro bias ``C_vb [lever x]``.
     """
@@ -64,20 +49,10 @@ def vehicle_velocity(x, rate, to_vehicle, lever, speed, z, h):  # type: ignore[n
 
 @njit(cache=True)
 def zero_velocity(x, bias, rate, z, h):  # type: ignore[no-untyped-def]
-    """Velocity and angular rate against the Earth, which are zero at rest.
+    """Velocity N, E, D [m/s] and gyro output against the Earth [rad/s], which are zero for a stationary vehicle.
 
-    Parameters
-    ----------
-    x : (10,) array
-        State.
-    bias : (3,) array
-        Estimated gyro bias [rad/s].
-    rate : (3,) array
-        Mean output of the gyros, their bias in it [rad/s].
-    z : (6,) array
-        Filled with predicted minus measured: velocity N, E, D [m/s], gyro output [rad/s].
-    h : (6, n) array
-        Filled with the derivative of `z` by the error states.
+    `bias` is the estimated gyro bias, `rate` the mean gyro output with the bias in it [rad/s]; ``z``, (6,), is
+    predicted minus measured, ``h``, (6, n), its derivative by the error states.
     """
     c = np.empty((3, 3))
     rotation(x, c)
@@ -97,21 +72,8 @@ def zero_velocity(x, bias, rate, z, h):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def body_heading(x, heading, z, h):  # type: ignore[no-untyped-def]
-    """Heading of the body less a measured one, in the first row.
+    """Heading of the body less a measured one [rad], within +-pi, in ``z[0]``, and its derivative in ``h[0]``.
 
-    Parameters
-    ----------
-    x : (10,) array
-        State.
-    heading : float
-        Measured [rad].
-    z : (6,) array
-        Its first number is filled with predicted minus measured [rad], within +-pi.
-    h : (6, n) array
-        Its first row is filled with the derivative by the error states.
-
-    Notes
-    -----
     ``C_hat = (I - [phi x]) C`` turns the body by ``-phi``; the derivative of ``atan2(C_hat_10, C_hat_00)`` follows.
     """
     c = np.empty((3, 3))

@@ -10,18 +10,11 @@ from insnav.kernels.mechanization import quaternion_step
 
 @njit(cache=True)
 def gyro_history(q, w_ie_n, dt, dtheta, dvel, q_out, u_out):  # type: ignore[no-untyped-def]
-    """Integrate the gyros from an attitude, and the specific force along it.
+    """Integrate the gyros from an attitude ``q_nb``, (4,), and the specific force along it.
 
-    Parameters
-    ----------
-    q : (4,) array
-        ``q_nb`` at the start; n turns with the Earth and does not move over it.
-    w_ie_n : (3,) array
-        Earth rate [rad/s].
-    dt, dtheta, dvel : (n,), (n, 3), (n, 3) array
-        Intervals [s], angle [rad] and velocity [m/s] increments, bias taken off.
-    q_out, u_out : (n + 1, 4), (n + 1, 3) array
-        Filled with the attitude and the integral of ``C_nb f_b`` [m/s]; row 0 is the start.
+    The axes n turn with the Earth, `w_ie_n` (3,) [rad/s], and do not move over it. Increments are of angle [rad] and
+    velocity [m/s], bias taken off; row 0 of `q_out`, (n + 1, 4), and `u_out`, (n + 1, 3), the integral of ``C_nb f_b``
+    [m/s], is the start.
     """
     # element by element: assigning slices takes seconds to compile
     x = np.zeros(10)

@@ -81,18 +81,9 @@ def system_matrix(x, f_n, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def second_order(f, dt, a):  # type: ignore[no-untyped-def]
-    """``a = F dt + (F dt)^2 / 2``: the transition over a step, less the identity.
+    """``a = F dt + (F dt)^2 / 2``: the transition over a step of `dt` [s], less the identity, (9, 9).
 
     All products go row by row: the innermost loop runs along memory, and most of F is zero.
-
-    Parameters
-    ----------
-    f : (9, 9) array
-        From `system_matrix`.
-    dt : float
-        Step [s].
-    a : (9, 9) array
-        Filled.
     """
     for i in range(NAV):
         for j in range(NAV):

@@ -31,20 +31,9 @@ def width(n):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def keep(row, time, x, correction, phi, p):  # type: ignore[no-untyped-def]
-    """Note a filter epoch: state and covariance before its measurement, and the transition that led there.
+    """Note a filter epoch: state (10,), sensor errors (12,) and covariance before its measurement, at `time` [s].
 
-    Parameters
-    ----------
-    row : (width(n),) array
-        Filled.
-    time : float
-        [s]
-    x : (10,) array
-        State; see `insnav.kernels.mechanization`.
-    correction : (12,) array
-        Estimated sensor errors.
-    phi, p : (n, n) array
-        Transition from the epoch before, and covariance.
+    `phi` is the transition from the epoch before; `row`, (width(n),), is filled.
     """
     n = p.shape[0]
     row[TIME] = time

@@ -13,7 +13,7 @@ from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, initial_state
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.navigate import navigate_recording
-from insnav.filter.prepare import DELAY_SD, Start
+from insnav.filter.prepare import DELAY_SD, Start, prepare
 from insnav.simulate import GpsErrors, corrupt_gps, reference
 from insnav.types import EventKind, GpsData, ImuData, Run
 from insnav.units import DEG
@@ -143,3 +143,11 @@ def test_a_data_gap_that_is_too_long_is_refused_with_its_time():
     error = refused(cut, start_at(1010.0))
     assert "data gap of 10.1 s" in error.what
     assert "1030.000" in error.where
+
+
+def test_the_state_starts_at_the_imu_not_at_the_antenna():
+    motion = drives.truth()
+    ready = prepare(drives.perfect_imu(), drives.perfect_gps(), drives.SPEC, FilterSettings(lever_b=drives.LEVER_B))
+    error = ned_offset(ready.initial.lla, reference(motion, np.array([ready.initial.time])).lla[0])
+    print(error, ready.alignment.heading_method)
+    assert np.linalg.norm(error) < 0.1  # the antenna is 1.2 m away

@@ -43,20 +43,9 @@ class Mounting:
 
 
 def mounting(v_b: FloatArray, rate: FloatArray, step: float) -> Mounting:
-    """Find the axes of the vehicle.
+    """Find the axes of a vehicle from velocity in IMU axes [m/s] and body rate [rad/s], (m, 3), every `step` [s].
 
     A point on the axle, x ahead of the IMU, has the lateral velocity ``v_y + x w_z = 0``: the same fit finds x.
-
-    Parameters
-    ----------
-    v_b, rate : (m, 3) array
-        Velocity in the axes of the IMU [m/s] and body rate [rad/s], where the vehicle is fast.
-    step : float
-        Time between rows [s].
-
-    Returns
-    -------
-    Mounting
     """
     ahead = v_b[:, 0]
     right, right_rest, right_sd = robust_fit(np.column_stack([ahead, -rate[:, 2], rate[:, 0]]), v_b[:, 1], step)

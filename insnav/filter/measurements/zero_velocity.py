@@ -54,14 +54,7 @@ class ZeroVelocity:
 def find_stops(imu: ImuData, gps: GpsData, spec: ImuSpec) -> tuple[FloatArray, FloatArray, str]:
     """Stationary intervals by the IMU alone, with limits found where GPS shows that the vehicle stands, or moves.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Samples.
-    gps : GpsData
-        Fixes, in the time of the samples.
-    spec : ImuSpec
-        IMU error specification.
+    Fixes are in the time of the samples.
 
     Returns
     -------
@@ -70,7 +63,6 @@ def find_stops(imu: ImuData, gps: GpsData, spec: ImuSpec) -> tuple[FloatArray, F
     rate_sd : (3,) array
         Standard deviation of the mean gyro output over `INTERVAL` at a stop [rad/s].
     note : str
-        In words.
     """
     none = np.empty((0, 2))
     no_sd = np.full(3, np.inf)
