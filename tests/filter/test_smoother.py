@@ -197,3 +197,20 @@ def test_rows_after_the_last_fix_are_those_of_the_filter():
     # coasting epochs follow the last fix: they add nothing
     np.testing.assert_allclose(run.smoothed.solution.lla[late], run.solution.lla[late], rtol=0, atol=1e-15)
     np.testing.assert_allclose(run.smoothed.solution.sd[late], run.solution.sd[late], rtol=0.01)
+
+
+def test_between_epochs_the_position_error_follows_the_velocity_errors_at_both_ends():
+    """A cubic error in time, whose derivative is the velocity error, is taken off exactly."""
+    coefficients = np.array([0.4, -0.3, 0.2, 0.7])  # of t^0 ... t^3 [m], [m/s], ...
+    times = np.linspace(0.0, 2.0, 21)
+    position = np.polynomial.polynomial.polyval(times, coefficients)
+    velocity = np.polynomial.polynomial.polyval(times, np.polynomial.polynomial.polyder(coefficients))
+    ends = np.array([0.0, 2.0])
+    error = np.zeros((2, STATES))
+    for axis in range(3):
+        error[:, axis], error[:, 3 + axis] = position[[0, -1]], velocity[[0, -1]]
+    place = np.array([0.8, 0.2, 100.0])
+    state = np.tile(np.concatenate([place, np.zeros(3), [1.0, 0.0, 0.0, 0.0]]), (times.size, 1))
+    kernel.apply(times, state, np.zeros((times.size, 12)), ends, error, error, np.tile(np.eye(9), (2, 1, 1)))
+    moved = ned_offset(state[:, :3], place)
+    np.testing.assert_allclose(moved, -np.tile(position[:, None], 3), atol=1e-6)
