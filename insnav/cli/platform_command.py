@@ -16,9 +16,7 @@ from insnav.cli.data_options import say_reading
 
 if TYPE_CHECKING:
     from insnav.gimbal import PlatformErrors
-    from insnav.input.readers.heights import Heights
     from insnav.report.page import Page
-    from insnav.types import FloatArray
 
 SHORT_HELP = "North-pointing gimballed platform: velocity, position and torquing rates."
 HELP = """North-pointing gimballed platform.
@@ -29,7 +27,8 @@ by four integrators side by side. With a tilt, drifts or biases given, the platf
 \b
 Columns: time_s, f_east_m_s2, f_north_m_s2, f_up_m_s2 (or f_down_m_s2), or
 x, y, z with --axes. Without a vertical column only --vertical off works.
-Steps are as long as the intervals of the samples; a gap of over five samples is refused.
+Steps are as long as the intervals of the samples; a gap of over five samples
+is refused.
 
 \b
 Examples:
@@ -166,7 +165,6 @@ def platform(
 
     from insnav.exceptions import ConfigError
     from insnav.output.folder import RunFolder
-    from insnav.session.read import one_from_stdin
 
     if demo:
         defaults = signature(platform).parameters
@@ -185,64 +183,30 @@ def platform(
                 name for name, value in (("FORCE_FILE", force_file), ("--lat", lat), ("--lon", lon)) if value is None
             ]
             raise ConfigError(f"missing: {', '.join(missing)}", fix="give them, or --demo; see insnav platform --help")
-        start = _start(lat, lon, height, (v_north, v_east, v_up))
         errors = _errors(misalignment, gyro_drift, accel_bias)
         interval = parse.interval(rate)
-        if sample_rate is not None and not 0.1 <= sample_rate <= 1e5:
-            raise ConfigError(
-                f"{sample_rate:g} is not a rate", where="--sample-rate", fix="write samples per second, such as 100"
-            )
         if (vertical is VerticalChoice.damped) != (height_input is not None):
             raise ConfigError(
                 "--vertical damped and --height-input go together", where="--vertical", fix="give both or neither"
             )
-        one_from_stdin({"FORCE_FILE": force_file, "--height-input": height_input, "--ref": ref})
         with RunFolder(out, force=force) as folder, Stages() as stage:
+            from insnav.session.platform_run import PlatformStart, integrate, read_platform
+            from insnav.units import DEG
+
+            start = PlatformStart(lat * DEG, lon * DEG, height, (v_north, v_east, -v_up + 0.0))
             stage("reading")
-            import numpy as np
-
-            from insnav.exceptions import InputError
-            from insnav.input import read_reference
-            from insnav.input.readers.heights import read_heights
-            from insnav.input.readers.specific_force import read_specific_force
-
-            heights = read_heights(height_input) if height_input else None
-            reference = read_reference(ref) if ref else None
-            reading = read_specific_force(
+            record = read_platform(
                 force_file,
+                height=height_input,
+                ref=ref,
                 axes=axes.value if axes else None,
                 columns=parse.columns(columns, "--columns"),
                 sample_rate=sample_rate,
             )
-            if vertical is not VerticalChoice.off and np.isnan(reading.data.f_n[:, 2]).all():
-                raise InputError(
-                    "there is no vertical axis",
-                    where=reading.facts.path,
-                    why=f"--vertical {vertical.value} integrates f_up_m_s2 or f_down_m_s2",
-                    fix="use --vertical off",
-                )
-            for each in (reading, heights, reference):
-                if each is not None:
-                    say_reading(each.facts)
+            for facts in record.facts.values():
+                say_reading(facts)
             stage("navigating")
-            from insnav.gimbal import INTEGRATORS, navigate_platform
-
-            time = reading.data.time
-            every = max(1, round(interval / float(np.median(np.diff(time)))))
-            given = None if heights is None else _heights(heights.data, time)
-            runs = {
-                name: navigate_platform(
-                    time,
-                    reading.data.f_n,
-                    *start,
-                    integrator=name,
-                    vertical=vertical.value,
-                    height=given,
-                    errors=errors,
-                    every=every,
-                )
-                for name in INTEGRATORS
-            }
+            runs = integrate(record, start, errors, vertical=vertical.value, interval=interval)
             stage("writing")
             from insnav.output.data_files import write_table
             from insnav.output.kml import write_kml
@@ -251,12 +215,12 @@ def platform(
             from insnav.report.run_json import versions
             from insnav.report.save import write_page
 
+            reading, reference = record.force, record.reference
             name = Path(reading.facts.path).name
             study = PlatformStudy(
                 integrator.value, runs, errors, reference.data if reference else None, name, reading.facts.evidence
             )
-            readings = {"force": reading.facts.as_dict()}
-            readings |= {key: each.facts.as_dict() for key, each in (("height", heights), ("ref", reference)) if each}
+            readings = {key: each.as_dict() for key, each in record.facts.items()}
             page = platform_page(study)
             metadata = {"versions": versions(), "configuration": configuration, "input": readings}
             write_run_table(folder.directory, study.run.solution)
@@ -283,24 +247,6 @@ def _demonstrate(out: Path, force: bool) -> tuple[Path, Page]:
         return write_page(folder, page, {"versions": versions()}), page
 
 
-def _start(lat: float, lon: float, height: float, v_neu: tuple[float, float, float]) -> tuple[FloatArray, FloatArray]:
-    """Position and velocity North, East, Down at the start."""
-    import numpy as np
-
-    from insnav.exceptions import ConfigError
-
-    if not -90.0 <= lat <= 90.0:
-        raise ConfigError(f"{lat:g} is not a latitude", where="--lat", fix="give degrees, north positive")
-    if not -180.0 <= lon <= 360.0:
-        raise ConfigError(f"{lon:g} is not a longitude", where="--lon", fix="give degrees, east positive")
-    parse.finite(height, "--height", largest=1e5)
-    for value, option in zip(v_neu, ("--v-north", "--v-east", "--v-up"), strict=True):
-        parse.finite(value, option, largest=1e4)
-    north, east, up = v_neu
-    around = (lon + 180.0) % 360.0 - 180.0
-    return np.array([np.deg2rad(lat), np.deg2rad(around), height]), np.array([north, east, -up + 0.0])
-
-
 def _errors(misalignment: str, gyro_drift: str, accel_bias: str) -> PlatformErrors:
     from insnav.gimbal import PlatformErrors
     from insnav.units import DEG, DEG_PER_H, UG
@@ -310,20 +256,3 @@ def _errors(misalignment: str, gyro_drift: str, accel_bias: str) -> PlatformErro
         DEG_PER_H * parse.triple(gyro_drift, "--gyro-drift", "0.01,0.01,0.01"),
         UG * parse.triple(accel_bias, "--accel-bias", "50,50,0"),
     )
-
-
-def _heights(given: Heights, time: FloatArray) -> FloatArray:
-    """Height at the times of the samples."""
-    import numpy as np
-
-    from insnav.exceptions import InputError
-
-    if not (given.time[0] <= time[0] and time[-1] <= given.time[-1]):
-        raise InputError(
-            "the height input does not cover the record",
-            where="--height-input",
-            why=f"heights from {given.time[0]:.3f} to {given.time[-1]:.3f} s, samples from {time[0]:.3f} to "
-            f"{time[-1]:.3f} s",
-            fix="give heights for the whole record, in the same time",
-        )
-    return np.interp(time, given.time, given.height)
