@@ -170,7 +170,7 @@ def test_turns_at_the_end_of_the_range_are_not_used(found: PosesCalibration) -> 
         (lambda d: replace(d, accel=d.accel + np.array([0.0, 0.0, 9.0])), "from zero"),
         (lambda d: replace(d, sampling="increment"), "increments"),
         (lambda d: replace(d, time=d.time[:60], gyro=d.gyro[:60], accel=d.accel[:60]), "too short"),
-        (lambda d: replace(d, accel=np.full_like(d.accel, 5.6)), "never rests"),
+        (lambda d: replace(d, accel=np.full_like(d.accel, 5.6)), "never stationary"),
         (lambda d: replace(d, time=d.time[:1500], gyro=d.gyro[:1500], accel=d.accel[:1500]), "poses are too few"),
     ],
 )

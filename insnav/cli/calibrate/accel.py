@@ -43,11 +43,11 @@ def accel(
         "accel",
         files,
         out,
+        force,
+        as_json,
         columns=columns,
         gravity=gravity,
         spike_limit=spike_limit,
         add=add,
         name=name,
-        force=force,
-        as_json=as_json,
     )

@@ -46,10 +46,10 @@ def run(
     method: str,
     files: Sequence[Path],
     out: Path,
-    *,
-    columns: str | Mapping[str, str] | None = None,
     force: bool,
     as_json: bool,
+    *,
+    columns: str | Mapping[str, str] | None = None,
     opened: Callable[[Any], None] | None = None,
     **options: Any,
 ) -> None:

@@ -49,15 +49,7 @@ def gyro(
     as_json: opt.Json = False,
 ) -> None:
     """Calibrate gyros on a rate table."""
+    span = parse.span(keep, "--range") if keep else None
     common.run(
-        "gyro",
-        files,
-        out,
-        columns=columns,
-        keep=parse.span(keep, "--range") if keep else None,
-        spike_limit=spike_limit,
-        add=add,
-        name=name,
-        force=force,
-        as_json=as_json,
+        "gyro", files, out, force, as_json, columns=columns, keep=span, spike_limit=spike_limit, add=add, name=name
     )

@@ -39,14 +39,4 @@ def imu(
     as_json: opt.Json = False,
 ) -> None:
     """Calibrate three gyros by sweeps."""
-    common.run(
-        "imu",
-        files,
-        out,
-        columns=columns,
-        spike_limit=spike_limit,
-        add=add,
-        name=name,
-        force=force,
-        as_json=as_json,
-    )
+    common.run("imu", files, out, force, as_json, columns=columns, spike_limit=spike_limit, add=add, name=name)

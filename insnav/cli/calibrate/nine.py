@@ -35,4 +35,4 @@ def nine(
     as_json: opt.Json = False,
 ) -> None:
     """Calibrate dual-axis modules."""
-    common.run("nine", [file], out, columns=columns, gravity=gravity, name=name, force=force, as_json=as_json)
+    common.run("nine", [file], out, force, as_json, columns=columns, gravity=gravity, name=name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -94,22 +94,19 @@ def poses(
         say_reading(reading.facts)
         note(f"gravity {g:.5f} m/s^2, {source}")
 
+    reading: dict[str, Any] = {key: data.inputs.get(key) for key in ("columns", "axes", "units", "sampling", "stamp")}
     common.run(
         "poses",
         [data.imu],
         out,
-        columns=data.inputs.get("columns"),
+        force,
+        as_json,
         counts=counts,
         six=method is Method.six,
         gravity=g,
         gravity_source=source,
         sections=sections,
         turn=radians(turn),
-        axes=data.inputs.get("axes"),
-        units=data.inputs.get("units"),
-        sampling=data.inputs.get("sampling"),
-        stamp=data.inputs.get("stamp"),
         opened=opened,
-        force=force,
-        as_json=as_json,
+        **reading,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -45,15 +45,5 @@ def rotor(
     as_json: opt.Json = False,
 ) -> None:
     """Measure a rotor."""
-    common.run(
-        "rotor",
-        [fall, precession],
-        out,
-        fall_mass=fall_mass,
-        radius=radius,
-        mass=mass,
-        arm=arm,
-        gravity=gravity,
-        force=force,
-        as_json=as_json,
-    )
+    weights: dict[str, Any] = {"fall_mass": fall_mass, "mass": mass, "radius": radius, "arm": arm}
+    common.run("rotor", [fall, precession], out, force, as_json, gravity=gravity, **weights)

@@ -38,7 +38,7 @@ DRIFT = 6.0  # standard deviations of its bias by which a gyro that drifted has 
 
 
 def read(files: Sequence[str | Path | Table], how: BenchOptions) -> Reading[ImuData]:
-    """Read a record of rests in many positions.
+    """Read a record that is stationary in many positions.
 
     In SI units, or of raw counts as in the file; in body axes. Raises ConfigError: options that contradict each other.
     """

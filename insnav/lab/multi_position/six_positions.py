@@ -238,8 +238,8 @@ def check_sections(sections: Mapping[str, tuple[int, int]], n: int) -> dict[str,
 def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
     """Find six positions and three turns in a record.
 
-    Positions are the longest rests with each axis up and down; turns lie between two rests of the same pose with the
-    axis of the turn vertical, and are the largest about each axis.
+    Positions are the longest stationary spans with each axis up and down; turns lie between two such spans of one
+    pose, the axis of the turn vertical, and are the largest about each axis.
 
     Raises InputError: some are not there.
     """
@@ -247,7 +247,7 @@ def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
     poses = find_poses(imu, activity, FACTORS[2])
     if len(poses) < len(POSITIONS):
         raise InputError(
-            f"{len(poses)} rests are too few",
+            f"{len(poses)} stationary spans are too few",
             why="six positions take six",
             fix="rest for 2 s or more with every axis up and down, or give the sections with --sections",
         )
@@ -278,7 +278,8 @@ def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
     if missing:
         raise InputError(
             f"no section was found for {', '.join(missing)}",
-            why=f"{len(poses)} rests were found; _p is with that axis up, _a down, _rot a turn about it while vertical",
+            why=f"{len(poses)} stationary spans were found; _p is with that axis up, _a down, _rot a turn about it "
+            "while it is vertical",
             fix="record what is missing, or give the sections with --sections",
         )
     return {name: found[name] for name in SECTIONS}

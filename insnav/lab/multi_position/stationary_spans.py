@@ -24,7 +24,7 @@ WINDOW = 1.0  # over which the variance is taken [s]
 SHORTEST = 0.5  # rest between two windows that saw motion, at least [s]: 1.5 s of rest altogether
 FEWEST = 10  # samples of a pose
 QUIET_SHARE = 0.1  # quantile of the variance that is that of rest
-CONTRAST = 25.0  # variance of the most active tenth against that, at least, in a record of rests and motions
+CONTRAST = 25.0  # variance of the most active tenth against that, at least, in a record of positions and motions
 KNOCK = 1.5 * WINDOW  # a break of rest so short, without change of pose, was a knock [s]
 SAME_POSE = 0.01  # change of specific force, over its spread in the record, that is no change of pose
 CLIPPED = 3  # samples in a row with the largest value of the channel that are the end of its range
@@ -117,7 +117,7 @@ def measure_activity(imu: ImuData) -> Activity:
         raise InputError(
             "no pose at rest was found",
             why=f"the specific force varies everywhere alike (the most active tenth {np.sqrt(contrast):.1f} times "
-            "as much as the quietest): the sensor never rests, or is never moved",
+            "as much as the quietest): the sensor is never stationary, or never moved",
             fix="record poses of 2 s or more at rest, with motion between them",
         )
     return Activity(variance / floor, interval)

@@ -47,7 +47,7 @@ class Normal:
 
 
 def normal(jacobian: FloatArray) -> Normal:
-    """Judge a least-squares problem by the singular values of its scaled Jacobian.
+    """Analyse a least-squares problem by the singular values of its scaled Jacobian.
 
     jacobian (m, p): derivative of the residuals by the parameters.
     """
