@@ -1,4 +1,4 @@
-"""One figure of a result: its value, unit, uncertainty and meaning, told once for text, page and JSON."""
+"""One figure of a result: its value, unit, uncertainty and meaning, said once for text, page and JSON."""
 
 from __future__ import annotations
 
@@ -90,12 +90,7 @@ class Quantity:
 
 
 def key_suffix(unit: str) -> str:
-    """Unit as the end of a key: ``_deg_sqrt_h`` for ``deg/sqrt(h)``, nothing where there is none.
-
-    Parameters
-    ----------
-    unit : str
-    """
+    """Unit as the end of a key: ``_deg_sqrt_h`` for ``deg/sqrt(h)``, nothing where there is none."""
     words = re.sub(r"[^0-9A-Za-z]+", "_", unit.replace("^", "").replace("%", "percent")).strip("_")
     return f"_{words.lower() if words not in ('V', 'mV', 'K') else words}" if words and words != "1" else ""
 
@@ -111,10 +106,6 @@ def quantity_of(key: str, value: Any) -> Quantity:
     key : str
         Such as ``horizontal_m`` or ``gyro_bias_deg_h``.
     value : number, array, text, flag, mapping or None
-
-    Returns
-    -------
-    Quantity
 
     Examples
     --------

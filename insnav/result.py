@@ -145,9 +145,9 @@ class Result(Generic[F]):
         str
             Lines without control characters.
         """
-        from insnav.report.terminal import page_text
+        from insnav.report.save import text_of
 
-        return page_text(self.page())
+        return text_of(self)
 
     def _repr_html_(self) -> str:
         """Show the result in a notebook: its tables, without the figures."""

@@ -49,4 +49,4 @@ def report(
     if as_json:
         result_facts(where)
     else:
-        result("\n".join([*opened.page().summary, "", f"files       {out}: report.html, figures, run.json"]))
+        result(f"{opened.summary()}\nfiles       {out}: report.html, figures, run.json")

@@ -19,10 +19,6 @@ def rows_frame(rows: Iterable[Iterable[Quantity]]) -> pd.DataFrame:
     ----------
     rows : iterable of iterable of Quantity
         A value of several figures is as many columns, such as ``horizontal_rms_m``.
-
-    Returns
-    -------
-    pandas.DataFrame
     """
     import pandas as pd
 

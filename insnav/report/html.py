@@ -64,10 +64,6 @@ def page_html(page: Page, files: Sequence[Path]) -> str:
 def page_fragment(page: Page) -> str:
     """Write a report as a part of another page, such as a notebook: what the terminal shows, as tables.
 
-    Parameters
-    ----------
-    page : Page
-
     Returns
     -------
     str

@@ -28,12 +28,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def rounded(value: float, sd: float) -> str:
-    """Number to the second digit of its standard deviation, never in less than three.
-
-    Parameters
-    ----------
-    value, sd : float
-    """
+    """Number to the second digit of its standard deviation, never in less than three."""
     scale = max(abs(value), 1e-300)
     if not sd > 0.0:
         return f"{value:.6g}"

@@ -160,10 +160,6 @@ def one_each(key: str, title: str, items: Mapping[str, Sequence[Quantity]], firs
         Heading of the names.
     note : str
         How to read the table.
-
-    Returns
-    -------
-    Section
     """
     unknown = tuple(Section("", items=(Quantity(name, None),), show="json") for name, own in items.items() if not own)
     rows = tuple((Quantity("name", name, meaning=first), *own) for name, own in items.items() if own)
@@ -214,16 +210,7 @@ def _rows_table(section: Section) -> Table:
 
 
 def members(each: Quantity) -> list[Quantity]:
-    """Columns of a quantity: one, or one for each member of a mapping.
-
-    Parameters
-    ----------
-    each : Quantity
-
-    Returns
-    -------
-    list of Quantity
-    """
+    """Columns of a quantity: one, or one for each member of a mapping."""
     if not isinstance(each.value, Mapping):
         return [each]
     return [
@@ -246,12 +233,7 @@ def _cell_in_row(each: Quantity | None, *, with_unit: bool) -> str:
 
 
 def cell(each: Quantity) -> str:
-    """Write a quantity without its name and unit: ``12.3 ± 0.4``, ``12.3 (11.8 … 12.9)``, ``–`` if not known.
-
-    Parameters
-    ----------
-    each : Quantity
-    """
+    """Write a quantity without its name and unit: ``12.3 ± 0.4``, ``12.3 (11.8 … 12.9)``, ``–`` if not known."""
     text = _value_text(each)
     return f"{text} {each.mark}" if each.mark else text
 

@@ -20,10 +20,6 @@ _SENSORS = {"gyro": ("Gyros", "deg/h", "deg/sqrt(h)"), "accel": ("Accelerometers
 def provenance(result: Result[Any]) -> tuple[Section, ...]:
     """Give the sections that say from what and how a result was found.
 
-    Parameters
-    ----------
-    result : Result
-
     Returns
     -------
     tuple of Section
@@ -73,10 +69,6 @@ def imu_model(spec: ImuSpec, how: str) -> Section:
     spec : ImuSpec
     how : str
         How it was chosen.
-
-    Returns
-    -------
-    Section
     """
     sensors = {}
     for name, (_, unit, walk_unit) in _SENSORS.items():

@@ -25,10 +25,6 @@ _VERSIONS_OF = ("numpy", "scipy", "numba", "filterpy", "pyarrow", "matplotlib")
 def page_facts(page: Page) -> dict[str, Any]:
     """Give everything in a report as one nested dict, ready for JSON.
 
-    Parameters
-    ----------
-    page : Page
-
     Returns
     -------
     dict
@@ -40,16 +36,7 @@ def page_facts(page: Page) -> dict[str, Any]:
 
 
 def section_facts(sections: Sequence[Section]) -> dict[str, Any]:
-    """Give the quantities of some sections as one nested dict, ready for JSON.
-
-    Parameters
-    ----------
-    sections : sequence of Section
-
-    Returns
-    -------
-    dict
-    """
+    """Give the quantities of some sections as one nested dict, ready for JSON."""
     facts: dict[str, Any] = {}
     for section in sections:
         _put(facts, section)

@@ -1,8 +1,8 @@
 """A result into a folder and back: tables, figures, page, ``run.json``.
 
 A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
-which gives its `Page`, ``write_files(result, folder, table_format)`` for its other files, ``frame(result)`` for its
-main table, and, if it can be read again, ``read_found(folder)``.
+which gives its `Page`, and ``frame(result)`` for its main table; where there is more, ``write_files(result, folder,
+table_format)`` for other files, ``text(page)`` for the terminal, ``read_found(folder)`` to read it again.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from insnav.exceptions import ConfigError
@@ -23,6 +24,7 @@ from insnav.report.page import Page
 from insnav.report.provenance import provenance
 from insnav.report.run_json import json_ready, page_facts, versions
 from insnav.report.style import FigureFormat, drawing, save
+from insnav.report.terminal import page_text
 from insnav.result import Result
 
 if TYPE_CHECKING:
@@ -41,9 +43,19 @@ def frame(result: Result[Any]) -> pd.DataFrame:
     return cast("pd.DataFrame", _of_room(result.kind, "frame")(result))
 
 
+def text_of(result: Result[Any]) -> str:
+    """Give a result as text: as its room lays it out, else its page."""
+    room, page = _room(result.kind), page_of(result)
+    return str(room.text(page)) if hasattr(room, "text") else page_text(page)
+
+
+def _room(kind: str) -> ModuleType:
+    return import_module(f"insnav.report.{kind}.page")
+
+
 def _of_room(kind: str, name: str) -> Callable[..., Any]:
     """Function of the report room of a kind of result."""
-    room = import_module(f"insnav.report.{kind}.page")
+    room = _room(kind)
     if not hasattr(room, name):
         raise ConfigError(f"a result of kind {kind} has no such form", where=name)
     return cast("Callable[..., Any]", getattr(room, name))
@@ -81,7 +93,9 @@ def save_result(
     Path
         The finished folder.
     """
-    _of_room(result.kind, "write_files")(result, folder, table_format)
+    room = _room(result.kind)
+    if hasattr(room, "write_files"):
+        room.write_files(result, folder, table_format)
     return write_page(
         folder,
         page_of(result),

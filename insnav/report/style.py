@@ -1,6 +1,6 @@
 """What all figures share: colours, type, axes over time, bands, and drawing many points quickly.
 
-Colours are those of Okabe and Ito (2008), told apart by every common kind of colour vision and in grey print.
+Colours are those of Okabe and Ito (2008), distinguishable with every common kind of colour vision and in grey print.
 """
 
 from __future__ import annotations
@@ -181,10 +181,6 @@ def envelope(time: FloatArray, low: FloatArray, high: FloatArray) -> tuple[Float
     Parameters
     ----------
     time, low, high : (n,) array
-
-    Returns
-    -------
-    time, low, high : (m,) array
     """
     if len(time) <= BINS:
         return time, low, high
@@ -198,10 +194,6 @@ def thinned(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray
     Parameters
     ----------
     time, value : (n,) array
-
-    Returns
-    -------
-    time, value : (m,) array
     """
     if len(time) <= 2 * BINS:
         return time, value
@@ -225,11 +217,6 @@ def broken_at_gaps(time: FloatArray, values: FloatArray) -> tuple[FloatArray, Fl
     ----------
     time : (n,) array
     values : (n, k) array
-
-    Returns
-    -------
-    time : (m,) array
-    values : (m, k) array
     """
     if len(time) < 3:
         return time, values

@@ -9,10 +9,6 @@ from insnav.report.page import Page, Table, section_tables
 def page_text(page: Page) -> str:
     """Write a report for the terminal: title, summary, tables, warnings, notes, assumptions.
 
-    Parameters
-    ----------
-    page : Page
-
     Returns
     -------
     str

@@ -35,6 +35,13 @@ def test_one_screen_with_everything_that_was_asked(facts):
         assert words in text
 
 
+def test_a_notebook_gets_the_same_summary(navigated, facts):
+    assert navigated.summary() == "\n".join(summary_lines(facts))
+    shown = navigated._repr_html_()
+    assert "horizontal [m]" in shown
+    assert "Options" not in shown
+
+
 def test_the_figures_of_the_table_are_those_of_the_facts(facts):
     row = next(line for line in summary_lines(facts) if line.strip().startswith("horizontal [m]"))
     expected = [

@@ -9,8 +9,6 @@ import numpy as np
 from insnav.earth import OMEGA_EARTH
 from insnav.filter.fine_alignment import FineAlignment
 from insnav.imu.specification import ImuSpec, gyro_bias_sd
-from insnav.output.folder import RunFolder
-from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
 from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
@@ -28,16 +26,7 @@ _USEFUL = 10.0 * DEG  # a latitude from the sensors with a larger sd is of no us
 
 
 def page(result: Result[FineAlignment]) -> Page:
-    """Lay out an alignment.
-
-    Parameters
-    ----------
-    result : Result of FineAlignment
-
-    Returns
-    -------
-    Page
-    """
+    """Lay out an alignment."""
     found = result.found
     sd = None if result.imu_model is None else _latitude_sd(result.imu_model[0])
     steps = {"coarse": found.coarse, "fine": found.fine}
@@ -100,16 +89,8 @@ def _heading(found: Alignment) -> str:
     return f"{heading} ± {sd} deg  ({found.heading_method})"
 
 
-def write_files(result: Result[FineAlignment], folder: RunFolder, table_format: TableFormat) -> None:
-    """Nothing but the page: an alignment has no tables."""
-
-
 def frame(result: Result[FineAlignment]) -> pd.DataFrame:
     """Give coarse and fine attitude as a table.
-
-    Parameters
-    ----------
-    result : Result of FineAlignment
 
     Returns
     -------

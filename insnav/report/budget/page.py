@@ -45,16 +45,7 @@ _LINEAR = 5.0 * DEG  # attitude errors up to here are small
 
 
 def page(result: Result[BudgetStudy]) -> Page:
-    """Lay out an error budget.
-
-    Parameters
-    ----------
-    result : Result of BudgetStudy
-
-    Returns
-    -------
-    Page
-    """
+    """Lay out an error budget."""
     budget, windows = result.found.budget, result.found.windows
     figure = FigureSpec("budget", "The budget on one page; also in budget.pdf", partial(budget_figure, budget))
     sections = (
@@ -80,16 +71,7 @@ def _title(budget: Budget) -> str:
 
 
 def budget_figure(budget: Budget) -> Figure:
-    """Draw the budget on one page.
-
-    Parameters
-    ----------
-    budget : Budget
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the budget on one page."""
     note = textwrap.fill(f"Motion: {budget.motion}. Errors are one standard deviation (1 sd) unless said.", 125)
     texts = [*(f"Warning: {text}" for text in warnings(budget)), *assumptions(budget)]
     notes = [line for text in texts for line in textwrap.wrap(text, _NOTE_WIDTH, subsequent_indent="   ")]
@@ -116,10 +98,6 @@ def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: Ta
 
 def frame(result: Result[BudgetStudy]) -> pd.DataFrame:
     """Give the contributions to the horizontal error as a table.
-
-    Parameters
-    ----------
-    result : Result of BudgetStudy
 
     Returns
     -------

@@ -25,13 +25,7 @@ def effect(family: str) -> str:
 
 
 def size(budget: Budget, family: str) -> str:
-    """Size of a family in a field unit, from the least to the largest axis if they differ.
-
-    Parameters
-    ----------
-    budget : Budget
-    family : str
-    """
+    """Size of a family in a field unit, from the least to the largest axis if they differ."""
     values = sorted({source.sd for source in budget.sources if source.family == family and source.sd > 0.0})
     unit = _OTHERS[family][0] if family in _OTHERS else term_of(family).unit
     factor = UNITS[unit][1]
@@ -41,13 +35,7 @@ def size(budget: Budget, family: str) -> str:
 
 
 def growth(budget: Budget, family: str) -> str:
-    """Power of the time with which a family makes position errors, at rest and within minutes.
-
-    Parameters
-    ----------
-    budget : Budget
-    family : str
-    """
+    """Power of the time with which a family makes position errors, at rest and within minutes."""
     source = next(each for each in budget.sources if each.family == family)
     if source.group == "timing":
         return "motion"

@@ -1,4 +1,4 @@
-"""Recorded error windows: how they grow beside what was predicted, what they err by, and both against each other."""
+"""Errors of free-inertial windows: growth and prediction, equivalent errors, recorded over predicted."""
 
 from __future__ import annotations
 

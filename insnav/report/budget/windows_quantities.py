@@ -26,16 +26,7 @@ def parts_of(budget: RecordedBudget) -> list[tuple[str, RecordedPart]]:
 
 
 def windows_sections(budget: RecordedBudget) -> tuple[Section, ...]:
-    """Give the quantities and tables of all windows.
-
-    Parameters
-    ----------
-    budget : RecordedBudget
-
-    Returns
-    -------
-    tuple of Section
-    """
+    """Give the quantities and tables of all windows."""
     about = (
         Quantity("reference", budget.reference),
         Quantity("start", budget.settings.start),

@@ -27,16 +27,7 @@ _COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY)
 
 
 def draw_comparison(found: Comparison) -> Figure:
-    """Draw the horizontal error of every solution over time; smoothed ones dashed.
-
-    Parameters
-    ----------
-    found : Comparison
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the horizontal error of every solution over time; smoothed ones dashed."""
     figure, ((axes,),) = stacked(1, "Horizontal error against the reference", "dashed: smoothed", height=3.6)
     clock = Clock.of(found.compared[0].errors.time)
     for name, colour, style, each in _styled(found):
@@ -49,16 +40,7 @@ def draw_comparison(found: Comparison) -> Figure:
 
 
 def draw_distributions(found: Comparison) -> Figure:
-    """Draw the share of epochs below each horizontal error, for every solution.
-
-    Parameters
-    ----------
-    found : Comparison
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the share of epochs below each horizontal error, for every solution."""
     figure, ((axes,),) = stacked(1, "Distribution of the horizontal error", "dashed: smoothed", height=3.6)
     for name, colour, style, each in _styled(found):
         error = np.sort(each.horizontal)

@@ -43,16 +43,7 @@ _NOTE = (
 
 
 def page(result: Result[Comparison]) -> Page:
-    """Lay out a comparison.
-
-    Parameters
-    ----------
-    result : Result of Comparison
-
-    Returns
-    -------
-    Page
-    """
+    """Lay out a comparison."""
     found = result.found
     figures = (
         FigureSpec("horizontal_error", "Horizontal error over time", partial(draw_comparison, found)),
@@ -78,10 +69,6 @@ def write_files(result: Result[Comparison], folder: RunFolder, table_format: Tab
 def frame(result: Result[Comparison]) -> pd.DataFrame:
     """Give the accuracy of every solution as a table, one row a solution.
 
-    Parameters
-    ----------
-    result : Result of Comparison
-
     Returns
     -------
     pandas.DataFrame
@@ -96,10 +83,6 @@ def frame(result: Result[Comparison]) -> pd.DataFrame:
 
 def comparison_lines(found: Comparison) -> list[str]:
     """Lay out a comparison for the terminal: a heading, one line a solution, and what the columns are.
-
-    Parameters
-    ----------
-    found : Comparison
 
     Returns
     -------

@@ -12,8 +12,6 @@ import numpy as np
 
 from insnav.errors.outage.statistics import Growth
 from insnav.errors.outage.study import OutageStudy
-from insnav.output.folder import RunFolder
-from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
 from insnav.report.frames import rows_frame
 from insnav.report.outage.figures import draw_outages
@@ -34,16 +32,7 @@ _COMPONENTS = {
 
 
 def page(result: Result[OutageStudy]) -> Page:
-    """Lay out an outage test.
-
-    Parameters
-    ----------
-    result : Result of OutageStudy
-
-    Returns
-    -------
-    Page
-    """
+    """Lay out an outage test."""
     study = result.found
     inside = ", ".join(f"{100.0 * each.inside_at_end:.0f} % of {each.length:g} s" for each in study.growth)
     name = Path(result.inputs["imu"].path).name if "imu" in result.inputs else "a drive"
@@ -98,16 +87,8 @@ def _table(component: str, growth: Sequence[Growth], rows: Sequence[tuple[Quanti
     return Section("", component.capitalize(), rows=tuple(chosen) if known else ())
 
 
-def write_files(result: Result[OutageStudy], folder: RunFolder, table_format: TableFormat) -> None:
-    """Nothing but page and figure."""
-
-
 def frame(result: Result[OutageStudy]) -> pd.DataFrame:
     """Give the errors at the end of the windows as a table.
-
-    Parameters
-    ----------
-    result : Result of OutageStudy
 
     Returns
     -------

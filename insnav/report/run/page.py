@@ -27,7 +27,9 @@ from insnav.report.run.figures.uncertainty import draw_uncertainty
 from insnav.report.run.quantities import run_sections
 from insnav.report.run.reopened import read_found as read_found
 from insnav.report.run.short_duration import short_columns
+from insnav.report.run.summary import summary_lines
 from insnav.report.run.warnings import run_warnings
+from insnav.report.run_json import page_facts
 from insnav.report.style import Clock
 from insnav.result import Result
 
@@ -36,16 +38,7 @@ if TYPE_CHECKING:
 
 
 def page(result: Result[EvaluatedRun]) -> Page:
-    """Lay out a run.
-
-    Parameters
-    ----------
-    result : Result of EvaluatedRun
-
-    Returns
-    -------
-    Page
-    """
+    """Lay out a run."""
     found = result.found
     reference = result.inputs["reference"].path if "reference" in result.inputs else ""
     accuracy, *others = run_sections(found, reference)
@@ -66,10 +59,6 @@ def run_summary(found: EvaluatedRun, reference: str) -> tuple[str, ...]:
     found : EvaluatedRun
     reference : str
         What the errors are against.
-
-    Returns
-    -------
-    tuple of str
     """
     errors, smoothed = found.errors, found.smoothed_errors
     if errors is None:
@@ -90,17 +79,13 @@ def run_summary(found: EvaluatedRun, reference: str) -> tuple[str, ...]:
     return tuple(lines)
 
 
+def text(page: Page) -> str:
+    """Sum up a run on one screen."""
+    return "\n".join(summary_lines(page_facts(page)))
+
+
 def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
-    """Give every figure that there is something to show in.
-
-    Parameters
-    ----------
-    found : EvaluatedRun
-
-    Returns
-    -------
-    tuple of FigureSpec
-    """
+    """Give every figure that there is something to show in."""
     run, gps, errors = found.run, found.gps, found.errors
     if len(run.solution.time) == 0:
         return ()
@@ -165,10 +150,6 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: T
 
 def frame(result: Result[EvaluatedRun]) -> pd.DataFrame:
     """Give the solution as a table.
-
-    Parameters
-    ----------
-    result : Result of EvaluatedRun
 
     Returns
     -------

@@ -76,16 +76,7 @@ def _only(key: str, value: Any, note: str = "", show: Any = "json") -> Section:
 
 
 def alignment_items(alignment: Alignment) -> tuple[Quantity, ...]:
-    """Give an alignment as quantities.
-
-    Parameters
-    ----------
-    alignment : Alignment
-
-    Returns
-    -------
-    tuple of Quantity
-    """
+    """Give an alignment as quantities."""
     roll, pitch, heading = alignment.rph
     sd_north, sd_east, sd_down = alignment.sd
     return (
@@ -239,7 +230,6 @@ def _accuracy(title: str, errors: TrajectoryErrors | None, reference: str) -> Se
             _accuracy_table(title, parts),
             _consistency(nees(errors)),
         ),
-        show="page",
     )
 
 

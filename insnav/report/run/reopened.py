@@ -30,14 +30,6 @@ from insnav.units import DEG, DEG_PER_H
 def read_found(folder: Path) -> EvaluatedRun:
     """Read a run from its folder; covariances between filter epochs and the short-duration windows are not kept.
 
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    EvaluatedRun
-
     Raises
     ------
     InputError

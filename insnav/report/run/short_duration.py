@@ -23,16 +23,7 @@ _ROWS = (
 
 
 def short_section(windows: Sequence[ShortWindow]) -> Section:
-    """Give RMS and largest horizontal difference after some times.
-
-    Parameters
-    ----------
-    windows : sequence of ShortWindow
-
-    Returns
-    -------
-    Section
-    """
+    """Give RMS and largest horizontal difference after some times."""
     after = {}
     for time in TIMES:
         sizes = {key: size_at(windows, name, time) for name, key, _, _ in _ROWS}
@@ -64,16 +55,7 @@ def short_section(windows: Sequence[ShortWindow]) -> Section:
 
 
 def short_columns(windows: Sequence[ShortWindow]) -> dict[str, FloatArray]:
-    """Columns of ``short.csv``: time, and every difference of every window.
-
-    Parameters
-    ----------
-    windows : sequence of ShortWindow
-
-    Returns
-    -------
-    dict of str to (n,) array
-    """
+    """Columns of ``short.csv``: time, and every difference of every window."""
     columns = {
         "time_s": np.round(np.concatenate([w.start + w.elapsed for w in windows]), 9),
         "window_start_s": np.concatenate([np.full(len(w.elapsed), w.start) for w in windows]),

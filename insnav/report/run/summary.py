@@ -51,7 +51,7 @@ def summary_lines(facts: Mapping[str, Any], folder: Path | None = None) -> list[
 
 
 def _entry(name: str, text: str, rows: int = 1) -> list[str]:
-    """Lay out a text of at most so many rows beside its name."""
+    """Lay out a text of at most so many rows next to its name."""
     wrapped = textwrap.wrap(plain_text(text), WIDTH - _MARGIN, break_on_hyphens=False) or [""]
     if len(wrapped) > rows:
         wrapped = [*wrapped[: rows - 1], _cut(" ".join(wrapped[rows - 1 :]), WIDTH - _MARGIN)]

@@ -13,16 +13,7 @@ _MANY = 0.1  # share of rejected fixes that wants an explanation
 
 
 def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
-    """Warn of what makes a solution worse than it states.
-
-    Parameters
-    ----------
-    found : EvaluatedRun
-
-    Returns
-    -------
-    tuple of str
-    """
+    """Warn of what makes a solution worse than it states."""
     stated = [("position", found.errors), ("smoothed position", found.smoothed_errors)]
     overconfident = [text for name, errors in stated for text in _overconfident(name, errors)]
     return (*_many_rejected(found.run), *overconfident[:1], *_diverged(found.run))

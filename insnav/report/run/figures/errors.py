@@ -52,10 +52,6 @@ def sample_errors(
         Times without fixes, to shade [s].
     smoothed : TrajectoryErrors, optional
         Errors of the smoothed solution, drawn over those of the filter.
-
-    Returns
-    -------
-    Figure
     """
     unit = 180.0 / np.pi if group == "attitude" else 1.0
     value: FloatArray = unit * getattr(errors, group)
@@ -102,12 +98,7 @@ def _smoothed(
 
 
 def draw_distribution(errors: TrajectoryErrors) -> Figure:
-    """Draw the share of horizontal errors below a given one, with CEP50 and R95.
-
-    Parameters
-    ----------
-    errors : TrajectoryErrors
-    """
+    """Draw the share of horizontal errors below a given one, with CEP50 and R95."""
     horizontal = errors.horizontal
     figure, ((axes,),) = stacked(
         1,

@@ -23,10 +23,6 @@ def draw_innovations(run: Run) -> Figure:
     ----------
     run : Run
         With at least one fix.
-
-    Returns
-    -------
-    Figure
     """
     fixes = run.innovations
     groups = [

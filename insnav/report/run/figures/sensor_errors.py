@@ -25,10 +25,6 @@ def draw_sensor_errors(run: Run) -> Figure:
     ----------
     run : Run
         With at least one estimate.
-
-    Returns
-    -------
-    Figure
     """
     estimated = run.sensor_errors
     groups = [g for g in _GROUPS if np.isfinite(estimated.value[:, g[3] : g[3] + 3]).any()]

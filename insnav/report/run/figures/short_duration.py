@@ -13,12 +13,7 @@ from insnav.types import FloatArray
 
 
 def draw_short(windows: Sequence[ShortWindow]) -> Figure:
-    """Draw how far the short form is from the full one in every window, and what the dropped terms explain.
-
-    Parameters
-    ----------
-    windows : sequence of ShortWindow
-    """
+    """Draw how far the short form is from the full one in every window, and what the dropped terms explain."""
     figure, panels = stacked(
         3,
         f"Short-duration mechanization minus the full one: {len(windows)} windows of {LENGTH:g} s",

@@ -16,13 +16,7 @@ _MOST_TURNS = 1.5  # a heading that turns more than this is drawn within 0..360 
 
 
 def draw_height(run: Run, gps: GpsData | None) -> Figure:
-    """Draw the ellipsoidal height.
-
-    Parameters
-    ----------
-    run : Run
-    gps : GpsData or None
-    """
+    """Draw the ellipsoidal height."""
     clock = Clock.of(run.solution.time)
     figure, ((axes,),) = stacked(1, "Height of the solution above the ellipsoid", _NOTE, height=3.4)
     fixes = None if gps is None else (gps.time, gps.lla[:, 2])
@@ -35,13 +29,7 @@ def draw_height(run: Run, gps: GpsData | None) -> Figure:
 
 
 def draw_velocity(run: Run, gps: GpsData | None) -> Figure:
-    """Draw the velocity North, East and Down.
-
-    Parameters
-    ----------
-    run : Run
-    gps : GpsData or None
-    """
+    """Draw the velocity North, East and Down."""
     clock = Clock.of(run.solution.time)
     spans = outages(run)
     figure, panels = stacked(3, "Velocity of the solution", _NOTE)
@@ -58,12 +46,7 @@ def draw_velocity(run: Run, gps: GpsData | None) -> Figure:
 
 
 def draw_attitude(run: Run) -> Figure:
-    """Draw roll, pitch and heading.
-
-    Parameters
-    ----------
-    run : Run
-    """
+    """Draw roll, pitch and heading."""
     solution = run.solution
     clock = Clock.of(solution.time)
     spans = outages(run)

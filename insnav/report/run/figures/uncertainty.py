@@ -11,16 +11,7 @@ from insnav.types import FloatArray, Run
 
 
 def draw_uncertainty(run: Run) -> Figure:
-    """Draw the standard deviations of both solutions on logarithmic axes.
-
-    Parameters
-    ----------
-    run : Run
-
-    Returns
-    -------
-    Figure
-    """
+    """Draw the standard deviations of both solutions on logarithmic axes."""
     clock, spans = Clock.of(run.solution.time), outages(run)
     figure, panels = stacked(
         4,
