@@ -113,15 +113,8 @@ def simulate_recording(
 
 def _same(one: ImuData | GpsData, other: ImuData | GpsData) -> bool:
     """Whether two records hold the same numbers."""
-    if one is other:
-        return True
-    return all(_equal(getattr(one, name), getattr(other, name)) for name in type(one).__slots__)
-
-
-def _equal(one: object, other: object) -> bool:
-    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
-    return bool(one is other or (not isinstance(one, np.ndarray) and one == other))
+    mine, yours = one.columns(), other.columns()
+    return mine.keys() == yours.keys() and all(np.array_equal(v, yours[k], equal_nan=True) for k, v in mine.items())
 
 
 def perfect_imu(truth: Truth, rate: float = 100.0, sampling: Sampling = "mean") -> ImuData:
