@@ -16,15 +16,14 @@ from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_from_rph, qua
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.budget.initial_covariance import STATES
 from insnav.errors.budget.sampled_motion import SampledMotion
-from insnav.errors.budget.sources import Source
+from insnav.errors.budget.sources import SENSORS, Source
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, sample_errors
-from insnav.imu.error_terms import Sensor, terms_of
+from insnav.imu.error_terms import terms_of
 from insnav.kernels import error_propagation as _kernel
 from insnav.simulate.imu_errors import flicker
 from insnav.types import FloatArray, IntArray
 from insnav.units import G0
 
-_SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
 # terms that `sample_errors` and the compiled kernel have; all others are made sample by sample before it
 _IN_KERNEL = (
     *("bias", "bias_instability", "random_walk", "scale_factor", "misalignment", "rate_random_walk"),
@@ -181,15 +180,15 @@ def _more(
     """Sample the errors that the kernel does not make, ``(n, 6)``, ``(0, 6)`` if there are none."""
     terms = {
         sensor: [term for term in terms_of(sensor) if term.in_budget and term.key not in _IN_KERNEL]
-        for sensor in _SENSORS
+        for sensor in SENSORS
     }
-    sizes = [getattr(getattr(spec, sensor), term.key) for sensor in _SENSORS for term in terms[sensor]]
+    sizes = [getattr(getattr(spec, sensor), term.key) for sensor in SENSORS for term in terms[sensor]]
     if changes is None and not any(np.any(size) for size in sizes):
         return np.zeros((0, 6))
     elapsed = motion.elapsed[:n]
     made = np.zeros((n, 6))
     since = (elapsed - elapsed[0])[:, None]
-    for part, name in enumerate(_SENSORS):
+    for part, name in enumerate(SENSORS):
         sensor: SensorSpec = getattr(spec, name)
         for term in terms[name]:
             size = getattr(sensor, term.key)

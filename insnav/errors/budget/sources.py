@@ -21,7 +21,7 @@ from insnav.units import G0
 Group = Literal["initial", "gyro", "accel", "gravity", "timing"]
 
 BODY, LOCAL = ("x", "y", "z"), ("north", "east", "down")
-_SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
+SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ def sources_of(spec: ImuSpec, deflection: float = 0.0) -> tuple[Source, ...]:
     listed += [Source("initial", "velocity", axis, "constant", start.velocity) for axis in LOCAL]
     listed += [Source("initial", "tilt", axis, "constant", start.tilt) for axis in LOCAL[:2]]
     listed += [Source("initial", "heading", "down", "constant", start.heading)]
-    for sensor in _SENSORS:
+    for sensor in SENSORS:
         for term in terms_of(sensor):
             if term.in_budget:
                 listed += _of_term(term, getattr(spec, sensor))
@@ -123,7 +123,7 @@ def _of_term(term: ErrorTerm, sensor: SensorSpec) -> list[Source]:
 
 def term_of(family: str) -> ErrorTerm:
     """Error term of a sensor by the name of its family, such as ``gyro bias``; KeyError if there is none."""
-    return {term.family: term for sensor in _SENSORS for term in terms_of(sensor)}[family]
+    return {term.family: term for sensor in SENSORS for term in terms_of(sensor)}[family]
 
 
 def families(sources: tuple[Source, ...]) -> tuple[str, ...]:
@@ -159,7 +159,7 @@ def left_out(spec: ImuSpec) -> tuple[str, ...]:
     """Errors that the IMU has and the budget does not, in words."""
     found = [
         term.family
-        for sensor in _SENSORS
+        for sensor in SENSORS
         for term in terms_of(sensor)
         if not term.in_budget and np.any(getattr(getattr(spec, sensor), term.key))
     ]
