@@ -134,6 +134,39 @@ def stacked(
     return figure, [list(row) for row in axes]
 
 
+def over_time(
+    time: FloatArray,
+    rows: Sequence[tuple[str, Sequence[tuple[str, FloatArray, str]], float]],
+    title: str,
+    note: str = "",
+    *,
+    height: float = 0.0,
+) -> tuple[Figure, list[Axes]]:
+    """Draw lines over time, panels over one another.
+
+    Parameters
+    ----------
+    time : (n,) array
+        [s].
+    rows : sequence of (str, sequence of (str, (n,) array, str), float)
+        For each panel the label of its axis, its lines (name, values, colour), and the smallest height of its view.
+    height : float
+        Of the figure [inch]; by the number of rows if zero.
+    """
+    clock = Clock.of(time)
+    figure, grid = stacked(len(rows), title, note, height=height)
+    panels = [row[0] for row in grid]
+    for panel, (label, lines, least) in zip(panels, rows, strict=True):
+        for name, values, colour in lines:
+            line(panel, clock(time), values, colour, name)
+        widened(panel, least)
+        panel.set_ylabel(label)
+        if len(lines) > 1:
+            legend_above(panel)
+    panels[-1].set_xlabel(clock.label)
+    return figure, panels
+
+
 def blank(width: float, height: float, title: str, note: str) -> Figure:
     """Start an empty figure with its headline and margins.
 

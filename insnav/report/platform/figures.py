@@ -22,8 +22,8 @@ from insnav.report.style import (
     Clock,
     legend_above,
     line,
+    over_time,
     stacked,
-    widened,
 )
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG, DEG_PER_H
@@ -58,42 +58,24 @@ def draw_platform_track(run: PlatformRun, ref: Trajectory | None) -> Figure:
 
 def draw_platform_velocity(run: PlatformRun) -> Figure:
     """Draw velocity East, North, Up, and the height if it is computed."""
-    v_n, rows = run.solution.v_n, [("east [m/s]", 1, 1.0), ("north [m/s]", 0, 1.0)]
-    if run.vertical != "off":
-        rows.append(("up [m/s]", 2, -1.0))
-    figure, panels = stacked(
-        len(rows) + (run.vertical != "off"),
-        "Velocity computed on the platform",
-        f"integrator {run.integrator}, vertical channel {run.vertical}",
-    )
-    clock = Clock.of(run.solution.time)
-    time = clock(run.solution.time)
-    for (axes,), (label, column, sign) in zip(panels, rows, strict=False):
-        line(axes, time, sign * v_n[:, column], BLUE, "")
-        widened(axes, 1e-3)
-        axes.set_ylabel(label)
-    if run.vertical != "off":
-        line(panels[-1][0], time, run.solution.lla[:, 2], BLUE, "")
-        widened(panels[-1][0], 0.01)
-        panels[-1][0].set_ylabel("height [m]")
-    panels[-1][0].set_xlabel(clock.label)
-    return figure
+    v_n, rows = run.solution.v_n, [("east [m/s]", 1, 1.0), ("north [m/s]", 0, 1.0), ("up [m/s]", 2, -1.0)]
+    computed = run.vertical != "off"
+    panels = [
+        (label, [("", sign * v_n[:, column], BLUE)], 1e-3) for label, column, sign in rows[: 3 if computed else 2]
+    ]
+    if computed:
+        panels.append(("height [m]", [("", run.solution.lla[:, 2], BLUE)], 0.01))
+    note = f"integrator {run.integrator}, vertical channel {run.vertical}"
+    return over_time(run.solution.time, panels, "Velocity computed on the platform", note)[0]
 
 
 def draw_torquing(run: PlatformRun) -> Figure:
     """Draw the rates at which the gyros are torqued, about East, North, Up."""
-    figure, panels = stacked(
-        3, "Commanded torquing rates", "Earth rate plus transport rate, as computed; the Earth turns at 15.041 deg/h"
-    )
-    clock = Clock.of(run.solution.time)
     rates = torquing_rates(run.solution) / DEG_PER_H
     columns = (("about east [deg/h]", 1, 1.0), ("about north [deg/h]", 0, 1.0), ("about up [deg/h]", 2, -1.0))
-    for (axes,), (label, column, sign) in zip(panels, columns, strict=True):
-        line(axes, clock(run.solution.time), sign * rates[:, column], BLUE, "")
-        widened(axes, 1e-3)
-        axes.set_ylabel(label)
-    panels[-1][0].set_xlabel(clock.label)
-    return figure
+    panels = [(label, [("", sign * rates[:, column], BLUE)], 1e-3) for label, column, sign in columns]
+    note = "Earth rate plus transport rate, as computed; the Earth turns at 15.041 deg/h"
+    return over_time(run.solution.time, panels, "Commanded torquing rates", note)[0]
 
 
 def draw_platform_errors(run: PlatformRun, theory: StaticErrors | None) -> Figure:

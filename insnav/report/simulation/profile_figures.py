@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
@@ -20,9 +19,8 @@ from insnav.report.style import (
     VERMILLION,
     Clock,
     blank,
-    legend_above,
     line,
-    stacked,
+    over_time,
     widened,
 )
 from insnav.simulate.truth import Kinematics
@@ -73,34 +71,24 @@ def draw_motion(time: FloatArray, motion: Kinematics, name: str) -> Figure:
     time : (n,) array
         [s].
     """
-    clock = Clock.of(time)
-    figure, panels = stacked(
-        6,
+    tilt, rate = np.degrees(motion.rph[:, :2]).T, np.degrees(motion.w_ib_b).T
+    rows = (
+        ("speed [m/s]", [("speed", np.linalg.norm(motion.v_n, axis=1), BLUE)], 0.1),
+        ("height [m]", [("height", motion.lla[:, 2], BLUE)], 0.1),
+        ("tilt [deg]", [*zip(("roll", "pitch"), tilt, (BLUE, VERMILLION), strict=True)], 0.1),
+        ("heading [deg]", [("heading", readable_heading(motion.rph[:, 2])[0], GREEN)], 0.1),
+        ("rate [deg/s]", [*zip("xyz", rate, AXIS_COLOURS, strict=True)], 1e-3),
+        ("force [m/s²]", [*zip("xyz", motion.f_b.T, AXIS_COLOURS, strict=True)], 1e-2),
+    )
+    figure, panels = over_time(
+        time,
+        rows,
         f"Simulated motion {name}: what ideal sensors measure",
         "body axes x forward, y right, z down; rate against inertial space; specific force",
         height=10.4,
     )
-    axes = [row[0] for row in panels]
-    x = clock(time)
-    line(axes[0], x, np.linalg.norm(motion.v_n, axis=1), BLUE, "speed")
-    axes[0].set_ylabel("speed [m/s]")
-    line(axes[1], x, motion.lla[:, 2], BLUE, "height")
-    axes[1].set_ylabel("height [m]")
-    _three(axes[2], x, np.degrees(motion.rph[:, :2]), ("roll", "pitch"), (BLUE, VERMILLION))
-    axes[2].set_ylabel("tilt [deg]")
-    line(axes[3], x, readable_heading(motion.rph[:, 2])[0], GREEN, "heading")
-    axes[3].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value % 360.0:g}"))
-    axes[3].yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 3, 4.5, 6, 9, 10]))
-    axes[3].set_ylabel("heading [deg]")
-    _three(axes[4], x, np.degrees(motion.w_ib_b), ("x", "y", "z"), AXIS_COLOURS)
-    axes[4].set_ylabel("rate [deg/s]")
-    _three(axes[5], x, motion.f_b, ("x", "y", "z"), AXIS_COLOURS)
-    axes[5].set_ylabel("force [m/s²]")
-    for panel in (axes[2], axes[4], axes[5]):
-        legend_above(panel)
-    for panel, least in zip(axes, (0.1, 0.1, 0.1, 0.1, 1e-3, 1e-2), strict=True):
-        widened(panel, least)
-    axes[-1].set_xlabel(clock.label)
+    panels[3].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value % 360.0:g}"))
+    panels[3].yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 3, 4.5, 6, 9, 10]))
     return figure
 
 
@@ -147,8 +135,3 @@ def _on_map(lla: FloatArray) -> tuple[FloatArray, FloatArray]:
     r_e = earth_from_lla(lla)
     north, east, _ = dcm_from_quat(quat_earth_from_level(lla[:1]))[0].T @ (r_e - r_e[0]).T
     return north, east
-
-
-def _three(axes: Axes, x: FloatArray, values: FloatArray, labels: tuple[str, ...], colours: tuple[str, ...]) -> None:
-    for column, (label, colour) in enumerate(zip(labels, colours, strict=True)):
-        line(axes, x, values[:, column], colour, label, linewidth=0.9)
