@@ -208,10 +208,11 @@ def platform(
             stage("navigating")
             runs = integrate(record, start, errors, vertical=vertical.value, interval=interval)
             stage("writing")
+            from insnav.errors.platform_errors import PlatformStudy
             from insnav.output.data_files import write_table
             from insnav.output.kml import write_kml
             from insnav.output.solution_tables import write_events, write_run_table
-            from insnav.report.platform.page import PlatformStudy, platform_page, torquing_columns
+            from insnav.report.platform.page import platform_page, torquing_columns
             from insnav.report.run_json import versions
             from insnav.report.save import write_page
 

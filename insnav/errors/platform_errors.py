@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,12 +11,15 @@ from insnav import strapdown
 from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors, position_errors
-from insnav.gimbal import INTEGRATORS, Integrator, PlatformErrors, integral, navigate_platform
+from insnav.errors.schuler import StaticErrors, static_errors
+from insnav.gimbal import INTEGRATORS, Integrator, PlatformErrors, PlatformRun, integral, navigate_platform
 from insnav.simulate import Truth, imu_from_truth, reference
-from insnav.types import FloatArray
+from insnav.types import FloatArray, Trajectory
 
 SINE_STEPS = (40, 80, 160, 320)  # over `SINE_END`: coarse enough that no rule is exact to rounding
 SINE_END = 5.0
+REST_M_S = 0.1  # a platform slower than this without its errors is at rest
+AGAINST: Integrator = "fourth"  # what the other integrators are compared with
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +57,55 @@ class PlatformComparison:
     time: FloatArray
     platform: FloatArray
     strapdown: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class PlatformStudy:
+    """One record, by all integrators.
+
+    Attributes
+    ----------
+    chosen : {"forward", "backward", "mean", "fourth"}
+        Whose solution is wanted.
+    runs : mapping of str to PlatformRun
+        By integrator; with the errors of the platform.
+    errors : PlatformErrors
+    reference : Trajectory or None
+        What the integrators are evaluated against.
+    name : str
+        The file.
+    notes : tuple of str
+        What was understood and assumed.
+    """
+
+    chosen: Integrator
+    runs: Mapping[Integrator, PlatformRun]
+    errors: PlatformErrors
+    reference: Trajectory | None
+    name: str
+    notes: tuple[str, ...]
+
+    @property
+    def run(self) -> PlatformRun:
+        """The run that was asked for."""
+        return self.runs[self.chosen]
+
+    @property
+    def theory(self) -> StaticErrors | None:
+        """Closed form of the errors, where the vehicle is at rest and the vertical channel off."""
+        run = self.run
+        still = float(np.abs(run.undisturbed.v_n).max()) < REST_M_S
+        if not self.errors.any or run.vertical != "off" or not still:
+            return None
+        start = run.undisturbed.lla[0]
+        return static_errors(run.solution.time - run.solution.time[0], start[0], start[2], self.errors)
+
+    def differences(self) -> dict[Integrator, TrajectoryErrors]:
+        """Each integrator, on a platform without errors, against the reference; else the others against the fourth."""
+        if self.reference is not None:
+            return {name: position_errors(run.undisturbed, self.reference) for name, run in self.runs.items()}
+        fourth = self.runs[AGAINST].solution
+        return {name: position_errors(run.solution, fourth) for name, run in self.runs.items() if name != AGAINST}
 
 
 def sine_convergence() -> list[Convergence]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
 from insnav.earth import ned_offset
-from insnav.errors.metrics import TrajectoryErrors, position_errors
-from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods, static_errors
-from insnav.gimbal import DAMPING_TIME, Integrator, PlatformErrors, PlatformRun, torquing_rates
+from insnav.errors.metrics import TrajectoryErrors
+from insnav.errors.platform_errors import AGAINST, PlatformStudy
+from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods
+from insnav.gimbal import DAMPING_TIME, Integrator, PlatformRun, torquing_rates
 from insnav.quantity import Quantity
 from insnav.report.page import FigureSpec, Page, Section
 from insnav.report.platform.figures import (
@@ -20,60 +20,8 @@ from insnav.report.platform.figures import (
     draw_torquing,
 )
 from insnav.report.platform.integrator_figures import draw_differences, speed_of
-from insnav.types import FloatArray, Trajectory
+from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H, UNITS
-
-REST_M_S = 0.1  # a platform slower than this without its errors is at rest
-_AGAINST: Integrator = "fourth"
-
-
-@dataclass(frozen=True, slots=True)
-class PlatformStudy:
-    """One record, by all integrators.
-
-    Attributes
-    ----------
-    chosen : {"forward", "backward", "mean", "fourth"}
-        Whose solution is wanted.
-    runs : mapping of str to PlatformRun
-        By integrator; with the errors of the platform.
-    errors : PlatformErrors
-    reference : Trajectory or None
-        What the integrators are evaluated against.
-    name : str
-        The file.
-    notes : tuple of str
-        What was understood and assumed.
-    """
-
-    chosen: Integrator
-    runs: Mapping[Integrator, PlatformRun]
-    errors: PlatformErrors
-    reference: Trajectory | None
-    name: str
-    notes: tuple[str, ...]
-
-    @property
-    def run(self) -> PlatformRun:
-        """The run that was asked for."""
-        return self.runs[self.chosen]
-
-    @property
-    def theory(self) -> StaticErrors | None:
-        """Closed form of the errors, where the vehicle is at rest and the vertical channel off."""
-        run = self.run
-        still = float(np.abs(run.undisturbed.v_n).max()) < REST_M_S
-        if not self.errors.any or run.vertical != "off" or not still:
-            return None
-        start = run.undisturbed.lla[0]
-        return static_errors(run.solution.time - run.solution.time[0], start[0], start[2], self.errors)
-
-    def differences(self) -> dict[Integrator, TrajectoryErrors]:
-        """Each integrator, on a platform without errors, against the reference; else the others against the fourth."""
-        if self.reference is not None:
-            return {name: position_errors(run.undisturbed, self.reference) for name, run in self.runs.items()}
-        fourth = self.runs[_AGAINST].solution
-        return {name: position_errors(run.solution, fourth) for name, run in self.runs.items() if name != _AGAINST}
 
 
 def torquing_columns(run: PlatformRun) -> dict[str, FloatArray]:
@@ -151,7 +99,7 @@ def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, to_refer
         for name, each in differences.items()
     )
     return Section(
-        f"largest_difference_to_{'reference' if to_reference else _AGAINST}",
+        f"largest_difference_to_{'reference' if to_reference else AGAINST}",
         f"Horizontal difference to {'the reference' if to_reference else 'fourth order'}",
         rows=rows,
         note="on a platform without errors" if to_reference else "",
