@@ -179,7 +179,8 @@ def _table(given: Given) -> str | Path | Table:
     if isinstance(given, str | Path):
         return given
     if is_frame(given):
-        return named_columns(tuple(str(name) for name in given.columns), given.to_numpy(dtype=np.float64))
+        numbers = np.column_stack([_numbers(given[name].to_numpy()) for name in given.columns])
+        return named_columns(tuple(str(name) for name in given.columns), numbers)
     arrays = [np.asarray(each, dtype=np.float64) for each in given]
     if len(arrays) != 2 or arrays[1].shape != (len(arrays[0]), 3):
         raise ConfigError(
@@ -188,6 +189,16 @@ def _table(given: Given) -> str | Path | Table:
             fix="give (time, lla) of shapes (n,), (n, 3) in s, deg, deg, m; or GpsData, Trajectory, a data frame",
         )
     return named_columns(("time_s", "lat_deg", "lon_deg", "height_m"), np.column_stack(arrays))
+
+
+def _numbers(column: Any) -> FloatArray:
+    """Column of a data frame as numbers, datetimes in seconds; NaN where there is text, as remarks have it."""
+    if column.dtype.kind == "M":
+        return np.asarray(column.astype("datetime64[ns]").astype(np.int64) / 1e9)
+    try:
+        return np.asarray(column, dtype=np.float64)
+    except (TypeError, ValueError):
+        return np.full(len(column), np.nan)
 
 
 def is_frame(given: object) -> TypeIs[pd.DataFrame]:

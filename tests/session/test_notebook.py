@@ -15,8 +15,10 @@ from matplotlib.figure import Figure
 
 import insnav
 from insnav.exceptions import ConfigError, InputError
+from insnav.input.interpret.schema import LOG_SCHEMAS
 from insnav.output.folder import verify_folder
 from insnav.output.solution_tables import read_solution
+from insnav.session.inputs import INPUTS, LOGS, Inputs
 from tests.cli.conftest import Cli, cli
 
 __all__ = ["cli"]
@@ -77,6 +79,31 @@ def test_files_frames_arrays_and_types_are_the_same_data(drive: Path) -> None:
 
 
 _UNITS = {"gyro": "rad_s", "accel": "m_s2"}
+
+
+def test_a_data_frame_may_hold_datetimes_and_remarks(drive: Path) -> None:
+    imu, gps = pd.read_csv("imu.csv"), pd.read_csv("gps.csv")
+    plain = insnav.load(imu, gps=gps, imu_model="automotive")
+    imu["time_s"] = pd.to_datetime(imu["time_s"], unit="s")
+    imu["remark"] = "ok"
+    dated = insnav.load(imu, gps=gps, imu_model="automotive", columns={"time": "time_s"})
+    np.testing.assert_allclose(dated.imu.data.time, plain.imu.data.time, atol=1e-6)
+    np.testing.assert_array_equal(dated.imu.data.gyro, plain.imu.data.gyro)
+
+
+def test_every_input_has_a_type_and_a_meaning() -> None:
+    assert set(INPUTS) == set(Inputs.__annotations__)
+    assert set(LOGS) == set(LOG_SCHEMAS)
+    options = [each.option for each in (*INPUTS.values(), *LOGS.values()) if each.option]
+    assert len(set(options)) == len(options)
+
+
+def test_what_is_given_about_the_start_holds_for_every_method(drive: Path) -> None:
+    at_0 = insnav.load("imu.csv", "gps.csv", imu_model="automotive", heading=1.0, static=(100000.0, 100050.0))
+    alignment = at_0.prepared().alignment
+    assert alignment.rph[2] == pytest.approx(1.0, abs=0.05)
+    assert alignment.static is not None
+    assert alignment.static[1] <= 100050.1
 
 
 def test_arrays_without_times_need_a_rate() -> None:
