@@ -33,5 +33,4 @@ def rounded(value: float, sd: float) -> str:
     if not sd > 0.0:
         return f"{value:.6g}"
     digits = math.floor(math.log10(scale)) - math.floor(math.log10(sd)) + 2
-    text = f"{value:#.{min(max(digits, 3), 12)}g}"
-    return text.rstrip(".")
+    return number(value, min(max(digits, 3), 12))

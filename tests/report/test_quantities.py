@@ -64,6 +64,8 @@ def test_cells() -> None:
     assert cell(Quantity("a", None, "m")) == "–"
     assert cell(Quantity("a", float("nan"), "m")) == "–"
     assert cell(Quantity("a", True)) == "yes"
+    assert cell(Quantity("a", 8603.0, sd=4200.0)) == "8600 ± 4200"
+    assert cell(Quantity("a", 0.0123456, sd=0.0001)) == "0.01235 ± 0.00010"
     assert cell(Quantity("a", 3)) == "3"
     assert cell(Quantity("a", [1.0, 2.0], "m")) == "1.00, 2.00"
     assert cell(Quantity("a", 1.0, "m", interval=(0.5, 1.5))) == "1.00 (0.500 … 1.50)"
