@@ -10,8 +10,9 @@ import pytest
 from insnav.alignment.static import level
 from insnav.attitude import dcm_from_rph
 from insnav.earth import OMEGA_EARTH, gravity_n
-from insnav.filter import error_model, initial_state
-from insnav.types import Alignment
+from insnav.filter import FilterSettings, Gates, Navigator, error_model, initial_state
+from insnav.imu.specification import ImuSpec, SensorSpec
+from insnav.types import Alignment, GpsData, ImuData
 from insnav.units import DEG, DEG_PER_H, UG
 from tests.filter import drives
 
@@ -68,3 +69,22 @@ def test_the_heading_of_a_gyrocompass_goes_with_its_gyro_bias(axis: int):
     by_bias = p[6:9, 9:12] / np.diag(p)[9:12]
     assert abs(error[2]) < 0.1 * DEG
     np.testing.assert_allclose((by_bias @ -bias)[2], error[2], rtol=1e-3, atol=1e-9)
+
+
+def test_misalignment_makes_attitude_errors_in_proportion_to_the_rotation():
+    """Variance ``sd^2 w^2 T`` for every second of a turn, with manoeuvres of one second."""
+    size, rate, span = 1e-3, 0.2, 20.0
+    spec = ImuSpec("misaligned", SensorSpec(misalignment=size * np.ones(3)), SensorSpec())
+    model = error_model(spec, 21)
+    start = Alignment(0.0, np.zeros(3), np.full(3, 1e-9), np.zeros(3), np.full(3, np.inf), None, "given", "given")
+    initial = initial_state(start, model, LLA, np.zeros(3), np.full(3, 1e-6), np.full(3, 1e-6))
+    time = np.arange(1, round(50.0 * span) + 1) / 50.0
+    shape = (time.size, 1)
+    imu = ImuData(time, np.tile([0.0, 0.0, rate], shape), np.tile([0.0, 0.0, -9.8], shape))
+    useless = np.full((1, 3), 1e9)
+    fix = GpsData(np.array([span - 0.01]), LLA[None], np.full((1, 3), np.nan), useless, useless)
+    settings = FilterSettings(gates=Gates(max_sd=np.inf), smooth=False)
+    navigator = Navigator(initial, model, fix, start, 0.02, settings)
+    navigator.feed(imu)
+    attitude = np.diagonal(navigator.finish().epochs.covariance[0])[6:9]
+    np.testing.assert_allclose(attitude, size**2 * rate**2 * span, rtol=0.02)
