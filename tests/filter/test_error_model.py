@@ -71,20 +71,33 @@ def test_the_heading_of_a_gyrocompass_goes_with_its_gyro_bias(axis: int):
     np.testing.assert_allclose((by_bias @ -bias)[2], error[2], rtol=1e-3, atol=1e-9)
 
 
+def attitude_variance(spec: ImuSpec, time: np.ndarray, rate: float) -> np.ndarray:
+    """Of a filter that starts without errors, turns at `rate` [rad/s] and is given no fix worth the name."""
+    model = error_model(spec, 21)
+    start = Alignment(0.0, np.zeros(3), np.full(3, 1e-9), np.zeros(3), np.full(3, np.inf), None, "given", "given")
+    initial = initial_state(start, model, LLA, np.zeros(3), np.full(3, 1e-6), np.full(3, 1e-6))
+    shape = (time.size, 1)
+    imu = ImuData(time, np.tile([0.0, 0.0, rate], shape), np.tile([0.0, 0.0, -9.8], shape))
+    useless = np.full((1, 3), 1e9)
+    fix = GpsData(time[-1:] - 0.01, LLA[None], np.full((1, 3), np.nan), useless, useless)
+    settings = FilterSettings(gates=Gates(max_sd=np.inf), smooth=False)
+    navigator = Navigator(initial, model, fix, start, 0.02, settings)
+    navigator.feed(imu)
+    return np.diagonal(navigator.finish().epochs.covariance[0])[6:9]
+
+
 def test_misalignment_makes_attitude_errors_in_proportion_to_the_rotation():
     """Variance ``sd^2 w^2 T`` for every second of a turn, with manoeuvres of one second."""
     size, rate, span = 1e-3, 0.2, 20.0
     spec = ImuSpec("misaligned", SensorSpec(misalignment=size * np.ones(3)), SensorSpec())
-    model = error_model(spec, 21)
-    start = Alignment(0.0, np.zeros(3), np.full(3, 1e-9), np.zeros(3), np.full(3, np.inf), None, "given", "given")
-    initial = initial_state(start, model, LLA, np.zeros(3), np.full(3, 1e-6), np.full(3, 1e-6))
-    time = np.arange(1, round(50.0 * span) + 1) / 50.0
-    shape = (time.size, 1)
-    imu = ImuData(time, np.tile([0.0, 0.0, rate], shape), np.tile([0.0, 0.0, -9.8], shape))
-    useless = np.full((1, 3), 1e9)
-    fix = GpsData(np.array([span - 0.01]), LLA[None], np.full((1, 3), np.nan), useless, useless)
-    settings = FilterSettings(gates=Gates(max_sd=np.inf), smooth=False)
-    navigator = Navigator(initial, model, fix, start, 0.02, settings)
-    navigator.feed(imu)
-    attitude = np.diagonal(navigator.finish().epochs.covariance[0])[6:9]
-    np.testing.assert_allclose(attitude, size**2 * rate**2 * span, rtol=0.02)
+    found = attitude_variance(spec, np.arange(1, round(50.0 * span) + 1) / 50.0, rate)
+    np.testing.assert_allclose(found, size**2 * rate**2 * span, rtol=0.02)
+
+
+@pytest.mark.parametrize("length", [0.5, 1.5])
+def test_a_data_gap_loses_the_attitude_with_the_square_of_its_length(length: float):
+    """A rate that changes unseen by 0.1 rad/s^2 is off by ``0.1 T^2`` after the gap."""
+    time = np.arange(1, 501) / 50.0
+    kept = time[(time < 5.01) | (time > 5.01 + length)]
+    found = attitude_variance(ImuSpec("perfect", SensorSpec(), SensorSpec()), kept, 0.0)
+    np.testing.assert_allclose(found, (0.1 * length**2) ** 2, rtol=0.1)
