@@ -94,25 +94,7 @@ class ImuData(FromTable):
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, **others: str) -> Self:
-        """Samples from a table in the canonical columns of rates or of increments.
-
-        Parameters
-        ----------
-        frame : pandas.DataFrame
-            As from `to_frame`. Columns of what is not known may be absent.
-        **others : str
-            ``sampling`` of rates and ``stamp``; by default as in the ``attrs`` of the frame.
-
-        Returns
-        -------
-        ImuData
-            Arrays are copies.
-
-        Raises
-        ------
-        InputError
-            A column is unknown, or one that is needed is absent.
-        """
+        """As `insnav.tabular.FromTable.from_frame`, of rates or of increments by the columns there are."""
         if _DTHETA[0] in frame.columns:
             frame = frame.rename(columns=dict(zip(_DTHETA + _DVEL, _GYRO + _ACCEL, strict=True)))
             others["sampling"] = "increment"
