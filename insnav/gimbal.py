@@ -42,7 +42,7 @@ class PlatformErrors:
     tilt : (3,) array
         Turn of the platform's axes at the start, from the true North, East, Down to them [rad].
     drift : (3,) array
-        Rate at which it turns beyond what it is told to [rad/s]. A gyro that shows a rate too large by b makes the
+        Rate at which it turns beyond its command [rad/s]. A gyro that shows a rate too large by b makes the
         servo turn the platform by -b.
     bias : (3,) array
         What its accelerometers show too much [m/s^2].

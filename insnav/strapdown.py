@@ -67,7 +67,7 @@ def nominal_interval(time: FloatArray) -> float:
     step = np.diff(time[: 1 << 16])
     return float(
         np.mean(step[step <= GAP * np.median(step)])
-    )  # the median of stamps in full milliseconds is one of them
+    )  # the median of timestamps in full milliseconds is one of them
 
 
 def _lost(time: FloatArray, nominal: float) -> BoolArray:
@@ -81,7 +81,7 @@ def _lost(time: FloatArray, nominal: float) -> BoolArray:
 
 
 def _interval_ends(imu: ImuData, nominal: float) -> tuple[FloatArray, FloatArray]:
-    """Start and end of each sample's interval [s], whatever end of it the file stamps."""
+    """Start and end of each sample's interval [s], whatever end of it the timestamp marks."""
     t = imu.time
     step = np.diff(t)
     gap = _lost(t, nominal)

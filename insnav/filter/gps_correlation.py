@@ -22,7 +22,7 @@ FEWEST = 100  # fixes; fewer do not show a correlation time
 ROUGH = 0.05  # largest error of the integrated velocity between fixes, by the sd of a fix [-]
 WHOLE = 0.7  # a smaller share of the reported variance has not been seen to its end [-]
 WORTH_REPORTED = 0.3  # what must be missing from the reported variance before it is taken as time-correlated [-]
-MISFIT = 1.3  # so many times that of white errors alone may be the misfit if the reported variance is believed [-]
+MISFIT = 1.3  # so many times that of white errors alone may be the misfit if the reported variance is to hold [-]
 SHORTEST_REPORTED = 10.0  # shorter correlation times would have been seen [s]
 TOO_MUCH = 3.0  # a variance larger than so many times the reported one is not the error of the fixes [-]
 MOST = 0.95  # largest share: some of the error is always white [-]
@@ -53,9 +53,8 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
         Fixes with standard deviations.
     lag : float
         By which velocities lag positions [s].
-    claimed : bool
-        The standard deviations are the receiver's own, and may be believed where a drive is too short to show by itself
-        how far the errors go.
+    reported : bool
+        The standard deviations are the receiver's own, and stand in where a drive is too short to show the whole error.
 
     Returns
     -------

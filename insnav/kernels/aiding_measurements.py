@@ -1,4 +1,4 @@
-"""Measurements without a receiver: wheels that do not slip sideways, wheel speed, and a vehicle at rest."""
+"""Aiding measurements: vehicle velocity (NHC, odometer), zero velocity, heading; and their innovation statistics."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ def derivative(y, f, k, vertical, gains, disturbed, errors, d):  # type: ignore[
 
     Notes
     -----
-    The platform turns at the computed rate, as it is told to, and at its drift; true North, East, Down turn at the
+    The platform turns at the computed rate, its command, and at its drift; true North, East, Down turn at the
     true one. For a small angle ``phi``, the turn of the platform, this is ``phi' = -w_in x phi + drift + dw_in``, and
     what it senses is ``f - phi x f + bias`` (Britting 1971, chapter on the local-level system).
     """

@@ -37,9 +37,9 @@ def antenna(x, motion, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-un
     lever : (3,) array
         Antenna seen from the IMU, body axes [m].
     delay : float
-        How much older the fix is than its stamp [s], beyond what its time already accounts for.
+        How much older the fix is than its timestamp [s], beyond what its time already accounts for.
     lag : float
-        How much older than the position the velocity of a fix is [s].
+        By which the velocity of a fix lags its position [s].
     lla : (3,) array
         Measured latitude, longitude [rad], height [m].
     v_n : (3,) array
@@ -165,11 +165,11 @@ def assess(  # type: ignore[no-untyped-def]
     x, motion, lever, delay, lag, lla, v_n, z, h
         See `antenna`.
     jitter : float
-        Standard deviation of the time stamps [s].
+        Standard deviation of the timestamps [s].
     correlated_at, lever_at : int
-        First state of a position error that lasts and of the lever arm; negative where they are not estimated.
+        First state of the time-correlated GPS error and of the lever arm; negative where they are not estimated.
     correlated : (3,) array
-        Estimate of the position error that lasts [m].
+        Estimate of the time-correlated GPS position error [m].
     share : float
         Its share of the variance of a fix, which is not white [-].
     position_sd, velocity_sd : (3,) array

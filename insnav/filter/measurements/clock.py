@@ -19,7 +19,7 @@ LONGEST_GAP = 1.0  # a speed is interpolated over no longer gap [s]
 def clock_offset(time: FloatArray, speed: FloatArray, log_time: FloatArray, log_speed: FloatArray) -> float | None:
     """Offset of the clock of a log, whatever its epoch: the shift of the greatest correlation.
 
-    On a way that repeats itself several shifts are alike; clocks that agree within seconds are then believed.
+    On a way that repeats itself several shifts are alike; clocks that agree within seconds then decide.
 
     Parameters
     ----------

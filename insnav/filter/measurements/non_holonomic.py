@@ -1,4 +1,4 @@
-"""Non-holonomic constraint: wheels that do not slip move neither sideways nor up."""
+"""Non-holonomic constraint (NHC): a vehicle on wheels has no velocity across and perpendicular to its track."""
 
 from __future__ import annotations
 
