@@ -101,3 +101,23 @@ def test_figures_stand_with_their_section(tmp_path) -> None:
 def test_suffixes_are_those_of_the_files() -> None:
     wanted = {"deg/sqrt(h)": "_deg_sqrt_h", "m/s^2": "_m_s2", "": "", "1": "", "deg/h": "_deg_h", "%": "_percent"}
     assert {unit: key_suffix(unit) for unit in wanted} == wanted
+
+
+def test_rows_may_stand_under_their_names_and_a_table_without_rows_is_an_empty_list() -> None:
+    rows = tuple((Quantity("axis", axis), Quantity("size", float(k), "m")) for k, axis in enumerate("xy"))
+    keyed = Section("sizes", "Sizes", rows=rows, keyed=True)
+    nested = Section("", parts=(Section("sizes", items=(Quantity("most", 1.0, "m"),), show="json"),))
+    facts = page_facts(Page("A bench", (), (keyed, nested, Section("left_out"))))
+    assert facts["sizes"] == {"x": {"size_m": 0.0}, "y": {"size_m": 1.0}, "most_m": 1.0}
+    assert facts["left_out"] == []
+
+
+def test_a_mark_follows_its_value_and_zero_is_exact() -> None:
+    assert cell(Quantity("a", 16.2, digits=2, mark="!")) == "16 !"
+    assert cell(Quantity("a", 0.0, "m")) == "0"
+    assert cell(Quantity("a", 1.0, "m", interval=(0.0, 1.5))) == "1.00 (0 … 1.50)"
+
+
+def test_an_interval_has_the_digits_of_its_standard_deviation() -> None:
+    gain = Quantity("gain", 0.9901, "", sd=2e-4, interval=(0.98970, 0.99050))
+    assert cell(gain) == "0.99010 ± 0.00020 (0.98970 … 0.99050)"
