@@ -85,13 +85,7 @@ class Clock:
 
     @classmethod
     def of(cls, time: FloatArray) -> Clock:
-        """Choose the axis for a run.
-
-        Parameters
-        ----------
-        time : (n,) array
-            All its times [s].
-        """
+        """Choose the axis for a run from all its times ``(n,)`` [s]."""
         start = float(time[0]) if len(time) else 0.0
         length = float(time[-1]) - start if len(time) else 0.0
         unit_s, unit = (3600.0, "h") if length > 6 * 3600.0 else (60.0, "min") if length > 900.0 else (1.0, "s")
@@ -99,30 +93,14 @@ class Clock:
         return cls(start, unit_s, f"time{since} [{unit}]")
 
     def __call__(self, time: Any) -> Any:
-        """Return times of the data as places on the axis.
-
-        Parameters
-        ----------
-        time : (...) array_like
-            [s].
-        """
+        """Return times of the data [s] as places on the axis."""
         return (np.asarray(time) - self.start) / self.unit_s
 
 
 def stacked(
     rows: int, title: str, note: str = "", *, columns: int = 1, height: float = 0.0
 ) -> tuple[Figure, list[list[Axes]]]:
-    """Start a figure of panels over one another that share their time axis.
-
-    Parameters
-    ----------
-    rows, columns : int
-        Number of panels.
-    title, note : str
-        What was done; and a line on how to read it.
-    height : float
-        Of the figure [inch]; by the number of rows if zero.
-    """
+    """Start a figure of panels that share their time axis; height in [inch], by the number of rows if zero."""
     figure = blank(9.6 if columns > 1 else 8.4, height or 1.3 + 1.75 * rows, title, note)
     axes = figure.subplots(rows, columns, sharex=True, squeeze=False, gridspec_kw={"hspace": 0.2, "wspace": 0.26})
     for panel in axes.flat:
@@ -168,15 +146,7 @@ def over_time(
 
 
 def blank(width: float, height: float, title: str, note: str) -> Figure:
-    """Start an empty figure with its headline and margins.
-
-    Parameters
-    ----------
-    width, height : float
-        [inch].
-    title, note : str
-        What was done; and a quieter line on how to read it.
-    """
+    """Start an empty figure, size in [inch], with its headline, a quieter note on how to read it, and margins."""
     figure = Figure(figsize=(width, height))
     FigureCanvasAgg(figure)
     # Fixed margins: measuring them would draw everything twice.
@@ -188,15 +158,7 @@ def blank(width: float, height: float, title: str, note: str) -> Figure:
 
 
 def save(figure: Figure, path: Path, file_format: FigureFormat) -> Path:
-    """Write a figure and return its path.
-
-    Parameters
-    ----------
-    figure : Figure
-    path : Path
-        Without suffix.
-    file_format : {"png", "svg", "pdf"}
-    """
+    """Write a figure to a path without suffix, and return the file."""
     file = path.with_name(f"{path.name}.{file_format}")
     if file_format == "svg":
         figure.savefig(file, metadata={"Date": None, "Creator": None})
@@ -209,12 +171,7 @@ def save(figure: Figure, path: Path, file_format: FigureFormat) -> Path:
 
 
 def envelope(time: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Thin a band to at most `BINS` points without narrowing it; breaks (NaN) are kept.
-
-    Parameters
-    ----------
-    time, low, high : (n,) array
-    """
+    """Thin a band ``(n,)`` to at most `BINS` points without narrowing it; breaks (NaN) are kept."""
     if len(time) <= BINS:
         return time, low, high
     starts = np.linspace(0, len(time), BINS + 1).astype(np.int64)[:-1]
@@ -222,12 +179,7 @@ def envelope(time: FloatArray, low: FloatArray, high: FloatArray) -> tuple[Float
 
 
 def thinned(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Thin a line to its smallest and largest value in each of `BINS` stretches; breaks (NaN) are kept.
-
-    Parameters
-    ----------
-    time, value : (n,) array
-    """
+    """Thin a line ``(n,)`` to its smallest and largest value in each of `BINS` stretches; breaks (NaN) are kept."""
     if len(time) <= 2 * BINS:
         return time, value
     length = -(-len(time) // BINS)
@@ -244,13 +196,7 @@ def thinned(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def broken_at_gaps(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Put a row of NaN into every gap of the data, so that no line is drawn across it.
-
-    Parameters
-    ----------
-    time : (n,) array
-    values : (n, k) array
-    """
+    """Put a row of NaN into every gap of values ``(n, k)``, so that no line is drawn across it."""
     if len(time) < 3:
         return time, values
     step = np.diff(time)
@@ -287,15 +233,7 @@ def line(axes: Axes, time: FloatArray, value: FloatArray, colour: str, label: st
 
 
 def widened(axes: Axes, least: float) -> None:
-    """Do not blow up rounding: what is constant is drawn as a constant.
-
-    Parameters
-    ----------
-    axes : Axes
-        With everything drawn.
-    least : float
-        Smallest height of the view, in the unit of the axis.
-    """
+    """Do not blow up rounding: what is constant is drawn as one, in a view of this least height."""
     low, high = axes.get_ylim()
     if high - low < least:
         middle = 0.5 * (low + high)
@@ -303,15 +241,7 @@ def widened(axes: Axes, least: float) -> None:
 
 
 def shade(axes: Axes, clock: Clock, spans: Sequence[tuple[float, float]]) -> None:
-    """Shade the times without fixes.
-
-    Parameters
-    ----------
-    axes : Axes
-    clock : Clock
-    spans : sequence of (float, float)
-        Start and end [s].
-    """
+    """Shade the times without fixes, from start to end [s]."""
     for number, (start, end) in enumerate(spans):
         axes.axvspan(
             clock(start),
