@@ -14,7 +14,7 @@ from insnav.filter import FilterSettings
 from insnav.filter.prepare import DELAY_SD, prepare
 from insnav.imu import load_imu
 from insnav.input import read_imu, read_reference
-from insnav.report.budget.windows import recorded_sentences, recorded_warnings
+from insnav.report.budget.windows import windows_sentences, windows_warnings
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 from tests.recorded.recording import imu_model, recording
 from tests.shared import recorded
@@ -29,7 +29,7 @@ def cut(imu: ImuData, length: float) -> ImuData:
 
 
 def say(found: RecordedBudget) -> None:
-    print("", *recorded_sentences(found), *recorded_warnings(found), sep="\n")
+    print("", *windows_sentences(found), *windows_warnings(found), sep="\n")
 
 
 @lru_cache(maxsize=1)
@@ -83,7 +83,7 @@ def test_consumer_mems_in_town_is_worse_than_its_noise_at_rest_says():
     assert not {each.component: each.explained for each in part.verdicts}["east"]
     assert part.replicas is not None
     assert not part.replicas.agree
-    assert any("outside the band" in text for text in recorded_warnings(found))
+    assert any("outside the band" in text for text in windows_warnings(found))
     assert not part.diagnosis.steady
 
 
