@@ -36,7 +36,7 @@ def test_the_first_lines_of_a_notebook(drive: Path) -> None:
     assert {"time_s", "lat_deg", "heading_deg"} <= set(frame.columns)
     result.save("run1")
     verify_folder(Path("run1"))
-    assert "Horizontal error" in result.summary()
+    assert "horizontal RMS" in result.summary()
     assert repr(result) == "Result: run of imu.csv, gps.csv, ref.csv"
     assert "<table" in result._repr_html_()
     outage = drive_.outage(lengths=(10, 30))
