@@ -20,7 +20,7 @@ def avoided() -> dict[str, str]:
     found = {}
     for row in rows[1:]:
         if len(row) == 3:
-            found |= {word.strip(): row[0] for word in row[2].strip(" |").split(",") if word.strip()}
+            found |= {word.strip().lower(): row[0] for word in row[2].strip(" |").split(",") if word.strip()}
     return found
 
 
