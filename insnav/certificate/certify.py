@@ -32,17 +32,10 @@ OTHERS: tuple[Callable[[], list[Check]], ...] = (platform, gravity)
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """Every check of one installation.
-
-    Attributes
-    ----------
-    checks : tuple of Check
-    seconds : float
-        How long it took, compilation included [s].
-    """
+    """Every check of one installation."""
 
     checks: tuple[Check, ...]
-    seconds: float
+    seconds: float  # how long it took, compilation included [s]
 
     @property
     def failed(self) -> tuple[Check, ...]:

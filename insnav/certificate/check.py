@@ -8,30 +8,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One property of the numerics, measured against a closed form or a published value.
+    """One property of the numerics, measured against a closed form or a published value."""
 
-    Attributes
-    ----------
-    topic : str
-        What is checked, such as ``coning``.
-    case : str
-        On what.
-    unit : str
-        Of `limit` and `values`.
-    limit : float
-        Largest error allowed.
-    values : tuple of (str, float)
-        Integrator and its error. The limit applies to the first, which is navigated with; the others are to compare.
-    required : int
-        To how many of them the limit applies, from the first on.
-    """
-
-    topic: str
-    case: str
-    unit: str
-    limit: float
+    topic: str  # what is checked, such as ``coning``
+    case: str  # on what
+    unit: str  # of `limit` and `values`
+    limit: float  # largest error allowed
+    # integrator and its error. The limit applies to the first, which is navigated with; the others are to compare.
     values: tuple[tuple[str, float], ...]
-    required: int = 1
+    required: int = 1  # to how many of them the limit applies, from the first on
 
     @property
     def error(self) -> float:

@@ -18,22 +18,13 @@ METHODS: tuple[Method, ...] = ("polynomial", "rk4", "rotvec", "euler")  # the li
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """What an integrator makes of the samples of each interval.
+    """What an integrator makes of the samples of each interval."""
 
-    Attributes
-    ----------
-    time, dt : (n,) array
-        End and length [s].
-    rotation : (n, 3) array
-        Rotation vector of the body [rad].
-    velocity : (n, 3) array
-        Integral of the specific force in the axes of the interval's start [m/s].
-    """
-
+    # (n,) end and length [s]
     time: FloatArray
     dt: FloatArray
-    rotation: FloatArray
-    velocity: FloatArray
+    rotation: FloatArray  # (n, 3) rotation vector of the body [rad]
+    velocity: FloatArray  # (n, 3) integral of the specific force in the axes of the interval's start [m/s]
 
 
 Start = tuple[FloatArray, FloatArray, FloatArray]  # latitude, longitude, height; velocity N, E, D; roll, pitch, heading
@@ -41,21 +32,13 @@ Start = tuple[FloatArray, FloatArray, FloatArray]  # latitude, longitude, height
 
 @dataclass(frozen=True, slots=True)
 class Integrator:
-    """One way from samples to attitude and position.
-
-    Attributes
-    ----------
-    name : str
-    steps : function
-        Increments of a record, sampled as increments.
-    navigate : function
-        Trajectory of a record, ``(imu, start, height, v_down, every)``. The start is that at the end of the first
-        sample, as algorithms that look back need one before; height [m] and down velocity [m/s] are held to those at
-        the ends of the intervals that follow.
-    """
+    """One way from samples to attitude and position."""
 
     name: str
-    steps: Callable[[ImuData], Steps]
+    steps: Callable[[ImuData], Steps]  # increments of a record, sampled as increments
+    # trajectory of a record, ``(imu, start, height, v_down, every)``. The start is that at the end of the first sample,
+    # as algorithms that look back need one before; height [m] and down velocity [m/s] are held to those at the ends of
+    # the intervals that follow.
     navigate: Callable[[ImuData, Start, FloatArray, FloatArray, int], Trajectory]
 
 

@@ -16,20 +16,13 @@ from insnav.units import DEG
 class Cone:
     """The body's third axis runs round a cone: a rotation vector of constant length turns in the x-y plane.
 
-    Attributes
-    ----------
-    half_angle : float
-        Length of the rotation vector [rad].
-    omega : float
-        Angular frequency [rad/s].
-
     References
     ----------
     Savage (1998), part 1, section on coning: the classical test motion; here without approximation for small angles.
     """
 
-    half_angle: float
-    omega: float
+    half_angle: float  # length of the rotation vector [rad]
+    omega: float  # angular frequency [rad/s]
 
     def quaternion(self, time: FloatArray) -> FloatArray:
         """Attitude at times ``(n,)`` [s], ``(n, 4)``."""
@@ -50,21 +43,11 @@ class Cone:
 
 @dataclass(frozen=True, slots=True)
 class Scull:
-    """Rotation ``A sin wt`` about x and specific force ``a sin wt`` along y, in phase: along z they make ``a J1(A)``.
+    """Rotation ``A sin wt`` about x, specific force ``a sin wt`` along y, in phase: along z they make ``a J1(A)``."""
 
-    Attributes
-    ----------
-    amplitude : float
-        Of the rotation [rad].
-    omega : float
-        Angular frequency [rad/s].
-    force : float
-        Amplitude of the specific force [m/s^2].
-    """
-
-    amplitude: float
-    omega: float
-    force: float
+    amplitude: float  # of the rotation [rad]
+    omega: float  # angular frequency [rad/s]
+    force: float  # amplitude of the specific force [m/s^2]
 
     def rotation(self, time: FloatArray) -> FloatArray:
         """Rotation vector, which is the integral of the body rate too [rad], ``(n, 3)``."""

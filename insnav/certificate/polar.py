@@ -22,31 +22,20 @@ class PolarTruth(Truth):
 
     Position and velocity are those of the point at constant height on that normal. Forward is along the circle, down is
     against the normal but for a swinging roll, so that nothing but the roll moves the body in the axes of the circle.
-
-    Attributes
-    ----------
-    fixed, cosine, sine : (3,) array
-        In Earth-fixed axes, at right angles to each other; cosine and sine of one length, ``|fixed|^2 + |sine|^2 = 1``.
-    omega : float
-        Angular rate on the circle [rad/s], not zero.
-    height : float
-        Above the ellipsoid [m].
-    duration : float
-        Length [s].
-    swing, swing_omega : float
-        Amplitude [rad] and angular frequency [rad/s] of the roll.
-    start, gravity
-        See `Truth`.
     """
 
+    # (3,) in Earth-fixed axes, at right angles to each other; cosine and sine of one length, ``|fixed|^2 + |sine|^2 =
+    # 1``
     fixed: FloatArray
     cosine: FloatArray
     sine: FloatArray
-    omega: float
-    height: float
-    duration: float
+    omega: float  # angular rate on the circle [rad/s], not zero
+    height: float  # above the ellipsoid [m]
+    duration: float  # length [s]
+    # amplitude [rad] and angular frequency [rad/s] of the roll
     swing: float = 0.0
     swing_omega: float = 0.0
+    # see `Truth`
     start: float = 0.0
     gravity: Gravity = "full"
 

@@ -16,63 +16,33 @@ from insnav.types import FloatArray, Trajectory
 
 
 class Solution(NamedTuple):
-    """One solution of one run.
+    """One solution of one run."""
 
-    Attributes
-    ----------
-    run : str
-        Name of the run.
-    solution : {"filter", "smoothed"}
-        Which of its solutions.
-    trajectory : Trajectory
-    """
-
-    run: str
-    solution: str
+    run: str  # name of the run
+    solution: str  # which of its solutions
     trajectory: Trajectory
 
 
 class Compared(NamedTuple):
-    """Errors of one solution of one run.
+    """Errors of one solution of one run."""
 
-    Attributes
-    ----------
-    run : str
-        Name of the run.
-    solution : {"filter", "smoothed"}
-        Which of its solutions.
-    errors : TrajectoryErrors
-        At the epochs that all runs share.
-    """
-
-    run: str
-    solution: str
-    errors: TrajectoryErrors
+    run: str  # name of the run
+    solution: str  # which of its solutions
+    errors: TrajectoryErrors  # at the epochs that all runs share
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Runs against one reference.
+    """Runs against one reference."""
 
-    Attributes
-    ----------
-    reference : Trajectory
-        At the epochs that all runs share and perhaps others.
-    compared : tuple of Compared
-        In the order given, the smoothed solution after the filtered one of a run.
-    """
-
-    reference: Trajectory
-    compared: tuple[Compared, ...]
+    reference: Trajectory  # at the epochs that all runs share and perhaps others
+    compared: tuple[Compared, ...]  # in the order given, the smoothed solution after the filtered one of a run
 
     def rows(self) -> list[dict[str, Any]]:
         """Accuracy of each solution.
 
-        Returns
-        -------
-        list of dict
-            ``run``, ``solution``, ``accuracy`` as of `insnav.errors.metrics.accuracy`, and ``consistency`` as of
-            `insnav.errors.metrics.nees`.
+        Returns: ``run``, ``solution``, ``accuracy`` as of `insnav.errors.metrics.accuracy`, and ``consistency`` as of
+        `insnav.errors.metrics.nees`.
         """
         return [
             {
@@ -99,21 +69,8 @@ def compare_solutions(
 ) -> Comparison:
     """Compare solutions with a reference, at the epochs that all of them cover.
 
-    Parameters
-    ----------
-    solutions : sequence of Solution
-    reference : Trajectory
-    lever_b : (3,) array, optional
-        The point of the reference seen from the IMU, body axes [m].
-
-    Returns
-    -------
-    Comparison
-
-    Raises
-    ------
-    InputError
-        No epoch that all solutions and the reference share.
+    `lever_b` (3,): the point of the reference seen from the IMU, body axes [m].
+    Raises: InputError: no epoch that all solutions and the reference share.
     """
     errors = []
     for each in solutions:

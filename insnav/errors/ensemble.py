@@ -51,31 +51,16 @@ _WIDTH = 23
 
 @dataclass(frozen=True, slots=True)
 class NavigatedRecording:
-    """Simulate a recording and navigate it as a user would: the task of a Monte Carlo.
+    """Simulate a recording and navigate it as a user would: the task of a Monte Carlo."""
 
-    Attributes
-    ----------
-    truth : Truth
-        The motion.
-    imu_spec, gps_spec : ImuSpec, GpsSpec
-        Errors of the sensors, which the filter knows too.
-    perfect : ImuData
-        What an IMU without errors measures.
-    settings : FilterSettings
-        Of the filter.
-    faults : tuple of Fault
-        What goes wrong in every recording.
-    temperature : (n,) array or None
-        Of the IMU [deg C].
-    """
-
-    truth: Truth
+    truth: Truth  # the motion
+    # errors of the sensors, which the filter knows too
     imu_spec: ImuSpec
     gps_spec: GpsSpec
-    perfect: ImuData
-    settings: FilterSettings
-    faults: tuple[Fault, ...] = ()
-    temperature: FloatArray | None = None
+    perfect: ImuData  # what an IMU without errors measures
+    settings: FilterSettings  # of the filter
+    faults: tuple[Fault, ...] = ()  # what goes wrong in every recording
+    temperature: FloatArray | None = None  # (n,) of the IMU [deg C]
 
     def __call__(self, seed: int) -> Sample:
         """Figures of one run, in the order of `FIGURES`, and its sums at each second."""
@@ -108,20 +93,10 @@ def navigated_recording(
 def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
     """Errors of a run against the truth: its figures, and what an ensemble adds up.
 
-    Parameters
-    ----------
-    axes_sd : (3,) array
-        Uncertainty of the axes of the sensors in the body [rad]; see `insnav.filter.error_model.ErrorModel`.
-
-    Returns
-    -------
-    Sample
-        `figures` in the order of `FIGURES`, SI units and radians; `series` for `ensemble`.
-
-    Raises
-    ------
-    InputError
-        No row of the solution lies within the motion.
+    `axes_sd` (3,): uncertainty of the axes of the sensors in the body [rad]; see
+    `insnav.filter.error_model.ErrorModel`.
+    Returns: `figures` in the order of `FIGURES`, SI units and radians; `series` for `ensemble`.
+    Raises: InputError: no row of the solution lies within the motion.
     """
     inside = _within(truth, run.solution.time)
     time = run.solution.time[inside]
@@ -155,17 +130,10 @@ def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
 def normalised(state: Epochs, truth: Truth, axes_sd: FloatArray) -> FloatArray:
     """Normalised estimation error squared of position, velocity and attitude, with the whole covariance of each.
 
-    Parameters
-    ----------
-    axes_sd : (3,) array
-        The covariance is that of the sensors' axes; the attitude of the body is known no better than these in it
-        [rad].
-
-    Returns
-    -------
-    (m, 3) array
-        ``e' P^-1 e``, three degrees of freedom each (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to
-        Tracking and Navigation, 2001, section 5.4.2).
+    `axes_sd` (3,): the covariance is that of the sensors' axes; the attitude of the body is known no better than these
+    in it [rad].
+    Returns: (m, 3): ``e' P^-1 e``, three degrees of freedom each (Bar-Shalom, Li and Kirubarajan, Estimation with
+    Applications to Tracking and Navigation, 2001, section 5.4.2).
     """
     true = reference(truth, state.time)
     q_true = quat_from_rph(true.rph)
@@ -187,46 +155,25 @@ def normalised(state: Epochs, truth: Truth, axes_sd: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Ensemble:
-    """Errors of many runs at each second, and the uncertainty that the filter states.
+    """Errors of many runs at each second, and the uncertainty that the filter states."""
 
-    Attributes
-    ----------
-    time : (m,) array
-        [s].
-    count : (m,) array
-        Runs that were navigating.
-    rms, sd : (m, 9) array
-        Root mean square error, and of the stated standard deviation, in the order of `COMPONENTS` [m], [m/s], [rad].
-    nees_time : (k,) array
-        Seconds with fixes [s].
-    nees_count : (k,) array
-        Number of epochs that `nees` is the mean of.
-    nees : (k, 3) array
-        Mean normalised error squared of position, velocity and attitude, by its three degrees of freedom: one if the
-        stated covariance is true.
-    """
-
-    time: FloatArray
-    count: IntArray
+    time: FloatArray  # (m,) [s]
+    count: IntArray  # (m,) runs that were navigating
+    # (m, 9) root mean square error, and of the stated standard deviation, in the order of `COMPONENTS` [m], [m/s],
+    # [rad]
     rms: FloatArray
     sd: FloatArray
-    nees_time: FloatArray
-    nees_count: IntArray
+    nees_time: FloatArray  # (k,) seconds with fixes [s]
+    nees_count: IntArray  # (k,) number of epochs that `nees` is the mean of
+    # (k, 3) mean normalised error squared of position, velocity and attitude, by its three degrees of freedom: one if
+    # the stated covariance is true
     nees: FloatArray
 
 
 def ensemble(runs: Runs, truth: Truth) -> Ensemble:
     """Put together what `reduced` made of the runs.
 
-    Parameters
-    ----------
-    runs : Runs
-        At least one that ended well.
-
-    Raises
-    ------
-    InputError
-        Every run failed.
+    Raises: InputError: every run failed.
     """
     if len(runs.number) == 0:
         first = runs.failures[0]
@@ -254,15 +201,9 @@ def ensemble(runs: Runs, truth: Truth) -> Ensemble:
 def band(degrees: FloatArray | IntArray) -> tuple[FloatArray, FloatArray]:
     """Limits between which the mean of independent squared standard normal errors lies with probability `BAND`.
 
-    Parameters
-    ----------
-    degrees : (m,) array
-        How many: the mean times this is distributed as chi-square (Bar-Shalom, Li and Kirubarajan 2001, section
-        5.4.2).
-
-    Returns
-    -------
-    low, high : (m,) array
+    `degrees` (m,): how many: the mean times this is distributed as chi-square (Bar-Shalom, Li and Kirubarajan 2001,
+    section 5.4.2).
+    Returns: `low`, `high` (m,).
     """
     half = 0.5 * np.asarray(degrees, dtype=np.float64)
     tail = 0.5 * (1.0 - BAND)

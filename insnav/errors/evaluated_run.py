@@ -15,23 +15,14 @@ from insnav.types import FloatArray, GpsData, Run, Trajectory
 
 @dataclass(frozen=True, slots=True)
 class EvaluatedRun:
-    """A run, the fixes it used, and its errors.
-
-    Attributes
-    ----------
-    run : Run
-    gps : GpsData or None
-        Fixes as they were used, every value with a standard deviation.
-    errors, smoothed_errors : TrajectoryErrors or None
-        Of the filtered and of the smoothed solution against the reference.
-    short_duration : tuple of ShortWindow
-        Short-duration mechanization against the full one, if that was asked for.
-    """
+    """A run, the fixes it used, and its errors."""
 
     run: Run
-    gps: GpsData | None = None
+    gps: GpsData | None = None  # fixes as they were used, every value with a standard deviation
+    # of the filtered and of the smoothed solution against the reference
     errors: TrajectoryErrors | None = None
     smoothed_errors: TrajectoryErrors | None = None
+    # short-duration mechanization against the full one, if that was asked for
     short_duration: tuple[ShortWindow, ...] = ()
 
 
@@ -40,21 +31,8 @@ def evaluate_run(
 ) -> tuple[EvaluatedRun, tuple[str, ...]]:
     """Compare a run with a reference.
 
-    Parameters
-    ----------
-    lever_b : (3,) array, optional
-        Point of the reference seen from the IMU, body axes [m].
-
-    Returns
-    -------
-    evaluated : EvaluatedRun
-    notes : tuple of str
-        What the user should know about errors and innovations.
-
-    Raises
-    ------
-    InputError
-        Run and reference have no time in common.
+    `lever_b` (3,): point of the reference seen from the IMU, body axes [m].
+    Raises: InputError: run and reference have no time in common.
     """
     notes = []
     errors = smoothed_errors = None

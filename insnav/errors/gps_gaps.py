@@ -15,11 +15,8 @@ MISSED_FIXES = 3.0  # median intervals without a used position fix make an outag
 def outages(run: Run) -> list[tuple[float, float]]:
     """Start and end of the times without a used position fix, at the ends of the run too [s].
 
-    Returns
-    -------
-    list of (float, float)
-        Longer than `MISSED_FIXES` median intervals between fixes and than `SHORTEST_OUTAGE_S`; empty if the
-        run had no position fix at all.
+    Returns: longer than `MISSED_FIXES` median intervals between fixes and than `SHORTEST_OUTAGE_S`; empty if the run
+    had no position fix at all.
     """
     fixes = run.innovations
     processed = fixes.time[_has_position(fixes)]
@@ -36,12 +33,7 @@ def outages(run: Run) -> list[tuple[float, float]]:
 def in_outage(time: FloatArray, spans: list[tuple[float, float]]) -> BoolArray:
     """Whether each time lies in one of the spans, as a bool array.
 
-    Parameters
-    ----------
-    time : (n,) array
-        [s].
-    spans : list of (float, float)
-        Start and end [s].
+    `time` (n,) [s]; `spans`: start and end [s].
     """
     inside = np.zeros(len(time), dtype=np.bool_)
     for start, end in spans:

@@ -34,23 +34,7 @@ _SAME_TIME = 1e-6  # of a step: times written with different digits are the same
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryErrors(Tabular):
-    """Estimate minus truth at the epochs of the reference that the estimate covers.
-
-    Attributes
-    ----------
-    time : (m,) array
-        Epochs of the reference [s].
-    position : (m, 3) array
-        Error North, East, Down [m].
-    velocity : (m, 3) array
-        Error North, East, Down [m/s]; ``NaN`` where the reference has no velocity.
-    attitude : (m, 3) array
-        Error in roll, pitch, heading [rad], within +-pi; ``NaN`` where the reference has no attitude.
-    sd : (m, 9) array or None
-        Stated standard deviation of the estimate, columns as in `Trajectory`.
-    speed : (m,) array
-        Speed of the reference, or of the estimate where the reference does not know it [m/s].
-    """
+    """Estimate minus truth at the epochs of the reference that the estimate covers."""
 
     COLUMNS: ClassVar = {
         "time": ("time_s",),
@@ -61,12 +45,13 @@ class TrajectoryErrors(Tabular):
         "speed": ("speed_m_s",),
     }
 
-    time: FloatArray
-    position: FloatArray
-    velocity: FloatArray
+    time: FloatArray  # (m,) epochs of the reference [s]
+    position: FloatArray  # (m, 3) error North, East, Down [m]
+    velocity: FloatArray  # (m, 3) error North, East, Down [m/s]; ``NaN`` where the reference has no velocity
+    # (m, 3) error in roll, pitch, heading [rad], within +-pi; ``NaN`` where the reference has no attitude
     attitude: FloatArray
-    sd: FloatArray | None
-    speed: FloatArray
+    sd: FloatArray | None  # (m, 9) stated standard deviation of the estimate, columns as in `Trajectory`
+    speed: FloatArray  # (m,) speed of the reference, or of the estimate where the reference does not know it [m/s]
 
     @property
     def moving(self) -> BoolArray:
@@ -130,17 +115,8 @@ def position_errors(
 def at_point(trajectory: Trajectory, lever_b: FloatArray) -> Trajectory:
     """Move a trajectory to another point of the same rigid body.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        With attitude everywhere.
-    lever_b : (3,) array
-        The other point seen from the first, body axes [m].
-
-    Returns
-    -------
-    Trajectory
-        Attitude and standard deviations are those of the first point.
+    `lever_b` (3,): the other point seen from the first, body axes [m].
+    Returns: attitude and standard deviations are those of the first point.
 
     Notes
     -----
@@ -155,18 +131,11 @@ def at_point(trajectory: Trajectory, lever_b: FloatArray) -> Trajectory:
 def accuracy(errors: TrajectoryErrors, mask: BoolArray | None = None) -> dict[str, Any] | None:
     """Mean, RMS, 95 % and largest error of everything the reference knows.
 
-    Parameters
-    ----------
-    mask : (m,) bool array, optional
-        The epochs to count; all by default.
-
-    Returns
-    -------
-    dict or None
-        ``n``; for each quantity (``north_m``, ``horizontal_m``, ``velocity_down_m_s``, ``heading_deg``, …) a
-        dict of ``mean``, ``rms``, ``p95``, ``max`` (the last two of the absolute error) or None if the
-        reference does not know it; ``cep50_m`` and ``r95_m``, the radii that hold 50 % and 95 % of the
-        horizontal errors. None if there is no epoch to count.
+    `mask` (m,): the epochs to count; all by default.
+    Returns: ``n``; for each quantity (``north_m``, ``horizontal_m``, ``velocity_down_m_s``, ``heading_deg``, …) a dict
+    of ``mean``, ``rms``, ``p95``, ``max`` (the last two of the absolute error) or None if the reference does not know
+    it; ``cep50_m`` and ``r95_m``, the radii that hold 50 % and 95 % of the horizontal errors. None if there is no epoch
+    to count.
     """
     rows = np.ones(len(errors.time), dtype=np.bool_) if mask is None else mask
     if not rows.any():
@@ -194,17 +163,10 @@ def accuracy_by_motion(errors: TrajectoryErrors) -> dict[str, Any]:
 def nees(errors: TrajectoryErrors, mask: BoolArray | None = None) -> dict[str, Any] | None:
     """Whether the stated standard deviations are true: normalised squared error, and the share inside 3 sd.
 
-    Parameters
-    ----------
-    mask : (m,) bool array, optional
-        The epochs to count; all by default.
-
-    Returns
-    -------
-    dict or None
-        For ``position``, ``velocity`` and ``attitude``: ``nees``, the mean over epochs and axes of
-        (error / sd)^2, one if the sd is true, and ``inside_3_sd``, the share of errors inside 3 sd (0.997 if
-        normal); None for a group the reference does not know. None if the estimate states no sd.
+    `mask` (m,): the epochs to count; all by default.
+    Returns: for ``position``, ``velocity`` and ``attitude``: ``nees``, the mean over epochs and axes of (error / sd)^2,
+    one if the sd is true, and ``inside_3_sd``, the share of errors inside 3 sd (0.997 if normal); None for a group the
+    reference does not know. None if the estimate states no sd.
 
     Notes
     -----
@@ -319,17 +281,7 @@ def _span(time: FloatArray) -> str:
 def distance_and_time(solution: Trajectory) -> tuple[float, float]:
     """Distance and time in motion; the noise of a stationary vehicle is not counted.
 
-    Parameters
-    ----------
-    solution : Trajectory
-        With velocity everywhere.
-
-    Returns
-    -------
-    distance : float
-        [m].
-    moving : float
-        Time faster than `MOVING_M_S` [s].
+    Returns: `distance` [m]; `moving`: time faster than `MOVING_M_S` [s].
     """
     speed = np.linalg.norm(solution.v_n, axis=1)[1:]
     step = np.where(speed > MOVING_M_S, np.diff(solution.time), 0.0)

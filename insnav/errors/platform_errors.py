@@ -24,15 +24,10 @@ AGAINST: Integrator = "fourth"  # what the other integrators are compared with
 
 @dataclass(frozen=True, slots=True)
 class Convergence:
-    """Largest error of an integrator for several steps.
-
-    Attributes
-    ----------
-    integrator : {"forward", "backward", "mean", "fourth"}
-    step, error : (n,) array
-    """
+    """Largest error of an integrator for several steps."""
 
     integrator: Integrator
+    # (n,)
     step: FloatArray
     error: FloatArray
 
@@ -44,46 +39,24 @@ class Convergence:
 
 @dataclass(frozen=True, slots=True)
 class PlatformComparison:
-    """A platform and a strapdown navigator with the same errors on the same motion.
+    """A platform and a strapdown navigator with the same errors on the same motion."""
 
-    Attributes
-    ----------
-    time : (n,) array
-        [s]
-    platform, strapdown : (n, 3) array
-        Error of position North, East, Down [m]; both height-constrained.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) [s]
+    # (n, 3) error of position North, East, Down [m]; both height-constrained
     platform: FloatArray
     strapdown: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class PlatformStudy:
-    """One record, by all integrators.
+    """One record, by all integrators."""
 
-    Attributes
-    ----------
-    chosen : {"forward", "backward", "mean", "fourth"}
-        Whose solution is wanted.
-    runs : mapping of str to PlatformRun
-        By integrator; with the errors of the platform.
-    errors : PlatformErrors
-    reference : Trajectory or None
-        What the integrators are evaluated against.
-    name : str
-        The file.
-    notes : tuple of str
-        What was understood and assumed.
-    """
-
-    chosen: Integrator
-    runs: Mapping[Integrator, PlatformRun]
+    chosen: Integrator  # whose solution is wanted
+    runs: Mapping[Integrator, PlatformRun]  # by integrator; with the errors of the platform
     errors: PlatformErrors
-    reference: Trajectory | None
-    name: str
-    notes: tuple[str, ...]
+    reference: Trajectory | None  # what the integrators are evaluated against
+    name: str  # the file
+    notes: tuple[str, ...]  # what was understood and assumed
 
     @property
     def run(self) -> PlatformRun:
@@ -123,17 +96,8 @@ def sine_convergence() -> list[Convergence]:
 def level_force(truth: Truth, time: FloatArray) -> FloatArray:
     """Specific force along North, East, Down, as a platform without errors measures it.
 
-    Parameters
-    ----------
-    truth : Truth
-        The motion.
-    time : (n,) array
-        Times [s].
-
-    Returns
-    -------
-    (n, 3) array
-        ``C_nb f_b`` [m/s^2].
+    `time` (n,): times [s].
+    Returns: (n, 3): ``C_nb f_b`` [m/s^2].
     """
     at = truth.evaluate(time)
     return np.asarray((dcm_from_rph(at.rph) @ at.f_b[:, :, None])[:, :, 0])
@@ -144,19 +108,8 @@ def integrator_errors(
 ) -> dict[float, list[TrajectoryErrors]]:
     """Errors of each integrator on a level motion, for several sampling rates.
 
-    Parameters
-    ----------
-    truth : Truth
-        A motion at constant height: the vertical channel is off.
-    rates : sequence of float
-        Samples per second [Hz].
-    keep : float
-        Interval between the errors returned [s], and no less than that of the samples.
-
-    Returns
-    -------
-    dict of float to list of TrajectoryErrors
-        By rate; in the order of `INTEGRATORS`.
+    `truth`: a motion at constant height: the vertical channel is off; `rates`: samples per second [Hz]; `keep`:
+    interval between the errors returned [s], and no less than that of the samples.
     """
     found = {}
     for rate in rates:
@@ -175,22 +128,10 @@ def integrator_errors(
 def compare_with_strapdown(truth: Truth, errors: PlatformErrors, rate: float, keep: float) -> PlatformComparison:
     """Give a platform and a strapdown navigator the same errors on the same motion.
 
-    Parameters
-    ----------
-    truth : Truth
-        A motion at constant height that begins level and to the north: forward, right, down then are the platform's
-        axes, and the strapdown sensors have about the first what the platform has about the second.
-    errors : PlatformErrors
-        Drift d of the platform becomes a gyro bias of -d of the strapdown system, which turns its computed axes by
-        d as well.
-    rate : float
-        Samples per second [Hz].
-    keep : float
-        Interval between the errors returned [s].
-
-    Returns
-    -------
-    PlatformComparison
+    `truth`: a motion at constant height that begins level and to the north: forward, right, down then are the
+    platform's axes, and the strapdown sensors have about the first what the platform has about the second; `errors`:
+    drift d of the platform becomes a gyro bias of -d of the strapdown system, which turns its computed axes by d as
+    well; `rate`: samples per second [Hz]; `keep`: interval between the errors returned [s].
     """
     time = truth.start + np.arange(round(truth.duration * rate) + 1) / rate
     every = max(1, round(keep * rate))

@@ -32,55 +32,29 @@ SHORTEST_RECORD = 0.5  # of a day: a shorter record does not separate the slow o
 
 @dataclass(frozen=True, slots=True)
 class Periods:
-    """Periods of the error oscillations [s].
+    """Periods of the error oscillations [s]."""
 
-    Attributes
-    ----------
-    schuler : float
-        Of the pendulum of the Earth's radius, about ``2 pi sqrt(R / g)``.
-    foucault : float
-        In which the plane of that swing turns once.
-    earth : float or None
-        Of the Earth's rotation; None if the record does not show it.
-    """
-
-    schuler: float
-    foucault: float
-    earth: float | None
+    schuler: float  # of the pendulum of the Earth's radius, about ``2 pi sqrt(R / g)``
+    foucault: float  # in which the plane of that swing turns once
+    earth: float | None  # of the Earth's rotation; None if the record does not show it
 
 
 @dataclass(frozen=True, slots=True)
 class StaticErrors:
-    """Errors of a stationary navigator over time.
+    """Errors of a stationary navigator over time."""
 
-    Attributes
-    ----------
-    time : (n,) array
-        Since the start [s].
-    position, velocity : (n, 2) array
-        North, East [m], [m/s].
-    tilt : (n, 3) array
-        Turn from the true North, East, Down to the navigator's axes [rad].
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) since the start [s]
+    # (n, 2) North, East [m], [m/s]
     position: FloatArray
     velocity: FloatArray
-    tilt: FloatArray
+    tilt: FloatArray  # (n, 3) turn from the true North, East, Down to the navigator's axes [rad]
 
 
 def periods(lat: float, height: float) -> Periods:
     """Periods of the error oscillations of a stationary navigator.
 
-    Parameters
-    ----------
-    lat, height : float
-        Latitude [rad] and height [m].
-
-    Raises
-    ------
-    ConfigError
-        On the equator, where the plane of the swing does not turn.
+    `lat`, `height`: latitude [rad] and height [m].
+    Raises: ConfigError: on the equator, where the plane of the swing does not turn.
 
     Notes
     -----
@@ -98,18 +72,8 @@ def periods(lat: float, height: float) -> Periods:
 def static_errors(time: FloatArray, lat: float, height: float, errors: PlatformErrors) -> StaticErrors:
     """Errors of a level, north-pointing navigator at rest with the vertical channel off, in closed form.
 
-    Parameters
-    ----------
-    time : (n,) array
-        Times since the start [s].
-    lat, height : float
-        Latitude [rad] and height [m] of the place.
-    errors : PlatformErrors
-        Tilt and heading error at the start, drift and bias, all constant; position and velocity start right.
-
-    Returns
-    -------
-    StaticErrors
+    `time` (n,): times since the start [s]; `lat`, `height`: latitude [rad] and height [m] of the place; `errors`: tilt
+    and heading error at the start, drift and bias, all constant; position and velocity start right.
 
     Notes
     -----
@@ -166,23 +130,9 @@ def static_errors(time: FloatArray, lat: float, height: float, errors: PlatformE
 def measured_periods(time: FloatArray, position: FloatArray, lat: float, height: float) -> Periods:
     """Periods found in a record of position errors at rest, by least squares.
 
-    Parameters
-    ----------
-    time : (n,) array
-        Since the start [s].
-    position : (n, 2) array
-        Error North, East [m].
-    lat, height : float
-        Latitude [rad] and height [m]: where the search begins.
-
-    Returns
-    -------
-    Periods
-
-    Raises
-    ------
-    InputError
-        The record is shorter than half a day.
+    `time` (n,): since the start [s]; `position` (n, 2): error North, East [m]; `lat`, `height`: latitude [rad] and
+    height [m]: where the search begins.
+    Raises: InputError: the record is shorter than half a day.
 
     Notes
     -----

@@ -19,30 +19,16 @@ KEEP = 0.5  # between the states that are looked at [s]
 
 @dataclass(frozen=True, slots=True)
 class ShortWindow:
-    """Short form minus full form over one window; both start from the same state.
+    """Short form minus full form over one window; both start from the same state."""
 
-    Attributes
-    ----------
-    start : float
-        Time of the start [s].
-    speed : float
-        Mean horizontal speed [m/s].
-    elapsed : (n,) array
-        Time since the start [s].
-    position, velocity : (n, 3) array
-        Difference North, East, Down [m], [m/s]; the attitude of both is that of the full form.
-    dropped : (n, 3) array
-        What the terms left out make of the position, integrated along the full form [m].
-    untilted : (n, 3) array
-        Difference of position if Earth and transport rate are dropped from the attitude too [m].
-    """
-
-    start: float
-    speed: float
-    elapsed: FloatArray
+    start: float  # time of the start [s]
+    speed: float  # mean horizontal speed [m/s]
+    elapsed: FloatArray  # (n,) time since the start [s]
+    # (n, 3) difference North, East, Down [m], [m/s]; the attitude of both is that of the full form
     position: FloatArray
     velocity: FloatArray
-    dropped: FloatArray
+    dropped: FloatArray  # (n, 3) what the terms left out make of the position, integrated along the full form [m]
+    # (n, 3) difference of position if Earth and transport rate are dropped from the attitude too [m]
     untilted: FloatArray
 
     @property
@@ -54,24 +40,9 @@ class ShortWindow:
 def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorErrors | None = None) -> list[ShortWindow]:
     """Run both mechanizations free-inertial through successive windows of a drive.
 
-    Parameters
-    ----------
-    imu : ImuData
-        The samples.
-    solution : Trajectory
-        Where each window starts from.
-    sensor_errors : SensorErrors, optional
-        Biases and scale factors known at the start of a window, corrected in its samples.
-
-    Returns
-    -------
-    list of ShortWindow
-        Windows of a minute, one after the other; those with a data gap are left out.
-
-    Raises
-    ------
-    InputError
-        No window of the drive is without gaps, or the drive is too short for one.
+    `sensor_errors`: biases and scale factors known at the start of a window, corrected in its samples.
+    Returns: windows of a minute, one after the other; those with a data gap are left out.
+    Raises: InputError: no window of the drive is without gaps, or the drive is too short for one.
     """
     parts = strapdown.intervals(imu)
     inc = strapdown.increments(parts)
@@ -102,16 +73,8 @@ def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorError
 def size_at(windows: Sequence[ShortWindow], name: str, elapsed: float) -> FloatArray:
     """Horizontal size of a difference in each window at a time since its start.
 
-    Parameters
-    ----------
-    name : {"position", "velocity", "dropped", "rest", "untilted"}
-    elapsed : float
-        [s]
-
-    Returns
-    -------
-    (n,) array
-        One a window [m] or [m/s].
+    `name` {"position", "velocity", "dropped", "rest", "untilted"}; `elapsed` [s].
+    Returns: (n,): one a window [m] or [m/s].
     """
     found = []
     for window in windows:

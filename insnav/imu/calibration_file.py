@@ -149,20 +149,8 @@ _FILE = with_fields(_CalibrationFile, {"gyro": _with_terms(_Gyro, "gyro"), "acce
 def load_calibration(path: str | Path) -> ImuErrors:
     """Read the known errors of an IMU.
 
-    Parameters
-    ----------
-    path : str or Path
-        Calibration file.
-
-    Returns
-    -------
-    ImuErrors
-        For `insnav.imu.correct`. A table or key that is absent means no error there.
-
-    Raises
-    ------
-    ConfigError
-        No such file, no TOML, wrong keys or values (all at once), or a matrix that cannot be inverted.
+    Returns: for `insnav.imu.correct`. A table or key that is absent means no error there.
+    Raises: ConfigError: no such file, no TOML, wrong keys or values (all at once), or a matrix that cannot be inverted.
     """
     path = Path(path)
     content = read_toml(path)
@@ -222,15 +210,7 @@ def _terms(sensor: Sensor, table: Table) -> ErrorTerms | None:
 def calibration_to_toml(errors: ImuErrors) -> str:
     """Write a calibration file.
 
-    Parameters
-    ----------
-    errors : ImuErrors
-        What to write.
-
-    Returns
-    -------
-    str
-        Text that `load_calibration` reads back to exactly the same values.
+    Returns: text that `load_calibration` reads back to exactly the same values.
     """
     content: dict[str, Any] = {"name": errors.name, "date": errors.date, "temperature_c": errors.temperature}
     content = {key: value for key, value in content.items() if value not in ("", None)}

@@ -28,39 +28,21 @@ ELEMENTS: dict[Spread, tuple[tuple[int, int], ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class ErrorTerm:
-    """One kind of error of the gyros or of the accelerometers.
+    """One kind of error of the gyros or of the accelerometers."""
 
-    Attributes
-    ----------
-    sensor : {"gyro", "accel"}
-        Which triad.
-    key : str
-        Key of the IMU file and field of `insnav.imu.SensorSpec`.
-    name : str
-        In a budget.
-    dimension, unit : str
-        What its size is and the unit in which it is written and shown; see `insnav.units.UNITS`.
-    process : {"constant", "ramp", "white", "random walk", "Gauss-Markov", "flicker"}
-        How it changes in time.
-    spread : {"vector", "diagonal", "off-diagonal", "matrix"}
-        Whether there is one error for each axis, or one for elements (i, j) of the sensor matrix.
-    drive : callable or None
-        Of angular rate [rad/s], specific force [m/s^2], both ``(n, 3)``, and time [s], ``(n, 1)``, the ``(n, 3)``
-        signals by which the error is multiplied: element (i, j) adds signal j to axis i. None: the term depends on
-        more than these, and only simulations have it.
-    text : str
-        Its impact on navigation, in words.
-    """
-
-    sensor: Sensor
-    key: str
-    name: str
+    sensor: Sensor  # which triad
+    key: str  # key of the IMU file and field of `insnav.imu.SensorSpec`
+    name: str  # in a budget
+    # what its size is and the unit in which it is written and shown; see `insnav.units.UNITS`
     dimension: str
     unit: str
-    process: Process
-    spread: Spread
+    process: Process  # how it changes in time
+    spread: Spread  # whether there is one error for each axis, or one for elements (i, j) of the sensor matrix
+    # of angular rate [rad/s], specific force [m/s^2], both ``(n, 3)``, and time [s], ``(n, 1)``, the ``(n, 3)`` signals
+    # by which the error is multiplied: element (i, j) adds signal j to axis i. None: the term depends on more than
+    # these, and only simulations have it.
     drive: Drive | None = None
-    text: str = ""
+    text: str = ""  # its impact on navigation, in words
 
     @property
     def family(self) -> str:

@@ -142,15 +142,7 @@ def _sensor(name: Sensor, table: _Sensor | None, absent: list[str]) -> SensorSpe
 def to_toml(spec: ImuSpec) -> str:
     """Write an IMU file.
 
-    Parameters
-    ----------
-    spec : ImuSpec
-        What to write; what is absent in it is left out.
-
-    Returns
-    -------
-    str
-        Text that `load_imu` reads back to the same values within 1e-14 of each.
+    Returns: text that `load_imu` reads back to the same values within 1e-14 of each.
     """
     content: dict[str, Any] = {"name": spec.name} | ({"source": spec.source} if spec.source else {})
     sensors: tuple[tuple[Sensor, SensorSpec], ...] = (("gyro", spec.gyro), ("accel", spec.accel))

@@ -29,46 +29,24 @@ def _eye() -> FloatArray:
 class ImuErrors:
     """Known errors of one IMU: measured = matrix @ true + bias, for the gyros and for the accelerometers.
 
-    Attributes
-    ----------
-    gyro_bias : (3,) array
-        Gyro bias [rad/s].
-    gyro_matrix : (3, 3) array
-        Gyro sensitivity, identity plus scale factor errors (diagonal) plus misalignment (off-diagonal) [-].
-    accel_bias : (3,) array
-        Accelerometer bias [m/s^2].
-    accel_matrix : (3, 3) array
-        Accelerometer sensitivity [-].
-    name : str
-        What was calibrated.
-    date : str
-        When.
-    temperature : float or None
-        At which temperature [deg C]; what depends on the temperature counts from it, or from 25 deg C.
-    gyro_map : DynamicMap or None
-        Error that non-linear gyros have left after all else is corrected.
-    gyro_raw, accel_raw : RawScale or None
-        How the volts or counts of a file become rates and specific forces, if they do; for the reader, not for
-        `correct`, which takes what the reader makes of them.
-    gyro_terms, accel_terms : ErrorTerms or None
-        What bias and matrix leave out.
-
-    Raises
-    ------
-    ConfigError
-        An array of another shape, a value that is not finite, or a matrix that cannot be inverted.
+    Raises: ConfigError: an array of another shape, a value that is not finite, or a matrix that cannot be inverted.
     """
 
-    gyro_bias: FloatArray = field(default_factory=zeros)
+    gyro_bias: FloatArray = field(default_factory=zeros)  # (3,) gyro bias [rad/s]
+    # (3, 3) gyro sensitivity, identity plus scale factor errors (diagonal) plus misalignment (off-diagonal) [-]
     gyro_matrix: FloatArray = field(default_factory=_eye)
-    accel_bias: FloatArray = field(default_factory=zeros)
-    accel_matrix: FloatArray = field(default_factory=_eye)
-    name: str = ""
-    date: str = ""
+    accel_bias: FloatArray = field(default_factory=zeros)  # (3,) accelerometer bias [m/s^2]
+    accel_matrix: FloatArray = field(default_factory=_eye)  # (3, 3) accelerometer sensitivity [-]
+    name: str = ""  # what was calibrated
+    date: str = ""  # when
+    # at which temperature [deg C]; what depends on the temperature counts from it, or from 25 deg C
     temperature: float | None = None
-    gyro_map: DynamicMap | None = None
+    gyro_map: DynamicMap | None = None  # error that non-linear gyros have left after all else is corrected
+    # how the volts or counts of a file become rates and specific forces, if they do; for the reader, not for `correct`,
+    # which takes what the reader makes of them
     gyro_raw: RawScale | None = None
     accel_raw: RawScale | None = None
+    # what bias and matrix leave out
     gyro_terms: ErrorTerms | None = None
     accel_terms: ErrorTerms | None = None
 
@@ -100,20 +78,8 @@ def sample_intervals(imu: ImuData) -> FloatArray:
 
     The spacing to the sample before; the first sample, which has none, gets the median spacing.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Samples, at least two.
-
-    Returns
-    -------
-    (n,) array
-        Interval lengths [s].
-
-    Raises
-    ------
-    InputError
-        Fewer than two samples: the spacing is not known.
+    Returns: (n,): interval lengths [s].
+    Raises: InputError: fewer than two samples: the spacing is not known.
     """
     if imu.time.size < 2:
         raise InputError("the sampling interval needs at least two IMU samples", why=f"there are {imu.time.size}")
@@ -129,24 +95,11 @@ def _bias_scale(imu: ImuData) -> FloatArray | float:
 def corrupt(imu: ImuData, errors: ImuErrors) -> ImuData:
     """Add known errors: what an IMU with these errors shows when the truth is `imu`.
 
-    Parameters
-    ----------
-    imu : ImuData
-        True rates and specific forces, or their integrals.
-    errors : ImuErrors
-        Errors to add.
-
-    Returns
-    -------
-    ImuData
-        ``matrix @ true + bias``, bent by the `ErrorTerms`; the bias is multiplied by the sampling interval for
-        increments.
-
-    Raises
-    ------
-    InputError
-        Increments of fewer than two samples, whose interval is not known, or terms that depend on the temperature
-        and samples without one.
+    `imu`: true rates and specific forces, or their integrals.
+    Returns: ``matrix @ true + bias``, bent by the `ErrorTerms`; the bias is multiplied by the sampling interval for
+    increments.
+    Raises: InputError: increments of fewer than two samples, whose interval is not known, or terms that depend on the
+    temperature and samples without one.
     """
     if errors.gyro_terms is not None or errors.accel_terms is not None:
         return _bent(imu, errors)
@@ -161,23 +114,10 @@ def corrupt(imu: ImuData, errors: ImuErrors) -> ImuData:
 def correct(imu: ImuData, errors: ImuErrors) -> ImuData:
     """Remove known errors from measured samples: the exact inverse of `corrupt`.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Measured rates and specific forces, or their integrals.
-    errors : ImuErrors
-        Errors to remove, from a calibration.
-
-    Returns
-    -------
-    ImuData
-        ``inverse(matrix) @ (measured - bias)``, the `ErrorTerms` corrected before.
-
-    Raises
-    ------
-    InputError
-        Increments of fewer than two samples, whose interval is not known, or terms that depend on the temperature
-        and samples without one.
+    `imu`: measured rates and specific forces, or their integrals.
+    Returns: ``inverse(matrix) @ (measured - bias)``, the `ErrorTerms` corrected before.
+    Raises: InputError: increments of fewer than two samples, whose interval is not known, or terms that depend on the
+    temperature and samples without one.
     """
     if errors.gyro_terms is not None or errors.accel_terms is not None:
         return _straight(imu, errors)
@@ -235,17 +175,8 @@ def _warmer(imu: ImuData, errors: ImuErrors, matters: bool) -> FloatArray | None
 def sample_errors(spec: ImuSpec, rng: np.random.Generator) -> ImuErrors:
     """Sample the constant errors of one sensor realisation: turn-on bias, scale factor and misalignment.
 
-    Parameters
-    ----------
-    spec : ImuSpec
-        Standard deviations, all errors independent and Gaussian.
-    rng : numpy.random.Generator
-        Source of randomness; always the same count of numbers is taken, so that a zero does not shift what follows.
-
-    Returns
-    -------
-    ImuErrors
-        For `corrupt`.
+    `spec`: standard deviations, all errors independent and Gaussian; `rng`: source of randomness; always the same count
+    of numbers is taken, so that a zero does not shift what follows.
     """
 
     def sampled(sensor: SensorSpec) -> tuple[FloatArray, FloatArray]:

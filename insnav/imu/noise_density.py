@@ -45,25 +45,11 @@ def white_noise(imu: ImuData, start: float, end: float) -> tuple[FloatArray, Flo
     The 25 % quantile of the power spectral density over 0.5 to 10 Hz, divided by the same quantile of its
     distribution for white noise (chi-square; P. D. Welch, IEEE Trans. Audio Electroacoust. AU-15 (1967) 70).
 
-    Parameters
-    ----------
-    imu : ImuData
-        Samples; a gap within the stretch does no harm.
-    start, end : float
-        The static stretch [s], both ends included, at least 4 s. A density is known to 18 % from
-        4 s and to 5 % from 20 s (one standard deviation).
-
-    Returns
-    -------
-    gyro : (3,) array
-        Noise density of the gyros [rad/sqrt(s)].
-    accel : (3,) array
-        Noise density of the accelerometers [m/s/sqrt(s)].
-
-    Raises
-    ------
-    InputError
-        The stretch is too short or sampled too slowly.
+    `start`, `end`: the static stretch [s], both ends included, at least 4 s. A density is known to 18 % from 4 s and to
+    5 % from 20 s (one standard deviation).
+    Returns: `gyro` (3,): noise density of the gyros [rad/sqrt(s)]; `accel` (3,): noise density of the accelerometers
+    [m/s/sqrt(s)].
+    Raises: InputError: the stretch is too short or sampled too slowly.
     """
     chosen = (imu.time >= start) & (imu.time <= end)
     count = int(np.count_nonzero(chosen))
@@ -118,22 +104,10 @@ def nearest_preset(
     the least accurate is taken, and none with gyro biases above the Earth's rate if the gyros show that
     rate.
 
-    Parameters
-    ----------
-    gyro_density : (3,) array
-        Noise density of the gyros [rad/sqrt(s)].
-    accel_density : (3,) array
-        Noise density of the accelerometers [m/s/sqrt(s)].
-    mean_rate : (3,) array, optional
-        Mean of the gyros over the static stretch [rad/s].
-
-    Returns
-    -------
-    spec : ImuSpec
-        The preset. On every axis its random walk is not less than the measured one, and its gyro bias not
-        less than the difference between the mean rate and the Earth's.
-    sentence : str
-        What was measured and chosen, for the user.
+    `gyro_density` (3,): noise density of the gyros [rad/sqrt(s)]; `accel_density` (3,): noise density of the
+    accelerometers [m/s/sqrt(s)]; `mean_rate` (3,): mean of the gyros over the static stretch [rad/s].
+    Returns: `spec`: the preset. On every axis its random walk is not less than the measured one, and its gyro bias not
+    less than the difference between the mean rate and the Earth's.
     """
     from insnav.imu.imu_file import load_imu  # pydantic is not needed to estimate noise
 
@@ -172,24 +146,8 @@ def nearest_preset(
 def identify(imu: ImuData, start: float, end: float) -> tuple[ImuSpec, str]:
     """Find out from a static stretch how good an IMU is: noise and mean rate, then `nearest_preset`.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Samples.
-    start, end : float
-        The static stretch [s].
-
-    Returns
-    -------
-    spec : ImuSpec
-        Nearest preset with the measured noise.
-    sentence : str
-        What was measured and chosen, for the user.
-
-    Raises
-    ------
-    InputError
-        The stretch is too short or sampled too slowly.
+    `start`, `end`: the static stretch [s].
+    Raises: InputError: the stretch is too short or sampled too slowly.
     """
     gyro_density, accel_density = white_noise(imu, start, end)
     chosen = (imu.time >= start) & (imu.time <= end)

@@ -87,31 +87,15 @@ class ClockSpec:
 
 @dataclass(frozen=True, slots=True)
 class ImuSpec:
-    """How good an IMU is.
+    """How good an IMU is."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the preset, or the name in the file.
-    gyro, accel : SensorSpec
-        Sizes of the errors of the gyros and of the accelerometers.
-    initial : InitialSpec or None
-        Initial errors, if the file gives them.
-    source : str
-        Where the figures come from.
-    absent : tuple of str
-        Dotted names of everything that was not given and therefore counts as zero.
-    clock : ClockSpec
-        Its timestamps.
-    positions : (3, 3) array
-        Row i is the place of accelerometer i from the point that is navigated, body axes [m].
-    """
-
-    name: str
+    name: str  # name of the preset, or the name in the file
+    # sizes of the errors of the gyros and of the accelerometers
     gyro: SensorSpec
     accel: SensorSpec
-    initial: InitialSpec | None = None
-    source: str = ""
-    absent: tuple[str, ...] = ()
-    clock: ClockSpec = field(default_factory=ClockSpec)
+    initial: InitialSpec | None = None  # initial errors, if the file gives them
+    source: str = ""  # where the figures come from
+    absent: tuple[str, ...] = ()  # dotted names of everything that was not given and therefore counts as zero
+    clock: ClockSpec = field(default_factory=ClockSpec)  # its timestamps
+    # (3, 3) row i is the place of accelerometer i from the point that is navigated, body axes [m]
     positions: FloatArray = field(default_factory=zero_matrix)

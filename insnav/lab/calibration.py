@@ -42,57 +42,31 @@ BADLY_CONDITIONED = 30.0  # condition number beyond which parameters are hardly 
 class BenchOptions:
     """Options of the calibration methods; each method takes those that concern it.
 
-    Attributes
-    ----------
-    columns : mapping of str to str, optional
-        Quantity to header, for headers that are not understood by themselves.
-    spike_limit : float, optional
-        Samples further than this from a polynomial through their dwell are dropped, in the unit of the output;
-        default 0.005 V, and for other units than volts none are.
-    gravity : float
-        At the bench [m/s^2].
-    gravity_source : str
-        Where that is from.
-    name : str
-        What was calibrated.
-    keep : (float, float), optional
-        Smallest and largest rate of a rate table to use [deg/s]; default all that are linear.
-    counts : bool
-        A multi-position record is in raw counts or volts.
-    six : bool
-        It consists of six positions and three turns.
-    sections : mapping of str to (int, int), or path, optional
-        First and last plus one sample of each of these, or a file of them; default found.
-    turn : float
-        Angle of each of these turns [rad].
-    axes, units, sampling, stamp : str, optional
-        Of a multi-position record; see `insnav.input.read_imu`.
-    fall_mass, mass : float
-        Weights that spin up a rotor and that make it precess [kg].
-    radius, arm : float
-        Radius of the cord and distance of the second weight [m].
-
-    Raises
-    ------
-    ConfigError
-        A value that cannot be.
+    Raises: ConfigError: a value that cannot be.
     """
 
-    columns: Mapping[str, str] | None = None
+    columns: Mapping[str, str] | None = None  # quantity to header, for headers that are not understood by themselves
+    # samples further than this from a polynomial through their dwell are dropped, in the unit of the output; default
+    # 0.005 V, and for other units than volts none are
     spike_limit: float | None = None
-    gravity: float = G0
-    gravity_source: str = "as given"
-    name: str = ""
+    gravity: float = G0  # at the bench [m/s^2]
+    gravity_source: str = "as given"  # where that is from
+    name: str = ""  # what was calibrated
+    # smallest and largest rate of a rate table to use [deg/s]; default all that are linear
     keep: tuple[float, float] | None = None
-    counts: bool = False
-    six: bool = False
+    counts: bool = False  # a multi-position record is in raw counts or volts
+    six: bool = False  # it consists of six positions and three turns
+    # first and last plus one sample of each of these, or a file of them; default found
     sections: Mapping[str, tuple[int, int]] | str | Path | None = None
-    turn: float = 2.0 * np.pi
+    turn: float = 2.0 * np.pi  # angle of each of these turns [rad]
+    # of a multi-position record; see `insnav.input.read_imu`
     axes: str | None = None
     units: str | None = None
     sampling: str | None = None
     stamp: str | None = None
+    # weights that spin up a rotor and that make it precess [kg]
     fall_mass: float = 0.0
+    # radius of the cord and distance of the second weight [m]
     radius: float = 0.0
     mass: float = 0.0
     arm: float = 0.0
@@ -115,25 +89,16 @@ STANDARD = BenchOptions()
 
 @dataclass(frozen=True, slots=True)
 class CalibrationSd:
-    """How sure calibrated errors are, one standard deviation of each number, all independent.
+    """How sure calibrated errors are, one standard deviation of each number, all independent."""
 
-    Attributes
-    ----------
-    gyro_bias, accel_bias : (3,) array
-        [rad/s], [m/s^2].
-    gyro_matrix, accel_matrix : (3, 3) array
-        [-].
-    g_sensitivity : (3, 3) array
-        [rad/s/(m/s^2)].
-    gyro_map : tuple of (k, k) array or None
-        Covariance of the errors at the knots of the map of each gyro [rad^2/s^2].
-    """
-
+    # (3,) [rad/s], [m/s^2]
     gyro_bias: FloatArray = field(default_factory=zeros)
+    # (3, 3) [-]
     gyro_matrix: FloatArray = field(default_factory=zero_matrix)
     accel_bias: FloatArray = field(default_factory=zeros)
     accel_matrix: FloatArray = field(default_factory=zero_matrix)
-    g_sensitivity: FloatArray = field(default_factory=zero_matrix)
+    g_sensitivity: FloatArray = field(default_factory=zero_matrix)  # (3, 3) [rad/s/(m/s^2)]
+    # (k, k) covariance of the errors at the knots of the map of each gyro [rad^2/s^2]
     gyro_map: tuple[FloatArray | None, ...] = (None, None, None)
 
     def corrected(self, errors: ImuErrors, rate: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -153,62 +118,30 @@ class CalibrationSd:
 
 @dataclass(frozen=True, slots=True)
 class Impact:
-    """Horizontal position error after one minute of free inertial navigation, root mean square.
+    """Horizontal position error after one minute of free inertial navigation, root mean square."""
 
-    Attributes
-    ----------
-    motion : str
-        In words.
-    without, corrected : float
-        Without the calibration, and with it [m].
-    """
-
-    motion: str
+    motion: str  # in words
+    # without the calibration, and with it [m]
     without: float
     corrected: float
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration(Generic[R, D]):
-    """What a calibration method found.
+    """What a calibration method found."""
 
-    Attributes
-    ----------
-    method : str
-        One of `METHODS`.
-    errors : ImuErrors or None
-        As written to the calibration file; None where the method is not of an IMU.
-    sd : CalibrationSd
-        Their uncertainty in SI units.
-    parameters : tuple of Quantity
-        Estimates with standard deviation and 95 % interval.
-    fits : mapping of str to Fit
-        The least-squares fits they come from, by sensor.
-    record : R
-        The input, as the method reads it.
-    detail : D
-        Everything else, in the form of the method.
-    options : BenchOptions
-        In force.
-    warnings : tuple of str
-        What must not be overlooked.
-    sensed : ImuErrors or None
-        The errors of rates and specific forces, where those of the file are of volts or counts too; see `physical`.
-    impact : tuple of Impact
-        On navigation.
-    """
-
-    method: str
-    errors: ImuErrors | None
-    sd: CalibrationSd
-    parameters: tuple[Quantity, ...]
-    fits: Mapping[str, Fit]
-    record: R
-    detail: D
-    options: BenchOptions
-    warnings: tuple[str, ...] = ()
+    method: str  # one of `METHODS`
+    errors: ImuErrors | None  # as written to the calibration file; None where the method is not of an IMU
+    sd: CalibrationSd  # their uncertainty in SI units
+    parameters: tuple[Quantity, ...]  # estimates with standard deviation and 95 % interval
+    fits: Mapping[str, Fit]  # the least-squares fits they come from, by sensor
+    record: R  # the input, as the method reads it
+    detail: D  # everything else, in the form of the method
+    options: BenchOptions  # in force
+    warnings: tuple[str, ...] = ()  # what must not be overlooked
+    # the errors of rates and specific forces, where those of the file are of volts or counts too; see `physical`
     sensed: ImuErrors | None = None
-    impact: tuple[Impact, ...] = ()
+    impact: tuple[Impact, ...] = ()  # on navigation
 
 
 class Method(Protocol[R, D]):
@@ -224,15 +157,7 @@ class Method(Protocol[R, D]):
 def method_named(name: str) -> Method[Any, Any]:
     """Find a calibration method.
 
-    Parameters
-    ----------
-    name : str
-        One of `METHODS`.
-
-    Raises
-    ------
-    ConfigError
-        There is none of this name.
+    Raises: ConfigError: there is none of this name.
     """
     if name not in METHODS:
         raise ConfigError(f"there is no calibration method {name!r}", fix=f"methods are {', '.join(METHODS)}")
@@ -260,18 +185,8 @@ def carried_over(new: ImuErrors, other: ImuErrors, kept: str) -> ImuErrors:
 def measured(name: str, value: float, unit: str, sd: float | None = None, half_width: float | None = None) -> Quantity:
     """Quantity of what is already in the unit shown.
 
-    Parameters
-    ----------
-    name : str
-        In words; the key is made of it.
-    value, sd, half_width : float
-        Estimate, standard deviation and half its 95 % interval, in `unit`.
-    unit : str
-        Of `insnav.units`, or any other.
-
-    Returns
-    -------
-    Quantity
+    `value`, `sd`, `half_width`: estimate, standard deviation and half its 95 % interval, in `unit`; `unit`: of
+    `insnav.units`, or any other.
     """
     factor = UNITS[unit][1] if unit in UNITS else 1.0
     key = re.sub(r"[^0-9A-Za-z]+", "_", name).strip("_")

@@ -89,29 +89,10 @@ def linear_fit(
 ) -> Fit:
     """Fit ``measured = design @ parameters`` by least squares.
 
-    Parameters
-    ----------
-    design : (n, k) array
-        What each measurement is of each parameter.
-    measured : (n,) array
-        Measurements, errors independent.
-    names : sequence of str
-        Of the parameters, for the errors.
-    weights : (n,) array, optional
-        Inverse variances, up to a common factor; default all 1.
-    where : str
-        Place to name in the error.
-
-    Returns
-    -------
-    Fit
-        The uncertainty is that which the residuals show.
-
-    Raises
-    ------
-    InputError
-        A value that is not finite, a weight that is not positive, no more measurements than parameters, or
-        parameters that the measurements do not determine, by name.
+    `design` (n, k): what each measurement is of each parameter; `measured` (n,): measurements, errors independent;
+    `weights` (n,): inverse variances, up to a common factor; default all 1.
+    Raises: InputError: a value that is not finite, a weight that is not positive, no more measurements than parameters,
+    or parameters that the measurements do not determine, by name.
     """
     design = np.asarray(design, dtype=np.float64)
     measured = np.asarray(measured, dtype=np.float64)

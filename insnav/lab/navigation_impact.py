@@ -30,19 +30,6 @@ def navigation_impact(errors: ImuErrors, sd: CalibrationSd, *, seed: int = 1) ->
 
     The true errors are sampled about the calibrated ones with their uncertainty; the calibration corrects the known
     part. Both start from the true state, and height is held.
-
-    Parameters
-    ----------
-    errors : ImuErrors
-        As calibrated.
-    sd : CalibrationSd
-        Their uncertainty.
-    seed : int
-        Random seed.
-
-    Returns
-    -------
-    tuple of Impact
     """
     known = physical(errors)
     rng = np.random.default_rng(seed)

@@ -123,25 +123,9 @@ def inertia_from_fall(
 ) -> Inertia:
     """Moment of inertia from a falling weight.
 
-    Parameters
-    ----------
-    height : (n,) array
-        Heights [m].
-    time : (n,) array
-        Times of fall [s].
-    mass : float
-        Of the weight [kg].
-    radius : float
-        Of the drum the cord is wound on [m].
-    gravity : float
-        [m/s^2].
-    where : str
-        File to name in errors.
-
-    Raises
-    ------
-    InputError
-        Values that are not positive, too few, or a fall faster than free.
+    `height` (n,): heights [m]; `time` (n,): times of fall [s]; `mass`: of the weight [kg]; `radius`: of the drum the
+    cord is wound on [m]; `gravity` [m/s^2].
+    Raises: InputError: values that are not positive, too few, or a fall faster than free.
     """
     _positive(where, height=height, fall_time=time)
     squared = time**2
@@ -166,25 +150,9 @@ def inertia_from_precession(
 ) -> Inertia:
     """Moment of inertia from precession.
 
-    Parameters
-    ----------
-    period : (n,) array
-        Precession periods [s].
-    rate : (n,) array
-        Rates of the rotor [rad/s].
-    mass : float
-        Of the added weight [kg].
-    arm : float
-        Its distance from the support [m].
-    gravity : float
-        [m/s^2].
-    where : str
-        File to name in errors.
-
-    Raises
-    ------
-    InputError
-        Values that are not positive, too few, or a rotor that is not fast.
+    `period` (n,): precession periods [s]; `rate` (n,): rates of the rotor [rad/s]; `mass`: of the added weight [kg];
+    `arm`: its distance from the support [m]; `gravity` [m/s^2].
+    Raises: InputError: values that are not positive, too few, or a rotor that is not fast.
     """
     _positive(where, precession_period=period, rotor_rate=rate)
     ratio = rate * period / (2.0 * math.pi)

@@ -15,10 +15,7 @@ FACTS_FILE = "run.json"
 def read_facts(folder: Path) -> dict[str, Any]:
     """Read the ``run.json`` of a run folder.
 
-    Raises
-    ------
-    InputError
-        Not a run folder, or ``run.json`` is damaged.
+    Raises: InputError: not a run folder, or ``run.json`` is damaged.
     """
     path = folder / FACTS_FILE
     try:
@@ -40,10 +37,7 @@ def read_facts(folder: Path) -> dict[str, Any]:
 def verify_folder(folder: Path) -> dict[str, Any]:
     """Check that a run folder holds exactly the files it was written with; its ``run.json``.
 
-    Raises
-    ------
-    InputError
-        Not a run folder, or a file is missing, changed or added.
+    Raises: InputError: not a run folder, or a file is missing, changed or added.
     """
     facts = read_facts(folder)
     found = files_in(folder)

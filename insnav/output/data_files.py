@@ -31,18 +31,9 @@ _DECIMALS: Decimals = (
 def write_data(path: Path, data: ImuData | GpsData | Trajectory) -> None:
     """Write samples, fixes or a reference as csv, compressed if the name ends in ``.gz``.
 
-    Parameters
-    ----------
-    path : Path
-        The file; its folder must exist.
-    data : ImuData, GpsData or Trajectory
-        Columns of which nothing is known are left out. Sampling and timestamp convention of an IMU are not in the
-        file: they are options of whoever reads it.
-
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
+    `data`: columns of which nothing is known are left out. Sampling and timestamp convention of an IMU are not in the
+    file: they are options of whoever reads it.
+    Raises: OutputError: the file cannot be written.
     """
     columns = data.columns().items()
     write_table(path, {name: rounded(name, v, _DECIMALS) for name, v in columns if not np.isnan(v).all()})
@@ -57,10 +48,7 @@ def csv_text(columns: Mapping[str, FloatArray], digits: int) -> str:
 def write_table(path: Path, columns: Mapping[str, FloatArray | IntArray]) -> None:
     """Write columns ``(n,)``, already rounded, as csv, compressed if the name ends in ``.gz``; NaN is an empty cell.
 
-    Raises
-    ------
-    OutputError
-        The file cannot be written.
+    Raises: OutputError: the file cannot be written.
     """
     text = io.BytesIO()
     write_csv(arrow_table({name: np.asarray(values) for name, values in columns.items()}), text)

@@ -38,19 +38,9 @@ class RunFolder:
     Use it as a context manager around the whole work: everything that could keep the result from being
     written is checked on entry, and leaving without `commit`, for any reason, leaves the target as it was.
 
-    Parameters
-    ----------
-    target : Path
-        The folder to make. A symbolic link is followed.
-    force : bool
-        Replace an existing run folder.
-
-    Raises
-    ------
-    OutputError
-        On entry: no parent folder, no permission, a file in the way, an existing folder without `force`, or
-        with `force` a folder that holds anything but a run. Later: disk full, or the target has
-        appeared meanwhile.
+    Raises: OutputError: on entry: no parent folder, no permission, a file in the way, an existing folder without
+    `force`, or with `force` a folder that holds anything but a run. Later: disk full, or the target has appeared
+    meanwhile.
     """
 
     def __init__(self, target: Path, *, force: bool) -> None:
@@ -103,10 +93,7 @@ class RunFolder:
     def path(self, name: str) -> Path:
         """Place of a file of the result, such as ``figures/track.png``; folders on the way are made.
 
-        Raises
-        ------
-        OutputError
-            The name leads out of the folder, or is ``run.json``, which `commit` writes.
+        Raises: OutputError: the name leads out of the folder, or is ``run.json``, which `commit` writes.
         """
         path = Path(os.path.normpath(self._aside / name))
         if path == self._aside or not path.is_relative_to(self._aside) or name == FACTS_FILE:
@@ -117,15 +104,8 @@ class RunFolder:
     def commit(self, facts: Mapping[str, Any]) -> Path:
         """Write ``run.json`` last, bring everything to the disk and move the folder to its target, which is returned.
 
-        Parameters
-        ----------
-        facts : mapping
-            JSON-ready; ``files``, the size and SHA-256 digest of every other file, is added.
-
-        Raises
-        ------
-        OutputError
-            The target appeared meanwhile.
+        `facts`: JSON-ready; ``files``, the size and SHA-256 digest of every other file, is added.
+        Raises: OutputError: the target appeared meanwhile.
         """
         self._committing = True
         files = {

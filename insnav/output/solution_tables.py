@@ -45,20 +45,8 @@ _DECIMALS: Decimals = (
 def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv", name: str = "") -> Path:
     """Write a solution, fixes, every fix with its innovation and NIS, estimated sensor errors or errors of a solution.
 
-    Parameters
-    ----------
-    folder : Path
-        Where to.
-    data : Tabular
-        Every row of it is written; a field that is None has no columns.
-    file_format : {"csv", "parquet"}
-    name : str, optional
-        Of the file, without suffix; default ``solution``, ``innovations``, ``biases`` or ``fixes``.
-
-    Returns
-    -------
-    Path
-        The file written.
+    `data`: every row of it is written; a field that is None has no columns; `file_format` {"csv", "parquet"}; `name`:
+    of the file, without suffix; default ``solution``, ``innovations``, ``biases`` or ``fixes``.
     """
     columns = {key: v.astype(np.int64) if v.dtype == np.bool_ else v for key, v in data.columns().items()}
     if file_format == "csv":
@@ -69,13 +57,7 @@ def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv
 
 
 def write_events(folder: Path, events: Sequence[Event]) -> Path:
-    """Write ``events.csv``: every rejection, gap and reset, one a row; text is safe to open in a spreadsheet.
-
-    Returns
-    -------
-    Path
-        The file written.
-    """
+    """Write ``events.csv``: every rejection, gap and reset, one a row; text is safe to open in a spreadsheet."""
     values = {
         key: np.array([getattr(event, key.removesuffix("_s")) for event in events], dtype=np.float64)
         for key in ("time_s", "value", "limit")
@@ -102,22 +84,8 @@ def read_solution(folder: Path, name: str = "solution") -> Trajectory:
 def read_run_table(folder: Path, kind: type[T], name: str = "") -> T:
     """Read a table of a run folder, csv or parquet.
 
-    Parameters
-    ----------
-    folder : Path
-    kind : type
-        What it is a table of, as given to `write_run_table`.
-    name : str, optional
-        Of the file, without suffix, as there.
-
-    Returns
-    -------
-    that type
-
-    Raises
-    ------
-    InputError
-        No such table in the folder, or not one written by insnav.
+    `name`: of the file, without suffix, as there.
+    Raises: InputError: no such table in the folder, or not one written by insnav.
     """
     name = name or _NAMES[kind]
     what = {"solution": "solution", "smoothed": "smoothed solution"}.get(name, f"table of {name.replace('_', ' ')}")
@@ -151,16 +119,7 @@ def _field(table: Any, field: str, names: Sequence[str]) -> Any:
 
 
 def read_events(folder: Path) -> tuple[Event, ...]:
-    """Read ``events.csv`` of a run folder.
-
-    Parameters
-    ----------
-    folder : Path
-
-    Returns
-    -------
-    tuple of Event
-    """
+    """Read ``events.csv`` of a run folder."""
     kinds = {kind.value: kind for kind in EventKind}
     text = pa.csv.ConvertOptions(column_types=dict.fromkeys(("kind", "unit", "action", "hint"), pa.string()))
     rows = pa.csv.read_csv(folder / "events.csv", convert_options=text).to_pylist()

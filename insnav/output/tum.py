@@ -26,14 +26,8 @@ def tum_files(
 ) -> dict[str, str]:
     """Text of the reference and of each run at their common epochs, by the name of the file.
 
-    Parameters
-    ----------
-    reference : Trajectory
-        At those epochs and perhaps others.
-    time : (n,) array
-        The epochs [s].
-    errors : mapping of str to two (n, 3) arrays
-        Name of each run, its position errors North, East, Down [m] and attitude errors roll, pitch, heading [rad].
+    `time` (n,): the epochs [s]; `errors` (n, 3): name of each run, its position errors North, East, Down [m] and
+    attitude errors roll, pitch, heading [rad].
     """
     rows = np.searchsorted(reference.time, time)
     lla, rph = reference.lla[rows], reference.rph[rows]

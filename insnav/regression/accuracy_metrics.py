@@ -14,34 +14,20 @@ Kind = Literal["size", "ratio", "cpu"]
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """One figure of merit.
+    """One figure of merit."""
 
-    Attributes
-    ----------
-    key : str
-        Its name in files, unit included.
-    label : str
-        Its name in words.
-    unit : str
-    floor : float
-        Smaller values are as good as none [`unit`]: added to every value before ratios are taken, so that rounding
-        on another computer is no change.
-    kind : {"size", "ratio", "cpu"}
-        A size is better the smaller it is, a ratio the nearer to one; CPU time has a rule of its own.
-    """
-
-    key: str
-    label: str
+    key: str  # its name in files, unit included
+    label: str  # its name in words
     unit: str
+    # smaller values are as good as none [`unit`]: added to every value before ratios are taken, so that rounding on
+    # another computer is no change
     floor: float
-    kind: Kind = "size"
+    kind: Kind = "size"  # a size is better the smaller it is, a ratio the nearer to one; CPU time has a rule of its own
 
     def scored(self, value: FloatArray) -> FloatArray:
         """Logarithm of how bad values are: smaller is better.
 
-        Parameters
-        ----------
-        value : (n,) array
+        `value` (n,).
         """
         if self.kind == "ratio":
             return np.abs(np.log(np.maximum(value, 1e-6)))
@@ -50,9 +36,7 @@ class Metric:
     def typical(self, value: FloatArray) -> float:
         """Geometric mean of the values known, on which the score is built, of CPU time the median; NaN without any.
 
-        Parameters
-        ----------
-        value : (n,) array
+        `value` (n,).
         """
         known = value[np.isfinite(value)]
         if not known.size:

@@ -24,27 +24,13 @@ _DIGITS = 5  # of the values kept: a relative rounding of 1e-5, far below any ch
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """One case as it was.
+    """One case as it was."""
 
-    Attributes
-    ----------
-    digest : str
-        Of the case and the files behind it.
-    pieces : bool
-        Values are those of successive pieces of one drive.
-    values : dict of str to (n,) array
-        By metric, one for each drive or piece; NaN where not known.
-    growth : (6, 3) array
-        As in `insnav.regression.evaluate.Measured`.
-    failed : tuple of int
-        Numbers of the drives that ended in an error.
-    """
-
-    digest: str
-    pieces: bool
-    values: dict[str, FloatArray]
-    growth: FloatArray
-    failed: tuple[int, ...]
+    digest: str  # of the case and the files behind it
+    pieces: bool  # values are those of successive pieces of one drive
+    values: dict[str, FloatArray]  # (n,) by metric, one for each drive or piece; NaN where not known
+    growth: FloatArray  # (6, 3) as in `insnav.regression.evaluate.Measured`
+    failed: tuple[int, ...]  # numbers of the drives that ended in an error
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +42,7 @@ class Baseline:
 
 
 def stored(result: CaseResult) -> Stored:
-    """Keep the values of a case.
-
-    Parameters
-    ----------
-    result : CaseResult
-        With at least one drive that ended well.
-    """
+    """Keep the values of a case."""
     assert result.measured is not None
     return Stored(
         result.digest,
@@ -83,15 +63,7 @@ def renewed(old: Baseline | None, result: Result, origin: Origin) -> Baseline:
 def read_baseline(path: Path) -> Baseline | None:
     """Read a baseline.
 
-    Returns
-    -------
-    Baseline or None
-        None if there is no such file.
-
-    Raises
-    ------
-    InputError
-        The file is damaged, or of another format.
+    Raises: InputError: the file is damaged, or of another format.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -117,10 +89,7 @@ def read_baseline(path: Path) -> Baseline | None:
 def write_baseline(path: Path, baseline: Baseline) -> None:
     """Write a baseline, one metric a line, so that differences can be read.
 
-    Raises
-    ------
-    OutputError
-        It cannot be written.
+    Raises: OutputError: it cannot be written.
     """
     lines = ["{", f' "format": {FORMAT},', f' "origin": {json.dumps(asdict(baseline.origin))},', ' "cases": {']
     for number, (name, case) in enumerate(baseline.cases.items(), start=1):
@@ -137,15 +106,8 @@ def write_baseline(path: Path, baseline: Baseline) -> None:
 def write_text(path: Path, text: str) -> None:
     """Write a file aside and move it into its place.
 
-    Parameters
-    ----------
-    path : Path
-        Its folder is made if need be.
-
-    Raises
-    ------
-    OutputError
-        It cannot be written.
+    `path`: its folder is made if need be.
+    Raises: OutputError: it cannot be written.
     """
     aside = path.with_name(f".{path.name}.tmp-{os.getpid()}")
     try:

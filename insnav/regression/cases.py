@@ -35,64 +35,29 @@ _GROUPS = frozenset({"position", "velocity", "attitude", "heading"})
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """One recording to navigate, and its reference.
+    """One recording to navigate, and its reference."""
 
-    Attributes
-    ----------
-    imu, gps : ImuData, GpsData
-        What is navigated.
-    spec : ImuSpec
-        Specified errors of the IMU, for the filter.
-    settings : FilterSettings
-        Of the filter.
-    truth : Trajectory
-        The reference.
-    truth_lever_b : (3,) array
-        The point of the truth seen from the IMU, body axes [m].
-    exact : GpsData or None
-        Better positions of the antenna as the reference of outages; None for the fixes themselves.
-    groups : frozenset of str
-        What the reference is accurate enough for.
-    whole_state : bool
-        The reference has position, velocity and attitude of the IMU's own axes.
-    settle : float
-        Errors count from so long after the first fix [s].
-    min_speed : float
-        Slower epochs of the truth do not count [m/s].
-    remove_offset : bool
-        A constant difference of position is no error.
-    block : float
-        Length of the pieces that are evaluated [s]; zero for the whole as one piece.
-    """
-
+    # what is navigated
     imu: ImuData
     gps: GpsData
-    spec: ImuSpec
-    settings: FilterSettings
-    truth: Trajectory
-    truth_lever_b: FloatArray
-    exact: GpsData | None
-    groups: frozenset[str] = _GROUPS
-    whole_state: bool = False
-    settle: float = 0.0
-    min_speed: float = 0.0
-    remove_offset: bool = False
-    block: float = 0.0
+    spec: ImuSpec  # specified errors of the IMU, for the filter
+    settings: FilterSettings  # of the filter
+    truth: Trajectory  # the reference
+    truth_lever_b: FloatArray  # (3,) the point of the truth seen from the IMU, body axes [m]
+    exact: GpsData | None  # better positions of the antenna as the reference of outages; None for the fixes themselves
+    groups: frozenset[str] = _GROUPS  # what the reference is accurate enough for
+    whole_state: bool = False  # the reference has position, velocity and attitude of the IMU's own axes
+    settle: float = 0.0  # errors count from so long after the first fix [s]
+    min_speed: float = 0.0  # slower epochs of the truth do not count [m/s]
+    remove_offset: bool = False  # a constant difference of position is no error
+    block: float = 0.0  # length of the pieces that are evaluated [s]; zero for the whole as one piece
 
 
 class Source(Protocol):
-    """What makes the recordings of one case.
+    """What makes the recordings of one case."""
 
-    Attributes
-    ----------
-    digest : str
-        Of everything that decides about them.
-    files : dict of str to str
-        Digest of each recorded file.
-    """
-
-    digest: str
-    files: dict[str, str]
+    digest: str  # of everything that decides about them
+    files: dict[str, str]  # digest of each recorded file
 
     def material(self, seed: int) -> Material:
         """Make the recording of one seed."""
@@ -100,12 +65,7 @@ class Source(Protocol):
 
 
 class SimulatedSource:
-    """Recordings of a motion profile.
-
-    Parameters
-    ----------
-    case : SimulatedCase
-    """
+    """Recordings of a motion profile."""
 
     def __init__(self, case: SimulatedCase) -> None:
         self._case = case
@@ -145,16 +105,7 @@ class SimulatedSource:
 class RecordedSource:
     """One recorded drive.
 
-    Parameters
-    ----------
-    case : RecordedCase
-    data : Path
-        Folder of recorded data.
-
-    Raises
-    ------
-    InputError
-        A file is missing or cannot be used.
+    Raises: InputError: a file is missing or cannot be used.
     """
 
     def __init__(self, case: RecordedCase, data: Path) -> None:

@@ -39,29 +39,15 @@ def _everything() -> list[Group]:
 
 
 class Case(Table):
-    """What simulated and recorded drives have in common.
+    """What simulated and recorded drives have in common."""
 
-    Attributes
-    ----------
-    name : str
-        Shown with its results.
-    imu : str
-        Preset or file; ``at rest`` for the preset nearest to the noise at rest.
-    lever_arm : (3,) tuple
-        Antenna seen from the IMU, body axes [m].
-    settle : float
-        Errors count from so long after the first fix [s].
-    seeds : int
-        Repetitions with other noise.
-    quick : int
-        How many of them a quick run makes; none leaves the case out of it.
-    """
-
-    name: str
-    imu: str
+    name: str  # shown with its results
+    imu: str  # preset or file; ``at rest`` for the preset nearest to the noise at rest
+    # antenna seen from the IMU, body axes [m]
     lever_arm: Annotated[Axes, axes("length", signed=True)] = (0.0, 0.0, 0.0)
-    settle: Annotated[float, scalar("time")] = 60.0
-    seeds: Annotated[int, Field(ge=1, le=1000)] = 16
+    settle: Annotated[float, scalar("time")] = 60.0  # errors count from so long after the first fix [s]
+    seeds: Annotated[int, Field(ge=1, le=1000)] = 16  # repetitions with other noise
+    # how many of them a quick run makes; none leaves the case out of it
     quick: Annotated[int, Field(ge=0, le=1000)] = 0
     _folder: Path = PrivateAttr(default=Path())
 
@@ -76,80 +62,40 @@ class Case(Table):
 
 
 class SimulatedCase(Case):
-    """A motion profile with randomly sampled sensors.
+    """A motion profile with randomly sampled sensors."""
 
-    Attributes
-    ----------
-    profile : str
-        Name in the folder of the corpus file.
-    gps : str
-        Receiver: preset or file.
-    rate : float
-        Of the IMU [Hz].
-    fault : list of str
-        What goes wrong, as for ``insnav simulate --fault``.
-    """
-
-    profile: str
-    gps: str
-    rate: Annotated[float, scalar("frequency")] = 100.0
-    fault: list[str] = Field(default_factory=list)
+    profile: str  # name in the folder of the corpus file
+    gps: str  # receiver: preset or file
+    rate: Annotated[float, scalar("frequency")] = 100.0  # of the IMU [Hz]
+    fault: list[str] = Field(default_factory=list)  # what goes wrong, as for ``insnav simulate --fault``
 
 
 class MadeFixes(Table):
-    """Fixes made from the reference, with noise.
+    """Fixes made from the reference, with noise."""
 
-    Attributes
-    ----------
-    sd : float
-        White noise on each axis [m].
-    interval : float
-        Between fixes [s].
-    """
-
-    sd: Annotated[float, scalar("length")]
-    interval: Annotated[float, scalar("time")] = 1.0
+    sd: Annotated[float, scalar("length")]  # white noise on each axis [m]
+    interval: Annotated[float, scalar("time")] = 1.0  # between fixes [s]
 
 
 class RecordedCase(Case):
-    """A recorded drive.
+    """A recorded drive."""
 
-    Attributes
-    ----------
-    data : str
-        Name of its folder.
-    imu_file, gps_file : str
-        In the folder.
-    fixes : MadeFixes or None
-        Make the fixes from the reference instead.
-    reference : str
-        File with the reference, which is of the antenna; without it the fixes that are not used.
-    use_every : int
-        Only every n-th fix is used, and the others are a reference of position: for receivers better than the
-        rest of the system.
-    judge : list of str
-        What the reference is accurate enough for.
-    min_speed : float
-        Slower epochs of the reference do not count [m/s].
-    remove_offset : bool
-        A constant difference of position is no error: reference and fixes have base stations of their own.
-    mounting : (3,) tuple
-        Rotation vector from the axes of the reference to those of the IMU, body axes [rad].
-    block : float
-        The drive is evaluated in pieces of this length [s].
-    """
-
-    data: str
+    data: str  # name of its folder
+    # in the folder
     imu_file: str = "imu.csv.gz"
     gps_file: str = "gps.csv"
-    fixes: MadeFixes | None = None
-    reference: str = ""
+    fixes: MadeFixes | None = None  # make the fixes from the reference instead
+    reference: str = ""  # file with the reference, which is of the antenna; without it the fixes that are not used
+    # only every n-th fix is used, and the others are a reference of position: for receivers better than the rest of the
+    # system
     use_every: Annotated[int, Field(ge=1, le=100)] = 1
-    judge: list[Group] = Field(default_factory=_everything)
-    min_speed: Annotated[float, scalar("velocity")] = 0.0
+    judge: list[Group] = Field(default_factory=_everything)  # what the reference is accurate enough for
+    min_speed: Annotated[float, scalar("velocity")] = 0.0  # slower epochs of the reference do not count [m/s]
+    # a constant difference of position is no error: reference and fixes have base stations of their own
     remove_offset: bool = False
+    # rotation vector from the axes of the reference to those of the IMU, body axes [rad]
     mounting: Annotated[Axes, axes("angle", signed=True)] = (0.0, 0.0, 0.0)
-    block: Annotated[float, scalar("time")] = 60.0
+    block: Annotated[float, scalar("time")] = 60.0  # the drive is evaluated in pieces of this length [s]
     seeds: Annotated[int, Field(ge=1, le=1000)] = 1
 
     @model_validator(mode="after")
@@ -162,14 +108,9 @@ class RecordedCase(Case):
 
 
 class Corpus(Table):
-    """All drives.
+    """All drives."""
 
-    Attributes
-    ----------
-    simulated, recorded : list
-        The cases.
-    """
-
+    # the cases
     simulated: list[SimulatedCase] = Field(default_factory=list)
     recorded: list[RecordedCase] = Field(default_factory=list)
 
@@ -182,14 +123,7 @@ class Corpus(Table):
 def load_corpus(path: Path) -> Corpus:
     """Read a corpus file.
 
-    Returns
-    -------
-    Corpus
-
-    Raises
-    ------
-    ConfigError
-        No such file, no TOML, unknown or wrong keys, two cases of one name: all of it at once.
+    Raises: ConfigError: no such file, no TOML, unknown or wrong keys, two cases of one name: all of it at once.
     """
     corpus = validate(Corpus, read_toml(path), str(path))
     names = [case.name for case in corpus.cases]
@@ -206,10 +140,7 @@ def load_corpus(path: Path) -> Corpus:
 def default_corpus() -> Path:
     """Find the corpus file of the library of profiles.
 
-    Raises
-    ------
-    ConfigError
-        It is not here.
+    Raises: ConfigError: it is not here.
     """
     from insnav.simulate.motion.library import library
 
@@ -228,10 +159,7 @@ def default_corpus() -> Path:
 def digest(case: Case, parts: Mapping[str, str]) -> str:
     """Short digest of a case and of all files behind it: figures of other cases are not comparable.
 
-    Parameters
-    ----------
-    parts : mapping of str to str
-        Text or digest of the files.
+    `parts`: text or digest of the files.
     """
     content: dict[str, Any] = case.model_dump(exclude={"seeds", "quick"}, warnings=False)
     text = "\n".join(f"{key}={value!r}" for key, value in sorted({**content, **parts}.items()))

@@ -32,37 +32,22 @@ _NEAR = 1.5  # a fix so near to one of these times stands for it [s]
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Accuracy of one recording.
+    """Accuracy of one recording."""
 
-    Attributes
-    ----------
-    values : dict of str to (n,) array
-        By metric: one value a recording, or one for each of its pieces.
-    growth : (6, 3) array
-        At each of `GROWTH` the number of windows, the sum of squared horizontal errors [m^2], and that of the
-        predicted variances [m^2].
-    spread : (8, 9, 2) array
-        In each slice of the recording and for N, E, D position [m], velocity [m/s], roll, pitch, heading [deg] the mean
-        squared error and the mean stated variance; NaN where not known.
-    """
-
-    values: dict[str, FloatArray]
+    values: dict[str, FloatArray]  # (n,) by metric: one value a recording, or one for each of its pieces
+    # (6, 3) at each of `GROWTH` the number of windows, the sum of squared horizontal errors [m^2], and that of the
+    # predicted variances [m^2]
     growth: FloatArray
+    # (8, 9, 2) in each slice of the recording and for N, E, D position [m], velocity [m/s], roll, pitch, heading [deg]
+    # the mean squared error and the mean stated variance; NaN where not known
     spread: FloatArray
 
 
 def measure(material: Material) -> Measured:
     """Navigate a recording in every way and sum up the errors.
 
-    Returns
-    -------
-    Measured
-        Metrics that are unavailable, for lack of a reference or of time, are left out.
-
-    Raises
-    ------
-    InsnavError
-        The recording cannot be navigated.
+    Returns: metrics that are unavailable, for lack of a reference or of time, are left out.
+    Raises: InsnavError: the recording cannot be navigated.
     """
     loop = loop_time()
     begin = clock.process_time()
@@ -264,13 +249,7 @@ def _quantile(error: FloatArray, percent: float) -> float:
 
 
 def joined(parts: Sequence[Measured]) -> Measured:
-    """Put the recordings of one case together: values one after the other, sums added up.
-
-    Parameters
-    ----------
-    parts : sequence of Measured
-        At least one.
-    """
+    """Put the recordings of one case together: values one after the other, sums added up."""
     order = [metric.key for metric in METRICS if any(metric.key in part.values for part in parts)]
     nothing = np.array([np.nan])
     values = {key: np.concatenate([part.values.get(key, nothing) for part in parts]) for key in order}

@@ -24,25 +24,14 @@ Value = tuple[float, float, float]  # typical, and its 95 % interval
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One version.
-
-    Attributes
-    ----------
-    origin : Origin
-    digests : dict of str to str
-        Of every case and the files behind it.
-    data : dict of str to dict
-        For each recorded case the digests of its files.
-    metrics : dict of str to dict
-        For each case its metrics: typical value and 95 % interval, NaN where not known.
-    verdicts : dict of str to dict
-        For each case the metrics that were better or worse than in the baseline of that time.
-    """
+    """One version."""
 
     origin: Origin
-    digests: dict[str, str]
-    data: dict[str, dict[str, str]]
+    digests: dict[str, str]  # of every case and the files behind it
+    data: dict[str, dict[str, str]]  # for each recorded case the digests of its files
+    # for each case its metrics: typical value and 95 % interval, NaN where not known
     metrics: dict[str, dict[str, Value]]
+    # for each case the metrics that were better or worse than in the baseline of that time
     verdicts: dict[str, dict[str, Verdict]]
 
 
@@ -65,15 +54,7 @@ def entry(result: Result, comparison: Comparison | None, origin: Origin) -> Entr
 def read_history(path: Path) -> list[Entry]:
     """Read all versions, oldest first.
 
-    Returns
-    -------
-    list of Entry
-        None if there is no such file.
-
-    Raises
-    ------
-    InputError
-        A line is damaged.
+    Raises: InputError: a line is damaged.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -109,10 +90,7 @@ def with_entry(history: list[Entry], new: Entry) -> list[Entry]:
 def write_history(path: Path, history: list[Entry]) -> None:
     """Write all versions, one a line.
 
-    Raises
-    ------
-    OutputError
-        It cannot be written.
+    Raises: OutputError: it cannot be written.
     """
     lines = []
     for each in history:

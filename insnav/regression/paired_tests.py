@@ -34,33 +34,19 @@ _SEED = 20260101
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """Change of one figure of merit.
+    """Change of one figure of merit."""
 
-    Attributes
-    ----------
-    change : float
-        Ratio of new to old, less one; of a ratio (NEES, NIS) the factor by which it differs from one.
-    low, high : float
-        95 % interval of that.
-    p : float
-        Probability of a change as large if there is none, two-sided.
-    """
-
-    change: float
+    change: float  # ratio of new to old, less one; of a ratio (NEES, NIS) the factor by which it differs from one
+    # 95 % interval of that
     low: float
     high: float
-    p: float
+    p: float  # probability of a change as large if there is none, two-sided
 
 
 def shift(old: FloatArray, new: FloatArray, metric: Metric, *, pieces: bool) -> Shift:
     """Test whether a figure of merit has changed.
 
-    Parameters
-    ----------
-    old, new : (n,) array
-        Values of the same drives, or pieces, in the same order; NaN where not known.
-    pieces : bool
-        They are successive pieces of one drive.
+    `old`, `new` (n,): values of the same drives, or pieces, in the same order; NaN where not known.
     """
     n = min(len(old), len(new))
     score = metric.scored(np.asarray(new[:n])) - metric.scored(np.asarray(old[:n]))
@@ -80,17 +66,7 @@ def shift(old: FloatArray, new: FloatArray, metric: Metric, *, pieces: bool) -> 
 def interval(value: FloatArray, metric: Metric, *, pieces: bool) -> tuple[float, float, float]:
     """Typical value of a figure of merit, and its 95 % interval.
 
-    Parameters
-    ----------
-    value : (n,) array
-        One a drive, or a piece.
-    pieces : bool
-        They are successive pieces of one drive.
-
-    Returns
-    -------
-    value, low, high : float
-        The last two NaN if there are fewer than `FEWEST`.
+    `value` (n,): one a drive, or a piece.
     """
     known = value[np.isfinite(value)]
     middle = metric.typical(known)
@@ -107,11 +83,7 @@ def interval(value: FloatArray, metric: Metric, *, pieces: bool) -> tuple[float,
 def standard_error(value: FloatArray, *, pieces: bool) -> tuple[float, float]:
     """Standard error of a mean, and its degrees of freedom.
 
-    Parameters
-    ----------
-    value : (n,) array
-    pieces : bool
-        Successive pieces of one drive.
+    `value` (n,).
     """
     n = len(value)
     if n < 2:
@@ -127,10 +99,7 @@ def standard_error(value: FloatArray, *, pieces: bool) -> tuple[float, float]:
 def holm(p: Sequence[float]) -> FloatArray:
     """Correct p-values for their number.
 
-    Returns
-    -------
-    (n,) array
-        Adjusted: compare them with the level that is to hold for all together.
+    Returns: (n,): adjusted: compare them with the level that is to hold for all together.
     """
     value = np.asarray(p, dtype=np.float64)
     order = np.argsort(value)

@@ -18,33 +18,18 @@ _CPUINFO = Path("/proc/cpuinfo")
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What belongs to figures that are kept.
+    """What belongs to figures that are kept."""
 
-    Attributes
-    ----------
-    version, commit, date : str
-        Of insnav; a plus sign after the commit says that files had changed since; UTC, to the minute.
-    packages : dict of str to str
-        Releases of Python and of what results depend on.
-    computer : str
-        Number of processors, and their model.
-    """
-
+    # of insnav; a plus sign after the commit says that files had changed since; UTC, to the minute
     version: str
     commit: str
     date: str
-    packages: dict[str, str]
-    computer: str
+    packages: dict[str, str]  # releases of Python and of what results depend on
+    computer: str  # number of processors, and their model
 
 
 def origin(folder: Path) -> Origin:
-    """Find out where and with what this is running.
-
-    Parameters
-    ----------
-    folder : Path
-        In the source of insnav; its commit counts.
-    """
+    """Find out where and with what this is running."""
     packages = {"python": platform.python_version()}
     for name in _PACKAGES:
         try:

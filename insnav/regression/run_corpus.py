@@ -21,27 +21,13 @@ SERIES = 8  # seed of all seeds
 
 @dataclass(frozen=True, slots=True)
 class CaseResult:
-    """Accuracy of one case.
+    """Accuracy of one case."""
 
-    Attributes
-    ----------
-    digest : str
-        Of the case and all files behind it.
-    pieces : bool
-        Values are those of successive pieces of one drive, else of independent drives.
-    measured : Measured or None
-        None if every drive failed.
-    failures : dict of int to str
-        Number of each drive that ended in an error, from 1, and why.
-    files : dict of str to str
-        Digest of each recorded file.
-    """
-
-    digest: str
-    pieces: bool
-    measured: Measured | None
-    failures: dict[int, str]
-    files: dict[str, str]
+    digest: str  # of the case and all files behind it
+    pieces: bool  # values are those of successive pieces of one drive, else of independent drives
+    measured: Measured | None  # none if every drive failed
+    failures: dict[int, str]  # number of each drive that ended in an error, from 1, and why
+    files: dict[str, str]  # digest of each recorded file
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,27 +70,7 @@ def run_corpus(
 ) -> Result:
     """Navigate all drives.
 
-    Parameters
-    ----------
-    data : Path
-        Folder of recorded data.
-    quick : bool
-        Only the cases and seeds of a quick run.
-    workers : int
-        Processes.
-    series : int
-        Seed of all seeds.
-    progress : callable, optional
-        Called with the fraction done.
-
-    Returns
-    -------
-    Result
-
-    Raises
-    ------
-    ConfigError
-        No worker, or a profile or model that a case names is wrong.
+    Raises: ConfigError: no worker, or a profile or model that a case names is wrong.
     """
     if workers < 1:
         raise ConfigError(f"{workers} processes cannot work", where="--workers", fix="give 1 or more")

@@ -20,51 +20,26 @@ CPU_FAILS_FROM = 3.0  # times the baseline's, in the median over five drives or 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One figure of merit of one case, then and now.
-
-    Attributes
-    ----------
-    case : str
-    metric : Metric
-    old, new : float
-        Geometric mean over the drives, or pieces, that both have; of CPU time the median.
-    shift : Shift
-        Paired change and its p-value.
-    adjusted : float
-        The p-value corrected for the number of all pairs of case and metric.
-    verdict : {"better", "same", "worse"}
-        Better and worse are significant changes of at least 1 %.
-    fails : bool
-        Worse by 5 % and more; CPU time by a factor of three.
-    """
+    """One figure of merit of one case, then and now."""
 
     case: str
     metric: Metric
+    # geometric mean over the drives, or pieces, that both have; of CPU time the median
     old: float
     new: float
-    shift: Shift
-    adjusted: float
-    verdict: Verdict
-    fails: bool
+    shift: Shift  # paired change and its p-value
+    adjusted: float  # the p-value corrected for the number of all pairs of case and metric
+    verdict: Verdict  # better and worse are significant changes of at least 1 %
+    fails: bool  # worse by 5 % and more; CPU time by a factor of three
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """All changes, and what could not be compared.
+    """All changes, and what could not be compared."""
 
-    Attributes
-    ----------
-    changes : tuple of Change
-        By case, then by metric.
-    broken : dict of str to str
-        Cases in which a drive fails that did not, with the reason.
-    apart : dict of str to str
-        Cases that could not be compared, with the reason.
-    """
-
-    changes: tuple[Change, ...]
-    broken: dict[str, str]
-    apart: dict[str, str]
+    changes: tuple[Change, ...]  # by case, then by metric
+    broken: dict[str, str]  # cases in which a drive fails that did not, with the reason
+    apart: dict[str, str]  # cases that could not be compared, with the reason
 
     @property
     def failing(self) -> tuple[Change, ...]:

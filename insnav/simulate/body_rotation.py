@@ -18,21 +18,13 @@ Quaternion = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class Turns:
-    """Attitude ``q_vb`` of the body b against the vehicle v: constant attitudes, each followed by a rotation vector.
+    """Attitude ``q_vb`` of the body b against the vehicle v: constant attitudes, each followed by a rotation vector."""
 
-    Attributes
-    ----------
-    edges : (m,) array
-        Times at which the next stretch begins [s], increasing; the first one is the start of the motion.
-    base : (m, 4) array
-        Quaternion at the beginning of each stretch.
-    rotvec : Spline
-        Rotation vector since the beginning of the stretch [rad]. It jumps at `edges`, back to zero, and with it
-        goes all it had turned into `base`; its derivatives do not.
-    """
-
+    # (m,) times at which the next stretch begins [s], increasing; the first one is the start of the motion
     edges: FloatArray
-    base: FloatArray
+    base: FloatArray  # (m, 4) quaternion at the beginning of each stretch
+    # rotation vector since the beginning of the stretch [rad]. It jumps at `edges`, back to zero, and with it goes all
+    # it had turned into `base`; its derivatives do not.
     rotvec: Spline
 
     @property
@@ -43,13 +35,9 @@ class Turns:
     def __call__(self, tau: FloatArray) -> tuple[Quaternion, Vector]:
         """Attitude and rate at times ``(n,)`` [s].
 
-        Returns
-        -------
-        q_vb : four (n,) arrays
-            Attitude.
-        w_vb_b : three (n,) arrays
-            Rate of the body against the vehicle, body axes [rad/s]: Bortz, "A new mathematical formulation for
-            strapdown inertial navigation", IEEE Trans. AES-7 (1971) 61-66, solved for the rate.
+        Returns: `q_vb` (n,): attitude; `w_vb_b` (n,): rate of the body against the vehicle, body axes [rad/s]: Bortz,
+        "A new mathematical formulation for strapdown inertial navigation", IEEE Trans. AES-7 (1971) 61-66, solved for
+        the rate.
         """
         stretch = np.clip(np.searchsorted(self.edges, tau, side="right") - 1, 0, len(self.edges) - 1)
         rotvec, rate = self.rotvec(tau), self.rotvec(tau, 1)

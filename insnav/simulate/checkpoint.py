@@ -17,27 +17,13 @@ from insnav.types import FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """What is known of a series after its first `done` runs.
+    """What is known of a series after its first `done` runs."""
 
-    Attributes
-    ----------
-    done : int
-        Runs that have ended, well or not.
-    number : (n,) array
-        Numbers of those that ended well.
-    figures : (n, k) array
-        What each of them came to.
-    total : array
-        Sum of their series.
-    failures : tuple of (int, str)
-        Number and reason of the others.
-    """
-
-    done: int
-    number: IntArray
-    figures: FloatArray
-    total: FloatArray
-    failures: tuple[tuple[int, str], ...]
+    done: int  # runs that have ended, well or not
+    number: IntArray  # (n,) numbers of those that ended well
+    figures: FloatArray  # (n, k) what each of them came to
+    total: FloatArray  # sum of their series
+    failures: tuple[tuple[int, str], ...]  # number and reason of the others
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,16 +31,9 @@ def straight(
     Due east or west the speed is constant; else the radii change it by parts in 1e5 over 100 km. With zero
     speed it is the motion of a thing at rest on the turning Earth.
 
-    Parameters
-    ----------
-    lla : (3,) array
-        Start: latitude [rad], longitude [rad], height [m].
-    speed, climb : float
-        Horizontal speed at the start, and rate of height [m/s].
-    heading, roll, pitch : float
-        Heading, which is the course at the start, and the rest of the attitude [rad].
-    duration, start : float
-        Length, and time of the first instant [s].
+    `lla` (3,): start: latitude [rad], longitude [rad], height [m]; `speed`, `climb`: horizontal speed at the start, and
+    rate of height [m/s]; `heading`, `roll`, `pitch`: heading, which is the course at the start, and the rest of the
+    attitude [rad]; `duration`, `start`: length, and time of the first instant [s].
     """
     along = np.array([speed * math.cos(heading), speed * math.sin(heading), climb])
     attitude = Harmonic(np.array([roll, pitch, heading]), _ZERO, _ZERO, _ZERO)
@@ -67,21 +60,10 @@ def circle(
     Latitude and longitude are harmonic: a circle of radius ``speed / turn_rate`` as far as its part of the
     Earth is flat. The heading turns steadily and is the course to the same order.
 
-    Parameters
-    ----------
-    lla : (3,) array
-        Centre: latitude [rad], longitude [rad], height [m].
-    speed, turn_rate : float
-        [m/s]; rate of heading [rad/s], positive to the right, not zero.
-    duration, start : float
-        Length, and time of the first instant [s].
-    heading : float
-        At the start [rad].
-
-    Raises
-    ------
-    ConfigError
-        No turn.
+    `lla` (3,): centre: latitude [rad], longitude [rad], height [m]; `speed`, `turn_rate` [m/s]; rate of heading
+    [rad/s], positive to the right, not zero; `duration`, `start`: length, and time of the first instant [s]; `heading`:
+    at the start [rad].
+    Raises: ConfigError: no turn.
     """
     if turn_rate == 0.0:
         raise ConfigError("a circle needs a rate of turn", where="turn_rate", why="it is 0", fix="use `straight`")

@@ -33,21 +33,14 @@ class Curve(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Harmonic:
-    """Straight line plus one harmonic: ``offset + rate t + cosine cos(w t) + sine sin(w t)``.
+    """Straight line plus one harmonic: ``offset + rate t + cosine cos(w t) + sine sin(w t)``."""
 
-    Attributes
-    ----------
-    offset, rate, cosine, sine : (3,) array
-        Coefficients, in the unit of the curve (`rate` per second).
-    omega : float
-        Angular frequency w [rad/s].
-    """
-
+    # (3,) coefficients, in the unit of the curve (`rate` per second)
     offset: FloatArray
     rate: FloatArray
     cosine: FloatArray
     sine: FloatArray
-    omega: float = 0.0
+    omega: float = 0.0  # angular frequency w [rad/s]
 
     @property
     def knots(self) -> FloatArray:
@@ -68,14 +61,9 @@ class Harmonic:
 
 @dataclass(frozen=True, slots=True)
 class Spline:
-    """Piecewise polynomial.
+    """Piecewise polynomial."""
 
-    Attributes
-    ----------
-    derivatives : tuple of PPoly
-        The function and its first two derivatives, each a polynomial of its own: half the cost of ``nu``.
-    """
-
+    # the function and its first two derivatives, each a polynomial of its own: half the cost of ``nu``
     derivatives: tuple[PPoly, PPoly, PPoly]
 
     @property

@@ -25,27 +25,15 @@ from insnav.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class EarthTruth(Truth):
-    """A motion in Earth-fixed axes.
+    """A motion in Earth-fixed axes."""
 
-    Attributes
-    ----------
-    origin : (3,) array
-        Position that `position` counts from [m].
-    position : Spline
-        Position minus `origin` over the time since `start` [m]; smooth in at least two derivatives.
-    attitude : Spline
-        Quaternion ``q_ev`` of the vehicle over the time since `start`, of any length but zero; smooth in at least one
-        derivative. Divided by its length it is the attitude, so its four polynomials need not know of each other.
-    turns : Turns or None
-        Turns of the body in the vehicle, if it does not simply stay there.
-    duration, start, gravity
-        See `Truth`.
-    """
-
-    origin: FloatArray
-    position: Spline
+    origin: FloatArray  # (3,) position that `position` counts from [m]
+    position: Spline  # position minus `origin` over the time since `start` [m]; smooth in at least two derivatives
+    # quaternion ``q_ev`` of the vehicle over the time since `start`, of any length but zero; smooth in at least one
+    # derivative. Divided by its length it is the attitude, so its four polynomials need not know of each other.
     attitude: Spline
-    turns: Turns | None
+    turns: Turns | None  # turns of the body in the vehicle, if it does not simply stay there
+    # see `Truth`
     duration: float
     start: float = 0.0
     gravity: Gravity = "full"

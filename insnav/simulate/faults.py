@@ -47,24 +47,13 @@ _DIRECTIONS = {"F": (0, 1.0), "B": (0, -1.0), "R": (1, 1.0), "L": (1, -1.0), "D"
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault.
+    """One fault."""
 
-    Attributes
-    ----------
-    verb : str
-        What goes wrong; see the table of this module.
-    size : float or str or None
-        How much, in SI units; an axis, a unit or three directions for the faults that want them.
-    begin : float
-        When it begins, after the first sample [s].
-    length : float
-        How long it lasts [s]; infinite if not given.
-    """
-
-    verb: str
+    verb: str  # what goes wrong; see the table of this module
+    # how much, in SI units; an axis, a unit or three directions for the faults that want them
     size: float | str | None = None
-    begin: float = 0.0
-    length: float = math.inf
+    begin: float = 0.0  # when it begins, after the first sample [s]
+    length: float = math.inf  # how long it lasts [s]; infinite if not given
 
     def apply(self, imu: ImuData, gps: GpsData, start: float | None = None) -> tuple[ImuData, GpsData]:
         """Put the fault into the data, which themselves stay as they are.
@@ -84,10 +73,7 @@ class Fault:
 def parse_fault(text: str) -> Fault:
     """Read a fault as it is written on the command line, such as ``gps-jump:60m@120s+8s``.
 
-    Raises
-    ------
-    ConfigError
-        An unknown verb, or a size or time that is missing, not wanted or not understood.
+    Raises: ConfigError: an unknown verb, or a size or time that is missing, not wanted or not understood.
     """
     found = re.fullmatch(r"([^:@]+)(?::([^@]+))?(?:@([^+]+)(?:\+(.+))?)?", text.strip())
     name = found[1] if found else text.split(":")[0]

@@ -18,24 +18,13 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class GpsErrors:
-    """Sizes of the errors of fixes.
+    """Sizes of the errors of fixes."""
 
-    Attributes
-    ----------
-    position_noise : (3,) tuple
-        Standard deviation of the white error North, East, Down [m].
-    position_drift : (3,) tuple
-        Standard deviation of the time-correlated (first-order Gauss-Markov) error North, East, Down [m].
-    correlation_time : float
-        Its correlation time [s].
-    velocity_noise : (3,) tuple
-        Standard deviation of the white velocity error [m/s].
-    """
-
-    position_noise: Triple
+    position_noise: Triple  # standard deviation of the white error North, East, Down [m]
+    # standard deviation of the time-correlated (first-order Gauss-Markov) error North, East, Down [m]
     position_drift: Triple = (0.0, 0.0, 0.0)
-    correlation_time: float = 60.0
-    velocity_noise: Triple = (0.1, 0.1, 0.1)
+    correlation_time: float = 60.0  # its correlation time [s]
+    velocity_noise: Triple = (0.1, 0.1, 0.1)  # standard deviation of the white velocity error [m/s]
 
     @property
     def position_sd(self) -> FloatArray:
@@ -53,56 +42,29 @@ class RandomSpells:
 
 @dataclass(frozen=True, slots=True)
 class GpsSpec:
-    """How good a receiver is and where its antenna sits.
-
-    Attributes
-    ----------
-    name : str
-    errors : GpsErrors
-        Errors of its fixes.
-    rate : float
-        [Hz]
-    lever_b : (3,) tuple
-        Antenna seen from the IMU, body axes [m].
-    velocities : bool
-        Whether it gives velocities.
-    latency, jitter : float
-        How much later than valid the timestamp of a fix is: on average, and its standard deviation [s].
-    fix : int
-        Fix type it reports (1 fixed, 2 float, 4 DGPS, 5 single).
-    multipath, multipath_size : RandomSpells or None, float
-        Jumps of the position, and their standard deviation on each axis [m], which is not reported.
-    degraded, degraded_noise : RandomSpells or None, float
-        Times of a worse kind of fix (an RTK float solution), type 2, and their white error on each axis [m], reported.
-    outages : tuple of (float, float)
-        Begin, since the start of the motion, and length of outages [s].
-    outage_period : (float, float) or None
-        Period of regular outages, and the length of each, at the end of the period [s].
-    outage : RandomSpells or None
-        Random outages.
-    stated : float
-        Reported standard deviations over the true ones.
-    source : str
-        Where the figures come from.
-    """
+    """How good a receiver is and where its antenna sits."""
 
     name: str
-    errors: GpsErrors
-    rate: float = 1.0
-    lever_b: Triple = (0.0, 0.0, 0.0)
-    velocities: bool = True
+    errors: GpsErrors  # errors of its fixes
+    rate: float = 1.0  # [Hz]
+    lever_b: Triple = (0.0, 0.0, 0.0)  # antenna seen from the IMU, body axes [m]
+    velocities: bool = True  # whether it gives velocities
+    # how much later than valid the timestamp of a fix is: on average, and its standard deviation [s]
     latency: float = 0.0
     jitter: float = 0.0
-    fix: int = 5
+    fix: int = 5  # fix type it reports (1 fixed, 2 float, 4 DGPS, 5 single)
+    # jumps of the position, and their standard deviation on each axis [m], which is not reported
     multipath: RandomSpells | None = None
     multipath_size: float = 0.0
+    # times of a worse kind of fix (an RTK float solution), type 2, and their white error on each axis [m], reported
     degraded: RandomSpells | None = None
     degraded_noise: float = 0.0
-    outages: tuple[tuple[float, float], ...] = ()
+    outages: tuple[tuple[float, float], ...] = ()  # begin, since the start of the motion, and length of outages [s]
+    # period of regular outages, and the length of each, at the end of the period [s]
     outage_period: tuple[float, float] | None = None
-    outage: RandomSpells | None = None
-    stated: float = 1.0
-    source: str = ""
+    outage: RandomSpells | None = None  # random outages
+    stated: float = 1.0  # reported standard deviations over the true ones
+    source: str = ""  # where the figures come from
 
 
 def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
@@ -111,10 +73,7 @@ def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
     The same seed gives the same fixes; every kind of error has a stream of its own, so that none changes when another
     one is switched on.
 
-    Raises
-    ------
-    ConfigError
-        A motion that is over before the first fix.
+    Raises: ConfigError: a motion that is over before the first fix.
     """
     kept, jumps, floats, times, white = np.random.SeedSequence(seed).spawn(5)
     count = int(np.floor(truth.duration * spec.rate * (1.0 + 1e-12)))
@@ -193,10 +152,8 @@ def _within(time: FloatArray, spells: list[tuple[float, float]]) -> BoolArray:
 def corrupt_gps(gps: GpsData, errors: GpsErrors, seed: Seed) -> GpsData:
     """Add errors, drawn with a seed, to error-free fixes, and standard deviations that are their true size.
 
-    Raises
-    ------
-    ConfigError
-        A standard deviation that is not above zero: no receiver is perfect, and no filter takes a zero.
+    Raises: ConfigError: a standard deviation that is not above zero: no receiver is perfect, and no filter takes a
+    zero.
     """
     velocity_sd = np.asarray(errors.velocity_noise, dtype=np.float64)
     sizes = np.concatenate([errors.position_sd, velocity_sd, [errors.correlation_time]])

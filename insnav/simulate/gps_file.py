@@ -144,19 +144,8 @@ class _GpsFile(Table):
 def load_gps(preset_or_path: str) -> GpsSpec:
     """Read how good a receiver is.
 
-    Parameters
-    ----------
-    preset_or_path : str
-        ``single``, ``dgps``, ``rtk``, ``urban``, or a receiver file.
-
-    Returns
-    -------
-    GpsSpec
-
-    Raises
-    ------
-    ConfigError
-        No such preset or file, no TOML, or wrong keys or values: all of them at once.
+    `preset_or_path`: ``single``, ``dgps``, ``rtk``, ``urban``, or a receiver file.
+    Raises: ConfigError: no such preset or file, no TOML, or wrong keys or values: all of them at once.
     """
     path = preset_or_file(preset_or_path, _FOLDER, PRESETS, "a receiver", "--gps", ", ideal")
     file = validate(_GpsFile, read_toml(path), str(path))
@@ -184,17 +173,7 @@ def load_gps(preset_or_path: str) -> GpsSpec:
 
 
 def to_toml(spec: GpsSpec) -> str:
-    """Write a receiver file.
-
-    Parameters
-    ----------
-    spec : GpsSpec
-
-    Returns
-    -------
-    str
-        Text that `load_gps` reads back to exactly the same values.
-    """
+    """Write a receiver file."""
     errors = spec.errors
     content: dict[str, Any] = {"name": spec.name}
     if spec.source:

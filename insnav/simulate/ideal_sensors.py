@@ -19,25 +19,11 @@ _SLIVER = 1e-9  # [s]; a knot this close to a sample time needs no piece of its 
 def imu_from_truth(truth: Truth, time: FloatArray, sampling: Sampling = "increment") -> ImuData:
     """Measure with a perfect IMU.
 
-    Parameters
-    ----------
-    truth : Truth
-        The motion.
-    time : (n + 1,) array
-        Edges of the sampling intervals [s], strictly increasing: sample i covers ``time[i]`` to
-        ``time[i + 1]`` and is stamped with its end. For ``instant`` there are no intervals: (n,) times.
-    sampling : {"increment", "mean", "instant"}
-        Integral over the interval, mean over it, or value at the instant.
-
-    Returns
-    -------
-    ImuData
-        n samples, each interval integrated with its own length as the floating-point times have it.
-
-    Raises
-    ------
-    ConfigError
-        Times outside the motion, not increasing, or not enough of them.
+    `time` (n + 1,): edges of the sampling intervals [s], strictly increasing: sample i covers ``time[i]`` to ``time[i +
+    1]`` and is stamped with its end. For ``instant`` there are no intervals: (n,) times; `sampling` {"increment",
+    "mean", "instant"}: integral over the interval, mean over it, or value at the instant.
+    Returns: n samples, each interval integrated with its own length as the floating-point times have it.
+    Raises: ConfigError: times outside the motion, not increasing, or not enough of them.
     """
     time = np.asarray(time, dtype=np.float64)
     if sampling == "instant":
@@ -99,10 +85,7 @@ def pieces(edges: FloatArray, knots: FloatArray) -> FloatArray:
 def reference(truth: Truth, time: FloatArray) -> Trajectory:
     """Position, velocity and attitude of the IMU at times ``(n,)`` [s], strictly increasing.
 
-    Raises
-    ------
-    ConfigError
-        Times outside the motion.
+    Raises: ConfigError: times outside the motion.
     """
     at = truth.evaluate(time)
     return Trajectory(np.asarray(time, dtype=np.float64), at.lla, at.v_n, at.rph)
@@ -111,16 +94,9 @@ def reference(truth: Truth, time: FloatArray) -> Trajectory:
 def gps_from_truth(truth: Truth, time: FloatArray, lever_b: FloatArray) -> GpsData:
     """Measure with a perfect receiver at times ``(n,)`` [s], its antenna at `lever_b` ``(3,)`` from the IMU [m].
 
-    Returns
-    -------
-    GpsData
-        Position and velocity of the antenna, v + C_nb (w_eb_b x lever) (Groves 2013, section 14.3.1), the
-        lever arm laid on the tangent plane: 1e-7 m off for one metre. Standard deviations are not known.
-
-    Raises
-    ------
-    ConfigError
-        Times outside the motion.
+    Returns: position and velocity of the antenna, v + C_nb (w_eb_b x lever) (Groves 2013, section 14.3.1), the lever
+    arm laid on the tangent plane: 1e-7 m off for one metre. Standard deviations are not known.
+    Raises: ConfigError: times outside the motion.
     """
     at = truth.evaluate(time)
     C_nb = dcm_from_rph(at.rph)

@@ -27,20 +27,11 @@ Seed = int | tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class ImuSimulation:
-    """What a simulated IMU shows, and the errors in it.
+    """What a simulated IMU shows, and the errors in it."""
 
-    Attributes
-    ----------
-    imu : ImuData
-        Samples with errors.
-    errors : ImuErrors
-        Its constant errors: turn-on bias, scale factor, misalignment.
-    gyro_bias, accel_bias : (n, 3) array
-        Whole bias over time, turn-on and in-run [rad/s], [m/s^2].
-    """
-
-    imu: ImuData
-    errors: ImuErrors
+    imu: ImuData  # samples with errors
+    errors: ImuErrors  # its constant errors: turn-on bias, scale factor, misalignment
+    # (n, 3) whole bias over time, turn-on and in-run [rad/s], [m/s^2]
     gyro_bias: FloatArray
     accel_bias: FloatArray
 
@@ -59,27 +50,9 @@ def corrupt_imu(
     Constant errors come first (`insnav.imu.corrupt`), then in-run bias, white noise, quantisation, range, rounding,
     timestamps. Every source has a stream of random numbers of its own: switching one on does not change the others.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Error-free samples, at least two.
-    spec : ImuSpec
-        Sizes of the errors.
-    seed : int or tuple of int
-        The same seed gives the same errors.
-    temperature : (n,) array, optional
-        Of the IMU at each sample [deg C].
-    gyro_step, accel_step : float
-        Resolution of the samples as they are written, in their own unit; zero for none.
-
-    Returns
-    -------
-    ImuSimulation
-
-    Raises
-    ------
-    InputError
-        Fewer than two samples, or terms that depend on the temperature without one.
+    `temperature` (n,): of the IMU at each sample [deg C]; `gyro_step`, `accel_step`: resolution of the samples as they
+    are written, in their own unit; zero for none.
+    Raises: InputError: fewer than two samples, or terms that depend on the temperature without one.
     """
     constant, gyro_seed, accel_seed, gyro_flicker, accel_flicker, clock = np.random.SeedSequence(seed).spawn(6)
     constants = np.random.default_rng(constant)
@@ -157,13 +130,8 @@ def quantised(values: FloatArray, sensor: SensorSpec, dt: FloatArray, span: Floa
 def flicker(seed: np.random.SeedSequence, time: FloatArray, size: FloatArray) -> FloatArray:
     """Flicker noise ``(n, 3)`` as a sum of Gauss-Markov processes whose correlation times go in steps.
 
-    Parameters
-    ----------
-    seed : SeedSequence
-    time : (n,) array
-        Times [s], taken as evenly spaced.
-    size : (3,) array
-        Coefficient B of IEEE Std 952-1997, equation C.8: two-sided density ``B^2 / (2 pi f)``.
+    `time` (n,): times [s], taken as evenly spaced; `size` (3,): coefficient B of IEEE Std 952-1997, equation C.8:
+    two-sided density ``B^2 / (2 pi f)``.
 
     Notes
     -----

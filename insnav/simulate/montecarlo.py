@@ -30,18 +30,10 @@ _SEED_BITS = 53  # readers of JSON know integers up to here
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What one run comes to.
+    """What one run comes to."""
 
-    Attributes
-    ----------
-    figures : (k,) array
-        Kept for every run.
-    series : array
-        Added up over the runs: of the same shape in all of them, without NaN.
-    """
-
-    figures: FloatArray
-    series: FloatArray
+    figures: FloatArray  # (k,) kept for every run
+    series: FloatArray  # added up over the runs: of the same shape in all of them, without NaN
 
 
 class Task(Protocol):
@@ -63,25 +55,14 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Runs:
-    """What all runs came to.
+    """What all runs came to."""
 
-    Attributes
-    ----------
-    number, seed : (n,) array
-        Number, from 1, and seed of the runs that ended well.
-    figures : (n, k) array
-        Their figures.
-    total : array
-        Sum of their series.
-    failures : tuple of Failure
-        The others.
-    """
-
+    # (n,) number, from 1, and seed of the runs that ended well
     number: IntArray
     seed: IntArray
-    figures: FloatArray
-    total: FloatArray
-    failures: tuple[Failure, ...]
+    figures: FloatArray  # (n, k) their figures
+    total: FloatArray  # sum of their series
+    failures: tuple[Failure, ...]  # the others
 
 
 def run_seed(seed: int, number: int) -> int:
@@ -101,29 +82,12 @@ def monte_carlo(
 ) -> Runs:
     """Make many runs of a task.
 
-    Parameters
-    ----------
-    task : Task
-        Called with the seed of each run. Large arrays in it are shared by the workers, not copied.
-    runs, seed : int
-        How many, and the seed of the series.
-    workers : int
-        Processes; with one, everything happens in this process.
-    progress : callable, optional
-        Called with the fraction done.
-    checkpoint : Checkpoint, optional
-        Where to continue from, and to keep what is done. The caller removes it when the result is safe.
-
-    Returns
-    -------
-    Runs
-        The same, bit for bit, for any number of workers and after any interruption. A run that raises an exception,
-        or whose process dies, becomes a failure and leaves the others alone.
-
-    Raises
-    ------
-    ConfigError
-        Fewer than one run or worker, a negative seed, or a checkpoint of another series.
+    `task`: called with the seed of each run. Large arrays in it are shared by the workers, not copied; `workers`:
+    processes; with one, everything happens in this process; `checkpoint`: where to continue from, and to keep what is
+    done. The caller removes it when the result is safe.
+    Returns: the same, bit for bit, for any number of workers and after any interruption. A run that raises an
+    exception, or whose process dies, becomes a failure and leaves the others alone.
+    Raises: ConfigError: fewer than one run or worker, a negative seed, or a checkpoint of another series.
     """
     for name, value, least in (("runs", runs, 1), ("workers", workers, 1), ("seed", seed, 0)):
         if value < least:

@@ -29,27 +29,13 @@ MOTION_STREAM, _IMU_STREAM, _GPS_STREAM = 0, 1, 2  # with the seed: one for each
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What was recorded, and the truth behind it.
+    """What was recorded, and the truth behind it."""
 
-    Attributes
-    ----------
-    imu : ImuData
-        Samples with errors and faults.
-    gps : GpsData
-        Fixes with errors and faults.
-    reference : Trajectory
-        Exact motion of the IMU at `REFERENCE_RATE`.
-    realisation : ImuSimulation or None
-        The IMU realisation and its errors, before faults; None if it has none.
-    lever_b : (3,) array
-        Antenna seen from the IMU, body axes [m].
-    """
-
-    imu: ImuData
-    gps: GpsData
-    reference: Trajectory
-    realisation: ImuSimulation | None
-    lever_b: FloatArray
+    imu: ImuData  # samples with errors and faults
+    gps: GpsData  # fixes with errors and faults
+    reference: Trajectory  # exact motion of the IMU at `REFERENCE_RATE`
+    realisation: ImuSimulation | None  # the IMU realisation and its errors, before faults; None if it has none
+    lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
 
 
 def simulate_recording(
@@ -66,26 +52,11 @@ def simulate_recording(
 ) -> Recording:
     """Measure a motion with sensors sampled from their specifications; None is a sensor without errors.
 
-    Parameters
-    ----------
-    truth : Truth
-    imu_spec, gps_spec : ImuSpec, GpsSpec or None
-    seed : int
-        The same seed gives the same recording; other seeds other sensor realisations and other noise.
-    rate : float
-        Of the IMU [Hz].
-    sampling : {"mean", "instant", "increment"}
-    faults : sequence of Fault
-        Applied one after the other; one that changes nothing is refused.
-    temperature : (n,) array, optional
-        Of the IMU at each sample [deg C].
-    perfect : ImuData, optional
-        What `perfect_imu` gives for the same truth, rate and sampling: spares doing it again for every seed.
-
-    Raises
-    ------
-    ConfigError
-        A rate that makes no sense, or a motion shorter than two samples.
+    `seed`: the same seed gives the same recording; other seeds other sensor realisations and other noise; `rate`: of
+    the IMU [Hz]; `sampling` {"mean", "instant", "increment"}; `faults`: applied one after the other; one that changes
+    nothing is refused; `temperature` (n,): of the IMU at each sample [deg C]; `perfect`: what `perfect_imu` gives for
+    the same truth, rate and sampling: spares doing it again for every seed.
+    Raises: ConfigError: a rate that makes no sense, or a motion shorter than two samples.
     """
     samples = perfect if perfect is not None else perfect_imu(truth, rate, sampling)
     realisation = None

@@ -30,47 +30,24 @@ Vector = tuple[FloatArray, FloatArray, FloatArray]  # components apart: numpy is
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
-    """State of motion at some instants.
+    """State of motion at some instants."""
 
-    Attributes
-    ----------
-    lla : (n, 3) array
-        Latitude [rad], longitude [rad] in [-pi, pi), ellipsoidal height [m].
-    v_n : (n, 3) array
-        Velocity North, East, Down [m/s].
-    rph : (n, 3) array
-        Roll, pitch, heading [rad], heading in [0, 2 pi).
-    w_ib_b : (n, 3) array
-        Angular rate of the body against inertial space, body axes [rad/s].
-    f_b : (n, 3) array
-        Specific force, body axes [m/s^2].
-    """
-
-    lla: FloatArray
-    v_n: FloatArray
-    rph: FloatArray
-    w_ib_b: FloatArray
-    f_b: FloatArray
+    lla: FloatArray  # (n, 3) latitude [rad], longitude [rad] in [-pi, pi), ellipsoidal height [m]
+    v_n: FloatArray  # (n, 3) velocity North, East, Down [m/s]
+    rph: FloatArray  # (n, 3) roll, pitch, heading [rad], heading in [0, 2 pi)
+    w_ib_b: FloatArray  # (n, 3) angular rate of the body against inertial space, body axes [rad/s]
+    f_b: FloatArray  # (n, 3) specific force, body axes [m/s^2]
 
 
 class Truth(ABC):
-    """A motion known exactly at every instant between `start` and `start` + `duration`.
-
-    Attributes
-    ----------
-    duration : float
-        Length [s].
-    start : float
-        Time of the first instant [s].
-    gravity : {"full", "plumb", "linear"}
-        Normal gravity as it is; without its north component above the ellipsoid (0.7 ug at 1 km); or also falling with
-        height in a straight line (0.5 ug off at 1 km): as most other packages have it, for comparison with these.
-    """
+    """A motion known exactly at every instant between `start` and `start` + `duration`."""
 
     __slots__ = ()
 
-    duration: float
-    start: float
+    duration: float  # length [s]
+    start: float  # time of the first instant [s]
+    # normal gravity as it is; without its north component above the ellipsoid (0.7 ug at 1 km); or also falling with
+    # height in a straight line (0.5 ug off at 1 km): as most other packages have it, for comparison with these
     gravity: Gravity
 
     @property
@@ -86,10 +63,7 @@ class Truth(ABC):
     def evaluate(self, time: FloatArray) -> Kinematics:
         """Motion at times ``(n,)`` [s], in any order.
 
-        Raises
-        ------
-        ConfigError
-            A time outside the motion.
+        Raises: ConfigError: a time outside the motion.
         """
 
     def elapsed(self, time: FloatArray) -> FloatArray:
@@ -107,25 +81,17 @@ class Truth(ABC):
 
 @dataclass(frozen=True, slots=True)
 class LevelTruth(Truth):
-    """A motion in latitude, longitude, height and roll, pitch, heading: not at a pole, nor at a pitch of 90 deg.
+    """A motion in latitude, longitude, height and roll, pitch, heading: not at a pole, nor at a pitch of 90 deg."""
 
-    Attributes
-    ----------
-    origin : (3,) array
-        Latitude [rad], longitude [rad], height [m] that `position` counts from: small numbers keep digits.
-    position : Curve
-        Latitude [rad], longitude [rad] and height [m] minus `origin`, over the time since `start` [s]; smooth
-        in at least two derivatives.
-    attitude : Curve
-        Roll, pitch, heading [rad] over the time since `start` [s], heading without jumps; smooth in at least
-        one derivative.
-    duration, start, gravity
-        See `Truth`.
-    """
-
+    # (3,) latitude [rad], longitude [rad], height [m] that `position` counts from: small numbers keep digits
     origin: FloatArray
+    # latitude [rad], longitude [rad] and height [m] minus `origin`, over the time since `start` [s]; smooth in at least
+    # two derivatives
     position: Curve
+    # roll, pitch, heading [rad] over the time since `start` [s], heading without jumps; smooth in at least one
+    # derivative
     attitude: Curve
+    # see `Truth`
     duration: float
     start: float = 0.0
     gravity: Gravity = "full"

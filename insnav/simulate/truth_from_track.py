@@ -40,21 +40,10 @@ _STEEPEST, _HIGHEST_LATITUDE = math.radians(80.0), math.radians(85.0)
 def truth_from_track(track: Trajectory) -> LevelTruth:
     """Make an exact motion close to a track.
 
-    Parameters
-    ----------
-    track : Trajectory
-        Positions; velocities and attitudes where they are known. Where no attitude is, the heading is the course, the
-        pitch the climb, and there is no roll. Gaps are bridged without overshoot.
-
-    Returns
-    -------
-    LevelTruth
-        From the first row to the last one, continuous in four derivatives.
-
-    Raises
-    ------
-    InputError
-        Fewer than 20 rows, within 5 deg of a pole, or a pitch beyond 80 deg.
+    `track`: positions; velocities and attitudes where they are known. Where no attitude is, the heading is the course,
+    the pitch the climb, and there is no roll. Gaps are bridged without overshoot.
+    Returns: from the first row to the last one, continuous in four derivatives.
+    Raises: InputError: fewer than 20 rows, within 5 deg of a pole, or a pitch beyond 80 deg.
 
     Notes
     -----
@@ -105,26 +94,18 @@ def truth_from_track(track: Trajectory) -> LevelTruth:
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """How far a motion is from the track it was made of, and how wild it is.
+    """How far a motion is from the track it was made of, and how wild it is."""
 
-    Attributes
-    ----------
-    position, velocity : float
-        Root mean square of the differences [m], [m/s]; NaN for velocities that the track does not have.
-    farthest, farthest_time : float
-        Largest difference of position [m], and when [s].
-    acceleration, acceleration_time : float
-        Largest acceleration over ground of the motion [m/s^2], and when [s].
-    gap, gap_time : float
-        Longest time without a row [s], and when it begins [s].
-    """
-
+    # root mean square of the differences [m], [m/s]; NaN for velocities that the track does not have
     position: float
     velocity: float
+    # largest difference of position [m], and when [s]
     farthest: float
     farthest_time: float
+    # largest acceleration over ground of the motion [m/s^2], and when [s]
     acceleration: float
     acceleration_time: float
+    # longest time without a row [s], and when it begins [s]
     gap: float
     gap_time: float
 

@@ -45,18 +45,9 @@ def schuler_rate(motion: SampledMotion) -> float:
 def analytic(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray, *, hold: bool = False) -> FloatArray:
     """Standard deviation that each source makes, by closed forms.
 
-    Parameters
-    ----------
-    rows : (m,) array of int
-        Samples after which results are wanted, increasing.
-    hold : bool
-        The vertical channel is constrained, and has no error.
-
-    Returns
-    -------
-    (m, s, 9) array
-        Of position N, E, D [m], velocity [m/s], attitude [rad]: short forms up to `laws.SHORT`, beyond it the closed
-        Schuler forms in the level axes. The vertical channel is that of the short forms at all times.
+    `rows` (m,): samples after which results are wanted, increasing.
+    Returns: (m, s, 9): of position N, E, D [m], velocity [m/s], attitude [rad]: short forms up to `laws.SHORT`, beyond
+    it the closed Schuler forms in the level axes. The vertical channel is that of the short forms at all times.
     """
     time, g, rate = motion.elapsed[rows - 1], gravity_of(motion), schuler_rate(motion)
     out = np.zeros((len(rows), len(sources), 9))

@@ -24,18 +24,11 @@ _CONSTANT = ("constant", "ramp")
 
 @dataclass(frozen=True, slots=True)
 class Covariance:
-    """Covariance that each source makes alone.
+    """Covariance that each source makes alone."""
 
-    Attributes
-    ----------
-    time : (m,) array
-        Since the start [s].
-    parts : (m, s, 9, 9) array
-        Of the errors of position N, E, D [m], velocity [m/s] and attitude [rad] by each source; the attitude error is
-        that of ``C_hat = (I - [phi x]) C``.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (m,) since the start [s]
+    # (m, s, 9, 9) of the errors of position N, E, D [m], velocity [m/s] and attitude [rad] by each source; the attitude
+    # error is that of ``C_hat = (I - [phi x]) C``
     parts: FloatArray
 
     @property
@@ -46,33 +39,18 @@ class Covariance:
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """A motion in steps of several samples.
+    """A motion in steps of several samples."""
 
-    Attributes
-    ----------
-    state : (m, 10) array
-        In the middle of each step; see `insnav.kernels.mechanization`.
-    force_n : (m, 3) array
-        Mean specific force North, East, Down [m/s^2].
-    dt : (m,) array
-        [s].
-    edges : (m + 1,) array of int
-        Numbers of the samples they begin with.
-    """
-
-    state: FloatArray
-    force_n: FloatArray
-    dt: FloatArray
-    edges: IntArray
+    state: FloatArray  # (m, 10) in the middle of each step; see `insnav.kernels.mechanization`
+    force_n: FloatArray  # (m, 3) mean specific force North, East, Down [m/s^2]
+    dt: FloatArray  # (m,) [s]
+    edges: IntArray  # (m + 1,) numbers of the samples they begin with
 
 
 def steps_of(motion: SampledMotion, rows: IntArray) -> Steps:
     """Join samples to steps that end where results are wanted.
 
-    Parameters
-    ----------
-    rows : (r,) array of int
-        Samples after which results are wanted, increasing.
+    `rows` (r,): samples after which results are wanted, increasing.
     """
     step = min(max(float(motion.elapsed[rows[-1] - 1]) / _STEPS, SHORTEST), LONGEST)
     size = max(1, round(step / float(np.median(motion.dt))))
@@ -90,11 +68,8 @@ def steps_of(motion: SampledMotion, rows: IntArray) -> Steps:
 def disturbance(source: Source, motion: SampledMotion) -> FloatArray:
     """Errors of attitude and velocity rates by a unit of a source.
 
-    Returns
-    -------
-    (n, 6) array
-        Rate of the attitude error [rad/s] and of the velocity error [m/s^2], North, East, Down, in every sample:
-        ``phi' = ... - C e_gyro``, ``dv' = ... + C e_accel`` (compare Groves 2013, section 14.2.4).
+    Returns: (n, 6): rate of the attitude error [rad/s] and of the velocity error [m/s^2], North, East, Down, in every
+    sample: ``phi' = ... - C e_gyro``, ``dv' = ... + C e_accel`` (compare Groves 2013, section 14.2.4).
     """
     out = np.zeros((len(motion.dt), 6))
     if source.group == "initial" and not source.joint:
@@ -133,19 +108,9 @@ def _sensed(source: Source, motion: SampledMotion) -> tuple[FloatArray | None, F
 def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray, *, hold: bool = False) -> Covariance:
     """Carry each source alone along a motion.
 
-    Parameters
-    ----------
-    sources : tuple of Source
-        See `insnav.errors.budget.sources.sources_of`; those of size zero cost nothing.
-    rows : (m,) array of int
-        Samples after which results are wanted, increasing.
-    hold : bool
-        Constrain the vertical channel to the reference height, the free-inertial convention: no errors down. Otherwise
-        it is free, and unstable with an e-folding time of 570 s.
-
-    Returns
-    -------
-    Covariance
+    `sources`: see `insnav.errors.budget.sources.sources_of`; those of size zero cost nothing; `rows` (m,): samples
+    after which results are wanted, increasing; `hold`: constrain the vertical channel to the reference height, the
+    free-inertial convention: no errors down. Otherwise it is free, and unstable with an e-folding time of 570 s.
     """
     steps = steps_of(motion, rows)
     at = np.searchsorted(steps.edges, rows)
@@ -219,12 +184,8 @@ def _add_noises(
 def processes(source: Source, motion: SampledMotion) -> list[tuple[float, float, float, float]]:
     """Processes that make up a noise: density of its white part, density that drives it, decay [1/s], first variance.
 
-    Parameters
-    ----------
-    source : Source
-        Of one of the kinds that are not constant.
-    motion : SampledMotion
-        Its length and sampling decide which processes make flicker noise.
+    `source`: of one of the kinds that are not constant; `motion`: its length and sampling decide which processes make
+    flicker noise.
     """
     variance = source.sd**2
     if source.kind == "white":

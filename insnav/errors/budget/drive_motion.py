@@ -28,10 +28,7 @@ def typical_window(part: RecordedPart) -> int:
 def window_motion(budget: RecordedBudget, duration: float) -> SampledMotion:
     """Motion of the typical window, from the smoothed track of the drive.
 
-    Parameters
-    ----------
-    duration : float
-        From its start on [s].
+    `duration`: from its start on [s].
     """
     part, track = budget.shown, budget.track
     start = float(part.windows.start[typical_window(part)])
@@ -55,10 +52,7 @@ def spec_in_windows(budget: RecordedBudget) -> ImuSpec:
 def with_recorded(found: Budget, budget: RecordedBudget) -> Budget:
     """Add the recorded column.
 
-    Parameters
-    ----------
-    found : Budget
-        Of `spec_in_windows`, `window_start_sources` and `window_motion`.
+    `found`: of `spec_in_windows`, `window_start_sources` and `window_motion`.
     """
     windows = budget.shown.windows
     times = found.time[found.chosen]

@@ -27,14 +27,9 @@ _ALONE = 200  # runs of each family alone: their RMS is good to 5 %
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Errors by one method.
+    """Errors by one method."""
 
-    Attributes
-    ----------
-    parts : (m, f, 9) array
-        Standard deviation of position N, E, D [m], velocity [m/s], attitude [rad] by each family of sources.
-    """
-
+    # (m, f, 9) standard deviation of position N, E, D [m], velocity [m/s], attitude [rad] by each family of sources
     parts: FloatArray
 
     @property
@@ -50,26 +45,16 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedColumn:
-    """Errors of free-inertial Monte Carlo runs.
+    """Errors of free-inertial Monte Carlo runs."""
 
-    Attributes
-    ----------
-    runs, alone, seed : int
-        How many runs with all errors, and of each family alone; and of which seed.
-    parts : (m, f, 9) array
-        RMS error of the runs with one family of sources alone, in the units of `Column`.
-    total : (m, 9) array
-        RMS error of the runs with all errors together.
-    nees : (m,) array
-        Mean over the runs of the squared errors normalised by the predicted covariance, divided by their number: one if
-        the covariance is true.
-    """
-
+    # how many runs with all errors, and of each family alone; and of which seed
     runs: int
     alone: int
     seed: int
-    parts: FloatArray
-    total: FloatArray
+    parts: FloatArray  # (m, f, 9) RMS error of the runs with one family of sources alone, in the units of `Column`
+    total: FloatArray  # (m, 9) RMS error of the runs with all errors together
+    # (m,) mean over the runs of the squared errors normalised by the predicted covariance, divided by their number: one
+    # if the covariance is true
     nees: FloatArray
 
     @property
@@ -81,70 +66,33 @@ class SimulatedColumn:
 
 @dataclass(frozen=True, slots=True)
 class RecordedColumn:
-    """Errors of the windows of a recorded drive.
+    """Errors of the windows of a recorded drive."""
 
-    Attributes
-    ----------
-    time : (k,) array
-        Since the start of a window [s].
-    rms : (k, 3) array
-        RMS error North, East, Down, reference variance subtracted [m].
-    predicted : (k, 3) array
-        Predicted standard deviation North, East, Down [m].
-    windows : int
-        How many.
-    description : str
-        What was recorded, and what errors are against.
-    """
-
-    time: FloatArray
-    rms: FloatArray
-    predicted: FloatArray
-    windows: int
-    description: str
+    time: FloatArray  # (k,) since the start of a window [s]
+    rms: FloatArray  # (k, 3) RMS error North, East, Down, reference variance subtracted [m]
+    predicted: FloatArray  # (k, 3) predicted standard deviation North, East, Down [m]
+    windows: int  # how many
+    description: str  # what was recorded, and what errors are against
 
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """How much error an IMU makes, after how long, from what.
+    """How much error an IMU makes, after how long, from what."""
 
-    Attributes
-    ----------
-    imu : str
-        Name of the IMU.
-    motion : str
-        What motion it is.
-    time : (m,) array
-        Times of the curves, since the start [s].
-    chosen : (k,) array of int
-        Those of them that the tables show.
-    families : (f,) tuple of str
-        Families of sources that are not zero, such as ``gyro bias``.
-    sources : tuple of Source
-        All sources, also those of size zero.
-    analytic, covariance : Column
-        By closed laws; and by the linear model along the motion.
-    hold : bool
-        The vertical channel was constrained to the reference height.
-    gravity, schuler_rate : float
-        Gravity [m/s^2] and Schuler rate [rad/s] where the motion begins.
-    absent, ignored : tuple of str
-        Keys that the IMU file does not give, counted as zero; and errors it gives that the budget leaves out.
-    simulated : SimulatedColumn or None
-    recorded : RecordedColumn or None
-    """
-
-    imu: str
-    motion: str
-    time: FloatArray
-    chosen: IntArray
-    families: tuple[str, ...]
-    sources: tuple[Source, ...]
+    imu: str  # name of the IMU
+    motion: str  # what motion it is
+    time: FloatArray  # (m,) times of the curves, since the start [s]
+    chosen: IntArray  # (k,) those of them that the tables show
+    families: tuple[str, ...]  # families of sources that are not zero, such as ``gyro bias``
+    sources: tuple[Source, ...]  # all sources, also those of size zero
+    # by closed laws; and by the linear model along the motion
     analytic: Column
     covariance: Column
-    hold: bool
+    hold: bool  # the vertical channel was constrained to the reference height
+    # gravity [m/s^2] and Schuler rate [rad/s] where the motion begins
     gravity: float
     schuler_rate: float
+    # keys that the IMU file does not give, counted as zero; and errors it gives that the budget leaves out
     absent: tuple[str, ...]
     ignored: tuple[str, ...]
     simulated: SimulatedColumn | None = None
@@ -179,35 +127,12 @@ def budget(
 ) -> Budget:
     """Draw up the budget.
 
-    Parameters
-    ----------
-    spec : ImuSpec
-        Specified errors of the IMU and of its start.
-    motion : SampledMotion
-        At least until the last of the times.
-    times : sequence of float
-        When the errors are wanted, since the start [s].
-    runs : int
-        How many times to simulate; 0 for analytic and covariance alone.
-    seed : int
-        Of the simulation.
-    deflection : float
-        Deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`.
-    hold : bool
-        Constrain the vertical channel to the reference height; see `insnav.errors.budget.covariance.covariance`.
-    known : tuple of Source
-        Correlated errors of start and sensors besides those of `spec`; see `initial_covariance`.
-    progress : callable, optional
-        Called with the fraction of the simulation that is done.
-
-    Returns
-    -------
-    Budget
-
-    Raises
-    ------
-    ConfigError
-        An IMU without errors, or times that are not those of the motion.
+    `times`: when the errors are wanted, since the start [s]; `runs`: how many times to simulate; 0 for analytic and
+    covariance alone; `deflection`: deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`;
+    `hold`: constrain the vertical channel to the reference height; see `insnav.errors.budget.covariance.covariance`;
+    `known`: correlated errors of start and sensors besides those of `spec`; see `initial_covariance`; `progress`:
+    called with the fraction of the simulation that is done.
+    Raises: ConfigError: an IMU without errors, or times that are not those of the motion.
     """
     sources = (*known, *sources_of(spec, deflection))
     names = families(sources)
@@ -264,17 +189,8 @@ def budget(
 def check_times(times: Sequence[float], longest: float = LONGEST) -> None:
     """Refuse times that a budget is not for.
 
-    Parameters
-    ----------
-    times : sequence of float
-        [s].
-    longest : float
-        End of the motion [s].
-
-    Raises
-    ------
-    ConfigError
-        There are none, or some are too short or too long.
+    `times` [s]; `longest`: end of the motion [s].
+    Raises: ConfigError: there are none, or some are too short or too long.
     """
     wrong = [time for time in times if not SHORTEST <= time <= longest + 1e-6]
     if wrong or not times:

@@ -28,127 +28,61 @@ MINUTE = 60.0  # [s]
 
 @dataclass(frozen=True, slots=True)
 class WindowSettings:
-    """What a user may want to choose about the windows.
+    """What a user may want to choose about the windows."""
 
-    Attributes
-    ----------
-    length : float
-        Of the windows [s].
-    first : float or None
-        Where the first begins, after the start of navigation [s]; a minute, or less if the drive is short.
-    spacing : float or None
-        From one to the next [s]; so that about sixty fit.
-    start : {"forward", "smoothed"}
-        State at the start; a smoothed one is not independent of the reference.
-    uncalibrated : bool
-        Also windows with the turn-on errors of the sensors in full.
-    replicas : int
-        How many simulated replicas; none with zero.
-    seed : int
-        Of the replicas.
-    workers : int
-        Processes.
-    """
-
-    length: float = MINUTE
+    length: float = MINUTE  # of the windows [s]
+    # where the first begins, after the start of navigation [s]; a minute, or less if the drive is short
     first: float | None = None
-    spacing: float | None = None
-    start: StartChoice = "forward"
-    uncalibrated: bool = False
-    replicas: int = 0
-    seed: int = 0
-    workers: int = 1
+    spacing: float | None = None  # from one to the next [s]; so that about sixty fit
+    start: StartChoice = "forward"  # state at the start; a smoothed one is not independent of the reference
+    uncalibrated: bool = False  # also windows with the turn-on errors of the sensors in full
+    replicas: int = 0  # how many simulated replicas; none with zero
+    seed: int = 0  # of the replicas
+    workers: int = 1  # processes
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether the recorded error at the end of the windows agrees with the prediction.
-
-    Attributes
-    ----------
-    component : str
-    recorded, low, high : float
-        RMS error and its 95 % confidence interval [m].
-    predicted : float
-        [m]
-    explained : bool
-        Not significantly larger than predicted.
-    cautious : bool
-        Significantly smaller: the prediction is too large.
-    """
+    """Whether the recorded error at the end of the windows agrees with the prediction."""
 
     component: str
+    # RMS error and its 95 % confidence interval [m]
     recorded: float
     low: float
     high: float
-    predicted: float
-    explained: bool
-    cautious: bool
+    predicted: float  # [m]
+    explained: bool  # not significantly larger than predicted
+    cautious: bool  # significantly smaller: the prediction is too large
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedPart:
-    """All about windows of one kind, calibrated or uncalibrated.
-
-    Attributes
-    ----------
-    windows : Windows
-    growth : Growth
-        At the times of the tables.
-    curve : Growth
-        At every time.
-    motions : dict
-        `growth` of windows ``static``, ``straight``, ``turning``; None where there are none.
-    diagnosis : Diagnosis
-    sensors : SensorFit
-    regression : Regression
-    replicas : Replicas or None
-    verdicts : tuple of Verdict
-        North, East, Down, horizontal at the end.
-    """
+    """All about windows of one kind, calibrated or uncalibrated."""
 
     windows: Windows
-    growth: Growth
-    curve: Growth
+    growth: Growth  # at the times of the tables
+    curve: Growth  # at every time
+    # `growth` of windows ``static``, ``straight``, ``turning``; None where there are none
     motions: dict[str, Growth | None]
     diagnosis: Diagnosis
     sensors: SensorFit
     regression: Regression
     replicas: Replicas | None
-    verdicts: tuple[Verdict, ...]
+    verdicts: tuple[Verdict, ...]  # North, East, Down, horizontal at the end
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedBudget:
-    """The recorded half of an error budget.
-
-    Attributes
-    ----------
-    settings : WindowSettings
-    reference : str
-        What errors are against, in words.
-    duration : float
-        Of the drive as it was navigated [s].
-    calibrated : RecordedPart
-        The filter's estimates of sensor errors corrected.
-    uncalibrated : RecordedPart or None
-        Nothing corrected.
-    spec : ImuSpec
-        Specification of the IMU.
-    track : Trajectory
-        The smoothed drive.
-    notes : tuple of str
-        What was assumed and found.
-    """
+    """The recorded half of an error budget."""
 
     settings: WindowSettings
-    reference: str
-    duration: float
-    calibrated: RecordedPart
-    uncalibrated: RecordedPart | None
-    spec: ImuSpec
-    track: Trajectory
-    notes: tuple[str, ...]
+    reference: str  # what errors are against, in words
+    duration: float  # of the drive as it was navigated [s]
+    calibrated: RecordedPart  # the filter's estimates of sensor errors corrected
+    uncalibrated: RecordedPart | None  # nothing corrected
+    spec: ImuSpec  # specification of the IMU
+    track: Trajectory  # the smoothed drive
+    notes: tuple[str, ...]  # what was assumed and found
 
     @property
     def shown(self) -> RecordedPart:
@@ -165,27 +99,10 @@ def recorded_budget(
 ) -> RecordedBudget:
     """Cut a drive into free-inertial windows and find the causes of their errors.
 
-    Parameters
-    ----------
-    ready : Prepared
-        The drive; aiding besides fixes is not used in the windows either.
-    spec : ImuSpec
-        Specification of the IMU.
-    reference : WindowReference, optional
-        What errors are against; the fixes of the drive by default.
-    progress : callable, optional
-        Called with the fraction done.
-
-    Returns
-    -------
-    RecordedBudget
-
-    Raises
-    ------
-    ConfigError
-        Windows outside 10 to 300 s, one or two replicas.
-    InputError
-        A drive too short for one window, or no window without a gap.
+    `ready`: the drive; aiding besides fixes is not used in the windows either; `reference`: what errors are against;
+    the fixes of the drive by default.
+    Raises: ConfigError: windows outside 10 to 300 s, one or two replicas; InputError: a drive too short for one window,
+    or no window without a gap.
     """
     settings = settings or WindowSettings()
     if settings.replicas < 0 or 0 < settings.replicas < FEWEST:
@@ -261,16 +178,8 @@ def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
     Errors are explained if their confidence interval reaches down to the prediction; with too few windows for an
     interval, if their square is one that as many normal errors could have.
 
-    Parameters
-    ----------
-    one_sensor : bool
-        The errors of all windows come from the same few numbers, the turn-on errors of one IMU: their RMS may differ
-        from the prediction as much as a single sample may.
-
-    Returns
-    -------
-    tuple of Verdict
-        North, East, Down, horizontal.
+    `one_sensor`: the errors of all windows come from the same few numbers, the turn-on errors of one IMU: their RMS may
+    differ from the prediction as much as a single sample may.
     """
     out = []
     tail = 0.5 * (1.0 - CONFIDENCE)

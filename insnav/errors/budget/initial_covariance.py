@@ -32,16 +32,10 @@ _NOTHING = 1e-9  # of a variance that is left when those before are known
 def start_sources(covariance: FloatArray) -> tuple[Source, ...]:
     """Make independent sources of a filter's covariance.
 
-    Parameters
-    ----------
-    covariance : (21, 21) array
-        Of the errors of position N, E, D [m], velocity [m/s], attitude [rad], gyro and accelerometer bias, gyro and
-        accelerometer scale factor, estimate minus truth.
-
-    Returns
-    -------
-    tuple of Source
-        With its share of the other errors in `Source.joint`. The sum of their squares is the covariance (Cholesky).
+    `covariance` (21, 21): of the errors of position N, E, D [m], velocity [m/s], attitude [rad], gyro and accelerometer
+    bias, gyro and accelerometer scale factor, estimate minus truth.
+    Returns: with its share of the other errors in `Source.joint`. The sum of their squares is the covariance
+    (Cholesky).
     """
     labels = [(group, term, axis, first + i) for group, term, axes, first in _NAMES for i, axis in enumerate(axes)]
     left = covariance.copy()
@@ -63,7 +57,6 @@ def in_run_errors(spec: ImuSpec) -> ImuSpec:
     In-run bias since the start is a random walk that is driven as the Gauss-Markov process of the IMU file is,
     ``2 sd^2 / T`` (Gelb 1974, section 3.6), right for times far below T. Misalignment of accelerometers shows in
     gravity as a bias, and is counted there.
-
     """
     return replace(
         spec,

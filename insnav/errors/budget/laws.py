@@ -29,22 +29,10 @@ _SERIES = 0.5  # below this share of the correlation time the series of the Gaus
 def integral(kind: Process, order: int, time: ArrayLike, correlation_time: float = math.inf) -> FloatArray:
     """Standard deviation of the n-fold integral of an error of unit size that begins at time zero.
 
-    Parameters
-    ----------
-    kind : str
-        Process of the error; see `insnav.imu.error_terms.ErrorTerm`. Flicker noise has no law of its own: it is a sum
-        of Gauss-Markov processes.
-    order : int
-        n; 1, 2 or 3 for a Gauss-Markov process.
-    time : array_like
-        [s].
-    correlation_time : float
-        Of a Gauss-Markov process [s].
-
-    Returns
-    -------
-    array
-        [s^n], [s^(n + 1)] for a ramp, [s^(n - 1/2)] for white noise, [s^(n + 1/2)] for a random walk.
+    `kind`: process of the error; see `insnav.imu.error_terms.ErrorTerm`. Flicker noise has no law of its own: it is a
+    sum of Gauss-Markov processes; `order`: n; 1, 2 or 3 for a Gauss-Markov process; `time` [s]; `correlation_time`: of
+    a Gauss-Markov process [s].
+    Returns: [s^n], [s^(n + 1)] for a ramp, [s^(n - 1/2)] for white noise, [s^(n + 1/2)] for a random walk.
 
     Notes
     -----
@@ -94,21 +82,9 @@ def _markov(order: int, z: FloatArray) -> FloatArray:
 def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArray:
     """Factor of the closed Schuler loop on the short form of an n-fold integral.
 
-    Parameters
-    ----------
-    kind : str
-        Process of the error. What changes slowly (Gauss-Markov, flicker) is taken as constant here.
-    order : int
-        n, 0 to 4.
-    time : array_like
-        [s], above zero.
-    rate : float
-        Schuler rate ``sqrt(g / R)`` [rad/s].
-
-    Returns
-    -------
-    array
-        One for short times.
+    `kind`: process of the error. What changes slowly (Gauss-Markov, flicker) is taken as constant here; `time` [s],
+    above zero; `rate`: Schuler rate ``sqrt(g / R)`` [rad/s].
+    Returns: one for short times.
 
     Notes
     -----

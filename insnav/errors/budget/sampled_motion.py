@@ -22,35 +22,19 @@ REST = np.array([45.0 * DEG, 0.0, 0.0])  # latitude, longitude [rad], height [m]
 
 @dataclass(frozen=True, slots=True)
 class SampledMotion:
-    """A stretch of an exact motion, cut into the intervals of n samples.
+    """A stretch of an exact motion, cut into the intervals of n samples."""
 
-    Attributes
-    ----------
-    truth : Trajectory
-        At the n + 1 ends of the samples.
-    dt : (n,) array
-        Length of each sample [s].
-    lla, v_n : (n, 3) array
-        Latitude, longitude [rad], height [m] and velocity North, East, Down [m/s] in the middle of each sample.
-    C_nb : (n, 3, 3) array
-        Attitude in the middle of each sample.
-    rate, force : (n, 3) array
-        Mean angular rate [rad/s] and specific force [m/s^2] of each sample, body axes.
-    increments : Increments
-        What the mechanization takes, with coning and sculling.
-    description : str
-        What the motion is.
-    """
-
-    truth: Trajectory
-    dt: FloatArray
+    truth: Trajectory  # at the n + 1 ends of the samples
+    dt: FloatArray  # (n,) length of each sample [s]
+    # (n, 3) latitude, longitude [rad], height [m] and velocity North, East, Down [m/s] in the middle of each sample
     lla: FloatArray
     v_n: FloatArray
-    C_nb: FloatArray
+    C_nb: FloatArray  # (n, 3, 3) attitude in the middle of each sample
+    # (n, 3) mean angular rate [rad/s] and specific force [m/s^2] of each sample, body axes
     rate: FloatArray
     force: FloatArray
-    increments: Increments
-    description: str = ""
+    increments: Increments  # what the mechanization takes, with coning and sculling
+    description: str = ""  # what the motion is
 
     @property
     def elapsed(self) -> FloatArray:
@@ -66,27 +50,9 @@ class SampledMotion:
 def sampled(truth: Truth, begin: float, duration: float, description: str = "", rate: float = RATE) -> SampledMotion:
     """Cut a stretch out of a motion.
 
-    Parameters
-    ----------
-    truth : Truth
-        The motion.
-    begin : float
-        Start of the stretch, since that of the motion [s].
-    duration : float
-        Its length [s].
-    description : str
-        What the motion is.
-    rate : float
-        Of the samples [Hz].
-
-    Returns
-    -------
-    SampledMotion
-
-    Raises
-    ------
-    ConfigError
-        The motion ends before, the stretch begins before it, or comes close to a pole.
+    `begin`: start of the stretch, since that of the motion [s]; `duration`: its length [s]; `rate`: of the samples
+    [Hz].
+    Raises: ConfigError: the motion ends before, the stretch begins before it, or comes close to a pole.
     """
     if begin < 0.0 or begin + duration > truth.duration + 1e-6:
         raise ConfigError(
@@ -121,10 +87,7 @@ def sampled(truth: Truth, begin: float, duration: float, description: str = "", 
 def at_rest(duration: float) -> SampledMotion:
     """Make the default motion of a budget: stationary, level, heading north, at 45 deg of latitude.
 
-    Parameters
-    ----------
-    duration : float
-        Length [s].
+    `duration`: length [s].
     """
     truth = straight(REST, 0.0, 0.0, duration + 1.0)
     description = "at rest, level, heading north, at a latitude of 45 deg"
@@ -134,12 +97,7 @@ def at_rest(duration: float) -> SampledMotion:
 def first_movement(truth: Truth, lead: float = 1.0) -> float:
     """Time from the start of a motion to its first movement, less `lead` [s]; 0 if it moves at once.
 
-    Parameters
-    ----------
-    truth : Truth
-        The motion.
-    lead : float
-        So much earlier [s].
+    `lead`: so much earlier [s].
     """
     tau = np.arange(0.0, truth.duration, 0.5)
     speed = np.linalg.norm(truth.evaluate(truth.start + tau).v_n, axis=1)

@@ -33,18 +33,11 @@ _IN_KERNEL = (
 
 @dataclass(frozen=True, slots=True)
 class Runs:
-    """Errors of many runs.
+    """Errors of many runs."""
 
-    Attributes
-    ----------
-    time : (m,) array
-        Since the start [s].
-    error : (runs, m, 9) array
-        Position N, E, D [m], velocity [m/s], attitude [rad], estimate minus truth; the attitude error is that of
-        ``C_hat = (I - [phi x]) C``.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (m,) since the start [s]
+    # (runs, m, 9) position N, E, D [m], velocity [m/s], attitude [rad], estimate minus truth; the attitude error is
+    # that of ``C_hat = (I - [phi x]) C``
     error: FloatArray
 
     @property
@@ -67,30 +60,10 @@ def free_runs(
 ) -> Runs:
     """Navigate without aiding, many times, each time with another IMU and another start.
 
-    Parameters
-    ----------
-    spec : ImuSpec
-        From which errors are sampled.
-    motion : SampledMotion
-        Of every run.
-    rows : (m,) array of int
-        Samples after which errors are wanted, increasing.
-    runs : int
-        How many.
-    seed : int or tuple of int
-        The same seed gives the same runs, and the first runs are the same however many follow.
-    deflection : float
-        Deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`.
-    hold : bool
-        Constrain the vertical channel to the true height.
-    known : tuple of Source
-        Correlated errors of start and sensors besides those of `spec`; see `initial_covariance`.
-    progress : callable, optional
-        Called with the fraction done.
-
-    Returns
-    -------
-    Runs
+    `rows` (m,): samples after which errors are wanted, increasing; `seed`: the same seed gives the same runs, and the
+    first runs are the same however many follow; `deflection`: deflection of the vertical [rad]; see
+    `insnav.errors.budget.sources.sources_of`; `known`: correlated errors of start and sensors besides those of `spec`;
+    see `initial_covariance`.
     """
     truth, inc, n = motion.truth, motion.increments, int(rows[-1])
     height, v_down = truth.lla[1 : n + 1, 2].copy(), truth.v_n[1 : n + 1, 2].copy()

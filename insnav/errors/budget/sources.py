@@ -26,35 +26,19 @@ SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One independent scalar error.
+    """One independent scalar error."""
 
-    Attributes
-    ----------
-    group : {"initial", "gyro", "accel", "gravity", "timing"}
-        What it belongs to.
-    term : str
-        What it is, such as ``scale factor``.
-    axis : str
-        ``x``, ``y``, ``z`` of the body; ``north``, ``east``, ``down``; two letters for an element of a matrix, the axis
-        that shows it first.
-    kind : {"constant", "ramp", "white", "random walk", "Gauss-Markov", "flicker"}
-        Its process in time.
-    sd : float
-        Standard deviation; root power spectral density of white noise and of the noise that drives a random walk;
-        coefficient of flicker noise. SI units and radians.
-    correlation_time : float
-        Of a Gauss-Markov process [s].
-    joint : tuple of float
-        For a source of correlated errors, its unit vector in 21 states; see
-        `insnav.errors.budget.initial_covariance`.
-    """
-
-    group: Group
-    term: str
+    group: Group  # what it belongs to
+    term: str  # what it is, such as ``scale factor``
+    # ``x``, ``y``, ``z`` of the body; ``north``, ``east``, ``down``; two letters for an element of a matrix, the axis
+    # that shows it first
     axis: str
-    kind: Process
+    kind: Process  # its process in time
+    # standard deviation; root power spectral density of white noise and of the noise that drives a random walk;
+    # coefficient of flicker noise. SI units and radians.
     sd: float
-    correlation_time: float = math.inf
+    correlation_time: float = math.inf  # of a Gauss-Markov process [s]
+    # for a source of correlated errors, its unit vector in 21 states; see `insnav.errors.budget.initial_covariance`
     joint: tuple[float, ...] = ()
 
     @property
@@ -81,18 +65,9 @@ class Source:
 def sources_of(spec: ImuSpec, deflection: float = 0.0) -> tuple[Source, ...]:
     """List every source, also those of size zero.
 
-    Parameters
-    ----------
-    spec : ImuSpec
-        Specified errors of the IMU and of the start.
-    deflection : float
-        Deflection of the vertical about each horizontal axis [rad]: real gravity is off the normal gravity of the model
-        by this angle times gravity, and by as much in size.
-
-    Returns
-    -------
-    tuple of Source
-        In the order of the report: initial, gyro, accel, gravity, timing.
+    `deflection`: deflection of the vertical about each horizontal axis [rad]: real gravity is off the normal gravity of
+    the model by this angle times gravity, and by as much in size.
+    Returns: in the order of the report: initial, gyro, accel, gravity, timing.
     """
     start = spec.initial or InitialSpec()
     listed = [Source("initial", "position", axis, "constant", start.position) for axis in LOCAL]
@@ -134,12 +109,7 @@ def families(sources: tuple[Source, ...]) -> tuple[str, ...]:
 def only(spec: ImuSpec, family: str) -> ImuSpec:
     """Leave one family of sources in an IMU, and nothing else.
 
-    Parameters
-    ----------
-    spec : ImuSpec
-        Whole.
-    family : str
-        See `Source.family`; the family ``gravity model`` is not of the IMU and leaves nothing.
+    `family`: see `Source.family`; the family ``gravity model`` is not of the IMU and leaves nothing.
     """
     group, _, term = family.partition(" ")
     bare = ImuSpec(spec.name, SensorSpec(), SensorSpec())

@@ -10,14 +10,8 @@ from insnav.errors.budget.from_windows import RecordedBudget
 
 @dataclass(frozen=True, slots=True)
 class BudgetStudy:
-    """A budget and the drive that it is of.
-
-    Attributes
-    ----------
-    budget : Budget
-    windows : RecordedBudget or None
-        Free-inertial windows of the drive; None for a budget of a motion without a record.
-    """
+    """A budget and the drive that it is of."""
 
     budget: Budget
+    # free-inertial windows of the drive; None for a budget of a motion without a record
     windows: RecordedBudget | None = None

@@ -23,38 +23,21 @@ ROUGH = 10.0  # residuals this much larger than noise explains follow no curve [
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """One term of the growth on one axis, over all windows.
+    """One term of the growth on one axis, over all windows."""
 
-    Attributes
-    ----------
-    rms : float
-        Root mean square over the windows, noise variance subtracted: velocity [m/s], effective horizontal
-        acceleration [m/s^2], drift [rad/s].
-    mean, mean_sd : float
-        Mean over the windows, and its standard deviation from their scatter and effective sample size.
-    fit_sd : float
-        RMS standard deviation of the fit of one window.
-    filter_sd : float
-        RMS standard deviation at the starts, of the filter, or for uncalibrated sensors of the specification.
-    spec_sd : float
-        By the specification alone: accelerometer bias, gyro bias; ``NaN`` for a velocity.
-    share : float
-        Share of the mean square error at the end [-]; contributions may compensate one another.
-    ratio : float
-        Mean square of the value over that of `filter_sd` and `fit_sd` together: one if predicted right [-].
-    limit : float
-        Upper 97.5 % limit of that ratio [-].
-    """
-
+    # root mean square over the windows, noise variance subtracted: velocity [m/s], effective horizontal acceleration
+    # [m/s^2], drift [rad/s]
     rms: float
+    # mean over the windows, and its standard deviation from their scatter and effective sample size
     mean: float
     mean_sd: float
-    fit_sd: float
+    fit_sd: float  # RMS standard deviation of the fit of one window
+    # RMS standard deviation at the starts, of the filter, or for uncalibrated sensors of the specification
     filter_sd: float
-    spec_sd: float
-    share: float
-    ratio: float
-    limit: float
+    spec_sd: float  # by the specification alone: accelerometer bias, gyro bias; ``NaN`` for a velocity
+    share: float  # share of the mean square error at the end [-]; contributions may compensate one another
+    ratio: float  # mean square of the value over that of `filter_sd` and `fit_sd` together: one if predicted right [-]
+    limit: float  # upper 97.5 % limit of that ratio [-]
 
     @property
     def explained(self) -> bool:
@@ -64,63 +47,30 @@ class Cause:
 
 @dataclass(frozen=True, slots=True)
 class AxisDiagnosis:
-    """One axis.
+    """One axis."""
 
-    Attributes
-    ----------
-    axis : str
-        ``north`` or ``east``.
-    causes : tuple of Cause
-        Velocity, acceleration, drift.
-    curves : tuple of Curve
-        One a window.
-    terms : dict
-        Number of windows by the terms that they need.
-    leading : int
-        Which of `CAUSES` contributes most.
-    """
-
-    axis: str
-    causes: tuple[Cause, ...]
-    curves: tuple[Curve, ...]
-    terms: dict[str, int]
-    leading: int
+    axis: str  # ``north`` or ``east``
+    causes: tuple[Cause, ...]  # velocity, acceleration, drift
+    curves: tuple[Curve, ...]  # one a window
+    terms: dict[str, int]  # number of windows by the terms that they need
+    leading: int  # which of `CAUSES` contributes most
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Both axes.
+    """Both axes."""
 
-    Attributes
-    ----------
-    axes : tuple of AxisDiagnosis
-        North, then East.
-    gravity : float
-        Converts acceleration to tilt and jerk to drift [m/s^2].
-    windows : Windows
-        Those that were used, in the order of the curves.
-    rough : int
-        Number of windows left out because their error is no curve of t, t² and t³: reference or sensors jump.
-    steady : bool
-        All are stationary or straight, where tilt and bias are not separately observable; else there were too few of
-        these and all windows were used, although in a turn no sensor error follows a curve.
-    """
-
-    axes: tuple[AxisDiagnosis, ...]
-    gravity: float
-    windows: Windows
-    rough: int
+    axes: tuple[AxisDiagnosis, ...]  # North, then East
+    gravity: float  # converts acceleration to tilt and jerk to drift [m/s^2]
+    windows: Windows  # those that were used, in the order of the curves
+    rough: int  # number of windows left out because their error is no curve of t, t² and t³: reference or sensors jump
+    # all are stationary or straight, where tilt and bias are not separately observable; else there were too few of
+    # these and all windows were used, although in a turn no sensor error follows a curve
     steady: bool
 
 
 def diagnose(windows: Windows, model: ErrorModel) -> Diagnosis:
-    """Fit every window without turns, or all if these are too few, and sum up.
-
-    Parameters
-    ----------
-    model : ErrorModel
-        Noise and turn-on errors of the sensors.
-    """
+    """Fit every window without turns, or all if these are too few, and sum up."""
     calm = windows.motion != "turning"
     steady = effective_count(windows.start[calm], windows.length) >= FEWEST
     windows = windows.only(calm) if steady else windows

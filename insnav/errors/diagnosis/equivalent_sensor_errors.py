@@ -25,25 +25,16 @@ _DIFFERENT = 0.8  # mean of the unit vectors ahead, below which the headings dif
 
 @dataclass(frozen=True, slots=True)
 class SensorFit:
-    """Constant errors of the sensors, body axes, that were not corrected in the windows.
+    """Constant errors of the sensors, body axes, that were not corrected in the windows."""
 
-    Attributes
-    ----------
-    accel, accel_sd : (3,) array
-        Accelerometer bias [m/s^2].
-    gyro, gyro_sd : (3,) array
-        Gyro bias [rad/s].
-    spread : float
-        Misfit over its expectation [-]; above one, the standard deviations are already widened by its root.
-    level_observable : bool
-        Headings differ enough to separate the level accelerometers' bias from a tilt that all starts have in common.
-    """
-
+    # (3,) accelerometer bias [m/s^2]
     accel: FloatArray
     accel_sd: FloatArray
+    # (3,) gyro bias [rad/s]
     gyro: FloatArray
     gyro_sd: FloatArray
-    spread: float
+    spread: float  # misfit over its expectation [-]; above one, the standard deviations are already widened by its root
+    # headings differ enough to separate the level accelerometers' bias from a tilt that all starts have in common
     level_observable: bool
 
 
@@ -51,13 +42,6 @@ def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
     """Fit six biases to all windows together.
 
     The errors of each start, with the covariance of the filter, are estimated along.
-
-    Parameters
-    ----------
-    windows : Windows
-        Best uncalibrated: what is found is what was left in.
-    model : ErrorModel
-        Noise of the sensors.
 
     Notes
     -----

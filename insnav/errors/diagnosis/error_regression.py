@@ -16,26 +16,17 @@ _MEAN_SIZE = np.sqrt(2.0 / np.pi)  # of a normal number, by its standard deviati
 
 @dataclass(frozen=True, slots=True)
 class Regression:
-    """Size of the recorded error by its predicted standard deviation.
+    """Size of the recorded error by its predicted standard deviation."""
 
-    Attributes
-    ----------
-    slope : float
-        One if the prediction is right, two if errors are twice as large.
-    low, high : float
-        95 % confidence interval from a block bootstrap; ``NaN`` if the effective sample size is too small.
-    r_squared : float
-        Share of the variation of the sizes that the line explains [-]: at most about 0.6 for normal errors of very
-        different predicted size, and less the more alike the predictions are.
-    predicted, recorded : (m,) array
-        The points: predicted standard deviation, reference included, and size of the error over the mean size of a
-        standard normal number [m].
-    """
-
-    slope: float
+    slope: float  # one if the prediction is right, two if errors are twice as large
+    # 95 % confidence interval from a block bootstrap; ``NaN`` if the effective sample size is too small
     low: float
     high: float
+    # share of the variation of the sizes that the line explains [-]: at most about 0.6 for normal errors of very
+    # different predicted size, and less the more alike the predictions are
     r_squared: float
+    # (m,) the points: predicted standard deviation, reference included, and size of the error over the mean size of a
+    # standard normal number [m]
     predicted: FloatArray
     recorded: FloatArray
 

@@ -27,50 +27,30 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact for the polynomia
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Error of one axis as a curve.
+    """Error of one axis as a curve."""
 
-    Attributes
-    ----------
-    value, sd : (3,) array
-        Velocity [m/s], acceleration [m/s^2], jerk [m/s^3], all three fitted together; standard deviation from noise
-        and reference. Infinite where not observable.
-    covariance : (3, 3) array
-        Of these.
-    terms : tuple of str
-        The fewest of `TERMS` that fit.
-    simple, simple_sd : (3,) array
-        The same with these terms alone, the others zero.
-    misfit : float
-        Probability of a larger misfit of the simple curve, were it the true one [-]; ``NaN`` if it goes through all
-        points.
-    roughness : float
-        What is left by all three terms, squared, by its expectation [-]: about one if the error is such a curve and
-        its noise is known; ``NaN`` if three terms go through all points.
-    """
-
+    # (3,) velocity [m/s], acceleration [m/s^2], jerk [m/s^3], all three fitted together; standard deviation from noise
+    # and reference. Infinite where not observable.
     value: FloatArray
     sd: FloatArray
-    covariance: FloatArray
-    terms: tuple[str, ...]
+    covariance: FloatArray  # (3, 3) of these
+    terms: tuple[str, ...]  # the fewest of `TERMS` that fit
+    # (3,) the same with these terms alone, the others zero
     simple: FloatArray
     simple_sd: FloatArray
+    # probability of a larger misfit of the simple curve, were it the true one [-]; ``NaN`` if it goes through all
+    # points
     misfit: float
+    # what is left by all three terms, squared, by its expectation [-]: about one if the error is such a curve and its
+    # noise is known; ``NaN`` if three terms go through all points
     roughness: float
 
 
 def fit_curve(elapsed: FloatArray, position: FloatArray, velocity: FloatArray, covariance: FloatArray) -> Curve:
     """Fit position and velocity errors of one axis by generalised least squares.
 
-    Parameters
-    ----------
-    elapsed : (k,) array
-        Time since the start [s].
-    position : (k,) array
-        Error [m].
-    velocity : (k,) array
-        Error [m/s]; ``NaN`` where not known.
-    covariance : (2 k, 2 k) array
-        Of all positions, then all velocities, about the curve; see `about_the_curve`.
+    `elapsed` (k,): time since the start [s]; `position` (k,): error [m]; `velocity` (k,): error [m/s]; ``NaN`` where
+    not known; `covariance` (2 k, 2 k): of all positions, then all velocities, about the curve; see `about_the_curve`.
     """
     observed = np.concatenate([position, velocity])
     known = np.isfinite(observed)
@@ -127,22 +107,10 @@ def about_the_curve(
 ) -> FloatArray:
     """Covariance of positions and velocities about their curve.
 
-    Parameters
-    ----------
-    elapsed : (k,) array
-        Time since the start [s].
-    reference_variance : (2 k,) array
-        Of the reference positions, then velocities; anything where not known [m^2], [m^2/s^2].
-    start_variance : float
-        Of the position at the start, common to all positions [m^2].
-    accel_noise, gyro_noise : float
-        Spectral densities of the white noise [m^2/s^3], [rad^2/s].
-    gravity : float
-        [m/s^2]
-
-    Returns
-    -------
-    (2 k, 2 k) array
+    `elapsed` (k,): time since the start [s]; `reference_variance` (2 k,): of the reference positions, then velocities;
+    anything where not known [m^2], [m^2/s^2]; `start_variance`: of the position at the start, common to all positions
+    [m^2]; `accel_noise`, `gyro_noise`: spectral densities of the white noise [m^2/s^3], [rad^2/s]; `gravity` [m/s^2].
+    Returns: (2 k, 2 k).
 
     Notes
     -----

@@ -39,34 +39,18 @@ _IMU, _FIXES, _START, _REFERENCE = 1, 2, 3, 4  # streams of random numbers
 
 @dataclass(frozen=True, slots=True)
 class Replicas:
-    """Errors of the windows of several replicas, and where the recorded ones lie among them.
+    """Errors of the windows of several replicas, and where the recorded ones lie among them."""
 
-    Attributes
-    ----------
-    times : (k,) array
-        [s]
-    rms : (s, k, 6) array
-        RMS error of each replica, reference errors included, `insnav.errors.outage.statistics.COMPONENTS` [m].
-    low, high : (k, 6) array
-        95 % prediction band of one more replica, all three axes of it together [m].
-    recorded : (k, 6) array
-        RMS error of the recorded windows, reference errors included [m].
-    reference : (k, 6) array
-        RMS standard deviation of the reference [m].
-    apart : Residual
-        How far the motion of the replica is from the recorded track.
-    failures : tuple of str
-        Replicas that could not be navigated, and why.
-    """
-
-    times: FloatArray
+    times: FloatArray  # (k,) [s]
+    # (s, k, 6) RMS error of each replica, reference errors included, `insnav.errors.outage.statistics.COMPONENTS` [m]
     rms: FloatArray
+    # (k, 6) 95 % prediction band of one more replica, all three axes of it together [m]
     low: FloatArray
     high: FloatArray
-    recorded: FloatArray
-    reference: FloatArray
-    apart: Residual
-    failures: tuple[str, ...]
+    recorded: FloatArray  # (k, 6) RMS error of the recorded windows, reference errors included [m]
+    reference: FloatArray  # (k, 6) RMS standard deviation of the reference [m]
+    apart: Residual  # how far the motion of the replica is from the recorded track
+    failures: tuple[str, ...]  # replicas that could not be navigated, and why
 
     @property
     def inside(self) -> np.ndarray:
@@ -87,39 +71,19 @@ class Replicas:
 
 @dataclass(frozen=True, slots=True)
 class ReplicaTask:
-    """One replica, given its seed: the task of a Monte Carlo.
+    """One replica, given its seed: the task of a Monte Carlo."""
 
-    Attributes
-    ----------
-    ready : Prepared
-        The recorded drive with perfect samples.
-    spec : ImuSpec
-    truth : Truth
-        The motion.
-    fixes : GpsData
-        Perfect fixes at the recorded epochs, with the standard deviations reported there.
-    reference : WindowReference
-        The same of the reference.
-    starts : (n,) array
-        Where windows begin [s].
-    length, spacing : float
-        Of the windows [s].
-    kinds : tuple of bool
-        For each kind of windows whether it is uncalibrated.
-    times : (k,) array
-        Of the tables [s].
-    """
-
-    ready: Prepared
+    ready: Prepared  # the recorded drive with perfect samples
     spec: ImuSpec
-    truth: LevelTruth
-    fixes: GpsData
-    reference: WindowReference
-    starts: FloatArray
+    truth: LevelTruth  # the motion
+    fixes: GpsData  # perfect fixes at the recorded epochs, with the standard deviations reported there
+    reference: WindowReference  # the same of the reference
+    starts: FloatArray  # (n,) where windows begin [s]
+    # of the windows [s]
     length: float
     spacing: float
-    kinds: tuple[bool, ...]
-    times: FloatArray
+    kinds: tuple[bool, ...]  # for each kind of windows whether it is uncalibrated
+    times: FloatArray  # (k,) of the tables [s]
 
     def __call__(self, seed: int) -> Sample:
         """RMS of its windows of each kind at the times of the tables, one after the other."""
@@ -158,14 +122,7 @@ def replica_task(
 ) -> ReplicaTask:
     """Make the motion of the replica from the smoothed drive, and what perfect sensors measure of it.
 
-    Parameters
-    ----------
-    drive : NavigatedDrive
-        Smoothed.
-    windows : sequence of Windows
-        The recorded ones, of each kind.
-    times : (k,) array
-        Of the tables [s].
+    `times` (k,): of the tables [s].
     """
     ready = drive.ready
     assert drive.run.smoothed is not None
@@ -198,27 +155,8 @@ def replicas(
 ) -> tuple[Replicas, ...]:
     """Simulate replicas and find where the recorded windows of each kind lie among them.
 
-    Parameters
-    ----------
-    drive : NavigatedDrive
-        Smoothed.
-    task : ReplicaTask
-        From `replica_task`.
-    windows : sequence of Windows
-        The recorded ones, of each kind.
-    count : int
-        How many, three or more.
-    seed : int
-        The same seed gives the same replicas.
-    workers : int
-        Processes.
-    progress : callable, optional
-        Called with the fraction done.
-
-    Raises
-    ------
-    InputError
-        Fewer than three replicas could be navigated.
+    `count`: how many, three or more.
+    Raises: InputError: fewer than three replicas could be navigated.
 
     Notes
     -----

@@ -42,58 +42,26 @@ _UNDER_WAY = 1.0  # course is the direction of the velocity above this [m/s]
 
 @dataclass(frozen=True, slots=True)
 class Windows:
-    """n windows of one length, compared at k times since their start.
+    """n windows of one length, compared at k times since their start."""
 
-    Attributes
-    ----------
-    length, spacing : float
-        Of each, and from one to the next as asked for [s].
-    start : (n,) array
-        Timestamp of the last fix that each has used [s].
-    grid : (k,) array
-        Nominal times since the start [s].
-    elapsed : (n, k) array
-        Times since the start of the epochs nearest to these [s].
-    error : (n, k, 6) array
-        Of position North, East, Down [m] and velocity [m/s]; ``NaN`` where there is no reference.
-    covariance : (n, k, 6, 6) array
-        Predicted, of position and velocity.
-    reference_sd : (n, k, 6) array
-        Standard deviation of the reference.
-    course : (n, k) array
-        Direction of travel [rad]; ``NaN`` in stationary windows.
-    q_nb : (n, k + 1, 4) array
-        Navigated attitude, the first at the start.
-    v_n : (n, k + 1, 3) array
-        Navigated velocity, the first at the start [m/s].
-    lla : (n, 3) array
-        Where it starts [rad], [rad], [m].
-    start_covariance : (n, 21, 21) array
-        Of the errors at the start.
-    motion : (n,) array of str
-        ``static``, ``straight`` or ``turning``.
-    dropped : dict
-        Number of windows left out, by the reason.
-    uncalibrated : bool
-        The filter's estimates of sensor errors were not corrected.
-    """
-
+    # of each, and from one to the next as asked for [s]
     length: float
     spacing: float
-    start: FloatArray
-    grid: FloatArray
-    elapsed: FloatArray
+    start: FloatArray  # (n,) timestamp of the last fix that each has used [s]
+    grid: FloatArray  # (k,) nominal times since the start [s]
+    elapsed: FloatArray  # (n, k) times since the start of the epochs nearest to these [s]
+    # (n, k, 6) of position North, East, Down [m] and velocity [m/s]; ``NaN`` where there is no reference
     error: FloatArray
-    covariance: FloatArray
-    reference_sd: FloatArray
-    course: FloatArray
-    q_nb: FloatArray
-    v_n: FloatArray
-    lla: FloatArray
-    start_covariance: FloatArray
-    motion: np.ndarray
-    dropped: dict[str, int]
-    uncalibrated: bool
+    covariance: FloatArray  # (n, k, 6, 6) predicted, of position and velocity
+    reference_sd: FloatArray  # (n, k, 6) standard deviation of the reference
+    course: FloatArray  # (n, k) direction of travel [rad]; ``NaN`` in stationary windows
+    q_nb: FloatArray  # (n, k + 1, 4) navigated attitude, the first at the start
+    v_n: FloatArray  # (n, k + 1, 3) navigated velocity, the first at the start [m/s]
+    lla: FloatArray  # (n, 3) where it starts [rad], [rad], [m]
+    start_covariance: FloatArray  # (n, 21, 21) of the errors at the start
+    motion: np.ndarray  # (n,) ``static``, ``straight`` or ``turning``
+    dropped: dict[str, int]  # number of windows left out, by the reason
+    uncalibrated: bool  # the filter's estimates of sensor errors were not corrected
 
     @property
     def count(self) -> int:
@@ -110,26 +78,11 @@ def free_window_starts(
 ) -> FloatArray:
     """Timestamps of the fixes at which windows may begin, evenly along the drive.
 
-    Parameters
-    ----------
-    length : float
-        Of the windows [s].
-    first : float, optional
-        Where the first begins, after the start of navigation [s]; a minute, or less if the drive is short.
-    spacing : float, optional
-        From one to the next [s]; by default so that about sixty fit.
-
-    Returns
-    -------
-    (n,) array
-        [s]
-
-    Raises
-    ------
-    ConfigError
-        A length outside 10 to 300 s, a spacing of less than 0.1 s, or a negative `first`.
-    InputError
-        The drive is too short.
+    `length`: of the windows [s]; `first`: where the first begins, after the start of navigation [s]; a minute, or less
+    if the drive is short; `spacing`: from one to the next [s]; by default so that about sixty fit.
+    Returns: (n,) [s].
+    Raises: ConfigError: a length outside 10 to 300 s, a spacing of less than 0.1 s, or a negative `first`; InputError:
+    the drive is too short.
     """
     if not SHORTEST <= length <= LONGEST:
         raise ConfigError(
@@ -161,33 +114,13 @@ def free_windows(
 ) -> Windows:
     """Navigate windows without any fix.
 
-    Parameters
-    ----------
-    drive : NavigatedDrive
-        With the states at which windows begin.
-    reference : WindowReference
-        What errors are against.
-    length, spacing : float
-        Of the windows, as in `free_window_starts` [s].
-    uncalibrated : bool
-        Do not correct the sensor errors that the filter has estimated; the prediction then comes from the specified
-        turn-on errors of the IMU.
-    start : {"forward", "smoothed"}
-        A smoothed start uses the fixes in and after the window: it is not independent of them.
-    times : (k,) array, optional
-        Since the start, at which to compare [s]; by default every second, or as often as there is a reference.
-    progress : callable, optional
-        Called with the fraction done.
-
-    Returns
-    -------
-    Windows
-        Without those that touch a gap; `Windows.dropped` counts these.
-
-    Raises
-    ------
-    InputError
-        No window is left.
+    `length`, `spacing`: of the windows, as in `free_window_starts` [s]; `uncalibrated`: do not correct the sensor
+    errors that the filter has estimated; the prediction then comes from the specified turn-on errors of the IMU;
+    `start` {"forward", "smoothed"}: a smoothed start uses the fixes in and after the window: it is not independent of
+    them; `times` (k,): since the start, at which to compare [s]; by default every second, or as often as there is a
+    reference.
+    Returns: without those that touch a gap; `Windows.dropped` counts these.
+    Raises: InputError: no window is left.
     """
     ready, delay = drive.ready, drive.ready.settings.delay
     settings = free_inertial_settings(ready.settings, own_fixes=reference.own_fixes)

@@ -27,27 +27,10 @@ def end_errors(
 
     Position and velocity at the start are those of the reference, attitude and sensor errors those of the filter.
 
-    Parameters
-    ----------
-    run : Run
-        The drive, navigated.
-    imu : ImuData
-        Its samples.
-    reference : Trajectory
-        With position and velocity.
-    length : float
-        Of the windows [s].
-    most : int
-        How many windows at most, evenly along the drive and without overlap.
-    settle : float
-        The first begins so long after the start [s].
-    run_clock, reference_clock : float
-        Times of the run and of the reference minus those of the samples [s].
-
-    Returns
-    -------
-    (n,) array
-        [m]; empty if the drive is too short.
+    `length`: of the windows [s]; `most`: how many windows at most, evenly along the drive and without overlap;
+    `settle`: the first begins so long after the start [s]; `run_clock`, `reference_clock`: times of the run and of the
+    reference minus those of the samples [s].
+    Returns: (n,) [m]; empty if the drive is too short.
     """
     filtered = run.solution
     begin = max(filtered.time[0] - run_clock, reference.time[0] - reference_clock, imu.time[0]) + settle

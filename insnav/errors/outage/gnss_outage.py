@@ -28,40 +28,23 @@ _COMPARED = 0.25  # a reference that comes more often is thinned to this interva
 
 @dataclass(frozen=True, slots=True)
 class Outage:
-    """One window without fixes, compared at the fixes (or the epochs of a reference) in it.
+    """One window without fixes, compared at the fixes (or the epochs of a reference) in it."""
 
-    Attributes
-    ----------
-    start, length : float
-        Time of the last fix before it, and length [s].
-    elapsed : (k,) array
-        Time since `start` [s].
-    error, smoothed : (k, 6) array
-        Error of position North, East, Down [m] and velocity [m/s], filtered and smoothed; ``NaN`` where the fix has no
-        such value.
-    sd, smoothed_sd : (k, 6) array
-        Standard deviation that the filter states.
-    reference_sd : (k, 6) array
-        Standard deviation of the fix or reference.
-    heading : (k,) array
-        Heading of the filter minus that of the drive smoothed with all fixes [rad].
-    heading_sd : (k,) array
-        Standard deviation of the filter's heading [rad].
-    speed : float
-        Mean speed in the window [m/s].
-    """
-
+    # time of the last fix before it, and length [s]
     start: float
     length: float
-    elapsed: FloatArray
+    elapsed: FloatArray  # (k,) time since `start` [s]
+    # (k, 6) error of position North, East, Down [m] and velocity [m/s], filtered and smoothed; ``NaN`` where the fix
+    # has no such value
     error: FloatArray
+    # (k, 6) standard deviation that the filter states
     sd: FloatArray
     smoothed: FloatArray
     smoothed_sd: FloatArray
-    reference_sd: FloatArray
-    heading: FloatArray
-    heading_sd: FloatArray
-    speed: float
+    reference_sd: FloatArray  # (k, 6) standard deviation of the fix or reference
+    heading: FloatArray  # (k,) heading of the filter minus that of the drive smoothed with all fixes [rad]
+    heading_sd: FloatArray  # (k,) standard deviation of the filter's heading [rad]
+    speed: float  # mean speed in the window [m/s]
 
 
 def outages(
@@ -76,35 +59,12 @@ def outages(
 ) -> list[Outage]:
     """Simulate GNSS outages all over a drive.
 
-    Parameters
-    ----------
-    ready : Prepared
-        The drive.
-    lengths : sequence of float
-        Lengths of the windows [s].
-    first : float, optional
-        Where the first window begins, after the start of navigation [s]; a minute, or less if the drive is short.
-    spacing : float, optional
-        From the start of one window to that of the next of the same length [s]; by default so that about sixty fit.
-        Windows overlap if it is less than their length: each goes on from the filter that had all fixes before it.
-    reference : GpsData, optional
-        Better positions of the antenna to compare with, instead of the fixes taken away.
-    workers : int
-        Processes.
-    progress : callable, optional
-        Called with the fraction done.
-
-    Returns
-    -------
-    list of Outage
-        In order of length, then of time.
-
-    Raises
-    ------
-    ConfigError
-        Lengths or spacing that are not above zero.
-    InputError
-        The drive is too short for any window.
+    `lengths`: lengths of the windows [s]; `first`: where the first window begins, after the start of navigation [s]; a
+    minute, or less if the drive is short; `spacing`: from the start of one window to that of the next of the same
+    length [s]; by default so that about sixty fit. Windows overlap if it is less than their length: each goes on from
+    the filter that had all fixes before it; `reference`: better positions of the antenna to compare with, instead of
+    the fixes taken away.
+    Raises: ConfigError: lengths or spacing that are not above zero; InputError: the drive is too short for any window.
     """
     lengths = sorted(set(lengths))
     wrong = [value for value in (*lengths, *([] if spacing is None else [spacing])) if not 0.0 < value < np.inf]

@@ -20,50 +20,25 @@ _ROWS = 6  # times of a table of longer ones
 
 @dataclass(frozen=True, slots=True)
 class Growth:
-    """Errors of windows of one length at some times since their start, in SI units and radians.
+    """Errors of windows of one length at some times since their start, in SI units and radians."""
 
-    Attributes
-    ----------
-    times : (k,) array
-        [s]
-    components : (q,) tuple of str
-        What the columns are of: `COMPONENTS` or `OUTAGE_COMPONENTS`.
-    count : int
-        Number of windows.
-    known : (k, q) array
-        Number of them whose error is known.
-    effective : float
-        Effective sample size: so many windows without overlap are equivalent.
-    rms : (k, q) array
-        Root mean square error, reference variance subtracted; ``NaN`` where not known.
-    total_rms : (k, q) array
-        The same with the reference variance in it.
-    reference : (k, q) array
-        RMS standard deviation of the reference.
-    low, high : (k, q) array
-        95 % confidence interval of `rms`; ``NaN`` if the effective sample size is too small.
-    p95, largest : (k, q) array
-        95 % quantile and largest of the size of the errors, those of the reference in them.
-    predicted : (k, q) array
-        RMS predicted standard deviation.
-    inside : (k, q) array
-        Share of the errors within 3 sd of prediction and reference together [-]. Of several axes their mean; of the
-        horizontal error in free-inertial windows, at least one of its axes.
-    """
-
-    times: FloatArray
-    components: tuple[str, ...]
-    count: int
-    known: IntArray
-    effective: float
-    rms: FloatArray
-    total_rms: FloatArray
-    reference: FloatArray
+    times: FloatArray  # (k,) [s]
+    components: tuple[str, ...]  # what the columns are of: `COMPONENTS` or `OUTAGE_COMPONENTS`
+    count: int  # number of windows
+    known: IntArray  # (k, q) number of them whose error is known
+    effective: float  # effective sample size: so many windows without overlap are equivalent
+    rms: FloatArray  # (k, q) root mean square error, reference variance subtracted; ``NaN`` where not known
+    total_rms: FloatArray  # (k, q) the same with the reference variance in it
+    reference: FloatArray  # (k, q) RMS standard deviation of the reference
+    # (k, q) 95 % confidence interval of `rms`; ``NaN`` if the effective sample size is too small
     low: FloatArray
     high: FloatArray
+    # (k, q) 95 % quantile and largest of the size of the errors, those of the reference in them
     p95: FloatArray
     largest: FloatArray
-    predicted: FloatArray
+    predicted: FloatArray  # (k, q) RMS predicted standard deviation
+    # (k, q) share of the errors within 3 sd of prediction and reference together [-]. Of several axes their mean; of
+    # the horizontal error in free-inertial windows, at least one of its axes.
     inside: FloatArray
 
     @property
@@ -98,10 +73,8 @@ def columns_at(windows: Windows, times: FloatArray) -> IntArray:
 def components(windows: Windows) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Errors, predicted variances and reference variances on every axis, and along and across the track.
 
-    Returns
-    -------
-    error, variance, reference : (n, k, 6) array
-        `COMPONENTS`; of the horizontal error its size, and the sum of the variances on both axes.
+    Returns: `error`, `variance`, `reference` (n, k, 6): `COMPONENTS`; of the horizontal error its size, and the sum of
+    the variances on both axes.
     """
     c, s = np.cos(windows.course), np.sin(windows.course)
     north, east, down = np.moveaxis(windows.error[:, :, :3], -1, 0)
@@ -117,10 +90,7 @@ def components(windows: Windows) -> tuple[FloatArray, FloatArray, FloatArray]:
 def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
     """Sum up free-inertial windows at some times.
 
-    Parameters
-    ----------
-    times : (k,) array, optional
-        [s]; those of `table_times` by default.
+    `times` (k,) [s]; those of `table_times` by default.
     """
     at = columns_at(windows, table_times(windows) if times is None else times)
     error, variance, reference = (values[:, at] for values in components(windows))
@@ -132,18 +102,7 @@ def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
 
 
 def outage_growth(windows: Sequence[Outage]) -> list[Growth]:
-    """Sum up GNSS outages at their end, by their length; smoothed errors where the horizontal one is largest.
-
-    Parameters
-    ----------
-    windows : sequence of Outage
-        From `insnav.errors.outage.gnss_outage.outages`.
-
-    Returns
-    -------
-    list of Growth
-        One a length, its only time.
-    """
+    """Sum up GNSS outages at their end, by their length; smoothed errors where the horizontal one is largest."""
     found = []
     for length in sorted({window.length for window in windows}):
         chosen = [window for window in windows if window.length == length]
@@ -163,17 +122,8 @@ def outage_growth(windows: Sequence[Outage]) -> list[Growth]:
 def horizontal_at(windows: Sequence[Outage], times: Sequence[float], near: float) -> tuple[FloatArray, FloatArray]:
     """Horizontal error and standard deviation of outages at the epochs nearest to some times.
 
-    Parameters
-    ----------
-    times : sequence of float
-        Since their start [s].
-    near : float
-        How near such an epoch must be [s].
-
-    Returns
-    -------
-    error, sd : (n, k) array
-        [m]; ``NaN`` where there is no epoch.
+    `times`: since their start [s]; `near`: how near such an epoch must be [s].
+    Returns: `error`, `sd` (n, k) [m]; ``NaN`` where there is no epoch.
     """
     found = np.full((2, len(windows), len(times)), np.nan)
     for row, window in enumerate(windows):

@@ -10,18 +10,8 @@ from insnav.errors.outage.statistics import Growth
 
 @dataclass(frozen=True, slots=True)
 class OutageStudy:
-    """Windows without fixes.
+    """Windows without fixes."""
 
-    Attributes
-    ----------
-    windows : tuple of Outage
-        In order of length, then of time.
-    growth : tuple of Growth
-        Their errors, summed up by length.
-    reference : str
-        What errors are against, in words.
-    """
-
-    windows: tuple[Outage, ...]
-    growth: tuple[Growth, ...]
-    reference: str
+    windows: tuple[Outage, ...]  # in order of length, then of time
+    growth: tuple[Growth, ...]  # their errors, summed up by length
+    reference: str  # what errors are against, in words

@@ -17,24 +17,13 @@ _WHOLE = 0.98  # part of the record that the rows of a stationary reference must
 
 @dataclass(frozen=True, slots=True)
 class WindowReference:
-    """Reference positions, each with its own standard deviation.
+    """Reference positions, each with its own standard deviation."""
 
-    Attributes
-    ----------
-    fixes : GpsData
-        Positions, and velocities where they are known, every value with a standard deviation.
-    name : str
-        In words, such as "the drive's own GPS fixes".
-    lever_b : (3,) array or None
-        Their point, seen from the IMU, body axes [m]; None for the antenna of the drive.
-    own_fixes : bool
-        They are the fixes of the drive itself.
-    """
-
-    fixes: GpsData
-    name: str
+    fixes: GpsData  # positions, and velocities where they are known, every value with a standard deviation
+    name: str  # in words, such as "the drive's own GPS fixes"
+    # (3,) their point, seen from the IMU, body axes [m]; None for the antenna of the drive
     lever_b: FloatArray | None = None
-    own_fixes: bool = False
+    own_fixes: bool = False  # they are the fixes of the drive itself
 
 
 def reference_from_fixes(ready: Prepared) -> WindowReference:
@@ -61,21 +50,9 @@ def reference_from_trajectory(
 ) -> WindowReference:
     """A reference trajectory.
 
-    Parameters
-    ----------
-    reference : Trajectory
-        Its own standard deviations are used where it has them.
-    name : str
-        In words.
-    position_sd, velocity_sd : float
-        Its uncertainty on each axis elsewhere [m], [m/s].
-    lever_b : (3,) array, optional
-        The point of the reference seen from the IMU, body axes [m]; the IMU by default.
-
-    Raises
-    ------
-    InputError
-        Fewer than two rows.
+    `position_sd`, `velocity_sd`: its uncertainty on each axis elsewhere [m], [m/s]; `lever_b` (3,): the point of the
+    reference seen from the IMU, body axes [m]; the IMU by default.
+    Raises: InputError: fewer than two rows.
     """
     if len(reference.time) < 2:
         raise InputError("the reference is too short", why=f"it has {len(reference.time)} rows", fix="two are needed")
@@ -91,14 +68,8 @@ def reference_from_trajectory(
 def stationary_fixes(lla: FloatArray, begin: float, end: float, position_sd: float, velocity_sd: float) -> GpsData:
     """Fixes once a second of a stationary vehicle: what a bench knows without a receiver.
 
-    Parameters
-    ----------
-    lla : (3,) array
-        Latitude, longitude [rad], height [m].
-    begin, end : float
-        First and last time [s].
-    position_sd, velocity_sd : float
-        Of place and zero velocity, each axis [m], [m/s].
+    `lla` (3,): latitude, longitude [rad], height [m]; `begin`, `end`: first and last time [s]; `position_sd`,
+    `velocity_sd`: of place and zero velocity, each axis [m], [m/s].
     """
     time: FloatArray = np.arange(begin, end + 1e-6, 1.0)
     shape = (len(time), 3)
@@ -110,10 +81,7 @@ def stationary_fixes(lla: FloatArray, begin: float, end: float, position_sd: flo
 def is_stationary(reference: Trajectory, begin: float, end: float) -> bool:
     """Whether a reference of a few rows stays at one place for the whole record.
 
-    Parameters
-    ----------
-    begin, end : float
-        Of the record [s].
+    `begin`, `end`: of the record [s].
     """
     still = bool(np.nan_to_num(reference.v_n).any() == 0) and bool((reference.lla == reference.lla[0]).all())
     return still and float(reference.time[-1] - reference.time[0]) >= _WHOLE * (end - begin)

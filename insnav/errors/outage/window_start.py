@@ -25,22 +25,12 @@ _SOLUTION = 0.1  # output interval of the whole drive: for speed, course and the
 
 @dataclass(frozen=True, slots=True)
 class NavigatedDrive:
-    """The whole drive, navigated with all fixes, and the filter's states where windows begin.
-
-    Attributes
-    ----------
-    ready : Prepared
-    run : Run
-    states : tuple of FilterState
-        In order of time.
-    clock : float
-        Time of the run minus that of the samples [s].
-    """
+    """The whole drive, navigated with all fixes, and the filter's states where windows begin."""
 
     ready: Prepared
     run: Run
-    states: tuple[FilterState, ...]
-    clock: float
+    states: tuple[FilterState, ...]  # in order of time
+    clock: float  # time of the run minus that of the samples [s]
 
 
 def navigated_drive(
@@ -48,14 +38,8 @@ def navigated_drive(
 ) -> NavigatedDrive:
     """Navigate the whole drive and keep the filter's state at some fixes.
 
-    Parameters
-    ----------
-    starts : (n,) array
-        Timestamps of these fixes [s].
-    progress : callable, optional
-        Called with the fraction done.
-    smooth : bool
-        Smooth as well, for smoothed starts and for a simulated replica.
+    `starts` (n,): timestamps of these fixes [s]; `smooth`: smooth as well, for smoothed starts and for a simulated
+    replica.
     """
     rows = np.searchsorted(ready.gps.time, starts - 1e-6)
     settings = replace(ready.settings, smooth=smooth, output_interval=_SOLUTION)
@@ -69,12 +53,7 @@ def navigated_drive(
 def free_inertial_settings(settings: FilterSettings, *, own_fixes: bool) -> FilterSettings:
     """Settings of a filter without fixes and without other aiding.
 
-    Parameters
-    ----------
-    settings : FilterSettings
-        Of the drive.
-    own_fixes : bool
-        The reference is the fixes of the drive, whose velocities may lag.
+    `own_fixes`: the reference is the fixes of the drive, whose velocities may lag.
     """
     return replace(
         settings,
@@ -92,14 +71,7 @@ def free_inertial_settings(settings: FilterSettings, *, own_fixes: bool) -> Filt
 def forward_start(state: FilterState, settings: FilterSettings, lever_b: FloatArray | None) -> FilterState:
     """State of the forward filter, with all fixes before it, as the start of a window.
 
-    Parameters
-    ----------
-    state : FilterState
-        As kept by the filter of the drive.
-    settings : FilterSettings
-        Of the window, from `free_inertial_settings`.
-    lever_b : (3,) array or None
-        Point of the reference, seen from the IMU [m]; None for the antenna.
+    `lever_b` (3,): point of the reference, seen from the IMU [m]; None for the antenna.
     """
     n = layout(settings).states
     return replace(
@@ -116,13 +88,6 @@ def uncalibrated_start(start: FilterState, model: ErrorModel) -> FilterState:
     Estimates and their errors are uncorrelated, as those of a least mean-square estimate are if its prior is right; so
     the error of correcting nothing is as large as the specified turn-on errors, and correlates with position, velocity
     and attitude as the error of the estimate did.
-
-    Parameters
-    ----------
-    start : FilterState
-        From `forward_start`.
-    model : ErrorModel
-        With the turn-on errors of the IMU.
     """
     covariance = start.covariance.copy()
     sensors = slice(NAV, STATES)
@@ -136,14 +101,7 @@ def smoothed_start(start: FilterState, run: Run, clock: float) -> FilterState | 
     Position, velocity and attitude keep their covariance, sensor errors their variances; the cross-covariance of the
     two is not kept, so that the prediction is somewhat too large.
 
-    Parameters
-    ----------
-    start : FilterState
-        From `forward_start`.
-    run : Run
-        The drive, smoothed.
-    clock : float
-        Time of the run minus that of the samples [s].
+    `clock`: time of the run minus that of the samples [s].
     """
     assert run.smoothed is not None
     epochs, sensors = run.smoothed.epochs, run.smoothed.sensor_errors
@@ -165,17 +123,9 @@ def growth_by_start_error(q_nb: FloatArray, lla: FloatArray) -> FloatArray:
     A level vehicle that does not turn: velocity error, effective horizontal acceleration ``g x phi - C db`` and its
     change ``g x C dw``, for estimate minus truth with ``C_hat = (I - [phi x]) C`` (Groves 2013, section 5.7).
 
-    Parameters
-    ----------
-    q_nb : (4,) array
-        Attitude at the start.
-    lla : (3,) array
-        Where [rad], [rad], [m].
-
-    Returns
-    -------
-    (2, 3, 21) array
-        For North and East: velocity [m/s], acceleration [m/s^2], jerk [m/s^3] by the 21 errors of the filter.
+    `q_nb` (4,): attitude at the start; `lla` (3,): where [rad], [rad], [m].
+    Returns: (2, 3, 21): for North and East: velocity [m/s], acceleration [m/s^2], jerk [m/s^3] by the 21 errors of the
+    filter.
     """
     c = dcm_from_quat(q_nb)
     g = float(gravity_n(lla[0], lla[2])[2])

@@ -32,31 +32,14 @@ def window_starts(
 ) -> IntArray:
     """Fixes at which windows begin, evenly along a drive.
 
-    Parameters
-    ----------
-    fixes : (n,) array
-        Times of the fixes, on the clock of the IMU [s].
-    begin, end : float
-        Of navigation [s].
-    length : float
-        Of the windows, of the shortest if there are several lengths [s].
-    first : float or None
-        Where the first begins, after `begin` [s]; by default a minute, or less by `rule` on a short drive.
-    spacing : float or None
-        From the start of one window to the next [s]; by default so that about sixty fit.
-    rule : {"quarter of drive", "half of slack"}
-        How much of a short drive the filter gets to settle. A quarter of the drive, whatever the length: windows of
-        several lengths then begin at the same fixes. Half of what one window leaves: a single long one still fits.
-
-    Returns
-    -------
-    (m,) array
-        Rows of the fixes, increasing.
-
-    Raises
-    ------
-    InputError
-        The drive is too short.
+    `fixes` (n,): times of the fixes, on the clock of the IMU [s]; `begin`, `end`: of navigation [s]; `length`: of the
+    windows, of the shortest if there are several lengths [s]; `first`: where the first begins, after `begin` [s]; by
+    default a minute, or less by `rule` on a short drive; `spacing`: from the start of one window to the next [s]; by
+    default so that about sixty fit; `rule` {"quarter of drive", "half of slack"}: how much of a short drive the filter
+    gets to settle. A quarter of the drive, whatever the length: windows of several lengths then begin at the same
+    fixes. Half of what one window leaves: a single long one still fits.
+    Returns: (m,): rows of the fixes, increasing.
+    Raises: InputError: the drive is too short.
     """
     drive = end - begin
     shared = rule == "quarter of drive"
@@ -80,12 +63,7 @@ def window_starts(
 def part_of(ready: Prepared, state: FilterState, length: float) -> Prepared:
     """Only the samples that a filter needs to go on for so long.
 
-    Parameters
-    ----------
-    state : FilterState
-        Where the filter goes on from.
-    length : float
-        [s]
+    `length` [s].
     """
     first, last = np.searchsorted(ready.imu.time, [state.time - _LEAD, state.time + length + _LEAD])
     return replace(ready, imu=ready.imu.rows(slice(first, last)))

@@ -18,21 +18,11 @@ from insnav.plain_text import plain_text
 
 
 class Format(Protocol):
-    """What a module of this package is if it reads a format: a new format is one file.
+    """What a module of this package is if it reads a format: a new format is one file."""
 
-    Attributes
-    ----------
-    name : str
-        Of the format, for people.
-    suffixes : tuple of str
-        Usual endings of file names, for help and messages: content decides.
-    extra : str
-        The optional dependencies it needs, as in ``pip install insnav[extra]``; empty for none.
-    """
-
-    name: str
-    suffixes: tuple[str, ...]
-    extra: str
+    name: str  # of the format, for people
+    suffixes: tuple[str, ...]  # usual endings of file names, for help and messages: content decides
+    extra: str  # the optional dependencies it needs, as in ``pip install insnav[extra]``; empty for none
 
     def recognise(self, head: bytes, name: str) -> bool:
         """Whether a file is of this format, by its first 16 KiB, decompressed, or its name if no content tells."""
@@ -56,16 +46,8 @@ def formats() -> tuple[Format, ...]:
 def open_table(path: str | Path | Table, part: str = "") -> Table:
     """Open a data file of any format, or standard input (``-``), and read its header.
 
-    Parameters
-    ----------
-    path : str or Path
-    part : {"", "imu", "gps"}
-        Which table is wanted if the file holds several.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is of no supported format, or does not hold that part.
+    `part` {"", "imu", "gps"}: which table is wanted if the file holds several.
+    Raises: InputError: the file cannot be read, is of no supported format, or does not hold that part.
     """
     if isinstance(path, Table):
         return path

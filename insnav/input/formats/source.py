@@ -24,32 +24,18 @@ _PIECE = 1 << 22
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A data file in memory, or mapped to it.
+    """A data file in memory, or mapped to it."""
 
-    Attributes
-    ----------
-    name : str
-        As the user knows it, fit to be printed.
-    sha256 : str
-        Digest of the file as it is on the disk.
-    data : bytes or mmap.mmap
-        Its bytes, decompressed.
-    """
-
-    name: str
-    sha256: str
-    data: bytes | mmap.mmap
+    name: str  # as the user knows it, fit to be printed
+    sha256: str  # digest of the file as it is on the disk
+    data: bytes | mmap.mmap  # its bytes, decompressed
 
 
 def open_source(path: str | Path) -> Source:
     """Get the bytes of a data file, also compressed with gzip, or of standard input (``-``).
 
-    Raises
-    ------
-    IsADirectoryError
-        It is a folder.
-    InputError
-        It cannot be read, is empty, or decompresses to more than is sensible.
+    Raises: IsADirectoryError: it is a folder; InputError: it cannot be read, is empty, or decompresses to more than is
+    sensible.
     """
     if str(path) == "-":
         raw: bytes | mmap.mmap = sys.stdin.buffer.read()

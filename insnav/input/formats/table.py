@@ -13,21 +13,11 @@ from insnav.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """Columns of a table.
+    """Columns of a table."""
 
-    Attributes
-    ----------
-    columns : dict of int to (n,) array
-        By index of the column; NaN for an empty cell.
-    n_rows : int
-        Number of rows.
-    cut : str
-        Why a last row was left out; empty if none was.
-    """
-
-    columns: dict[int, FloatArray]
-    n_rows: int
-    cut: str = ""
+    columns: dict[int, FloatArray]  # (n,) by index of the column; NaN for an empty cell
+    n_rows: int  # number of rows
+    cut: str = ""  # why a last row was left out; empty if none was
 
 
 class Cells(Protocol):
@@ -61,30 +51,14 @@ class ArrayCells:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table whose header has been read.
+    """A table whose header has been read."""
 
-    Attributes
-    ----------
-    name : str
-        The file, fit to be printed.
-    sha256 : str
-        Digest of the file.
-    headers : tuple of str
-        Names of the columns.
-    cells : Cells
-        Its rows.
-    units : tuple of str or None
-        Row of units under the header.
-    notes : tuple of str
-        What the format says about the data, such as the time scale.
-    """
-
-    name: str
-    sha256: str
-    headers: tuple[str, ...]
-    cells: Cells
-    units: tuple[str, ...] | None = None
-    notes: tuple[str, ...] = ()
+    name: str  # the file, fit to be printed
+    sha256: str  # digest of the file
+    headers: tuple[str, ...]  # names of the columns
+    cells: Cells  # its rows
+    units: tuple[str, ...] | None = None  # row of units under the header
+    notes: tuple[str, ...] = ()  # what the format says about the data, such as the time scale
 
     def place(self, row: int, index: int | None = None) -> str:
         """``file:line:column`` of a cell; rows are counted from 0."""

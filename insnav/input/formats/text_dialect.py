@@ -22,30 +22,14 @@ _UNITS = {word for table in UNIT_SPELLINGS.values() for word in table}
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How a table is written.
+    """How a table is written."""
 
-    Attributes
-    ----------
-    delimiter : str
-        One character; a blank means any run of blanks and tabs.
-    decimal : str
-        ``.`` or ``,``.
-    headers : tuple of str
-        Names of the columns.
-    units : tuple of str or None
-        The row of units under the header, if there is one.
-    offset : int
-        Where the numbers begin [bytes].
-    first_line : int
-        Line on which they begin, counted from 1.
-    """
-
-    delimiter: str
-    decimal: str
-    headers: tuple[str, ...]
-    units: tuple[str, ...] | None
-    offset: int
-    first_line: int
+    delimiter: str  # one character; a blank means any run of blanks and tabs
+    decimal: str  # ``.`` or ``,``
+    headers: tuple[str, ...]  # names of the columns
+    units: tuple[str, ...] | None  # the row of units under the header, if there is one
+    offset: int  # where the numbers begin [bytes]
+    first_line: int  # line on which they begin, counted from 1
 
 
 def is_comment(line: str) -> bool:
@@ -87,10 +71,7 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
 
     `head` is the first `SNIFF_BYTES` of the text, UTF-8 or Latin-1, and `whole` says whether that is all of it.
 
-    Raises
-    ------
-    InputError
-        No header, only one column, or a header that does not fit the rows.
+    Raises: InputError: no header, only one column, or a header that does not fit the rows.
     """
     raw = head.splitlines(keepends=True)
     if not whole and len(raw) > 1:

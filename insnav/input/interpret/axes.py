@@ -20,20 +20,9 @@ _DIRECTIONS = {
 def axes_matrix(axes: str) -> FloatArray:
     """Matrix from sensor axes to Forward, Right, Down.
 
-    Parameters
-    ----------
-    axes : str
-        Where the sensor's x, y and z point: three letters of F/B, R/L, D/U, such as ``FLU``.
-
-    Returns
-    -------
-    (3, 3) array
-        ``v_frd = axes_matrix(axes) @ v_sensor``; a signed permutation of determinant 1.
-
-    Raises
-    ------
-    ConfigError
-        Not three letters, one direction twice, or a left-handed set.
+    `axes`: where the sensor's x, y and z point: three letters of F/B, R/L, D/U, such as ``FLU``.
+    Returns: (3, 3): ``v_frd = axes_matrix(axes) @ v_sensor``; a signed permutation of determinant 1.
+    Raises: ConfigError: not three letters, one direction twice, or a left-handed set.
     """
     letters = axes.strip().upper()
     fix = "name where x, y and z point, such as FRD, FLU or RFU: F or B, R or L, D or U"

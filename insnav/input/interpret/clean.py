@@ -37,30 +37,14 @@ REFERENCE_KINDS = Kinds("rows", "ref", 0, 2, gaps=False)
 
 @dataclass(frozen=True, slots=True)
 class Cleaned:
-    """Rows in order of time.
+    """Rows in order of time."""
 
-    Attributes
-    ----------
-    columns : dict of str to (n,) array
-        The columns, with ``time`` strictly increasing.
-    events : tuple of Event
-        What was done, in order of time.
-    n_gaps : int
-        Number of gaps.
-    longest_gap : float
-        Longest of them [s].
-    interval : float
-        Median interval [s].
-    notes : tuple of str
-        What to tell the user.
-    """
-
-    columns: dict[str, FloatArray]
-    events: tuple[Event, ...]
-    n_gaps: int
-    longest_gap: float
-    interval: float
-    notes: tuple[str, ...]
+    columns: dict[str, FloatArray]  # (n,) the columns, with ``time`` strictly increasing
+    events: tuple[Event, ...]  # what was done, in order of time
+    n_gaps: int  # number of gaps
+    longest_gap: float  # longest of them [s]
+    interval: float  # median interval [s]
+    notes: tuple[str, ...]  # what to tell the user
 
 
 def clean(
@@ -74,22 +58,9 @@ def clean(
 ) -> Cleaned:
     """Put rows in order, and leave out bad ones ``(n,)`` and those that cannot be used.
 
-    Parameters
-    ----------
-    columns : mapping of str to (n,) array
-        With ``time`` [s]; as read.
-    bad : (n,) bool array
-        Rows to leave out.
-    kinds : Kinds
-    place : callable
-        From the number of a row to ``file:line``.
-    name, bad_action : str
-        The file, and what is said of bad rows.
-
-    Raises
-    ------
-    InputError
-        Too few rows, too many out of order, or a clock that was set back.
+    `columns` (n,): with ``time`` [s]; as read; `bad` (n,): rows to leave out; `place`: from the number of a row to
+    ``file:line``.
+    Raises: InputError: too few rows, too many out of order, or a clock that was set back.
     """
     n = len(columns["time"])
     if n < kinds.min_rows:

@@ -17,24 +17,12 @@ _INDEXED = re.compile(r"^(?P<base>.+?)\[(?P<index>[012])\]$")
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A column that was understood.
+    """A column that was understood."""
 
-    Attributes
-    ----------
-    quantity : Quantity
-        What it holds.
-    index : int
-        Which column of the file.
-    header : str
-        Its header as written.
-    unit : str or None
-        The unit that the file or the user states; ``None`` if nobody does.
-    """
-
-    quantity: Quantity
-    index: int
-    header: str
-    unit: str | None
+    quantity: Quantity  # what it holds
+    index: int  # which column of the file
+    header: str  # its header as written
+    unit: str | None  # the unit that the file or the user states; ``None`` if nobody does
 
     @property
     def factor(self) -> float:
@@ -62,20 +50,9 @@ def match_header(
 ) -> tuple[Quantity, str | None, int] | None:
     """Find out what one header names.
 
-    Parameters
-    ----------
-    header : str
-        Such as ``gyro_x[deg/s]``, ``gx_dps``, ``Latitude (deg)``.
-    schema : sequence of Quantity
-        What it may be; of several the first wins.
-    unit_below : str
-        Cell of a row of units under the header.
-
-    Returns
-    -------
-    tuple of (Quantity, str or None, int), or None
-        The quantity, the stated unit, and a rank (0 is the most trustworthy spelling). A known name with an unknown
-        unit in brackets is refused.
+    `header`: such as ``gyro_x[deg/s]``, ``gx_dps``, ``Latitude (deg)``.
+    Returns: the quantity, the stated unit, and a rank (0 is the most trustworthy spelling). A known name with an
+    unknown unit in brackets is refused.
     """
     if (indexed := _INDEXED.match(header)) is not None:
         header = indexed["base"] + indexed["index"]
@@ -133,31 +110,11 @@ def understand(
 ) -> tuple[dict[str, Found], tuple[str, ...]]:
     """Assign columns to quantities.
 
-    Parameters
-    ----------
-    headers, units_row : sequence of str
-        As in the file, and the cells of the row of units under the header, if there is one.
-    schema : sequence of Quantity
-        What may be there.
-    columns : mapping of str to str, optional
-        What the user says: name, with or without unit (``gyro_x``, ``gyro_x_dps``), to header; an empty
-        header says that the file has no such column.
-    where : str
-        The file, for errors.
-
-    Returns
-    -------
-    found : dict of str to Found
-        By key.
-    notes : tuple of str
-        What else might have been meant.
-
-    Raises
-    ------
-    InputError
-        A duplicate header, two columns for one quantity, or an unknown unit.
-    ConfigError
-        `columns` names something that does not exist.
+    `headers`, `units_row`: as in the file, and the cells of the row of units under the header, if there is one;
+    `columns`: what the user says: name, with or without unit (``gyro_x``, ``gyro_x_dps``), to header; an empty header
+    says that the file has no such column.
+    Raises: InputError: a duplicate header, two columns for one quantity, or an unknown unit; ConfigError: `columns`
+    names something that does not exist.
     """
     named = [h for h in headers if h]
     twice = sorted({h for h in named if named.count(h) > 1})

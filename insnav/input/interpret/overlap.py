@@ -18,10 +18,7 @@ _MIN_SHARE = 0.5  # of the shorter recording that a likely offset makes overlap
 def check_overlap(imu: ImuData, gps: GpsData) -> None:
     """Refuse recordings that have no time in common, naming the likely offset of the clocks.
 
-    Raises
-    ------
-    InputError
-        No fix lies within the samples.
+    Raises: InputError: no fix lies within the samples.
     """
     first, last = float(imu.time[0]), float(imu.time[-1])
     if np.any((gps.time >= first) & (gps.time <= last)):

@@ -34,18 +34,10 @@ _TIME_UNITS = ("s", "ms", "us", "ns")
 
 @dataclass(frozen=True, slots=True)
 class Quiet:
-    """Specific force in the quieter half of a record, in blocks of a second.
+    """Specific force in the quieter half of a record, in blocks of a second."""
 
-    Attributes
-    ----------
-    mean : (m, 3) array
-        Mean of each block, in units of the file.
-    rate : (3,) array
-        Larger turning rates than these are rare (1 in 1000), in units of the file.
-    """
-
-    mean: FloatArray
-    rate: FloatArray
+    mean: FloatArray  # (m, 3) mean of each block, in units of the file
+    rate: FloatArray  # (3,) larger turning rates than these are rare (1 in 1000), in units of the file
 
 
 def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: float) -> Quiet:
@@ -71,10 +63,7 @@ def find_accel_unit(
     `quiet` is of the record as in the file, divided by the interval [s] if it holds increments; `stated` is the unit in
     the header or from the user.
 
-    Raises
-    ------
-    InputError
-        The stated unit contradicts gravity, or no unit fits.
+    Raises: InputError: the stated unit contradicts gravity, or no unit fits.
     """
     norms = np.linalg.norm(quiet.mean, axis=1)
     candidates = _DVEL_UNITS if increments else _ACCEL_UNITS
@@ -151,10 +140,7 @@ def find_gyro_unit(
 
     `ratio` and `correlation` are from `turn_ratio`, for the numbers as in the file.
 
-    Raises
-    ------
-    InputError
-        The stated unit contradicts the evidence.
+    Raises: InputError: the stated unit contradicts the evidence.
     """
     usual = ("rad", "deg") if increments else ("rad/s", "deg/s")
     fastest = float(quiet.rate.max())
@@ -187,10 +173,7 @@ def find_gyro_unit(
 def check_axes(quiet: Quiet, axes: str | None, *, where: str) -> str:
     """Which way is up in body axes, after `axes` (None: not given) were applied, and whether that fits FRD.
 
-    Raises
-    ------
-    InputError
-        No axes were given, and z points up.
+    Raises: InputError: no axes were given, and z points up.
     """
     norms = np.linalg.norm(quiet.mean, axis=1)[:, None]
     direction = np.mean(quiet.mean / np.where(norms > 0.0, norms, 1.0), axis=0)  # zeros: a sensor that was off
@@ -219,10 +202,7 @@ def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, wher
 
     `time` ``(n,)`` is as in the file; no such file has steps longer than `slowest` [s].
 
-    Raises
-    ------
-    InputError
-        The stated unit, or none at all, fits the steps.
+    Raises: InputError: the stated unit, or none at all, fits the steps.
     """
     steps = np.diff(time[:_MAX_SAMPLES])
     if not (steps > 0.0).all():  # out of order, or not all known

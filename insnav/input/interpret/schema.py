@@ -26,27 +26,13 @@ def compact(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """One thing that a column can hold.
+    """One thing that a column can hold."""
 
-    Attributes
-    ----------
-    key : str
-        Name without unit, such as ``gyro_x``.
-    name : str
-        Canonical column name, such as ``gyro_x_rad_s``.
-    dimension : str
-        Dimension of its unit as in `insnav.units.UNITS`, ``temperature``, or empty for a plain number.
-    unit : str
-        Unit of the canonical name.
-    spellings : tuple of str
-        Compact spellings, the most trustworthy first.
-    """
-
-    key: str
-    name: str
-    dimension: str
-    unit: str
-    spellings: tuple[str, ...]
+    key: str  # name without unit, such as ``gyro_x``
+    name: str  # canonical column name, such as ``gyro_x_rad_s``
+    dimension: str  # dimension of its unit as in `insnav.units.UNITS`, ``temperature``, or empty for a plain number
+    unit: str  # unit of the canonical name
+    spellings: tuple[str, ...]  # compact spellings, the most trustworthy first
 
 
 _AXES = ("x", "y", "z")

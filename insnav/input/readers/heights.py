@@ -23,27 +23,16 @@ _SCHEMA = tuple({q.key: q for q in (*REFERENCE_SCHEMA, *IMU_SCHEMA) if q.key in 
 
 @dataclass(frozen=True, slots=True)
 class Heights:
-    """Heights over time.
+    """Heights over time."""
 
-    Attributes
-    ----------
-    time : (n,) array
-        [s], strictly increasing.
-    height : (n,) array
-        As in the file [m].
-    """
-
-    time: FloatArray
-    height: FloatArray
+    time: FloatArray  # (n,) [s], strictly increasing
+    height: FloatArray  # (n,) as in the file [m]
 
 
 def read_heights(path: str | Path) -> Reading[Heights]:
     """Read a time and a height from a data file; whatever else it holds is not looked at.
 
-    Raises
-    ------
-    InputError
-        The file cannot be used.
+    Raises: InputError: the file cannot be used.
     """
     table = open_table(path)
     name = table.name

@@ -34,17 +34,10 @@ _SLOW = 0.5  # slower ones tell nothing [m/s]
 
 @dataclass(frozen=True, slots=True)
 class Positions:
-    """A file of positions in order of time.
+    """A file of positions in order of time."""
 
-    Attributes
-    ----------
-    columns : dict of str to (n,) array
-        By key, in SI units and radians.
-    lla, v_n : (n, 3) array
-        Latitude [rad], longitude [rad], height [m]; velocity North, East, Down [m/s], NaN where not known.
-    """
-
-    columns: dict[str, FloatArray]
+    columns: dict[str, FloatArray]  # (n,) by key, in SI units and radians
+    # (n, 3) latitude [rad], longitude [rad], height [m]; velocity North, East, Down [m/s], NaN where not known
     lla: FloatArray
     v_n: FloatArray
 
@@ -63,20 +56,7 @@ def read_positions(
     columns: Mapping[str, str] | None,
     height: Height | None = None,
 ) -> Reading[Positions]:
-    """Read a file of positions; see `insnav.input.read_gps`.
-
-    Parameters
-    ----------
-    path : str or Path
-    kind : str
-        Word for the file.
-    schema : sequence of Quantity
-        What it may hold.
-    kinds : Kinds
-        Names of its events.
-    columns, height
-        As for `insnav.input.read_gps`.
-    """
+    """Read a file of positions; see `insnav.input.read_gps`."""
     table = open_table(path, "gps")
     name = table.name
     found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)

@@ -39,19 +39,8 @@ def from_outputs(
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Replace outputs by rates [rad/s] and specific forces [m/s^2], in place.
 
-    Returns
-    -------
-    notes : tuple of str
-        What was done.
-    units : dict of str to str
-        Units of the columns as in the file, by key.
-
-    Raises
-    ------
-    ConfigError
-        A unit that is not one of volts or counts was given.
-    InputError
-        The file holds increments, or counts where volts are needed.
+    Raises: ConfigError: a unit that is not one of volts or counts was given; InputError: the file holds increments, or
+    counts where volts are needed.
     """
     notes, units = [], {}
     for triad, scale in scales.items():

@@ -23,12 +23,8 @@ def read_counts(
 ) -> Reading[ImuData]:
     """Read inertial data in raw units, only brought to body axes; arguments as for `insnav.input.read_imu`.
 
-    Raises
-    ------
-    InputError
-        The file cannot be used, or its headers state units.
-    ConfigError
-        An option cannot be meant as given.
+    Raises: InputError: the file cannot be used, or its headers state units; ConfigError: an option cannot be meant as
+    given.
     """
     matrix = axes_matrix(axes or "FRD")
     table = open_table(path, "imu")

@@ -13,54 +13,27 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class ReadingFacts:
-    """Facts about a file that was read.
+    """Facts about a file that was read."""
 
-    Attributes
-    ----------
-    kind : str
-        ``IMU``, ``GPS`` or ``reference``.
-    path : str
-        The file as given.
-    sha256 : str
-        Digest of the file.
-    n_rows, n_used : int
-        Rows in the file, and rows in the data.
-    start_s, end_s : float
-        First and last time [s].
-    rate_hz : float
-        Inverse of the median interval [Hz].
-    n_gaps : int
-        Number of gaps that have an event.
-    longest_gap_s : float
-        Longest interval between two rows if there is a gap, else zero [s].
-    columns : mapping of str to str
-        Canonical name to header and unit.
-    evidence : tuple of str
-        How units, axes and signs were found, and what was assumed.
-    axes : str
-        Directions of the sensor's x, y, z, such as ``FRD`` (IMU only).
-    sampling, stamp : str or None
-        As in `insnav.types.ImuData` (IMU only).
-    height : str
-        ``ellipsoidal`` or ``msl`` (GPS and reference).
-    """
-
-    kind: str
-    path: str
-    sha256: str
+    kind: str  # ``IMU``, ``GPS`` or ``reference``
+    path: str  # the file as given
+    sha256: str  # digest of the file
+    # rows in the file, and rows in the data
     n_rows: int
     n_used: int
+    # first and last time [s]
     start_s: float
     end_s: float
-    rate_hz: float
-    n_gaps: int
-    longest_gap_s: float
-    columns: Mapping[str, str]
-    evidence: tuple[str, ...] = ()
-    axes: str = ""
+    rate_hz: float  # inverse of the median interval [Hz]
+    n_gaps: int  # number of gaps that have an event
+    longest_gap_s: float  # longest interval between two rows if there is a gap, else zero [s]
+    columns: Mapping[str, str]  # canonical name to header and unit
+    evidence: tuple[str, ...] = ()  # how units, axes and signs were found, and what was assumed
+    axes: str = ""  # directions of the sensor's x, y, z, such as ``FRD`` (IMU only)
+    # as in `insnav.types.ImuData` (IMU only)
     sampling: Sampling | None = None
     stamp: Stamp | None = None
-    height: str = ""
+    height: str = ""  # ``ellipsoidal`` or ``msl`` (GPS and reference)
 
     def as_dict(self) -> dict[str, Any]:
         """Give the facts in a form ready for JSON."""
@@ -96,21 +69,10 @@ class ReadingFacts:
 
 @dataclass(frozen=True, slots=True)
 class Reading(Generic[T]):
-    """Data from a file, with everything that happened on the way.
+    """Data from a file, with everything that happened on the way."""
 
-    Attributes
-    ----------
-    data : ImuData, GpsData or Trajectory
-        The data.
-    events : tuple of Event
-        Rows dropped, sorted or missing, in order of time.
-    facts : ReadingFacts
-        What was understood.
-    fix : (n,) array or None
-        Fix type of each row of a reference, if the file has it; -1 where the cell is empty.
-    """
-
-    data: T
-    events: tuple[Event, ...]
-    facts: ReadingFacts
+    data: T  # the data
+    events: tuple[Event, ...]  # rows dropped, sorted or missing, in order of time
+    facts: ReadingFacts  # what was understood
+    # (n,) fix type of each row of a reference, if the file has it; -1 where the cell is empty
     fix: IntArray | None = field(default=None)

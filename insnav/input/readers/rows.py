@@ -21,29 +21,14 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Columns of a file on their way to data.
+    """Columns of a file on their way to data."""
 
-    Attributes
-    ----------
-    table : Table
-        The file.
-    kinds : Kinds
-        What sort of rows it has.
-    columns : dict of str to (n,) array
-        By key, as in the file, but time in seconds.
-    n_rows : int
-        Number of rows.
-    cut : str
-        Why a last row was left out; empty if none was.
-    time_unit, time_evidence : str
-        Unit of the time in the file, and how it was found.
-    """
-
-    table: Table
-    kinds: Kinds
-    columns: dict[str, FloatArray]
-    n_rows: int
-    cut: str
+    table: Table  # the file
+    kinds: Kinds  # what sort of rows it has
+    columns: dict[str, FloatArray]  # (n,) by key, as in the file, but time in seconds
+    n_rows: int  # number of rows
+    cut: str  # why a last row was left out; empty if none was
+    # unit of the time in the file, and how it was found
     time_unit: str
     time_evidence: str
 
@@ -107,10 +92,7 @@ def read_rows(
     `slowest` is the longest step of time that such a file has [s]; the unit of the time is that of the user, else of
     the header, else found by the steps.
 
-    Raises
-    ------
-    InputError
-        A cell is not a number, or the unit of the time is unclear.
+    Raises: InputError: a cell is not a number, or the unit of the time is unclear.
     """
     numbers = table.cells.read([found[key].index for key in keys])
     columns = {key: numbers.columns[found[key].index] for key in keys}

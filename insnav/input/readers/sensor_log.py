@@ -24,24 +24,11 @@ def read_sensor_log(
 ) -> Reading[SensorLog]:
     """Read the log of a further sensor.
 
-    Parameters
-    ----------
-    path : str, Path or Table
-        A data file of any supported format; that of the IMU may hold the columns of another sensor, too.
-    name : {"speedometer", "magnetometer"}
-        What it is for: columns ``time_s, speed_m_s`` and perhaps ``sd_m_s``, or ``time_s`` with ``heading_deg`` or
-        ``mag_x, mag_y, mag_z`` (any unit) in body axes.
-    columns : mapping of str to str, optional
-        Quantity, with or without unit, to header.
-
-    Returns
-    -------
-    Reading of SensorLog
-
-    Raises
-    ------
-    InputError
-        The file cannot be used.
+    `path`: a data file of any supported format; that of the IMU may hold the columns of another sensor, too; `name`
+    {"speedometer", "magnetometer"}: what it is for: columns ``time_s, speed_m_s`` and perhaps ``sd_m_s``, or ``time_s``
+    with ``heading_deg`` or ``mag_x, mag_y, mag_z`` (any unit) in body axes; `columns`: quantity, with or without unit,
+    to header.
+    Raises: InputError: the file cannot be used.
     """
     schema, alternatives = LOG_SCHEMAS[name]
     table = open_table(path, name)

@@ -43,17 +43,10 @@ _ORDER = {"ENU": ("f_east", "f_north", "f_up"), "NED": ("f_north", "f_east", "f_
 
 @dataclass(frozen=True, slots=True)
 class SpecificForce:
-    """Specific force on a level, north-pointing platform.
+    """Specific force on a level, north-pointing platform."""
 
-    Attributes
-    ----------
-    time : (n,) array
-        Times of the samples [s], strictly increasing.
-    f_n : (n, 3) array
-        North, East, Down at these instants [m/s^2]; Down ``NaN`` throughout if the file has no vertical axis.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) times of the samples [s], strictly increasing
+    # (n, 3) North, East, Down at these instants [m/s^2]; Down ``NaN`` throughout if the file has no vertical axis
     f_n: FloatArray
 
 
@@ -66,24 +59,13 @@ def read_specific_force(
 ) -> Reading[SpecificForce]:
     """Read specific force along the axes of a north-pointing platform.
 
-    Parameters
-    ----------
-    path : str or Path
-        A data file of any supported format, or ``-`` for standard input.
-    axes : {"ENU", "NED"}, optional
-        What columns x, y, z are; columns whose names state their direction (``f_east_m_s2``, ``fe``) need none.
-    columns : mapping of str to str, optional
-        Quantity, with or without unit, to header.
-    sample_rate : float, optional
-        Samples per second [Hz] of a file without a time column; the first is at 0 s.
-
-    Raises
-    ------
-    InputError
-        The file cannot be used: columns missing, not along level axes, or a gap of more than five samples, in which
-        the motion is unknown.
-    ConfigError
-        `columns` cannot be meant as given, or `sample_rate` is given for a file that has times.
+    `path`: a data file of any supported format, or ``-`` for standard input; `axes` {"ENU", "NED"}: what columns x, y,
+    z are; columns whose names state their direction (``f_east_m_s2``, ``fe``) need none; `columns`: quantity, with or
+    without unit, to header; `sample_rate`: samples per second [Hz] of a file without a time column; the first is at 0
+    s.
+    Raises: InputError: the file cannot be used: columns missing, not along level axes, or a gap of more than five
+    samples, in which the motion is unknown; ConfigError: `columns` cannot be meant as given, or `sample_rate` is given
+    for a file that has times.
     """
     table = open_table(path)
     name = table.name

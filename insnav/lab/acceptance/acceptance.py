@@ -54,22 +54,9 @@ def acceptance(
 ) -> Acceptance:
     """All acceptance figures that some files give.
 
-    Parameters
-    ----------
-    steps : sequence of BenchRecord
-        Rate tables and positions.
-    static : BenchRecord or None
-        At rest.
-    powerups : sequence of BenchRecord
-    lengths : sequence of float
-        Averaging times of the bias stability [s].
-
-    Raises
-    ------
-    ConfigError
-        Two files for one sensor, units that do not go together, or volts without a scale factor.
-    InputError
-        Files that do not show what they should.
+    `lengths`: averaging times of the bias stability [s].
+    Raises: ConfigError: two files for one sensor, units that do not go together, or volts without a scale factor;
+    InputError: files that do not show what they should.
     """
     warnings = [f"{r.table.name}: {text}" for r in (*steps, *powerups) for text in r.warnings]
     notes: list[str] = []

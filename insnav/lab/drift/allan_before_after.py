@@ -92,14 +92,7 @@ class DriftStudy:
 def drift_study(record: DriftRecord) -> DriftStudy:
     """Fit, correct and smooth every gyro of a record, and compare its noise before and after.
 
-    Parameters
-    ----------
-    record : DriftRecord
-
-    Raises
-    ------
-    InputError
-        Gaps, or fewer than 100 samples at rest at the beginning.
+    Raises: InputError: gaps, or fewer than 100 samples at rest at the beginning.
     """
     _refuse_gaps(record)
     rest = slice(0, int(np.count_nonzero(record.at_rest())))

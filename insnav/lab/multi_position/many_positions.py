@@ -84,23 +84,10 @@ class PosesCalibration:
 def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCalibration:
     """Calibrate accelerometers and gyros by poses and the turns between them.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Record of at least ten poses, in SI units, or in any units if `counts`.
-    g : float
-        Gravity where it was made [m/s^2].
-    counts : bool
-        Sensitivities are not known, not even roughly.
-
-    Returns
-    -------
-    PosesCalibration
-
-    Raises
-    ------
-    InputError
-        No poses, too few, or such as leave a parameter undetermined; units, axes or signs that cannot be.
+    `imu`: record of at least ten poses, in SI units, or in any units if `counts`; `g`: gravity where it was made
+    [m/s^2]; `counts`: sensitivities are not known, not even roughly.
+    Raises: InputError: no poses, too few, or such as leave a parameter undetermined; units, axes or signs that cannot
+    be.
     """
     if imu.sampling == "increment":
         raise InputError("increments are not calibrated by poses", fix="give rates and specific forces")

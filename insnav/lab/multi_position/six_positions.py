@@ -67,29 +67,11 @@ def calibrate_six_positions(
 ) -> SixPositions:
     """Calibrate by six positions and three turns.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Record in SI units, or in any units if `counts`.
-    g : float
-        Gravity where it was made [m/s^2].
-    sections : mapping of str to tuple of int, optional
-        First and last plus one sample of all `SECTIONS`; found by `find_sections` by default.
-    turn : float
-        Angle of each turn [rad]; its sense is taken from the gyros.
-    counts : bool
-        Sensitivities are not known, not even roughly.
-
-    Returns
-    -------
-    SixPositions
-
-    Raises
-    ------
-    InputError
-        Sections that are not what they are called, turns that fall short, units that cannot be.
-    ConfigError
-        Sections that are missing or outside the record.
+    `imu`: record in SI units, or in any units if `counts`; `g`: gravity where it was made [m/s^2]; `sections`: first
+    and last plus one sample of all `SECTIONS`; found by `find_sections` by default; `turn`: angle of each turn [rad];
+    its sense is taken from the gyros; `counts`: sensitivities are not known, not even roughly.
+    Raises: InputError: sections that are not what they are called, turns that fall short, units that cannot be;
+    ConfigError: sections that are missing or outside the record.
     """
     if imu.sampling == "increment":
         raise InputError("increments are not calibrated by positions", fix="give rates and specific forces")

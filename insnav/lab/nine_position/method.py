@@ -95,25 +95,10 @@ def calibrate_nine(
 ) -> NinePositions:
     """Calibrate three dual-axis modules.
 
-    Parameters
-    ----------
-    roll, pitch : (n,) array
-        Positions of the table [rad], Forward-Right-Down axes.
-    measured : (n, 6) array
-        Accelerometers in the order of `SENSORS` [m/s^2].
-    gravity : float
-        Local gravity [m/s^2].
-    where : str
-        File to name in errors.
-
-    Returns
-    -------
-    NinePositions
-
-    Raises
-    ------
-    InputError
-        Positions that leave something undetermined, with the one to add; or columns that do not belong to their names.
+    `roll`, `pitch` (n,): positions of the table [rad], Forward-Right-Down axes; `measured` (n, 6): accelerometers in
+    the order of `SENSORS` [m/s^2]; `gravity`: local gravity [m/s^2].
+    Raises: InputError: positions that leave something undetermined, with the one to add; or columns that do not belong
+    to their names.
     """
     warnings = check_positions(roll, pitch, where)
     force = ideal_force(roll, pitch, gravity)

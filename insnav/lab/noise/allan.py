@@ -161,20 +161,9 @@ def allan_deviation(
 ) -> AllanDeviation:
     """Compute the overlapping Allan deviation of each column.
 
-    Parameters
-    ----------
-    values : (n, c) array
-        Rates or specific forces at even steps; constant parts do not matter.
-    interval : float
-        Step [s].
-    factors : (k,) array of int
-        Averaging times in samples, at most n / 2.
-    workers : int, optional
-        Threads; one for each column at most, by default as many as there are processors.
-
-    Returns
-    -------
-    AllanDeviation
+    `values` (n, c): rates or specific forces at even steps; constant parts do not matter; `interval`: step [s];
+    `factors` (k,): averaging times in samples, at most n / 2; `workers`: threads; one for each column at most, by
+    default as many as there are processors.
     """
     n, count = values.shape
     deviation = np.empty((factors.size, count))

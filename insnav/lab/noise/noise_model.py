@@ -90,21 +90,9 @@ def basis(tau: FloatArray, correlation_time: float) -> FloatArray:
 def fit_noise(allan: AllanDeviation, column: int = 0, terms: str = "QNBKRG", confidence: float = 0.95) -> NoiseModel:
     """Fit the noise coefficients of one axis.
 
-    Parameters
-    ----------
-    allan : AllanDeviation
-        From `insnav.lab.noise.allan.allan_deviation`; the column must not be all zero.
-    column : int
-        Which one.
-    terms : str
-        Letters of the noises that may be there; G is the Gauss-Markov process. Of B and G the likelier is taken, by
-        Akaike's criterion; then every term is dropped that lowers chi-square by less than 6.63 (significant at 1 %).
-    confidence : float
-        Of the intervals.
-
-    Returns
-    -------
-    NoiseModel
+    `allan`: from `insnav.lab.noise.allan.allan_deviation`; the column must not be all zero; `terms`: letters of the
+    noises that may be there; G is the Gauss-Markov process. Of B and G the likelier is taken, by Akaike's criterion;
+    then every term is dropped that lowers chi-square by less than 6.63 (significant at 1 %).
     """
     rows = _chosen(allan)
     fits = []

@@ -65,28 +65,9 @@ def signal_noise(
 ) -> SignalNoise:
     """Allan deviation and noise coefficients of signals.
 
-    Parameters
-    ----------
-    values : (n, c) array
-        At even steps, a column for each signal, such as rates [rad/s] or specific forces [m/s^2].
-    interval : float
-        Step [s].
-    taus : sequence of float, "log" or "octave"
-        Averaging times [s], see `averaging_factors`.
-    workers : int, optional
-        Threads.
-    progress : callable, optional
-        Called with the fraction done.
-
-    Returns
-    -------
-    SignalNoise
-        In the unit of the signals.
-
-    Raises
-    ------
-    ConfigError
-        Averaging times that the signals do not hold.
+    `values` (n, c): at even steps, a column for each signal, such as rates [rad/s] or specific forces [m/s^2];
+    `interval`: step [s]; `taus`: averaging times [s], see `averaging_factors`.
+    Raises: ConfigError: averaging times that the signals do not hold.
     """
     factors, every = averaging_factors(len(values), interval, taus), averaging_factors(len(values), interval)
     allan = allan_deviation(values, interval, factors, workers)
@@ -109,25 +90,7 @@ def static_noise(
 ) -> StaticNoise:
     """Analyse a record at rest.
 
-    Parameters
-    ----------
-    imu : ImuData
-        The record, at least 100 samples.
-    taus : sequence of float, "log" or "octave"
-        Averaging times, see `averaging_factors`.
-    name, source : str
-        Of the IMU, for its file.
-    workers : int, optional
-        Threads.
-    progress : callable, optional
-        Called with the fraction done.
-
-    Raises
-    ------
-    InputError
-        The record is too short, or not at rest.
-    ConfigError
-        Averaging times that it does not hold.
+    Raises: InputError: the record is too short, or not at rest; ConfigError: averaging times that it does not hold.
     """
     record = even_record(imu)
     _refuse_motion(record)

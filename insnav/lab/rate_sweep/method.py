@@ -65,28 +65,11 @@ def calibrate_sweeps(
 ) -> SweepCalibration:
     """Calibrate three gyros.
 
-    Parameters
-    ----------
-    rate : (n, 3) array
-        Rates of the table about x, y, z [rad/s]; one row a dwell.
-    output : (n, 3) array
-        Mean outputs of gyros x, y, z [rad/s, or volts or counts].
-    sd : (n, 3) array
-        Standard deviations of these means, zero where not known.
-    raw : bool
-        Whether the outputs are in volts or counts.
-    where : str
-        File to name in errors.
-
-    Returns
-    -------
-    SweepCalibration
-
-    Raises
-    ------
-    InputError
-        An axis without a sweep, too few rates, gyros that do not follow the rate about their axis or are not in the
-        unit of their columns, or an error so steep that it cannot be undone.
+    `rate` (n, 3): rates of the table about x, y, z [rad/s]; one row a dwell; `output` (n, 3): mean outputs of gyros x,
+    y, z [rad/s, or volts or counts]; `sd` (n, 3): standard deviations of these means, zero where not known; `raw`:
+    whether the outputs are in volts or counts.
+    Raises: InputError: an axis without a sweep, too few rates, gyros that do not follow the rate about their axis or
+    are not in the unit of their columns, or an error so steep that it cannot be undone.
     """
     own = tuple(_alone(rate, axis) for axis in range(3))
     warnings = check_rates(rate, own, where)

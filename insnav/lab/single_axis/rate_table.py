@@ -73,25 +73,9 @@ def calibrate_rate_table(
 ) -> RateTable:
     """Fit zero and scale factor.
 
-    Parameters
-    ----------
-    rate : (n,) array
-        Rates of the table, in any unit.
-    output : (n,) array
-        Output at each, in volts or counts.
-    keep : (float, float), optional
-        Smallest and largest rate to use; by default saturated rates are found and left out.
-    where : str
-        Place to name in the error.
-
-    Returns
-    -------
-    RateTable
-
-    Raises
-    ------
-    InputError
-        Too few rates, columns that seem to be exchanged, or a sensor that does not respond.
+    `rate` (n,): rates of the table, in any unit; `output` (n,): output at each, in volts or counts; `keep`: smallest
+    and largest rate to use; by default saturated rates are found and left out.
+    Raises: InputError: too few rates, columns that seem to be exchanged, or a sensor that does not respond.
     """
     _refuse_nonsense(rate, output, where)
     used, dropped = _within(rate, keep) if keep is not None else _linear_part(rate, output, where)

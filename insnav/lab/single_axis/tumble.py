@@ -43,23 +43,9 @@ def tumble_design(angle: FloatArray) -> FloatArray:
 def calibrate_tumble(angle: FloatArray, output: FloatArray, *, where: str = "") -> Tumble:
     """Fit the model.
 
-    Parameters
-    ----------
-    angle : (n,) array
-        Angle of the input axis above the horizontal [rad], evenly spaced over the circle.
-    output : (n,) array
-        Output at each, in volts or counts.
-    where : str
-        Place to name in the error.
-
-    Returns
-    -------
-    Tumble
-
-    Raises
-    ------
-    InputError
-        A position is missing, the angles look like another unit, or the output does not follow gravity.
+    `angle` (n,): angle of the input axis above the horizontal [rad], evenly spaced over the circle; `output` (n,):
+    output at each, in volts or counts.
+    Raises: InputError: a position is missing, the angles look like another unit, or the output does not follow gravity.
     """
     _refuse_uneven(angle, where)
     design = tumble_design(angle)

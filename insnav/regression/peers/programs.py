@@ -26,56 +26,30 @@ _DEGREES = np.array([DEG, DEG, 1.0])
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What a peer is given.
+    """What a peer is given."""
 
-    Attributes
-    ----------
-    imu : ImuData
-        Mean rates and specific forces, stamped at the end.
-    gps : GpsData
-        Fixes after the start, with the standard deviation of each.
-    time : float
-        Of the start [s].
-    lla, v_n, rph : (3,) array
-        Latitude, longitude [rad], height [m]; velocity [m/s]; roll, pitch, heading [rad] at the start.
-    position_sd, velocity_sd, attitude_sd : (3,) array
-        Their standard deviations [m], [m/s], [rad].
-    lever_b : (3,) array
-        Antenna seen from the IMU, body axes [m].
-    spec : ImuSpec
-        Sensor figures.
-    """
-
-    imu: ImuData
-    gps: GpsData
-    time: float
+    imu: ImuData  # mean rates and specific forces, stamped at the end
+    gps: GpsData  # fixes after the start, with the standard deviation of each
+    time: float  # of the start [s]
+    # (3,) latitude, longitude [rad], height [m]; velocity [m/s]; roll, pitch, heading [rad] at the start
     lla: FloatArray
     v_n: FloatArray
     rph: FloatArray
+    # (3,) their standard deviations [m], [m/s], [rad]
     position_sd: FloatArray
     velocity_sd: FloatArray
     attitude_sd: FloatArray
-    lever_b: FloatArray
-    spec: ImuSpec
+    lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
+    spec: ImuSpec  # sensor figures
 
 
 @dataclass(frozen=True, slots=True)
 class PeerRun:
-    """What a peer made of it.
+    """What a peer made of it."""
 
-    Attributes
-    ----------
-    cpu_s : float
-        CPU time of the filter alone [s].
-    samples : int
-        Filtered.
-    solution : Trajectory
-        Without standard deviations.
-    """
-
-    cpu_s: float
-    samples: int
-    solution: Trajectory
+    cpu_s: float  # CPU time of the filter alone [s]
+    samples: int  # filtered
+    solution: Trajectory  # without standard deviations
 
 
 def _bias_sd(sensor: SensorSpec) -> FloatArray:
@@ -150,11 +124,6 @@ def run_gtsam(task: Task) -> PeerRun:
 
     Preintegrated IMU factors between the fixes, a factor for each position, biases as a walk. Velocities of the fixes
     are not used: it has no factor for them at a lever arm.
-
-    Returns
-    -------
-    PeerRun
-        With a row at each fix.
     """
     origin = task.lla / _DEGREES
     inside = (task.gps.time > task.time + 1e-6) & (task.gps.time <= task.imu.time[-1])

@@ -31,27 +31,14 @@ _SAME = 5e-3  # as far from an epoch at most [s]
 
 @dataclass(frozen=True, slots=True)
 class PeerRow:
-    """One program on one case.
-
-    Attributes
-    ----------
-    case, program : str
-    rms : tuple of float or None
-        North, East, Down [m].
-    attitude_deg : tuple of float or None
-        Roll and pitch together, heading [deg].
-    cpu_us : float or None
-        CPU time a sample [us].
-    remark : str
-        Why there are no figures.
-    """
+    """One program on one case."""
 
     case: str
     program: str
-    rms: tuple[float | None, ...]
-    attitude_deg: tuple[float | None, ...]
-    cpu_us: float | None
-    remark: str = ""
+    rms: tuple[float | None, ...]  # North, East, Down [m]
+    attitude_deg: tuple[float | None, ...]  # roll and pitch together, heading [deg]
+    cpu_us: float | None  # CPU time a sample [us]
+    remark: str = ""  # why there are no figures
 
 
 def installed() -> dict[str, Callable[[Task], PeerRun]]:
@@ -65,14 +52,7 @@ def run_peers(
 ) -> list[PeerRow]:
     """Give the first drive of every case, its first part, to insnav and to every peer.
 
-    Parameters
-    ----------
-    data : Path
-        Folder of recorded data; cases without theirs are left out.
-    workers : int
-        Processes.
-    progress : callable, optional
-        Called with the fraction done.
+    `data`: folder of recorded data; cases without theirs are left out.
     """
     from joblib import Parallel, delayed
 

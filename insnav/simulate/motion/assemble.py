@@ -34,48 +34,29 @@ _PASSES = 4
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Where a motion starts.
+    """Where a motion starts."""
 
-    Attributes
-    ----------
-    lla : (3,) array
-        Latitude [rad], longitude [rad], height [m].
-    heading, speed : float
-        [rad], [m/s].
-    roll, pitch : float
-        Of the IMU in the level vehicle [rad].
-    time : float
-        [s].
-    """
-
-    lla: FloatArray
+    lla: FloatArray  # (3,) latitude [rad], longitude [rad], height [m]
+    # [rad], [m/s]
     heading: float
     speed: float
+    # of the IMU in the level vehicle [rad]
     roll: float
     pitch: float
-    time: float
+    time: float  # [s]
 
 
 @dataclass(frozen=True, slots=True)
 class Commands:
-    """What the vehicle is to do, at evenly spaced instants.
+    """What the vehicle is to do, at evenly spaced instants."""
 
-    Attributes
-    ----------
-    time : (n,) array
-        Since the start [s].
-    speed, heading, grade, right : (n,) array
-        Forward [m/s], [rad], [rad], to the right [m/s].
-    duration : float
-        [s].
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) since the start [s]
+    # (n,) Forward [m/s], [rad], [rad], to the right [m/s]
     speed: FloatArray
     heading: FloatArray
     grade: FloatArray
     right: FloatArray
-    duration: float
+    duration: float  # [s]
 
 
 def spacing_of(moves: Sequence[Move], vibration: Vibration) -> float:
@@ -112,11 +93,8 @@ def truth_of(
     What the truth hands out are derivatives of these, so the knots decide how closely the commands are followed,
     never how consistent the motion is.
 
-    Returns
-    -------
-    Truth
-        In latitude, longitude, height and roll, pitch, heading; beyond 80 deg of latitude, or where the body turns by
-        itself, in Earth-fixed axes, and then the heading counts from the great circle that went North at the start.
+    Returns: in latitude, longitude, height and roll, pitch, heading; beyond 80 deg of latitude, or where the body turns
+    by itself, in Earth-fixed axes, and then the heading counts from the great circle that went North at the start.
     """
     t = commands.time
     rates = spline_through(t, np.column_stack([commands.speed, commands.heading, commands.grade]))(t, 1)
@@ -143,22 +121,10 @@ def truth_of(
 def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Spline, FloatArray]:
     """Integral of a velocity over the ellipsoid, in Earth-fixed axes, also over a pole.
 
-    Parameters
-    ----------
-    t : (n,) array
-        Times [s].
-    velocity : (n, 3) array
-        Along two level axes that are North and East at the start and turn with the vertical but not about it, and
-        up [m/s].
-    lla : (3,) array
-        Start: latitude [rad], longitude [rad], height [m].
-
-    Returns
-    -------
-    position : Spline
-        Earth-fixed position since the start [m].
-    axes : (n, 4) array
-        Quaternion of the level axes and down in Earth-fixed ones.
+    `t` (n,): times [s]; `velocity` (n, 3): along two level axes that are North and East at the start and turn with the
+    vertical but not about it, and up [m/s]; `lla` (3,): start: latitude [rad], longitude [rad], height [m].
+    Returns: `position`: Earth-fixed position since the start [m]; `axes` (n, 4): quaternion of the level axes and down
+    in Earth-fixed ones.
     """
     start = quat_earth_from_level(lla[None])[0]
     axes = np.tile(start, (len(t), 1))

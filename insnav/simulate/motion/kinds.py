@@ -13,36 +13,21 @@ _RIGID = Vehicle(lean=0.0, squat=0.0, velocity_shake=(0.0, 0.0, 0.0), angle_shak
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What a kind of vehicle can do.
-
-    Attributes
-    ----------
-    name : str
-    speed, forward, sideways : float
-        Largest speed [m/s] and accelerations along and across the way [m/s^2].
-    grade : float
-        Steepest climb [rad].
-    acceleration, jerk, bend : float
-        Defaults: along the way [m/s^2], of any force [m/s^3], of the path upwards [m/s^2].
-    banks : bool
-        Whether it banks into its turns so that nothing pulls sideways.
-    on_the_spot : bool
-        Whether it can turn without moving.
-    body : Vehicle
-        How the body leans and shakes.
-    """
+    """What a kind of vehicle can do."""
 
     name: str
+    # largest speed [m/s] and accelerations along and across the way [m/s^2]
     speed: float
     forward: float
     sideways: float
-    grade: float
+    grade: float  # steepest climb [rad]
+    # defaults: along the way [m/s^2], of any force [m/s^3], of the path upwards [m/s^2]
     acceleration: float
     jerk: float
     bend: float
-    banks: bool = False
-    on_the_spot: bool = False
-    body: Vehicle = _RIGID
+    banks: bool = False  # whether it banks into its turns so that nothing pulls sideways
+    on_the_spot: bool = False  # whether it can turn without moving
+    body: Vehicle = _RIGID  # how the body leans and shakes
 
 
 HIGHEST = 100.0 * G0  # of a laboratory device; beyond it a motion is a slip of the pen

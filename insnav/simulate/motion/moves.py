@@ -23,48 +23,27 @@ _TRANSITION = 0.5  # shortest time in which a turn begins or ends [s]
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """How a vehicle goes between two moves.
+    """How a vehicle goes between two moves."""
 
-    Attributes
-    ----------
-    speed : float
-        Forward [m/s].
-    heading : float
-        Not wrapped [rad].
-    """
-
-    speed: float = 0.0
-    heading: float = 0.0
+    speed: float = 0.0  # Forward [m/s]
+    heading: float = 0.0  # not wrapped [rad]
 
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """One move.
+    """One move."""
 
-    Attributes
-    ----------
-    duration : float
-        [s].
-    begin, end : State
-        How it begins and how it leaves the vehicle.
-    speed, heading, grade : function or None
-        Forward speed [m/s], heading [rad], climb angle [rad]; None where they stay.
-    right : function or None
-        Velocity to the right [m/s].
-    body : function or None
-        Rotation vector ``(n, 3)`` of the body in the vehicle since the beginning [rad].
-    frequency : float
-        Highest frequency in it, of an oscillation or one as sharp as its changes, 0 if it has none [Hz].
-    """
-
-    duration: float
+    duration: float  # [s]
+    # how it begins and how it leaves the vehicle
     begin: State
     end: State
+    # Forward speed [m/s], heading [rad], climb angle [rad]; None where they stay
     speed: Course | None = None
     heading: Course | None = None
     grade: Course | None = None
-    right: Course | None = None
-    body: Course | None = None
+    right: Course | None = None  # velocity to the right [m/s]
+    body: Course | None = None  # rotation vector ``(n, 3)`` of the body in the vehicle since the beginning [rad]
+    # highest frequency in it, of an oscillation or one as sharp as its changes, 0 if it has none [Hz]
     frequency: float = 0.0
 
 

@@ -105,11 +105,8 @@ class MotionProfile:
 def load_profile(name_or_path: str | Path, library: Path | None = None) -> MotionProfile:
     """Read a motion profile, by its name in the library or as a file, and check that it can be driven.
 
-    Raises
-    ------
-    ConfigError
-        No such profile, no TOML, unknown or wrong keys, or a motion that cannot be driven: everything at once, each
-        with the number and kind of its segment.
+    Raises: ConfigError: no such profile, no TOML, unknown or wrong keys, or a motion that cannot be driven: everything
+    at once, each with the number and kind of its segment.
     """
     path = _find(name_or_path, library)
     data = read_toml(path)

@@ -64,10 +64,7 @@ class Segment(Table):
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         """Moves of the segment of a vehicle in this state.
 
-        Raises
-        ------
-        Impossible
-            The vehicle cannot do that.
+        Raises: Impossible: the vehicle cannot do that.
         """
         raise NotImplementedError
 

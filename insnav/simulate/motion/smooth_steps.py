@@ -45,20 +45,11 @@ class Rise:
     """Change by `total` whose rate rises smoothly to `rate`, stays, and falls: the area under a rounded trapezoid.
 
     Where `total` is too small for that the rate stays lower, and rises and falls with the same slope.
-
-    Attributes
-    ----------
-    total : float
-        Change, of either sign.
-    limit : float
-        Largest rate, above 0 [1/s].
-    ramp_limit : float
-        Time in which the rate goes from 0 to `limit` [s].
     """
 
-    total: float
-    limit: float
-    ramp_limit: float
+    total: float  # change, of either sign
+    limit: float  # largest rate, above 0 [1/s]
+    ramp_limit: float  # time in which the rate goes from 0 to `limit` [s]
 
     @cached_property
     def rate(self) -> float:

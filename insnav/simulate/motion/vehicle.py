@@ -19,27 +19,15 @@ _REFERENCE_SPEED = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """How a car body moves on its wheels.
+    """How a car body moves on its wheels."""
 
-    Attributes
-    ----------
-    lean : float
-        Roll per acceleration to the right [rad/(m/s^2)]; a car leans out of the turn.
-    squat : float
-        Pitch per forward acceleration [rad/(m/s^2)].
-    velocity_shake : (3,) tuple
-        Standard deviation of the vibration velocity forward, right, down at 20 m/s [m/s].
-    angle_shake : (3,) tuple
-        Standard deviation of the vibration of roll, pitch, heading at 20 m/s [rad].
-    band : (2,) tuple
-        Lowest and highest frequency of the vibration [Hz].
-    """
-
-    lean: float = 0.009
-    squat: float = 0.006
+    lean: float = 0.009  # roll per acceleration to the right [rad/(m/s^2)]; a car leans out of the turn
+    squat: float = 0.006  # pitch per forward acceleration [rad/(m/s^2)]
+    # standard deviation of the vibration velocity forward, right, down at 20 m/s [m/s]
     velocity_shake: tuple[float, float, float] = (0.01, 0.01, 0.04)
+    # standard deviation of the vibration of roll, pitch, heading at 20 m/s [rad]
     angle_shake: tuple[float, float, float] = (0.0020, 0.0016, 0.0005)
-    band: tuple[float, float] = (0.8, 6.0)
+    band: tuple[float, float] = (0.8, 6.0)  # lowest and highest frequency of the vibration [Hz]
 
 
 def position_curve(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> Spline:
@@ -61,12 +49,7 @@ def position_curve(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> Spli
 def shake(t: FloatArray, speed: FloatArray, vehicle: Vehicle, seed: Seed) -> tuple[FloatArray, FloatArray]:
     """Vibration as a sum of tones, in proportion to the speed ``(n,)`` [m/s]: none at rest.
 
-    Returns
-    -------
-    velocity : (n, 3) array
-        Forward, right, down [m/s].
-    angle : (n, 3) array
-        Roll, pitch, heading [rad].
+    Returns: `velocity` (n, 3): Forward, right, down [m/s]; `angle` (n, 3): roll, pitch, heading [rad].
     """
     rng = np.random.default_rng(seed)
     result = np.empty((len(t), 6))

@@ -17,20 +17,13 @@ _STREAM = 1
 
 @dataclass(frozen=True, slots=True)
 class Vibration:
-    """What shakes.
+    """What shakes."""
 
-    Attributes
-    ----------
-    suspension : float
-        Size of the suspension's vibration by that of the vehicle; it is in proportion to the speed.
-    lines : tuple of (float, float)
-        Frequency [Hz] and amplitude [m/s^2] of each engine line, along all three axes, in phases drawn at random.
-    bands : tuple of (float, float, float)
-        Lowest and highest frequency [Hz], and one-sided density of the acceleration in between [(m/s^2)^2/Hz].
-    """
-
+    # size of the suspension's vibration by that of the vehicle; it is in proportion to the speed
     suspension: float = 1.0
+    # frequency [Hz] and amplitude [m/s^2] of each engine line, along all three axes, in phases drawn at random
     lines: tuple[tuple[float, float], ...] = ()
+    # lowest and highest frequency [Hz], and one-sided density of the acceleration in between [(m/s^2)^2/Hz]
     bands: tuple[tuple[float, float, float], ...] = ()
 
     @property
