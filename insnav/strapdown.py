@@ -304,7 +304,7 @@ def navigate(
     -------
     Trajectory
         States at the ends of intervals ``every``, ``2 every``, …; within a kilometre of a pole the heading is ``NaN``.
-        North and East are there, as everywhere, those of the longitude that stands beside them.
+        North and East are there, as everywhere, those of the longitude given with them.
 
     References
     ----------
