@@ -12,9 +12,13 @@ from insnav.types import BoolArray, FloatArray, GpsData
 
 POSITION_FLOOR, VELOCITY_FLOOR = 0.03, 0.05  # smallest standard deviation assumed [m], [m/s]
 WINDOW = 10.0  # scatter is taken over this long before and after: shorter is noise, longer misses a tunnel's end [s]
-DEFAULT_POSITION, DEFAULT_VELOCITY = (1.5, 1.5, 3.0), (0.2, 0.2, 0.3)  # of a receiver without carrier phase
+# Of a receiver on its own [m], [m/s]: most of the position error changes over minutes and does not show in the scatter
+# of successive fixes. Data sheet of the ZED-F9P (UBX-17051259): horizontal 1.5 m CEP, which is 1.177 sd of one axis.
+DEFAULT_POSITION, DEFAULT_VELOCITY = (1.5, 1.5, 3.0), (0.2, 0.2, 0.3)
 CARRIER = 0.1  # a larger scatter of positions is not that of carrier-phase fixes [m]
 FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever is reported [m]
+FIXED, DGPS = 1, 4  # further fix types; with corrections of a satellite system 1.0 m CEP, same data sheet
+BY_FIX = {FIXED: (POSITION_FLOOR,) * 3, FLOAT: (FLOAT_SD, FLOAT_SD, 2.0 * FLOAT_SD), DGPS: (1.0, 1.0, 2.0)}  # [m]
 LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
 
 
@@ -108,17 +112,39 @@ def _scatter(
     return np.asarray(np.maximum(sd, sd_floor))
 
 
-def with_sd(gps: GpsData) -> tuple[GpsData, tuple[str, ...]]:
-    """Fill in missing standard deviations; also notes on what was assumed."""
+def _by_fix(gps: GpsData) -> FloatArray:
+    """Standard deviation of the whole error of each position by its fix type, (n, 3) [m]."""
+    sd = np.tile(DEFAULT_POSITION, (gps.time.shape[0], 1))
+    if gps.fix is not None:
+        for kind, of_kind in BY_FIX.items():
+            sd[gps.fix == kind] = of_kind
+    return sd
+
+
+def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple[str, ...]]:
+    """Fill in missing standard deviations; also notes on what was assumed.
+
+    Parameters
+    ----------
+    gps : GpsData
+    scatter_alone : bool
+        Positions that hardly scatter are taken for those of carrier phase. Otherwise the whole error is that of the fix
+        type, of which scatter from fix to fix shows only the white part: for a filter that tells the two apart.
+    """
     notes = []
     position_sd, velocity_sd = gps.position_sd, gps.velocity_sd
     missing: BoolArray = np.asarray(np.isnan(position_sd).any(axis=1))
     if missing.any():
-        found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, CARRIER)
+        carrier, how = CARRIER, "estimated from successive fixes"
+        if not scatter_alone:
+            carrier, how = np.inf, "that of the fix type" if gps.fix is not None else "a receiver without corrections"
+        found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, carrier)
+        if not scatter_alone:
+            found = np.maximum(found, _by_fix(gps))
         position_sd = np.where(missing[:, None], found, position_sd)
         middle: FloatArray = np.median(position_sd[missing], axis=0)
         notes.append(
-            f"{missing.sum()} fixes without position sigma: estimated from successive fixes, median N/E/D "
+            f"{missing.sum()} fixes without position sigma: {how}, median N/E/D "
             f"{middle[0]:.2f}/{middle[1]:.2f}/{middle[2]:.2f} m (floor {POSITION_FLOOR:g} m)"
         )
     if gps.fix is not None:

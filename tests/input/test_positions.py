@@ -89,13 +89,23 @@ def test_the_poles_are_possible(tmp_path):
     assert np.degrees(_gps(tmp_path, _with("lat_deg", slice(None), 90.0)).data.lla[0, 0]) == pytest.approx(90.0)
 
 
-@pytest.mark.parametrize("value", [0.0, -1.0])
 @pytest.mark.parametrize("column", ["sd_n_m", "sd_d_m"])
-def test_standard_deviations_must_be_positive(tmp_path, column, value):
+@pytest.mark.parametrize(("rows", "value", "first"), [(4, -1.0, 6), (slice(None), 0.0, 2)])
+def test_standard_deviations_must_be_positive(tmp_path, column, rows, value, first):
     with pytest.raises(InputError, match=column) as caught:
-        _gps(tmp_path, _with(column, 4, value))
-    assert caught.value.where.endswith(f"gps.csv:6:{column}")
+        _gps(tmp_path, _with(column, rows, value))
+    assert caught.value.where.endswith(f"gps.csv:{first}:{column}")
     assert "floor" in caught.value.fix
+
+
+def test_standard_deviations_rounded_to_zero_are_raised_to_the_smallest_of_their_column(tmp_path):
+    rows = _with("sd_e_m", 3, 0.0)
+    east = rows[:, NAMES.index("sd_e_m")]
+    least = east[east > 0.0].min()
+    reading = _gps(tmp_path, rows)
+    assert reading.data.position_sd[3, 1] == least
+    assert (reading.data.position_sd[[0, 1, 2], 1] > 0.0).all()
+    assert any("raised to its smallest value" in text and "'sd_e_m'" in text for text in reading.facts.evidence)
 
 
 def test_empty_standard_deviation_and_velocity_are_not_known(tmp_path):

@@ -74,6 +74,7 @@ def read_positions(
             raw[key] = raw[key] * found[key].factor
     raw["height"] = raw.pop(height_key)
     bad = ~np.isfinite(raw["time"]) | _no_position(raw)
+    notes = (*notes, *_raise_rounded(raw, bad, found))
     _refuse_impossible(raw, bad, found, table, height_key)
     cleaned = rows.clean(bad, "no position")
     data = cleaned.columns
@@ -119,6 +120,22 @@ def _no_position(raw: Mapping[str, FloatArray]) -> BoolArray:
     no_fix = raw["fix"] == 0.0 if "fix" in raw else np.zeros_like(bad)
     bad |= origin & (no_fix | far)
     return bad
+
+
+def _raise_rounded(raw: dict[str, FloatArray], bad: BoolArray, found: Mapping[str, Found]) -> list[str]:
+    """Raise standard deviations that were rounded to zero to the smallest one of their column that was not."""
+    notes = []
+    for key in _STANDARD_DEVIATIONS:
+        if key not in raw:
+            continue
+        zero, positive = ~bad & (raw[key] == 0.0), ~bad & (raw[key] > 0.0)
+        if zero.any() and positive.any():
+            least = float(raw[key][positive].min())
+            raw[key] = np.where(zero, least, raw[key])
+            unit = "m" if found[key].quantity.dimension == "length" else "m/s"
+            rows = int(np.count_nonzero(zero))
+            notes.append(f"{found[key].header!r} is 0 in {rows} rows: raised to its smallest value, {least:.3g} {unit}")
+    return notes
 
 
 def _refuse_impossible(

@@ -1,0 +1,42 @@
+"""Fixes without a standard deviation get that of their kind of fix; their scatter can only make it larger."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.filter.gps_noise import FLOAT_SD, POSITION_FLOOR, with_sd
+from insnav.simulate import GpsErrors, corrupt_gps
+from insnav.types import GpsData
+from tests.filter import drives
+
+SMOOTH = GpsErrors((0.02, 0.02, 0.03), (1.2, 1.2, 2.0), 300.0, (0.05, 0.05, 0.05))  # metres that hardly change
+NOISY = GpsErrors((5.0, 5.0, 8.0))
+
+
+def without_sd(errors: GpsErrors, fix: int | None) -> GpsData:
+    gps = corrupt_gps(drives.perfect_gps(0.2), errors, 1)
+    kind = None if fix is None else np.full(gps.time.size, fix)
+    return replace(gps, position_sd=np.full_like(gps.position_sd, np.nan), fix=kind)
+
+
+@pytest.mark.parametrize(
+    ("fix", "expected"), [(None, 1.5), (5, 1.5), (4, 1.0), (2, FLOAT_SD)], ids=["unknown", "single", "DGPS", "float"]
+)
+def test_a_small_scatter_is_never_taken_for_accuracy(fix, expected):
+    gps, notes = with_sd(without_sd(SMOOTH, fix), scatter_alone=False)
+    np.testing.assert_allclose(np.median(gps.position_sd[:, :2], axis=0), expected, rtol=0.2)
+    assert ("fix type" in notes[0]) == (fix is not None)
+
+
+def test_fixed_ambiguities_are_centimetres():
+    gps, _ = with_sd(without_sd(GpsErrors((0.005, 0.005, 0.01), velocity_noise=(0.05,) * 3), 1), scatter_alone=False)
+    assert np.median(gps.position_sd) < 0.1
+    assert gps.position_sd.min() >= POSITION_FLOOR
+
+
+def test_a_large_scatter_counts():
+    gps, _ = with_sd(without_sd(NOISY, 4), scatter_alone=False)
+    assert np.median(gps.position_sd[:, 0]) > 4.0
