@@ -9,6 +9,7 @@ import numpy as np
 from insnav.errors.metrics import TrajectoryErrors, position_errors
 from insnav.errors.short_duration_errors import ShortWindow
 from insnav.filter.navigate import Navigated
+from insnav.filter.noise_identification import NoiseEstimate
 from insnav.input.readers.reading import Reading
 from insnav.types import FloatArray, GpsData, Run, Trajectory
 
@@ -24,6 +25,7 @@ class EvaluatedRun:
     smoothed_errors: TrajectoryErrors | None = None
     # short-duration mechanization against the full one, if that was asked for
     short_duration: tuple[ShortWindow, ...] = ()
+    noise: NoiseEstimate | None = None  # as found in the innovations
 
 
 def evaluate_run(

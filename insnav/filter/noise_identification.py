@@ -19,13 +19,14 @@ from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.navigator import Navigator
-from insnav.filter.prepare import Prepared
+from insnav.filter.prepare import CORRELATED, Prepared
 from insnav.filter.state_layout import first_state, layout
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.kernels import noise_likelihood as kernel
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import FIX, NOISE, SOURCE, TIME
 from insnav.types import BoolArray, FloatArray, GpsData
+from insnav.units import UNITS
 
 LONGEST = 2400.0  # of the record that is looked at [s]
 SPACING = 0.9  # shortest time between the fixes that are looked at [s]
@@ -38,8 +39,9 @@ STEP = 0.01  # of numerical derivatives, in logarithms
 LARGEST_STEP = 1.5  # of a round, in logarithms
 ENOUGH = 0.05  # smaller gains of the log-likelihood end the search
 OBSERVABLE = 0.8  # a figure is observable if the drive narrows its interval to this part of the prior's
+FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told
 WHITE_AGAIN = 20.0  # so much log-likelihood the figures of the IMU may make up for if fixes are white after all
-WORTH = 0.0  # log of the posterior odds that a time-correlated position error must reach to be modelled
+WORTH = -4.6  # log posterior odds: time correlation is left out only where 100 to 1 against it
 
 # how far figures of an IMU may be from those of the nearest grade, one sd of their logarithm: datasheets of parts of
 # one grade differ by factors of two to three in noise, by ten in what is called in-run bias
@@ -49,6 +51,13 @@ IMU_PRIOR = {
     "bias": 1.5,
     "scale_factor": 1.5,
     "misalignment": 1.5,
+}
+UNITS_SHOWN = {
+    "random_walk": ("deg/sqrt(h)", "m/s/sqrt(h)"),
+    "bias_instability": ("deg/h", "ug"),
+    "bias": ("deg/h", "ug"),
+    "scale_factor": ("ppm", "ppm"),
+    "misalignment": ("mrad", "mrad"),
 }
 # The same of the standard deviation of a position, upwards and downwards. Innovations cannot show that it is smaller:
 # errors that hardly change from fix to fix leave no trace in them. Smaller innovations are time correlation.
@@ -68,16 +77,18 @@ class NoiseFigure:
     ----------
     key : str
         Its dotted name, such as ``gyro.random_walk`` or ``gps.share``.
-    factor : float
-        The figure, by that of the prior [-]; for ``gps.share`` [-] and ``gps.correlation_time`` [s] the figure itself.
-    low, high : float
-        Its interval of 95 %.
+    unit : str
+        Unit to show it in.
+    prior, value, low, high : float
+        Of the nearest grade, as found, and its interval of 95 %; RMS of the axes; factors of reported sd [SI].
     observable : bool
         The drive tells it; otherwise it is the prior's.
     """
 
     key: str
-    factor: float
+    unit: str
+    prior: float
+    value: float
     low: float
     high: float
     observable: bool
@@ -143,7 +154,7 @@ class InnovationLikelihood:
         if correlated is None:  # the nominal run needs the states, whatever their size
             correlated = CorrelatedNoise(0.1, 40.0, np.sqrt(0.1) * self.median_sd)
         self._settings = replace(ready.settings, correlated=correlated, aiding=None, smooth=True, output_interval=10.0)
-        self._ready, self._spec = ready, spec
+        self._ready, self.prior = ready, spec
         self._states = STATES if ready.model.sd[6:].any() else STATES - 6
         navigator = Navigator(ready.initial, ready.model, gps, ready.alignment, ready.nominal, self._settings)
         imu = ready.imu.rows(ready.imu.time <= ready.initial.time + LONGEST)
@@ -168,7 +179,7 @@ class InnovationLikelihood:
 
     def _choose(self, *, velocities: bool) -> tuple[_Parameter, ...]:
         found = []
-        for name, sensor in (("gyro", self._spec.gyro), ("accel", self._spec.accel)):
+        for name, sensor in (("gyro", self.prior.gyro), ("accel", self.prior.accel)):
             for key, sd in IMU_PRIOR.items():
                 if np.any(getattr(sensor, key) > 0.0) and not (self._states == 15 and key == "scale_factor"):
                     found.append(_Parameter(f"{name}.{key}", 0.0, sd, sd))
@@ -188,7 +199,7 @@ class InnovationLikelihood:
                 sensor, **{key: getattr(sensor, key) * factor.get(f"{name}.{key}", 1.0) for key in IMU_PRIOR}
             )
 
-        return replace(self._spec, gyro=scaled(self._spec.gyro, "gyro"), accel=scaled(self._spec.accel, "accel"))
+        return replace(self.prior, gyro=scaled(self.prior.gyro, "gyro"), accel=scaled(self.prior.accel, "accel"))
 
     def fixes_of(self, at: FloatArray) -> tuple[FloatArray, FloatArray, float, float]:
         """Factors of position and velocity sd, share and correlation time of the position error."""
@@ -388,13 +399,20 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     lasting = None
     if share > 0.0:
         lasting = CorrelatedNoise(share, time, np.sqrt(share) * position * drive.median_sd)
+    spec = drive.spec(top.at)
+    spec = replace(
+        spec,
+        name=f"{spec.name}, as found",
+        source=f"By maximum likelihood from the innovations of a drive (insnav), prior: {drive.prior.name}. "
+        f"{drive.prior.source}",
+    )
     return NoiseEstimate(
-        drive.spec(top.at),
+        spec,
         position,
         velocity,
         lasting,
         tuple(
-            _figure(p, x, sd)
+            _figure(p, x, sd, drive.prior)
             for p, x, sd in zip(posterior.parameters, top.at, np.sqrt(np.diag(top.covariance)), strict=True)
         ),
         before[2] - cost,
@@ -403,13 +421,22 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     )
 
 
-def _figure(parameter: _Parameter, x: float, sd: float) -> NoiseFigure:
-    low, high = x - 1.96 * sd, x + 1.96 * sd
-    if parameter.key == "gps.share":
-        value, low, high = (float(LARGEST_SHARE / (1.0 + np.exp(-each))) for each in (x, low, high))
+def _figure(parameter: _Parameter, x: float, sd: float, spec: ImuSpec) -> NoiseFigure:
+    sensor, key = parameter.key.split(".")
+    values = np.array([parameter.middle, x, x - 1.96 * sd, x + 1.96 * sd])
+    unit = ""
+    if key == "share":
+        values = LARGEST_SHARE / (1.0 + np.exp(-values))
+    elif sensor == "gps":
+        values = np.exp(values)
+        unit = "s" if key == "correlation_time" else ""
     else:
-        value, low, high = (float(np.exp(each)) for each in (x, low, high))
-    return NoiseFigure(parameter.key, value, low, high, bool(np.isfinite(x) and sd < OBSERVABLE * parameter.sd))
+        of_axes = getattr(spec.gyro if sensor == "gyro" else spec.accel, key)
+        values = np.exp(values) * float(np.sqrt(np.mean(of_axes**2)))
+        unit = UNITS_SHOWN[key][sensor == "accel"]
+    told = bool(np.isfinite(x) and sd < OBSERVABLE * parameter.sd)
+    prior, value, low, high = values.tolist()
+    return NoiseFigure(parameter.key, unit, prior, value, low, high, told)
 
 
 def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
@@ -457,4 +484,26 @@ def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
         model=model,
         settings=replace(ready.settings, correlated=found.correlated),
         initial=_start(ready, model, found.position_factor),
+        notes=(*(each for each in ready.notes if not each.startswith(CORRELATED)), *_words(found)),
+        noise=found,
     )
+
+
+def _words(found: NoiseEstimate) -> list[str]:
+    told = [
+        f"{figure.key.replace('.', ' ').replace('_', ' ')} {figure.value / UNITS[figure.unit][1]:.2g} {figure.unit}"
+        for figure in found.figures
+        if figure.observable and not figure.key.startswith("gps.")
+    ]
+    notes = [f"noise from the innovations: {', '.join(told) or 'IMU as in the preset'}"]
+    level, down = found.position_factor[0], found.position_factor[2]
+    if max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH:
+        notes.append(f"GPS position sd times {level:.2f} horizontally, {down:.2f} vertically, from the innovations")
+    if abs(found.velocity_factor[0] - 1.0) > FACTOR_WORTH:
+        notes.append(f"GPS velocity sd times {found.velocity_factor[0]:.2f}, from the innovations")
+    if found.correlated is not None:
+        notes.append(
+            f"{CORRELATED}: {100 * found.correlated.share:.0f} % of the variance, correlation time about "
+            f"{found.correlated.time:.0f} s, from the innovations; estimated as states"
+        )
+    return notes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,11 +26,15 @@ from insnav.imu.health import inspect
 from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, Event, FloatArray, GpsData, ImuData
 
+if TYPE_CHECKING:
+    from insnav.filter.noise_identification import NoiseEstimate
+
 STILL_SD = 0.05  # velocity of a vehicle that the alignment found stationary, its engine running [m/s]
 LONGEST_GAP = 3.0  # longest data gap that is bridged: the turn within a longer one is anybody's guess [s]
 JITTER_WORTH = 1e-4  # a smaller scatter of the timestamps is rounding; at 30 m/s it makes 3 mm [s]
 DELAY_SD = 0.05  # how well receivers and loggers agree on time if nothing else is known [s]
 ACCELERATION = 2.0  # vehicles seldom accelerate faster [m/s^2]
+CORRELATED = "time-correlated GPS position errors"
 START_VELOCITY_SD = 0.1  # lever arm and turn between antenna and IMU at the start, on top of the fix [m/s]
 
 
@@ -69,6 +74,7 @@ class Prepared:
     nominal: float  # sampling interval [s]
     notes: tuple[str, ...]  # what was found, and what was done about it
     faults: tuple[Event, ...] = ()  # samples that were replaced or taken out
+    noise: NoiseEstimate | None = None  # as found in the innovations of the drive
 
     def navigator(self, marks: Container[int] = ()) -> Navigator:
         """Filter at the start; see `Navigator` for `marks`."""
@@ -152,7 +158,7 @@ def _noise_of_fixes(
         settings = replace(settings, correlated=correlated)
         by = "that successive fixes lack of the reported one" if correlated.by_reported else "seen against velocity"
         notes.append(
-            f"time-correlated GPS position errors: {100 * correlated.share:.0f} % of the variance ({by}), correlation "
+            f"{CORRELATED}: {100 * correlated.share:.0f} % of the variance ({by}), correlation "
             f"time about {correlated.time:.0f} s; estimated as states"
         )
     step = np.diff(imu.time[: 1 << 16])

@@ -60,20 +60,26 @@ def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tupl
 
 
 def complete_fixes(
-    imu: ImuData, gps: Reading[GpsData] | None, reference: Reading[Trajectory] | None
+    imu: ImuData, gps: Reading[GpsData] | None, reference: Reading[Trajectory] | None, inputs: Inputs
 ) -> tuple[GpsData | None, tuple[str, ...]]:
     """Fixes with a standard deviation for every value, and what was assumed; None if there is no position.
 
     Without GPS, a reference that never moves stands for it: the place of a bench.
     """
     if gps is not None:
-        return with_sd(gps.data)
+        return with_sd(gps.data, scatter_alone=not noise_is_estimated(inputs, receiver=True))
     begin, end = float(imu.time[0]), float(imu.time[-1])
     if reference is None or not is_stationary(reference.data, begin, end):
         return None, ()
     return stationary_fixes(reference.data.lla[0], begin, end, *BENCH_SD), (
         "No GPS: the reference says the vehicle never moves",
     )
+
+
+def noise_is_estimated(inputs: Inputs, *, receiver: bool) -> bool:
+    """Whether the noise is looked for in the innovations: as given, else where no IMU model was given."""
+    how = inputs.get("noise") or ("model" if inputs.get("imu_model") is not None else "estimate")
+    return how == "estimate" and receiver
 
 
 def filter_settings(inputs: Inputs, logs: tuple[SensorLog, ...], *, receiver: bool) -> FilterSettings:

@@ -27,6 +27,7 @@ from insnav.filter import FilterSettings
 from insnav.filter.fine_alignment import FineAlignment, fine_alignment
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.navigate import AidingChoice, aided, navigate_prepared
+from insnav.filter.noise_identification import identify_noise, with_noise
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading, check_overlap
@@ -102,7 +103,7 @@ def drive_of(readings: Readings) -> Drive:
     given_model = defaults.given_imu(inputs.get("imu_model"))
     if readings.gps is not None:
         check_overlap(samples, readings.gps.data)
-    fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference)
+    fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference, inputs)
     spec, chosen = given_model or defaults.imu_from_rest(samples, defaults.stationary_part(samples, fixes, inputs))
     logs = tuple(log.data for log in readings.logs.values())
     settings = defaults.filter_settings(inputs, logs, receiver=readings.gps is not None)
@@ -196,6 +197,28 @@ class Drive:
             heading=self.readings.inputs.get("heading"),
         )
 
+    def prepared_with_noise(self, states: int = 21) -> tuple[Prepared, ImuSpec]:
+        """As `prepared`, with the noise found in the innovations of the drive if that was asked for, and its IMU.
+
+        Parameters
+        ----------
+        states : {21, 15}
+            With or without scale factor errors.
+
+        Returns
+        -------
+        ready : Prepared
+        spec : ImuSpec
+        """
+        ready = self.prepared(states)
+        if not defaults.noise_is_estimated(self.readings.inputs, receiver=self.gps is not None):
+            return ready, self.imu_spec
+        found = identify_noise(ready, self.imu_spec)
+        if found is None:
+            said = "IMU noise as in the preset: the drive is too short to tell more"
+            return replace(ready, notes=(*ready.notes, said)), self.imu_spec
+        return with_noise(ready, found), found.spec
+
     def navigate(
         self,
         *,
@@ -232,9 +255,9 @@ class Drive:
         InputError, AlignmentError, DivergenceError
             The data cannot be navigated.
         """
-        ready = self.prepared(states)
+        ready, spec = self.prepared_with_noise(states)
         ready = replace(ready, settings=replace(ready.settings, smooth=smooth, output_interval=output_interval))
-        done = navigate_prepared(ready, self.imu_spec, aiding=aiding, progress=progress)
+        done = navigate_prepared(ready, spec, aiding=aiding, progress=progress)
         events = self._events(done.run.events)
         done = replace(done, run=replace(done.run, events=events))
         found, notes = evaluate_run(done, self.reference, vector(self.readings.inputs, "ref_lever_arm"))
@@ -248,7 +271,8 @@ class Drive:
             "output_interval_s": output_interval,
             "mechanization": mechanization,
         }
-        return self._result("run", found, options, (*self.notes, *done.notes, *notes), events)
+        found = replace(found, noise=ready.noise)
+        return self._result("run", found, options, (*self.notes, *done.notes, *notes), events, spec)
 
     def outage(
         self,
@@ -286,9 +310,9 @@ class Drive:
         ConfigError, InputError, AlignmentError
             Windows that make no sense, or data that cannot be navigated.
         """
-        ready = self.prepared()
+        ready, spec = self.prepared_with_noise()
         if aiding != "off":
-            ready = aided(ready, self.imu_spec)
+            ready = aided(ready, spec)
         reference = None if self.reference is None else self._antenna_positions(self.reference)
         windows = outages(
             ready,
@@ -301,7 +325,7 @@ class Drive:
         )
         found = OutageStudy(tuple(windows), tuple(outage_growth(windows)), self._compared_with())
         options = {"lengths_s": list(lengths), "first_s": first, "spacing_s": spacing, "aiding": aiding}
-        return self._result("outage", found, options, (*self.notes, *ready.notes), self._events(()))
+        return self._result("outage", found, options, (*self.notes, *ready.notes), self._events(()), spec)
 
     def budget(
         self,
@@ -432,7 +456,16 @@ class Drive:
         return tuple(sorted([*read_events, *more], key=lambda event: event.time))
 
     def _result(
-        self, kind: str, found: Any, options: Mapping[str, object], notes: tuple[str, ...], events: tuple[Event, ...]
+        self,
+        kind: str,
+        found: Any,
+        options: Mapping[str, object],
+        notes: tuple[str, ...],
+        events: tuple[Event, ...],
+        spec: ImuSpec | None = None,
     ) -> Result[Any]:
         given = options_of(self.readings.inputs, **options)
-        return Result(kind, found, self.readings.facts, given, (self.imu_spec, self.imu_chosen), notes, events)
+        chosen = self.imu_chosen
+        if spec is not None and spec is not self.imu_spec:
+            chosen += "; its figures then by maximum likelihood from the innovations of the drive"
+        return Result(kind, found, self.readings.facts, given, (spec or self.imu_spec, chosen), notes, events)

@@ -76,6 +76,7 @@ class Inputs(TypedDict, total=False):
     """
 
     imu_model: str | Path | ImuSpec | None
+    noise: Literal["estimate", "model"] | None
     calibration: str | Path | None
     axes: str | None
     units: Mapping[str, str] | str | None
@@ -108,6 +109,14 @@ INPUTS: dict[str, Input] = {
         "IMU error specification: consumer, automotive, industrial, tactical, navigation, or an imu.toml. "
         "[nearest to the noise at rest]",
         IMU,
+    ),
+    "noise": Input(
+        "--noise",
+        "HOW",
+        "Noise of IMU and fixes: estimate it from the innovations of the drive, or take the model as it is: estimate, "
+        "model. [estimate; model with --imu]",
+        IMU,
+        choices=("estimate", "model"),
     ),
     "calibration": Input("--calibration", "FILE", "Known IMU errors, corrected first (TOML).", IMU, "file"),
     "axes": Input(

@@ -163,7 +163,7 @@ def test_known_densities_are_found_within_their_intervals(found):
     for estimate in found:
         for figure in estimate.figures:
             if figure.key in OFF and figure.observable:
-                inside.append(figure.low <= 1.0 / OFF[figure.key] <= figure.high)
+                inside.append(figure.low <= figure.prior / OFF[figure.key] <= figure.high)
                 seen.add(figure.key)
     assert seen >= {"gyro.bias_instability", "gyro.random_walk", "accel.scale_factor"}
     assert len(inside) > 10
@@ -230,7 +230,7 @@ def test_drives_of_one_imu_together_tell_more_than_one(found):
     together = {figure.key: figure for figure in maximise(pool).figures}
     alone = {figure.key: figure for figure in found[0].figures}
     for key in ("gyro.random_walk", "gyro.bias_instability", "accel.bias_instability", "accel.scale_factor"):
-        by_truth = together[key].factor * OFF[key]
+        by_truth = together[key].value / together[key].prior * OFF[key]
         assert 0.7 < by_truth < 1.4
         widths = [np.log(each[key].high / each[key].low) for each in (together, alone)]
         assert widths[0] < 0.7 * widths[1]

@@ -11,6 +11,7 @@ import numpy as np
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.gps_gaps import outages
 from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_motion, distance_and_time, nees
+from insnav.filter.noise_identification import NoiseEstimate
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import Section, one_each
 from insnav.report.run.short_duration import short_section
@@ -48,8 +49,8 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
     Returns
     -------
     tuple of Section
-        Accuracy, smoothed, solution, fixes, aiding, outages, sensor errors, alignment, short-duration mechanization,
-        events; without figures.
+        Accuracy, smoothed, solution, fixes, aiding, outages, sensor errors, noise, alignment, short-duration
+        mechanization, events; without figures.
     """
     run = found.run
     kinds = Counter(str(event.kind) for event in run.events)
@@ -65,6 +66,7 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
         _aiding(run),
         Section("outages", "GPS outages", rows=tuple(spans)),
         Section("sensor_errors", "Estimated sensor errors at the end", _sensor_errors(run.sensor_errors)),
+        *((_noise(found.noise),) if found.noise is not None else ()),
         Section("alignment", "Initial alignment", alignment_items(run.alignment), show="page"),
         *((short_section(found.short_duration),) if found.short_duration else ()),
         _only("events", dict(sorted(kinds.items())), "events.csv has each of them", "page"),
@@ -73,6 +75,30 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
 
 def _only(key: str, value: Any, note: str = "", show: Any = "json") -> Section:
     return Section("", key.capitalize(), (Quantity(key, value),), note=note, show=show)
+
+
+def _noise(found: NoiseEstimate) -> Section:
+    items = []
+    for figure in found.figures:
+        name = figure.key.replace(".", " ").replace("_", " ")
+        told = "" if figure.observable else ", not observable: the prior"
+        items.append(
+            Quantity(
+                figure.key.replace(".", "_"),
+                figure.value,
+                figure.unit,
+                interval=(figure.low, figure.high),
+                meaning=f"{name}{told}",
+            )
+        )
+    items.append(Quantity("log_likelihood_gain", found.gain))
+    items.append(
+        Quantity("mean_square_before", found.mean_before, meaning="mean square of normalised innovations, prior")
+    )
+    items.append(Quantity("mean_square", found.mean_after, meaning="mean square of normalised innovations, as found"))
+    return Section(
+        "noise", "Noise from the innovations", tuple(items), note="imu.toml has the IMU for --imu; gps: factors of sd"
+    )
 
 
 def alignment_items(alignment: Alignment) -> tuple[Quantity, ...]:
