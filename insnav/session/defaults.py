@@ -21,6 +21,9 @@ from insnav.types import GpsData, ImuData, SensorLog, Trajectory
 SHORTEST_REST = 5.0  # shorter ones do not show the noise of an IMU [s]
 BENCH_SD = (0.01, 0.005)  # how well a place that is not left is known [m], [m/s]
 WINDOWS = WindowSettings(replicas=20, workers=2)
+LEVER_SD = (
+    1.0  # of each component of a lever arm that was not given: antennas are on the vehicle, and so is the IMU [m]
+)
 REFERENCE_SD = (0.05, None)  # of reference positions; velocities count only if theirs is given [m], [m/s]
 
 
@@ -83,11 +86,14 @@ def noise_is_estimated(inputs: Inputs, *, receiver: bool) -> bool:
 
 
 def filter_settings(inputs: Inputs, logs: tuple[SensorLog, ...], *, receiver: bool) -> FilterSettings:
-    """Settings of the filter; the delay of a receiver is estimated unless it was given."""
+    """Settings of the filter; delay and lever arm of a receiver are estimated unless they were given."""
     lever_b, delay = vector(inputs, "lever_arm"), inputs.get("gps_delay")
+    lever_sd = inputs.get("lever_arm_sd")
+    if lever_sd is None:
+        lever_sd = LEVER_SD if receiver and lever_b is None else 0.0
     return FilterSettings(
         lever_b=np.zeros(3) if lever_b is None else lever_b,
-        lever_sd=inputs.get("lever_arm_sd") or 0.0,
+        lever_sd=lever_sd,
         delay=delay or 0.0,
         delay_sd=DELAY_SD if delay is None and receiver else 0.0,
         heading_sd=inputs.get("gps_heading_sd") or 0.0,

@@ -152,12 +152,13 @@ INPUTS: dict[str, Input] = {
     ),
     "rate": Input("", "HZ", "Sampling rate of arrays without times.", IMU, "number", "Hz", 0.01),
     "lever_arm": Input(
-        "--lever-arm", "F,R,D", "Antenna seen from the IMU: forward, right, down, m. [0,0,0]", GPS, "vector", "m"
+        "--lever-arm", "F,R,D", "Antenna seen from the IMU: forward, right, down, m. [estimated]", GPS, "vector", "m"
     ),
     "lever_arm_sd": Input(
         "--lever-arm-sd",
         "M",
-        "Standard deviation of each component of that; above 0 it is estimated, which takes turns. [0]",
+        "Standard deviation of each component of that; above 0 it is estimated, which takes turns. [0; 1 without "
+        "--lever-arm]",
         GPS,
         "number",
         "m",

@@ -77,7 +77,6 @@ SPOILED = {
     ),
     "IMU time backwards": (lambda: _lines("imu.csv", _swap_back), ("imu.csv", "fix:")),
     "GPS time backwards": (lambda: _lines("gps.csv", _swap_back), ("gps.csv", "fix:")),
-    "GPS sd zero": (lambda: _cell("gps.csv", 20, 7, "0"), ("standard deviation is 0", "gps.csv:21:sd_n_m")),
     "GPS sd negative": (lambda: _cell("gps.csv", 20, 9, "-1"), ("standard deviation is -1", "gps.csv:21:sd_d_m")),
     "latitude of no place": (lambda: _cell("gps.csv", 5, 1, "148"), ("148 is not possible", "gps.csv:6:lat_deg")),
 }

@@ -1,0 +1,59 @@
+"""The sample drive with no option at all: noise, lever arm and delay are estimated, and the sd is true."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import insnav
+from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.imu import load_imu
+from insnav.result import Result
+
+SAMPLE = Path(__file__).parents[2] / "trajectories" / "sample"
+LEVER = np.array([0.8, -0.3, -1.2])
+
+
+def navigated(**inputs) -> Result[EvaluatedRun]:
+    files = SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", SAMPLE / "ref.csv"
+    return insnav.load(*files, **inputs).navigate()
+
+
+@pytest.fixture(scope="module")
+def result() -> Result[EvaluatedRun]:
+    return navigated()
+
+
+def inside(errors) -> float:
+    return float(np.mean(np.abs(errors.position) <= 3.0 * errors.sd[:, :3]))
+
+
+def test_position_errors_are_inside_three_sd(result):
+    assert inside(result.found.errors) > 0.97
+    assert inside(result.found.smoothed_errors) > 0.97
+
+
+def test_lever_arm_and_delay_are_found(result):
+    run = result.found.run
+    assert (np.abs(run.lever_b - LEVER) <= 3.0 * run.lever_sd).all()
+    np.testing.assert_allclose(run.lever_b[:2], LEVER[:2], atol=0.2)
+    assert (run.lever_sd < 0.2).all()
+    assert run.gps_delay == pytest.approx(0.0, abs=0.010)
+
+
+def test_the_imu_as_found_can_be_given(result, tmp_path):
+    folder = result.save(tmp_path / "run", figures="none")
+    spec = load_imu(str(folder / "imu.toml"))
+    np.testing.assert_allclose(spec.gyro.bias_instability, result.imu_model[0].gyro.bias_instability)
+    again = navigated(imu_model=spec)
+    assert again.found.noise is None  # a model that is given is taken as it is
+    assert result.found.noise is not None
+    assert navigated(imu_model=spec, noise="estimate").found.noise is not None
+
+
+def test_a_lever_arm_of_zero_is_zero():
+    drive = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", lever_arm=(0.0, 0.0, 0.0))
+    assert drive.settings.lever_sd == 0.0
+    assert insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv").settings.lever_sd == 1.0
