@@ -34,23 +34,9 @@ def align_static(
 ) -> Alignment:
     """Attitude of a stationary IMU.
 
-    Parameters
-    ----------
-    parts : Intervals
-        Samples.
-    spec : ImuSpec
-        IMU error specification.
-    lat, height : float
-        Latitude [rad], height [m].
-    rest : tuple of float
-        Start and end of the stationary interval [s].
-    heading : float, optional
-        Given heading [rad]; by default it is found by gyrocompass if the gyros allow it.
-
-    Returns
-    -------
-    Alignment
-        With a heading of zero and an infinite standard deviation where it cannot be found.
+    `lat`, `height`: latitude [rad], height [m]; `rest`: start and end of the stationary interval [s]; `heading`: given
+    heading [rad]; by default it is found by gyrocompass if the gyros allow it.
+    Returns: with a heading of zero and an infinite standard deviation where it cannot be found.
     """
     at = static.summarize(parts, *rest)
     roll, pitch = static.level(at.force)
@@ -79,28 +65,8 @@ def align(
 ) -> Alignment:
     """Attitude at the first fix that the samples cover, from whatever the data offer.
 
-    Parameters
-    ----------
-    parts : Intervals
-        Samples.
-    spec : ImuSpec
-        IMU error specification.
-    gps : GpsData
-        Fixes with standard deviations.
-    static_span : tuple of float, optional
-        Stationary interval as given [s]; found by default.
-    heading : float, optional
-        Heading at the start as given [rad].
-
-    Returns
-    -------
-    Alignment
-        At the time of a fix.
-
-    Raises
-    ------
-    AlignmentError
-        Nothing in the data determines the heading, or the level.
+    `static_span`: stationary interval as given [s]; found by default; `heading`: heading at the start as given [rad].
+    Raises: AlignmentError: nothing in the data determines the heading, or the level.
     """
     speed = motion.velocity(gps)
     begin, stop = parts.end[0] - parts.dt[0], parts.end[-1]

@@ -153,15 +153,10 @@ def level_in_motion(
     acceleration of GPS minus gravity (compare Wu and Pan, "Velocity/position integration formula part I: application
     to in-flight coarse alignment", IEEE Trans. AES 49 (2013) 1006-1023, eq. 12).
 
-    Returns
-    -------
-    rph : (3,) array
-        Roll, pitch, heading [rad].
-    tilt_sd : float
-        Standard deviation of the level that the noise of the velocities and the difference between the whole span and
-        its first half leave [rad]; errors of the sensors and of the heading come on top.
-    acceleration : float
-        Mean acceleration in the span, which a wrong heading turns into a wrong level [m/s^2].
+    Returns: `rph` (3,): roll, pitch, heading [rad]; `tilt_sd`: standard deviation of the level that the noise of the
+    velocities and the difference between the whole span and its first half leave [rad]; errors of the sensors and of
+    the heading come on top; `acceleration`: mean acceleration in the span, which a wrong heading turns into a wrong
+    level [m/s^2].
     """
     whole = _level(parts, start, end, speed, lla)
     half = _level(parts, start, 0.5 * (start + end), speed, lla)

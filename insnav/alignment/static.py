@@ -74,17 +74,8 @@ def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[fl
     force does not change, and `slow` is true. Without `slow`, specific force and rate must also scatter little, or
     little more than in the quietest tenth of the record; with it an idling engine does no harm.
 
-    Parameters
-    ----------
-    parts : Intervals
-        Samples.
-    slow : (n,) bool array, optional
-        False where another sensor has seen motion.
-
-    Returns
-    -------
-    tuple of float or None
-        Start and end [s].
+    `slow` (n,): false where another sensor has seen motion.
+    Returns: start and end [s].
     """
     rate, force = rates(parts)
     size = max(4, round(WINDOW / float(np.median(parts.dt[1:]))))

@@ -27,17 +27,8 @@ WIDTH = 110  # largest of a line of the log
 def result(text: str) -> None:
     """Print what was asked for, on standard output.
 
-    Parameters
-    ----------
-    text : str
-        Without the last line end.
-
-    Raises
-    ------
-    OutputError
-        Standard output takes no more, such as a file on a full disk.
-    BrokenPipeError
-        Its reader went away.
+    Raises: OutputError: standard output takes no more, such as a file on a full disk; BrokenPipeError: its reader went
+    away.
     """
     from insnav.exceptions import OutputError
 
@@ -55,10 +46,7 @@ def result(text: str) -> None:
 def result_facts(folder: Path) -> None:
     """Print the facts of a finished folder, on standard output.
 
-    Parameters
-    ----------
-    folder : Path
-        With its ``run.json``.
+    `folder`: with its ``run.json``.
     """
     from insnav.output.folder import FACTS_FILE
 
@@ -68,16 +56,7 @@ def result_facts(folder: Path) -> None:
 def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Iterable[str] = ()) -> None:
     """Print the report of a finished folder and where it is, or its ``run.json`` instead.
 
-    Parameters
-    ----------
-    folder : Path
-        With its ``run.json``.
-    page : Page
-    out : Path
-        The folder as the user named it.
-    as_json : bool
-    more : iterable of str
-        Files beside those of every report.
+    `folder`: with its ``run.json``.
     """
     if as_json:
         result_facts(folder)

@@ -38,23 +38,14 @@ _READER_OPTION = re.compile(r"imu-[a-z]+")
 
 @dataclass(frozen=True, slots=True)
 class Data:
-    """A recording as it was given on the command line.
+    """A recording as it was given on the command line."""
 
-    Attributes
-    ----------
-    imu, gps, ref : Path or None
-        Files.
-    inputs : Inputs
-        What was given with them.
-    options : dict
-        All options of the command as the user gave them, JSON-ready.
-    """
-
+    # files
     imu: Path | None
     gps: Path | None
     ref: Path | None
-    inputs: Inputs
-    options: dict[str, Any]
+    inputs: Inputs  # what was given with them
+    options: dict[str, Any]  # all options of the command as the user gave them, JSON-ready
 
     def read_imu(self, stage: Stages) -> Reading[ImuData]:
         """Read the samples alone, and say how they were understood."""
@@ -94,16 +85,9 @@ def takes_data(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the options that describe a recording.
 
-    Parameters
-    ----------
-    imu : str or None
-        Name of the argument with the IMU data; None for a command without.
-    optional : bool
-        The IMU data may be left out.
-    files : mapping of str to bool, optional
-        ``gps``, ``ref``: whether it must be given; by default GPS must and a reference may.
-    without, only : collection of str
-        Inputs that mean nothing to the command, or the only ones that do.
+    `imu`: name of the argument with the IMU data; None for a command without; `files`: ``gps``, ``ref``: whether it
+    must be given; by default GPS must and a reference may; `without`, `only`: inputs that mean nothing to the command,
+    or the only ones that do.
     """
     wanted = {"gps": True, "ref": False} if files is None else files
     logs = {} if only is not None or "logs" in without else LOGS
@@ -198,10 +182,7 @@ def _value(what: Input, given: Any) -> Any:
 def as_option(where: str) -> str:
     """Where an error arose: an input as the option that gives it, anything else as it is.
 
-    Parameters
-    ----------
-    where : str
-        Of an `InsnavError`: ``lever_arm`` becomes ``--lever-arm``.
+    `where`: of an `InsnavError`: ``lever_arm`` becomes ``--lever-arm``.
     """
     return _FIRST_WORD.sub(lambda found: _option_of(found[0]), where)
 

@@ -18,13 +18,7 @@ _requested = _heard = False
 
 
 class Stopped(BaseException):
-    """The user, or the system, asked to stop.
-
-    Attributes
-    ----------
-    number : int
-        The signal.
-    """
+    """The user, or the system, asked to stop."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)

@@ -41,10 +41,7 @@ class Engine:
 
         Returns whether a negative variance had to be repaired.
 
-        Raises
-        ------
-        DivergenceError
-            A number that is not finite, or too many repairs.
+        Raises: DivergenceError: a number that is not finite, or too many repairs.
         """
         self._filter.predict(F=transition, Q=noise)
         return self._check(time)
@@ -52,17 +49,8 @@ class Engine:
     def update(self, z: FloatArray, h: FloatArray, r: FloatArray, time: float) -> tuple[FloatArray, bool]:
         """Use a measurement: predicted minus measured, (m,), its derivative by the error state, (m, n), its covariance.
 
-        Returns
-        -------
-        error : (n,) array
-            Estimated error, for the caller to correct the state by.
-        repaired : bool
-            A negative variance had to be repaired.
-
-        Raises
-        ------
-        DivergenceError
-            As `predict`; also where the measurement is not finite or its covariance not positive.
+        Returns: `error` (n,): estimated error, for the caller to correct the state by.
+        Raises: DivergenceError: as `predict`; also where the measurement is not finite or its covariance not positive.
         """
         if measurement_fault(z, h, r):
             raise DivergenceError(

@@ -40,28 +40,8 @@ def fine_alignment(
 ) -> FineAlignment:
     """Align a stationary record, first from means, then by the filter with zero velocity and fixed position.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Samples.
-    spec : ImuSpec
-        IMU error specification.
-    lla : (3,) array
-        Latitude, longitude [rad], height [m].
-    rest : tuple of float
-        Stationary interval [s].
-    heading : float, optional
-        Given heading [rad].
-
-    Returns
-    -------
-    FineAlignment
-        Coarse and fine attitude with standard deviations.
-
-    Raises
-    ------
-    AlignmentError
-        Fewer than two samples in the interval.
+    `lla` (3,): latitude, longitude [rad], height [m]; `rest`: stationary interval [s]; `heading`: given heading [rad].
+    Raises: AlignmentError: fewer than two samples in the interval.
     """
     inside = (imu.time >= rest[0]) & (imu.time <= rest[1])
     if inside.sum() < 10:

@@ -16,56 +16,36 @@ from insnav.types import BoolArray, Event, EventKind, FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Trust:
-    """Which fixes the whole record contradicts; see `insnav.filter.whole_record`.
+    """Which fixes the whole record contradicts; see `insnav.filter.whole_record`."""
 
-    Attributes
-    ----------
-    false_position, false_velocity : (n,) bool array
-        Not to be used.
-    position_residual, velocity_residual : (n,) array
-        Distance from the smoothed track [m], [m/s].
-    """
-
+    # (n,) not to be used
     false_position: BoolArray
     false_velocity: BoolArray
+    # (n,) distance from the smoothed track [m], [m/s]
     position_residual: FloatArray
     velocity_residual: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class Gates:
-    """Limits of the gates.
+    """Limits of the gates."""
 
-    Attributes
-    ----------
-    max_sd : float
-        A fix with a larger reported position standard deviation is rejected [m]: it would aid nothing.
-    max_speed : float
-        No vehicle here moves faster [m/s]; above that of airliners.
-    physical_sd : float
-        Standard deviations of the fix that the physical gates add [-].
-    probability : float
-        Of passing the statistical gate when the covariances of filter and fix are true: one false rejection in 10,000
-        fixes, an hour at 3 Hz [-].
-    small_position, small_velocity : float
-        A smaller innovation is never rejected, only de-weighted to what the statistical gate allows [m], [m/s]: at
-        this scale lever arm, timestamps and vibration are to blame as often as the fix.
-    reset_after : float
-        After rejecting every position for this long the filter is reset to the fixes [s]: multipath seldom lasts so
-        long, a diverged filter does.
-    nis_limit : float
-        Limit of the NIS of three numbers that follows from `probability` [-].
-    """
-
+    # a fix with a larger reported position standard deviation is rejected [m]: it would aid nothing
     max_sd: float = 100.0
-    max_speed: float = 400.0
-    physical_sd: float = 5.0
+    max_speed: float = 400.0  # no vehicle here moves faster [m/s]; above that of airliners
+    physical_sd: float = 5.0  # standard deviations of the fix that the physical gates add [-]
+    # of passing the statistical gate when the covariances of filter and fix are true: one false rejection in 10,000
+    # fixes, an hour at 3 Hz [-]
     probability: float = 0.9999
+    # a smaller innovation is never rejected, only de-weighted to what the statistical gate allows [m], [m/s]: at this
+    # scale lever arm, timestamps and vibration are to blame as often as the fix
     small_position: float = 1.0
     small_velocity: float = 0.5
+    # after rejecting every position for this long the filter is reset to the fixes [s]: multipath seldom lasts so long,
+    # a diverged filter does
     reset_after: float = 10.0
 
-    nis_limit: float = field(init=False)
+    nis_limit: float = field(init=False)  # limit of the NIS of three numbers that follows from `probability` [-]
 
     def __post_init__(self) -> None:
         # of three numbers; kept, because it is asked for at every fix

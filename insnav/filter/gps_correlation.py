@@ -47,19 +47,9 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
     velocity errors. Half its variance grows from the white part, for small m, to the whole variance, for large m, with
     the velocity noise as a straight line on top; a non-negative fit separates the three.
 
-    Parameters
-    ----------
-    gps : GpsData
-        Fixes with standard deviations.
-    lag : float
-        By which velocities lag positions [s].
-    reported : bool
-        The standard deviations are the receiver's own, and stand in where a drive is too short to show the whole error.
-
-    Returns
-    -------
-    CorrelatedNoise or None
-        None where there are no velocities, too few fixes, or only white errors.
+    `lag`: by which velocities lag positions [s]; `reported`: the standard deviations are the receiver's own, and stand
+    in where a drive is too short to show the whole error.
+    Returns: none where there are no velocities, too few fixes, or only white errors.
     """
     good = np.isfinite(gps.v_n).all(axis=1) & np.isfinite(gps.position_sd).all(axis=1)
     if good.sum() < FEWEST:

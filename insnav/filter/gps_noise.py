@@ -29,15 +29,7 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
     velocity and the slope of a spline through the positions is then the lag times the acceleration; a robust straight
     line through the horizontal components finds it.
 
-    Parameters
-    ----------
-    gps : GpsData
-        Fixes.
-
-    Returns
-    -------
-    lag, sd : float
-        [s]; the standard deviation is infinite where there are too few fixes or no accelerations.
+    Returns: `lag`, `sd` [s]; the standard deviation is infinite where there are too few fixes or no accelerations.
     """
     usable = np.isfinite(gps.v_n).all(axis=1)
     if gps.fix is not None:

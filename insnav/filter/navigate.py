@@ -26,21 +26,11 @@ FIRST_PASS_INTERVAL = 0.1  # of the solution from which the aiding is calibrated
 
 @dataclass(frozen=True, slots=True)
 class Navigated:
-    """A run and what was assumed on the way to it.
+    """A run and what was assumed on the way to it."""
 
-    Attributes
-    ----------
-    run : Run
-        The result.
-    gps : GpsData
-        The fixes as processed, every value with a standard deviation.
-    notes : tuple of str
-        What was found, and what was done about it.
-    """
-
-    run: Run
-    gps: GpsData
-    notes: tuple[str, ...] = field(default=())
+    run: Run  # the result
+    gps: GpsData  # the fixes as processed, every value with a standard deviation
+    notes: tuple[str, ...] = field(default=())  # what was found, and what was done about it
 
 
 def navigate_recording(

@@ -40,22 +40,8 @@ FEWEST_REJECTIONS = 5  # before a reset: at low rates a second or two of multipa
 class Navigator:
     """Loosely coupled INS/GPS filter over a stream of IMU samples.
 
-    Parameters
-    ----------
-    start : InitialState or FilterState
-        To start, or to go on, from; samples and fixes before its time are passed over.
-    model : ErrorModel
-        Noise of the sensors.
-    gps : GpsData
-        Fixes, every value with a standard deviation.
-    alignment : Alignment
-        Kept for the result.
-    nominal : float
-        Sampling interval [s].
-    settings : FilterSettings
-        Lever arm, delay, gates, output.
-    marks : container of int
-        Rows of `gps` after which the whole state is kept, in `kept`, to go on from.
+    `start`: to start, or to go on, from; samples and fixes before its time are passed over; `nominal`: sampling
+    interval [s]; `marks`: rows of `gps` after which the whole state is kept, in `kept`, to go on from.
 
     Examples
     --------
@@ -102,10 +88,7 @@ class Navigator:
     def feed(self, imu: ImuData) -> None:
         """Take the next block of samples; what needs later neighbours waits for the next call.
 
-        Parameters
-        ----------
-        imu : ImuData
-            Samples that follow those of the call before.
+        `imu`: samples that follow those of the call before.
         """
         self._advance(imu, last=False)
 

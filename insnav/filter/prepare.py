@@ -40,22 +40,14 @@ START_VELOCITY_SD = 0.1  # lever arm and turn between antenna and IMU at the sta
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Initial state that the user gives.
+    """Initial state that the user gives."""
 
-    Attributes
-    ----------
-    time : float
-        [s]
-    lla, v_n, rph : (3,) array
-        Latitude, longitude [rad], height [m]; velocity N, E, D [m/s]; roll, pitch, heading [rad].
-    position_sd, velocity_sd, attitude_sd : (3,) array
-        Standard deviations [m], [m/s], [rad].
-    """
-
-    time: float
+    time: float  # [s]
+    # (3,) latitude, longitude [rad], height [m]; velocity N, E, D [m/s]; roll, pitch, heading [rad]
     lla: FloatArray
     v_n: FloatArray
     rph: FloatArray
+    # (3,) standard deviations [m], [m/s], [rad]
     position_sd: FloatArray
     velocity_sd: FloatArray
     attitude_sd: FloatArray

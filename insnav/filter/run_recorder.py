@@ -37,13 +37,7 @@ TOO_LARGE = 5.0
 
 
 class Record:
-    """Growing record of outputs, fixes and events.
-
-    Parameters
-    ----------
-    fixes : int
-        Largest number of fixes.
-    """
+    """Growing record of outputs, fixes and events."""
 
     @dataclass(slots=True)
     class Rows:

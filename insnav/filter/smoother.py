@@ -36,12 +36,7 @@ class SmoothedErrors:
 class History:
     """Every filter epoch, in blocks; old blocks go to the disk if they are many.
 
-    Parameters
-    ----------
-    states : int
-        Number of states of the filter.
-    spill : Path, optional
-        Folder for what does not fit into memory; that of temporary files by default.
+    `spill`: folder for what does not fit into memory; that of temporary files by default.
     """
 
     def __init__(self, states: int, spill: Path | None = None) -> None:

@@ -46,57 +46,29 @@ OPEN_START = 3000.0  # standard deviation of a first position that may be false 
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """Fixes minus smoothed track at the antenna.
+    """Fixes minus smoothed track at the antenna."""
 
-    Attributes
-    ----------
-    position, velocity : (n, 3) array
-        North, East, Down [m], [m/s]; ``NaN`` where the fix has none or lies outside the track.
-    square_position, square_velocity : (n,) array
-        Squared and normalised by reported and smoothed standard deviation: 3 on average, if both are true.
-    """
-
+    # (n, 3) North, East, Down [m], [m/s]; ``NaN`` where the fix has none or lies outside the track
     position: FloatArray
     velocity: FloatArray
+    # (n,) squared and normalised by reported and smoothed standard deviation: 3 on average, if both are true
     square_position: FloatArray
     square_velocity: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class Reconciled:
-    """What the whole record says of the fixes.
+    """What the whole record says of the fixes."""
 
-    Attributes
-    ----------
-    run : Run
-        The first run if nothing contradicted it, else that with the weights found.
-    trust : Trust or None
-        Weights of the fixes, if any were needed.
-    notes : tuple of str
-        Which fixes were found false.
-    """
-
-    run: Run
-    trust: Trust | None = None
-    notes: tuple[str, ...] = ()
+    run: Run  # the first run if nothing contradicted it, else that with the weights found
+    trust: Trust | None = None  # weights of the fixes, if any were needed
+    notes: tuple[str, ...] = ()  # which fixes were found false
 
 
 def residuals(run: Run, gps: GpsData, delay: float) -> Residuals:
     """Compare fixes with the smoothed track.
 
-    Parameters
-    ----------
-    run : Run
-        Smoothed.
-    gps : GpsData
-        Every value with a standard deviation.
-    delay : float
-        How much older the fixes are than their timestamps, as far as it was given and not estimated [s].
-
-    Returns
-    -------
-    Residuals
-        One row a fix.
+    `delay`: how much older the fixes are than their timestamps, as far as it was given and not estimated [s].
     """
     assert run.smoothed is not None
     track = run.smoothed.solution
@@ -125,24 +97,9 @@ def reconcile(
 ) -> Reconciled:
     """Find the fixes that the whole record contradicts, where filter and smoother contradict each other.
 
-    Parameters
-    ----------
-    first : Run
-        With gates; smoothed.
-    gps : GpsData
-        The fixes it was made of.
-    delay : float
-        As of `residuals`.
-    gates : Gates
-        Of the first run; a residual that they call small is never false.
-    again : callable
-        Navigates once more: fixes, which of them to leave out, and a standard deviation to be added to the first
-        position [m].
-
-    Returns
-    -------
-    Reconciled
-        The first run itself, bit for bit, where nothing contradicts it.
+    `gates`: of the first run; a residual that they call small is never false; `again`: navigates once more: fixes,
+    which of them to leave out, and a standard deviation to be added to the first position [m].
+    Returns: the first run itself, bit for bit, where nothing contradicts it.
     """
     scale = _scale(first.innovations.nis_position), _scale(first.innovations.nis_velocity)
     if not _contradicted(first, gps, delay, residuals(first, gps, delay), scale, gates):

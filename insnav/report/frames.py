@@ -15,10 +15,7 @@ if TYPE_CHECKING:
 def rows_frame(rows: Iterable[Iterable[Quantity]]) -> pd.DataFrame:
     """Make a data frame of rows of quantities.
 
-    Parameters
-    ----------
-    rows : iterable of iterable of Quantity
-        A value of several figures is as many columns, such as ``horizontal_rms_m``.
+    `rows`: a value of several figures is as many columns, such as ``horizontal_rms_m``.
     """
     import pandas as pd
 

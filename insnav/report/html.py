@@ -20,12 +20,8 @@ _MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
 def filled(template: str, **values: Any) -> str:
     """Fill a template.
 
-    Parameters
-    ----------
-    template : str
-        Name of the file in ``templates/``.
-    **values
-        What it needs; a value it asks for and does not get is an error.
+    `template`: name of the file in ``templates/``; `**values`: what it needs; a value it asks for and does not get is
+    an error.
     """
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent / "templates"),
@@ -44,31 +40,13 @@ def data_uri(file: Path) -> str:
 
 
 def page_html(page: Page, files: Sequence[Path]) -> str:
-    """Write a report as one self-contained page.
-
-    Parameters
-    ----------
-    page : Page
-    files : sequence of Path
-        Its figures, saved in the order of `Page.figures`.
-
-    Returns
-    -------
-    str
-        HTML that loads nothing.
-    """
+    """Write a report as one self-contained page."""
     images = {each.name: data_uri(file) for each, file in zip(page.figures, files, strict=True)}
     return filled("page.html.j2", page=page, images=images, tables=_tables_of("all", "page"), version=__version__)
 
 
 def page_fragment(page: Page) -> str:
-    """Write a report as a part of another page, such as a notebook: what the terminal shows, as tables.
-
-    Returns
-    -------
-    str
-        HTML without styles and figures.
-    """
+    """Write a report as a part of another page, such as a notebook: what the terminal shows, as tables."""
     return filled("fragment.html.j2", page=page, images={}, tables=_tables_of("all"))
 
 

@@ -18,12 +18,7 @@ def map_figure(
 ) -> tuple[Figure, Axes]:
     """Start a map that holds some points; `finish_map` ends it.
 
-    Parameters
-    ----------
-    east, north : (n,) array
-        What it must hold [m].
-    beside : float
-        Room to the right of it, as for a bar of colours [inch].
+    `east`, `north` (n,): what it must hold [m]; `beside`: room to the right of it, as for a bar of colours [inch].
     """
     x_limits, y_limits = map_limits(east, north)
     height = _WIDTH * (y_limits[1] - y_limits[0]) / (x_limits[1] - x_limits[0])
@@ -39,12 +34,7 @@ def map_figure(
 def finish_map(axes: Axes, track: FloatArray) -> None:
     """Mark start and end of a track, scale and north, name the axes and put the legend below.
 
-    Parameters
-    ----------
-    axes : Axes
-        With everything drawn.
-    track : (n, 2) array
-        North and east of the start [m].
+    `track` (n, 2): North and east of the start [m].
     """
     # many a drive ends where it began: the start is the larger mark, so that both are seen
     (north, east), (last_north, last_east) = track[0], track[-1]

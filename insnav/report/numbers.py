@@ -11,11 +11,7 @@ _SMALLEST = 1e-7  # written without an exponent
 def number(value: float | None, digits: int = 3) -> str:
     """Write a number with so many significant digits, large ones without an exponent.
 
-    Parameters
-    ----------
-    value : float or None
-        None gives a dash.
-    digits : int
+    `value`: none gives a dash.
     """
     if value is None:
         return _UNKNOWN

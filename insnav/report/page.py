@@ -31,87 +31,42 @@ STATISTICS = {
 
 @dataclass(frozen=True, slots=True)
 class FigureSpec:
-    """A figure that is drawn when it is asked for.
+    """A figure that is drawn when it is asked for."""
 
-    Attributes
-    ----------
-    name : str
-        Of its file, without suffix; `insnav.result.Result.plot` knows it by this name.
-    caption : str
-        What it shows.
-    draw : callable
-        Draws it; called inside `insnav.report.style.drawing`.
-    """
-
-    name: str
-    caption: str
-    draw: Callable[[], Figure]
+    name: str  # of its file, without suffix; `insnav.result.Result.plot` knows it by this name
+    caption: str  # what it shows
+    draw: Callable[[], Figure]  # draws it; called inside `insnav.report.style.drawing`
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """Quantities that belong together: single ones, or rows of a table, one row an item.
+    """Quantities that belong together: single ones, or rows of a table, one row an item."""
 
-    Attributes
-    ----------
-    key : str
-        Where its quantities stand in JSON; empty puts them beside those of its parent, ``name[]`` makes them the next
-        of a list.
-    title : str
-        Heading; empty for none.
-    items : tuple of Quantity
-        Single quantities.
-    rows : tuple of tuple of Quantity
-        A table: quantities of one key are a column, the first names the row. Without a `key` the table is on the page
-        only: the same quantities stand elsewhere in JSON, in another shape.
-    figures : tuple of FigureSpec
-        Below its tables on the page.
-    parts : tuple of Section
-        What it consists of.
-    note : str
-        How to read it.
-    show : {"all", "page", "json"}
-        Everywhere; on the page and in JSON; in JSON only.
-    keyed : bool
-        In JSON the rows stand under their names, not in a list.
-    """
-
+    # where its quantities stand in JSON; empty puts them beside those of its parent, ``name[]`` makes them the next of
+    # a list
     key: str
-    title: str = ""
-    items: tuple[Quantity, ...] = ()
+    title: str = ""  # heading; empty for none
+    items: tuple[Quantity, ...] = ()  # single quantities
+    # a table: quantities of one key are a column, the first names the row. Without a `key` the table is on the page
+    # only: the same quantities stand elsewhere in JSON, in another shape.
     rows: tuple[tuple[Quantity, ...], ...] = ()
-    figures: tuple[FigureSpec, ...] = ()
-    parts: tuple[Section, ...] = ()
-    note: str = ""
-    show: Show = "all"
-    keyed: bool = False
+    figures: tuple[FigureSpec, ...] = ()  # below its tables on the page
+    parts: tuple[Section, ...] = ()  # what it consists of
+    note: str = ""  # how to read it
+    show: Show = "all"  # everywhere; on the page and in JSON; in JSON only
+    keyed: bool = False  # in JSON the rows stand under their names, not in a list
 
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A whole report.
+    """A whole report."""
 
-    Attributes
-    ----------
-    title : str
-        What was done, to what.
-    summary : tuple of str
-        The result in a few sentences.
-    sections : tuple of Section
-    warnings : tuple of str
-        What the reader must not overlook, most harmful first.
-    assumptions : tuple of str
-        What was taken for granted: defaults, validity, sources.
-    notes : tuple of str
-        What was found in the data and done about it, most important first; no warnings.
-    """
-
-    title: str
-    summary: tuple[str, ...]
+    title: str  # what was done, to what
+    summary: tuple[str, ...]  # the result in a few sentences
     sections: tuple[Section, ...]
-    warnings: tuple[str, ...] = ()
-    assumptions: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()  # what the reader must not overlook, most harmful first
+    assumptions: tuple[str, ...] = ()  # what was taken for granted: defaults, validity, sources
+    notes: tuple[str, ...] = ()  # what was found in the data and done about it, most important first; no warnings
 
     @property
     def lists(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
@@ -127,39 +82,18 @@ class Page:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Quantities laid out to be read.
+    """Quantities laid out to be read."""
 
-    Attributes
-    ----------
-    title : str
-        What the rows are.
-    columns : tuple of str
-        Headings, units in brackets.
-    rows : tuple of tuple of str
-        Cells, as many as columns; the first names the row.
-    note : str
-        How to read them.
-    """
-
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    note: str = ""
+    title: str  # what the rows are
+    columns: tuple[str, ...]  # headings, units in brackets
+    rows: tuple[tuple[str, ...], ...]  # cells, as many as columns; the first names the row
+    note: str = ""  # how to read them
 
 
 def one_each(key: str, title: str, items: Mapping[str, Sequence[Quantity]], first: str = "", note: str = "") -> Section:
     """The same quantities of several things: in JSON under the name of each, in text one table with a row for each.
 
-    Parameters
-    ----------
-    key, title : str
-        Of the section.
-    items : mapping of str to sequence of Quantity
-        Name to quantities; the value of one without any is None in JSON, and it has no row.
-    first : str
-        Heading of the names.
-    note : str
-        How to read the table.
+    `items`: name to quantities; the value of one without any is None in JSON, and it has no row.
     """
     unknown = tuple(Section("", items=(Quantity(name, None),), show="json") for name, own in items.items() if not own)
     rows = tuple((Quantity("name", name, meaning=first), *own) for name, own in items.items() if own)
@@ -173,16 +107,8 @@ def _figures(section: Section) -> tuple[FigureSpec, ...]:
 def section_tables(section: Section, shown: Sequence[Show] = ("all",)) -> list[Table]:
     """Lay out a section and its parts.
 
-    Parameters
-    ----------
-    section : Section
-    shown : sequence of {"all", "page"}
-        Sections marked otherwise are left out.
-
-    Returns
-    -------
-    list of Table
-        One for the single quantities, one for the rows, then those of the parts.
+    `shown`: sections marked otherwise are left out.
+    Returns: one for the single quantities, one for the rows, then those of the parts.
     """
     if section.show not in shown:
         return []

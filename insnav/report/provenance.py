@@ -18,13 +18,7 @@ _SENSORS = {"gyro": ("Gyros", "deg/h", "deg/sqrt(h)"), "accel": ("Accelerometers
 
 
 def provenance(result: Result[Any]) -> tuple[Section, ...]:
-    """Give the sections that say from what and how a result was found.
-
-    Returns
-    -------
-    tuple of Section
-        Empty ones are left out.
-    """
+    """Give the sections that say from what and how a result was found."""
     return (
         *(_inputs(result.inputs) if result.inputs else ()),
         *((imu_model(*result.imu_model),) if result.imu_model is not None else ()),
@@ -62,14 +56,7 @@ def _inputs(inputs: Mapping[str, ReadingFacts]) -> tuple[Section, ...]:
 
 
 def imu_model(spec: ImuSpec, how: str) -> Section:
-    """Give an IMU error specification, one standard deviation each, x, y, z.
-
-    Parameters
-    ----------
-    spec : ImuSpec
-    how : str
-        How it was chosen.
-    """
+    """Give an IMU error specification, one standard deviation each, x, y, z."""
     sensors = {}
     for name, (_, unit, walk_unit) in _SENSORS.items():
         sensor = getattr(spec, name)

@@ -25,11 +25,8 @@ _VERSIONS_OF = ("numpy", "scipy", "numba", "filterpy", "pyarrow", "matplotlib")
 def page_facts(page: Page) -> dict[str, Any]:
     """Give everything in a report as one nested dict, ready for JSON.
 
-    Returns
-    -------
-    dict
-        Under the key of each section its quantities, units in the keys; the rows of a table as a list. ``summary``,
-        ``warnings``, ``notes`` and ``assumptions`` last.
+    Returns: under the key of each section its quantities, units in the keys; the rows of a table as a list.
+    ``summary``, ``warnings``, ``notes`` and ``assumptions`` last.
     """
     facts = section_facts(page.sections)
     return facts | {name: list(getattr(page, name)) for name in ("summary", "warnings", "notes", "assumptions")}
@@ -70,13 +67,7 @@ def _put(facts: dict[str, Any], section: Section) -> None:
 
 
 def json_ready(value: Any) -> Any:
-    """Turn arrays, paths and the like into what JSON knows; a number that is not finite becomes None.
-
-    Parameters
-    ----------
-    value : object
-        Nested to any depth.
-    """
+    """Turn arrays, paths and the like into what JSON knows; a number that is not finite becomes None."""
     if isinstance(value, Mapping):
         return {str(key): json_ready(item) for key, item in value.items()}
     if isinstance(value, Enum):

@@ -79,19 +79,8 @@ def save_result(
 ) -> Path:
     """Write a result into a folder and put it in its place.
 
-    Parameters
-    ----------
-    result : Result
-    folder : RunFolder
-        Entered, not committed.
-    figures : {"png", "svg", "none"}
-        File format of the figures; none leaves out the page too.
-    table_format : {"csv", "parquet"}
-
-    Returns
-    -------
-    Path
-        The finished folder.
+    `folder`: entered, not committed; `figures` {"png", "svg", "none"}: file format of the figures; none leaves out the
+    page too; `table_format` {"csv", "parquet"}.
     """
     room = _room(result.kind)
     if hasattr(room, "write_files"):
@@ -124,30 +113,10 @@ def write_page(
 ) -> Path:
     """Write figures, page, JSON and text files into a folder and put it in its place.
 
-    Parameters
-    ----------
-    folder : RunFolder
-        Entered, not committed.
-    page : Page
-        Content of ``report.html``, ``figures`` and ``run.json``.
-    metadata : mapping, optional
-        What stands first in ``run.json``: command, input, options.
-    texts : mapping, optional
-        Further files: name to content, such as ``calibration.toml``.
-    figure_format : {"png", "svg"} or None
-        None leaves out figures and page.
-
-    Returns
-    -------
-    Path
-        The finished folder.
-
-    Raises
-    ------
-    ConfigError
-        Two figures of one name.
-    OutputError
-        The folder cannot be written.
+    `folder`: entered, not committed; `page`: content of ``report.html``, ``figures`` and ``run.json``; `metadata`: what
+    stands first in ``run.json``: command, input, options; `texts`: further files: name to content, such as
+    ``calibration.toml``; `figure_format` {"png", "svg"}: none leaves out figures and page.
+    Raises: ConfigError: two figures of one name; OutputError: the folder cannot be written.
     """
     names = [figure.name for figure in page.figures]
     if len(set(names)) < len(names):

@@ -67,21 +67,11 @@ def drawing() -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Time axis of one run: seconds, minutes or hours since its start.
+    """Time axis of one run: seconds, minutes or hours since its start."""
 
-    Attributes
-    ----------
-    start : float
-        Zero of the axis, in the time of the data [s].
-    unit_s : float
-        Length of the axis' unit [s].
-    label : str
-        Axis label.
-    """
-
-    start: float
-    unit_s: float
-    label: str
+    start: float  # zero of the axis, in the time of the data [s]
+    unit_s: float  # length of the axis' unit [s]
+    label: str  # axis label
 
     @classmethod
     def of(cls, time: FloatArray) -> Clock:
@@ -122,14 +112,8 @@ def over_time(
 ) -> tuple[Figure, list[Axes]]:
     """Draw lines over time, panels over one another.
 
-    Parameters
-    ----------
-    time : (n,) array
-        [s].
-    rows : sequence of (str, sequence of (str, (n,) array, str), float)
-        For each panel the label of its axis, its lines (name, values, colour), and the smallest height of its view.
-    height : float
-        Of the figure [inch]; by the number of rows if zero.
+    `time` (n,) [s]; `rows` (n,): for each panel the label of its axis, its lines (name, values, colour), and the
+    smallest height of its view; `height`: of the figure [inch]; by the number of rows if zero.
     """
     clock = Clock.of(time)
     figure, grid = stacked(len(rows), title, note, height=height)
@@ -207,11 +191,7 @@ def broken_at_gaps(time: FloatArray, values: FloatArray) -> tuple[FloatArray, Fl
 def band(axes: Axes, time: FloatArray, middle: FloatArray, half: FloatArray, colour: str, label: str) -> None:
     """Fill the band of a given half width about a line.
 
-    Parameters
-    ----------
-    axes : Axes
-    time, middle, half : (n,) array
-    colour, label : str
+    `time`, `middle`, `half` (n,).
     """
     if np.isfinite(middle + half).any():
         x, low, high = envelope(time, middle - half, middle + half)
@@ -221,13 +201,7 @@ def band(axes: Axes, time: FloatArray, middle: FloatArray, half: FloatArray, col
 def line(axes: Axes, time: FloatArray, value: FloatArray, colour: str, label: str, **how: Any) -> None:
     """Draw a line of any number of points.
 
-    Parameters
-    ----------
-    axes : Axes
-    time, value : (n,) array
-    colour, label : str
-    **how
-        As in `Axes.plot`.
+    `time`, `value` (n,).
     """
     axes.plot(*thinned(time, value), color=colour, label=label, **how)
 
@@ -264,14 +238,7 @@ def logarithmic(axis: Axis) -> None:
 def legend_above(axes: Axes, *others: Axes, lift: float = 1.0) -> None:
     """Put the legend on one line over the upper right corner of a panel, out of the way of the data.
 
-    Parameters
-    ----------
-    axes : Axes
-        The panel.
-    *others : Axes
-        Panels whose entries belong to the same legend.
-    lift : float
-        Height of the legend's lower edge in heights of the panel.
+    `lift`: height of the legend's lower edge in heights of the panel.
     """
     entries: dict[str, Any] = {}
     for panel in (axes, *others):

@@ -9,10 +9,7 @@ from insnav.report.page import Page, Table, section_tables
 def page_text(page: Page) -> str:
     """Write a report for the terminal: title, summary, tables, warnings, notes, assumptions.
 
-    Returns
-    -------
-    str
-        Lines without control characters; sections that are shown on the page only are left out.
+    Returns: lines without control characters; sections that are shown on the page only are left out.
     """
     blocks = ["\n".join([page.title, *page.summary])]
     blocks += [table_text(table) for section in page.sections for table in section_tables(section)]

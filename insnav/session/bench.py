@@ -142,34 +142,13 @@ def allan(
 ) -> StaticNoise | SignalNoise:
     """Allan deviation and noise coefficients of a stationary IMU, or of plain signals.
 
-    Parameters
-    ----------
-    imu : array, path, data frame, two or three arrays, ImuData or Reading of ImuData
-        One array, ``(n,)`` or ``(n, c)``, is a signal with `rate`; anything else an IMU as for `insnav.load`.
-    rate : float, optional
-        Sampling rate of arrays without times [Hz].
-    taus : sequence of float, "log" or "octave"
-        Averaging times [s]; about 90 evenly on the logarithmic axis, or powers of two.
-    static : (float, float), optional
-        Part of the record of an IMU to use [s]; default all.
-    workers : int, optional
-        Threads.
-    progress : callable, optional
-        Called with the fraction done.
-    **inputs
-        How to understand the file of an IMU, as in `insnav.session.inputs.Inputs`.
-
-    Returns
-    -------
-    StaticNoise or SignalNoise
-        Of an IMU with its specification for filters and simulations; of signals in their unit.
-
-    Raises
-    ------
-    ConfigError
-        Averaging times that the record does not hold, or an array without a rate.
-    InputError
-        The record is too short, or not stationary.
+    `imu`: one array, ``(n,)`` or ``(n, c)``, is a signal with `rate`; anything else an IMU as for `insnav.load`;
+    `rate`: sampling rate of arrays without times [Hz]; `taus`: averaging times [s]; about 90 evenly on the logarithmic
+    axis, or powers of two; `static`: part of the record of an IMU to use [s]; default all; `**inputs`: how to
+    understand the file of an IMU, as in `insnav.session.inputs.Inputs`.
+    Returns: of an IMU with its specification for filters and simulations; of signals in their unit.
+    Raises: ConfigError: averaging times that the record does not hold, or an array without a rate; InputError: the
+    record is too short, or not stationary.
 
     Examples
     --------
@@ -207,29 +186,9 @@ def acceptance(
 ) -> tuple[Acceptance, list[BenchRecord]]:
     """Work out acceptance figures from files of the bench.
 
-    Parameters
-    ----------
-    steps : sequence of path or data frame
-        Rate tables of gyros and positions of accelerometers in gravity.
-    static : path or data frame, optional
-        Record at rest.
-    powerups : sequence of path or data frame
-        Outputs after each power-up.
-    lengths : sequence of float
-        Averaging times of the bias stability [s], increasing.
-    columns, spike_limit
-        As in `insnav.lab.calibration.BenchOptions`.
-
-    Returns
-    -------
-    Acceptance
-    list of BenchRecord
-        The files, as read.
-
-    Raises
-    ------
-    InputError
-        A file cannot be used.
+    `steps`: rate tables of gyros and positions of accelerometers in gravity; `powerups`: outputs after each power-up;
+    `lengths`: averaging times of the bias stability [s], increasing.
+    Raises: InputError: a file cannot be used.
     """
     limit = BenchOptions(spike_limit=spike_limit).spike_limit
     measured = [read_steps(samples_source(each, None), columns, limit) for each in steps]
@@ -242,23 +201,8 @@ def acceptance(
 def drift(file: Given, *, columns: Mapping[str, str] | None = None) -> tuple[DriftStudy, BenchTable]:
     """Study what the drift of gyros depends on, and what smoothing does to it; see `drift_study`.
 
-    Parameters
-    ----------
-    file : path or data frame
-        See ``insnav drift --help``.
-    columns : mapping of str to str, optional
-        As in `insnav.lab.calibration.BenchOptions`.
-
-    Returns
-    -------
-    DriftStudy
-    BenchTable
-        The file, as read.
-
-    Raises
-    ------
-    InputError
-        The file cannot be used.
+    `file`: see ``insnav drift --help``.
+    Raises: InputError: the file cannot be used.
     """
     record, table = read_drift(samples_source(file, None), columns)
     return drift_study(record), table
@@ -267,26 +211,10 @@ def drift(file: Given, *, columns: Mapping[str, str] | None = None) -> tuple[Dri
 def bench_gravity(gravity: float | None, lat: float | None, height: float = 0.0) -> tuple[float, str]:
     """Gravity at the bench and where it is from; never assumed.
 
-    Parameters
-    ----------
-    gravity : float or None
-        As measured [m/s^2].
-    lat : float or None
-        Latitude [deg], for normal gravity instead.
-    height : float
-        Above the ellipsoid [m].
-
-    Returns
-    -------
-    gravity : float
-        [m/s^2].
-    source : str
-        In words.
-
-    Raises
-    ------
-    ConfigError
-        Neither is given, or both, or no latitude.
+    `gravity`: as measured [m/s^2]; `lat`: latitude [deg], for normal gravity instead; `height`: above the ellipsoid
+    [m].
+    Returns: `gravity` [m/s^2].
+    Raises: ConfigError: neither is given, or both, or no latitude.
     """
     if gravity is not None and lat is not None:
         raise ConfigError("gravity is given twice", where="--gravity, --lat", fix="leave one out")

@@ -23,27 +23,13 @@ LONGEST_FREE = 300.0  # up to here the instability of the vertical channel does 
 
 @dataclass(frozen=True, slots=True)
 class BudgetSettings:
-    """How a budget is drawn up.
+    """How a budget is drawn up."""
 
-    Attributes
-    ----------
-    times : sequence of float
-        When errors are reported [s].
-    runs : int
-        Simulated runs; none with zero.
-    seed : int
-        Random seed.
-    deflection : float
-        Deflection of the vertical, 1 sd of each axis, that the gravity model does not have [rad].
-    hold : bool or None
-        Hold the vertical channel to the reference; None: where it would become unstable.
-    """
-
-    times: Sequence[float] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)
-    runs: int = 0
-    seed: int = 1
-    deflection: float = 0.0
-    hold: bool | None = None
+    times: Sequence[float] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)  # when errors are reported [s]
+    runs: int = 0  # simulated runs; none with zero
+    seed: int = 1  # random seed
+    deflection: float = 0.0  # deflection of the vertical, 1 sd of each axis, that the gravity model does not have [rad]
+    hold: bool | None = None  # hold the vertical channel to the reference; None: where it would become unstable
 
     def __post_init__(self) -> None:
         check_times(self.times)
@@ -62,18 +48,9 @@ class BudgetOptions(TypedDict, total=False):
 def motion_of(profile: str | None, begin: float | None, settings: BudgetSettings) -> SampledMotion:
     """Motion of a budget without a recorded drive: a part of a profile, or rest.
 
-    Parameters
-    ----------
-    profile : str or None
-        Name or file of a profile.
-    begin : float or None
-        Start after that of the profile [s]; by default 1 s before it sets off.
-    settings : BudgetSettings
-
-    Raises
-    ------
-    ConfigError
-        A start without a profile, an unknown profile.
+    `profile`: name or file of a profile; `begin`: start after that of the profile [s]; by default 1 s before it sets
+    off.
+    Raises: ConfigError: a start without a profile, an unknown profile.
     """
     duration = max(settings.times)
     if profile is None:
@@ -94,18 +71,7 @@ def budget_of_motion(
 ) -> Result[BudgetStudy]:
     """Draw up the budget of an IMU on a motion.
 
-    Parameters
-    ----------
-    spec : ImuSpec
-    motion : SampledMotion
-        From `motion_of`.
-    settings : BudgetSettings
-    progress : callable, optional
-        Called with the fraction of the simulated runs that is done.
-
-    Returns
-    -------
-    Result of BudgetStudy
+    `progress`: called with the fraction of the simulated runs that is done.
     """
     found = _drawn_up(spec, motion, settings, (), progress)
     return Result("budget", BudgetStudy(found), options=asdict(settings), imu_model=(spec, "given"))

@@ -22,21 +22,8 @@ _LONGEST_LEVER = 100.0  # a longer one was given in another unit [m]
 def checked(inputs: Inputs) -> Inputs:
     """Check what was given, and read the initial state if it is a file.
 
-    Parameters
-    ----------
-    inputs : Inputs
-
-    Returns
-    -------
-    Inputs
-        `initial` as `Start`.
-
-    Raises
-    ------
-    ConfigError
-        An unknown name, or a value that makes no sense; `where` is the name.
-    InputError
-        The file of the initial state cannot be read or is incomplete.
+    Raises: ConfigError: an unknown name, or a value that makes no sense; `where` is the name; InputError: the file of
+    the initial state cannot be read or is incomplete.
     """
     for key, value in inputs.items():
         if key not in INPUTS:
@@ -112,18 +99,7 @@ _START_KEYS = {
 def read_start(path: Path) -> Start:
     """Read an initial state from a JSON file.
 
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    Start
-
-    Raises
-    ------
-    InputError
-        It cannot be read, or is incomplete.
+    Raises: InputError: it cannot be read, or is incomplete.
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8"))

@@ -41,11 +41,7 @@ def given_imu(model: object) -> tuple[ImuSpec, str] | None:
 def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSpec, str]:
     """IMU model from the noise of a stationary part, and how it was chosen.
 
-    Parameters
-    ----------
-    imu : ImuData
-    rest : tuple of float or None
-        Its start and end [s].
+    `rest`: its start and end [s].
     """
     if rest is None or rest[1] - rest[0] < SHORTEST_REST:
         reason = f"no static part of {SHORTEST_REST:g} s shows the noise"

@@ -86,18 +86,7 @@ def load(
 def drive_of(readings: Readings) -> Drive:
     """Check that readings belong together, and choose what was not given.
 
-    Parameters
-    ----------
-    readings : Readings
-
-    Returns
-    -------
-    Drive
-
-    Raises
-    ------
-    InputError
-        IMU and GPS have no time in common.
+    Raises: InputError: IMU and GPS have no time in common.
     """
     inputs, samples = readings.inputs, readings.imu.data
     given_model = defaults.given_imu(inputs.get("imu_model"))

@@ -29,37 +29,18 @@ Kind = Literal["text", "file", "number", "numbers", "vector", "span", "columns"]
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """How an input is given on the command line, and what makes sense.
+    """How an input is given on the command line, and what makes sense."""
 
-    Attributes
-    ----------
-    option : str
-        Its name there; empty if it has none.
-    metavar : str
-        What its value looks like.
-    meaning : str
-        For the help; units of the command line, which are degrees where the library has radians.
-    group : str
-        Options it stands with.
-    kind : Kind
-        How the text becomes a value.
-    unit : str
-        Unit on the command line and in messages.
-    low, high : float
-        Smallest and largest sensible value [`unit`].
-    choices : tuple of str
-        Values there are; any if empty.
-    """
-
-    option: str
-    metavar: str
-    meaning: str
-    group: str
-    kind: Kind = "text"
-    unit: str = ""
+    option: str  # its name there; empty if it has none
+    metavar: str  # what its value looks like
+    meaning: str  # for the help; units of the command line, which are degrees where the library has radians
+    group: str  # options it stands with
+    kind: Kind = "text"  # how the text becomes a value
+    unit: str = ""  # unit on the command line and in messages
+    # smallest and largest sensible value [`unit`]
     low: float = -math.inf
     high: float = math.inf
-    choices: tuple[str, ...] = ()
+    choices: tuple[str, ...] = ()  # values there are; any if empty
 
     @property
     def size(self) -> float:

@@ -21,18 +21,10 @@ from insnav.units import DEG
 
 @dataclass(frozen=True, slots=True)
 class PlatformRecord:
-    """What was read.
-
-    Attributes
-    ----------
-    force : Reading of SpecificForce
-    height : Reading of Heights or None
-        Heights to damp the vertical channel with.
-    reference : Reading of Trajectory or None
-    """
+    """What was read."""
 
     force: Reading[SpecificForce]
-    height: Reading[Heights] | None = None
+    height: Reading[Heights] | None = None  # heights to damp the vertical channel with
     reference: Reading[Trajectory] | None = None
 
     @property
@@ -44,22 +36,13 @@ class PlatformRecord:
 
 @dataclass(frozen=True, slots=True)
 class PlatformStart:
-    """State at the start.
+    """State at the start."""
 
-    Attributes
-    ----------
-    lat, lon : float
-        [rad]
-    height : float
-        [m]
-    v_n : tuple of float
-        North, East, Down [m/s].
-    """
-
+    # [rad]
     lat: float
     lon: float
-    height: float = 0.0
-    v_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    height: float = 0.0  # [m]
+    v_n: tuple[float, float, float] = (0.0, 0.0, 0.0)  # North, East, Down [m/s]
 
     def __post_init__(self) -> None:
         limits = (
@@ -88,21 +71,8 @@ def read_platform(
 ) -> PlatformRecord:
     """Read specific force along level axes, and what goes with it.
 
-    Parameters
-    ----------
-    force, height, ref : str or Path
-        Specific force; heights; reference.
-    axes, columns, sample_rate
-        As in `insnav.input.readers.specific_force.read_specific_force`.
-
-    Returns
-    -------
-    PlatformRecord
-
-    Raises
-    ------
-    ConfigError, InputError
-        What cannot be meant, or used.
+    `axes`, `columns`, `sample_rate`: as in `insnav.input.readers.specific_force.read_specific_force`.
+    Raises: ConfigError, InputError: what cannot be meant, or used.
     """
     if sample_rate is not None and not 0.1 <= sample_rate <= 1e5:
         raise ConfigError(
@@ -126,25 +96,8 @@ def integrate(
 ) -> dict[Integrator, PlatformRun]:
     """Integrate a record by every integrator.
 
-    Parameters
-    ----------
-    record : PlatformRecord
-    start : PlatformStart
-    errors : PlatformErrors
-        Of the platform.
-    vertical : {"off", "free", "damped"}
-        Vertical channel.
-    interval : float
-        Time between rows of the solutions [s].
-
-    Returns
-    -------
-    dict of str to PlatformRun
-
-    Raises
-    ------
-    InputError
-        No vertical axis, or heights that do not cover the record.
+    `vertical` {"off", "free", "damped"}: vertical channel; `interval`: time between rows of the solutions [s].
+    Raises: InputError: no vertical axis, or heights that do not cover the record.
     """
     time, f_n = record.force.data.time, record.force.data.f_n
     if vertical != "off" and np.isnan(f_n[:, 2]).all():

@@ -35,25 +35,13 @@ _ACCEL = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2")
 
 @dataclass(frozen=True, slots=True)
 class Readings:
-    """What was read.
+    """What was read."""
 
-    Attributes
-    ----------
-    imu : Reading of ImuData
-        Known errors corrected.
-    gps : Reading of GpsData or None
-    reference : Reading of Trajectory or None
-    logs : mapping of str to Reading of SensorLog
-        Further sensors by name.
-    inputs : Inputs
-        What was given with them, checked.
-    """
-
-    imu: Reading[ImuData]
+    imu: Reading[ImuData]  # known errors corrected
     gps: Reading[GpsData] | None
     reference: Reading[Trajectory] | None
-    logs: Mapping[str, Reading[SensorLog]]
-    inputs: Inputs
+    logs: Mapping[str, Reading[SensorLog]]  # further sensors by name
+    inputs: Inputs  # what was given with them, checked
 
     def given(self) -> dict[str, Reading[ImuData] | Reading[GpsData] | Reading[Trajectory] | Reading[SensorLog]]:
         """Readings by name: ``imu``, ``gps``, ``reference`` and those of further sensors."""
@@ -69,16 +57,7 @@ class Readings:
 def read(imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Trajectory | None, inputs: Inputs) -> Readings:
     """Read a drive; the small files first, so that what is wrong with them is known at once.
 
-    Parameters
-    ----------
-    imu, gps, ref
-        As for `insnav.load`.
-    inputs : Inputs
-
-    Raises
-    ------
-    ConfigError, InputError
-        What cannot be meant, or used; `where` names the input.
+    Raises: ConfigError, InputError: what cannot be meant, or used; `where` names the input.
     """
     inputs = checked(inputs)
     given_logs = inputs.get("logs") or {}
@@ -103,12 +82,6 @@ def read_samples(imu: Given | ImuData, inputs: Inputs) -> Reading[ImuData]:
     """Read the samples and correct known errors.
 
     Volts and counts become rates and specific forces by the lines of the calibration.
-
-    Parameters
-    ----------
-    imu
-        As for `insnav.load`.
-    inputs : Inputs
     """
     calibration = inputs.get("calibration")
     known = None if calibration is None else load_calibration(Path(calibration))
@@ -215,12 +188,7 @@ def named_columns(headers: tuple[str, ...], numbers: FloatArray) -> Table:
 def in_memory(data: T, kind: str, name: str = "data in memory") -> Reading[T]:
     """Reading of data that need no understanding.
 
-    Parameters
-    ----------
-    data : ImuData, GpsData or Trajectory
-    kind : {"IMU", "GPS", "reference"}
-    name : str
-        What stands for the name of the file.
+    `kind` {"IMU", "GPS", "reference"}.
     """
     time: Any = data.time
     if len(time) < 2 or not (np.diff(time) > 0.0).all():

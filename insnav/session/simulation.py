@@ -28,61 +28,30 @@ IDEAL = "ideal"  # name of a sensor without errors
 
 
 class SimulationOptions(TypedDict, total=False):
-    """How a motion is measured.
+    """How a motion is measured."""
 
-    Attributes
-    ----------
-    imu, gps : str, specification
-        IMU and receiver: a preset, a file, ``ideal`` for one without errors, or a specification.
-    seed : int
-        Random seed.
-    run : int
-        Number of a run of a series of this seed; by default not one of a series.
-    rate : float
-        Samples per second [Hz].
-    sampling : {"mean", "instant", "increment"}
-        What a sample is.
-    faults : sequence of str
-        What goes wrong: ``gps-outage@200s+30s``.
-    temperature : two numbers
-        Of the IMU at the start and at the end [deg C].
-    gravity : {"full", "plumb", "linear"}
-        As it is; without its north component; and linear in height.
-    """
-
+    # IMU and receiver: a preset, a file, ``ideal`` for one without errors, or a specification
     imu: str | ImuSpec
     gps: str | GpsSpec
-    seed: int
-    run: int | None
-    rate: float
-    sampling: Sampling
-    faults: Sequence[str]
-    temperature: tuple[float, float] | None
-    gravity: Literal["full", "plumb", "linear"]
+    seed: int  # random seed
+    run: int | None  # number of a run of a series of this seed; by default not one of a series
+    rate: float  # samples per second [Hz]
+    sampling: Sampling  # what a sample is
+    faults: Sequence[str]  # what goes wrong: ``gps-outage@200s+30s``
+    temperature: tuple[float, float] | None  # of the IMU at the start and at the end [deg C]
+    gravity: Literal["full", "plumb", "linear"]  # as it is; without its north component; and linear in height
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """A motion to be measured.
-
-    Attributes
-    ----------
-    name, purpose : str
-    truth : Truth
-    profile : str
-        Text of the motion profile; empty if the motion is that of a recorded track.
-    track : Reading of Trajectory or None
-        Track that the motion is a simulated replica of.
-    residual : Residual or None
-        How far the replica is from its track.
-    """
+    """A motion to be measured."""
 
     name: str
     purpose: str
     truth: Truth
-    profile: str = ""
-    track: Reading[Trajectory] | None = None
-    residual: Residual | None = None
+    profile: str = ""  # text of the motion profile; empty if the motion is that of a recorded track
+    track: Reading[Trajectory] | None = None  # track that the motion is a simulated replica of
+    residual: Residual | None = None  # how far the replica is from its track
 
     @property
     def source(self) -> dict[str, str]:
@@ -92,36 +61,18 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Everything a simulation is made from.
-
-    Attributes
-    ----------
-    motion : Motion
-    imu, gps : ImuSpec, GpsSpec or None
-        Sensors; None for ideal ones.
-    seed : int
-        Random seed.
-    rate : float
-        Of the IMU [Hz].
-    sampling : {"mean", "instant", "increment"}
-        What its samples are.
-    faults : tuple of Fault
-        What goes wrong.
-    temperature : tuple of float or None
-        Of the IMU at the start and at the end [deg C].
-    configuration : mapping
-        Options as given.
-    """
+    """Everything a simulation is made from."""
 
     motion: Motion
+    # sensors; None for ideal ones
     imu: ImuSpec | None
     gps: GpsSpec | None
-    seed: int = 1
-    rate: float = 100.0
-    sampling: Sampling = "mean"
-    faults: tuple[Fault, ...] = ()
-    temperature: tuple[float, float] | None = None
-    configuration: Mapping[str, Any] = field(default_factory=dict)
+    seed: int = 1  # random seed
+    rate: float = 100.0  # of the IMU [Hz]
+    sampling: Sampling = "mean"  # what its samples are
+    faults: tuple[Fault, ...] = ()  # what goes wrong
+    temperature: tuple[float, float] | None = None  # of the IMU at the start and at the end [deg C]
+    configuration: Mapping[str, Any] = field(default_factory=dict)  # options as given
 
     @property
     def truth(self) -> Truth:
@@ -208,18 +159,7 @@ def profiled(name: str | Path, seed: int) -> Motion:
 def replica(source: Path) -> Motion:
     """Motion of a recorded track: the smoothed solution of a run folder, or its solution, or a file.
 
-    Parameters
-    ----------
-    source : Path
-
-    Returns
-    -------
-    Motion
-
-    Raises
-    ------
-    InputError
-        The folder holds no solution, or the track cannot be used.
+    Raises: InputError: the folder holds no solution, or the track cannot be used.
     """
     track = source
     if source.is_dir():

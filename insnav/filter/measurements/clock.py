@@ -21,17 +21,9 @@ def clock_offset(time: FloatArray, speed: FloatArray, log_time: FloatArray, log_
 
     On a way that repeats itself several shifts are alike; clocks that agree within seconds then decide.
 
-    Parameters
-    ----------
-    time, speed : (n,) array
-        Times [s] and speed known [m/s].
-    log_time, log_speed : (m,) array
-        The same by the log; any unit of speed.
-
-    Returns
-    -------
-    float or None
-        Time by the log minus time [s]; None if no shift stands out.
+    `time`, `speed` (n,): times [s] and speed known [m/s]; `log_time`, `log_speed` (m,): the same by the log; any unit
+    of speed.
+    Returns: time by the log minus time [s]; None if no shift stands out.
     """
     a, known_a = _even(time, speed)
     b, known_b = _even(log_time, log_speed)

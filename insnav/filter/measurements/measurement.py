@@ -37,8 +37,6 @@ class Measurement(Protocol):
         Place among the measurements of one time: the lower come first.
     name : str
         Also that of its event, ``gate.<name>``, and of its row in the result.
-    unit : str
-        Unit of the innovation.
     when : {"interval", "fix"}
         Whether it is used every `INTERVAL`, or at the GPS fixes.
     excluded_by : frozenset of str
@@ -60,20 +58,12 @@ class Measurement(Protocol):
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
         """Write predicted minus measured into `z`, (6,), and its derivative by the error states into `h`, (6, n).
 
-        Returns
-        -------
-        slice
-            The rows that hold it; the first of them goes with the first of `sd`.
+        Returns: the rows that hold it; the first of them goes with the first of `sd`.
         """
 
     @classmethod
     def from_drive(cls, first: FirstPass) -> tuple[Self | None, str]:
         """Find from a first pass over the drive what is unknown, and how good the measurement is.
 
-        Returns
-        -------
-        measurement : Self or None
-            None if there is no such sensor, or the drive does not support it.
-        note : str
-            In words; empty if there is nothing to say.
+        Returns: `measurement`: none if there is no such sensor, or the drive does not support it.
         """

@@ -16,17 +16,9 @@ UNCORRELATED = 0.05  # a smaller autocorrelation is that of chance [-]
 def robust_fit(design: FloatArray, values: FloatArray, step: float) -> tuple[FloatArray, FloatArray, float]:
     """Least squares with Huber's weights (P. J. Huber, Robust Statistics, 1981, chapter 7).
 
-    Parameters
-    ----------
-    design, values : (n, k), (n,) array
-    step : float
-        Time between rows [s].
-
-    Returns
-    -------
-    found, residual : (k,), (n,) array
-    sd : float
-        Standard deviation of the first parameter; as many rows count as one as the residuals are correlated over.
+    `design`, `values` (n,); `step`: time between rows [s].
+    Returns: `found`, `residual` (n,); `sd`: standard deviation of the first parameter; as many rows count as one as the
+    residuals are correlated over.
     """
     weight = np.ones(values.shape[0])
     found: FloatArray = np.zeros(design.shape[1])

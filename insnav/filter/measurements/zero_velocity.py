@@ -56,13 +56,8 @@ def find_stops(imu: ImuData, gps: GpsData, spec: ImuSpec) -> tuple[FloatArray, F
 
     Fixes are in the time of the samples.
 
-    Returns
-    -------
-    stops : (k, 2) array
-        Begin and end [s]; none if standing and moving cannot be told apart.
-    rate_sd : (3,) array
-        Standard deviation of the mean gyro output over `INTERVAL` at a stop [rad/s].
-    note : str
+    Returns: `stops` (k, 2): begin and end [s]; none if standing and moving cannot be told apart; `rate_sd` (3,):
+    standard deviation of the mean gyro output over `INTERVAL` at a stop [rad/s].
     """
     none = np.empty((0, 2))
     no_sd = np.full(3, np.inf)

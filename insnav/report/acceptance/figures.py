@@ -13,10 +13,7 @@ from insnav.report.style import AXIS_COLOURS, BLACK, GREY, Clock, legend_above, 
 def draw_stability(sensors: Sequence[tuple[str, Sequence[Stability], tuple[str, float]]]) -> Figure:
     """Draw the means of the parts, less the mean of all.
 
-    Parameters
-    ----------
-    sensors : sequence of (str, sequence of Stability, (str, float))
-        Name, stabilities from the shortest parts to the longest, and unit with its factor to SI.
+    `sensors`: name, stabilities from the shortest parts to the longest, and unit with its factor to SI.
     """
     lengths = ", ".join(f"{each.length:g}" for each in sensors[0][1])
     note = f"means over parts of {lengths} s, less that of the whole record; their scatter is the bias stability"

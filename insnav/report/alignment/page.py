@@ -92,10 +92,7 @@ def _heading(found: Alignment) -> str:
 def frame(result: Result[FineAlignment]) -> pd.DataFrame:
     """Give coarse and fine attitude as a table.
 
-    Returns
-    -------
-    pandas.DataFrame
-        One row a step: ``time_s``, ``roll_deg``, ``heading_deg``, …
+    Returns: one row a step: ``time_s``, ``roll_deg``, ``heading_deg``, ….
     """
     steps = {"coarse": result.found.coarse, "fine": result.found.fine}
     return rows_frame(

@@ -43,17 +43,8 @@ def shares(budget: Budget) -> FloatArray:
 def draw_budget(budget: Budget, title: str, note: str, columns: Table, sources: Table, notes: Sequence[str]) -> Figure:
     """Draw the page.
 
-    Parameters
-    ----------
-    budget : Budget
-    title, note : str
-        Headline, and a line below it.
-    columns : Table
-        The errors at the chosen times.
-    sources : Table
-        What each family does, in the order of `ranked`, sums below; the share is drawn as a bar behind the last column.
-    notes : sequence of str
-        Validity and assumptions, one line each.
+    `sources`: what each family does, in the order of `ranked`, sums below; the share is drawn as a bar behind the last
+    column.
     """
     heights = [_CURVES, _ROW * (len(columns.rows) + 3), _ROW * (len(sources.rows) + 3), _NOTE * (len(notes) + 2)]
     height = _TOP + sum(heights) + _GAP + 0.2

@@ -84,26 +84,14 @@ def budget_figure(budget: Budget) -> Figure:
 def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: TableFormat) -> None:
     """Write ``budget.pdf``.
 
-    Parameters
-    ----------
-    result : Result of BudgetStudy
-    folder : RunFolder
-        Entered, not committed.
-    table_format : {"csv", "parquet"}
-        Not used: a budget has no tables of its own.
+    `folder`: entered, not committed; `table_format` {"csv", "parquet"}: not used: a budget has no tables of its own.
     """
     with drawing():
         save(budget_figure(result.found.budget), folder.path("budget"), "pdf")
 
 
 def frame(result: Result[BudgetStudy]) -> pd.DataFrame:
-    """Give the contributions to the horizontal error as a table.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row a family of sources, the largest first.
-    """
+    """Give the contributions to the horizontal error as a table."""
     return rows_frame(contributions_rows(result.found.budget))
 
 

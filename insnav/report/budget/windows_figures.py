@@ -20,16 +20,7 @@ _GUIDES = (("t", 1.0), ("t²", 2.0), ("t³", 3.0))
 
 
 def draw_growth(part: RecordedPart, kind: str, reference: str) -> Figure:
-    """Draw North, East and horizontal error over the time without fixes, the last also on logarithmic axes.
-
-    Parameters
-    ----------
-    part : RecordedPart
-    kind : str
-        Of windows, in words.
-    reference : str
-        What the error is against.
-    """
+    """Draw North, East and horizontal error over the time without fixes, the last also on logarithmic axes."""
     windows, curve = part.windows, part.curve
     figure = blank(
         9.6,
@@ -125,14 +116,7 @@ def _guides(panel: Axes, times: FloatArray, rms: FloatArray) -> None:
 
 
 def draw_causes(part: RecordedPart, kind: str) -> Figure:
-    """Draw velocity, effective acceleration and drift of each window that was fitted, with the filter's sd.
-
-    Parameters
-    ----------
-    part : RecordedPart
-    kind : str
-        Of windows, in words.
-    """
+    """Draw velocity, effective acceleration and drift of each window that was fitted, with the filter's sd."""
     diagnosis = part.diagnosis
     windows = diagnosis.windows
     figure, panels = stacked(
@@ -175,14 +159,7 @@ def draw_causes(part: RecordedPart, kind: str) -> Figure:
 
 
 def draw_regression(part: RecordedPart, kind: str) -> Figure:
-    """Draw the size of North and East errors over what was predicted for them.
-
-    Parameters
-    ----------
-    part : RecordedPart
-    kind : str
-        Of windows, in words.
-    """
+    """Draw the size of North and East errors over what was predicted for them."""
     line = part.regression
     interval = f" ({line.low:.2f} to {line.high:.2f})" if np.isfinite(line.low) else ""
     figure = blank(

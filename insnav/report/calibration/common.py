@@ -20,15 +20,7 @@ from insnav.units import DEG, G0
 def quality_rows(
     fits: Mapping[str, Fit], unit: str, settings: Mapping[str, Sequence[str]], factor: float = 1.0
 ) -> tuple[tuple[Quantity, ...], ...]:
-    """How well each fit holds: scatter, worst residual, condition.
-
-    Parameters
-    ----------
-    settings : mapping of str to sequence of str
-        What was set in each row of each fit, in words.
-    factor : float
-        From the unit of the fits to that shown.
-    """
+    """How well each fit holds: scatter, worst residual, condition."""
     return tuple(
         (
             Quantity("name", name, meaning="fit"),

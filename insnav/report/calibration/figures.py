@@ -16,35 +16,18 @@ from insnav.types import BoolArray, FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """Points of one panel.
+    """Points of one panel."""
 
-    Attributes
-    ----------
-    label : str
-        Of the vertical axis, unit in brackets.
-    setting, residual : (n,) array
-        Where, and how far from the model.
-    used : (n,) bool array
-        Whether the fit used it; others are drawn as crosses.
-    sd : float
-        Standard deviation to draw as a band, zero for none.
-    """
-
-    label: str
+    label: str  # of the vertical axis, unit in brackets
+    # (n,) where, and how far from the model
     setting: FloatArray
     residual: FloatArray
-    used: BoolArray
-    sd: float = 0.0
+    used: BoolArray  # (n,) whether the fit used it; others are drawn as crosses
+    sd: float = 0.0  # standard deviation to draw as a band, zero for none
 
 
 def draw_residuals(series: Sequence[Series], setting: str, title: str, note: str = "") -> Figure:
-    """Draw residuals over what was set, one panel a sensor.
-
-    Parameters
-    ----------
-    setting : str
-        Label of the horizontal axis, unit in brackets.
-    """
+    """Draw residuals over what was set, one panel a sensor."""
     figure, panels = stacked(len(series), title, note, height=2.6 + 1.6 * len(series))
     for row, (axes,), item in zip(range(len(series)), panels, series, strict=True):
         colour = AXIS_COLOURS[row % 3]
@@ -76,12 +59,7 @@ def draw_line(
 ) -> Figure:
     """Draw points and the lines through the origin fitted to them, residuals below.
 
-    Parameters
-    ----------
-    panels : sequence of (str, (n,) array, (n,) array, float)
-        Label of the vertical axis, abscissa, ordinate, and slope.
-    across : sequence of str
-        Labels of the horizontal axes.
+    `panels` (n,): label of the vertical axis, abscissa, ordinate, and slope.
     """
     figure = blank(9.6, 5.2, title, note)
     grid = {"wspace": 0.3, "hspace": 0.12, "height_ratios": (2.2, 1.0)}

@@ -11,13 +11,7 @@ from insnav.units import DEG, G0
 
 
 def triad_section(key: str, title: str, triad: Triad, counts: bool) -> Section:
-    """Bias, scale factor and misalignment of three sensors with their standard deviations; matrices in JSON.
-
-    Parameters
-    ----------
-    counts : bool
-        The record is in raw units.
-    """
+    """Bias, scale factor and misalignment of three sensors with their standard deviations; matrices in JSON."""
     accel = key == "accel"
     si, shown = ("m/s^2", "mg") if accel else ("rad/s", "deg/s")
     bias_unit, matrix_unit = ("counts", f"counts/({si})") if counts else (si, "")
@@ -60,12 +54,7 @@ def _row(name: str, value: Quantity) -> tuple[Quantity, ...]:
 def g_section(sensitivity: FloatArray, sd: FloatArray, counts: bool) -> Section:
     """g-sensitivity of the gyros.
 
-    Parameters
-    ----------
-    sensitivity, sd : (3, 3) array
-        And standard deviation, unit of the record per m/s^2.
-    counts : bool
-        The record is in raw units.
+    `sensitivity`, `sd` (3, 3): and standard deviation, unit of the record per m/s^2.
     """
     unit, per = ("counts/g", G0) if counts else ("deg/s/g", G0 / DEG)
     rows = tuple(

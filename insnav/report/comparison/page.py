@@ -69,10 +69,7 @@ def write_files(result: Result[Comparison], folder: RunFolder, table_format: Tab
 def frame(result: Result[Comparison]) -> pd.DataFrame:
     """Give the accuracy of every solution as a table, one row a solution.
 
-    Returns
-    -------
-    pandas.DataFrame
-        ``run``, ``solution``, and RMS errors with their unit in the name.
+    Returns: ``run``, ``solution``, and RMS errors with their unit in the name.
     """
     import pandas as pd
 
@@ -82,13 +79,7 @@ def frame(result: Result[Comparison]) -> pd.DataFrame:
 
 
 def comparison_lines(found: Comparison) -> list[str]:
-    """Lay out a comparison for the terminal: a heading, one line a solution, and what the columns are.
-
-    Returns
-    -------
-    list of str
-        What the reference does not know is left out.
-    """
+    """Lay out a comparison for the terminal: a heading, one line a solution, and what the columns are."""
     (table,) = section_tables(_section(found))
     units = {" [deg]": " °", " [": " ", "]": ""}  # 110 columns are no room for brackets
     headings = [reduce(lambda text, unit: text.replace(unit, units[unit]), units, name) for name in table.columns]

@@ -23,12 +23,7 @@ _SENSORS = (("Allan deviation of the gyros [deg/h]", DEG_PER_H), ("Allan deviati
 def draw_allan(allan: AllanDeviation, models: Sequence[NoiseModel | None], title: str) -> Figure:
     """Draw the deviations of six axes with 95 % intervals, their models, and guides of every slope.
 
-    Parameters
-    ----------
-    allan : AllanDeviation
-        Columns gyro x, y, z, accelerometer x, y, z.
-    models : sequence of NoiseModel or None
-        One for each; None is not drawn.
+    `models`: one for each; None is not drawn.
     """
     note = "points: overlapping Allan deviation with 95 % intervals; lines: fitted model; grey: slopes of Q, N, B, K, R"
     figure = blank(8.4, 9.4, title, note)

@@ -52,13 +52,7 @@ def noise_quantity(
 ) -> Quantity:
     """One noise coefficient of a gyro or an accelerometer.
 
-    Parameters
-    ----------
-    term : {"Q", "N", "B", "K", "GM", "R"}
-    value, sd, interval : float
-        In SI.
-    si : bool
-        Shown in SI, not in the unit usual for it.
+    `term` {"Q", "N", "B", "K", "GM", "R"}; `si`: shown in SI, not in the unit usual for it.
     """
     key, label, *units = _TERMS[term]
     return Quantity(key, value, units[0 if gyro else 1][1 if si else 0], sd, interval, label)

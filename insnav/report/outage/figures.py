@@ -16,17 +16,7 @@ _POINTS = 24  # times at which the windows are summed up
 
 
 def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], reference: str) -> Figure:
-    """Draw horizontal and vertical error over the time without fixes.
-
-    Parameters
-    ----------
-    windows : sequence of Outage
-        All windows.
-    sums : sequence of Growth
-        What they amount to at the end of each length.
-    reference : str
-        What the error is against.
-    """
+    """Draw horizontal and vertical error over the time without fixes."""
     longest = max(window.length for window in windows)
     chosen = [window for window in windows if window.length == longest]
     figure, panels = stacked(

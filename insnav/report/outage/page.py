@@ -88,11 +88,5 @@ def _table(component: str, growth: Sequence[Growth], rows: Sequence[tuple[Quanti
 
 
 def frame(result: Result[OutageStudy]) -> pd.DataFrame:
-    """Give the errors at the end of the windows as a table.
-
-    Returns
-    -------
-    pandas.DataFrame
-        One row a length.
-    """
+    """Give the errors at the end of the windows as a table."""
     return rows_frame(_row(each) for each in result.found.growth)

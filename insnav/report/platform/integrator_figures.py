@@ -90,10 +90,7 @@ def draw_convergence(found: Sequence[Convergence]) -> Figure:
 def draw_flight_errors(found: Mapping[float, Sequence[TrajectoryErrors]], motion: str) -> Figure:
     """Draw the position error of each integrator against truth, a panel for each sampling rate.
 
-    Parameters
-    ----------
-    found : mapping of float to sequence of TrajectoryErrors
-        By sampling rate [Hz], in the order of `INTEGRATORS`.
+    `found`: by sampling rate [Hz], in the order of `INTEGRATORS`.
     """
     figure, panels = stacked(
         len(found), "Integrators against truth", f"{motion}; horizontal position error", height=1.3 + 2.2 * len(found)

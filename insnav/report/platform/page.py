@@ -150,14 +150,8 @@ def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section,
 def periods_section(records: Mapping[str, FloatArray], time: FloatArray, lat: float, height: float) -> Section:
     """Periods found in records of position errors at rest, and those of theory.
 
-    Parameters
-    ----------
-    records : mapping of str to (n, 2) array
-        Errors North, East [m] by name.
-    time : (n,) array
-        Since the start [s].
-    lat, height : float
-        Latitude [rad] and height [m].
+    `records` (n, 2): errors North, East [m] by name; `time` (n,): since the start [s]; `lat`, `height`: latitude [rad]
+    and height [m].
     """
     expected = periods(lat, height)
     found = {name: measured_periods(time, position, lat, height) for name, position in records.items()}

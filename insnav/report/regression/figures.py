@@ -45,18 +45,7 @@ _AXES = (("north", "east", "down"), ("north", "east", "down"), ("roll", "pitch",
 
 
 def draw_history(history: Sequence[Entry], baseline: Baseline | None, metric: Metric) -> Figure | None:
-    """Draw one figure of merit over the versions, a panel for every case.
-
-    Parameters
-    ----------
-    history : sequence of Entry
-        Oldest first, at least one.
-
-    Returns
-    -------
-    Figure or None
-        None if no case has it.
-    """
+    """Draw one figure of merit over the versions, a panel for every case."""
     last = history[-1]
     names = [name for name, metrics in last.metrics.items() if metric.key in metrics]
     if not names:
@@ -164,15 +153,7 @@ class Line:
 def fitted(predicted: FloatArray, actual: FloatArray) -> Line | None:
     """Regress the logarithm of the actual error on that of the predicted one, by least squares.
 
-    Parameters
-    ----------
-    predicted, actual : (n,) array
-        Above zero.
-
-    Returns
-    -------
-    Line or None
-        None with fewer than three points.
+    `predicted`, `actual` (n,): above zero.
     """
     if len(predicted) < 3:
         return None
@@ -193,10 +174,7 @@ def fitted(predicted: FloatArray, actual: FloatArray) -> Line | None:
 def draw_predicted(cases: Mapping[str, CaseResult]) -> Figure | None:
     """Draw the actual error over the predicted standard deviation, with the regression line.
 
-    Parameters
-    ----------
-    cases : mapping of str to CaseResult
-        Each gives eight points, one a part of its drives, for every axis.
+    `cases`: each gives eight points, one a part of its drives, for every axis.
     """
     known = [case.measured.spread for case in cases.values() if case.measured is not None]
     if not known:

@@ -47,22 +47,8 @@ def write_pages(
 ) -> list[Path]:
     """Draw everything into a folder.
 
-    Parameters
-    ----------
-    folder : Path
-        Made if need be; files of the same names are replaced.
-    history : sequence of Entry
-        Oldest first.
-
-    Returns
-    -------
-    list of Path
-        The files.
-
-    Raises
-    ------
-    OutputError
-        They cannot be written.
+    `folder`: made if need be; files of the same names are replaced.
+    Raises: OutputError: they cannot be written.
     """
     page = regression_page(result, baseline, comparison, now, peers)
     drawn = []

@@ -101,12 +101,7 @@ def peer_section(peers: Sequence[PeerRow]) -> Section:
 def regression_lines(
     result: Result, comparison: Comparison | None, baseline: Baseline | None, peers: Sequence[PeerRow] = ()
 ) -> list[str]:
-    """Write the result of a run for the terminal.
-
-    Returns
-    -------
-    list of str
-    """
+    """Write the result of a run for the terminal."""
     below = ["", *_text(peer_section(peers))] if peers else []
     lines = _text(case_section(result, comparison))
     if comparison is None or baseline is None:

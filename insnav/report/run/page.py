@@ -52,14 +52,7 @@ def page(result: Result[EvaluatedRun]) -> Page:
 
 
 def run_summary(found: EvaluatedRun, reference: str) -> tuple[str, ...]:
-    """Say how accurate a run is, and how sure of itself.
-
-    Parameters
-    ----------
-    found : EvaluatedRun
-    reference : str
-        What the errors are against.
-    """
+    """Say how accurate a run is, and how sure of itself."""
     errors, smoothed = found.errors, found.smoothed_errors
     if errors is None:
         return ("No reference was given: the accuracy is not known.",)
@@ -122,12 +115,7 @@ def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
 def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: TableFormat) -> None:
     """Write solution, fixes, innovations, errors, sensor errors, IMU model, events and track.
 
-    Parameters
-    ----------
-    result : Result of EvaluatedRun
-    folder : RunFolder
-        Entered, not committed.
-    table_format : {"csv", "parquet"}
+    `folder`: entered, not committed; `table_format` {"csv", "parquet"}.
     """
     found, run, place = result.found, result.found.run, folder.directory
     write_run_table(place, run.solution, table_format)
@@ -151,9 +139,6 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: T
 def frame(result: Result[EvaluatedRun]) -> pd.DataFrame:
     """Give the solution as a table.
 
-    Returns
-    -------
-    pandas.DataFrame
-        Columns as in ``solution.csv``.
+    Returns: columns as in ``solution.csv``.
     """
     return result.found.run.solution.to_frame()

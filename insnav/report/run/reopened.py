@@ -30,10 +30,7 @@ from insnav.units import DEG, DEG_PER_H
 def read_found(folder: Path) -> EvaluatedRun:
     """Read a run from its folder; covariances between filter epochs and the short-duration windows are not kept.
 
-    Raises
-    ------
-    InputError
-        A table is missing or damaged.
+    Raises: InputError: a table is missing or damaged.
     """
     facts = read_facts(folder)
     try:

@@ -23,17 +23,7 @@ _LATE = 0.02  # an offset of the clocks that matters [s]
 def summary_lines(facts: Mapping[str, Any], folder: Path | None = None) -> list[str]:
     """Sum up a run on one screen.
 
-    Parameters
-    ----------
-    facts : mapping
-        Content of ``run.json``.
-    folder : Path, optional
-        Where the files are.
-
-    Returns
-    -------
-    list of str
-        At most `LINES` lines of at most `WIDTH` characters.
+    `facts`: content of ``run.json``.
     """
     lines: list[str] = []
     for kind, reading in facts.get("input", {}).items():

@@ -46,22 +46,9 @@ _COUNTS = ("positions", "rejected", "resets")
 def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> tuple[Path, Page]:
     """Write an ensemble of runs and put its folder in its place.
 
-    Parameters
-    ----------
-    folder : RunFolder
-        Entered, not committed.
-    runs : Runs
-        What the runs came to, as `insnav.errors.ensemble.NavigatedRecording` makes them.
-
-    Returns
-    -------
-    Path, Page
-        The finished folder, and its report.
-
-    Raises
-    ------
-    InputError
-        Every run failed.
+    `folder`: entered, not committed; `runs`: what the runs came to, as `insnav.errors.ensemble.NavigatedRecording`
+    makes them.
+    Raises: InputError: every run failed.
     """
     found = ensemble(runs, plan.truth)
     write_table(folder.path("runs.csv"), _rows(runs))
@@ -137,10 +124,7 @@ def ensemble_lines(page: Page, out: Path) -> list[str]:
 def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[str, ...]:
     """Say why the stated position is too good, if it is and the errors of the receiver explain it.
 
-    Parameters
-    ----------
-    nees : mapping of str to float
-        Mean per axis, by group.
+    `nees`: mean per axis, by group.
     """
     if gps is None or nees.get("position", 1.0) < _TOO_GOOD:
         return ()

@@ -65,13 +65,7 @@ def draw_ensemble(found: Ensemble, runs: int) -> Figure:
 
 
 def draw_nees(found: Ensemble) -> Figure:
-    """Draw the mean normalised error squared of position, velocity and attitude over time.
-
-    Parameters
-    ----------
-    found : Ensemble
-        Of runs with fixes.
-    """
+    """Draw the mean normalised error squared of position, velocity and attitude over time."""
     clock = Clock.of(found.nees_time)
     low, high = band(3 * found.nees_count)
     share = inside(found).mean(axis=0)

@@ -58,15 +58,7 @@ _SAMPLES = {"mean": "means over their interval", "instant": "values at an instan
 def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Path, Page]:
     """Write a simulated recording and put its folder in its place.
 
-    Parameters
-    ----------
-    folder : RunFolder
-        Entered, not committed.
-
-    Returns
-    -------
-    Path, Page
-        The finished folder, and its report.
+    `folder`: entered, not committed.
     """
     write_data(folder.path("imu.csv"), made.imu)
     write_data(folder.path("gps.csv"), made.gps)
@@ -179,10 +171,7 @@ def plan_key(plan: Plan) -> str:
 def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile]) -> Path:
     """Draw a sketch of every profile into a folder and put it in its place.
 
-    Parameters
-    ----------
-    folder : RunFolder
-        Entered, not committed.
+    `folder`: entered, not committed.
     """
 
     def draw(profile: MotionProfile) -> Figure:
@@ -221,10 +210,7 @@ def _realisation(errors: ImuErrors) -> Section:
 def run_command(plan: Plan, lever_b: FloatArray, motion: Kinematics) -> str:
     """Command that navigates the recording, from inside its folder.
 
-    Parameters
-    ----------
-    lever_b : (3,) array
-        Antenna seen from the IMU, body axes [m].
+    `lever_b` (3,): antenna seen from the IMU, body axes [m].
     """
     words = ["insnav", "run", "imu.csv", "--gps", "gps.csv", "--ref", "ref.csv"]
     if np.any(lever_b):

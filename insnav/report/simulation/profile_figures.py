@@ -33,10 +33,7 @@ _AT_REST = 0.01  # largest speed of a motion whose sketch shows rates instead [m
 def draw_simulated_track(time: FloatArray, motion: Kinematics, name: str) -> Figure:
     """Draw the track seen from above, coloured by speed.
 
-    Parameters
-    ----------
-    time : (n,) array
-        [s].
+    `time` (n,) [s].
     """
     step = max(1, len(time) // _TRACK_POINTS)
     rows = np.unique(np.append(np.arange(0, len(time), step), len(time) - 1))
@@ -66,10 +63,7 @@ def draw_simulated_track(time: FloatArray, motion: Kinematics, name: str) -> Fig
 def draw_motion(time: FloatArray, motion: Kinematics, name: str) -> Figure:
     """Draw speed, height, attitude, angular rate and specific force over time.
 
-    Parameters
-    ----------
-    time : (n,) array
-        [s].
+    `time` (n,) [s].
     """
     tilt, rate = np.degrees(motion.rph[:, :2]).T, np.degrees(motion.w_ib_b).T
     rows = (
@@ -95,10 +89,7 @@ def draw_motion(time: FloatArray, motion: Kinematics, name: str) -> Figure:
 def draw_sketch(time: FloatArray, motion: Kinematics, name: str, purpose: str) -> Figure:
     """Draw the track and the speed side by side: enough to choose a profile by.
 
-    Parameters
-    ----------
-    time : (n,) array
-        [s].
+    `time` (n,) [s].
     """
     clock = Clock.of(time)
     figure = blank(8.4, 3.2, name, purpose)

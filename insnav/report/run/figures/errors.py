@@ -43,15 +43,8 @@ def sample_errors(
 ) -> Figure:
     """Draw three errors over time, and the ±3 sd that the solution states.
 
-    Parameters
-    ----------
-    errors : TrajectoryErrors
-    group : {"position", "velocity", "attitude"}
-    clock : Clock
-    spans : sequence of (float, float)
-        Times without fixes, to shade [s].
-    smoothed : TrajectoryErrors, optional
-        Errors of the smoothed solution, drawn over those of the filter.
+    `group` {"position", "velocity", "attitude"}; `spans`: times without fixes, to shade [s]; `smoothed`: errors of the
+    smoothed solution, drawn over those of the filter.
     """
     unit = 180.0 / np.pi if group == "attitude" else 1.0
     value: FloatArray = unit * getattr(errors, group)

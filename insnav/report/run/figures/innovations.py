@@ -17,13 +17,7 @@ _VELOCITY_GATE = (EventKind.GATE_VELOCITY, EventKind.DEWEIGHTED_VELOCITY)
 
 
 def draw_innovations(run: Run) -> Figure:
-    """Draw the innovations of position and velocity in their ±3 sd, and the NIS against its gate.
-
-    Parameters
-    ----------
-    run : Run
-        With at least one fix.
-    """
+    """Draw the innovations of position and velocity in their ±3 sd, and the NIS against its gate."""
     fixes = run.innovations
     groups = [
         (first, name, unit, used, nis, gate)

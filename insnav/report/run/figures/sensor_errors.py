@@ -19,13 +19,7 @@ _GROUPS = (
 
 
 def draw_sensor_errors(run: Run) -> Figure:
-    """Draw the estimated biases and scale factor errors.
-
-    Parameters
-    ----------
-    run : Run
-        With at least one estimate.
-    """
+    """Draw the estimated biases and scale factor errors."""
     estimated = run.sensor_errors
     groups = [g for g in _GROUPS if np.isfinite(estimated.value[:, g[3] : g[3] + 3]).any()]
     clock = Clock.of(run.solution.time)

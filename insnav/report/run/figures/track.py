@@ -19,11 +19,7 @@ POINTS = 20000
 def draw_track(run: Run, gps: GpsData | None) -> Figure:
     """Draw the track seen from above.
 
-    Parameters
-    ----------
-    run : Run
-    gps : GpsData or None
-        The fixes, if there are any.
+    `gps`: the fixes, if there are any.
     """
     solution = run.solution
     stride = max(1, len(solution.time) // POINTS)
