@@ -120,7 +120,7 @@ def _decided(ready: Prepared, first: Run) -> Reconciled:
 
     if first.smoothed is None:
         return Reconciled(first)
-    return reconcile(first, ready.gps, ready.settings.delay, ready.settings.gates, again)
+    return reconcile(first, ready.gps, ready.settings, again)
 
 
 def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> Prepared:

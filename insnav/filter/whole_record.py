@@ -25,7 +25,8 @@ from scipy.special import chdtri
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter.gates import Gates, Trust
-from insnav.types import BoolArray, EventKind, FloatArray, GpsData, Run
+from insnav.filter.settings import FilterSettings
+from insnav.types import BoolArray, EventKind, FloatArray, GpsData, IntArray, Run
 
 OPEN = Gates(max_sd=np.inf, max_speed=np.inf, probability=1.0, reset_after=np.inf)  # no gate: the weights decide
 SCHEDULE = (100.0, 30.0, 10.0, 3.0, 1.0)  # control parameter of the surrogate, from nearly convex to strict
@@ -65,20 +66,14 @@ class Reconciled:
     notes: tuple[str, ...] = ()  # which fixes were found false
 
 
-def residuals(run: Run, gps: GpsData, delay: float) -> Residuals:
-    """Compare fixes with the smoothed track.
-
-    `delay`: how much older the fixes are than their timestamps, as far as it was given and not estimated [s].
-    """
+def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> Residuals:
+    """Compare fixes with the smoothed track, velocities with that of the time they are of."""
     assert run.smoothed is not None
     track = run.smoothed.solution
     assert track.sd is not None
-    time = gps.time - delay
-    after = np.clip(np.searchsorted(track.time, time), 1, track.time.shape[0] - 1)
-    part = (time - track.time[after - 1]) / (track.time[after] - track.time[after - 1])
-    part = np.clip(part, 0.0, 1.0)[:, None]
-    lla = track.lla[after - 1] + part * (track.lla[after] - track.lla[after - 1])
-    v_n = track.v_n[after - 1] + part * (track.v_n[after] - track.v_n[after - 1])
+    time = gps.time - settings.delay
+    after, lla = _between(track.time, track.lla, time)
+    _, v_n = _between(track.time, track.v_n, time - settings.velocity_lag)
     antenna = lla_offset(lla, (dcm_from_rph(track.rph[after]) @ run.lever_b[:, None])[:, :, 0])
     position, velocity = ned_offset(gps.lla, antenna), gps.v_n - v_n
     outside = (time < track.time[0] - ENDS) | (time > track.time[-1] + ENDS)
@@ -92,23 +87,31 @@ def residuals(run: Run, gps: GpsData, delay: float) -> Residuals:
     )
 
 
+def _between(time: FloatArray, values: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Row behind each wanted time, and the values there on straight lines, constant beyond the ends."""
+    after = np.clip(np.searchsorted(time, wanted), 1, time.shape[0] - 1)
+    part = np.clip((wanted - time[after - 1]) / (time[after] - time[after - 1]), 0.0, 1.0)[:, None]
+    return after, values[after - 1] + part * (values[after] - values[after - 1])
+
+
 def reconcile(
-    first: Run, gps: GpsData, delay: float, gates: Gates, again: Callable[[GpsData, Trust | None, float], Run]
+    first: Run, gps: GpsData, settings: FilterSettings, again: Callable[[GpsData, Trust | None, float], Run]
 ) -> Reconciled:
     """Find the fixes that the whole record contradicts, where filter and smoother contradict each other.
 
-    `gates`: of the first run; a residual that they call small is never false; `again`: navigates once more: fixes,
-    which of them to leave out, and a standard deviation to be added to the first position [m].
+    `settings`: of the first run; a residual that its gates call small is never false; `again`: navigates once more:
+    fixes, which of them to leave out, and a standard deviation to be added to the first position [m].
     Returns: the first run itself, bit for bit, where nothing contradicts it.
     """
+    gates = settings.gates
     scale = _scale(first.innovations.nis_position), _scale(first.innovations.nis_velocity)
-    if not _contradicted(first, gps, delay, residuals(first, gps, delay), scale, gates):
+    if not _contradicted(first, gps, settings, residuals(first, gps, settings), scale):
         return Reconciled(first)
     n = gps.time.shape[0]
     alone = not np.isfinite(gps.v_n).any()
     weights = np.full(n, ALONE if alone else FIRST[0]), np.full(n, FIRST[1])
     for strictness in SCHEDULE:
-        found = residuals(again(_weighted(gps, *weights), None, OPEN_START), gps, delay)
+        found = residuals(again(_weighted(gps, *weights), None, OPEN_START), gps, settings)
         squares = found.square_position / scale[0], found.square_velocity / scale[1]
         weights = _geman_mcclure(squares[0], strictness), _geman_mcclure(squares[1], strictness)
     size = np.linalg.norm(found.position, axis=1), np.linalg.norm(found.velocity, axis=1)
@@ -143,12 +146,13 @@ def _before(gps: GpsData, run: Run) -> int:
 
 
 def _contradicted(
-    run: Run, gps: GpsData, delay: float, found: Residuals, scale: tuple[float, float], gates: Gates
+    run: Run, gps: GpsData, settings: FilterSettings, found: Residuals, scale: tuple[float, float]
 ) -> bool:
     """Whether the filter reset, believed a fix that the smoothed track contradicts, or rejected many it supports."""
     if any(event.kind is EventKind.RESET for event in run.events):
         return True
-    rows = np.searchsorted(gps.time - delay, run.innovations.time - 1e-6)
+    gates = settings.gates
+    rows = np.searchsorted(gps.time - settings.delay, run.innovations.time - 1e-6)
     squares = found.square_position[rows] / scale[0], found.square_velocity[rows] / scale[1]
     believed = run.innovations.used_position, run.innovations.used_velocity
     large = (

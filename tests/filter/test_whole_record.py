@@ -98,3 +98,15 @@ def test_what_cannot_be_reconciled_is_said():
     done = navigated(5, gps_drag(gps, 2.0, span(gps, 60.0)))
     assert any("no weighting of the fixes makes them agree" in note for note in done.notes)
     assert false(done) == []
+
+
+def test_a_velocity_that_lags_contradicts_nothing():
+    """A velocity 0.2 s older than its position, as the filter knows, is compared with the track of that time."""
+    gps = recording(5).gps
+    shift = 0.2
+    v_n = np.column_stack(
+        [np.interp(gps.time - shift, recording(5).reference.time, v) for v in recording(5).reference.v_n.T]
+    )
+    noise = np.random.default_rng(3).standard_normal(v_n.shape) * 0.1
+    done = navigated(5, replace(gps, v_n=v_n + noise, velocity_sd=np.full_like(v_n, 0.1)))
+    assert not any("contradict" in note for note in done.notes)
