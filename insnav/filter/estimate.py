@@ -41,11 +41,11 @@ class Estimate:
         self.motion, self.span = start.motion.copy(), np.zeros(1)
         self.history = History(n) if settings.smooth else None
         self._engine = Engine(start.covariance)
-        self._model, self._gps_noise, self._record = model, settings.correlated, record
-        self._sums = np.zeros(errorstate.SUMS)
+        self._gps_noise, self._record = settings.correlated, record
+        self._carried = errorstate.Carried(self.x, self.correction, self.motion, np.zeros(errorstate.SUMS), self.span)
         self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
         self._work = errorstate.scratch(n)
-        self._limit = np.array([SUBSTEP, coast])
+        self._noise = errorstate.Model(np.array([SUBSTEP, coast]), model.noise, GAP_NOISE, model.decay)
         if self.history is not None:
             self.history.epoch(start.time, self.x, self.correction, self._phi, self.covariance)
 
@@ -76,29 +76,11 @@ class Estimate:
             first,
             last,
             close,
-            inc.time,
-            inc.dt,
-            inc.dtheta,
-            inc.dvel,
-            inc.coning,
-            inc.sculling,
-            gap,
-            self.x,
-            self.correction,
-            self.motion,
-            self._sums,
-            self.span,
-            self._limit,
-            self._model.noise,
-            GAP_NOISE,
-            self._model.decay,
-            self._phi,
-            self._q,
-            self.covariance,
-            grid,
-            out.time,
-            out.state,
-            out.variance,
+            errorstate.Samples(inc.time, inc.dt, inc.dtheta, inc.dvel, inc.coning, inc.sculling, gap),
+            self._carried,
+            self._noise,
+            errorstate.Moments(self._phi, self._q, self.covariance),
+            errorstate.Outputs(grid, out.time, out.state, out.variance),
             out.used,
             self._work,
         )

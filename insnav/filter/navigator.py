@@ -23,7 +23,7 @@ from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import SmoothedErrors
 from insnav.filter.state_layout import first_state
-from insnav.kernels.gps_measurement import assess
+from insnav.kernels.gps_measurement import Assessment, Fix, Predicted, assess
 from insnav.kernels.increments import LOOKAHEAD
 from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData, Increments, Run
 
@@ -239,26 +239,21 @@ class Navigator:
         """Innovation of a fix, its covariance, NIS of position and velocity, and their lengths."""
         gps, settings, estimate = self._gps, self._settings, self._estimate
         found: tuple[float, float, float, float] = assess(
-            estimate.x,
-            estimate.motion,
-            estimate.lever,
-            estimate.delay,
+            Predicted(
+                estimate.x,
+                estimate.motion,
+                estimate.lever,
+                estimate.correlated,
+                estimate.delay,
+                estimate.covariance,
+            ),
+            Fix(gps.lla[row], gps.v_n[row], gps.position_sd[row], gps.velocity_sd[row]),
             settings.velocity_lag,
             settings.jitter,
+            settings.correlated.share if settings.correlated is not None else 0.0,
             estimate.at.correlated,
             estimate.at.lever,
-            estimate.correlated,
-            settings.correlated.share if settings.correlated is not None else 0.0,
-            gps.lla[row],
-            gps.v_n[row],
-            gps.position_sd[row],
-            gps.velocity_sd[row],
-            estimate.covariance,
-            self._z,
-            self._h,
-            self._r,
-            self._s,
-            self._sd,
+            Assessment(self._z, self._h, self._r, self._s, self._sd),
         )
         return found
 

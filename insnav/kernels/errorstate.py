@@ -8,6 +8,8 @@ transition matrix has the form ``[[A, B], [0, diag(d)]]`` and only those blocks 
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -18,6 +20,61 @@ from insnav.kernels.mechanization import quaternion_step, step
 SENSOR = 12  # sensor errors
 STATES = NAV + SENSOR
 SUMS = 31  # time, specific force, C_nb, C_nb diag(w), C_nb diag(f), integrated over a sub-step
+
+
+class Samples(NamedTuple):
+    """Increments of intervals; see `insnav.types.Increments`."""
+
+    time: np.ndarray  # (n,) [s]
+    dt: np.ndarray  # (n,) [s]
+    dtheta: np.ndarray  # (n, 3) [rad]
+    dvel: np.ndarray  # (n, 3) [m/s]
+    coning: np.ndarray  # (n, 3) [rad]
+    sculling: np.ndarray  # (n, 3) [m/s]
+    gap: np.ndarray  # (n,) length of the data gap that an interval helps to bridge [s]; 0: measured
+
+
+class Carried(NamedTuple):
+    """What is carried from interval to interval."""
+
+    x: np.ndarray  # (10,) state
+    # (12,) estimated sensor errors: gyro bias [rad/s], accelerometer bias [m/s^2], gyro, accelerometer scale factor [-]
+    correction: np.ndarray
+    # (6,) corrected body rate of the last interval [rad/s], acceleration in n [m/s^2] smoothed over a tenth of a second
+    motion: np.ndarray
+    sums: np.ndarray  # (31,) integrals over the open sub-step
+    span: np.ndarray  # (1,) time since the last filter epoch [s]
+
+
+class Model(NamedTuple):
+    """Noise of the sensors."""
+
+    limit: np.ndarray  # (2,) longest sub-step, and longest time without a filter epoch [s]
+    # (20,) spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors; then the
+    # squared misalignment of gyros and accelerometers times the length of a manoeuvre [rad^2 s]
+    noise: np.ndarray
+    # (4,) how fast rate [rad/s^2] and specific force [m/s^3] may change unseen: a straight line across a gap of length
+    # T leaves an angle or velocity error of about that times T^2; and the most that is assumed of these errors, beyond
+    # which a linear filter makes no sense [rad], [m/s]
+    gap: np.ndarray
+    decay: np.ndarray  # (12,) inverse correlation times of the sensor errors [1/s]
+
+
+class Moments(NamedTuple):
+    """Transition and noise since the last filter epoch, and the covariance there."""
+
+    phi: np.ndarray  # (n, n)
+    q: np.ndarray  # (n, n)
+    p: np.ndarray  # (n, n)
+
+
+class Outputs(NamedTuple):
+    """Rows of the solution; the first variance is negative where none was computed, see `predicted_variance`."""
+
+    grid: np.ndarray  # (3,) next output time, output interval (0: every interval), origin of the grid [s]
+    time: np.ndarray  # (m,) [s]
+    state: np.ndarray  # (m, 10)
+    variance: np.ndarray  # (m, 12)
 
 
 @njit(cache=True)
@@ -38,11 +95,12 @@ def _half_of_the_noise(sums, noise, q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y, ab):  # type: ignore[no-untyped-def]
+def _substep(x, sums, noise, decay, phi, q, work):  # type: ignore[no-untyped-def]
     """Close a sub-step: second-order transition from the sums, folded into `phi` and `q`.
 
     The noise enters by the trapezoid rule, ``Q <- a (Q + q/2) a' + q/2``.
     """
+    f, a, b, d, w, y, _, _, ab = work
     dt = sums[0]
     inv = 1.0 / dt
     f_n = sums[1:4] * inv
@@ -155,36 +213,7 @@ def predicted_variance(phi, p, q, row, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def propagate(  # type: ignore[no-untyped-def]
-    first,
-    last,
-    close,
-    time,
-    dt,
-    dtheta,
-    dvel,
-    coning,
-    sculling,
-    gap,
-    x,
-    correction,
-    motion,
-    sums,
-    span,
-    limit,
-    noise,
-    gap_noise,
-    decay,
-    phi,
-    q,
-    p,
-    grid,
-    out_time,
-    out_state,
-    out_variance,
-    rows,
-    work,
-):
+def propagate(first, last, close, samples, carried, model, moments, out, rows, work):  # type: ignore[no-untyped-def]
     """Carry state, transition and noise through intervals `first` to `last` - 1.
 
     Parameters
@@ -193,38 +222,14 @@ def propagate(  # type: ignore[no-untyped-def]
         Range of intervals.
     close : bool
         A filter epoch follows: end the sub-step at `last`. Otherwise it stays open for the next call.
-    time, dt, dtheta, dvel, coning, sculling, gap
-        Increments, and the length [s] of the gap an interval helps to bridge (0: measured).
-    x : (10,) array
-        State, in place.
-    correction : (12,) array
-        Estimated sensor errors: gyro bias [rad/s], accelerometer bias [m/s^2], gyro, accelerometer scale factor [-].
-    motion : (6,) array
-        Corrected body rate of the last interval [rad/s] and acceleration in n [m/s^2], smoothed over a tenth of a
-        second.
-    sums : (31,) array
-        Integrals over the open sub-step.
-    span : (1,) array
-        Time since the last filter epoch [s].
-    limit : (2,) array
-        Longest sub-step, and longest time without a filter epoch [s].
-    noise : (20,) array
-        Spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors; then the squared
-        misalignment of gyros and accelerometers times the length of a manoeuvre [rad^2 s].
-    gap_noise : (4,) array
-        How fast rate [rad/s^2] and specific force [m/s^3] may change unseen: a straight line across a gap of length T
-        leaves an angle or velocity error of about that times T^2; and the most that is assumed of these errors, beyond
-        which a linear filter makes no sense [rad], [m/s].
-    decay : (12,) array
-        Inverse correlation times of the sensor errors [1/s].
-    phi, q : (n, n) array
-        Accumulated transition and noise, in place.
-    p : (n, n) array
-        Covariance at the last filter epoch.
-    grid : (3,) array
-        Next output time, output interval (0: every interval), origin of the grid [s].
-    out_time, out_state, out_variance : (m,), (m, 10), (m, 12) array
-        Outputs; the first variance is negative where none was computed. See `predicted_variance`.
+    samples : Samples
+    carried : Carried
+        Changed in place.
+    model : Model
+    moments : Moments
+        Transition and noise are accumulated in place.
+    out : Outputs
+        Filled from row `rows` on.
     rows : int
         Number of outputs already written.
     work : tuple of arrays
@@ -233,11 +238,16 @@ def propagate(  # type: ignore[no-untyped-def]
     Returns
     -------
     stop : int
-        First interval not processed: `last`, or earlier if `limit` asks for a filter epoch.
+        First interval not processed: `last`, or earlier if the model's limit asks for a filter epoch.
     rows : int
         Number of outputs written so far.
     """
-    f, a, b, d, w, y, c, row, ab = work
+    time, dt, dtheta, dvel, coning, sculling, gap = samples
+    x, correction, motion, sums, span = carried
+    limit, noise, gap_noise, decay = model
+    phi, q, p = moments
+    grid, out_time, out_state, out_variance = out
+    c, row = work[6], work[7]
     ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
     ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
     for k in range(first, last):
@@ -306,7 +316,7 @@ def propagate(  # type: ignore[no-untyped-def]
                 correction[j] *= np.exp(-sums[0] * decay[j])
             ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
             ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
-            _substep(x, sums, noise, decay, phi, q, f, a, b, d, w, y, ab)
+            _substep(x, sums, noise, decay, phi, q, work)
         if wanted:
             out_time[rows] = time[k]
             for i in range(10):

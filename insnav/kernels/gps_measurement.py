@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -135,51 +137,53 @@ def _by_lever(x, motion, at, h):  # type: ignore[no-untyped-def]
         h[3 + i, at + 2] = c[i, 0] * wy - c[i, 1] * wx
 
 
+class Predicted(NamedTuple):
+    """What the filter believes when a fix arrives; see `antenna`."""
+
+    x: np.ndarray  # (10,) state
+    motion: np.ndarray  # (6,) body rate [rad/s], acceleration in n [m/s^2]
+    lever: np.ndarray  # (3,) antenna seen from the IMU, body axes [m]
+    correlated: np.ndarray  # (3,) time-correlated position error [m]
+    delay: float  # estimated [s]
+    covariance: np.ndarray  # (n, n)
+
+
+class Fix(NamedTuple):
+    """One fix."""
+
+    lla: np.ndarray  # (3,) [rad], [rad], [m]
+    v_n: np.ndarray  # (3,) [m/s]
+    position_sd: np.ndarray  # (3,) [m]
+    velocity_sd: np.ndarray  # (3,) [m/s]
+
+
+class Assessment(NamedTuple):
+    """Filled with what the gates and the filter need."""
+
+    z: np.ndarray  # (6,) predicted minus measured [m], [m/s]
+    h: np.ndarray  # (6, n) its derivative by the error states
+    r: np.ndarray  # (6, 6) covariance of the measurement
+    s: np.ndarray  # (6, 6) covariance of the innovation
+    sd: np.ndarray  # (6,) standard deviation of the innovation; ``NaN`` where nothing was measured
+
+
 @njit(cache=True)
-def assess(  # type: ignore[no-untyped-def]
-    x,
-    motion,
-    lever,
-    delay,
-    lag,
-    jitter,
-    correlated_at,
-    lever_at,
-    correlated,
-    share,
-    lla,
-    v_n,
-    position_sd,
-    velocity_sd,
-    p,
-    z,
-    h,
-    r,
-    s,
-    sd,
-):
+def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, out):  # type: ignore[no-untyped-def]
     """Everything about a fix that the gates and the filter need.
 
     Parameters
     ----------
-    x, motion, lever, delay, lag, lla, v_n, z, h
-        See `antenna`.
+    predicted : Predicted
+    fix : Fix
+    lag : float
+        How much older than its position the velocity of the fix is [s].
     jitter : float
         Standard deviation of the timestamps [s].
-    correlated_at, lever_at : int
-        First state of the time-correlated GPS error and of the lever arm; negative where they are not estimated.
-    correlated : (3,) array
-        Estimate of the time-correlated GPS position error [m].
     share : float
-        Its share of the variance of a fix, which is not white [-].
-    position_sd, velocity_sd : (3,) array
-        Standard deviations of the fix [m], [m/s].
-    p : (n, n) array
-        Covariance.
-    r, s : (6, 6) array
-        Filled with the covariance of the measurement and of the innovation.
-    sd : (6,) array
-        Filled with the standard deviation of the innovation; ``NaN`` where nothing was measured.
+        Share of the time-correlated error in the variance of a fix, which is not white [-].
+    correlated_at, lever_at : int
+        First state of the time-correlated error and of the lever arm; negative where they are not estimated.
+    out : Assessment
 
     Returns
     -------
@@ -188,6 +192,9 @@ def assess(  # type: ignore[no-untyped-def]
     distance, change : float
         Length of the innovation of position [m] and of velocity [m/s].
     """
+    x, motion, lever, correlated, delay, p = predicted
+    lla, v_n, position_sd, velocity_sd = fix
+    z, h, r, s, sd = out
     antenna(x, motion, lever, delay, lag, lla, v_n, z, h)
     if correlated_at >= 0:
         for i in range(3):

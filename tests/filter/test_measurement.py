@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from insnav.kernels.gps_measurement import antenna, assess
+from insnav.kernels.gps_measurement import Assessment, Fix, Predicted, antenna, assess
 from tests.physics import equations as eq
 
 LEVER, LAG, DELAY = np.array([1.2, -0.7, -1.5]), 0.02, 0.03
@@ -96,9 +96,15 @@ class Assessed:
         state = np.concatenate([x.lla, x.v, Rotation.from_matrix(x.c).as_quat(scalar_first=True)])
         motion, white, none = np.concatenate([RATE, ACCELERATION]), 0.0, np.zeros(3)
         self.z, self.h, self.r, self.s, self.sd = (np.empty(n) for n in (6, (6, 21), (6, 6), (6, 6), 6))
-        out = self.z, self.h, self.r, self.s, self.sd
         self.nis_position, self.nis_velocity, self.distance, self.change = assess(
-            state, motion, LEVER, 0.0, LAG, jitter, -1, -1, none, white, lla, velocity + v, sd_p, sd_v, p, *out
+            Predicted(state, motion, LEVER, none, 0.0, p),
+            Fix(lla, velocity + v, sd_p, sd_v),
+            LAG,
+            jitter,
+            white,
+            -1,
+            -1,
+            Assessment(self.z, self.h, self.r, self.s, self.sd),
         )
 
 

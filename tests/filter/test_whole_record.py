@@ -33,6 +33,13 @@ def navigated(seed: int, gps: GpsData) -> Navigated:
     return navigate_recording(recording(seed).imu, gps, load_imu("automotive"), SETTINGS)
 
 
+def without_passes(seed: int, gps: GpsData) -> FloatArray:
+    ready = prepare(recording(seed).imu, gps, load_imu("automotive"), SETTINGS)
+    navigator = ready.navigator()
+    feed(navigator, ready.imu)
+    return navigator.finish().solution.lla
+
+
 def horizontal(seed: int, done: Navigated) -> FloatArray:
     assert done.run.smoothed is not None
     errors = position_errors(done.run.smoothed.solution, recording(seed).reference)
@@ -60,10 +67,7 @@ def false(done: Navigated) -> list[float]:
 def test_nothing_changes_where_nothing_is_contradicted(seed):
     gps = recording(seed).gps
     done = navigated(seed, gps)
-    ready = prepare(recording(seed).imu, gps, load_imu("automotive"), SETTINGS)
-    navigator = ready.navigator()
-    feed(navigator, ready.imu)
-    np.testing.assert_array_equal(done.run.solution.lla, navigator.finish().solution.lla)
+    np.testing.assert_array_equal(done.run.solution.lla, without_passes(seed, gps))
     assert false(done) == []
 
 
@@ -101,12 +105,12 @@ def test_what_cannot_be_reconciled_is_said():
 
 
 def test_a_velocity_that_lags_contradicts_nothing():
-    """A velocity 0.2 s older than its position, as the filter knows, is compared with the track of that time."""
+    """A velocity 0.8 s older than its position, as the filter knows, is compared with the track of that time."""
     gps = recording(5).gps
     shift = 0.2
     v_n = np.column_stack(
         [np.interp(gps.time - shift, recording(5).reference.time, v) for v in recording(5).reference.v_n.T]
     )
     noise = np.random.default_rng(3).standard_normal(v_n.shape) * 0.1
-    done = navigated(5, replace(gps, v_n=v_n + noise, velocity_sd=np.full_like(v_n, 0.1)))
-    assert not any("contradict" in note for note in done.notes)
+    late = replace(gps, v_n=v_n + noise, velocity_sd=np.full_like(v_n, 0.1))
+    np.testing.assert_array_equal(navigated(5, late).run.solution.lla, without_passes(5, late))
