@@ -116,12 +116,9 @@ def _by_fix(gps: GpsData) -> FloatArray:
 def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple[str, ...]]:
     """Fill in missing standard deviations; also notes on what was assumed.
 
-    Parameters
-    ----------
-    gps : GpsData
-    scatter_alone : bool
-        Positions that hardly scatter are taken for those of carrier phase. Otherwise the whole error is that of the fix
-        type, of which scatter from fix to fix shows only the white part: for a filter that tells the two apart.
+    `scatter_alone`: positions that hardly scatter are taken for those of carrier phase. Otherwise the whole error is
+    that of the fix type, of which scatter from fix to fix shows only the white part: for a filter that tells the two
+    apart.
     """
     notes = []
     position_sd, velocity_sd = gps.position_sd, gps.velocity_sd

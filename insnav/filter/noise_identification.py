@@ -71,57 +71,29 @@ STARTS = [(share, time) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0
 
 @dataclass(frozen=True, slots=True)
 class NoiseFigure:
-    """One figure of the noise, as found.
+    """One figure of the noise, as found."""
 
-    Attributes
-    ----------
-    key : str
-        Its dotted name, such as ``gyro.random_walk`` or ``gps.share``.
-    unit : str
-        Unit to show it in.
-    prior, value, low, high : float
-        Of the nearest grade, as found, and its interval of 95 %; RMS of the axes; factors of reported sd [SI].
-    observable : bool
-        The drive tells it; otherwise it is the prior's.
-    """
-
-    key: str
-    unit: str
+    key: str  # its dotted name, such as ``gyro.random_walk`` or ``gps.share``
+    unit: str  # unit to show it in
+    # of the nearest grade, as found, and its interval of 95 %; RMS of the axes; factors of reported sd [SI]
     prior: float
     value: float
     low: float
     high: float
-    observable: bool
+    observable: bool  # the drive tells it; otherwise it is the prior's
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseEstimate:
-    """What the innovations of a drive say about noise.
+    """What the innovations of a drive say about noise."""
 
-    Attributes
-    ----------
-    spec : ImuSpec
-        The IMU.
-    position_factor : (3,) array
-        Of the standard deviations of positions, North, East, Down [-].
-    velocity_factor : (3,) array
-        Of those of velocities [-].
-    correlated : CorrelatedNoise or None
-        Time-correlated part of the position error.
-    figures : tuple of NoiseFigure
-        What was found, with intervals.
-    gain : float
-        Log-likelihood gained over the prior's figures.
-    mean_before, mean_after : float
-        Mean square of the normalised innovations with the figures before and with those found [-].
-    """
-
-    spec: ImuSpec
-    position_factor: FloatArray
-    velocity_factor: FloatArray
-    correlated: CorrelatedNoise | None
-    figures: tuple[NoiseFigure, ...]
-    gain: float
+    spec: ImuSpec  # the IMU
+    position_factor: FloatArray  # (3,) of the standard deviations of positions, North, East, Down [-]
+    velocity_factor: FloatArray  # (3,) of those of velocities [-]
+    correlated: CorrelatedNoise | None  # time-correlated part of the position error
+    figures: tuple[NoiseFigure, ...]  # what was found, with intervals
+    gain: float  # log-likelihood gained over the prior's figures
+    # mean square of the normalised innovations with the figures before and with those found [-]
     mean_before: float
     mean_after: float
 
@@ -137,15 +109,7 @@ class _Parameter:
 
 
 class InnovationLikelihood:
-    """Innovations of one drive as a function of the noise.
-
-    Parameters
-    ----------
-    ready : Prepared
-        The recording.
-    spec : ImuSpec
-        IMU error specification it was prepared with.
-    """
+    """Innovations of one drive as a function of the noise."""
 
     def __init__(self, ready: Prepared, spec: ImuSpec) -> None:
         gps = _thinned(ready.gps)
@@ -246,10 +210,7 @@ class InnovationLikelihood:
 def cost_of(innovation: FloatArray, variance: FloatArray) -> float:
     """Negative log-likelihood of innovations, robust: beyond three sd it grows with their size, not with its square.
 
-    Parameters
-    ----------
-    innovation, variance : (k,) array
-        Innovations and their variances.
+    `innovation`, `variance` (k,): innovations and their variances.
     """
     u = np.abs(innovation) / np.sqrt(variance)
     square = np.where(u <= HUBER, 0.5 * u * u, HUBER * u - 0.5 * HUBER**2)
@@ -365,13 +326,7 @@ class _Posterior:
 
 
 def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
-    """Figures with the largest posterior density; several drives share one set.
-
-    Parameters
-    ----------
-    drives : sequence of InnovationLikelihood
-        Drives of one IMU, begun with the same figures.
-    """
+    """Figures with the largest posterior density; several drives share one set."""
     posterior = _Posterior(drives)
     white = posterior.middle.copy()
     white[-2] = -np.inf
@@ -442,17 +397,8 @@ def _figure(parameter: _Parameter, x: float, sd: float, spec: ImuSpec) -> NoiseF
 def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
     """Noise of IMU and fixes from the innovations of one drive.
 
-    Parameters
-    ----------
-    ready : Prepared
-        The recording.
-    spec : ImuSpec
-        IMU error specification it was prepared with: the prior.
-
-    Returns
-    -------
-    NoiseEstimate or None
-        None where the drive is too short to tell, or the filter diverges with the prior.
+    `spec`: IMU error specification it was prepared with: the prior.
+    Returns: none where the drive is too short to tell, or the filter diverges with the prior.
     """
     if _thinned(ready.gps).time.shape[0] < FEWEST:
         return None
@@ -464,14 +410,7 @@ def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
 
 
 def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
-    """The recording prepared with the noise that was found.
-
-    Parameters
-    ----------
-    ready : Prepared
-        As given to `identify_noise`.
-    found : NoiseEstimate
-    """
+    """The recording prepared with the noise that was found."""
     model = error_model(found.spec, STATES if ready.model.sd[6:].any() else STATES - 6)
     gps = replace(
         ready.gps,

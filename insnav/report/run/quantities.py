@@ -40,17 +40,8 @@ _REASONS = {
 def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...]:
     """Give the quantities of a run, in the order of the page.
 
-    Parameters
-    ----------
-    found : EvaluatedRun
-    reference : str
-        What the errors are against.
-
-    Returns
-    -------
-    tuple of Section
-        Accuracy, smoothed, solution, fixes, aiding, outages, sensor errors, noise, alignment, short-duration
-        mechanization, events; without figures.
+    Returns: accuracy, smoothed, solution, fixes, aiding, outages, sensor errors, noise, alignment, short-duration
+    mechanization, events; without figures.
     """
     run = found.run
     kinds = Counter(str(event.kind) for event in run.events)
