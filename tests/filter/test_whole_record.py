@@ -107,7 +107,7 @@ def test_what_cannot_be_reconciled_is_said():
 def test_a_velocity_that_lags_contradicts_nothing():
     """A velocity 0.8 s older than its position, as the filter knows, is compared with the track of that time."""
     gps = recording(5).gps
-    shift = 0.2
+    shift = 0.8  # [s]
     v_n = np.column_stack(
         [np.interp(gps.time - shift, recording(5).reference.time, v) for v in recording(5).reference.v_n.T]
     )
