@@ -25,6 +25,7 @@ from insnav.cli import (
     run,
     signals,
     simulate,
+    tune,
     verify,
 )
 from insnav.cli.console import discard_output, error_block, result
@@ -58,6 +59,7 @@ for _module, _command in (
     (budget, budget.budget),
     (simulate, simulate.simulate),
     (allan, allan.allan),
+    (tune, tune.tune),
     (acceptance, acceptance.acceptance),
     (drift, drift.drift),
     (platform_command, platform_command.platform),

@@ -10,7 +10,7 @@ import pytest
 
 from tests.cli.conftest import Cli
 
-COMMANDS = ("run", "align", "compare")
+COMMANDS = ("run", "align", "compare", "tune")
 
 
 def test_help_lists_every_command_and_exit_code(cli: Cli):

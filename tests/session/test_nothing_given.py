@@ -9,8 +9,10 @@ import pytest
 
 import insnav
 from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.exceptions import InputError
 from insnav.imu import load_imu
 from insnav.result import Result
+from insnav.session.tuning import tune
 
 SAMPLE = Path(__file__).parents[2] / "trajectories" / "sample"
 LEVER = np.array([0.8, -0.3, -1.2])
@@ -57,3 +59,21 @@ def test_a_lever_arm_of_zero_is_zero():
     drive = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", lever_arm=(0.0, 0.0, 0.0))
     assert drive.settings.lever_sd == 0.0
     assert insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv").settings.lever_sd == 1.0
+
+
+def test_drives_of_one_imu_are_tuned_together(tmp_path):
+    for name in ("monday", "tuesday"):
+        (tmp_path / name).mkdir()
+        for file in ("imu.csv.gz", "gps.csv"):
+            (tmp_path / name / file).symlink_to(SAMPLE / file)
+    both, drives = tune([tmp_path / "monday", tmp_path / "tuesday"], lever_arm=LEVER)
+    one, _ = tune([tmp_path / "monday"], lever_arm=LEVER)
+    assert len(drives) == 2
+    widths = [
+        {figure.key: np.log(figure.high / figure.low) for figure in found.figures if figure.observable}
+        for found in (both, one)
+    ]
+    assert widths[0]["gyro.bias_instability"] < 0.8 * widths[1]["gyro.bias_instability"]
+    (tmp_path / "tuesday" / "gps.csv").unlink()
+    with pytest.raises(InputError, match="one gps file"):
+        tune([tmp_path / "monday", tmp_path / "tuesday"])

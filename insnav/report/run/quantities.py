@@ -57,7 +57,7 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
         _aiding(run),
         Section("outages", "GPS outages", rows=tuple(spans)),
         Section("sensor_errors", "Estimated sensor errors at the end", _sensor_errors(run.sensor_errors)),
-        *((_noise(found.noise),) if found.noise is not None else ()),
+        *((noise_section(found.noise),) if found.noise is not None else ()),
         Section("alignment", "Initial alignment", alignment_items(run.alignment), show="page"),
         *((short_section(found.short_duration),) if found.short_duration else ()),
         _only("events", dict(sorted(kinds.items())), "events.csv has each of them", "page"),
@@ -68,7 +68,8 @@ def _only(key: str, value: Any, note: str = "", show: Any = "json") -> Section:
     return Section("", key.capitalize(), (Quantity(key, value),), note=note, show=show)
 
 
-def _noise(found: NoiseEstimate) -> Section:
+def noise_section(found: NoiseEstimate) -> Section:
+    """Give the noise of IMU and fixes as found in innovations."""
     items = []
     for figure in found.figures:
         name = figure.key.replace(".", " ").replace("_", " ")

@@ -1,0 +1,57 @@
+"""``insnav tune``: noise of an IMU from drives with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from insnav.cli import options as opt
+from insnav.cli.console import Stages, note, result_page
+from insnav.cli.data_options import Data, takes_data
+
+SHORT_HELP = "Noise of an IMU from drives with it: imu.toml."
+HELP = """Noise of an IMU from drives with it: imu.toml.
+
+The figures of IMU and fixes under which the innovations of all drives together
+are most likely, with 95 % intervals. What the drives do not tell stays that of
+the prior: the nearest grade, or --imu. Each DRIVE is a folder with imu.csv and
+gps.csv.
+
+\b
+Examples:
+  insnav tune monday tuesday friday
+  insnav tune monday --imu industrial --lever-arm 0.8,-0.3,-1.2 --out imu7
+  insnav run drive.csv --gps gps.csv --imu tune/imu.toml
+"""
+
+
+@takes_data(None, files={}, only=("imu_model", "axes", "units", "lever_arm", "lever_arm_sd", "gps_delay", "gps_height"))
+def tune(
+    data: Data,
+    drives: Annotated[list[Path], typer.Argument(metavar="DRIVE", help="Folders.", rich_help_panel=opt.FILES)],
+    out: opt.Out = Path("tune"),
+    force: opt.Force = False,
+    as_json: opt.Json = False,
+) -> None:
+    """Find the noise of an IMU."""
+    from insnav.output.folder import RunFolder
+
+    with RunFolder(out, force=force) as folder, Stages() as stage:
+        stage("reading")
+        from insnav.imu import to_toml
+        from insnav.report.page import Page
+        from insnav.report.run.quantities import noise_section
+        from insnav.report.run_json import versions
+        from insnav.report.save import write_page
+        from insnav.session.tuning import tune as tuned
+
+        found, loaded = tuned(drives, **data.inputs)
+        note(f"prior: {loaded[0].imu_spec.name}: {loaded[0].imu_chosen}")
+        stage("writing")
+        summary = f"{len(loaded)} drives raise the log-likelihood by {found.gain:.0f} over the prior."
+        page = Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),))
+        metadata = {"kind": "tune", "versions": versions(), "configuration": data.options}
+        where = write_page(folder, page, metadata, {"imu.toml": to_toml(found.spec)})
+    result_page(where, page, out, as_json=as_json, more=("imu.toml",))
