@@ -57,7 +57,7 @@ def _of_room(kind: str, name: str) -> Callable[..., Any]:
     """Function of the report room of a kind of result."""
     room = _room(kind)
     if not hasattr(room, name):
-        raise ConfigError(f"a result of kind {kind} has no such form", where=name)
+        raise ConfigError(f"a result of kind {kind} cannot be read again", fix="runs can; make it again from the drive")
     return cast("Callable[..., Any]", getattr(room, name))
 
 

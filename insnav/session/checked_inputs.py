@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -47,6 +48,12 @@ def checked(inputs: Inputs) -> Inputs:
             raise ConfigError(f"a {name!r} is no known sensor", where="logs", fix=f"known are {', '.join(LOGS)}")
     initial = inputs.get("initial")
     return {**inputs, "initial": read_start(Path(initial)) if isinstance(initial, str | Path) else initial}
+
+
+def one_of(name: str, value: object, known: Sequence[object]) -> None:
+    """Refuse a word, or a number, that is none of those known."""
+    if value not in known:
+        raise ConfigError(f"{value!r} is unknown", where=name, fix=f"known are {', '.join(map(str, known))}")
 
 
 def vector(inputs: Inputs, key: Literal["lever_arm", "ref_lever_arm"]) -> FloatArray | None:

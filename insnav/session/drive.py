@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from insnav.input import Reading, check_overlap
 from insnav.result import Result
 from insnav.session import defaults
 from insnav.session.budget import BudgetOptions, BudgetSettings, budget_of_windows
-from insnav.session.checked_inputs import options_of, reference_sd, vector
+from insnav.session.checked_inputs import one_of, options_of, reference_sd, vector
 from insnav.session.inputs import Inputs
 from insnav.session.read import Readings, read
 from insnav.strapdown import intervals
@@ -244,6 +244,8 @@ class Drive:
         InputError, AlignmentError, DivergenceError
             The data cannot be navigated.
         """
+        one_of("aiding", aiding, get_args(AidingChoice))
+        one_of("mechanization", mechanization, ("full", "short"))
         ready, spec = self.prepared_with_noise(states)
         ready = replace(ready, settings=replace(ready.settings, smooth=smooth, output_interval=output_interval))
         done = navigate_prepared(ready, spec, aiding=aiding, progress=progress)
@@ -347,6 +349,8 @@ class Drive:
         ConfigError, InputError, AlignmentError
             Windows that make no sense, or data that cannot be navigated.
         """
+        for name in options:
+            one_of("budget", name, tuple(BudgetOptions.__annotations__))
         settings = replace(settings or BudgetSettings(), **options)
         ready = self.prepared()
         reference = None if self.gps is None or self.reference is None else self._window_reference(self.reference)

@@ -11,6 +11,7 @@ from insnav.exceptions import InputError
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading, read_reference
+from insnav.session.checked_inputs import one_of
 from insnav.session.drive import Drive, drive_of
 from insnav.session.inputs import Inputs
 from insnav.session.read import Readings, in_memory
@@ -118,6 +119,8 @@ def simulate(profile: str | Path, **options: Unpack[SimulationOptions]) -> Drive
     >>> drive = insnav.simulate("city", imu="automotive", seed=1)  # doctest: +SKIP
     >>> drive.navigate().plot("position_error")  # doctest: +SKIP
     """
+    for name in options:
+        one_of("simulate", name, tuple(SimulationOptions.__annotations__))
     plan = plan_of(profiled(profile, options.get("seed", 1)), options)
     made = plan.measured()
     inputs: Inputs = {"imu_model": plan.imu, "lever_arm": made.lever_b}

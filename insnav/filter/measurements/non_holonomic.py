@@ -51,6 +51,6 @@ class NonHolonomic:
         sd = np.maximum(LEAST_SD, [time_correlated_sd(each, first.step) for each in (found.right, found.down)])
         note = (
             f"NHC: {across}; IMU-to-vehicle pitch {pitch:.2f} ± {pitch_sd:.2f}, yaw {yaw:.2f} ± {yaw_sd:.2f} deg, "
-            f"axle {-found.lever_b[0]:.1f} m behind the IMU"
+            f"axle {round(-float(found.lever_b[0]), 1) + 0.0:.1f} m behind the IMU"
         )
         return cls(found.to_vehicle, found.lever_b, sd), note

@@ -1,0 +1,26 @@
+"""Words that the library does not know are refused, never taken for something else."""
+
+from __future__ import annotations
+
+import pytest
+
+import insnav
+from insnav.exceptions import ConfigError
+from tests.cli.conftest import SAMPLE
+
+
+@pytest.mark.parametrize("options", [{"fault": "gps-outage@200s+30s"}, {"sed": 5}])
+def test_an_unknown_word_of_a_simulation_is_refused(options):
+    with pytest.raises(ConfigError, match="is unknown") as refused:
+        insnav.simulate("city", **options)
+    assert "faults" in refused.value.fix
+
+
+def test_unknown_words_of_a_drive_are_refused():
+    drive = insnav.load(SAMPLE / "imu.csv.gz", gps=SAMPLE / "gps.csv", imu_model="automotive")
+    with pytest.raises(ConfigError, match="'yes' is unknown"):
+        drive.navigate(aiding="yes")
+    with pytest.raises(ConfigError, match="'shrt' is unknown"):
+        drive.navigate(mechanization="shrt")
+    with pytest.raises(ConfigError, match="'time' is unknown"):
+        drive.budget(time=(10,))
