@@ -32,7 +32,7 @@ OPEN = Gates(max_sd=np.inf, max_speed=np.inf, probability=1.0, reset_after=np.in
 SCHEDULE = (100.0, 30.0, 10.0, 3.0, 1.0)  # control parameter of the surrogate, from nearly convex to strict
 # First weights of position and velocity. Positions start the weaker: a frozen or shifted position contradicts the
 # velocities beside it only by their integral, and many of them together would decide against few velocities.
-FIRST = (1e-4, 1e-2)
+FIRST = (1e-7, 1e-1)
 ALONE = 1e-2  # first weight of positions without velocities: with less, the IMU alone would lead the track too far
 FALSE = 0.1  # a fix of less weight is not used at all
 LIMIT = float(chdtri(3, 0.01))  # squared normalised residual of three numbers at which a weight falls to a quarter [-]
@@ -40,6 +40,7 @@ GROSS = float(chdtri(3, 1e-9))  # of an accepted fix: filter and smoother contra
 MEDIAN = float(chdtri(3, 0.5))
 AGREEMENT = 2.0  # median squared residual, in parts of what it should be, up to which weights have made fixes agree
 MOST = 0.5  # share of fixes that may be false: beyond it they are not what the others contradict
+FAR = 300.0  # false positions nearer than that are not told from true ones without velocities [m]
 LONGEST = 3.0  # fixes that the smoothed track supports may be rejected for so long [s]
 ENDS = 0.2  # a fix so little before or after the track is compared with its end [s]
 OPEN_START = 3000.0  # standard deviation of a first position that may be false [m]
@@ -129,9 +130,23 @@ def reconcile(
             "the filter stand (events.csv)"
         )
         return Reconciled(first, None, (said,))
+    if alone and float(np.max(size[0][trust.false_position], initial=0.0)) < FAR:
+        said = (
+            "fixes and IMU contradict each other, and without GPS velocities it cannot be told which are false; "
+            "the decisions of the filter stand (events.csv)"
+        )
+        return Reconciled(first, None, (said,))
     opened = OPEN_START if trust.false_position[: _before(gps, first)].any() else 0.0
     run = again(_weighted(gps, *weights), trust, opened)
+    if _diverged(run) > _diverged(first):
+        said = "fixes and IMU contradict each other, and leaving fixes out makes it worse"
+        return Reconciled(first, None, (f"{said}; the decisions of the filter stand (events.csv)",))
     return Reconciled(run, trust, tuple(_notes(gps, trust)))
+
+
+def _diverged(run: Run) -> int:
+    """Windows whose innovations are far from their predicted size."""
+    return sum(event.kind == EventKind.DIVERGED for event in run.events)
 
 
 def _scale(nis: FloatArray) -> float:
@@ -205,4 +220,4 @@ def _notes(gps: GpsData, trust: Trust) -> list[str]:
                 f"{int(false.sum())} {name} fixes contradict the whole record by up to "
                 f"{float(np.nanmax(size[false])):.3g} {unit} and were not used: {listed}"
             )
-    return found
+    return found or ["filter and smoother contradicted each other: navigated again without gates, no fix left out"]

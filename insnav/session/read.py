@@ -8,18 +8,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, get_args
 
 import numpy as np
 
-from insnav.exceptions import ConfigError, InsnavError
+from insnav.exceptions import ConfigError, InputError, InsnavError
 from insnav.imu import correct, load_calibration
 from insnav.input import Reading, ReadingFacts, read_gps, read_imu, read_reference
 from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.readers.sensor_log import read_sensor_log
-from insnav.session.checked_inputs import checked
+from insnav.plain_text import plain_text
+from insnav.session.checked_inputs import checked, one_of
 from insnav.session.inputs import LOGS, Inputs
-from insnav.types import FloatArray, GpsData, ImuData, SensorLog, Trajectory
+from insnav.types import FloatArray, GpsData, ImuData, Sampling, SensorLog, Stamp, Trajectory
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -98,8 +99,8 @@ def read_samples(imu: Given | ImuData, inputs: Inputs) -> Reading[ImuData]:
                 axes=inputs.get("axes"),
                 columns=inputs.get("columns"),
                 units=inputs.get("units"),
-                sampling=inputs.get("sampling"),
-                stamp=inputs.get("stamp"),
+                sampling=inputs.get("sampling", getattr(imu, "attrs", {}).get("sampling")),
+                stamp=inputs.get("stamp", getattr(imu, "attrs", {}).get("stamp")),
                 raw_scales={triad: scale for triad, scale in scales.items() if scale is not None},
             )
     return reading if known is None else replace(reading, data=correct(reading.data, known))
@@ -152,7 +153,7 @@ def _table(given: Given) -> str | Path | Table:
     if isinstance(given, str | Path):
         return given
     if is_frame(given):
-        numbers = np.column_stack([_numbers(given[name].to_numpy()) for name in given.columns])
+        numbers = np.column_stack([_numbers(str(name), given[name]) for name in given.columns])
         return named_columns(tuple(str(name) for name in given.columns), numbers)
     arrays = [np.asarray(each, dtype=np.float64) for each in given]
     if len(arrays) != 2 or arrays[1].shape != (len(arrays[0]), 3):
@@ -164,14 +165,33 @@ def _table(given: Given) -> str | Path | Table:
     return named_columns(("time_s", "lat_deg", "lon_deg", "height_m"), np.column_stack(arrays))
 
 
-def _numbers(column: Any) -> FloatArray:
-    """Column of a data frame as numbers, datetimes in seconds; NaN where there is text, as remarks have it."""
-    if column.dtype.kind == "M":
-        return np.asarray(column.astype("datetime64[ns]").astype(np.int64) / 1e9)
-    try:
+def _numbers(name: str, series: pd.Series[Any]) -> FloatArray:
+    """Column of a data frame as numbers, times in seconds; NaN for a column of remarks.
+
+    Raises: InputError: text among the numbers of a column.
+    """
+    if getattr(series.dtype, "tz", None) is not None:
+        series = series.dt.tz_convert(None)
+    column = series.to_numpy()
+    if column.dtype.kind in "mM":
+        seconds = column.astype(f"{column.dtype.name.split('[')[0]}[ns]").astype(np.int64) / 1e9
+        return np.asarray(np.where(np.isnat(column), np.nan, seconds))
+    numbers, text = np.full(len(column), np.nan), []
+    for row, cell in enumerate(column) if column.dtype.kind not in "biuf" else ():
+        try:
+            numbers[row] = float(cell)
+        except (TypeError, ValueError):
+            text.append(row)
+    if column.dtype.kind in "biuf":
         return np.asarray(column, dtype=np.float64)
-    except (TypeError, ValueError):
-        return np.full(len(column), np.nan)
+    if text and np.isfinite(numbers).any():
+        raise InputError(
+            f"{plain_text(column[text[0]])!r} is not a number",
+            where=f"row {text[0] + 1}, column {plain_text(name)}",
+            why=f"{len(text)} of {len(column)} cells hold no number",
+            fix="make them NaN, or leave out the rows",
+        )
+    return numbers
 
 
 def is_frame(given: object) -> TypeIs[pd.DataFrame]:
@@ -185,12 +205,39 @@ def named_columns(headers: tuple[str, ...], numbers: FloatArray) -> Table:
     return Table("data in memory", hashlib.sha256(numbers.tobytes()).hexdigest(), headers, cells)
 
 
+def _sound(data: ImuData | GpsData | Trajectory) -> None:
+    """Refuse arrays of other shapes or units, numbers that are none, and words that mean nothing."""
+    n = len(data.time)
+    wanted = {"gyro": 3, "accel": 3} if isinstance(data, ImuData) else {"lla": 3, "v_n": 3}
+    for name, width in wanted.items():
+        shape = np.shape(getattr(data, name))
+        if shape != (n, width):
+            raise ConfigError(f"{name} has the shape {shape}, not {(n, width)}", where=type(data).__name__)
+    if isinstance(data, ImuData):
+        one_of("sampling", data.sampling, get_args(Sampling))
+        one_of("stamp", data.stamp, get_args(Stamp))
+        known = bool(np.isfinite(data.gyro).all() and np.isfinite(data.accel).all())
+    else:
+        known = bool(np.isfinite(data.lla).all()) and float(np.max(np.abs(data.lla[:, 0]), initial=0.0)) <= np.pi / 2
+    if not known:
+        raise ConfigError(
+            f"{type(data).__name__} holds numbers that cannot be",
+            why="a value is not finite, or a latitude is beyond 90 deg (it is in radians here)",
+            fix="leave out these rows",
+        )
+    if isinstance(data, GpsData):
+        for name in ("position_sd", "velocity_sd"):
+            if np.any(getattr(data, name) <= 0.0):
+                raise ConfigError("a standard deviation is zero or negative", where=name, fix="NaN where not known")
+
+
 def in_memory(data: T, kind: str, name: str = "data in memory") -> Reading[T]:
     """Reading of data that need no understanding.
 
     `kind` {"IMU", "GPS", "reference"}.
     """
     time: Any = data.time
+    _sound(data)
     if len(time) < 2 or not (np.diff(time) > 0.0).all():
         raise ConfigError(f"the {kind} data need two rows or more, in order of time", where=type(data).__name__)
     digest = hashlib.sha256(b"".join(value.tobytes() for value in data._arrays().values())).hexdigest()

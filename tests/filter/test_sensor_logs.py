@@ -115,6 +115,20 @@ def test_a_speed_log_of_another_drive_is_refused():
     assert "speedometer" not in {use.name for use in run.aiding}
 
 
+def test_a_speed_log_that_contradicts_a_part_of_the_drive_is_refused():
+    log = speed_log()
+    late = log.time > float(np.quantile(log.time, 0.6))
+    wrong = replace(log, values={**log.values, "speed": np.where(late, 0.7, 1.0) * log.values["speed"]})
+    _, notes, _ = passes(0, wrong)
+    assert "of its speeds contradict the drive" in note_of(notes, "speedometer")
+
+
+def test_a_speed_log_without_numbers_is_refused():
+    log = speed_log()
+    _, notes, _ = passes(0, replace(log, values={**log.values, "speed": np.full_like(log.time, np.nan)}))
+    assert "0 speeds are numbers" in note_of(notes, "speedometer")
+
+
 def test_a_speedometer_that_sticks_in_the_outage_is_rejected():
     log = speed_log()
     stuck = log.values["speed"].copy()

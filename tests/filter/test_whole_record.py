@@ -116,3 +116,16 @@ def test_a_velocity_that_lags_contradicts_nothing():
     done = navigated(5, late)
     np.testing.assert_array_equal(done.run.solution.lla, without_passes(5, late))
     assert not any("contradict" in note for note in done.notes)
+
+
+@pytest.mark.parametrize("metres", [100.0, 1000.0])
+def test_shifted_fixes_of_a_receiver_good_to_centimetres_are_left_out(metres):
+    """Weights count in reported standard deviations: with few of them, a ramp between two tracks would be cheap."""
+    truth = load_profile("motorway").truth((7, MOTION_STREAM))
+    spec = load_imu("automotive")
+    made = simulate_recording(truth, spec, load_gps("rtk"), 7)
+    gps = gps_jump(made.gps, metres, span(made.gps, 30.0))
+    done = navigate_recording(made.imu, gps, spec, SETTINGS)
+    assert done.run.smoothed is not None
+    errors = position_errors(done.run.smoothed.solution, made.reference)
+    assert np.hypot(errors.position[:, 0], errors.position[:, 1]).max() < 0.5

@@ -40,5 +40,4 @@ def clean_job(tmp_path_factory) -> CleanJob:
 
 def later(inc: Increments, start: float) -> Increments:
     """The part of increments that begins at `start`."""
-    i = np.searchsorted(inc.time, start + 1e-6)
-    return Increments(*(getattr(inc, name)[i:] for name in Increments.__dataclass_fields__))
+    return inc.rows(inc.time > start + 1e-6)

@@ -98,8 +98,8 @@ def test_time_correlated_noise_of_the_fixes_is_reduced(
 def test_standard_deviations_that_are_missing_come_from_a_stated_rule(done: Navigated) -> None:
     print("\n".join(done.notes))
     for kind in ("position", "velocity"):
-        (note,) = (text for text in done.notes if f"without {kind} sd" in text)
-        assert "from the scatter of successive fixes" in note
+        (note,) = (text for text in done.notes if f"without {kind} sigma" in text)
+        assert "estimated from successive fixes" in note
         assert "floor" in note
     assert np.isfinite(done.gps.position_sd).all()
     assert np.isfinite(done.gps.velocity_sd[np.isfinite(done.gps.v_n).all(axis=1)]).all()

@@ -57,7 +57,7 @@ def test_velocities_are_found_to_be_means_since_the_fix_before(done: Navigated, 
     half_interval = 0.5 * float(np.median(np.diff(gps.time)))
     print(f"velocity older than position by {lag:.4f} s, sd {sd:.4f} s; half the interval of fixes {half_interval} s")
     assert lag == pytest.approx(half_interval, abs=0.02)
-    assert any("older than position" in note for note in done.notes)
+    assert any("GPS velocity lags position" in note for note in done.notes)
 
 
 def test_position_innovations_are_below_those_of_gps_alone(done: Navigated, gps: GpsData) -> None:

@@ -16,6 +16,7 @@ KNOWN_SPEED = 0.3  # standard deviation of a velocity that is good enough for th
 LAGS = np.arange(-1.0, 1.0, 0.02)  # about the offset found by correlation [s]
 
 
+MOST_OUTLIERS = 0.15  # a log with a larger share of speeds that contradict the drive is not believed
 OUTLIER, LEAST_OUTLIER = 4.0, 1.0  # standard deviations, and [m/s], from which a speed does not calibrate, only test
 
 
@@ -35,6 +36,8 @@ class Speedometer(Odometer):
         if first.mounting is None or not first.mounting.holds:
             return None, f"{cls.name}: not used, the axes of the vehicle are not known"
         known = np.isfinite(log.values["speed"])
+        if known.sum() < FEWEST:
+            return None, f"{cls.name}: not used, only {known.sum()} speeds are numbers"
         time, speed = log.time[known], log.values["speed"][known]
         horizontal = np.hypot(*first.solution.v_n[:, :2].T)
         offset = clock_offset(first.solution.time, horizontal, time, speed)
@@ -46,7 +49,10 @@ class Speedometer(Odometer):
         if rows.sum() < FEWEST:
             return None, f"{cls.name}: not used, only {rows.sum()} rows where the speed is known"
         shown = np.interp(first.solution.time + offset, time, speed)
-        rows &= ~_near_outliers(first.forward, shown, rows, round(2.0 * LAGS[-1] / first.step))
+        wrong = _outliers(first.forward, shown, rows)
+        if (share := float(wrong.sum() / rows.sum())) > MOST_OUTLIERS:
+            return None, f"{cls.name}: not used, {100.0 * share:.0f} % of its speeds contradict the drive"
+        rows &= ~_spread(wrong, round(2.0 * LAGS[-1] / first.step))
         found, note = cls.fitted(first, rows, time, speed, offset + LAGS)
         if found is not None and "sd" in log.values:
             reported = float(np.nanmedian(log.values["sd"][known]))
@@ -54,9 +60,13 @@ class Speedometer(Odometer):
         return found, note
 
 
-def _near_outliers(forward: FloatArray, shown: FloatArray, rows: BoolArray, spread: int) -> BoolArray:
-    """Where a speed shown does not fit, up to one factor, and up to half of `spread` rows beside: any lag is tried."""
+def _outliers(forward: FloatArray, shown: FloatArray, rows: BoolArray) -> BoolArray:
+    """Where a speed shown does not fit, up to one factor."""
     factor = float(np.median(forward[rows] / np.maximum(shown[rows], FAST)))
     residual = np.abs(forward - factor * shown)
-    wrong = rows & (residual > max(LEAST_OUTLIER, OUTLIER * 1.4826 * float(np.median(residual[rows]))))
-    return np.asarray(np.convolve(wrong, np.ones(spread + 1), mode="same") > 0.5)
+    return np.asarray(rows & (residual > max(LEAST_OUTLIER, OUTLIER * 1.4826 * float(np.median(residual[rows])))))
+
+
+def _spread(wrong: BoolArray, rows: int) -> BoolArray:
+    """Outliers and up to half of `rows` rows beside them: any lag is tried."""
+    return np.asarray(np.convolve(wrong, np.ones(rows + 1), mode="same") > 0.5)

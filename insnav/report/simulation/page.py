@@ -213,8 +213,7 @@ def run_command(plan: Plan, lever_b: FloatArray, motion: Kinematics) -> str:
     `lever_b` (3,): antenna seen from the IMU, body axes [m].
     """
     words = ["insnav", "run", "imu.csv", "--gps", "gps.csv", "--ref", "ref.csv"]
-    if np.any(lever_b):
-        words += ["--lever-arm", ",".join(f"{length:g}" for length in lever_b)]
+    words += ["--lever-arm", ",".join(f"{length:g}" for length in lever_b)]  # zero too: not given is unknown
     if plan.sampling == "instant":
         words += ["--imu-sampling", "instant"]
     if _hides_heading(plan, motion):
