@@ -29,11 +29,13 @@ from insnav.filter.settings import FilterSettings
 from insnav.types import BoolArray, EventKind, FloatArray, GpsData, IntArray, Run
 
 OPEN = Gates(max_sd=np.inf, max_speed=np.inf, probability=1.0, reset_after=np.inf)  # no gate: the weights decide
-SCHEDULE = (100.0, 30.0, 10.0, 3.0, 1.0)  # control parameter of the surrogate, from nearly convex to strict
-# First weights of position and velocity. Positions start the weaker: a frozen or shifted position contradicts the
-# velocities beside it only by their integral, and many of them together would decide against few velocities.
-FIRST = (1e-7, 1e-1)
-ALONE = 1e-2  # first weight of positions without velocities: with less, the IMU alone would lead the track too far
+PASSES = 5
+# In the first pass standard deviations are so many times those reported, in the last as reported: this is the control
+# parameter, from nearly convex to strict. Positions start the weaker: frozen or shifted ones contradict the velocities
+# beside them only by their integral, and many of them together would decide against few velocities.
+WIDEST = (3000.0, 3.0)
+STRICTNESS = (100.0, 30.0, 10.0, 3.0, 1.0)  # the other schedule: limits so many times wider, deviations as reported
+ALONE = 10.0  # positions without velocities: with more, the IMU alone would lead the track too far
 FALSE = 0.1  # a fix of less weight is not used at all
 LIMIT = float(chdtri(3, 0.01))  # squared normalised residual of three numbers at which a weight falls to a quarter [-]
 GROSS = float(chdtri(3, 1e-9))  # of an accepted fix: filter and smoother contradict each other [-]
@@ -104,17 +106,41 @@ def reconcile(
     fixes, which of them to leave out, and a standard deviation to be added to the first position [m].
     Returns: the first run itself, bit for bit, where nothing contradicts it.
     """
-    gates = settings.gates
     scale = _scale(first.innovations.nis_position), _scale(first.innovations.nis_velocity)
     if not _contradicted(first, gps, settings, residuals(first, gps, settings), scale):
         return Reconciled(first)
-    n = gps.time.shape[0]
-    alone = not np.isfinite(gps.v_n).any()
-    weights = np.full(n, ALONE if alone else FIRST[0]), np.full(n, FIRST[1])
-    for strictness in SCHEDULE:
-        found = residuals(again(_weighted(gps, *weights), None, OPEN_START), gps, settings)
+    if not np.isfinite(gps.v_n).any():
+        widest, schedules = (ALONE, 1.0), [True]
+    else:
+        widest, schedules = WIDEST, [True, False]
+    reason = ""
+    for annealed in schedules:  # the first holds where fixes are good, the second where many in a row are false
+        decided, reason = _decide(first, gps, settings, again, scale, widest, annealed=annealed)
+        if decided is not None:
+            return decided
+    return Reconciled(first, None, (f"{reason}; the decisions of the filter stand (events.csv)",))
+
+
+def _decide(
+    first: Run,
+    gps: GpsData,
+    settings: FilterSettings,
+    again: Callable[[GpsData, Trust | None, float], Run],
+    scale: tuple[float, float],
+    widest: tuple[float, float],
+    *,
+    annealed: bool,
+) -> tuple[Reconciled | None, str]:
+    """Weights by one schedule, and the run made with them; or None, and why they are not believed."""
+    gates, alone = settings.gates, not np.isfinite(gps.v_n).any()
+    ones = np.ones(gps.time.shape[0])
+    weights = (ones, ones) if annealed else (ones * widest[0] ** -2.0, ones * widest[1] ** -2.0)
+    for left, strictness in zip(np.linspace(1.0, 0.0, PASSES), STRICTNESS, strict=True):
+        wide = _weighted(gps, widest[0] ** (-2.0 * left), widest[1] ** (-2.0 * left)) if annealed else gps
+        found = residuals(again(_weighted(wide, *weights), None, OPEN_START), wide, settings)
         squares = found.square_position / scale[0], found.square_velocity / scale[1]
-        weights = _geman_mcclure(squares[0], strictness), _geman_mcclure(squares[1], strictness)
+        limit = LIMIT if annealed else strictness * LIMIT
+        weights = _geman_mcclure(squares[0], limit), _geman_mcclure(squares[1], limit)
     size = np.linalg.norm(found.position, axis=1), np.linalg.norm(found.velocity, axis=1)
     trust = Trust(
         (weights[0] < FALSE) & (size[0] > gates.small_position),
@@ -122,26 +148,20 @@ def reconcile(
         *size,
     )
     agreement = max(float(np.nanmedian(square)) / MEDIAN for square in squares if np.isfinite(square).any())
-    false = float(np.mean(trust.false_position))
-    if agreement > AGREEMENT or false > MOST:
-        said = (
-            f"fixes and IMU contradict each other, and no weighting of the fixes makes them agree: half of the "
-            f"residuals from the smoothed track exceed {np.sqrt(agreement):.2g} times their size; the decisions of "
-            "the filter stand (events.csv)"
+    false = trust.false_position
+    if agreement > AGREEMENT or float(np.mean(false)) > MOST:
+        return None, (
+            "fixes and IMU contradict each other, and no weighting of the fixes makes them agree: half of the "
+            f"residuals from the smoothed track exceed {np.sqrt(agreement):.2g} times their size"
         )
-        return Reconciled(first, None, (said,))
-    if alone and float(np.max(size[0][trust.false_position], initial=0.0)) < FAR:
-        said = (
-            "fixes and IMU contradict each other, and without GPS velocities it cannot be told which are false; "
-            "the decisions of the filter stand (events.csv)"
-        )
-        return Reconciled(first, None, (said,))
-    opened = OPEN_START if trust.false_position[: _before(gps, first)].any() else 0.0
-    run = again(_weighted(gps, *weights), trust, opened)
+    if alone and float(np.max(size[0][false], initial=0.0)) < FAR:
+        return None, "fixes and IMU contradict each other, and without GPS velocities it cannot be told which are false"
+    if false.any() and float(np.mean(trust.false_velocity[false])) > MOST:
+        return None, "positions and velocities of the same fixes contradict the IMU: either may be wrong"
+    run = again(_weighted(gps, *weights), trust, OPEN_START if false[: _before(gps, first)].any() else 0.0)
     if _diverged(run) > _diverged(first):
-        said = "fixes and IMU contradict each other, and leaving fixes out makes it worse"
-        return Reconciled(first, None, (f"{said}; the decisions of the filter stand (events.csv)",))
-    return Reconciled(run, trust, tuple(_notes(gps, trust)))
+        return None, "fixes and IMU contradict each other, and leaving fixes out makes it worse"
+    return Reconciled(run, trust, tuple(_notes(gps, trust))), ""
 
 
 def _diverged(run: Run) -> int:
@@ -183,19 +203,15 @@ def _contradicted(
     return any(stop - start > LONGEST for start, stop in _stretches(run.innovations.time, supported))
 
 
-def _geman_mcclure(square: FloatArray, strictness: float) -> FloatArray:
+def _geman_mcclure(square: FloatArray, limit: float) -> FloatArray:
     """Weight of a squared normalised residual; one where there is none."""
-    limit = strictness * LIMIT
     return np.asarray(np.where(np.isfinite(square), (limit / (limit + square)) ** 2, 1.0))
 
 
-def _weighted(gps: GpsData, position: FloatArray, velocity: FloatArray) -> GpsData:
+def _weighted(gps: GpsData, position: FloatArray | float, velocity: FloatArray | float) -> GpsData:
     """Fixes whose standard deviations say how much they are trusted."""
-    return replace(
-        gps,
-        position_sd=gps.position_sd / np.sqrt(np.maximum(position, 1e-8))[:, None],
-        velocity_sd=gps.velocity_sd / np.sqrt(np.maximum(velocity, 1e-8))[:, None],
-    )
+    factors = [np.reshape(np.sqrt(np.maximum(weight, 1e-8)), (-1, 1)) for weight in (position, velocity)]
+    return replace(gps, position_sd=gps.position_sd / factors[0], velocity_sd=gps.velocity_sd / factors[1])
 
 
 def _stretches(time: FloatArray, chosen: BoolArray) -> list[tuple[float, float]]:

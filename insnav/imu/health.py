@@ -25,8 +25,7 @@ ENOUGH = 10  # comparable blocks that can tell what is usual
 UNUSUAL = 0.01  # share of comparable blocks that may be as still as a stuck sensor
 STEPS = 4.0  # resolution steps that a sensor must usually change by: else its repeats are its resolution or a dead band
 IN_MOTION = 0.25  # activity, in parts of the median of the record, above which the other axes feel motion
-LONGEST = 3  # rows of repeats that do not count as usual: a fault is a few long ones ...
-SELDOM = 0.05  # ... or more of them, if all together are that small a share of the record
+LONGEST = 3  # rows of repeats that do not count as usual: a fault is a few long ones
 BY_CHANCE = 1e-6  # expected number of rows that long in the record, as often as values repeat elsewhere
 _AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")
 
@@ -144,7 +143,7 @@ class _Activity:
             return found
         others = np.delete(self.square, axis, axis=1).mean(axis=1)
         usual = np.ones(others.size, dtype=np.bool_)
-        for row in _faulty(count, column.size):
+        for row in np.argsort(count)[-LONGEST:]:
             usual[self._blocks(first[row], count[row])] = False
         spread, resolution = self._range(column), _resolution(column, column[first])
         moving = IN_MOTION * float(np.median(others))
@@ -177,16 +176,10 @@ def _resolution(column: FloatArray, held: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(held - wide[place], wide[place + 2] - held))
 
 
-def _faulty(count: IntArray, samples: int) -> IntArray:
-    """Rows of repeats that may be faults, and so do not say what is usual: coarse steps and dead bands make many."""
-    long = np.flatnonzero(count >= STUCK)
-    return long if count[long].sum() < SELDOM * samples else np.argsort(count)[-LONGEST:]
-
-
 def _no_chance(same: BoolArray, first: IntArray, count: IntArray) -> BoolArray:
     """Rows of equal samples longer than the steps of the sensor explain, by how often a row goes on elsewhere."""
     elsewhere = np.array(same)
-    for row in _faulty(count, same.shape[0]):
+    for row in np.argsort(count)[-LONGEST:]:  # a fault is a few long rows; coarse steps make many
         if count[row] >= STUCK:
             elsewhere[first[row] : first[row] + count[row] - 1] = False
     alike = float(elsewhere.mean())

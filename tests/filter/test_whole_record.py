@@ -94,7 +94,7 @@ def test_a_false_first_fix_is_found(seed):
 def test_positions_that_freeze_are_left_out(seconds):
     done = navigated(5, frozen(recording(5).gps, seconds))
     assert horizontal(5, done).max() < 5.0
-    assert len(false(done)) > 0.9 * seconds
+    assert len(false(done)) >= 0.9 * seconds
 
 
 def test_what_cannot_be_reconciled_is_said():
@@ -118,7 +118,7 @@ def test_a_velocity_that_lags_contradicts_nothing():
     assert not any("contradict" in note for note in done.notes)
 
 
-@pytest.mark.parametrize("metres", [100.0, 1000.0])
+@pytest.mark.parametrize("metres", [10.0, 100.0])
 def test_shifted_fixes_of_a_receiver_good_to_centimetres_are_left_out(metres):
     """Weights count in reported standard deviations: with few of them, a ramp between two tracks would be cheap."""
     truth = load_profile("motorway").truth((7, MOTION_STREAM))

@@ -29,7 +29,7 @@ def horizontal(estimate: Trajectory, true: Trajectory) -> np.ndarray:
 def job_errors(job, inc, span: float) -> tuple[np.ndarray, np.ndarray]:
     """Time since the start [s] and horizontal error [m], ten a second."""
     keep = inc.time < job.start + span + 1e-6
-    inc = type(inc)(*(getattr(inc, name)[keep] for name in type(inc).__dataclass_fields__))
+    inc = inc.rows(keep)
     ref = job.reference
     first = np.searchsorted(ref[:, 0], job.start - 1e-6)
     vertical = np.interp(inc.time, ref[:, 0], ref[:, 3]), np.interp(inc.time, ref[:, 0], ref[:, 6])

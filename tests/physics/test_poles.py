@@ -46,7 +46,7 @@ def flown(truth: PolarTruth, *, free: bool = False, sampling="increment") -> Tra
     time = np.arange(round(truth.duration * RATE) + 1) / RATE
     inc = strapdown.increments(strapdown.intervals(imu_from_truth(truth, time, sampling)))
     if sampling == "instant":  # the first value ends no interval
-        inc = type(inc)(*(getattr(inc, name)[1:] for name in type(inc).__dataclass_fields__))
+        inc = inc.rows(slice(1, None))
     start = truth.evaluate(time[:1])
     held = None if free else (np.full(inc.time.size, truth.height), np.zeros(inc.time.size))
     return strapdown.navigate(inc, start.lla[0], start.v_n[0], start.rph[0], vertical=held)
