@@ -109,13 +109,10 @@ def reconcile(
     scale = _scale(first.innovations.nis_position), _scale(first.innovations.nis_velocity)
     if not _contradicted(first, gps, settings, residuals(first, gps, settings), scale):
         return Reconciled(first)
-    if not np.isfinite(gps.v_n).any():
-        widest, schedules = (ALONE, 1.0), [True]
-    else:
-        widest, schedules = WIDEST, [True, False]
     reason = ""
-    for annealed in schedules:  # the first holds where fixes are good, the second where many in a row are false
-        decided, reason = _decide(first, gps, settings, again, scale, widest, annealed=annealed)
+    # the first schedule holds where fixes are good, the second where many in a row are false
+    for annealed in [True, False] if np.isfinite(gps.v_n).any() else [True]:
+        decided, reason = _decide(first, gps, settings, again, scale, annealed=annealed)
         if decided is not None:
             return decided
     return Reconciled(first, None, (f"{reason}; the decisions of the filter stand (events.csv)",))
@@ -127,12 +124,12 @@ def _decide(
     settings: FilterSettings,
     again: Callable[[GpsData, Trust | None, float], Run],
     scale: tuple[float, float],
-    widest: tuple[float, float],
     *,
     annealed: bool,
 ) -> tuple[Reconciled | None, str]:
     """Weights by one schedule, and the run made with them; or None, and why they are not believed."""
     gates, alone = settings.gates, not np.isfinite(gps.v_n).any()
+    widest = (ALONE, 1.0) if alone else WIDEST
     ones = np.ones(gps.time.shape[0])
     weights = (ones, ones) if annealed else (ones * widest[0] ** -2.0, ones * widest[1] ** -2.0)
     for left, strictness in zip(np.linspace(1.0, 0.0, PASSES), STRICTNESS, strict=True):

@@ -176,14 +176,14 @@ def _numbers(name: str, series: pd.Series[Any]) -> FloatArray:
     if column.dtype.kind in "mM":
         seconds = column.astype(f"{column.dtype.name.split('[')[0]}[ns]").astype(np.int64) / 1e9
         return np.asarray(np.where(np.isnat(column), np.nan, seconds))
+    if column.dtype.kind in "biuf":
+        return np.asarray(column, dtype=np.float64)
     numbers, text = np.full(len(column), np.nan), []
-    for row, cell in enumerate(column) if column.dtype.kind not in "biuf" else ():
+    for row, cell in enumerate(column):
         try:
             numbers[row] = float(cell)
         except (TypeError, ValueError):
             text.append(row)
-    if column.dtype.kind in "biuf":
-        return np.asarray(column, dtype=np.float64)
     if text and np.isfinite(numbers).any():
         raise InputError(
             f"{plain_text(column[text[0]])!r} is not a number",
@@ -208,11 +208,10 @@ def named_columns(headers: tuple[str, ...], numbers: FloatArray) -> Table:
 def _sound(data: ImuData | GpsData | Trajectory) -> None:
     """Refuse arrays of other shapes or units, numbers that are none, and words that mean nothing."""
     n = len(data.time)
-    wanted = {"gyro": 3, "accel": 3} if isinstance(data, ImuData) else {"lla": 3, "v_n": 3}
-    for name, width in wanted.items():
+    for name in ("gyro", "accel") if isinstance(data, ImuData) else ("lla", "v_n"):
         shape = np.shape(getattr(data, name))
-        if shape != (n, width):
-            raise ConfigError(f"{name} has the shape {shape}, not {(n, width)}", where=type(data).__name__)
+        if shape != (n, 3):
+            raise ConfigError(f"{name} has the shape {shape}, not {(n, 3)}", where=type(data).__name__)
     if isinstance(data, ImuData):
         one_of("sampling", data.sampling, get_args(Sampling))
         one_of("stamp", data.stamp, get_args(Stamp))
