@@ -21,9 +21,7 @@ from insnav.types import GpsData, ImuData, SensorLog, Trajectory
 SHORTEST_REST = 5.0  # shorter ones do not show the noise of an IMU [s]
 BENCH_SD = (0.01, 0.005)  # how well a place that is not left is known [m], [m/s]
 WINDOWS = WindowSettings(replicas=20, workers=2)
-LEVER_SD = (
-    1.0  # of each component of a lever arm that was not given: antennas are on the vehicle, and so is the IMU [m]
-)
+LEVER_SD = 1.0  # of each component of a lever arm that was not given: antenna and IMU are on one vehicle [m]
 REFERENCE_SD = (0.05, None)  # of reference positions; velocities count only if theirs is given [m], [m/s]
 
 
@@ -66,7 +64,7 @@ def complete_fixes(
     Without GPS, a reference that never moves stands for it: the place of a bench.
     """
     if gps is not None:
-        return with_sd(gps.data, scatter_alone=not noise_is_estimated(inputs, receiver=True))
+        return with_sd(gps.data, scatter_alone=not noise_is_estimated(inputs, gps))
     begin, end = float(imu.time[0]), float(imu.time[-1])
     if reference is None or not is_stationary(reference.data, begin, end):
         return None, ()
@@ -75,23 +73,41 @@ def complete_fixes(
     )
 
 
-def noise_is_estimated(inputs: Inputs, *, receiver: bool) -> bool:
-    """Whether the noise is looked for in the innovations: as given, else where no IMU model was given."""
-    how = inputs.get("noise") or ("model" if inputs.get("imu_model") is not None else "estimate")
-    return how == "estimate" and receiver
+def sd_is_reported(gps: Reading[GpsData] | None) -> bool:
+    """Whether the receiver says how good its positions are: without that, noise and lever arm are mere guesses."""
+    return gps is not None and bool(np.isfinite(gps.data.position_sd).all())
 
 
-def filter_settings(inputs: Inputs, logs: tuple[SensorLog, ...], *, receiver: bool) -> FilterSettings:
-    """Settings of the filter; delay and lever arm of a receiver are estimated unless they were given."""
+def noise_is_estimated(inputs: Inputs, gps: Reading[GpsData] | None) -> bool:
+    """Whether the noise is looked for in the innovations: as given, else without an IMU model where sd is reported."""
+    if inputs.get("noise") is not None:
+        return inputs.get("noise") == "estimate" and gps is not None
+    return inputs.get("imu_model") is None and sd_is_reported(gps)
+
+
+def not_looked_for(inputs: Inputs, gps: Reading[GpsData] | None) -> tuple[str, ...]:
+    """What was not given and yet is not estimated, in a note."""
+    if gps is None or sd_is_reported(gps):
+        return ()
+    missing = []
+    if inputs.get("imu_model") is None and inputs.get("noise") is None:
+        missing.append("the noise is that of the IMU model (--noise estimate looks for it)")
+    if inputs.get("lever_arm") is None and inputs.get("lever_arm_sd") is None:
+        missing.append("the lever arm is taken as zero (give --lever-arm; --lever-arm-sd 1 estimates it)")
+    return (f"the receiver reports no standard deviations: {'; '.join(missing)}",) if missing else ()
+
+
+def filter_settings(inputs: Inputs, logs: tuple[SensorLog, ...], gps: Reading[GpsData] | None) -> FilterSettings:
+    """Settings of the filter; delay and lever arm are estimated unless given, the latter where sd is reported."""
     lever_b, delay = vector(inputs, "lever_arm"), inputs.get("gps_delay")
     lever_sd = inputs.get("lever_arm_sd")
     if lever_sd is None:
-        lever_sd = LEVER_SD if receiver and lever_b is None else 0.0
+        lever_sd = LEVER_SD if lever_b is None and sd_is_reported(gps) else 0.0
     return FilterSettings(
         lever_b=np.zeros(3) if lever_b is None else lever_b,
         lever_sd=lever_sd,
         delay=delay or 0.0,
-        delay_sd=DELAY_SD if delay is None and receiver else 0.0,
+        delay_sd=DELAY_SD if delay is None and gps is not None else 0.0,
         heading_sd=inputs.get("gps_heading_sd") or 0.0,
         fixed_height_sd=inputs.get("fixed_height_sd") or 0.0,
         logs=logs,

@@ -95,8 +95,9 @@ def drive_of(readings: Readings) -> Drive:
     fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference, inputs)
     spec, chosen = given_model or defaults.imu_from_rest(samples, defaults.stationary_part(samples, fixes, inputs))
     logs = tuple(log.data for log in readings.logs.values())
-    settings = defaults.filter_settings(inputs, logs, receiver=readings.gps is not None)
-    return Drive(readings, fixes, spec, chosen, settings, assumed)
+    settings = defaults.filter_settings(inputs, logs, readings.gps)
+    notes = (*assumed, *defaults.not_looked_for(inputs, readings.gps))
+    return Drive(readings, fixes, spec, chosen, settings, notes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +201,7 @@ class Drive:
         spec : ImuSpec
         """
         ready = self.prepared(states)
-        if not defaults.noise_is_estimated(self.readings.inputs, receiver=self.gps is not None):
+        if not defaults.noise_is_estimated(self.readings.inputs, self.gps):
             return ready, self.imu_spec
         found = identify_noise(ready, self.imu_spec)
         if found is None:

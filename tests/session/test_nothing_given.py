@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -77,3 +78,17 @@ def test_drives_of_one_imu_are_tuned_together(tmp_path):
     (tmp_path / "tuesday" / "gps.csv").unlink()
     with pytest.raises(InputError, match="one gps file"):
         tune([tmp_path / "monday", tmp_path / "tuesday"])
+
+
+def test_without_reported_standard_deviations_nothing_is_guessed():
+    """Fixes good to centimetres that do not say so: a lever arm and a noise found in them would be wrong by metres."""
+    known = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv")
+    silent = replace(known.gps.data, position_sd=np.full_like(known.gps.data.position_sd, np.nan))
+    drive = insnav.load(known.imu.data, silent)
+    assert drive.settings.lever_sd == 0.0
+    assert any("the lever arm is taken as zero" in note and "--noise estimate" in note for note in drive.notes)
+    _, spec = drive.prepared_with_noise()
+    assert spec is drive.imu_spec
+    asked = insnav.load(known.imu.data, silent, lever_arm_sd=1.0, noise="model")
+    assert asked.settings.lever_sd == 1.0
+    assert not any("no standard deviations" in note for note in asked.notes)
