@@ -98,7 +98,7 @@ def navigate_prepared(
     progress: Callable[[float], None] | None = None,
 ) -> Navigated:
     """Navigate a recording that is aligned; see `navigate_recording`."""
-    if aiding == "on" or (aiding == "auto" and (ready.settings.logs or longest_gap(ready.gps) > GAP_WORTH)):
+    if aiding == "on" or (aiding == "auto" and (ready.settings.logs or _longest_gap(ready) > GAP_WORTH)):
         ready = aided(ready, spec, None if progress is None else _half_of(progress, 0.0))
         progress = None if progress is None else _half_of(progress, 0.5)
     found = _decided(ready, _run(ready, progress))
@@ -144,10 +144,12 @@ def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | No
     return replace(ready, settings=replace(ready.settings, aiding=aiding), notes=(*ready.notes, *notes))
 
 
-def longest_gap(gps: GpsData) -> float:
-    """Longest time without a valid fix [s]."""
+def _longest_gap(ready: Prepared) -> float:
+    """Longest time that is navigated without a valid fix, the one after the last fix too [s]."""
+    gps = ready.gps
     time = gps.time if gps.fix is None else gps.time[gps.fix != 0]
-    return float(np.max(np.diff(time))) if time.shape[0] > 1 else 0.0
+    inside = time[(time > ready.initial.time) & (time < ready.imu.time[-1])]
+    return float(np.diff(inside, prepend=ready.initial.time, append=ready.imu.time[-1]).max())
 
 
 def feed(navigator: Navigator, imu: ImuData, progress: Callable[[float], None] | None = None) -> None:

@@ -269,7 +269,7 @@ class Drive:
     def outage(
         self,
         *,
-        lengths: Sequence[float] = LENGTHS,
+        lengths: Sequence[float] | float = LENGTHS,
         first: float | None = None,
         spacing: float | None = None,
         aiding: AidingChoice = "auto",
@@ -280,7 +280,7 @@ class Drive:
 
         Parameters
         ----------
-        lengths : sequence of float
+        lengths : float or sequence of float
             Lengths of the outage windows [s].
         first : float, optional
             Where the first begins, after the start of navigation [s].
@@ -302,6 +302,7 @@ class Drive:
         ConfigError, InputError, AlignmentError
             Windows that make no sense, or data that cannot be navigated.
         """
+        lengths = [float(length) for length in np.ravel(lengths)]
         ready, spec = self.prepared_with_noise()
         if aiding != "off":
             ready = aided(ready, spec)
@@ -316,7 +317,7 @@ class Drive:
             progress=progress,
         )
         found = OutageStudy(tuple(windows), tuple(outage_growth(windows)), self._compared_with())
-        options = {"lengths_s": list(lengths), "first_s": first, "spacing_s": spacing, "aiding": aiding}
+        options = {"lengths_s": lengths, "first_s": first, "spacing_s": spacing, "aiding": aiding}
         return self._result("outage", found, options, (*self.notes, *ready.notes), self._events(()), spec)
 
     def budget(

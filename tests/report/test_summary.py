@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
 from insnav.report.page import Section, cell, section_tables
 from insnav.report.run.summary import LINES, WIDTH, summary_lines
+from insnav.report.run.warnings import run_warnings
 from tests.report.conftest import facts_of
 
 
@@ -73,6 +75,16 @@ def test_many_rejected_fixes_are_pointed_out_and_few_are_not(driven, facts):
     bad = replace(run, innovations=replace(run.innovations, used_position=every_other))
     text = "\n".join(summary_lines(facts_of(bad)))
     assert "warning     many fixes were rejected, 50 % of position:" in text
+
+
+def test_a_scale_factor_that_no_sensor_has_is_pointed_out(driven):
+    run, _, _ = driven
+    value, sd = run.sensor_errors.value.copy(), run.sensor_errors.sd.copy()
+    value[-1, 6:9], sd[-1, 6:9] = (0.17, 0.17, 0.01), (0.03, 0.1, 0.001)
+    bad = replace(run, sensor_errors=replace(run.sensor_errors, value=value, sd=sd))
+    (said,) = [line for line in run_warnings(EvaluatedRun(bad)) if "scale factor" in line]
+    assert "larger than any sensor has: gyro x +17 %; the drive" in said
+    assert not any("scale factor" in line for line in run_warnings(EvaluatedRun(run)))
 
 
 def test_the_shortest_run_is_summed_up(bare):

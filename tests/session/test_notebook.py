@@ -36,13 +36,25 @@ def test_the_first_lines_of_a_notebook(drive: Path) -> None:
     assert {"time_s", "lat_deg", "heading_deg"} <= set(frame.columns)
     result.save("run1")
     verify_folder(Path("run1"))
+    again, smoothed = insnav.open_result("run1").found.run.smoothed, result.found.run.smoothed
+    np.testing.assert_allclose(again.sensor_errors.value, smoothed.sensor_errors.value, rtol=0, atol=1e-8)
     assert "horizontal RMS" in result.summary()
     assert repr(result) == "Result: run of imu.csv, gps.csv, ref.csv"
     assert "<table" in result._repr_html_()
     outage = drive_.outage(lengths=(10, 30))
     assert [each.length for each in outage.found.growth] == [10.0, 30.0]
+    assert [each.length for each in drive_.outage(lengths=10).found.growth] == [10.0]
+    with pytest.raises(ConfigError, match="sequence"):
+        drive_.budget(times=60)
     budget = drive_.budget(times=(10, 60), windows=insnav_windows())
     assert list(budget.found.budget.time[budget.found.budget.chosen]) == [10.0, 60.0]
+
+
+def test_fixes_that_end_early_make_the_rest_a_gap_that_other_aiding_bridges(drive: Path) -> None:
+    gps = pd.read_csv("gps.csv")
+    ends = gps[gps["time_s"] < gps["time_s"].iloc[-1] - 10.0]
+    assert insnav.load("imu.csv", gps=ends).navigate().found.run.aiding
+    assert not insnav.load("imu.csv", gps=gps).navigate().found.run.aiding
 
 
 def insnav_windows() -> object:

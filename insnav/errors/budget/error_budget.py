@@ -192,8 +192,10 @@ def check_times(times: Sequence[float], longest: float = LONGEST) -> None:
     `times` [s]; `longest`: end of the motion [s].
     Raises: ConfigError: there are none, or some are too short or too long.
     """
+    if np.ndim(times) != 1:
+        raise ConfigError(f"times are a sequence, not {times!r}", where="times", fix="such as times=(10, 60)")
     wrong = [time for time in times if not SHORTEST <= time <= longest + 1e-6]
-    if wrong or not times:
+    if wrong or len(times) == 0:
         raise ConfigError(
             f"{', '.join(f'{time:g}' for time in wrong) or 'nothing'} is no time for this budget",
             where="--times",

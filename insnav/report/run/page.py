@@ -121,6 +121,7 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: T
     write_run_table(place, run.solution, table_format)
     if run.smoothed is not None:
         write_run_table(place, run.smoothed.solution, table_format, "smoothed")
+        write_run_table(place, run.smoothed.sensor_errors, table_format, "smoothed_biases")
     write_run_table(place, run.innovations, table_format)
     write_run_table(place, run.sensor_errors, table_format)
     for name, errors in (("errors", found.errors), ("smoothed_errors", found.smoothed_errors)):

@@ -45,7 +45,8 @@ def read_found(folder: Path) -> EvaluatedRun:
     sensor_errors = read_run_table(folder, SensorErrors)
     smoothed = None
     if has_smoothed(folder):
-        smoothed = Smoothed(read_solution(folder, "smoothed"), epochs, sensor_errors.rows(slice(0)))
+        biases = read_run_table(folder, SensorErrors, "smoothed_biases")
+        smoothed = Smoothed(read_solution(folder, "smoothed"), epochs, biases)
     run = Run(
         read_solution(folder),
         read_run_table(folder, Innovations),

@@ -10,13 +10,14 @@ from insnav.types import EventKind, Run
 
 _INSIDE = 0.95  # share of errors inside 3 sd that needs no word
 _MANY = 0.1  # share of rejected fixes that wants an explanation
+_LARGEST_SCALE = 0.05  # scale factor error [-]: consumer MEMS sensors are sold with at most 0.03
 
 
 def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     """Warn of what makes a solution worse than it states."""
     stated = [("position", found.errors), ("smoothed position", found.smoothed_errors)]
     overconfident = [text for name, errors in stated for text in _overconfident(name, errors)]
-    return (*_many_rejected(found.run), *overconfident[:1], *_diverged(found.run))
+    return (*_many_rejected(found.run), *overconfident[:1], *_diverged(found.run), *_impossible_scale(found.run))
 
 
 def _many_rejected(run: Run) -> list[str]:
@@ -55,4 +56,20 @@ def _diverged(run: Run) -> list[str]:
     return [
         f"innovations inconsistent with their predicted sd in {len(found)} windows of 1 min, first at {first.time:.1f} "
         f"s: {first.unit} = {first.value:.2g}; {first.hint}"
+    ]
+
+
+def _impossible_scale(run: Run) -> list[str]:
+    """A scale factor that no sensor has: the state stands for something that the model lacks."""
+    if len(run.sensor_errors.time) == 0:
+        return []
+    value, sd = (each[-1, 6:] for each in (run.sensor_errors.value, run.sensor_errors.sd))
+    names = [f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz"]
+    sure = (np.abs(value) > _LARGEST_SCALE) & (np.abs(value) > 3.0 * sd)
+    found = [f"{name} {100.0 * error:+.0f} %" for name, error, said in zip(names, value, sure, strict=True) if said]
+    if not found:
+        return []
+    return [
+        f"scale factor errors larger than any sensor has: {', '.join(found)}; the drive has what the model lacks, such "
+        "as vibration, misalignment, wrong units or timestamps. Positions between fixes may be worse than stated"
     ]
