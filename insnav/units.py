@@ -44,6 +44,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "rad/s/sqrt(Hz)": ("angle random walk", 1.0),
     "m/s/sqrt(s)": ("velocity random walk", 1.0),
     "m/s/sqrt(h)": ("velocity random walk", M_S_PER_SQRT_H),
+    "ft/s/sqrt(h)": ("velocity random walk", 0.3048 * M_S_PER_SQRT_H),
     "m/s^2/sqrt(Hz)": ("velocity random walk", 1.0),
     "ug/sqrt(Hz)": ("velocity random walk", UG),
     "mg/sqrt(Hz)": ("velocity random walk", 1e-3 * G0),

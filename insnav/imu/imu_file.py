@@ -6,6 +6,7 @@ The keys of its sensor tables, and the units in which they are written, are thos
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from insnav.config_file import (
 )
 from insnav.exceptions import ConfigError
 from insnav.imu.error_terms import Sensor, terms_of
+from insnav.imu.library import Part, close_names, find_part
 from insnav.imu.presets import FOLDER, PRESETS
 from insnav.imu.specification import ClockSpec, ImuSpec, InitialSpec, SensorSpec
 
@@ -86,13 +88,21 @@ _FIRST = ("bias", "bias_instability", "correlation_time", "random_walk", "rate_r
 _INITIAL_UNITS = {"position": "m", "velocity": "m/s", "tilt": "deg", "heading": "deg"}
 
 
+def part_of(preset_or_path: str) -> Part | None:
+    """Real part that a name means; None if it is a preset, a file or unknown."""
+    if preset_or_path in PRESETS or Path(preset_or_path).suffix == ".toml":
+        return None
+    return find_part(preset_or_path)
+
+
 def load_imu(preset_or_path: str) -> ImuSpec:
     """Read how large the errors of an IMU are.
 
     Parameters
     ----------
     preset_or_path : str
-        Name of a preset (see `insnav.imu.presets`) or path of an IMU file.
+        Name of a preset (see `insnav.imu.presets`) or of a real part (see `insnav.imu.library`), or path of an IMU
+        file.
 
     Returns
     -------
@@ -104,7 +114,12 @@ def load_imu(preset_or_path: str) -> ImuSpec:
     ConfigError
         No such preset or file, no TOML, or wrong keys or values: all of them at once.
     """
-    path = preset_or_file(preset_or_path, FOLDER, PRESETS, "an IMU", "--imu")
+    part = part_of(preset_or_path)
+    if part is not None:
+        return part.spec
+    path = preset_or_file(
+        preset_or_path, FOLDER, PRESETS, "an IMU", "--imu", f"; real parts: {close_names(preset_or_path)}"
+    )
     content = read_toml(path)
     sensors = [table for table in (content.get("gyro"), content.get("accel")) if isinstance(table, dict)]
     if any("matrix" in table or "raw" in table for table in sensors):

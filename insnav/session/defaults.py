@@ -11,6 +11,8 @@ from insnav.filter import FilterSettings
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.prepare import DELAY_SD, first_stationary
 from insnav.imu import identify, load_imu
+from insnav.imu.imu_file import part_of
+from insnav.imu.library import completed
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
 from insnav.session.checked_inputs import vector
@@ -26,9 +28,17 @@ REFERENCE_SD = (0.05, None)  # of reference positions; velocities count only if 
 
 
 def given_imu(model: object) -> tuple[ImuSpec, str] | None:
-    """IMU model as given, and how; None if it is left to the data."""
+    """IMU model as given, and how; None if it is left to the data.
+
+    What the documents of a real part do not say is taken from its class: a filter takes zero for certain.
+    """
     if model is None:
         return None
+    part = None if isinstance(model, ImuSpec) else part_of(str(model))
+    if part is not None:
+        spec, taken = completed(part, load_imu(part.grade))
+        said = f"; of the class {part.grade}, as its documents do not give it: {', '.join(taken)}" if taken else ""
+        return spec, f"from --imu {model}{said}"
     if isinstance(model, ImuSpec):
         spec, how = model, "given"
     else:

@@ -1,0 +1,217 @@
+"""Real IMUs by name: every figure with the document it stands in, and an IMU error specification made by one rule.
+
+A part is one file of ``parts/``. What its documents do not say is missing, not guessed. To one standard deviation:
+
+- a tolerance (+-) or a maximum of a bias, a scale factor or an angle is two standard deviations, "3 sd" three; what is
+  typical, RMS or 1 sd is taken as it stands, and so is every noise density, also one that is a limit;
+- the lowest point of an Allan deviation is 0.664 of the flicker noise, and stands for an in-run bias of that size over
+  0.664 (IEEE Std 952-1997, annex C); it is measured at constant temperature, so the standard deviation of an in-run
+  bias (of a filter, or of a paper) comes before it;
+- turn-on and in-run bias stay apart; a correlation time that is not given is an hour;
+- of several documents the one nearest to the sensor counts: datasheet, Allan deviation, paper, filter tuning, second
+  hand; of several of the same standing the largest figure.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import PlainValidator
+
+from insnav.config_file import Table, axes, read_toml, scalar, validate
+from insnav.exceptions import ConfigError
+from insnav.imu.error_terms import Sensor, terms_of
+from insnav.imu.specification import ImuSpec, SensorSpec
+from insnav.types import FloatArray
+
+FOLDER = Path(__file__).parent / "parts"
+PROVENANCE = ("datasheet", "Allan", "paper", "filter tuning", "second hand")  # nearest to the sensor first
+Statistic = Literal["density", "1 sd", "typical", "tolerance", "maximum", "3 sd", "Allan minimum"]
+TO_SD: dict[str, float] = {"tolerance": 0.5, "maximum": 0.5, "3 sd": 1.0 / 3.0, "Allan minimum": 1.0 / 0.664}
+HOUR = 3600.0  # correlation time where none is given [s]
+_SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
+_DIMENSIONS = {f"{name}.{term.key}": term.dimension for name in _SENSORS for term in terms_of(name)}
+_DIMENSIONS |= {f"{name}.correlation_time": "time" for name in _SENSORS}
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One figure of a part, as a document gives it."""
+
+    key: str  # of the IMU file: ``gyro.bias``
+    text: tuple[str, ...]  # as written, one or one per axis
+    value: FloatArray  # (3,) the same in SI
+    statistic: str  # what it is: one of `Statistic`
+    stated: str  # in the words of the document, or how it follows from what is written there
+    # title and place of the document, and its standing, one of `PROVENANCE`
+    document: str
+    where: str
+    provenance: str
+    used: bool  # it is the one that counts for its key
+
+    @property
+    def sd(self) -> FloatArray:
+        """One standard deviation or density, ``(3,)`` in SI."""
+        return self.value * TO_SD.get(self.statistic, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A real IMU."""
+
+    name: str
+    maker: str
+    grade: str  # class it belongs to; see `insnav.imu.presets`
+    temperature: str  # operating range as stated; empty if unknown
+    note: str  # what is doubtful, or left out
+    figures: tuple[Figure, ...]
+    spec: ImuSpec  # made of the figures that count
+
+    @property
+    def provenance(self) -> str:
+        """Standing of the weakest document that counts."""
+        return max((figure.provenance for figure in self.figures if figure.used), key=PROVENANCE.index)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Usual figures that no document gives, such as ``gyro.bias``."""
+        return tuple(key for key in self.spec.absent if not key.endswith("correlation_time"))
+
+
+def completed(part: Part, of: ImuSpec) -> tuple[ImuSpec, tuple[str, ...]]:
+    """Figures of a part, what is missing taken from those of its class, for a filter, which zeros would deceive.
+
+    `of`: its class. Returns: the specification, and the keys that were taken.
+    """
+    sensors = {}
+    for name in _SENSORS:
+        own, other = getattr(part.spec, name), getattr(of, name)
+        keys = [key.partition(".")[2] for key in part.spec.absent if key.startswith(f"{name}.")]
+        if "bias_instability" not in keys:  # its correlation time is that of its own
+            keys = [key for key in keys if key != "correlation_time"]
+        sensors[name] = replace(own, **{key: getattr(other, key) for key in keys})
+    return replace(part.spec, **sensors), part.missing
+
+
+class _Document(Table):
+    title: str
+    where: str
+    provenance: Literal["datasheet", "Allan", "paper", "filter tuning", "second hand"]
+
+
+class _Figure(Table):
+    key: str
+    value: str | list[str]
+    statistic: Statistic
+    document: str
+    stated: str = ""
+
+
+class _File(Table):
+    name: str
+    maker: str
+    grade: Literal["consumer", "automotive", "industrial", "tactical", "navigation"]
+    temperature: str = ""
+    note: str = ""
+    documents: dict[str, _Document]
+    figures: list[_Figure]
+
+
+def _plain(name: str) -> str:
+    """A name without case and punctuation: ``ADIS16505-3`` and ``adis 16505 3`` are the same."""
+    return re.sub(r"[^a-z0-9]", "", name.casefold())
+
+
+@functools.cache
+def _files() -> dict[str, Path]:
+    """Plain name of every part and its file."""
+    return {_plain(path.stem): path for path in sorted(FOLDER.glob("*.toml"))}
+
+
+def find_part(name: str) -> Part | None:
+    """Part of a name, in any spelling of case and hyphens; None if there is none."""
+    path = _files().get(_plain(name))
+    return None if path is None else read_part(path)
+
+
+def parts() -> tuple[Part, ...]:
+    """All parts, in the order of their names."""
+    return tuple(read_part(path) for path in _files().values())
+
+
+def close_names(name: str) -> str:
+    """Names like one that is unknown, or where all of them are listed."""
+    close = [key for key in _files() if key.startswith(_plain(name)[:8])] if len(_plain(name)) > 3 else []
+    return ", ".join(_files()[key].stem for key in close) or "see insnav imus"
+
+
+@functools.cache
+def read_part(path: Path) -> Part:
+    """Read the file of a part.
+
+    Raises: ConfigError: it is none, or a figure is of an unknown key, unit or document.
+    """
+    file = validate(_File, read_toml(path), str(path))
+    for figure in file.figures:
+        if figure.key not in _DIMENSIONS or figure.document not in file.documents:
+            raise ConfigError(f"{figure.key} of {figure.document!r} is unknown", where=str(path))
+    chosen = _chosen(file)
+    figures = tuple(
+        Figure(
+            each.key,
+            (each.value,) if isinstance(each.value, str) else tuple(each.value),
+            _si(each, path),
+            each.statistic,
+            each.stated,
+            file.documents[each.document].title,
+            file.documents[each.document].where,
+            file.documents[each.document].provenance,
+            each is chosen[each.key],
+        )
+        for each in file.figures
+    )
+    return Part(file.name, file.maker, file.grade, file.temperature, file.note, figures, _spec(file, figures))
+
+
+def _chosen(file: _File) -> dict[str, _Figure]:
+    """The figure that counts for every key."""
+
+    def standing(figure: _Figure) -> tuple[bool, int, float]:
+        rank = PROVENANCE.index(file.documents[figure.document].provenance)
+        return figure.statistic == "Allan minimum", rank, -float(np.max(_si(figure, Path(file.name))))
+
+    return {key: min((f for f in file.figures if f.key == key), key=standing) for key in {f.key for f in file.figures}}
+
+
+def _si(figure: _Figure, path: Path) -> FloatArray:
+    """Value of a figure in SI, ``(3,)``."""
+    dimension = _DIMENSIONS[figure.key]
+    kind: PlainValidator = scalar(dimension) if dimension == "time" else axes(dimension)
+
+    class Value(Table):
+        value: Annotated[object, kind]
+
+    return np.broadcast_to(np.array(validate(Value, {"value": figure.value}, f"{path}: {figure.key}").value), 3)
+
+
+def _spec(file: _File, figures: tuple[Figure, ...]) -> ImuSpec:
+    """IMU error specification of the figures that count."""
+    found = {figure.key: figure.sd for figure in figures if figure.used}
+    sensors, absent = {}, []
+    for name in _SENSORS:
+        given = {key.partition(".")[2]: value for key, value in found.items() if key.startswith(f"{name}.")}
+        usual = [*(term.key for term in terms_of(name) if term.usual), "correlation_time"]
+        absent += [f"{name}.{key}" for key in usual if key not in given]
+        tau = float(given.pop("correlation_time", np.full(3, HOUR))[0])
+        tau = tau if "bias_instability" in given else math.inf
+        sensors[name] = SensorSpec(correlation_time=tau, **given)
+    documents = "; ".join(f"{each.title} ({each.where})" for each in file.documents.values())
+    return ImuSpec(
+        file.name, sensors["gyro"], sensors["accel"], source=f"{documents}. {file.note}".strip(), absent=tuple(absent)
+    )

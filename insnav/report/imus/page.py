@@ -1,0 +1,99 @@
+"""Real IMUs: all of them in a table, or one with every figure and the document it stands in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from insnav.imu.error_terms import TERMS
+from insnav.imu.library import PROVENANCE, Figure, Part
+from insnav.imu.presets import PRESETS
+from insnav.quantity import Quantity
+from insnav.report.page import Page, Section, one_each
+from insnav.units import UNITS
+
+_UNITS = {f"{term.sensor}.{term.key}": term.unit for term in TERMS}
+_HEADINGS = {
+    "gyro.bias": "gyro bias",
+    "gyro.bias_instability": "in-run",
+    "gyro.random_walk": "ARW",
+    "accel.bias": "accel bias",
+    "accel.bias_instability": "in-run",
+    "accel.random_walk": "VRW",
+}
+RULES = (
+    "One standard deviation. A tolerance or maximum of a bias, scale factor or angle is read as 2 sd; typical, RMS and "
+    "1 sd figures and noise densities as they stand; the lowest point of an Allan deviation over 0.664.",
+    "Turn-on bias and in-run bias are kept apart. Correlation time, where none is given: 1 h.",
+    f"Of several documents the first of these counts: {', '.join(PROVENANCE)}; of several such the largest figure. An "
+    "in-run bias given as a standard deviation comes before the lowest point of an Allan deviation.",
+)
+
+
+def parts_page(parts: Sequence[Part]) -> Page:
+    """List parts with their figures: turn-on bias, in-run bias and noise of both sensors."""
+    rows = tuple(
+        (
+            Quantity("part", part.name),
+            Quantity("class", part.grade),
+            *(_shown(part, key) for key in _HEADINGS),
+            Quantity("source", part.provenance),
+        )
+        for part in parts
+    )
+    classes = {grade: [part.name for part in parts if part.grade == grade] for grade in PRESETS}
+    named = {grade: (Quantity("parts", names),) for grade, names in classes.items() if names}
+    return Page(
+        f"{len(parts)} real IMUs",
+        (
+            "Any of them goes where an IMU model does: --imu STIM300.",
+            "insnav imus STIM300 shows every figure of a part and where it stands.",
+        ),
+        (Section("imus", rows=rows), Section("", parts=(one_each("classes", "", named),), show="json")),
+        assumptions=RULES,
+    )
+
+
+def _shown(part: Part, key: str) -> Quantity:
+    """Largest axis of a figure that counts; nothing where there is none."""
+    found = [float(figure.sd.max()) for figure in part.figures if figure.used and figure.key == key]
+    return Quantity(key.replace(".", "_"), found[0] if found else None, _UNITS[key], meaning=_HEADINGS[key])
+
+
+def part_page(part: Part) -> Page:
+    """Show a part: every figure, what it is read as, and the document it stands in."""
+    rows = tuple(_row(figure) for figure in part.figures if not figure.key.endswith("correlation_time"))
+    missing = ", ".join(part.missing) or "none of the usual figures"
+    about = (
+        Quantity("maker", part.maker),
+        Quantity("class", part.grade),
+        Quantity("temperature", part.temperature or None),
+        Quantity("missing", missing),
+        Quantity("note", part.note or None),
+    )
+    documents = {each.document: each for each in part.figures}
+    sources = {
+        title: (Quantity("provenance", each.provenance), Quantity("where", each.where))
+        for title, each in documents.items()
+    }
+    return Page(
+        f"{part.name}, {part.maker}",
+        (f"Missing: {missing}; it counts as zero in budgets, and is said.",) if part.missing else (),
+        (Section("part", items=about), Section("figures", "Figures", rows=rows), one_each("documents", "", sources)),
+        assumptions=RULES,
+    )
+
+
+def _row(figure: Figure) -> tuple[Quantity, ...]:
+    return (
+        Quantity("figure", figure.key),
+        Quantity("as_written", ", ".join(figure.text), meaning="as written"),
+        Quantity("statistic", figure.statistic),
+        Quantity("sd", f"{figure.sd.max() / _si_size(figure):.3g} {_UNITS[figure.key]}", meaning="read as"),
+        Quantity("used", figure.used),
+        Quantity("document", figure.document),
+        Quantity("stated", figure.stated),
+    )
+
+
+def _si_size(figure: Figure) -> float:
+    return UNITS[_UNITS[figure.key]][1]
