@@ -75,7 +75,7 @@ class Result(Generic[F]):
         folder: str | Path,
         *,
         force: bool = False,
-        figures: Literal["png", "svg", "none"] = "png",
+        figures: Literal["page", "png", "svg", "none"] = "page",
         table_format: Literal["csv", "parquet"] = "csv",
     ) -> Path:
         """Write tables, figures, page and ``run.json`` into a new folder.
@@ -86,8 +86,9 @@ class Result(Generic[F]):
             The folder to make; it appears only when it is complete.
         force : bool
             Replace an existing result of insnav.
-        figures : {"png", "svg", "none"}
-            File format of the figures; none leaves out the page too.
+        figures : {"page", "png", "svg", "none"}
+            Files of figures for papers besides the page; page writes those only that the page itself embeds, none
+            leaves out the page too.
         table_format : {"csv", "parquet"}
 
         Returns

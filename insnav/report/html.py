@@ -1,37 +1,41 @@
-"""What all report pages share: templates that escape everything, and figures inside the page."""
+"""What all report pages share: templates that escape everything, interactive panels and figures inside the page."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Sequence
+import hashlib
+import json
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 
 from insnav import __version__
 from insnav.plain_text import plain_text
-from insnav.report.page import Page, Section, Show, Table, section_tables
+from insnav.report.page import Page, Section, Show, Table, cell, section_tables
+from insnav.report.panels import modes, panel_data
 
 _MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
+_TEMPLATES = Path(__file__).parent / "templates"
+_BOKEH = ("bokeh.min.js", "bokeh-api.min.js")
+LIGHTS = {"good": "good", "attention": "needs attention", "bad": "bad", "unknown": "not known"}
 
 
-def filled(template: str, **values: Any) -> str:
-    """Fill a template.
-
-    `template`: name of the file in ``templates/``; `**values`: what it needs; a value it asks for and does not get is
-    an error.
-    """
+def _filled(template: str, **values: Any) -> str:
+    """Fill a template; a value that it asks for and does not get is an error."""
     environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
+        loader=FileSystemLoader(_TEMPLATES),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     environment.filters["plain"] = plain_text
-    return environment.get_template(template).render(**values)
+    return environment.get_template(template).render(**values, value=cell, lights=LIGHTS, modes=modes)
 
 
 def data_uri(file: Path) -> str:
@@ -39,17 +43,60 @@ def data_uri(file: Path) -> str:
     return f"data:{_MEDIA[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}"
 
 
-def page_html(page: Page, files: Sequence[Path]) -> str:
-    """Write a report as one self-contained page."""
-    images = {each.name: data_uri(file) for each, file in zip(page.figures, files, strict=True)}
-    return filled("page.html.j2", page=page, images=images, tables=_tables_of("all", "page"), version=__version__)
+def page_html(page: Page, files: Mapping[str, Path]) -> str:
+    """Write a report as one self-contained page.
+
+    `files`: pictures of the figures that it shows, by their names; a figure without one is left out.
+    """
+    scripts = _scripts() if page.panels else ()
+    return _filled(
+        "page.html.j2",
+        page=page,
+        images={name: data_uri(file) for name, file in files.items()},
+        tables=_tables_of("all", "page"),
+        version=__version__,
+        data=_json_script([panel_data(each) for each in page.panels]),
+        scripts=[Markup(text) for text in scripts],
+        policy=_policy(scripts),
+    )
 
 
 def page_fragment(page: Page) -> str:
     """Write a report as a part of another page, such as a notebook: what the terminal shows, as tables."""
-    return filled("fragment.html.j2", page=page, images={}, tables=_tables_of("all"))
+    still = tuple(_without_panels(section) for section in page.sections)
+    return _filled("fragment.html.j2", page=replace(page, sections=still), images={}, tables=_tables_of("all"))
+
+
+def _without_panels(section: Section) -> Section:
+    return replace(section, panels=(), parts=tuple(_without_panels(part) for part in section.parts))
 
 
 def _tables_of(*shown: Show) -> Callable[[Section], list[Table]]:
     """Tables of one section, and none of its parts, which follow its figures."""
     return lambda section: section_tables(replace(section, parts=()), shown)
+
+
+def _scripts() -> tuple[str, ...]:
+    """BokehJS as its package brings it, and what draws the panels with it."""
+    spec = find_spec("bokeh")  # found, not imported: only its JavaScript is used
+    assert spec is not None
+    assert spec.origin is not None
+    bokeh = Path(spec.origin).parent / "server" / "static" / "js"
+    return tuple(
+        file.read_text(encoding="utf-8") for file in (*(bokeh / name for name in _BOKEH), _TEMPLATES / "panels.js")
+    )
+
+
+def _policy(scripts: tuple[str, ...]) -> str:
+    """Content-Security-Policy under which nothing is fetched, and only the scripts of the page run."""
+    hashes = (base64.b64encode(hashlib.sha256(each.encode()).digest()).decode("ascii") for each in scripts)
+    allowed = " ".join(f"'sha256-{each}'" for each in hashes) or "'none'"
+    return f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
+
+
+def _json_script(value: list[Any]) -> Markup:
+    """JSON that may stand inside a script element."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    for sign in "<>&":
+        text = text.replace(sign, f"\\u{ord(sign):04x}")
+    return Markup(text)

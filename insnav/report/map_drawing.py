@@ -6,7 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from insnav.report.style import BLACK, GREEN, blank
+from insnav.report.colours import BLACK, GREEN
+from insnav.report.style import (
+    blank,
+)
 from insnav.types import FloatArray
 
 _NARROWEST_M = 4.0  # a vehicle at rest needs a map too

@@ -19,7 +19,10 @@ from insnav.report.numbers import number, rounded
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from insnav.report.panels import Drawing
+
 Show = Literal["all", "page", "json"]
+Light = Literal["good", "attention", "bad", "unknown"]
 STATISTICS = {
     "rms": "RMS",
     "p95": "95 %",
@@ -39,6 +42,15 @@ class FigureSpec:
 
 
 @dataclass(frozen=True, slots=True)
+class Verdict:
+    """The result in one sentence, and whether it can be relied on."""
+
+    light: Light
+    reason: str  # of the light
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
 class Section:
     """Quantities that belong together: single ones, or rows of a table, one row an item."""
 
@@ -50,11 +62,14 @@ class Section:
     # a table: quantities of one key are a column, the first names the row. Without a `key` the table is on the page
     # only: the same quantities stand elsewhere in JSON, in another shape.
     rows: tuple[tuple[Quantity, ...], ...] = ()
-    figures: tuple[FigureSpec, ...] = ()  # below its tables on the page
+    # below its tables: on the page where it has no panels, as files where they are asked for
+    figures: tuple[FigureSpec, ...] = ()
+    panels: tuple[Drawing, ...] = ()  # interactive drawings, above its tables on the page
     parts: tuple[Section, ...] = ()  # what it consists of
     note: str = ""  # how to read it
     show: Show = "all"  # everywhere; on the page and in JSON; in JSON only
     keyed: bool = False  # in JSON the rows stand under their names, not in a list
+    folded: bool = False  # on the page only its title is seen until it is asked for
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +82,8 @@ class Page:
     warnings: tuple[str, ...] = ()  # what the reader must not overlook, most harmful first
     assumptions: tuple[str, ...] = ()  # what was taken for granted: defaults, validity, sources
     notes: tuple[str, ...] = ()  # what was found in the data and done about it, most important first; no warnings
+    verdict: Verdict | None = None  # the first thing on the page
+    merits: tuple[Quantity, ...] = ()  # figures of merit, about six; they stand in the sections too
 
     @property
     def lists(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
@@ -77,7 +94,18 @@ class Page:
     @property
     def figures(self) -> tuple[FigureSpec, ...]:
         """All figures, in the order of the page."""
-        return tuple(figure for section in self.sections for figure in _figures(section))
+        return tuple(figure for section in self.sections for each in _with_parts(section) for figure in each.figures)
+
+    @property
+    def embedded(self) -> tuple[FigureSpec, ...]:
+        """Figures that the page shows: those of sections without panels."""
+        parts = (each for section in self.sections for each in _with_parts(section) if not each.panels)
+        return tuple(figure for each in parts for figure in each.figures)
+
+    @property
+    def panels(self) -> tuple[Drawing, ...]:
+        """All interactive drawings, in the order of the page."""
+        return tuple(panel for section in self.sections for each in _with_parts(section) for panel in each.panels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +128,8 @@ def one_each(key: str, title: str, items: Mapping[str, Sequence[Quantity]], firs
     return Section(key, title, rows=rows, parts=unknown, note=note, keyed=True)
 
 
-def _figures(section: Section) -> tuple[FigureSpec, ...]:
-    return (*section.figures, *(figure for part in section.parts for figure in _figures(part)))
+def _with_parts(section: Section) -> tuple[Section, ...]:
+    return (section, *(each for part in section.parts for each in _with_parts(part)))
 
 
 def section_tables(section: Section, shown: Sequence[Show] = ("all",)) -> list[Table]:

@@ -26,9 +26,11 @@ def page_facts(page: Page) -> dict[str, Any]:
     """Give everything in a report as one nested dict, ready for JSON.
 
     Returns: under the key of each section its quantities, units in the keys; the rows of a table as a list.
-    ``summary``, ``warnings``, ``notes`` and ``assumptions`` last.
+    ``verdict`` where there is one, ``summary``, ``warnings``, ``notes`` and ``assumptions`` last.
     """
     facts = section_facts(page.sections)
+    if page.verdict is not None:
+        facts["verdict"] = {name: getattr(page.verdict, name) for name in ("light", "reason", "sentence")}
     return facts | {name: list(getattr(page, name)) for name in ("summary", "warnings", "notes", "assumptions")}
 
 

@@ -7,7 +7,7 @@ table_format)`` for other files, ``text(page)`` for the terminal, ``read_found(f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -20,16 +20,17 @@ from insnav.input.readers.reading import ReadingFacts
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat
 from insnav.report.html import page_html
-from insnav.report.page import Page
+from insnav.report.page import FigureSpec, Page
 from insnav.report.provenance import provenance
 from insnav.report.run_json import json_ready, page_facts, versions
-from insnav.report.style import FigureFormat, drawing, save
 from insnav.report.terminal import page_text
 from insnav.result import Result
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+FigureFiles = Literal["page", "png", "svg", "none"]
 
 
 def page_of(result: Result[Any]) -> Page:
@@ -66,6 +67,8 @@ def figure(result: Result[Any], name: str) -> Figure:
     figures = {each.name: each.draw for each in page_of(result).figures}
     if name not in figures:
         raise ConfigError(f"there is no figure {name!r}", fix=f"this result has {', '.join(figures) or 'none'}")
+    from insnav.report.style import drawing
+
     with drawing():
         return figures[name]()
 
@@ -74,13 +77,12 @@ def save_result(
     result: Result[Any],
     folder: RunFolder,
     *,
-    figures: FigureFormat | Literal["none"] = "png",
+    figures: FigureFiles = "page",
     table_format: TableFormat = "csv",
 ) -> Path:
     """Write a result into a folder and put it in its place.
 
-    `folder`: entered, not committed; `figures` {"png", "svg", "none"}: file format of the figures; none leaves out the
-    page too; `table_format` {"csv", "parquet"}.
+    `folder`: entered, not committed; `figures`: see `write_page`; `table_format` {"csv", "parquet"}.
     """
     room = _room(result.kind)
     if hasattr(room, "write_files"):
@@ -89,7 +91,7 @@ def save_result(
         folder,
         page_of(result),
         {"kind": result.kind, "versions": versions()},
-        figure_format=None if figures == "none" else figures,
+        figures=figures,
     )
 
 
@@ -109,13 +111,14 @@ def write_page(
     page: Page,
     metadata: Mapping[str, Any] | None = None,
     texts: Mapping[str, str] | None = None,
-    figure_format: FigureFormat | None = "png",
+    figures: FigureFiles = "page",
 ) -> Path:
     """Write figures, page, JSON and text files into a folder and put it in its place.
 
     `folder`: entered, not committed; `page`: content of ``report.html``, ``figures`` and ``run.json``; `metadata`: what
     stands first in ``run.json``: command, input, options; `texts`: further files: name to content, such as
-    ``calibration.toml``; `figure_format` {"png", "svg"}: none leaves out figures and page.
+    ``calibration.toml``; `figures` {"page", "png", "svg", "none"}: files of those figures that the page embeds, files
+    of all of them, or neither figures nor page.
     Raises: ConfigError: two figures of one name; OutputError: the folder cannot be written.
     """
     names = [figure.name for figure in page.figures]
@@ -123,8 +126,19 @@ def write_page(
         raise ConfigError("two figures have the same name", where=", ".join(names))
     for name, text in (texts or {}).items():
         folder.path(name).write_text(text, encoding="utf-8", newline="\n")
-    if figure_format is not None:
-        with drawing():
-            files = [save(each.draw(), folder.path(f"figures/{each.name}"), figure_format) for each in page.figures]
-        folder.path("report.html").write_text(page_html(page, files), encoding="utf-8", newline="\n")
+    if figures != "none":
+        files = _drawn(folder, page.embedded if figures == "page" else page.figures, figures)
+        html = page_html(page, {each.name: files[each.name] for each in page.embedded})
+        folder.path("report.html").write_text(html, encoding="utf-8", newline="\n")
     return folder.commit({**json_ready(metadata or {}), **page_facts(page)})
+
+
+def _drawn(folder: RunFolder, figures: Sequence[FigureSpec], file_format: FigureFiles) -> dict[str, Path]:
+    """Draw figures into their files; a page whose panels say it all does not wait for matplotlib."""
+    if not figures:
+        return {}
+    from insnav.report.style import drawing, save
+
+    suffix: Literal["png", "svg"] = "svg" if file_format == "svg" else "png"
+    with drawing():
+        return {each.name: save(each.draw(), folder.path(f"figures/{each.name}"), suffix) for each in figures}

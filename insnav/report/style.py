@@ -1,13 +1,9 @@
-"""What all figures share: colours, type, axes over time, bands, and drawing many points quickly.
-
-Colours are those of Okabe and Ito (2008), distinguishable with every common kind of colour vision and in grey print.
-"""
+"""What all figures for papers share: type, axes over time, bands, and drawing many points quickly."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,15 +15,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from insnav.report.colours import ORANGE
+from insnav.report.series import Clock, envelope, thinned
 from insnav.types import FloatArray
 
 FigureFormat = Literal["png", "svg", "pdf"]
 
-BLUE, ORANGE, GREEN, VERMILLION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
-SKY, PURPLE, BLACK, GREY = "#56B4E9", "#CC79A7", "#000000", "#8A8A8A"
-AXIS_COLOURS = (BLUE, VERMILLION, GREEN)  # x, y, z
 DOTS_PER_INCH = 130
-BINS = 1200  # about one a pixel: more cannot be seen
 
 _RC: Any = {
     "font.family": "sans-serif",
@@ -63,28 +57,6 @@ def drawing() -> Iterator[None]:
     """Set the style of everything drawn inside."""
     with mpl.rc_context(_RC):
         yield
-
-
-@dataclass(frozen=True, slots=True)
-class Clock:
-    """Time axis of one run: seconds, minutes or hours since its start."""
-
-    start: float  # zero of the axis, in the time of the data [s]
-    unit_s: float  # length of the axis' unit [s]
-    label: str  # axis label
-
-    @classmethod
-    def of(cls, time: FloatArray) -> Clock:
-        """Choose the axis for a run from all its times ``(n,)`` [s]."""
-        start = float(time[0]) if len(time) else 0.0
-        length = float(time[-1]) - start if len(time) else 0.0
-        unit_s, unit = (3600.0, "h") if length > 6 * 3600.0 else (60.0, "min") if length > 900.0 else (1.0, "s")
-        since = f" since {start:.1f} s" if start else ""
-        return cls(start, unit_s, f"time{since} [{unit}]")
-
-    def __call__(self, time: Any) -> Any:
-        """Return times of the data [s] as places on the axis."""
-        return (np.asarray(time) - self.start) / self.unit_s
 
 
 def stacked(
@@ -152,40 +124,6 @@ def save(figure: Figure, path: Path, file_format: FigureFormat) -> Path:
         # Light compression: the files grow by a fifth and are written in half the time.
         figure.savefig(file, dpi=DOTS_PER_INCH, metadata={"Software": None}, pil_kwargs={"compress_level": 3})
     return file
-
-
-def envelope(time: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Thin a band ``(n,)`` to at most `BINS` points without narrowing it; breaks (NaN) are kept."""
-    if len(time) <= BINS:
-        return time, low, high
-    starts = np.linspace(0, len(time), BINS + 1).astype(np.int64)[:-1]
-    return time[starts], np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
-
-
-def thinned(time: FloatArray, value: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Thin a line ``(n,)`` to its smallest and largest value in each of `BINS` stretches; breaks (NaN) are kept."""
-    if len(time) <= 2 * BINS:
-        return time, value
-    length = -(-len(time) // BINS)
-    padding = -len(time) % length
-    blocks = np.concatenate((value, np.full(padding, value[-1]))).reshape(-1, length)
-    broken = np.isnan(blocks)
-    low = np.argmin(np.where(broken, np.inf, blocks), axis=1)
-    high = np.argmax(np.where(broken, -np.inf, blocks), axis=1)
-    gap = np.where(broken.any(axis=1), np.argmax(broken, axis=1), low)
-    first = np.arange(len(blocks)) * length
-    rows = np.unique(np.concatenate((first + low, first + high, first + gap, [len(time) - 1])))
-    rows = rows[rows < len(time)]
-    return time[rows], value[rows]
-
-
-def broken_at_gaps(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Put a row of NaN into every gap of values ``(n, k)``, so that no line is drawn across it."""
-    if len(time) < 3:
-        return time, values
-    step = np.diff(time)
-    after = np.flatnonzero(step > 5.0 * np.median(step)) + 1
-    return np.insert(time, after, time[after]), np.insert(values, after, np.nan, axis=0)
 
 
 def band(axes: Axes, time: FloatArray, middle: FloatArray, half: FloatArray, colour: str, label: str) -> None:

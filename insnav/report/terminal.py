@@ -11,7 +11,8 @@ def page_text(page: Page) -> str:
 
     Returns: lines without control characters; sections that are shown on the page only are left out.
     """
-    blocks = ["\n".join([page.title, *page.summary])]
+    verdict = [] if page.verdict is None else [page.verdict.sentence]
+    blocks = ["\n".join([page.title, *verdict, *page.summary])]
     blocks += [table_text(table) for section in page.sections for table in section_tables(section)]
     warnings = (("Warnings", page.warnings),) if page.warnings else ()
     blocks += ["\n".join([heading, *(f"  - {line}" for line in lines)]) for heading, lines in (*warnings, *page.lists)]

@@ -16,7 +16,11 @@ from insnav.report.run.figures.innovations import draw_innovations
 from insnav.report.run.figures.states import draw_attitude
 from insnav.report.run.figures.track import draw_track
 from insnav.report.run.page import run_figures
-from insnav.report.style import BINS, Clock, broken_at_gaps, drawing, envelope, save, thinned
+from insnav.report.series import BINS, Clock, broken_at_gaps, envelope, thinned
+from insnav.report.style import (
+    drawing,
+    save,
+)
 from insnav.types import GpsData
 from tests.report.synthetic import drive
 

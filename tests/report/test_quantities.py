@@ -55,7 +55,7 @@ def test_text_and_page_show_the_same_figures() -> None:
 def test_a_page_escapes_and_needs_its_figures(tmp_path) -> None:
     file = tmp_path / "empty.png"
     file.write_bytes(b"\x89PNG")
-    html = page_html(page(), [file])
+    html = page_html(page(), {"empty": file})
     assert "mind &lt;this&gt;" in html
     assert "data:image/png" in html
 
@@ -92,7 +92,7 @@ def test_a_mapping_is_columns_of_a_table_and_one_key_in_json() -> None:
 def test_figures_stand_with_their_section(tmp_path) -> None:
     file = tmp_path / "empty.png"
     file.write_bytes(b"\x89PNG")
-    html = page_html(page(), [file])
+    html = page_html(page(), {"empty": file})
     assert html.index("Axes") < html.index("Sizes") < html.index("<img")
     assert "An empty figure" not in page_fragment(page())
     assert "<head" not in page_fragment(page())

@@ -7,7 +7,13 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from insnav.lab.acceptance.figures_of_merit import Stability
-from insnav.report.style import AXIS_COLOURS, BLACK, GREY, Clock, legend_above, line, stacked
+from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
+from insnav.report.series import Clock
+from insnav.report.style import (
+    legend_above,
+    line,
+    stacked,
+)
 
 
 def draw_stability(sensors: Sequence[tuple[str, Sequence[Stability], tuple[str, float]]]) -> Figure:

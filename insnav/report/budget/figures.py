@@ -9,8 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from insnav.errors.budget.error_budget import Budget
+from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.page import Table
-from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, blank, logarithmic
+from insnav.report.style import (
+    blank,
+    logarithmic,
+)
 from insnav.types import FloatArray
 
 WIDTH = 8.27  # A4 [inch]

@@ -10,7 +10,13 @@ from insnav.errors.budget.from_windows import RecordedPart
 from insnav.errors.diagnosis.causes import CAUSES
 from insnav.errors.outage.statistics import COMPONENTS, components
 from insnav.report.budget.windows_quantities import GROWS, UNITS
-from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION, blank, legend_above, logarithmic, stacked
+from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION
+from insnav.report.style import (
+    blank,
+    legend_above,
+    logarithmic,
+    stacked,
+)
 from insnav.types import FloatArray
 from insnav.units import UNITS as FACTORS
 

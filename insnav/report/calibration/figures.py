@@ -10,7 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from insnav.report.style import AXIS_COLOURS, GREY, blank, legend_above, stacked
+from insnav.report.colours import AXIS_COLOURS, GREY
+from insnav.report.style import (
+    blank,
+    legend_above,
+    stacked,
+)
 from insnav.types import BoolArray, FloatArray
 
 

@@ -7,7 +7,12 @@ from matplotlib.figure import Figure
 
 from insnav.lab.multi_position.many_positions import PosesCalibration
 from insnav.lab.multi_position.six_positions import POSITIONS, SixPositions
-from insnav.report.style import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION, legend_above, logarithmic, stacked
+from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
+from insnav.report.style import (
+    legend_above,
+    logarithmic,
+    stacked,
+)
 from insnav.units import DEG, G0
 
 _MG = 1e-3 * G0

@@ -7,7 +7,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from insnav.lab.rate_sweep.method import SweepCalibration
-from insnav.report.style import AXIS_COLOURS, BLACK, GREY, legend_above, stacked
+from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
+from insnav.report.style import (
+    legend_above,
+    stacked,
+)
 from insnav.types import FloatArray
 from insnav.units import DEG
 

@@ -10,7 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from insnav.certificate.check import Check
-from insnav.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, blank, legend_above
+from insnav.report.colours import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
+from insnav.report.style import (
+    blank,
+    legend_above,
+)
 
 _LEAST, _MOST = 1e-7, 1e7  # parts of the limit; beyond, figures stand at the edge
 _ROW = 0.185  # height [inch]

@@ -9,15 +9,9 @@ from matplotlib.figure import Figure
 
 from insnav.errors.comparison import Comparison
 from insnav.errors.metrics import TrajectoryErrors
+from insnav.report.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
+from insnav.report.series import Clock, broken_at_gaps
 from insnav.report.style import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    SKY,
-    VERMILLION,
-    Clock,
-    broken_at_gaps,
     legend_above,
     line,
     stacked,

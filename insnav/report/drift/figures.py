@@ -6,7 +6,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from insnav.lab.drift.allan_before_after import DriftStudy, GyroDrift
-from insnav.report.style import AXIS_COLOURS, BLACK, GREY, blank, legend_above, line, logarithmic
+from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
+from insnav.report.style import (
+    blank,
+    legend_above,
+    line,
+    logarithmic,
+)
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H
 

@@ -11,7 +11,11 @@ from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 from insnav.lab.noise.allan import AllanDeviation
 from insnav.lab.noise.noise_model import NoiseModel
-from insnav.report.style import AXIS_COLOURS, GREY, blank, legend_above
+from insnav.report.colours import AXIS_COLOURS, GREY
+from insnav.report.style import (
+    blank,
+    legend_above,
+)
 from insnav.types import FloatArray
 from insnav.units import DEG_PER_H, UG
 

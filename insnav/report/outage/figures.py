@@ -9,7 +9,12 @@ from matplotlib.figure import Figure
 
 from insnav.errors.outage.gnss_outage import Outage
 from insnav.errors.outage.statistics import Growth
-from insnav.report.style import BLACK, BLUE, GREY, SKY, VERMILLION, legend_above, logarithmic, stacked
+from insnav.report.colours import BLACK, BLUE, GREY, SKY, VERMILLION
+from insnav.report.style import (
+    legend_above,
+    logarithmic,
+    stacked,
+)
 from insnav.types import FloatArray
 
 _POINTS = 24  # times at which the windows are summed up

@@ -11,15 +11,10 @@ from insnav.errors.metrics import distance_and_time
 from insnav.errors.platform_errors import PlatformComparison
 from insnav.errors.schuler import StaticErrors
 from insnav.gimbal import PlatformRun, torquing_rates
+from insnav.report.colours import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, VERMILLION
 from insnav.report.map_drawing import distance_text, finish_map, map_figure
+from insnav.report.series import Clock
 from insnav.report.style import (
-    AXIS_COLOURS,
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    VERMILLION,
-    Clock,
     legend_above,
     line,
     over_time,

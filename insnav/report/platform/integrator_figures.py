@@ -12,19 +12,12 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.errors.platform_errors import Convergence
 from insnav.gimbal import INTEGRATORS, Integrator, integral
+from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
+from insnav.report.series import Clock, thinned
 from insnav.report.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    SKY,
-    VERMILLION,
-    Clock,
     blank,
     legend_above,
     stacked,
-    thinned,
 )
 from insnav.types import FloatArray
 

@@ -19,14 +19,8 @@ from insnav.regression.evaluate import GROWTH
 from insnav.regression.history import Entry
 from insnav.regression.run_corpus import CaseResult
 from insnav.regression.verdict import FAILS_FROM, Comparison
+from insnav.report.colours import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, SKY, VERMILLION
 from insnav.report.style import (
-    AXIS_COLOURS,
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    SKY,
-    VERMILLION,
     blank,
     legend_above,
     logarithmic,

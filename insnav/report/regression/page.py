@@ -62,12 +62,12 @@ def write_pages(
     except OSError as error:
         raise OutputError("the plots cannot be written", where=str(folder), why=error.strerror or str(error)) from error
     figures = tuple(FigureSpec(name, caption, Figure) for name, caption, _ in drawn)
-    files = [file for _, _, file in drawn]
+    files = {name: file for name, _, file in drawn}
     shown = replace(page, sections=(*page.sections, Section("", figures=figures)))
     write_text(folder / PAGE, page_html(shown, files))
     chosen = [(caption, file.name) for name, caption, file in drawn if name in _IN_SECTION]
     write_text(folder / SECTION, markdown(result, comparison, now, peers, chosen))
-    return [*files, folder / PAGE, folder / SECTION]
+    return [*files.values(), folder / PAGE, folder / SECTION]
 
 
 def _drawings(

@@ -30,7 +30,7 @@ from insnav.report.run.short_duration import short_columns
 from insnav.report.run.summary import summary_lines
 from insnav.report.run.warnings import run_warnings
 from insnav.report.run_json import page_facts
-from insnav.report.style import Clock
+from insnav.report.series import Clock
 from insnav.result import Result
 
 if TYPE_CHECKING:

@@ -6,14 +6,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from insnav.errors.ensemble import BAND, GROUPS, Ensemble, band, inside
+from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, VERMILLION
+from insnav.report.series import Clock, broken_at_gaps
 from insnav.report.style import (
-    AXIS_COLOURS,
-    BLUE,
-    GREY,
-    VERMILLION,
-    Clock,
     blank,
-    broken_at_gaps,
     legend_above,
     line,
     logarithmic,

@@ -9,16 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors
+from insnav.report.colours import BLACK, BLUE, GREEN, ORANGE, SKY, VERMILLION
+from insnav.report.series import Clock, broken_at_gaps
 from insnav.report.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    ORANGE,
-    SKY,
-    VERMILLION,
-    Clock,
     band,
-    broken_at_gaps,
     legend_above,
     line,
     shade,

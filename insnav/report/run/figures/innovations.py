@@ -8,7 +8,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullLocator
 
 from insnav.errors.gps_gaps import outages
-from insnav.report.style import BLACK, BLUE, SKY, VERMILLION, Clock, band, legend_above, shade, stacked, thinned
+from insnav.report.colours import BLACK, BLUE, SKY, VERMILLION
+from insnav.report.series import Clock, thinned
+from insnav.report.style import (
+    band,
+    legend_above,
+    shade,
+    stacked,
+)
 from insnav.types import BoolArray, EventKind, FloatArray, Run
 
 _CHI2_95 = 7.815  # 95 % point of chi-square with 3 degrees of freedom

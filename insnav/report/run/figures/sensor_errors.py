@@ -6,7 +6,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from insnav.report.style import AXIS_COLOURS, Clock, band, legend_above, line, stacked
+from insnav.report.colours import AXIS_COLOURS
+from insnav.report.series import Clock
+from insnav.report.style import (
+    band,
+    legend_above,
+    line,
+    stacked,
+)
 from insnav.types import FloatArray, Run
 from insnav.units import DEG_PER_H, G0, PPM
 

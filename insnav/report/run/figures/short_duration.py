@@ -8,7 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from insnav.errors.short_duration_errors import LENGTH, ShortWindow
-from insnav.report.style import BLACK, BLUE, GREY, ORANGE, legend_above, stacked
+from insnav.report.colours import BLACK, BLUE, GREY, ORANGE
+from insnav.report.style import (
+    legend_above,
+    stacked,
+)
 from insnav.types import FloatArray
 
 

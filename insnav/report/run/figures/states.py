@@ -8,7 +8,15 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from insnav.errors.gps_gaps import outages
-from insnav.report.style import BLUE, GREY, Clock, band, broken_at_gaps, legend_above, line, shade, stacked
+from insnav.report.colours import BLUE, GREY
+from insnav.report.series import Clock, broken_at_gaps
+from insnav.report.style import (
+    band,
+    legend_above,
+    line,
+    shade,
+    stacked,
+)
 from insnav.types import FloatArray, GpsData, Run, Trajectory
 
 _NOTE = "band: ±3 sd of the solution; fixes as received, at the antenna"

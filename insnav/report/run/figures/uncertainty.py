@@ -6,7 +6,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from insnav.errors.gps_gaps import outages
-from insnav.report.style import BLUE, VERMILLION, Clock, broken_at_gaps, legend_above, line, logarithmic, shade, stacked
+from insnav.report.colours import BLUE, VERMILLION
+from insnav.report.series import Clock, broken_at_gaps
+from insnav.report.style import (
+    legend_above,
+    line,
+    logarithmic,
+    shade,
+    stacked,
+)
 from insnav.types import FloatArray, Run
 
 

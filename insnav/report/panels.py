@@ -1,0 +1,189 @@
+"""Interactive drawings of a page: what they hold. ``templates/panels.js`` draws them with BokehJS in the browser.
+
+Panels of one `Panel.link` share their horizontal axis and one cursor, which a map of the same link follows too.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from insnav.plain_text import plain_text
+from insnav.report.series import envelope, robust_limits, thinned
+from insnav.types import FloatArray
+
+LINE_BINS = 1000  # a line keeps the smallest and largest value of so many stretches
+BAND_BINS = 500
+MARKERS = 2000  # most points of a cloud, the extremes among them
+Kind = Literal["line", "dashed", "points", "crosses", "band", "bars"]
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """One line, band, cloud of points or set of bars. Curves of one name are one entry of the legend."""
+
+    name: str
+    x: FloatArray  # (n,); of bars: their right ends
+    y: FloatArray  # (n,); of a band: its upper edge; of bars: the row of each, 0 at the top
+    colour: str  # "#RRGGBB", those of `insnav.report.colours`; the dark page lightens them
+    kind: Kind = "line"
+    low: FloatArray | None = None  # (n,) lower edge of a band, left ends of bars
+    mode: str = ""  # of the switch of the page under which it is shown, such as "filtered"; empty: always
+    text: tuple[str, ...] = ()  # of points and bars: what is shown when they are pointed at
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """Curves over one horizontal axis."""
+
+    key: str  # its id in the page
+    title: str
+    y_label: str  # with the unit: ``error [m]``
+    x_label: str
+    curves: tuple[Curve, ...]
+    link: str = ""  # panels with the same one share their horizontal axis and cursor
+    note: str = ""  # how to read it
+    log_x: bool = False
+    log_y: bool = False
+    limits: tuple[float, float] | None = None  # of the vertical axis; by the curves, without outliers, if none
+    levels: tuple[tuple[float, str], ...] = ()  # horizontal lines with their names: gates
+    spans: tuple[tuple[float, float], ...] = ()  # shaded stretches of the horizontal axis
+    rows: tuple[str, ...] = ()  # names of the rows of bars or of events, from the top
+    height: int = 190  # [px]
+
+
+@dataclass(frozen=True, slots=True)
+class Shade:
+    """One way to colour a track."""
+
+    name: str  # with the unit: ``horizontal sd [m]``
+    values: FloatArray  # (n,)
+    classes: tuple[tuple[float, str], ...] = ()  # names of the values if they are kinds, not sizes
+    mode: str = ""  # as in `Curve`
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """A map in local metres, of true aspect."""
+
+    key: str
+    title: str
+    east: FloatArray  # (n,) [m]
+    north: FloatArray  # (n,) [m]
+    time: FloatArray  # (n,) on the axis of `link`
+    shades: tuple[Shade, ...]
+    link: str = ""
+    fixes: FloatArray | None = None  # (k, 2) measured positions, east and north [m]
+    spans: tuple[tuple[float, float], ...] = ()  # stretches of `time` to mark: outages
+    note: str = ""
+    height: int = 420  # [px]
+
+
+Drawing = Panel | Track
+
+
+def panel_data(drawing: Drawing) -> dict[str, Any]:
+    """Give what ``panels.js`` needs of a drawing, thinned, ready for JSON."""
+    common = {
+        "key": drawing.key,
+        "link": drawing.link,
+        "height": drawing.height,
+        "spans": _finite_pairs(drawing.spans),
+    }
+    return common | (_panel(drawing) if isinstance(drawing, Panel) else _track(drawing))
+
+
+def modes(drawings: Sequence[Drawing]) -> tuple[str, ...]:
+    """Positions of the switch that the drawings know, in their order."""
+    found = [each.mode for d in drawings for each in (d.curves if isinstance(d, Panel) else d.shades)]
+    return tuple(dict.fromkeys(mode for mode in found if mode))
+
+
+def _panel(panel: Panel) -> dict[str, Any]:
+    return {
+        "xLabel": plain_text(panel.x_label),
+        "yLabel": plain_text(panel.y_label),
+        "logX": panel.log_x,
+        "logY": panel.log_y,
+        "limits": _limits(panel),
+        "levels": [[float(value), plain_text(name)] for value, name in panel.levels],
+        "rows": [plain_text(name) for name in panel.rows],
+        "curves": [_curve(each) for each in panel.curves if len(each.x)],
+    }
+
+
+def _limits(panel: Panel) -> Mapping[str, list[float]]:
+    """Limits of the vertical axis under each position of the switch."""
+    found = {}
+    for mode in modes([panel]) or ("",):
+        own = [each for each in panel.curves if each.mode in ("", mode)]
+        limits = panel.limits or _robust(own, panel.log_y)
+        if limits is not None:
+            found[mode] = [float(each) for each in limits]
+    return found
+
+
+def _robust(curves: Sequence[Curve], logarithmic: bool) -> tuple[float, float] | None:
+    values = [each.y for each in curves if each.kind != "band"]
+    bands = [edge for each in curves if each.kind == "band" for edge in (each.y, each.low) if edge is not None]
+    # a band that is wide for a short time, such as at the start, does not set the limits
+    values += [np.percentile(known, (5.0, 95.0)) for each in bands if (known := each[np.isfinite(each)]).size]
+    if not logarithmic:
+        return robust_limits(values)
+    found = robust_limits([np.log10(each[each > 0.0]) for each in values], least=1.0)
+    return None if found is None else (10.0 ** found[0], 10.0 ** found[1])
+
+
+def _curve(curve: Curve) -> dict[str, Any]:
+    x, y, low, text = curve.x, curve.y, curve.low, curve.text
+    if curve.kind == "band" and low is not None:
+        x, low, y = envelope(x, low, y, BAND_BINS)
+    elif curve.kind in ("line", "dashed"):
+        x, y = thinned(x, y, LINE_BINS)
+    elif not text and len(x) > MARKERS:
+        x, y = thinned(x, y, MARKERS // 2)
+    found = {
+        "name": plain_text(curve.name),
+        "kind": curve.kind,
+        "colour": curve.colour,
+        "mode": curve.mode,
+        "x": packed(x),
+        "y": packed(y),
+    }
+    if low is not None:
+        found["low"] = packed(low)
+    return found | ({"text": [plain_text(each) for each in text]} if text else {})
+
+
+def _track(track: Track) -> dict[str, Any]:
+    rows = np.unique(np.linspace(0, len(track.time) - 1, min(len(track.time), 2 * LINE_BINS)).round().astype(np.int64))
+    fixes = np.empty((0, 2)) if track.fixes is None else track.fixes
+    fixes = fixes[:: max(1, -(-len(fixes) // MARKERS))]
+    return {
+        "east": packed(track.east[rows]),
+        "north": packed(track.north[rows]),
+        "time": packed(track.time[rows]),
+        "fixes": [packed(fixes[:, 0]), packed(fixes[:, 1])],
+        "shades": [
+            {
+                "name": plain_text(each.name),
+                "mode": each.mode,
+                "values": packed(each.values[rows]),
+                "classes": [[float(value), plain_text(name)] for value, name in each.classes],
+            }
+            for each in track.shades
+        ],
+    }
+
+
+def _finite_pairs(spans: Sequence[tuple[float, float]]) -> list[list[float]]:
+    return [[float(a), float(b)] for a, b in spans if np.isfinite((a, b)).all()]
+
+
+def packed(values: FloatArray) -> str:
+    """Write numbers as 32-bit floats, base64."""
+    return base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode("ascii")

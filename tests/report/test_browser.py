@@ -1,0 +1,133 @@
+"""Pages in a real browser: nothing fails, nothing is fetched, panels are drawn and linked, no text is cut."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from insnav.report.html import page_html
+from tests.report import drawn
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+DRIVER = shutil.which("chromedriver")
+pytestmark = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="no Chromium with chromedriver on this machine")
+# elements whose text does not fit in them, or that stand out of the page
+CUT = """
+const all = "h1, h2, p, dt, dd, summary, figcaption, .legend label, .legend button";
+return [...document.querySelectorAll(all)].filter(each => {
+  const box = each.getBoundingClientRect();
+  return box.width > 0 && (box.right > innerWidth + 1 || box.left < -1 || each.scrollWidth > each.clientWidth + 1
+    && getComputedStyle(each).display !== "inline");
+}).map(each => each.textContent.trim());
+"""
+
+
+class Browser:
+    """One Chromium; every page is opened from its file."""
+
+    def __init__(self, driver: Any) -> None:
+        self.driver = driver
+
+    def open(self, file: Path, width: int = 1280) -> None:
+        """Open a page and wait until its panels are drawn."""
+        from selenium.webdriver.support.ui import WebDriverWait
+
+        self.driver.execute_cdp_cmd(
+            "Emulation.setDeviceMetricsOverride",
+            {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False},
+        )
+        for kind in ("browser", "performance"):
+            self.logs(kind)
+        self.driver.get(file.resolve().as_uri())
+        WebDriverWait(self.driver, 60).until(lambda _: self.run("return document.body.dataset.drawn"))
+
+    def run(self, script: str) -> Any:
+        return self.driver.execute_script(script)
+
+    def logs(self, kind: str) -> list[Any]:
+        return list(self.driver.get_log(kind))
+
+    def errors(self) -> list[str]:
+        """What the console complained of."""
+        return [each["message"] for each in self.logs("browser") if each["level"] in ("SEVERE", "WARNING")]
+
+    def requests(self) -> list[str]:
+        """Everything that was fetched, the page apart."""
+        sent = (json.loads(each["message"])["message"] for each in self.logs("performance"))
+        urls = [each["params"]["request"]["url"] for each in sent if each["method"] == "Network.requestWillBeSent"]
+        return [url for url in urls if not url.startswith(("file:", "data:"))]
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for flag in ("headless", "no-sandbox", "disable-gpu", "disable-background-networking", "disable-dev-shm-usage"):
+        options.add_argument(f"--{flag}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    yield Browser(driver)
+    driver.quit()
+
+
+@pytest.fixture
+def opened(browser: Browser, tmp_path: Path) -> Browser:
+    """The page of every kind of panel, with names that try to escape."""
+    file = tmp_path / "page.html"
+    file.write_text(page_html(drawn.page(drawn.HOSTILE), {}), encoding="utf-8")
+    browser.open(file)
+    return browser
+
+
+def test_it_is_drawn_without_an_error_and_without_the_network(opened: Browser) -> None:
+    assert opened.errors() == []
+    assert opened.requests() == []
+    assert opened.run("return insnav.drawings.length") == 4
+    assert opened.run("return insnav.drawings.every(each => each.view && each.frame.width > 100)")
+
+
+def test_zoom_and_cursor_are_linked_and_the_switch_shows_the_outlier(opened: Browser) -> None:
+    opened.run("insnav.drawings[1].x.setv({start: 1000, end: 1100})")
+    assert opened.run("return [insnav.drawings[2].x.start, insnav.drawings[2].x.end]") == [1000, 1100]
+    assert opened.run("return insnav.drawings[3].x.end") > 99  # not linked
+    assert opened.run("return insnav.drawings[1].y.end") < 0.6
+    opened.run("insnav.whole(insnav.drawings[2])")
+    assert opened.run("return insnav.drawings[1].x.end") > 3500
+    opened.run("insnav.follow(insnav.links.get('time'), 1800)")
+    assert opened.run("return insnav.drawings.slice(1, 3).map(each => each.cursor.style.display)") == ["block", "block"]
+    assert opened.run("return insnav.drawings[0].here.style.display") == "block"
+    # half way the figure of eight is at 2000 sin(3), 1000 sin(6)
+    assert opened.run(
+        "const t = insnav.drawings[0]; return Math.abs(t.x.start + (parseFloat(t.here.style.left) - "
+        "t.frame.left) / t.frame.width * (t.x.end - t.x.start) - 2000 * Math.sin(3)) < 30"
+    )
+    assert opened.run("return insnav.drawings[1].root.dataset.outliers") == "0"
+    opened.run("document.querySelector('[data-mode=filtered]').click()")
+    assert opened.run("return insnav.drawings[1].root.dataset.outliers") == "1"
+
+
+def test_pointing_at_the_map_moves_the_cursor(opened: Browser) -> None:
+    opened.run("insnav.drawings[0].pointed([0.5, 0.5])")
+    at = opened.run("return insnav.links.get('time').at")
+    assert 0.0 <= at <= 3600.0
+    assert opened.run("return insnav.drawings[1].cursor.style.display") == "block"
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_no_text_is_cut_and_a_metre_is_a_metre(browser: Browser, tmp_path: Path, width: int) -> None:
+    file = tmp_path / "page.html"
+    file.write_text(page_html(drawn.page(), {}), encoding="utf-8")
+    browser.open(file, width)
+    assert browser.run(CUT) == []
+    assert browser.run("return document.documentElement.scrollWidth") <= width
+    ratio = browser.run(
+        "const t = insnav.drawings[0], f = t.frame; "
+        "return f.width / (t.x.end - t.x.start) / (f.height / (t.y.end - t.y.start))"
+    )
+    assert ratio == pytest.approx(1.0, abs=0.01)

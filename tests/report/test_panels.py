@@ -1,0 +1,71 @@
+"""What the panels of a page hold: thinned with its extremes, harmless in the page, on axes that no spike sets."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+
+import numpy as np
+
+from insnav.report.html import page_fragment, page_html
+from insnav.report.panels import LINE_BINS, modes, panel_data
+from insnav.report.series import robust_limits
+from tests.report import drawn
+
+
+def unpacked(text: str) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(text), "<f4")
+
+
+def test_extremes_survive_the_thinning() -> None:
+    error = panel_data(drawn.panels()[1])
+    filtered = next(each for each in error["curves"] if each["mode"] == "filtered" and each["kind"] == "line")
+    x, y = unpacked(filtered["x"]), unpacked(filtered["y"])
+    assert len(x) <= 3 * LINE_BINS
+    assert y.max() == 30.0
+    assert np.isclose(x[np.argmax(y)], drawn.SPIKE * 3600.0 / 20000.0)
+    assert (np.diff(x) >= 0.0).all()
+
+
+def test_one_spike_does_not_set_the_axis() -> None:
+    limits = panel_data(drawn.panels()[1])["limits"]
+    assert set(limits) == {"smoothed", "filtered"}
+    assert limits["filtered"][1] < 0.6
+    assert limits["filtered"][0] > -0.6
+    values = np.concatenate((np.zeros(1000), [20.0]))
+    assert robust_limits([np.sin(np.arange(1000.0))])[1] > 1.0  # what is no outlier is all seen
+    assert robust_limits([np.sin(np.arange(1000.0)), values[:1000]]) is not None
+    low, high = robust_limits([np.full(5, 3.0)], least=2.0)
+    assert (low, high) == (2.0, 4.0)
+    assert robust_limits([np.array([np.nan])]) is None
+
+
+def test_the_switch_knows_its_positions() -> None:
+    assert modes(drawn.panels()) == ("smoothed", "filtered")
+
+
+def test_only_the_scripts_of_the_page_run_and_data_cannot_end_them() -> None:
+    html = page_html(drawn.page(drawn.HOSTILE), {})
+    scripts = re.findall(r"<script>(.*?)</script>", html, re.DOTALL)
+    assert len(scripts) == 3
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', html).group(1)
+    assert policy.startswith("default-src &#39;none&#39;")
+    for each in scripts:
+        digest = base64.b64encode(hashlib.sha256(each.encode()).digest()).decode()
+        assert f"sha256-{digest}" in policy
+    assert "unsafe-eval" not in policy
+    data = re.search(r'<script type="application/json" id="panels-data">(.*?)</script>', html, re.DOTALL).group(1)
+    assert "<" not in data
+    assert json.loads(data)[1]["curves"][0]["name"] == drawn.HOSTILE
+
+
+def test_verdict_first_then_warnings_then_figures_of_merit() -> None:
+    html = page_html(drawn.page(), {})
+    order = [
+        html.index(text)
+        for text in ("needs attention", "Horizontal error 0.148", "was not given<", "merit 5", "Drawn", "<summary>")
+    ]
+    assert order == sorted(order)
+    assert "panels-data" not in page_fragment(drawn.page())
