@@ -17,6 +17,7 @@ from insnav.cli import (
     budget,
     calibrate,
     compare,
+    demo,
     drift,
     imus,
     outage,
@@ -53,6 +54,7 @@ app = typer.Typer(
 )
 for _module, _command in (
     (run, run.run),
+    (demo, demo.demo),
     (align, align.align),
     (compare, compare.compare),
     (report, report.report),

@@ -1,0 +1,36 @@
+"""``insnav demo``: the main job on the sample drive, which comes with insnav."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import typer
+
+from insnav.cli import options as opt
+
+SHORT_HELP = "Navigate the sample drive that comes with insnav: the first thing to try."
+HELP = """Navigate the sample drive that comes with insnav.
+
+A simulated car, four minutes in a town, with two GPS outages and an exact reference. The command that does it is
+printed: copy it, and put your own files in.
+
+\b
+Examples:
+  insnav demo
+  insnav demo --out first --force
+"""
+
+
+def demo(context: typer.Context, out: opt.Out = Path("demo"), force: opt.Force = False) -> None:
+    """Run the main job on the sample drive."""
+    from insnav.simulate.motion.library import sample_drive
+
+    imu, gps, reference = (str(path) for path in sample_drive())
+    arguments = [imu, "--gps", gps, "--ref", reference, "--lever-arm", "0.8,-0.3,-1.2", "--out", str(out)]
+    typer.echo("$ " + shlex.join(["insnav", "run", *arguments]), err=True)  # not wrapped: it is to be copied
+    group = context.find_root().command
+    assert isinstance(group, typer.core.TyperGroup)
+    run = group.commands["run"]
+    with run.make_context("run", [*arguments, *["--force"] * force], parent=context.find_root()) as inner:
+        run.invoke(inner)
