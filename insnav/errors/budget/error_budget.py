@@ -11,7 +11,7 @@ from scipy.special import gammaincinv
 
 from insnav.errors.budget import laws
 from insnav.errors.budget.analytic import analytic, gravity_of, schuler_rate
-from insnav.errors.budget.covariance import covariance
+from insnav.errors.budget.covariance import covariance, worst_case
 from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.simulated import free_runs
 from insnav.errors.budget.sources import Source, families, left_out, not_given, only, sources_of
@@ -36,11 +36,6 @@ class Column:
     def total(self) -> FloatArray:
         """Root of the sum of the squares, ``(m, 9)``: what is to be expected, as the families are independent."""
         return np.asarray(np.sqrt(np.sum(self.parts**2, axis=1)))
-
-    @property
-    def worst(self) -> FloatArray:
-        """Sum of one standard deviation of every family, ``(m, 9)``: all of them at once with the worst sign."""
-        return np.asarray(np.sum(self.parts, axis=1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +64,12 @@ class RecordedColumn:
     """Errors of the windows of a recorded drive."""
 
     time: FloatArray  # (k,) since the start of a window [s]
-    rms: FloatArray  # (k, 3) RMS error North, East, Down, reference variance subtracted [m]
-    predicted: FloatArray  # (k, 3) predicted standard deviation North, East, Down [m]
+    # (k, 4) RMS error North, East, Down, horizontal, reference variance subtracted [m]; ``NaN`` below its noise
+    corrected: FloatArray
+    # (k, 4) 95 % confidence interval; ``NaN`` with too few windows
+    low: FloatArray
+    high: FloatArray
+    predicted: FloatArray  # (k, 4) predicted standard deviation [m]
     windows: int  # how many
     description: str  # what was recorded, and what errors are against
 
@@ -88,6 +87,8 @@ class Budget:
     # by closed laws; and by the linear model along the motion
     analytic: Column
     covariance: Column
+    # (m, 4) largest error North, East, Down, horizontal of all sources within one sd, by the linear model [m]
+    worst: FloatArray
     hold: bool  # the vertical channel was constrained to the reference height
     # gravity [m/s^2] and Schuler rate [rad/s] where the motion begins
     gravity: float
@@ -156,6 +157,7 @@ def budget(
         sources=sources,
         analytic=Column(_by_family(analytic_sd**2, sources, names)),
         covariance=Column(_by_family(variance, sources, names)),
+        worst=worst_case(predicted.parts),
         hold=hold,
         gravity=gravity_of(motion),
         schuler_rate=schuler_rate(motion),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -10,7 +11,15 @@ from scipy.linalg import expm
 
 from insnav.earth import ned_offset
 from insnav.errors.budget.analytic import analytic
-from insnav.errors.budget.covariance import Covariance, at_start, covariance, disturbance, processes, steps_of
+from insnav.errors.budget.covariance import (
+    Covariance,
+    at_start,
+    covariance,
+    disturbance,
+    processes,
+    steps_of,
+    worst_case,
+)
 from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, first_movement, sampled
 from insnav.errors.budget.sources import Source, families, only, sources_of
 from insnav.exceptions import ConfigError
@@ -255,3 +264,25 @@ def test_a_pole_is_no_place_for_north_and_east():
 def test_the_first_movement_is_found():
     assert first_movement(town()) == pytest.approx(11.5, abs=1.1)
     assert first_movement(straight(PLACE, 10.0, 0.3, 30.0)) == 0.0
+
+
+def test_nothing_within_one_sd_is_worse_than_the_worst_case():
+    """All signs of ten constant sources, of any directions, one by one."""
+    rng = np.random.default_rng(4)
+    error = rng.standard_normal((10, 9)) * 10.0 ** rng.uniform(-1.0, 1.0, (10, 1))
+    found = worst_case((error[:, :, None] * error[:, None, :])[None])[0]
+    together = np.array(list(product((-1.0, 1.0), repeat=10))) @ error
+    np.testing.assert_allclose(found[:3], np.abs(together[:, :3]).max(axis=0), rtol=1e-12)
+    assert found[3] == pytest.approx(np.hypot(*together[:, :2].T).max(), rel=3e-6)
+
+
+def test_of_a_noise_the_worst_case_is_its_ellipse():
+    """One noise of unequal axes, 30 deg from north, and one constant along its longer axis."""
+    c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
+    turn = np.array([[c, -s], [s, c]])
+    parts = np.zeros((1, 2, 9, 9))
+    parts[0, 0, :2, :2] = turn @ np.diag([9.0, 1.0]) @ turn.T
+    parts[0, 1, :2, :2] = 4.0 * np.outer(turn[:, 0], turn[:, 0])
+    found = worst_case(parts)[0]
+    assert found[3] == pytest.approx(3.0 + 2.0, rel=1e-6)
+    assert found[0] == pytest.approx(np.sqrt(9.0 * c * c + s * s) + 2.0 * c, rel=1e-12)

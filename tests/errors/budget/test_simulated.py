@@ -167,7 +167,7 @@ def test_budget_joins_the_columns(driving):
     ratio = found.simulated.total[at] / found.covariance.total[at]
     assert np.all((ratio > 0.6) & (ratio < 1.5))
     np.testing.assert_allclose(found.analytic.total[at][:, :2], found.covariance.total[at][:, :2], rtol=0.01)
-    assert np.all(found.covariance.worst >= found.covariance.total - 1e-15)
+    assert np.all(found.worst[:, :3] >= found.covariance.total[:, :3] - 1e-15)
     low, high = found.simulated.band
     np.testing.assert_allclose([low**2 * 40, high**2 * 40], chi2.ppf([0.025, 0.975], 40), rtol=1e-9)
     assert found.simulated.nees[at] == pytest.approx(np.ones(3), abs=5 * np.sqrt(2 / (40 * 9)))
@@ -186,7 +186,8 @@ def test_one_minute_budget_of_the_paper():
     wanted = {"accel bias": 0.8802, "initial tilt": 0.9218 / scale, "gyro bias": 0.0138 / scale}
     for name, value in wanted.items():
         assert parts[name] == pytest.approx(value, abs=6e-5)
-    assert found.analytic.worst[found.chosen[0], 0] == pytest.approx(sum(wanted.values()), abs=2e-4)
+    # all at once, and the little that the rotation of the Earth brings in from the other axes
+    assert 0.0 < found.worst[found.chosen[0], 0] / sum(wanted.values()) - 1.0 < 3e-3
     rss = np.sqrt(sum(v * v for v in wanted.values()))
     assert found.covariance.total[found.chosen[0], 0] == pytest.approx(rss, rel=1e-3)
     assert found.short_form_error(60.0)[0] == pytest.approx(-0.00047, abs=2e-5)
