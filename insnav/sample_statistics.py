@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import gammaincinv, stdtrit
 
 from insnav.types import FloatArray, IntArray
 
@@ -127,6 +127,43 @@ def means(values: FloatArray, weights: FloatArray) -> FloatArray:
     count = weights @ known.reshape(len(values), -1).astype(np.float64)
     with np.errstate(invalid="ignore"):
         return np.asarray((total / np.where(count > 0.0, count, np.nan)).reshape(-1, *shape))
+
+
+def mean_square_interval(
+    start: FloatArray, length: float, square: FloatArray, axes: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """95 % confidence interval of the mean square of errors of windows of one drive.
+
+    Parameters
+    ----------
+    start : (n,) array
+        Where the windows begin [s].
+    length : float
+        Of each [s].
+    square : (n, ...) array
+        Squared errors; ``NaN`` where not known.
+    axes : (...) array
+        Of how many numbers, each as large as the others, a squared error is the sum.
+
+    Returns
+    -------
+    low, high : (...) array
+        ``NaN`` where the effective sample size is below `FEWEST`.
+
+    Notes
+    -----
+    The wider of two: of the bootstrap, which sees that some windows have larger errors than others but too little of
+    the spread where windows overlap; and of chi-square with the effective sample size, which is right for normal
+    errors of one size and for no others. In simulations (4 to 60 windows without and with overlap; errors normal, of
+    two sizes, of Student's t with 5 degrees of freedom) each alone covers 85 to 98 and 77 to 98 %, both together 90 to
+    99 %. They are about windows of this drive: an error common to all of them counts as one window only.
+    """
+    low, high = interval(start, length, lambda weights: means(square, weights))
+    freedom = effective_count(start, length) * axes
+    middle = means(square, np.ones((1, len(start))))[0]
+    tails = (0.5 * (1.0 + CONFIDENCE), 0.5 * (1.0 - CONFIDENCE))
+    by_chi2 = [middle * freedom / np.maximum(2.0 * gammaincinv(0.5 * freedom, tail), 1e-300) for tail in tails]
+    return np.minimum(low, by_chi2[0]), np.maximum(high, by_chi2[1])
 
 
 def interval(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insnav.sample_statistics import FEWEST, block_weights, effective_count, interval, means
+from insnav.sample_statistics import FEWEST, block_weights, effective_count, interval, mean_square_interval, means
 
 
 @pytest.mark.parametrize(
@@ -51,6 +51,35 @@ def test_intervals_of_overlapping_windows_hold():
     print(f"{held} of 200 intervals hold the truth")
     # blocks are known to fall a little short of 95 % with forty independent windows
     assert 172 <= held <= 199
+
+
+def _errors(kind: str, cells: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Independent pieces of error, and their variance."""
+    if kind == "heavy tails":
+        return rng.standard_t(5, cells), np.full(cells, 5.0 / 3.0)
+    size = np.where(np.arange(cells) % 5 == 0, 3.0, 0.7) if kind == "of two sizes" else np.ones(cells)
+    return size * rng.standard_normal(cells), size**2
+
+
+@pytest.mark.parametrize("kind", ["normal", "of two sizes", "heavy tails"])
+@pytest.mark.parametrize(
+    ("independent", "overlap", "axes"), [(5, 1, 1), (15, 1, 2), (60, 1, 1), (6, 4, 1), (15, 10, 2)]
+)
+def test_intervals_of_mean_squares_hold(kind: str, independent: int, overlap: int, axes: int):
+    rng = np.random.default_rng(11)
+    count = (independent - 1) * overlap + 1
+    start, held, runs = np.arange(count) / overlap, 0, 150
+    for _ in range(runs):
+        square, truth = np.zeros(count), 0.0
+        for _ in range(axes):
+            error, variance = _errors(kind, count + overlap - 1, rng)
+            square += np.convolve(error, np.ones(overlap), mode="valid") ** 2
+            truth += float(np.convolve(variance, np.ones(overlap), mode="valid").mean())
+        low, high = mean_square_interval(start, 1.0, square[:, None], np.array([float(axes)]))
+        held += bool(low[0] <= truth <= high[0])
+    print(f"{100.0 * held / runs:.0f} % hold the truth")
+    # 90 % where they hold least, and 3 sd of what 150 runs can tell
+    assert held / runs > 0.9 - 3.0 * np.sqrt(0.9 * 0.1 / runs)
 
 
 def test_too_few_windows_have_no_interval():

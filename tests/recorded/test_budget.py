@@ -57,8 +57,10 @@ def test_ring_laser_gyros_at_rest_err_by_decimetres_in_a_minute():
         assert part.growth.inside[-1, AT["horizontal"]] > 0.95
     # 100 ug alone, levelled by themselves: 1.8 m would be the error of accelerometers that are not
     assert found.uncalibrated is not None
-    assert found.uncalibrated.growth.rms[-1, AT["horizontal"]] < 0.5
-    assert found.calibrated.growth.rms[-1, AT["along"]] != found.calibrated.growth.rms[-1, AT["along"]]  # no course
+    assert found.uncalibrated.growth.corrected[-1, AT["horizontal"]] < 0.5
+    assert (
+        found.calibrated.growth.corrected[-1, AT["along"]] != found.calibrated.growth.corrected[-1, AT["along"]]
+    )  # no course
 
 
 @lru_cache(maxsize=1)
@@ -73,7 +75,7 @@ def test_consumer_mems_in_town_is_worse_than_its_noise_at_rest_says():
     found = consumer()
     say(found)
     part = found.calibrated
-    horizontal = part.growth.rms[:, AT["horizontal"]]
+    horizontal = part.growth.corrected[:, AT["horizontal"]]
     assert 1.5 < horizontal[0] < 6.0  # after 10 s
     assert 25.0 < horizontal[2] < 80.0  # after 30 s
     assert part.growth.times[-1] == 60.0

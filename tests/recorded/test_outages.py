@@ -22,12 +22,12 @@ def errors(imu: ImuData, gps: GpsData, lever_b: tuple[float, float, float], leng
     print(*ready.notes, sep="\n")
     sums = outage_growth(outages(ready, lengths=lengths))
     for each in sums:
-        rms, high, largest, predicted = (v[-1, 0] for v in (each.rms, each.p95, each.largest, each.predicted))
+        rms, high, largest, predicted = (v[-1, 0] for v in (each.corrected, each.p95, each.largest, each.predicted))
         print(
             f"{each.length:g} s: RMS {rms:.2f}, 95 % {high:.2f}, max {largest:.2f}, predicted {predicted:.2f} m, "
             f"{each.count} windows, inside 3 sd {100 * each.inside_at_end:.0f} %"
         )
-    return [each.rms[-1, 0] for each in sums]
+    return [each.corrected[-1, 0] for each in sums]
 
 
 def test_consumer_mems_with_nhc() -> None:

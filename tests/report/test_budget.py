@@ -94,7 +94,8 @@ def test_facts_are_complete_and_json(found):
     last = facts["budget"][-1]
     assert last["covariance"]["position_m"] == pytest.approx(list(found.covariance.total[found.chosen[-1], :3]))
     assert set(last["simulated"]["sources"]) == set(found.families)
-    assert len(last["analytic"]["worst_position_m"]) == 3
+    assert len(last["covariance"]["worst_position_m"]) == 3
+    assert last["covariance"]["worst_horizontal_m"] > last["covariance"]["horizontal_m"]
     assert facts["runs"]["count"] == 30
     assert len(facts["sources"]) == 89
     assert facts["recorded"] is None
@@ -118,9 +119,8 @@ def test_page_shows_curves_tables_and_assumptions(found):
 
 
 def test_a_recorded_column_has_its_place(found):
-    recorded = RecordedColumn(
-        np.array([10.0, 20.0]), np.array([[1.5, 1.0, 1.0], [6.25, 1.0, 1.0]]), np.ones((2, 3)), 12, "a drive"
-    )
+    size = np.array([[1.5, 1.0, np.nan, 1.8], [6.25, 1.0, 1.0, 6.33]])
+    recorded = RecordedColumn(np.array([10.0, 20.0]), size, 0.7 * size, 1.4 * size, np.ones((2, 4)), 12, "a drive")
     joined = replace(found, recorded=recorded)
     table = section_tables(positions_section(joined))[0]
     assert cells(table, "20")["rec. N"] == "6.25"

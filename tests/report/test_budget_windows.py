@@ -38,7 +38,7 @@ def tables_of(budget: RecordedBudget):
 
 def with_replicas(budget: RecordedBudget, factor: float) -> RecordedBudget:
     part = budget.calibrated
-    recorded = part.growth.total_rms
+    recorded = part.growth.rms
     rms = recorded * factor * np.linspace(0.8, 1.2, 11)[:, None, None]
     made = Replicas(
         part.growth.times,
@@ -114,7 +114,7 @@ def test_facts_are_json_with_units(budget: RecordedBudget):
     facts = json.loads(json.dumps(found, allow_nan=False))["recorded_windows"]
     calibrated = facts["calibrated"]
     assert calibrated["windows"] == budget.calibrated.windows.count
-    assert calibrated["rms_m"]["north"][-1] == pytest.approx(budget.calibrated.growth.rms[-1, 0])
+    assert calibrated["rms_corrected_m"]["north"][-1] == pytest.approx(budget.calibrated.growth.corrected[-1, 0])
     assert calibrated["replicas"]["inside_band"] is True
     assert facts["uncalibrated"]["sensors"]["accel_bias_mg"] == pytest.approx(list(drives.SIGNS), rel=0.1)
     assert facts["uncalibrated"]["by_motion"]["static"] is None

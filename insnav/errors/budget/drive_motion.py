@@ -57,12 +57,15 @@ def with_recorded(found: Budget, budget: RecordedBudget) -> Budget:
     windows = budget.shown.windows
     times = found.time[found.chosen]
     summed = growth(windows, times)
+    columns = [summed.column(name) for name in ("north", "east", "down", "horizontal")]
     column = RecordedColumn(
-        times,
-        summed.rms[:, :3],
-        summed.predicted[:, :3],
-        windows.count,
-        f"{windows.count} windows of {windows.length:g} s, {_kind(budget)}, against {budget.reference}",
+        time=times,
+        corrected=summed.corrected[:, columns],
+        low=summed.low[:, columns],
+        high=summed.high[:, columns],
+        predicted=summed.predicted[:, columns],
+        windows=windows.count,
+        description=f"{windows.count} windows of {windows.length:g} s, {_kind(budget)}, against {budget.reference}",
     )
     return replace(found, recorded=column)
 

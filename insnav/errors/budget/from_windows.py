@@ -46,7 +46,7 @@ class Verdict:
     """Whether the recorded error at the end of the windows agrees with the prediction."""
 
     component: str
-    # RMS error and its 95 % confidence interval [m]
+    # RMS error and its 95 % confidence interval [m]; `recorded` is NaN below the noise of the reference
     recorded: float
     low: float
     high: float
@@ -175,8 +175,9 @@ def _part(windows: Windows, model: ErrorModel, made: Replicas | None) -> Recorde
 def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
     """Compare recorded and predicted error at the last time.
 
-    Errors are explained if their confidence interval reaches down to the prediction; with too few windows for an
-    interval, if their square is one that as many normal errors could have.
+    Errors are explained if their confidence interval reaches down to the prediction, or their square is one that as
+    many normal errors could have. An error common to all windows is one sample, whatever their number; of a mean square
+    of which it is the share c, n windows are worth ``1 / (c^2 + (1 - c)^2 / n)`` (Satterthwaite 1946).
 
     `one_sensor`: the errors of all windows come from the same few numbers, the turn-on errors of one IMU: their RMS may
     differ from the prediction as much as a single sample may.
@@ -185,13 +186,18 @@ def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
     tail = 0.5 * (1.0 - CONFIDENCE)
     for name in ("north", "east", "down", "horizontal"):
         i = found.column(name)
-        rms, low, high, predicted = (float(v[-1, i]) for v in (found.rms, found.low, found.high, found.predicted))
-        samples = (2.0 if name == "horizontal" else 1.0) if one_sensor else max(found.effective, 1.0)
+        rms, low, high, predicted = (float(v[-1, i]) for v in (found.corrected, found.low, found.high, found.predicted))
+        # below the noise of the reference nothing is larger than predicted
+        recorded = 0.0 if found.below_noise[-1, i] else rms
+        common = float(np.nan_to_num(found.common[-1, i]))
+        samples = 1.0 / (common**2 + (1.0 - common) ** 2 / max(found.effective, 1.0))
+        if one_sensor:
+            samples = 2.0 if name == "horizontal" else 1.0
         below, above = (predicted * float(np.sqrt(chi2.ppf(p, samples) / samples)) for p in (tail, 1.0 - tail))
+        explained, cautious = recorded <= above, rms < below
         if np.isfinite(low) and not one_sensor:
-            explained, cautious = low <= predicted, high < predicted
-        else:
-            explained, cautious = rms <= above, rms < below
+            explained |= low <= predicted
+            cautious &= high < predicted
         out.append(Verdict(name, rms, low, high, predicted, bool(explained), bool(cautious)))
     return tuple(out)
 

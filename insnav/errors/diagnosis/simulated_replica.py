@@ -87,7 +87,7 @@ class ReplicaTask:
 
     def __call__(self, seed: int) -> Sample:
         """RMS of its windows of each kind at the times of the tables, one after the other."""
-        found = [growth(windows, self.times).total_rms for windows in self.windows(seed)]
+        found = [growth(windows, self.times).rms for windows in self.windows(seed)]
         return Sample(np.concatenate([each.ravel() for each in found]), np.zeros(1))
 
     def windows(self, seed: int) -> tuple[Windows, ...]:
@@ -187,7 +187,7 @@ def _among(windows: Windows, rms: FloatArray, times: FloatArray, far: Residual, 
     half = float(student.ppf(certain, n - 1)) * np.std(size, axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / n)
     middle, summed = size.mean(axis=0), growth(windows, times)
     low, high = np.exp(middle - half), np.exp(middle + half)
-    return Replicas(times, rms, low, high, summed.total_rms, summed.reference, far, failures)
+    return Replicas(times, rms, low, high, summed.rms, summed.reference, far, failures)
 
 
 def _distinct(track: Trajectory) -> Trajectory:

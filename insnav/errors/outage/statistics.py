@@ -1,4 +1,9 @@
-"""How errors grow in windows: RMS, 95 % and largest error with intervals, and what was predicted."""
+"""How errors grow in windows: RMS, 95 % and largest error with intervals, and what was predicted.
+
+What is measured is the difference to a reference, whose own variance is in it: RMS, quantiles and largest errors are of
+that difference. Only `Growth.corrected` is without it; where nothing is left, the error is below the
+noise of the reference, and it is unknown, not zero.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +14,7 @@ import numpy as np
 
 from insnav.errors.outage.free_inertial import MOTIONS, Windows
 from insnav.errors.outage.gnss_outage import Outage
-from insnav.sample_statistics import effective_count, interval, means
+from insnav.sample_statistics import effective_count, mean_square_interval, means
 from insnav.types import BoolArray, FloatArray, IntArray
 
 COMPONENTS = ("north", "east", "down", "along", "cross", "horizontal")
@@ -27,19 +32,24 @@ class Growth:
     count: int  # number of windows
     known: IntArray  # (k, q) number of them whose error is known
     effective: float  # effective sample size: so many windows without overlap are equivalent
-    rms: FloatArray  # (k, q) root mean square error, reference variance subtracted; ``NaN`` where not known
-    total_rms: FloatArray  # (k, q) the same with the reference variance in it
+    rms: FloatArray  # (k, q) root mean square, reference errors in it; ``NaN`` where not known
+    # (k, q) the same with the reference variance subtracted; ``NaN`` also where it is below the noise of the reference,
+    # which has as large a mean square itself
+    corrected: FloatArray
     reference: FloatArray  # (k, q) RMS standard deviation of the reference
-    # (k, q) 95 % confidence interval of `rms`; ``NaN`` if the effective sample size is too small
+    # (k, q) 95 % confidence interval of `corrected` for windows of this drive; ``NaN`` if the effective sample size is
+    # too small, zero where it reaches below the noise of the reference
     low: FloatArray
     high: FloatArray
     # (k, q) 95 % quantile and largest of the size of the errors, those of the reference in them
     p95: FloatArray
     largest: FloatArray
     predicted: FloatArray  # (k, q) RMS predicted standard deviation
-    # (k, q) share of the errors within 3 sd of prediction and reference together [-]. Of several axes their mean; of
-    # the horizontal error in free-inertial windows, at least one of its axes.
+    # (k, q) share of the errors within 3 sd of prediction and reference together [-]; of several axes their mean
     inside: FloatArray
+    # (k, q) share of the mean square that is common to all windows, by the mean of their errors, beyond chance [-]:
+    # another drive has another such error, which `low` and `high` do not hold
+    common: FloatArray
 
     @property
     def length(self) -> float:
@@ -52,6 +62,11 @@ class Growth:
         vertical = "vertical" if "vertical" in self.components else "down"
         inside = self.inside[-1]
         return float(2.0 * inside[self.column("horizontal")] + inside[self.column(vertical)]) / 3.0
+
+    @property
+    def below_noise(self) -> BoolArray:
+        """(k, q) whether the error is known, and below the noise of the reference."""
+        return np.asarray(np.isfinite(self.rms) & ~np.isfinite(self.corrected))
 
     def column(self, component: str) -> int:
         """Column of a component."""
@@ -94,28 +109,27 @@ def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
     """
     at = columns_at(windows, table_times(windows) if times is None else times)
     error, variance, reference = (values[:, at] for values in components(windows))
-    inside = np.abs(error) <= 3.0 * np.sqrt(variance + reference)
-    inside[..., 5] = inside[..., :2].any(axis=-1)
-    return _summed(
-        windows.grid[at], COMPONENTS, windows.start, windows.length, np.abs(error), variance, reference, inside
-    )
+    inside = (np.abs(error) <= 3.0 * np.sqrt(variance + reference)).astype(np.float64)
+    inside[..., 5] = inside[..., :2].mean(axis=-1)
+    axes = [error[..., [i]] for i in range(5)] + [error[..., :2]]
+    return _summed(windows.grid[at], COMPONENTS, windows.start, windows.length, axes, variance, reference, inside)
 
 
 def outage_growth(windows: Sequence[Outage]) -> list[Growth]:
-    """Sum up GNSS outages at their end, by their length; smoothed errors where the horizontal one is largest."""
+    """Sum up GNSS outages at their end, by their length; smoothed errors where they are predicted to be largest."""
     found = []
     for length in sorted({window.length for window in windows}):
         chosen = [window for window in windows if window.length == length]
         vectors = [np.stack(each) for each in zip(*(_vectors(window) for window in chosen), strict=True)]
-        size, variance, reference, inside = (np.empty((len(chosen), 1, len(vectors))) for _ in range(4))
+        variance, reference, inside = (np.empty((len(chosen), 1, len(vectors))) for _ in range(3))
         for column, vector in enumerate(vectors):
             error, sd, reference_sd = np.moveaxis(vector, 1, 0)
-            size[:, 0, column] = np.linalg.norm(error, axis=1)
             variance[:, 0, column] = np.sum(sd**2, axis=1)
             reference[:, 0, column] = np.nansum(reference_sd**2, axis=1)
             inside[:, 0, column] = np.mean(np.abs(error) <= 3.0 * np.hypot(sd, reference_sd), axis=1)
+        axes = [vector[:, None, 0] for vector in vectors]
         start = np.array([window.start for window in chosen])
-        found.append(_summed(np.array([length]), OUTAGE_COMPONENTS, start, length, size, variance, reference, inside))
+        found.append(_summed(np.array([length]), OUTAGE_COMPONENTS, start, length, axes, variance, reference, inside))
     return found
 
 
@@ -147,7 +161,8 @@ def _vectors(window: Outage) -> list[FloatArray]:
     """Error, sd and reference sd, (3, axes), of each of `OUTAGE_COMPONENTS`."""
     end = np.stack([window.error[-1], window.sd[-1], window.reference_sd[-1]])
     heading = np.array([[window.heading[-1]], [window.heading_sd[-1]], [0.0]])
-    at = int(np.nanargmax(np.hypot(window.smoothed[:, 0], window.smoothed[:, 1])))
+    # where the error is largest is seen by prediction, not by the noise of the reference
+    at = int(np.argmax(np.hypot(window.smoothed_sd[:, 0], window.smoothed_sd[:, 1])))
     smoothed = np.stack([window.smoothed[at], window.smoothed_sd[at], window.reference_sd[at]])
     return [end[:, :2], end[:, 2:3], end[:, 3:], heading, smoothed[:, :2], smoothed[:, 2:3]]
 
@@ -157,38 +172,45 @@ def _summed(
     names: tuple[str, ...],
     start: FloatArray,
     length: float,
-    size: FloatArray,
+    error: Sequence[FloatArray],
     variance: FloatArray,
     reference: FloatArray,
-    inside: FloatArray | BoolArray,
+    inside: FloatArray,
 ) -> Growth:
-    """Sum up sizes of errors, their predicted and reference variances, and whether they are inside, all (n, k, q)."""
-
-    def rms(weights: FloatArray) -> FloatArray:
-        return np.sqrt(np.maximum(means(size**2 - reference, weights), 0.0))
-
+    """Sum up errors, (n, k, axes) of each component, their predicted and reference variances, and what is inside."""
+    size = np.stack([np.linalg.norm(each, axis=-1) for each in error], axis=-1)
     known, once = np.isfinite(size), np.ones((1, len(start)))
+    effective = effective_count(start, length)
 
     def mean(values: FloatArray | BoolArray) -> FloatArray:
         return np.asarray(means(np.where(known, values, np.nan), once)[0])
 
-    low, high = interval(start, length, rms)
-    return Growth(
-        times,
-        names,
-        len(start),
-        known.sum(axis=0),
-        effective_count(start, length),
-        rms(once)[0],
-        np.sqrt(mean(size**2)),
-        np.sqrt(mean(reference)),
-        low,
-        high,
-        _quantile(size, 0.95),
-        _quantile(size, 1.0),
-        np.sqrt(mean(variance)),
-        mean(inside),
-    )
+    square, taken_off = mean(size**2), mean(reference)
+    # numbers that make up a squared error, fewer than its axes if one of them is much larger (Satterthwaite 1946)
+    per_axis = [means(each**2, once)[0] for each in error]
+    axes = np.stack([each.sum(axis=-1) ** 2 / np.maximum((each**2).sum(axis=-1), 1e-300) for each in per_axis], -1)
+    middle = [(means(each, once)[0] ** 2).sum(axis=-1) for each in error]
+    beyond = (np.stack(middle, axis=-1) - square / effective) / max(1.0 - 1.0 / effective, 1e-9)
+    low, high = (each - taken_off for each in mean_square_interval(start, length, size**2, axes))
+    left = square - taken_off
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return Growth(
+            times,
+            names,
+            len(start),
+            known.sum(axis=0),
+            effective,
+            np.sqrt(square),
+            np.sqrt(np.where(left > 0.0, left, np.nan)),
+            np.sqrt(taken_off),
+            np.sqrt(np.maximum(low, 0.0)),
+            np.sqrt(np.maximum(high, 0.0)),
+            _quantile(size, 0.95),
+            _quantile(size, 1.0),
+            np.sqrt(mean(variance)),
+            mean(inside),
+            np.clip(np.where(effective > 1.0, beyond / square, np.nan), 0.0, 1.0),
+        )
 
 
 def _quantile(values: FloatArray, share: float) -> FloatArray:

@@ -76,7 +76,7 @@ def draw_budget(budget: Budget, title: str, note: str, columns: Table, sources: 
 def _draw_linear(axes: Axes, budget: Budget) -> None:
     """Horizontal error over time: analytic, covariance, simulated, recorded; shaded up to the worst-case sum."""
     time, whole = budget.time, budget.covariance
-    sd, worst = horizontal(whole.total), horizontal(whole.worst)
+    sd, worst = horizontal(whole.total), budget.worst[:, 3]
     axes.fill_between(time, sd, worst, color=SKY, alpha=0.25, linewidth=0.0, label="up to the worst-case sum")
     axes.plot(time, sd, color=BLACK, linewidth=1.8, label="covariance, 1 sd")
     axes.plot(time, horizontal(budget.analytic.total), color=BLUE, linewidth=1.4, linestyle="--", label="analytic")
@@ -110,9 +110,13 @@ def _mark_measured(axes: Axes, budget: Budget) -> None:
             label=f"simulated, {simulated.runs} runs",
         )
     if recorded is not None:
-        value = np.hypot(*recorded.rms[:, :2].T)
         axes.plot(
-            recorded.time, value, "s", color=PURPLE, markersize=4.0, label=f"recorded, {recorded.windows} windows"
+            recorded.time,
+            recorded.corrected[:, 3],
+            "s",
+            color=PURPLE,
+            markersize=4.0,
+            label=f"recorded, {recorded.windows} windows",
         )
 
 
@@ -153,8 +157,7 @@ def _mark_measured_plain(axes: Axes, budget: Budget) -> None:
         value = horizontal(budget.simulated.total[budget.chosen])
         axes.plot(budget.time[budget.chosen], value, "o", color=VERMILLION, markersize=3.0)
     if budget.recorded is not None:
-        value = np.hypot(*budget.recorded.rms[:, :2].T)
-        axes.plot(budget.recorded.time, value, "s", color=PURPLE, markersize=3.5)
+        axes.plot(budget.recorded.time, budget.recorded.corrected[:, 3], "s", color=PURPLE, markersize=3.5)
 
 
 def _write_table(axes: Axes, table: Table, widths: Sequence[float], bars: FloatArray | None = None) -> None:

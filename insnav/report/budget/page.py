@@ -32,6 +32,7 @@ from insnav.report.budget.windows import (
 from insnav.report.budget.windows_quantities import windows_sections
 from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
+from insnav.report.outage.quantities import corrected_text
 from insnav.report.page import FigureSpec, Page, Section, section_tables
 from insnav.report.style import drawing, save
 from insnav.result import Result
@@ -98,7 +99,7 @@ def frame(result: Result[BudgetStudy]) -> pd.DataFrame:
 def summary(budget: Budget) -> tuple[str, ...]:
     """Say the result in a few sentences."""
     last = budget.chosen[-1]
-    total, worst = budget.covariance.total[last], budget.covariance.worst[last]
+    total = budget.covariance.total[last]
     part, order = shares(budget), ranked(budget)
     largest = ", ".join(f"{budget.families[k]} {100.0 * part[k]:.0f} %" for k in order[:3] if part[k] >= 0.005)
     down = "held to the reference" if budget.hold else f"{number(total[2])} m"
@@ -106,7 +107,7 @@ def summary(budget: Budget) -> tuple[str, ...]:
         f"Motion: {budget.motion}.",
         f"After {budget.time[last]:g} s without aiding the position error (1 sd) is {number(total[0])} m north, "
         f"{number(total[1])} m east, {number(float(horizontal(total)))} m horizontally; down: {down}.",
-        f"All families with the worst sign, 1 sd each: {number(float(horizontal(worst)))} m horizontally.",
+        f"All sources at once with the worst signs, 1 sd each: {number(float(budget.worst[last, 3]))} m horizontally.",
         f"Largest contributions: {largest} of the horizontal variance."
         if largest
         else "No source acts on the level axes.",
@@ -120,8 +121,8 @@ def summary(budget: Budget) -> tuple[str, ...]:
         )
     recorded = budget.recorded
     if recorded is not None:
-        level = number(float(np.hypot(*recorded.rms[-1, :2])))
-        lines.append(f"Recorded: {level} m horizontally, RMS of {recorded.description}.")
+        level = corrected_text(*(float(each[-1, 3]) for each in (recorded.corrected, recorded.low, recorded.high)))
+        lines.append(f"Recorded: {level} horizontally, {recorded.description}.")
     return tuple(lines)
 
 
@@ -158,8 +159,8 @@ def assumptions(budget: Budget) -> tuple[str, ...]:
     lines = [
         "analytic: closed forms, without the rotation and curvature of the Earth; covariance: every source alone "
         "through the linear error model along the motion; simulated: runs with all errors sampled.",
-        "Sources are independent, so their squares add up (RSS). The worst-case sum adds one sd of every family with "
-        "the worst sign; axes within a family are combined by RSS, so it is no bound.",
+        "Sources are independent, so their squares add up (RSS). The worst-case sum adds one sd of every source with "
+        "the worst sign: while no source exceeds one sd, no error is larger.",
         f"Validity of the short forms after {at:g} s: true error {100.0 * bias:+.3f} % from them for biases and tilt "
         f"(t²), {100.0 * drift:+.3f} % for gyro biases (t³), by the curvature of the Earth"
         + (f"; beyond {SHORT:g} s the closed Schuler forms are used." if last > SHORT else "."),

@@ -82,13 +82,21 @@ def budget_sections(budget: Budget) -> tuple[Section, ...]:
     if recorded is None:
         sections.append(Section("", items=(Quantity("recorded", None),)))
     else:
-        rms = (Quantity(f"rms_{name}", recorded.rms[:, i], "m") for i, name in enumerate(("north", "east", "down")))
+        names = ("north", "east", "down", "horizontal")
+        statistics = {
+            "rms_corrected": recorded.corrected,
+            "rms_corrected_low": recorded.low,
+            "rms_corrected_high": recorded.high,
+            "predicted": recorded.predicted,
+        }
         items = (
             Quantity("windows", recorded.windows),
             Quantity("description", recorded.description),
             Quantity("time", recorded.time, "s"),
-            *rms,
-            Quantity("predicted", recorded.predicted, "m"),
+            *(
+                Quantity(key, {name: values[:, i] for i, name in enumerate(names)}, "m")
+                for key, values in statistics.items()
+            ),
         )
         sections.append(Section("recorded", items=items))
     return (Section("", parts=tuple(sections), show="json"),)
@@ -97,13 +105,21 @@ def budget_sections(budget: Budget) -> tuple[Section, ...]:
 def _at_time(budget: Budget, k: int) -> Section:
     parts = []
     for name, way in _ways(budget).items():
-        worst = (Quantity("worst_position", way.worst[k, :3], "m"),) if isinstance(way, Column) else ()
+        worst = _worst(budget, k) if name == "covariance" else ()
         nees = (Quantity("nees", float(way.nees[k])),) if isinstance(way, SimulatedColumn) else ()
         families = tuple(Section(each, items=_states(way.parts[k, i])) for i, each in enumerate(budget.families))
         parts.append(
             Section(name, items=(*_states(way.total[k]), *worst, *nees), parts=(Section("sources", parts=families),))
         )
     return Section("budget[]", items=(Quantity("time", float(budget.time[k]), "s"),), parts=tuple(parts))
+
+
+def _worst(budget: Budget, k: int) -> tuple[Quantity, ...]:
+    """The worst-case sum."""
+    return (
+        Quantity("worst_position", budget.worst[k, :3], "m"),
+        Quantity("worst_horizontal", float(budget.worst[k, 3]), "m"),
+    )
 
 
 def _states(sd: FloatArray) -> tuple[Quantity, ...]:
@@ -120,14 +136,14 @@ def positions_section(budget: Budget) -> Section:
     at, recorded = budget.chosen, budget.recorded
     groups = {name: way.total[at, :3] for name, way in _ways(budget).items()}
     if recorded is None:
-        groups["worst"] = budget.covariance.worst[at, :3]
-        last = "1 sd [m]; worst: sum of all families"
+        groups["worst"] = budget.worst[at, :3]
+        last = "1 sd [m]; worst: sum of all sources"
     else:
         groups |= {
-            "recorded": _at(recorded.time, recorded.rms, budget.time[at]),
-            "filter": _at(recorded.time, recorded.predicted, budget.time[at]),
+            "recorded": _at(recorded.time, recorded.corrected[:, :3], budget.time[at]),
+            "filter": _at(recorded.time, recorded.predicted[:, :3], budget.time[at]),
         }
-        last = "1 sd [m]: analytic, covariance, simulated; RMS recorded; predicted by the filter"
+        last = "1 sd [m]: analytic, covariance, simulated; RMS recorded, corrected; predicted by the filter"
     names = _LONG if recorded is None else _SHORT
     rows = tuple(
         (
@@ -171,17 +187,18 @@ def contributions_rows(budget: Budget) -> list[tuple[Quantity, ...]]:
 def contributions_section(budget: Budget) -> Section:
     """Tabulate the contributions of the families, and their sums."""
     last, ways = budget.chosen[-1], _ways(budget)
+    together = {name: float(horizontal(way.total[last])) for name, way in ways.items()}
     sums = (
-        ("together (RSS)", {name: way.total[last] for name, way in ways.items()}),
-        ("worst-case sum", {name: way.worst[last] for name, way in ways.items() if isinstance(way, Column)}),
+        ("together (RSS)", together, budget.covariance.total[last, 2]),
+        ("worst-case sum", {"covariance": float(budget.worst[last, 3])}, budget.worst[last, 2]),
     )
     rows = [
         (
             Quantity("source", text),
-            *(Quantity(name, float(horizontal(value))) for name, value in values.items()),
-            Quantity("down", float(values["covariance"][2])),
+            *(Quantity(name, value) for name, value in values.items()),
+            Quantity("down", float(down)),
         )
-        for text, values in sums
+        for text, values, down in sums
     ]
     title = f"Error contributions: horizontal error √(N² + E²) after {budget.time[last]:g} s [m]"
     return Section("", title, rows=(*contributions_rows(budget), *rows))

@@ -18,6 +18,7 @@ from insnav.report.budget.windows_quantities import (
     regression_text,
 )
 from insnav.report.numbers import number
+from insnav.report.outage.quantities import INTERVALS, common_text, corrected_text
 from insnav.report.page import FigureSpec
 from insnav.units import UNITS as FACTORS
 
@@ -53,7 +54,7 @@ def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
         )
         lines += [_verdict(each, windows.length) for each in part.verdicts]
         lines += [_diagnosed(axis, part.diagnosis) for axis in part.diagnosis.axes]
-        lines.append(regression_text(part))
+        lines += [line for line in (common_text(part.growth), regression_text(part)) if line]
         if part.replicas is not None:
             lines.append(_against_replicas(part.replicas))
     return tuple(lines)
@@ -80,11 +81,11 @@ def windows_assumptions(budget: RecordedBudget) -> tuple[str, ...]:
     return (
         f"Each window starts with the state of {start} at its first epoch and goes on without fixes or other aiding, "
         "not aligned again.",
-        f"Errors are against {budget.reference}; reference variance subtracted from the RMS, not from quantiles and "
-        "largest errors.",
+        f"Errors are against {budget.reference}; its variance is subtracted from the corrected RMS, not from "
+        "RMS, quantiles and largest errors.",
         "Predicted: covariance of that first state and noise inside the window; uncalibrated: with the turn-on "
         "errors of the IMU specification instead.",
-        "Intervals are 95 % confidence intervals (block bootstrap, blocks as long as the overlap).",
+        INTERVALS,
         "Along and cross are relative to the direction of travel, interpolated across stops; at rest there is none.",
         "Curves are t, t² and t³ of a level vehicle that does not turn: accelerometer tilt and bias make the same t², "
         "and only their sum can be given.",
@@ -98,8 +99,8 @@ def _verdict(each: Verdict, length: float) -> str:
     elif not each.explained and each.predicted > 0.0:
         words += f", {number(each.recorded / each.predicted, 2)} times as large"
     return (
-        f"{each.component.capitalize()} after {length:g} s: recorded {number(each.recorded)} m RMS "
-        f"({interval_text(each.low, each.high)} m), predicted {number(each.predicted)} m: {words}."
+        f"{each.component.capitalize()} after {length:g} s: recorded "
+        f"{corrected_text(each.recorded, each.low, each.high)}, predicted {number(each.predicted)} m: {words}."
     )
 
 

@@ -57,7 +57,7 @@ def draw_growth(part: RecordedPart, kind: str, reference: str) -> Figure:
     last = axes[1, 1]
     last.set_xscale("log")
     last.set_yscale("log")
-    _guides(last, curve.times, curve.rms[:, COMPONENTS.index("horizontal")])
+    _guides(last, curve.times, curve.corrected[:, COMPONENTS.index("horizontal")])
     logarithmic(last.xaxis)
     logarithmic(last.yaxis)
     legend_above(axes[0, 1], last)
@@ -67,7 +67,7 @@ def draw_growth(part: RecordedPart, kind: str, reference: str) -> Figure:
 def _curves(panel: Axes, part: RecordedPart, i: int, *, both_sides: bool) -> None:
     """RMS with its interval, predicted, and the band of the replicas; of an axis to both sides of zero."""
     curve = part.curve
-    rms = np.where(curve.rms[:, i] > 0.0, curve.rms[:, i], np.nan)  # nothing is left where all error is the reference's
+    rms = curve.corrected[:, i]
     for sign in (1.0, -1.0) if both_sides else (1.0,):
         first = sign > 0.0
         if part.replicas is not None:

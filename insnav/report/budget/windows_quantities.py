@@ -11,6 +11,7 @@ from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS, Growth
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
+from insnav.report.outage.quantities import corrected
 from insnav.report.page import Section, one_each
 from insnav.types import FloatArray
 
@@ -52,7 +53,7 @@ def _sections(kind: str, part: RecordedPart) -> tuple[Section, ...]:
     motions = {name: () if each is None else _growth(each) for name, each in part.motions.items()}
     verdicts = {
         each.component: (
-            Quantity("rms", each.recorded, "m", interval=(each.low, each.high)),
+            Quantity("rms_corrected", each.recorded, "m", interval=(each.low, each.high)),
             Quantity("predicted", each.predicted, "m"),
             Quantity("explained", each.explained),
             Quantity("cautious", each.cautious),
@@ -92,8 +93,10 @@ def _growth(found: Growth) -> tuple[Quantity, ...]:
         Quantity("known", [int(n) for n in found.known[:, found.column("horizontal")]]),
         Quantity("effective", found.effective),
         _named("rms", found.rms, "m"),
-        _named("rms_low", found.low, "m"),
-        _named("rms_high", found.high, "m"),
+        _named("rms_corrected", found.corrected, "m"),
+        _named("rms_corrected_low", found.low, "m"),
+        _named("rms_corrected_high", found.high, "m"),
+        _named("common", found.common),
         _named("p95", found.p95, "m"),
         _named("max", found.largest, "m"),
         _named("reference_sd", found.reference, "m"),
@@ -104,7 +107,7 @@ def _growth(found: Growth) -> tuple[Quantity, ...]:
 
 def _components(found: Growth) -> list[tuple[int, str]]:
     """Components of which something is known; along and across there is nothing at rest."""
-    return [(i, name) for i, name in enumerate(COMPONENTS) if np.isfinite(found.total_rms[:, i]).any()]
+    return [(i, name) for i, name in enumerate(COMPONENTS) if np.isfinite(found.rms[:, i]).any()]
 
 
 def _over_time(kind: str, found: Growth) -> Section:
@@ -114,31 +117,28 @@ def _over_time(kind: str, found: Growth) -> Section:
         for i, name in _components(found)
     )
     known = ", ".join(map(str, found.known[:, found.column("horizontal")]))
-    return Section("", f"Recorded error, {kind}: RMS, 95 %, largest [m]", rows=rows, note=f"windows: {known}")
+    note = f"errors of the reference in all three; windows: {known}"
+    return Section("", f"Recorded error, {kind}: RMS, 95 %, largest [m]", rows=rows, note=note)
 
 
 def _rms(found: Growth, i: int) -> tuple[Quantity, ...]:
-    """RMS with its interval, and prediction, at the end of the windows."""
+    """RMS as measured and without the reference, with its interval, and prediction, at the end of the windows."""
     return (
-        Quantity(
-            "rms",
-            float(found.rms[-1, i]),
-            "m",
-            interval=(float(found.low[-1, i]), float(found.high[-1, i])),
-            meaning="RMS (95 % interval)",
-        ),
-        Quantity("predicted", float(found.predicted[-1, i]), "m"),
+        Quantity("rms", float(found.rms[-1, i]), "m", meaning="RMS"),
+        Quantity("reference", float(found.reference[-1, i]), "m", meaning="reference sd"),
+        corrected(found, i),
+        Quantity("predicted", float(found.predicted[-1, i]), "m", meaning="predicted sd"),
     )
 
 
 def _at_end(kind: str, part: RecordedPart) -> Section:
     found, rows = part.growth, []
     for i, name in _components(found):
-        rms, predicted = float(found.rms[-1, i]), float(found.predicted[-1, i])
+        rms, predicted = float(found.corrected[-1, i]), float(found.predicted[-1, i])
         row = [
             Quantity("error", name),
             *_rms(found, i),
-            Quantity("ratio", rms / predicted if predicted > 0.0 else None, meaning="recorded / predicted"),
+            Quantity("ratio", rms / predicted if predicted > 0.0 else None, meaning="corrected / predicted"),
             Quantity("inside", f"{100.0 * found.inside[-1, i]:.0f} %", meaning="inside 3 sd"),
         ]
         if part.replicas is not None:

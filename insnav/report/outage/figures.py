@@ -27,7 +27,7 @@ def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], reference: s
     figure, panels = stacked(
         2,
         f"Error without GPS: {len(chosen)} windows of {longest:g} s",
-        f"against {reference}, whose own error is in all lines; smoothed: largest in windows of each length",
+        f"against {reference}, whose own error is in all lines; smoothed: where predicted largest",
         height=7.2,
     )
     for (axes,), name, columns in zip(panels, ("horizontal", "vertical"), ((0, 1), (2,)), strict=True):
@@ -42,11 +42,11 @@ def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], reference: s
         )
         axes.plot(
             [each.length for each in sums],
-            [each.rms[-1, each.column(f"smoothed {name}")] for each in sums],
+            [each.corrected[-1, each.column(f"smoothed {name}")] for each in sums],
             "o-",
             color=VERMILLION,
             markersize=4.0,
-            label="smoothed, largest (RMS)",
+            label="smoothed, RMS corrected",
         )
         axes.set_xscale("log")
         axes.set_yscale("log")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +14,8 @@ from insnav.errors.outage.study import OutageStudy
 from insnav.quantity import Quantity
 from insnav.report.frames import rows_frame
 from insnav.report.outage.figures import draw_outages
-from insnav.report.page import FigureSpec, Page, Section, members
+from insnav.report.outage.quantities import INTERVALS, common_text, corrected
+from insnav.report.page import FigureSpec, Page, Section
 from insnav.result import Result
 
 if TYPE_CHECKING:
@@ -37,13 +37,16 @@ def page(result: Result[OutageStudy]) -> Page:
     inside = ", ".join(f"{100.0 * each.inside_at_end:.0f} % of {each.length:g} s" for each in study.growth)
     name = Path(result.inputs["imu"].path).name if "imu" in result.inputs else "a drive"
     rows = tuple(_row(each) for each in study.growth)
-    tables = tuple(_table(component, study.growth, rows) for component in _COMPONENTS)
+    tables = tuple(_table(component, study.growth) for component in _COMPONENTS)
     draw = partial(draw_outages, study.windows, study.growth, study.reference)
+    common = tuple(line for line in (common_text(each) for each in study.growth) if line)
     return Page(
         f"GNSS outage test: {name}",
         (
-            f"Errors are against {study.reference}, at the end of each window; smoothed: largest in the window.",
+            f"Errors are against {study.reference}, at the end of each window; smoothed: where it is predicted to be "
+            "largest.",
             f"Inside 3 sd (north, east, down): {inside}.",
+            *common,
         ),
         (
             Section("outages", rows=rows, show="json"),
@@ -52,9 +55,11 @@ def page(result: Result[OutageStudy]) -> Page:
         ),
         assumptions=(
             "Each window starts from the filter at its first epoch, with all fixes before and none within.",
-            "Reference variance is subtracted from the RMS, which is 0 if nothing is left; 95 % and max contain it: "
-            "against noisy fixes the largest of many is mostly their noise.",
+            "RMS, 95 % and max are of the difference to the reference, whose own errors are in all three; RMS "
+            "corrected: its variance subtracted. Against noisy fixes the largest of many is mostly their noise.",
+            "Smoothed: at the epoch of each window where the sd of the smoothed position is largest.",
             "Heading is compared with that smoothed from all fixes, so it is not independent.",
+            INTERVALS,
         ),
     )
 
@@ -64,27 +69,49 @@ def _row(found: Growth) -> tuple[Quantity, ...]:
     return (
         Quantity("length", found.length, "s", meaning="without GPS"),
         Quantity("windows", found.count),
+        Quantity("effective", found.effective),
         Quantity("inside_3_sd", found.inside_at_end),
+        Quantity("common_to_all_windows", float(found.common[-1, found.column("horizontal")])),
         *(_component(found, name, unit) for name, unit in _COMPONENTS.items()),
     )
 
 
 def _component(found: Growth, name: str, unit: str) -> Quantity:
     column = found.column(name)
-    figures = {"rms": found.rms, "p95": found.p95, "max": found.largest, "predicted": found.predicted}
-    return Quantity(name.replace(" ", "_"), {key: float(each[-1, column]) for key, each in figures.items()}, unit)
+    statistics = {
+        "rms": found.rms,
+        "p95": found.p95,
+        "max": found.largest,
+        "reference": found.reference,
+        "rms_corrected": found.corrected,
+        "rms_corrected_low": found.low,
+        "rms_corrected_high": found.high,
+        "predicted": found.predicted,
+    }
+    return Quantity(name.replace(" ", "_"), {key: float(each[-1, column]) for key, each in statistics.items()}, unit)
 
 
-def _table(component: str, growth: Sequence[Growth], rows: Sequence[tuple[Quantity, ...]]) -> Section:
+def _table(component: str, growth: Sequence[Growth]) -> Section:
     """Table of one component, with a row a length; without rows if nothing is known of it."""
-    key = component.replace(" ", "_")
-    chosen = []
-    for length, windows, *others in rows:
-        (found,) = (each for each in others if each.key == key)
-        columns = (replace(each, meaning=each.label.removeprefix(f"{found.label} ")) for each in members(found))
-        chosen.append((replace(length, digits=2), windows, *columns))
+    unit, rows = _COMPONENTS[component], []
+    for found in growth:
+        i = found.column(component)
+        measured = (
+            Quantity(key, float(values[-1, i]), unit, meaning=meaning)
+            for key, meaning, values in (
+                ("rms", "RMS", found.rms),
+                ("p95", "95 %", found.p95),
+                ("max", "max", found.largest),
+                ("reference", "reference sd", found.reference),
+            )
+        )
+        predicted = Quantity("predicted", float(found.predicted[-1, i]), unit, meaning="predicted sd")
+        length = Quantity("length", found.length, "s", meaning="without GPS", digits=2)
+        rows.append((length, Quantity("windows", found.count), *measured, corrected(found, i, unit), predicted))
     known = any(np.isfinite(found.rms[-1, found.column(component)]) for found in growth)
-    return Section("", component.capitalize(), rows=tuple(chosen) if known else ())
+    where = "where it is predicted to be largest" if component.startswith("smoothed") else "at the end"
+    title = f"{component.capitalize()} error {where} of the outage: as measured | reference variance subtracted"
+    return Section("", title, rows=tuple(rows) if known else ())
 
 
 def frame(result: Result[OutageStudy]) -> pd.DataFrame:

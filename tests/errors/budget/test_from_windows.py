@@ -121,8 +121,8 @@ def test_a_smoothed_start_is_better_and_said_not_to_be_independent():
         for start in ("forward", "smoothed")
     )
     at = COMPONENTS.index("horizontal")
-    print(forward.calibrated.growth.rms[-1, at], smoothed.calibrated.growth.rms[-1, at])
-    assert smoothed.calibrated.growth.rms[-1, at] < forward.calibrated.growth.rms[-1, at]
+    print(forward.calibrated.growth.corrected[-1, at], smoothed.calibrated.growth.corrected[-1, at])
+    assert smoothed.calibrated.growth.corrected[-1, at] < forward.calibrated.growth.corrected[-1, at]
     assert any("Not independent" in note for note in smoothed.notes)
     assert not any("Not independent" in note for note in forward.notes)
     assert not any("own GPS" in note for note in forward.notes)
@@ -130,7 +130,7 @@ def test_a_smoothed_start_is_better_and_said_not_to_be_independent():
 
 def test_verdicts_by_interval_and_by_one_sensor():
     found = growth(drives.windows())
-    factor = found.rms[-1:] / found.predicted[-1:]
+    factor = found.corrected[-1:] / found.predicted[-1:]
 
     def verdict(scale: float, **how):
         predicted = np.broadcast_to(found.predicted * factor / scale, found.predicted.shape)

@@ -60,7 +60,7 @@ def test_errors_are_as_large_as_predicted():
         w for seed in range(10) for w in outages(prepared(seed), lengths=[20.0], spacing=40.0, reference=exact())
     ]
     (found,) = outage_growth(windows)
-    rms, smoothed = (found.rms[-1, found.column(name)] for name in ("horizontal", "smoothed horizontal"))
+    rms, smoothed = (found.corrected[-1, found.column(name)] for name in ("horizontal", "smoothed horizontal"))
     predicted, smoothed_sd = (found.predicted[-1, found.column(name)] for name in ("horizontal", "smoothed horizontal"))
     print(
         f"{found.count} windows: RMS {rms:.2f} m, predicted {predicted:.2f} m; smoothed {smoothed:.2f}, its sd "
@@ -76,14 +76,14 @@ def test_reference_variance_is_subtracted():
     noisy = [w for seed in range(6) for w in outages(prepared(seed), lengths=[2.0], spacing=10.0)]
     clean = [w for seed in range(6) for w in outages(prepared(seed), lengths=[2.0], spacing=10.0, reference=exact())]
     by_fixes, by_truth = (outage_growth(each)[0] for each in (noisy, clean))
-    print("RMS by fixes, corrected:", by_fixes.rms[-1, 0], "by truth:", by_truth.rms[-1, 0])
-    assert by_fixes.rms[-1, 0] == pytest.approx(by_truth.rms[-1, 0], rel=0.25)
+    print("RMS by fixes, corrected:", by_fixes.corrected[-1, 0], "by truth:", by_truth.corrected[-1, 0])
+    assert by_fixes.corrected[-1, 0] == pytest.approx(by_truth.corrected[-1, 0], rel=0.25)
     assert by_fixes.p95[-1, 0] > 1.5 * by_truth.p95[-1, 0]  # quantiles are left as they are
 
 
 def test_errors_grow_with_the_length():
     sums = outage_growth(outages(prepared(1), lengths=[5.0, 15.0, 45.0], reference=exact()))
-    rms = [each.rms[-1, 0] for each in sums]
+    rms = [each.corrected[-1, 0] for each in sums]
     assert rms == sorted(rms)
     assert rms[-1] > 3.0 * rms[0]
     assert [each.length for each in sums] == [5.0, 15.0, 45.0]
