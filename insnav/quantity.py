@@ -39,7 +39,7 @@ class Quantity:
     digits : int
         Significant digits in text, where no `sd` says how many are worth showing.
     mark : str
-        Put behind the value in text: ``!`` where it exceeds a limit; stands for one that is not known.
+        Put behind the value in text: ``!`` where it exceeds a limit.
     decimals : int, optional
         Decimals in text instead, for what is counted from an arbitrary zero: times, latitudes.
     """

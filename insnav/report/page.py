@@ -189,8 +189,6 @@ def _cell_in_row(each: Quantity | None, *, with_unit: bool) -> str:
 def cell(each: Quantity) -> str:
     """Write a quantity without its name and unit: ``12.3 ± 0.4``, ``12.3 (11.8 … 12.9)``, ``–`` if not known."""
     text = _value_text(each)
-    if each.mark and text == number(None):
-        return each.mark
     return f"{text} {each.mark}" if each.mark else text
 
 

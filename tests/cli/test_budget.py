@@ -84,7 +84,7 @@ def test_a_recorded_drive_is_compared_with_the_prediction(cli: Cli):
     verify_folder(Path("budget"))
     facts = read_facts(Path("budget"))
     last, recorded = facts["budget"][-1], facts["recorded"]
-    predicted = [recorded["predicted_m"][-1][i] for i in range(2)]
+    predicted = [recorded["predicted_m"][axis][-1] for axis in ("north", "east")]
     # one window by its sources, all of them by the filter
     assert last["covariance"]["position_m"][:2] == pytest.approx(predicted, rel=0.25)
     assert last["simulated"]["horizontal_m"] == pytest.approx(last["covariance"]["horizontal_m"], rel=0.2)

@@ -22,7 +22,7 @@ def corrected(found: Growth, i: int, unit: str = "m", meaning: str = "RMS correc
     """RMS error without the reference at the last time, with its interval; in words where nothing is left."""
     low, high = float(found.low[-1, i]), float(found.high[-1, i])
     if found.below_noise[-1, i]:
-        return Quantity("rms_corrected", None, unit, meaning=meaning, mark=below_noise(high / UNITS[unit][1]))
+        return Quantity("rms_corrected", below_noise(high / UNITS[unit][1]), unit, meaning=meaning)
     return Quantity("rms_corrected", float(found.corrected[-1, i]), unit, interval=(low, high), meaning=meaning)
 
 
