@@ -105,7 +105,8 @@ def navigate_prepared(
     run = found.run
     on_time = ready.gps.time - ready.settings.delay
     events = (*ready.faults, *run.events, *_outside(on_time, ready.initial.time, float(ready.imu.time[-1])))
-    return Navigated(replace(run, events=events), ready.gps, (*found.notes, *ready.notes))
+    run = replace(run, events=events, gps_delay=run.gps_delay + ready.clock)
+    return Navigated(run, ready.gps, (*found.notes, *ready.notes))
 
 
 def _decided(ready: Prepared, first: Run) -> Reconciled:

@@ -67,6 +67,7 @@ class Prepared:
     notes: tuple[str, ...]  # what was found, and what was done about it
     faults: tuple[Event, ...] = ()  # samples that were replaced or taken out
     noise: NoiseEstimate | None = None  # as found in the innovations of the drive
+    clock: float = 0.0  # by which the samples were moved into the time of the fixes [s]: their delay as it was found
 
     def navigator(self, marks: Container[int] = ()) -> Navigator:
         """Filter at the start; see `Navigator` for `marks`."""

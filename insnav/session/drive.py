@@ -25,6 +25,7 @@ from insnav.errors.short_duration_errors import short_windows
 from insnav.exceptions import AlignmentError, ConfigError
 from insnav.filter import FilterSettings
 from insnav.filter.fine_alignment import FineAlignment, fine_alignment
+from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.navigate import AidingChoice, aided, navigate_prepared
 from insnav.filter.noise_identification import identify_noise, with_noise
@@ -175,17 +176,25 @@ class Drive:
                 why=f"there are no fixes{moves}",
                 fix="give fixes with --gps; for a bench, --ref with its place at the start and the end, velocity zero",
             )
-        initial = self.readings.inputs.get("initial")
-        return prepare(
-            self.imu.data,
-            self.fixes,
+        fixes = self.fixes
+        return on_time(lambda clock: self._prepared(fixes, states, clock), self.settings)
+
+    def _prepared(self, fixes: GpsData, states: int, clock: float) -> Prepared:
+        """Prepare with everything that has the time of the samples moved by `clock` [s]."""
+        inputs, imu = self.readings.inputs, self.imu.data
+        initial, span = inputs.get("initial"), inputs.get("static")
+        logs = tuple(replace(log, time=log.time + clock) for log in self.settings.logs)
+        ready = prepare(
+            replace(imu, time=imu.time + clock),
+            fixes,
             self.imu_spec,
-            self.settings,
+            replace(self.settings, logs=logs),
             states=states,
-            start=initial if isinstance(initial, Start) else None,
-            static_span=self.readings.inputs.get("static"),
-            heading=self.readings.inputs.get("heading"),
+            start=replace(initial, time=initial.time + clock) if isinstance(initial, Start) else None,
+            static_span=None if span is None else (span[0] + clock, span[1] + clock),
+            heading=inputs.get("heading"),
         )
+        return replace(ready, clock=clock)
 
     def prepared_with_noise(self, states: int = 21) -> tuple[Prepared, ImuSpec]:
         """As `prepared`, with the noise found in the innovations of the drive if that was asked for, and its IMU.
@@ -254,7 +263,7 @@ class Drive:
         done = replace(done, run=replace(done.run, events=events))
         found, notes = evaluate_run(done, self.reference, vector(self.readings.inputs, "ref_lever_arm"))
         if mechanization == "short":
-            windows = short_windows(self.imu.data, done.run.solution, done.run.sensor_errors)
+            windows = short_windows(ready.imu, done.run.solution, done.run.sensor_errors)
             found = replace(found, short_duration=tuple(windows))
         options = {
             "states": states,

@@ -1,0 +1,194 @@
+"""How much older fixes are than their timestamps, over seconds, by profile likelihood.
+
+The filter has the delay as a state, which is linear: from zero it stops half way to 0.3 s, at a top of the likelihood
+that is only a local one, and bends attitude and lever arm to it. Here the drive is cut into short windows, in which
+specific force, turned by the gyros, gives the track up to a constant, a straight line and a parabola for each axis (the
+errors of position, velocity, and of tilt and accelerometer bias) and a small turn (the error of the heading). For every
+delay of a grid these and the lever arm are fitted to the fixes; what is left is the likelihood of that delay, with
+everything else at its best (profile likelihood: Murphy and van der Vaart, "On profile likelihood", J. Am. Stat. Assoc.
+95 (2000) 449-465). Its top is looked for over the whole grid, and from there the state of the filter is linear enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from insnav import strapdown
+from insnav.alignment import in_motion
+from insnav.attitude import dcm_from_quat, rph_from_quat
+from insnav.earth import ned_offset
+from insnav.exceptions import DivergenceError
+from insnav.filter.navigate import feed
+from insnav.filter.prepare import Prepared
+from insnav.filter.settings import FilterSettings
+from insnav.kernels.smoother import CORRECTION, STATE, TIME
+from insnav.types import FloatArray, GpsData, IntArray
+from insnav.units import DEG
+
+REACH = 2.0  # delays looked for, early and late [s]
+GRID = 0.2  # first steps: the likelihood of a delay is as wide as a manoeuvre [s]
+FINE = 0.04  # steps about the best of these; the rest is a parabola [s]
+LONGEST = 900.0  # of the record that is looked at [s]
+SPAN = 20.0  # of a window: longer, gyro drift counts; shorter, little is left beside the parabola [s]
+FEWEST, MOST = 8, 40  # fixes of a window
+WINDOWS = 40  # of these at most, those with the largest changes of velocity
+HEADING_SD = 5.0 * DEG  # of the heading of a window, that of the filter [rad]
+LEVER_SD = 0.3  # a lever arm that is given may be so far off here: it only widens the interval [m]
+WORTH = 0.05  # smaller delays are linear enough for the state of the filter [s]
+SURE = 5.0  # delays are believed beyond so many of their standard deviations
+ROUNDS = 3  # of moving the clock
+
+
+def delay_of(ready: Prepared) -> tuple[float, float]:
+    """Delay of the fixes and its standard deviation [s]; the latter is infinite where nothing tells it."""
+    short = ready.imu.rows(ready.imu.time <= ready.initial.time + LONGEST)
+    settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0)
+    navigator = replace(ready, settings=settings).navigator()
+    try:
+        feed(navigator, short)
+        epochs = navigator.history()
+    except DivergenceError:
+        return 0.0, np.inf
+    parts = strapdown.intervals(short, ready.nominal)
+    gps = _usable(ready)
+    windows = [
+        _Window(parts, gps.rows(rows), epochs, ready.settings.velocity_lag) for rows in _lively(gps, epochs, short.time)
+    ]
+    if not windows:
+        return 0.0, np.inf
+    lever_b, lever_sd = ready.settings.lever_b, max(ready.settings.lever_sd, LEVER_SD)
+    grid = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
+    best = int(np.argmin(_cost(windows, grid, lever_b, lever_sd)))
+    near = grid[best] + FINE * np.arange(-3, 4)
+    cost = _cost(windows, near, lever_b, lever_sd)
+    middle = int(np.clip(np.argmin(cost), 1, near.size - 2))
+    curve, slope, _ = np.polyfit(near[middle - 1 : middle + 2] - near[middle], cost[middle - 1 : middle + 2], 2)
+    if curve <= 0.0 or best in (0, grid.size - 1):  # no top, or one beyond the grid
+        return 0.0, np.inf
+    return float(near[middle] - 0.5 * slope / curve), float(1.0 / np.sqrt(2.0 * curve))
+
+
+def _usable(ready: Prepared) -> GpsData:
+    gps = replace(ready.gps, time=ready.gps.time - ready.settings.delay)
+    good = gps.position_sd.max(axis=1) <= ready.settings.gates.max_sd
+    return gps.rows(good if gps.fix is None else good & (gps.fix != 0))
+
+
+def _lively(gps: GpsData, epochs: FloatArray, samples: FloatArray) -> list[IntArray]:
+    """Rows of the fixes of the windows in which the velocity changes most."""
+    speed = in_motion.velocity(gps)
+    found = []
+    start = float(epochs[0, TIME]) + REACH + 1.0
+    while start + SPAN + REACH + 1.0 <= samples[-1]:
+        first, last = np.searchsorted(gps.time, [start, start + SPAN])
+        inside = (speed.time >= start) & (speed.time < start + SPAN)
+        if last - first >= FEWEST and inside.sum() >= FEWEST:
+            spread = float(np.sum(np.std(speed.v_n[inside, :2], axis=0)))
+            rows = np.unique(np.linspace(first, last - 1, min(last - first, MOST)).astype(int))
+            found.append((spread, rows))
+        start += SPAN
+    found.sort(key=lambda each: -each[0])
+    return [rows for spread, rows in found[:WINDOWS] if spread > in_motion.SLOWEST / 2.0]
+
+
+class _Window:
+    """Fixes of a window, and the track by the IMU alone through it."""
+
+    def __init__(self, parts: strapdown.Intervals, gps: GpsData, epochs: FloatArray, lag: float) -> None:
+        begin, end = gps.time[0] - REACH - 0.5, gps.time[-1] + REACH + 0.5
+        row = epochs[np.searchsorted(epochs[:, TIME], begin, side="right") - 1]
+        q_nb, bias = row[STATE + 6 : STATE + 10], row[CORRECTION : CORRECTION + 3]
+        track = in_motion.history(parts, float(row[TIME]), end, rph_from_quat(q_nb), bias, gps.lla[0, 0])
+        self._time, self._v = track.time, track.u_n[:, :2]
+        step = np.diff(self._time)[:, None]
+        self._p = np.vstack([np.zeros(2), np.cumsum(0.5 * (self._v[1:] + self._v[:-1]) * step, axis=0)])
+        self._c = dcm_from_quat(track.q_nb)[:, :2].reshape(-1, 6)
+        self._gps, self._lag = gps, lag
+        self._moved = ned_offset(gps.lla, gps.lla[0])[:, :2]
+        self._velocities = bool(np.isfinite(gps.v_n).all())
+
+    def left(self, delays: FloatArray, lever_b: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+        """What is left of fixes and lever arm after the fit, for each of `delays` (k,): their products.
+
+        Returns: by lever arm twice (k, 3, 3), by lever arm and fixes (k, 3), by fixes twice (k,); degrees of freedom.
+        """
+        gps = self._gps
+        at = gps.time - delays[:, None]
+        middle = at.mean(axis=1, keepdims=True)
+        p, c = self._at(self._p, at), self._at(self._c, at).reshape(*at.shape, 2, 3)
+        s = at - middle
+        weight = 1.0 / gps.position_sd[:, :2].max(axis=1)
+        rows = [self._rows(np.stack([s**0, s, 0.5 * s**2], axis=-1), p, self._moved, c, weight)]
+        if self._velocities:
+            at = at - self._lag
+            v, s = self._at(self._v, at), at - middle
+            half = 0.05
+            swing = (self._at(self._c, at + half) - self._at(self._c, at - half)).reshape(c.shape) / (2.0 * half)
+            weight = 1.0 / gps.velocity_sd[:, :2].max(axis=1)
+            rows.append(self._rows(np.stack([0.0 * s, s**0, s], axis=-1), v, gps.v_n[:, :2], swing, weight))
+        prior = np.zeros((delays.size, 1, 11))
+        prior[:, 0, 6] = 1.0 / HEADING_SD
+        whole = np.concatenate([*rows, prior], axis=1)
+        whole[..., 10] -= whole[..., 7:10] @ lever_b
+        q, _ = np.linalg.qr(whole[..., :7])
+        rest = whole[..., 7:] - q @ (np.swapaxes(q, 1, 2) @ whole[..., 7:])
+        product = np.swapaxes(rest, 1, 2) @ rest
+        return product[:, :3, :3], product[:, :3, 3], product[:, 3, 3], whole.shape[1] - 7
+
+    def _at(self, values: FloatArray, time: FloatArray) -> FloatArray:
+        return np.stack([np.interp(time, self._time, column) for column in values.T], axis=-1)
+
+    @staticmethod
+    def _rows(
+        base: FloatArray, track: FloatArray, fixes: FloatArray, lever: FloatArray, weight: FloatArray
+    ) -> FloatArray:
+        """North and east: three errors each, heading, lever arm, and fixes less track, by their standard deviation."""
+        flat, _ = np.linalg.qr(base)
+        bent = track - flat @ (np.swapaxes(flat, 1, 2) @ track)
+        rows = np.zeros((base.shape[0], 2, base.shape[1], 11))
+        for axis, turned in enumerate((-bent[..., 1], bent[..., 0])):
+            rows[:, axis, :, 3 * axis : 3 * axis + 3] = base
+            rows[:, axis, :, 6] = turned
+            rows[:, axis, :, 7:10] = lever[..., axis, :]
+            rows[:, axis, :, 10] = fixes[:, axis] - track[..., axis]
+        return (rows * weight[:, None]).reshape(base.shape[0], -1, 11)
+
+
+def _cost(windows: list[_Window], delays: FloatArray, lever_b: FloatArray, lever_sd: float) -> FloatArray:
+    """Negative log-likelihood of delays; windows that no delay explains weigh less."""
+    found = [window.left(delays, lever_b) for window in windows]
+    by_lever, mixed, fixes = (np.array([each[i] for each in found]) for i in range(3))  # (windows, delays, ...)
+    freedom = np.array([each[3] for each in found])
+    weight = np.ones(len(windows))
+    for _ in range(3):
+        total = np.einsum("w,wkij->kij", weight, by_lever) + np.eye(3) / lever_sd**2
+        arm = np.linalg.solve(total, np.einsum("w,wki->ki", weight, mixed)[..., None])[..., 0]
+        left = fixes - 2.0 * np.einsum("wki,ki->wk", mixed, arm) + np.einsum("ki,wkij,kj->wk", arm, by_lever, arm)
+        cost: FloatArray = 0.5 * (weight @ left + np.sum(arm**2, axis=1) / lever_sd**2)
+        weight = freedom / np.maximum(left[:, np.argmin(cost)], 0.05 * freedom)
+    return cost
+
+
+def on_time(prepared: Callable[[float], Prepared], settings: FilterSettings) -> Prepared:
+    """Prepare a recording, its samples moved into the time of the fixes where these are late or early.
+
+    `prepared`: prepares with the clock of the samples moved by so much [s]; `settings`: of the filter; a delay that is
+    given is not looked for.
+    """
+    ready = prepared(0.0)
+    if settings.delay_sd <= 0.0:
+        return ready
+    for _ in range(ROUNDS):
+        delay, sd = delay_of(ready)
+        if abs(delay) < max(WORTH, SURE * sd):
+            break
+        ready = prepared(ready.clock + delay)
+    if ready.clock == 0.0:
+        return ready
+    note = (
+        f"the fixes are {abs(ready.clock):.2f} s {'late' if ready.clock > 0.0 else 'early'}: IMU time is moved by that"
+    )
+    return replace(ready, notes=(*ready.notes, note))

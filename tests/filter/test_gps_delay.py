@@ -1,0 +1,119 @@
+"""Delays of the fixes from -2 to 2 s: the likelihood has one top, and the solution is in the time of the fixes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import insnav
+from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.filter import FilterSettings, error_model
+from insnav.filter.gps_delay import REACH, delay_of
+from insnav.filter.prepare import DELAY_SD, Prepared, prepare
+from insnav.types import FloatArray
+from tests.filter import drives
+
+SAMPLE = Path(__file__).parents[2] / "trajectories" / "sample"
+LAPS = 8  # ten minutes
+
+
+@lru_cache(maxsize=1)
+def recorded() -> Prepared:
+    """Aligned by its own start, with a lever arm that nobody gave."""
+    rng = np.random.default_rng([31, 4])
+    imu = drives.noisy_imu(drives.perfect_imu(laps=LAPS), drives.MODEL, rng)
+    gps = drives.noisy_gps(drives.perfect_gps(laps=LAPS), rng)
+    model = error_model(drives.SPEC, 21)
+    start = drives.begin(model, np.random.default_rng([5, 4]), LAPS)
+    settings = FilterSettings(lever_sd=2.0, delay_sd=DELAY_SD)
+    return Prepared(imu, gps, model, settings, start.alignment, start.initial, 0.02, ())
+
+
+def late(ready: Prepared, delay: float) -> Prepared:
+    """The same with its fixes stamped late, aligned anew, as after reading."""
+    gps = replace(ready.gps, time=ready.gps.time + delay)
+    return prepare(ready.imu, gps, drives.SPEC, ready.settings)
+
+
+@pytest.mark.parametrize("delay", [-1.3, -0.4, -0.1, 0.0, 0.1, 0.3, 1.0, 1.7])
+def test_a_delay_is_found_from_anywhere(delay):
+    found, sd = delay_of(late(recorded(), delay))
+    assert found == pytest.approx(delay, abs=0.03)  # the filter goes on from there
+    assert 0.0 < sd < 0.02
+
+
+def test_a_delay_is_found_without_velocities():
+    ready = recorded()
+    n = ready.gps.time.size
+    gps = replace(ready.gps, v_n=np.full((n, 3), np.nan), velocity_sd=np.full((n, 3), np.nan))
+    found, sd = delay_of(late(replace(ready, gps=gps), 0.8))
+    assert abs(found - 0.8) < 3.0 * sd < 0.2
+
+
+def test_false_fixes_do_not_decide():
+    ready = recorded()
+    false = np.random.default_rng(2).random(ready.gps.time.size) < 0.02
+    lla = ready.gps.lla.copy()
+    lla[false, :2] += 50.0 / 6.4e6
+    found, _ = delay_of(late(replace(ready, gps=replace(ready.gps, lla=lla)), 0.5))
+    assert found == pytest.approx(0.5, abs=0.05)
+
+
+def test_nothing_is_said_where_nothing_tells():
+    ready = recorded()
+    found = delay_of(replace(ready, imu=ready.imu.rows(ready.imu.time < ready.imu.time[0] + 20.0)))
+    assert found == (0.0, np.inf)
+    assert delay_of(late(ready, REACH + 1.5))[1] == np.inf
+
+
+@pytest.fixture(scope="module")
+def plain() -> EvaluatedRun:
+    return navigated(0.0)
+
+
+def navigated(delay: float, **inputs) -> EvaluatedRun:
+    """The sample drive, fixes and reference stamped late by `delay`: the clock of the fixes is the better one."""
+    known = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", SAMPLE / "ref.csv")
+    gps, ref = known.gps.data, known.reference.data
+    return (
+        insnav.load(
+            known.imu.data,
+            replace(gps, time=gps.time + delay),
+            replace(ref, time=ref.time + delay),
+            noise="model",
+            **inputs,
+        )
+        .navigate()
+        .found
+    )
+
+
+def rms(found: EvaluatedRun) -> FloatArray:
+    return np.asarray(np.sqrt(np.mean(found.smoothed_errors.position**2, axis=0)))
+
+
+@pytest.mark.parametrize("delay", [-0.4, 1.0])
+def test_the_solution_follows_the_time_of_the_fixes(plain, delay):
+    found = navigated(delay)
+    assert found.run.gps_delay == pytest.approx(delay, abs=0.010)
+    assert abs(found.run.gps_delay - delay) < 3.0 * found.run.gps_delay_sd
+    np.testing.assert_allclose(rms(found), rms(plain), atol=0.03)
+    assert found.run.solution.time[0] == pytest.approx(plain.run.solution.time[0] + delay, abs=0.2)
+
+
+def test_a_drive_without_delay_is_left_as_it_is():
+    drive = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv")
+    ready = drive.prepared()
+    assert ready.clock == 0.0
+    np.testing.assert_array_equal(ready.imu.time, drive.imu.data.time)
+
+
+def test_a_delay_that_is_given_is_not_looked_for():
+    known = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv")
+    gps = replace(known.gps.data, time=known.gps.data.time + 0.5)
+    assert insnav.load(known.imu.data, gps, gps_delay=0.5).prepared().clock == 0.0
+    assert insnav.load(known.imu.data, gps).prepared().clock == pytest.approx(0.5, abs=0.03)
