@@ -28,8 +28,11 @@ if TYPE_CHECKING:
     from insnav.types import ImuData
 
 READING = ("axes", "units", "columns", "sampling", "stamp")  # inputs that say how to read samples
-_IMU_HELP = "IMU data of any supported format, also with .gz; or - for standard input."
-_FILE_HELP = {"gps": "GPS fixes.", "ref": "Reference trajectory, of position and as much else as it has."}
+_IMU_HELP = "IMU data, or a log with IMU and GPS: a file of any supported format, a folder, or - for standard input."
+_FILE_HELP = {
+    "gps": "GPS fixes. [those in the IMU file]",
+    "ref": "Reference trajectory, of position and as much else as it has.",
+}
 _UNRECORDED = ("out", "force", "as_json", "workers")  # these do not change what is found
 _NOTHING_NEW = re.compile(r"(time|positions) in \w+|.*: as stated")
 _FIRST_WORD = re.compile(r"^[a-z_-]+(?=[:,]|$)")
@@ -86,10 +89,10 @@ def takes_data(
     """Give a command the options that describe a recording.
 
     `imu`: name of the argument with the IMU data; None for a command without; `files`: ``gps``, ``ref``: whether it
-    must be given; by default GPS must and a reference may; `without`, `only`: inputs that mean nothing to the command,
-    or the only ones that do.
+    must be given; by default neither must, as a log may hold fixes too; `without`, `only`: inputs that mean nothing to
+    the command, or the only ones that do.
     """
-    wanted = {"gps": True, "ref": False} if files is None else files
+    wanted = {"gps": False, "ref": False} if files is None else files
     logs = {} if only is not None or "logs" in without else LOGS
     keys = [key for key, each in INPUTS.items() if each.option and key not in without and (only is None or key in only)]
 

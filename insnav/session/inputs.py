@@ -65,6 +65,7 @@ class Inputs(TypedDict, total=False):
     sampling: Sampling | None
     stamp: Stamp | None
     rate: float | None
+    topic: str | None
     lever_arm: Sequence[float] | FloatArray | None
     lever_arm_sd: float | None
     gps_height: Height | None
@@ -132,6 +133,9 @@ INPUTS: dict[str, Input] = {
         choices=("start", "mid", "end"),
     ),
     "rate": Input("", "HZ", "Sampling rate of arrays without times.", IMU, "number", "Hz", 0.01),
+    "topic": Input(
+        "--topic", "NAME,…", "Sensors to take from a log that holds several of a kind, by their topics.", IMU
+    ),
     "lever_arm": Input(
         "--lever-arm", "F,R,D", "Antenna seen from the IMU: forward, right, down, m. [estimated]", GPS, "vector", "m"
     ),

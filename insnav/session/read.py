@@ -15,6 +15,7 @@ import numpy as np
 from insnav.exceptions import ConfigError, InputError, InsnavError
 from insnav.imu import correct, load_calibration
 from insnav.input import Reading, ReadingFacts, read_gps, read_imu, read_reference
+from insnav.input.formats.registry import choose_table, open_tables
 from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.readers.sensor_log import read_sensor_log
 from insnav.plain_text import plain_text
@@ -64,10 +65,37 @@ def read(imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Traject
     given_logs = inputs.get("logs") or {}
     options = {LOGS[name].option: source for name, source in given_logs.items()}
     one_from_stdin({"IMU_FILE": imu, "--gps": gps, "--ref": ref, **options})
-    fixes = None if gps is None else _read_gps(gps, inputs)
-    reference = None if ref is None else read_ref(ref, inputs)
+    given = _parts({"imu": imu, "gps": gps, "reference": ref}, inputs)
+    fixes = None if given["gps"] is None else _read_gps(given["gps"], inputs)
+    reference = None if ref is None else read_ref(given["reference"], inputs)
     logs = {name: read_sensor_log(_table(log), name) for name, log in given_logs.items()}
-    return Readings(read_samples(imu, inputs), fixes, reference, logs, inputs)
+    return Readings(read_samples(given["imu"], inputs), fixes, reference, logs, inputs)
+
+
+def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
+    """Table of each file that is its ``imu``, ``gps``, ``reference``; a log with samples and fixes gives both."""
+    logs = {str(each): open_tables(each) for each in sources.values() if isinstance(each, str | Path)}
+    if not logs:
+        return dict(sources)
+    topics = _topics(inputs, [key for tables in logs.values() for key in tables])
+    given = dict(sources)
+    if given.get("gps", "") is None and any(key.startswith("gps") for key in logs.get(str(given["imu"]), {})):
+        given["gps"] = given["imu"]
+    for part, each in given.items():
+        if isinstance(each, str | Path):
+            given[part] = choose_table(logs[str(each)], part, topics, plain_text(each))
+    return given
+
+
+def _topics(inputs: Inputs, parts: Sequence[str]) -> list[str]:
+    """Topics that were asked for, all of which must be there; see `insnav.input.formats.registry.Format.read`."""
+    topics = [each.strip() for each in (inputs.get("topic") or "").split(",") if each.strip()]
+    known = sorted({part.partition(":")[2] for part in parts} - {""})
+    unknown = [each for each in topics if each not in known]
+    if unknown:
+        found = ", ".join(known) or "no file holds several sensors of a kind"
+        raise ConfigError(f"there is no topic {unknown[0]!r}", where="topic", why=f"found: {found}")
+    return topics
 
 
 def one_from_stdin(sources: Mapping[str, object]) -> None:
@@ -79,7 +107,7 @@ def one_from_stdin(sources: Mapping[str, object]) -> None:
         )
 
 
-def read_samples(imu: Given | ImuData, inputs: Inputs) -> Reading[ImuData]:
+def read_samples(imu: Given | Table | ImuData, inputs: Inputs) -> Reading[ImuData]:
     """Read the samples and correct known errors.
 
     Volts and counts become rates and specific forces by the lines of the calibration.
@@ -95,7 +123,7 @@ def read_samples(imu: Given | ImuData, inputs: Inputs) -> Reading[ImuData]:
         scales = {} if known is None else {"gyro": known.gyro_raw, "accel": known.accel_raw}
         with _named("columns"):
             reading = read_imu(
-                samples_source(imu, inputs.get("rate")),
+                samples_source(_parts({"imu": imu}, inputs)["imu"], inputs.get("rate")),
                 axes=inputs.get("axes"),
                 columns=inputs.get("columns"),
                 units=inputs.get("units"),
@@ -132,9 +160,9 @@ def _named(columns: Literal["columns", "gps_columns", "ref_columns"]) -> Iterato
         raise
 
 
-def samples_source(imu: Given, rate: float | None) -> str | Path | Table:
+def samples_source(imu: Given | Table, rate: float | None) -> str | Path | Table:
     """Samples as a file or a table; arrays are time [s], gyro [rad/s], accel [m/s^2], or the last two with `rate`."""
-    if isinstance(imu, str | Path) or is_frame(imu):
+    if isinstance(imu, str | Path | Table) or is_frame(imu):
         return _table(imu)
     arrays = [np.asarray(each, dtype=np.float64) for each in imu]
     if len(arrays) == 2 and rate is not None:
@@ -148,9 +176,9 @@ def samples_source(imu: Given, rate: float | None) -> str | Path | Table:
     return named_columns(("time_s", *_GYRO, *_ACCEL), np.column_stack(arrays))
 
 
-def _table(given: Given) -> str | Path | Table:
-    """A file as it is; a data frame, or time [s] and latitude, longitude [deg], height [m], as a table."""
-    if isinstance(given, str | Path):
+def _table(given: Given | Table) -> str | Path | Table:
+    """A file, or table, as it is; a data frame, or time [s] and latitude, longitude [deg], height [m], as a table."""
+    if isinstance(given, str | Path | Table):
         return given
     if is_frame(given):
         numbers = np.column_stack([_numbers(str(name), given[name]) for name in given.columns])

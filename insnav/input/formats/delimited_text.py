@@ -30,10 +30,10 @@ _TAIL_BYTES = 1 << 13
 _TAIL_ROWS = 20
 
 
-def recognise(head: bytes, name: str) -> bool:
+def recognise(source: Source) -> bool:
     """Accept any text, and zeros alone, which `read` refuses: the registry asks this format last."""
-    text = bytes(decoded(head)).rstrip(b"\0")
-    return unsupported(text) is None
+    text = bytes(decoded(source.head)).rstrip(b"\0")
+    return not source.members and unsupported(text) is None
 
 
 def read(source: Source) -> Mapping[str, Table]:

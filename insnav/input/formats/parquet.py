@@ -17,9 +17,9 @@ suffixes = (".parquet", ".pq")
 extra = ""
 
 
-def recognise(head: bytes, name: str) -> bool:
+def recognise(source: Source) -> bool:
     """See `insnav.input.formats.registry.Format`."""
-    return head.startswith(b"PAR1")
+    return source.head.startswith(b"PAR1")
 
 
 def read(source: Source) -> Mapping[str, Table]:

@@ -23,6 +23,7 @@ from insnav.input.formats.delimited_text import TextCells
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.formats.text_dialect import Dialect
+from insnav.input.formats.time_scales import gps_days, seconds_of_week
 from insnav.plain_text import plain_text
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG
@@ -53,20 +54,13 @@ _RANGES = {
     "week": (0, 10_000), "tow": (0, 604_800),
 }  # fmt: skip
 _ZONES = {"GPST": 0.0, "UTC": 0.0, "JST": 32_400.0}  # ahead of UTC, or GPS time itself [s]
-_EPOCH = np.datetime64("1980-01-06", "D")
-# months that began with GPS time one more second ahead of UTC (IERS Bulletin C)
-_LEAPS = """
-1981-07 1982-07 1983-07 1985-07 1988-01 1990-01 1991-01 1992-07 1993-07
-1994-07 1996-01 1997-07 1999-01 2006-01 2009-01 2012-07 2015-07 2017-01
-"""
-_LEAP_DAYS = (np.array(_LEAPS.split(), dtype="datetime64[D]") - _EPOCH).astype(np.float64)
 _EARTH_RADII = (6.33e6, 6.5e6)  # distances from the centre of what is near the ground [m]
 _LONGEST_BASELINE = 2e6  # [m]
 
 
-def recognise(head: bytes, name: str) -> bool:
+def recognise(source: Source) -> bool:
     """See `insnav.input.formats.registry.Format`."""
-    text = decoded(head)
+    text = decoded(source.head)
     return bool(_HEADER.search(text) or _HEADERLESS.match(text))
 
 
@@ -145,21 +139,14 @@ def _time(data: Mapping[str, FloatArray], scale: str, rows: TextCells) -> tuple[
         low, high = _RANGES[key]
         _refuse(~((data[key] >= low) & (data[key] <= high)), data[key], key, f"it is {low} .. {high}", rows)
     if "year" in data:
-        months = ((data["year"] - 1970) * 12 + data["month"] - 1).astype("datetime64[M]")
-        day = (months.astype("datetime64[D]") - _EPOCH).astype(np.float64) + data["day"] - 1.0
+        day = gps_days(data["year"], data["month"], data["day"])
         second = 3600.0 * data["hour"] + 60.0 * data["minute"] + data["second"]
     else:
         day, second = 7.0 * data["week"], data["tow"]
-    second = second - _ZONES[scale]
-    leap = np.zeros(len(day))
-    if scale != "GPST":
-        leap = np.searchsorted(_LEAP_DAYS, day + np.floor(second / 86_400.0), side="right").astype(np.float64)
-    week = np.floor((day[:1] + (second + leap)[:1] / 86_400.0) / 7.0)
-    note = f"times are seconds of GPS week {week[0]:.0f}" if len(week) else ""
-    if scale != "GPST" and len(week):
-        zone = f" and {_ZONES[scale] / 3600.0:.0f} h subtracted" if _ZONES[scale] else ""
-        note += f": {scale} with {leap[0]:.0f} leap seconds added{zone}"
-    return (day - 7.0 * week) * 86_400.0 + second + leap if len(week) else day, (note,)
+    time, note = seconds_of_week(day, second - _ZONES[scale], "GPST" if scale == "GPST" else "UTC")
+    if note and _ZONES[scale]:
+        note = f"{note.replace('UTC', scale)} and {_ZONES[scale] / 3600.0:.0f} h subtracted"
+    return time, (note,)
 
 
 def _degrees(data: Mapping[str, FloatArray], column: str) -> FloatArray:

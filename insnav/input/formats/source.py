@@ -4,49 +4,116 @@ from __future__ import annotations
 
 import codecs
 import difflib
+import functools
 import hashlib
 import mmap
+import os
 import stat
 import sys
-import zlib
-from dataclasses import dataclass
-from pathlib import Path
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
 
 from insnav.exceptions import InputError
+from insnav.input.formats.unpack import archive_members, unpacked
 from insnav.plain_text import plain_text
 
 HEAD_BYTES = 1 << 14  # what formats are recognised by
-_MAX_BYTES = 2 << 30  # of unpacked data
-_MAX_RATIO = 200  # of unpacked to packed, beyond _RATIO_FROM
-_RATIO_FROM = 256 << 20
 _PIECE = 1 << 22
+_ZIP = b"PK\x03\x04"
+_MAX_FILES, _MAX_DEPTH = 200_000, 6  # of a folder
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A data file in memory, or mapped to it."""
+    """A data file in memory, or mapped to it, or the files of a folder or of an archive."""
 
     name: str  # as the user knows it, fit to be printed
-    sha256: str  # digest of the file as it is on the disk
-    data: bytes | mmap.mmap  # its bytes, decompressed
+    sha256: str  # digest of the file as it is on the disk; empty for a folder, see `digest_of`
+    data: bytes | mmap.mmap = b""  # its bytes, decompressed; empty for a folder
+    members: Mapping[str, Callable[[], Source]] = field(default_factory=dict)  # of a folder, by path within it
+    path: Path | None = None  # where it lies on the disk as it is here
+
+    @property
+    def head(self) -> bytes:
+        """The first bytes, which formats are recognised by."""
+        return self.data[:HEAD_BYTES]
 
 
 def open_source(path: str | Path) -> Source:
-    """Get the bytes of a data file, also compressed with gzip, or of standard input (``-``).
+    """Get the bytes of a data file, also compressed, of standard input (``-``), or the files of a folder or archive.
 
-    Raises: IsADirectoryError: it is a folder; InputError: it cannot be read, is empty, or decompresses to more than is
-    sensible.
+    An archive of one file is as that file.
+    Raises: InputError: it cannot be read, is empty, or decompresses to more than is sensible.
     """
     if str(path) == "-":
-        raw: bytes | mmap.mmap = sys.stdin.buffer.read()
-        name = "standard input"
-    else:
-        name = plain_text(path)
+        return _source("standard input", sys.stdin.buffer.read())
+    name = plain_text(path)
+    try:
         raw = _read_file(Path(path), name)
+    except IsADirectoryError:
+        return Source(name, "", members=_folder_members(Path(path), name), path=Path(path))
+    return _source(name, raw, Path(path))
+
+
+def digest_of(sources: Iterable[Source]) -> str:
+    """Digest of several files."""
+    return hashlib.sha256("".join(source.sha256 for source in sources).encode()).hexdigest()
+
+
+@contextmanager
+def on_disk(source: Source) -> Iterator[Path]:
+    """Path of a file, or folder, for libraries that open it themselves; what was packed lies in a temporary folder."""
+    if source.path is not None:
+        yield source.path
+        return
+    with tempfile.TemporaryDirectory(prefix="insnav-") as folder:
+        place = Path(folder) / PurePosixPath(source.name.replace("\\", "/")).name
+        if not source.members:
+            place.write_bytes(source.data)
+        for inner, member in source.members.items():
+            parts = PurePosixPath(inner.replace("\\", "/")).parts
+            if ".." not in parts and not inner.startswith("/"):
+                target = place.joinpath(*parts)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.write_bytes(member().data)
+        yield place
+
+
+def _source(name: str, raw: bytes | mmap.mmap, path: Path | None = None) -> Source:
     if len(raw) == 0:
         raise InputError("the file is empty", where=name, why="0 bytes", fix="give the recording again")
     digest = hashlib.sha256(raw).hexdigest()
-    return Source(name, digest, _gunzip(raw, name) if raw[:2] == b"\x1f\x8b" else raw)
+    data = unpacked(raw, name)
+    if data[:4] != _ZIP:
+        return Source(name, digest, data, path=path if data is raw else None)
+    packed = archive_members(data, name)
+    if len(packed) == 1:
+        (inner, unpack) = packed.popitem()
+        return _source(f"{name}/{plain_text(inner)}", unpack())
+    members = {
+        inner: functools.partial(_of_member, f"{name}/{plain_text(inner)}", unpack) for inner, unpack in packed.items()
+    }
+    return Source(name, digest, members=members)
+
+
+def _of_member(name: str, unpack: Callable[[], bytes]) -> Source:
+    return _source(name, unpack())
+
+
+def _folder_members(folder: Path, name: str) -> dict[str, Callable[[], Source]]:
+    found: dict[str, Callable[[], Source]] = {}
+    for place, folders, files in os.walk(folder):
+        inner = Path(place).relative_to(folder)
+        folders[:] = [] if len(inner.parts) >= _MAX_DEPTH else sorted(f for f in folders if not f.startswith("."))
+        for file in sorted(files):
+            if not file.startswith("."):
+                found[(inner / file).as_posix()] = functools.partial(open_source, Path(place) / file)
+        if len(found) > _MAX_FILES:
+            raise InputError("the folder has too many files", where=name, fix="give the folder of one recording")
+    return found
 
 
 def text_of(source: Source) -> tuple[bytes | mmap.mmap, int]:
@@ -83,44 +150,6 @@ def _similar(path: Path) -> str:
         return f"the folder {plain_text(folder)} does not exist or cannot be read"
     close = difflib.get_close_matches(path.name, names, n=1)
     return f"did you mean {plain_text(folder / close[0])}?" if close else "check the name and the folder"
-
-
-def _gunzip(packed: bytes | mmap.mmap, name: str) -> bytes:
-    pieces: list[bytes] = []
-    total, position = 0, 0
-    rest = b""
-    unpacker = zlib.decompressobj(31)
-    try:
-        while True:
-            if not rest:
-                rest = packed[position : position + _PIECE]
-                position += len(rest)
-            if unpacker.eof:  # files may be glued together from several members
-                rest = rest.lstrip(b"\0")
-                if not rest and position >= len(packed):
-                    return b"".join(pieces)
-                unpacker = zlib.decompressobj(31)
-            at_end = not rest
-            piece = unpacker.decompress(rest, _PIECE)
-            rest = unpacker.unused_data if unpacker.eof else unpacker.unconsumed_tail
-            total += len(piece)
-            pieces.append(piece)
-            if at_end and not piece and not unpacker.eof:
-                raise InputError(
-                    "the gzip file is cut off",
-                    where=name,
-                    why=f"it ends after {total} unpacked bytes without its closing mark",
-                    fix="copy it again, or unpack what is there: zcat FILE > FILE.csv",
-                )
-            if total > _MAX_BYTES or (total > _RATIO_FROM and total > _MAX_RATIO * len(packed)):
-                raise InputError(
-                    "the gzip file unpacks to more than is sensible",
-                    where=name,
-                    why=f"{len(packed)} bytes became more than {total}",
-                    fix="if it is a real recording, unpack it with `gzip -d` and give the .csv",
-                )
-    except zlib.error as error:
-        raise InputError("the gzip file is damaged", where=name, why=str(error), fix="copy it again") from error
 
 
 def decoded(raw: bytes | mmap.mmap) -> bytes | mmap.mmap:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from insnav.types import FloatArray
+
+if TYPE_CHECKING:
+    from insnav.input.formats.source import Source
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +62,31 @@ class Table:
     cells: Cells  # its rows
     units: tuple[str, ...] | None = None  # row of units under the header
     notes: tuple[str, ...] = ()  # what the format says about the data, such as the time scale
+    format: str = ""  # name of the format it was read from
+    axes: str = ""  # where the sensor's x, y, z point by the definition of the format; empty if it has none
 
     def place(self, row: int, index: int | None = None) -> str:
         """``file:line:column`` of a cell; rows are counted from 0."""
         column = "" if index is None else f":{self.headers[index]}"
         return f"{self.name}:{self.cells.line(row)}{column}"
+
+
+def column_table(
+    source: Source,
+    columns: Mapping[str, FloatArray],
+    notes: Iterable[str] = (),
+    *,
+    row: str = "row",
+    cut: str = "",
+    axes: str = "",
+) -> Table:
+    """Table of columns ``(n,)`` by canonical name, as formats make it that convert a file as a whole.
+
+    `row`: what stands in the file for a row, such as ``NAV-PVT``; `cut`: why a last one was left out.
+    """
+    cells = ArrayCells(tuple(columns.values()), lambda number: f"{row} {number + 1}", cut)
+    named = tuple(note for note in notes if note)
+    return Table(source.name, source.sha256, tuple(columns), cells, notes=named, axes=axes)
 
 
 def arrow_floats(part: Any) -> FloatArray:

@@ -72,9 +72,11 @@ def read_imu(
     ConfigError
         An option cannot be meant as given.
     """
-    matrix = axes_matrix(axes or "FRD")
     given = parse_units(units)
     table = open_table(path, "imu")
+    by_format = not axes and table.axes
+    axes = axes or table.axes or None
+    matrix = axes_matrix(axes or "FRD")
     name = table.name
     scales = dict(raw_scales or {})
     schema = raw_schema(scales)
@@ -104,6 +106,8 @@ def read_imu(
         quiet, ratio / scale, correlation, stated["gyro"], increments=increments, where=name
     )
     axes_evidence = check_axes(quiet, axes, where=name)
+    if by_format:
+        axes_evidence = axes_evidence.replace("as given", "by the format (else --imu-axes)")
     for array, unit in ((gyro, gyro_unit), (accel, accel_unit)):
         if ALL_UNITS[unit][1] != 1.0:
             array *= ALL_UNITS[unit][1]

@@ -57,7 +57,7 @@ def read_positions(
     height: Height | None = None,
 ) -> Reading[Positions]:
     """Read a file of positions; see `insnav.input.read_gps`."""
-    table = open_table(path, "gps")
+    table = open_table(path, "gps" if kind == "GPS" else "reference")
     name = table.name
     found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)
     height_key, height_kind, height_evidence = _height(found, height)

@@ -1,0 +1,227 @@
+"""NMEA 0183 logs: fixes from GGA, GNS, RMC, VTG, GST, HDT, and the date from RMC or ZDA.
+
+Anything between the sentences, such as binary messages or a banner, is passed over; a sentence with a wrong checksum
+is left out and counted.
+
+References
+----------
+NMEA 0183 Standard for Interfacing Marine Electronic Devices, version 4.11, 2018.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.formats.source import Source
+from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.time_scales import gps_days, seconds_of_week
+from insnav.types import FloatArray
+from insnav.units import DEG
+
+name = "NMEA log"
+suffixes = (".nmea",)
+extra = ""
+
+_SENTENCE = re.compile(rb"\$([A-Z]{2}(?:GGA|GNS|RMC|VTG|GST|ZDA|HDT),[^$*\r\n]{0,120})\*([0-9A-Fa-f]{2})")
+_ANY = re.compile(rb"\$([A-Z]{2,4}[A-Z]{3}|P[A-Z]{3}\w*),[^$*\r\n]{0,120}\*[0-9A-Fa-f]{2}")
+_KNOT = 1852.0 / 3600.0
+_HALF_DAY = 43_200.0
+# quality in GGA -> fix type here (1 fixed, 2 float, 4 DGPS, 5 single, 0 none); 6 is dead reckoning, 7 and 8 no receiver
+_QUALITY = {1: 5.0, 2: 4.0, 3: 5.0, 4: 1.0, 5: 2.0, 9: 4.0}
+_MODES = {"A": 5.0, "D": 4.0, "P": 5.0, "R": 1.0, "F": 2.0}  # in GNS and RMC
+_COLUMNS = ("lat_deg", "lon_deg", "alt", "separation", "fix", "vn_m_s", "ve_m_s")
+_OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg")
+
+
+def recognise(source: Source) -> bool:
+    """See `insnav.input.formats.registry.Format`."""
+    return _ANY.search(source.head) is not None
+
+
+def read(source: Source) -> Mapping[str, Table]:
+    """See `insnav.input.formats.registry.Format`."""
+    log = _Log()
+    for words in _sentences(source, log):
+        log.take(words)
+    values = np.array([[epoch.get(key, np.nan) for key in (*_COLUMNS, *_OTHERS)] for epoch in log.epochs])
+    placed = np.isfinite(values[:, :2]).all(axis=1) & ~(values[:, 4] == 0.0) if len(values) else np.empty(0, bool)
+    if not placed.any():
+        raise InputError(
+            "the NMEA log holds no position",
+            where=source.name,
+            why=f"{log.sound} sound sentences of known kinds, {log.damaged} with a wrong checksum",
+            fix="record GGA and RMC (and GST for standard deviations) while the receiver has a fix",
+        )
+    time, note = log.times()
+    found = dict(zip((*_COLUMNS, *_OTHERS), values[placed].T, strict=True))
+    notes = [note]
+    if log.damaged:
+        notes.append(f"{log.damaged} sentences with a wrong checksum left out")
+    if not placed.all():
+        notes.append(f"{int((~placed).sum())} of {len(placed)} epochs have no position: left out")
+    if log.from_vtg:
+        notes.append("velocity from VTG, which has no time: that of the sentence before it")
+    if not np.isfinite(found["alt"]).any():
+        raise InputError(
+            "the NMEA log holds no heights",
+            where=source.name,
+            why="there is no GGA or GNS sentence with one; RMC has none",
+            fix="enable GGA in the receiver",
+        )
+    height, height_note = _height(found.pop("alt"), found.pop("separation"))
+    columns = {"time_s": time[placed], "lat_deg": found.pop("lat_deg"), "lon_deg": found.pop("lon_deg"), **height}
+    columns |= {key: column for key, column in found.items() if np.isfinite(column).any()}
+    return {"gps": column_table(source, columns, [*notes, height_note], row="epoch")}
+
+
+def _sentences(source: Source, log: _Log) -> Iterator[list[str]]:
+    for found in _SENTENCE.finditer(source.data):
+        body = found[1]
+        if int(np.bitwise_xor.reduce(np.frombuffer(body, dtype=np.uint8))) != int(found[2], 16):
+            log.damaged += 1
+            continue
+        log.sound += 1
+        yield body.decode("ascii", errors="replace").split(",")
+
+
+@dataclass(slots=True)
+class _Log:
+    """Sentences put together to epochs, which are those of one time of day after another."""
+
+    epochs: list[dict[str, float]] = field(default_factory=list)
+    sound: int = 0
+    damaged: int = 0
+    from_vtg: bool = False
+
+    def take(self, words: list[str]) -> None:
+        """Add one sentence; a field that is no number is as an empty one."""
+        kind = words[0][2:]
+        if len(words) < _LENGTHS[kind]:
+            return
+        if kind in ("GGA", "GNS", "RMC", "GST"):
+            time = _time_of_day(words[1])
+            if not np.isfinite(time):
+                return
+            epoch = next((epoch for epoch in self.epochs[-3:] if epoch["time"] == time), None)
+            if epoch is None:
+                epoch = {"time": time}
+                self.epochs.append(epoch)
+            getattr(self, f"_{kind.lower()}")(epoch, words)
+        elif self.epochs:
+            getattr(self, f"_{kind.lower()}")(self.epochs[-1], words)
+
+    def _gga(self, epoch: dict[str, float], words: list[str]) -> None:
+        epoch |= _place(words[2:6])
+        epoch |= {"alt": _number(words[9]), "separation": _number(words[11])}
+        epoch["fix"] = _QUALITY.get(int(_number(words[6], 0.0)), 0.0)
+
+    def _gns(self, epoch: dict[str, float], words: list[str]) -> None:
+        if "fix" not in epoch:  # GGA says more
+            epoch |= _place(words[2:6])
+            epoch |= {"alt": _number(words[9]), "separation": _number(words[10])}
+            epoch["fix"] = max((_MODES.get(mode, 0.0) for mode in words[6]), default=0.0)
+
+    def _rmc(self, epoch: dict[str, float], words: list[str]) -> None:
+        date = words[9]
+        if len(date) == 6 and date.isdigit():
+            year = int(date[4:])
+            epoch["date"] = _day(year + (1900 if year >= 80 else 2000), int(date[2:4]), int(date[:2]))
+        mode = words[12] if len(words) > 12 else "A"
+        if words[2] == "A" and mode not in ("E", "M", "S", "N"):
+            epoch |= _velocity(_number(words[7]), _number(words[8]))
+            if "lat_deg" not in epoch:
+                epoch |= _place(words[3:7])
+
+    def _vtg(self, epoch: dict[str, float], words: list[str]) -> None:
+        if "vn_m_s" not in epoch and (len(words) < 10 or words[9] not in ("E", "M", "S", "N")):
+            epoch |= _velocity(_number(words[5]), _number(words[1]))
+            self.from_vtg |= "vn_m_s" in epoch
+
+    def _gst(self, epoch: dict[str, float], words: list[str]) -> None:
+        sd = (_number(word) for word in words[6:9])
+        epoch |= {key: each if each > 0.0 else np.nan for key, each in zip(_OTHERS, sd, strict=False)}
+
+    def _zda(self, epoch: dict[str, float], words: list[str]) -> None:
+        day, month, year = (int(_number(word, 0.0)) for word in words[2:5])
+        late = _time_of_day(words[1]) - epoch["time"]  # it may come after midnight, the fix from before it
+        epoch["date"] = _day(year, month, day) - (late < -_HALF_DAY)
+
+    def _hdt(self, epoch: dict[str, float], words: list[str]) -> None:
+        epoch["heading_deg"] = _number(words[1])
+
+    def times(self) -> tuple[FloatArray, str]:
+        """Times of the epochs [s], and what they are."""
+        clock = np.array([epoch["time"] for epoch in self.epochs])
+        date = np.array([epoch.get("date", np.nan) for epoch in self.epochs])
+        turns = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -_HALF_DAY)))
+        known = np.isfinite(date)
+        if not known.any():
+            return clock + 86_400.0 * turns, "times are seconds of the UTC day: no sentence has a date (RMC, ZDA)"
+        # days of epochs without a date: counted on from the last one that has one, back from the first
+        last = np.maximum.accumulate(np.where(known, np.arange(len(clock)), -1))
+        last[last < 0] = int(np.flatnonzero(known)[0])
+        return seconds_of_week(date[last] + turns - turns[last], clock, "UTC")
+
+
+# fewest words of a sentence of each kind
+_LENGTHS = {"GGA": 12, "GNS": 11, "RMC": 10, "VTG": 6, "GST": 9, "ZDA": 5, "HDT": 2}
+
+
+def _number(word: str, default: float = np.nan) -> float:
+    try:
+        value = float(word)
+    except ValueError:
+        return default
+    return value if abs(value) < 1e9 and "_" not in word else default
+
+
+def _time_of_day(word: str) -> float:
+    """Seconds of the day of hhmmss.ss; NaN for anything else."""
+    if len(word) < 6 or not word[:6].isdigit():
+        return float("nan")
+    hour, minute, second = int(word[:2]), int(word[2:4]), _number(word[4:])
+    return 3600.0 * hour + 60.0 * minute + second if hour < 24 and minute < 60 and second < 61.0 else float("nan")
+
+
+def _day(year: int, month: int, day: int) -> float:
+    if not (1980 <= year < 2200 and 1 <= month <= 12 and 1 <= day <= 31):
+        return float("nan")
+    return float(gps_days(np.array([year]), np.array([month]), np.array([float(day)]))[0])
+
+
+def _place(words: list[str]) -> dict[str, float]:
+    """Latitude and longitude from ddmm.mmm, N or S, dddmm.mmm, E or W."""
+    found = {}
+    for key, word, side, signs in (
+        ("lat_deg", words[0], words[1], {"N": 1.0, "S": -1.0}),
+        ("lon_deg", words[2], words[3], {"E": 1.0, "W": -1.0}),
+    ):
+        value = _number(word)
+        degrees, minutes = divmod(value, 100.0)
+        limit = 90.0 if key == "lat_deg" else 180.0
+        angle = degrees + minutes / 60.0
+        found[key] = signs.get(side, np.nan) * angle if 0.0 <= angle <= limit and minutes < 60.0 else np.nan
+    return found
+
+
+def _velocity(knots: float, course: float) -> dict[str, float]:
+    if knots == 0.0:
+        course = 0.0
+    if not (np.isfinite(knots) and np.isfinite(course)):
+        return {}
+    angle = course * DEG
+    return {"vn_m_s": knots * _KNOT * float(np.cos(angle)), "ve_m_s": knots * _KNOT * float(np.sin(angle))}
+
+
+def _height(altitude: FloatArray, separation: FloatArray) -> tuple[dict[str, FloatArray], str]:
+    """Height column, ellipsoidal if the separation of the geoid is known."""
+    known = np.isfinite(separation)
+    if known.any() and (separation[known] != 0.0).any():
+        filled = np.where(known, separation, np.median(separation[known]))
+        return {"height_m": altitude + filled}, "heights: altitude and separation of the geoid, both as in the log"
+    return {"height_msl_m": altitude}, ""

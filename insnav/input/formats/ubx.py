@@ -1,0 +1,380 @@
+"""u-blox UBX logs, alone or mixed with NMEA: fixes (NAV-…) and samples of the receiver's own IMU (ESF-…).
+
+References
+----------
+u-blox F9 HPG 1.32 Interface Description, UBX-22008968; ZED-F9R Integration Manual, UBX-20039643 (ESF-MEAS data types).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from insnav.exceptions import InputError
+from insnav.input.formats import nmea
+from insnav.input.formats.messages import as_records, at_times, joined, sound_messages, starts
+from insnav.input.formats.source import Source
+from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.time_scales import WEEK_DAYS, gps_days, leap_seconds, seconds_of_week
+from insnav.types import BoolArray, FloatArray
+from insnav.units import DEG
+
+if TYPE_CHECKING:
+    import mmap
+
+name = "u-blox log"
+suffixes = (".ubx",)
+extra = ""
+
+_DATE = "year <u2, month u1, day u1, hour u1, min u1, sec u1"
+_PLACE = "lon <i4, lat <i4, height <i4, hMSL <i4, hAcc <u4, vAcc <u4"
+_SPEED = "velN <i4, velE <i4, velD <i4, gSpeed <i4"
+
+
+def _layout(text: str) -> np.dtype[Any]:
+    return np.dtype([(part.split()[0], part.split()[1]) for part in text.split(", ")])
+
+
+_COVARIANCES = ", ".join(
+    f"{kind}{pair} <f4" for kind in ("pos", "vel") for pair in ("NN", "NE", "ND", "EE", "ED", "DD")
+)
+# class and number, and the parts of the message that are read
+_LAYOUTS: dict[str, tuple[bytes, np.dtype[Any]]] = {
+    "PVT": (
+        b"\x01\x07",
+        _layout(
+            f"iTOW <u4, {_DATE}, valid u1, tAcc <u4, nano <i4, fixType u1, flags u1, flags2 u1, numSV u1, "
+            f"{_PLACE}, {_SPEED}, headMot <i4, sAcc <u4"
+        ),
+    ),
+    "PVAT": (
+        b"\x01\x17",
+        _layout(
+            f"iTOW <u4, version u1, valid u1, {_DATE}, r0 u1, r1 <u2, tAcc <u4, nano <i4, fixType u1, flags u1, "
+            f"flags2 u1, numSV u1, {_PLACE}, {_SPEED}, sAcc <u4, roll <i4, pitch <i4, heading <i4"
+        ),
+    ),
+    "POSLLH": (b"\x01\x02", _layout(f"iTOW <u4, {_PLACE}")),
+    "HPPOSLLH": (
+        b"\x01\x14",
+        _layout(
+            "version u1, r0 u1, r1 u1, flags u1, iTOW <u4, lon <i4, lat <i4, height <i4, hMSL <i4, "
+            "lonHp i1, latHp i1, heightHp i1, hMSLHp i1, hAcc <u4, vAcc <u4"
+        ),
+    ),
+    "VELNED": (
+        b"\x01\x12",
+        _layout("iTOW <u4, velN <i4, velE <i4, velD <i4, speed <u4, gSpeed <u4, heading <i4, sAcc <u4"),
+    ),
+    "COV": (
+        b"\x01\x36",
+        _layout(f"iTOW <u4, version u1, posValid u1, velValid u1, r0 u1, r1 <u4, r2 <u4, {_COVARIANCES}"),
+    ),
+    "SOL": (b"\x01\x06", _layout("iTOW <u4, fTOW <i4, week <i2, fixType u1, flags u1")),
+    "TIMEGPS": (b"\x01\x20", _layout("iTOW <u4, fTOW <i4, week <i2, leapS i1, valid u1")),
+}
+_GYRO_TYPES, _ACCEL_TYPES, _TEMPERATURE = (14, 13, 5), (16, 17, 18), 12  # x, y, z
+_SCALES = {**dict.fromkeys(_GYRO_TYPES, DEG / 4096.0), **dict.fromkeys(_ACCEL_TYPES, 1.0 / 1024.0), _TEMPERATURE: 0.01}
+_NO_FIX = (0, 1, 5)  # none, dead reckoning only, time only
+_RAW_TICK = 39.0625e-6  # of time tags in ESF-RAW [s]; the fixes tell it too
+_ORDER_JITTER = 0.1  # to which the order of messages tells a time [s]
+_UNKNOWN_M = 1e5  # reported accuracies from here on say that there is none [m]
+
+
+@dataclass(slots=True)
+class _Found:
+    """Messages of one kind."""
+
+    rows: NDArray[Any]  # (n,) records
+    at: NDArray[np.int64]  # (n,) where they stand in the stream
+    damaged: int = 0
+
+    @property
+    def key(self) -> FloatArray:
+        """GPS time of the week (n,) [ms]."""
+        return self.rows["iTOW"].astype(np.float64)
+
+
+def recognise(source: Source) -> bool:
+    """See `insnav.input.formats.registry.Format`."""
+    head = source.head
+    return any(
+        len(frame := head[at : at + 6]) == 6
+        and len(body := head[at + 2 : at + 8 + int.from_bytes(frame[4:6], "little")]) >= 6
+        and (at + 8 + int.from_bytes(frame[4:6], "little") > len(head) > 8 > at or bool(_sound(_row(body))[0]))
+        for at in starts(head, b"\xb5b")[:64].tolist()
+    )
+
+
+def read(source: Source) -> Mapping[str, Table]:
+    """See `insnav.input.formats.registry.Format`."""
+    found = {key: _find(source.data, *of_kind) for key, of_kind in _LAYOUTS.items()}
+    notes = [
+        f"{each.damaged} damaged NAV-{key} messages left out (checksum)" for key, each in found.items() if each.damaged
+    ]
+    tables: dict[str, Table] = {}
+    clock = _Clock()
+    base = next((key for key in ("PVT", "PVAT", "HPPOSLLH", "POSLLH") if len(found[key].rows)), None)
+    if base is not None:
+        tables["gps"], clock = _fixes(source, found, base, notes)
+    elif nmea.recognise(source):
+        tables |= nmea.read(source)
+    samples = _samples(source, clock)
+    if samples is not None:
+        tables["imu"] = samples
+    if not tables:
+        raise InputError(
+            "the u-blox log holds neither positions nor samples",
+            where=source.name,
+            why="there is no sound NAV-PVT, NAV-PVAT, NAV-HPPOSLLH, NAV-POSLLH, ESF-MEAS or ESF-RAW message",
+            fix="enable UBX-NAV-PVT in the receiver; raw measurements (RXM-RAWX) must be solved first, as by RTKLIB",
+        )
+    return tables
+
+
+@dataclass(frozen=True, slots=True)
+class _Clock:
+    """When each epoch was, and where in the stream it stands."""
+
+    time: FloatArray = field(default_factory=lambda: np.empty(0))
+    at: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+
+def _row(body: bytes) -> NDArray[np.uint8]:
+    return np.frombuffer(b"\xb5b" + body, dtype=np.uint8)[None]
+
+
+def _sound(rows: NDArray[np.uint8]) -> BoolArray:
+    """Whether the Fletcher checksum of each whole message (n, size) is right."""
+    body = rows[:, 2:-2].astype(np.uint32)
+    first = body.sum(axis=1) & 255
+    second = (body * np.arange(body.shape[1], 0, -1, dtype=np.uint32)).sum(axis=1) & 255
+    return np.asarray((first == rows[:, -2]) & (second == rows[:, -1]))
+
+
+def _by_size(data: bytes | mmap.mmap, kind: bytes) -> list[tuple[int, NDArray[np.int64]]]:
+    at = starts(data, b"\xb5b" + kind)
+    at = at[at <= len(data) - 8]
+    stream = np.frombuffer(data, dtype=np.uint8)
+    size = stream[at + 4] + 256 * stream[at + 5].astype(np.int64)
+    return [(int(each), at[size == each]) for each in np.unique(size)]
+
+
+def _find(data: bytes | mmap.mmap, kind: bytes, layout: np.dtype[Any]) -> _Found:
+    rows, places, damaged = [np.empty(0, dtype=layout)], [np.empty(0, dtype=np.int64)], 0
+    for size, at in _by_size(data, kind):
+        if size < layout.itemsize:
+            continue
+        good = 0
+        for where, block in sound_messages(data, at, size + 8, _sound):
+            rows.append(as_records(block[:, 6:], layout))
+            places.append(where)
+            good += len(where)
+        damaged += len(at) - good
+    return _Found(np.concatenate(rows), np.concatenate(places), damaged)
+
+
+def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[str]) -> tuple[Table, _Clock]:
+    main = found[base]
+    rows, key = main.rows, main.key
+    names = rows.dtype.names or ()
+    week = _week(rows) if "year" in names else _joined_week(key, found)
+    time, said = seconds_of_week(WEEK_DAYS * week, 1e-3 * key) if np.isfinite(week).all() else (1e-3 * key, "")
+    notes = [said or "times are seconds of the GPS week; no message says which week", *notes]
+    columns = {"time_s": time, **_position(rows)}
+    hp = found["HPPOSLLH"]
+    if base != "HPPOSLLH" and len(hp.rows):
+        for column, values in _position(hp.rows).items():
+            better = joined(key, hp.key, values)
+            columns[column] = np.where(np.isfinite(better), better, columns[column])
+    speed = _speed(rows, 1e-3) if "velN" in names else _joined_columns(key, found["VELNED"], _speed, 1e-2)
+    columns |= speed
+    if len(found["COV"].rows):
+        for column, values in _joined_columns(key, found["COV"], _deviations).items():
+            columns[column] = np.where(np.isfinite(values), values, columns.get(column, np.nan))
+    if "heading" in names:
+        notes.append("positions are the receiver's own fusion with its IMU, where it says so (fixType 4)")
+    kind, flags = _quality(rows, key, found)
+    usable = (flags & 1 == 1) & ~np.isin(kind, _NO_FIX)
+    carrier = (flags.astype(np.int64) >> 6) & 3 if base in ("PVT", "PVAT") else np.zeros(len(key), dtype=np.int64)
+    columns["fix"] = np.select([carrier == 2, carrier == 1, flags & 2 == 2], [1.0, 2.0, 4.0], 5.0)
+    if (~usable).any():
+        notes.append(f"{int((~usable).sum())} of {len(key)} epochs have no fix: left out")
+    kept = {column: values[usable] for column, values in columns.items()}
+    return column_table(source, kept, notes, row=f"NAV-{base}"), _Clock(time, main.at)
+
+
+def _week(rows: NDArray[Any]) -> FloatArray:
+    """Week of each epoch, from its date; ``NaN`` before the receiver knows it, filled from its neighbours."""
+    valid = (rows["valid"] & 1 == 1) & (rows["year"] > 1979) & (rows["month"] >= 1) & (rows["month"] <= 12)
+    week = np.full(len(rows), np.nan)
+    part = rows[valid]
+    day = gps_days(*(part[key].astype(np.float64) for key in ("year", "month", "day")))
+    second = 3600.0 * part["hour"] + 60.0 * part["min"] + part["sec"]
+    # from the time of the week, which the date only has to tell from the others: it is rounded near midnight
+    since = day * 86_400.0 + second + leap_seconds(day, second)
+    week[valid] = np.round((since - 1e-3 * part["iTOW"]) / 604_800.0)
+    return _filled(week, rows["iTOW"].astype(np.float64))
+
+
+def _joined_week(key: FloatArray, found: Mapping[str, _Found]) -> FloatArray:
+    week = np.full(len(key), np.nan)
+    for kind in ("TIMEGPS", "SOL"):
+        rows = found[kind].rows
+        week = np.where(np.isfinite(week), week, joined(key, found[kind].key, rows["week"].astype(np.float64)))
+    return _filled(np.where(week > 0, week, np.nan), key)
+
+
+def _filled(week: FloatArray, key: FloatArray) -> FloatArray:
+    """Weeks of all epochs from those known, counted on where the time of the week starts anew."""
+    known = np.isfinite(week)
+    if not known.any():
+        return week
+    turns = np.concatenate(([0.0], np.cumsum(np.diff(key) < -302_400_000.0)))
+    return np.where(known, week, np.median((week - turns)[known]) + turns)
+
+
+def _position(rows: NDArray[Any]) -> dict[str, FloatArray]:
+    fine = "lonHp" in (rows.dtype.names or ())
+    part = {key: 0.01 * rows[f"{key}Hp"] if fine else 0.0 for key in ("lat", "lon")}
+    unit = 1e-4 if fine else 1e-3
+    reported = {key: rows[key] * unit for key in ("hAcc", "vAcc")}
+    sd = {key: np.where((value > 0.0) & (value < _UNKNOWN_M), value, np.nan) for key, value in reported.items()}
+    found = {
+        "lat_deg": 1e-7 * (rows["lat"] + part["lat"]),
+        "lon_deg": 1e-7 * (rows["lon"] + part["lon"]),
+        "height_m": 1e-3 * rows["height"] + (1e-4 * rows["heightHp"] if fine else 0.0),
+        "sd_n_m": sd["hAcc"] / np.sqrt(2.0),  # it is that of the horizontal distance
+        "sd_e_m": sd["hAcc"] / np.sqrt(2.0),
+        "sd_d_m": sd["vAcc"],
+    }
+    if not fine:
+        return found
+    valid = rows["flags"] & 1 == 0
+    return {key: np.where(valid, values, np.nan) for key, values in found.items()}
+
+
+def _speed(rows: NDArray[Any], unit: float) -> dict[str, FloatArray]:
+    found = {f"v{axis}_m_s": unit * rows[f"vel{axis.upper()}"] for axis in "ned"}
+    sd = np.where(rows["sAcc"] > 0, unit * rows["sAcc"] / np.sqrt(2.0), np.nan)  # that of the speed over ground
+    return found | {f"sd_v{axis}_m_s": sd for axis in "ned"}
+
+
+def _deviations(rows: NDArray[Any]) -> dict[str, FloatArray]:
+    found = {}
+    with np.errstate(invalid="ignore"):
+        for kind, column in (("pos", "sd_{}_m"), ("vel", "sd_v{}_m_s")):
+            for axis in "ned":
+                sd = np.sqrt(rows[f"{kind}{axis.upper() * 2}"].astype(np.float64))
+                good = (rows[f"{kind}Valid"] == 1) & (sd > 0.0) & (sd < _UNKNOWN_M)
+                found[column.format(axis)] = np.where(good, sd, np.nan)
+    return found
+
+
+def _joined_columns(key: FloatArray, found: _Found, make: Any, *args: float) -> dict[str, FloatArray]:
+    if not len(found.rows):
+        return {}
+    return {column: joined(key, found.key, values) for column, values in make(found.rows, *args).items()}
+
+
+def _quality(rows: NDArray[Any], key: FloatArray, found: Mapping[str, _Found]) -> tuple[FloatArray, NDArray[Any]]:
+    """Kind of each fix, and its flags."""
+    if "fixType" in (rows.dtype.names or ()):
+        return rows["fixType"], rows["flags"]
+    kind = joined(key, found["SOL"].key, found["SOL"].rows["fixType"].astype(np.float64))
+    flags = joined(key, found["SOL"].key, found["SOL"].rows["flags"].astype(np.float64))
+    usable = np.isfinite(kind)
+    # without any word on its quality, a position counts
+    return np.where(usable, kind, 3.0), np.where(usable, flags, 1.0).astype(np.int64)
+
+
+def _samples(source: Source, clock: _Clock) -> Table | None:
+    """Samples of the IMU in ESF-MEAS, else ESF-RAW, on the clock of the fixes."""
+    for kind, label in ((b"\x10\x02", "ESF-MEAS"), (b"\x10\x03", "ESF-RAW")):
+        tag, value, sensor, at = _measurements(source.data, raw=label == "ESF-RAW", kind=kind)
+        columns, tags, places = _sensors(tag, value, sensor, at)
+        if columns:
+            time, note = _sensor_time(tags, places, clock, raw=label == "ESF-RAW")
+            return column_table(source, {"time_s": time, **columns}, (note,), row=label)
+    return None
+
+
+def _measurements(data: bytes | mmap.mmap, *, raw: bool, kind: bytes) -> tuple[Any, Any, Any, Any]:
+    """Time tag, value, sensor and place of every measurement, (n,)."""
+    parts: list[tuple[Any, ...]] = []
+    for size, at in _by_size(data, kind):
+        if size < 12:
+            continue
+        for where, block in sound_messages(data, at, size + 8, _sound):
+            body = block[:, 6:-2]
+            words = np.ascontiguousarray(body[:, : size // 4 * 4]).view("<u4").astype(np.int64)
+            if raw:
+                values, tags = words[:, 1:-1:2], words[:, 2::2]
+                there = np.ones(values.shape, dtype=bool)
+            else:
+                count = words[:, 1] >> 11 & 31
+                values = words[:, 2:]
+                there = np.arange(values.shape[1]) < count[:, None]
+                tags = np.broadcast_to(words[:, :1], values.shape)
+            number = values & 0xFFFFFF
+            signed = number - ((number >> 23) << 24)
+            places = np.broadcast_to(where[:, None], values.shape)
+            parts.append((tags[there], signed[there], (values >> 24 & (255 if raw else 63))[there], places[there]))
+    if not parts:
+        return (np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.int64))
+    tag, value, sensor, at = (np.concatenate(each) for each in zip(*parts, strict=True))
+    order = np.argsort(at, kind="stable")
+    return tag[order], value[order], sensor[order], at[order]
+
+
+def _sensors(tag: Any, value: Any, sensor: Any, at: Any) -> tuple[dict[str, FloatArray], FloatArray, Any]:
+    """Columns of the six sensors at the time tags of the first gyro; empty if one of them is missing."""
+    names = dict(zip((*_GYRO_TYPES, *_ACCEL_TYPES), ("gyro_{}_rad_s",) * 3 + ("accel_{}_m_s2",) * 3, strict=True))
+    if not all((sensor == each).any() for each in names):
+        return {}, np.empty(0), np.empty(0, dtype=np.int64)
+    first = sensor == _GYRO_TYPES[0]
+    tags = _unwrapped(tag)
+    wanted = tags[first]
+    columns = {}
+    for i, (each, template) in enumerate(names.items()):
+        mine = sensor == each
+        columns[template.format("xyz"[i % 3])] = at_times(wanted, tags[mine], value[mine] * _SCALES[each])
+    warm = sensor == _TEMPERATURE
+    if warm.any():
+        columns["temperature_c"] = at_times(wanted, tags[warm], value[warm] * _SCALES[_TEMPERATURE])
+    return columns, wanted, at[first]
+
+
+def _unwrapped(tag: Any) -> FloatArray:
+    """Time tags without their overflow at 32 bits."""
+    turns = np.concatenate(([0], np.cumsum(np.diff(tag) < -(1 << 31))))
+    return np.asarray(tag + turns * float(1 << 32), dtype=np.float64)
+
+
+def _sensor_time(tags: FloatArray, places: Any, clock: _Clock, *, raw: bool) -> tuple[FloatArray, str]:
+    """Times of samples on the clock of the fixes, [s].
+
+    An epoch is written a little after it was: the line through the latest samples before each epoch, moved so that
+    the soonest written one has no delay, ties the two clocks.
+    """
+    before = np.searchsorted(places, clock.at) - 1
+    known = before >= 0
+    x, y = tags[before[known]], clock.time[known]
+    if len(x) < 10 or np.ptp(x) == 0.0:
+        if raw:
+            raise InputError("ESF-RAW samples need NAV-PVT messages beside them", why="these give their time")
+        return 1e-3 * tags, "times of the samples are those of the sensor: there are too few fixes to tie them to"
+    rate = float(np.polyfit(x - x[0], y - y[0], 1)[0])
+    nominal = _RAW_TICK if raw else 1e-3
+    if abs(rate / nominal - 1.0) * np.ptp(y) < _ORDER_JITTER:  # the order tells no better
+        rate = nominal
+    late = (y - y[0]) - rate * (x - x[0])
+    time = rate * (tags - x[0]) + float(np.quantile(late, 0.98)) + y[0]
+    return time, (
+        f"clock of the IMU tied to GPS time by the order of the messages (1 tick = {rate * 1e3:.7g} ms): "
+        "a delay of the fixes of some hundredths of a second may remain, and is estimated"
+    )

@@ -1,0 +1,154 @@
+"""Compressed files: gzip, xz, bzip2, zstd, and ZIP archives, none of which may unpack to more than is sensible."""
+
+from __future__ import annotations
+
+import bz2
+import io
+import lzma
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, Protocol, cast
+
+from insnav.exceptions import InputError
+from insnav.plain_text import plain_text
+
+if TYPE_CHECKING:
+    import mmap
+    import zipfile
+
+MAX_BYTES = 2 << 30  # of unpacked data
+_MAX_RATIO = 200  # of unpacked to packed, beyond _RATIO_FROM
+_RATIO_FROM = 256 << 20
+_PIECE = 1 << 22
+
+
+class _Unpacker(Protocol):
+    eof: bool
+    unused_data: bytes
+
+    def decompress(self, data: bytes, max_length: int, /) -> bytes: ...
+
+
+# first bytes -> name, and how one member of such a file is unpacked
+_KINDS: dict[bytes, tuple[str, Callable[[], Any]]] = {
+    b"\x1f\x8b": ("gzip", lambda: zlib.decompressobj(31)),
+    b"\xfd7zXZ": ("xz", lzma.LZMADecompressor),
+    b"BZh": ("bzip2", bz2.BZ2Decompressor),
+}
+# what the libraries raise over damaged data; RuntimeError: it is encrypted, or of an unknown method
+_DAMAGE = (zlib.error, lzma.LZMAError, OSError, EOFError, RuntimeError, ValueError, struct.error)
+_ZSTD = b"\x28\xb5\x2f\xfd"
+
+
+def unpacked(raw: bytes | mmap.mmap, name: str) -> bytes | mmap.mmap:
+    """Bytes of a file without its compression, if it has one.
+
+    Raises: InputError: it is damaged, cut off, or unpacks to more than is sensible.
+    """
+    head = raw[:6]
+    kind, pieces = "zstd", None
+    if head.startswith(_ZSTD):
+        pieces = _zstd(raw)
+    for magic, (word, start) in _KINDS.items():
+        if head.startswith(magic):
+            kind, pieces = word, _members(raw, start, word, name)
+    if pieces is None:
+        return raw
+    found: list[bytes] = []
+    total = 0
+    try:
+        for piece in pieces:
+            total += len(piece)
+            if total > MAX_BYTES or (total > _RATIO_FROM and total > _MAX_RATIO * len(raw)):
+                raise InputError(
+                    f"the {kind} file unpacks to more than is sensible",
+                    where=name,
+                    why=f"{len(raw)} bytes became more than {total}",
+                    fix="if it is a real recording, unpack it and give the file itself",
+                )
+            found.append(piece)
+    except _DAMAGE as error:
+        why = plain_text(error)
+        raise InputError(f"the {kind} file is damaged", where=name, why=why, fix="copy it again") from error
+    return b"".join(found)
+
+
+def _members(raw: bytes | mmap.mmap, start: Callable[[], Any], kind: str, name: str) -> Iterator[bytes]:
+    """Pieces of a file that may be glued together from several compressed ones."""
+    unpacker = cast(_Unpacker, start())
+    position, total, rest = 0, 0, b""
+    while True:
+        if not rest:
+            rest = raw[position : position + _PIECE]
+            position += len(rest)
+        if unpacker.eof:
+            rest = rest.lstrip(b"\0")
+            if not rest and position >= len(raw):
+                return
+            unpacker = cast(_Unpacker, start())
+        at_end = not rest
+        piece = unpacker.decompress(rest, _PIECE)
+        # what was not taken in: zlib hands it back, the others keep it
+        rest = unpacker.unused_data if unpacker.eof else getattr(unpacker, "unconsumed_tail", b"")
+        while piece and not unpacker.eof and not getattr(unpacker, "needs_input", True):
+            total += len(piece)
+            yield piece
+            piece = unpacker.decompress(b"", _PIECE)
+            rest = unpacker.unused_data if unpacker.eof else b""
+        total += len(piece)
+        yield piece
+        if at_end and not piece and not unpacker.eof:
+            raise InputError(
+                f"the {kind} file is cut off",
+                where=name,
+                why=f"it ends after {total} unpacked bytes without its closing mark",
+                fix="copy it again, or unpack what is there: zcat FILE > FILE.csv",
+            )
+
+
+def _zstd(raw: bytes | mmap.mmap) -> Iterator[bytes]:
+    import pyarrow as pa
+
+    with pa.CompressedInputStream(pa.BufferReader(pa.py_buffer(raw)), "zstd") as stream:
+        while piece := stream.read(_PIECE):
+            yield piece
+
+
+def archive_members(raw: bytes | mmap.mmap, name: str) -> dict[str, Callable[[], bytes]]:
+    """Files of a ZIP archive, without those that systems add, each to be unpacked when asked for."""
+    import zipfile
+
+    try:
+        archive = zipfile.ZipFile(io.BytesIO(raw[:]))
+        entries = [entry for entry in archive.infolist() if not entry.is_dir()]
+    except (zipfile.BadZipFile, *_DAMAGE) as error:
+        raise InputError(
+            "the ZIP archive is damaged", where=name, why=plain_text(error), fix="copy it again"
+        ) from error
+    entries = [e for e in entries if not e.filename.startswith("__MACOSX/") and "/." not in f"/{e.filename}"]
+    size = sum(entry.file_size for entry in entries)
+    if size > MAX_BYTES or (size > _RATIO_FROM and size > _MAX_RATIO * len(raw)):
+        raise InputError(
+            "the ZIP archive unpacks to more than is sensible",
+            where=name,
+            why=f"{len(raw)} bytes would become {size}",
+            fix="if it is a real recording, unpack it and give the folder",
+        )
+    return {entry.filename: _member(archive, entry, name) for entry in entries}
+
+
+def _member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Callable[[], bytes]:
+    def unpack() -> bytes:
+        import zipfile
+
+        try:
+            with archive.open(entry) as file:
+                data = file.read(entry.file_size + 1)
+        except (zipfile.BadZipFile, *_DAMAGE) as error:
+            where = f"{name}: {plain_text(entry.filename)}"
+            why = plain_text(error)
+            raise InputError("the ZIP archive is damaged", where=where, why=why, fix="copy it again") from error
+        return data
+
+    return unpack
