@@ -11,6 +11,7 @@ innovations: R. K. Mehra, "On the identification of variances and adaptive Kalma
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +29,8 @@ from insnav.kernels.smoother import FIX, NOISE, SOURCE, TIME
 from insnav.types import BoolArray, FloatArray, GpsData
 from insnav.units import UNITS
 
-LONGEST = 2400.0  # of the record that is looked at [s]
+LONGEST = 1800.0  # of the record that is looked at [s]
+SHORT = 600.0  # of it for the first steps, from which the rest is not far [s]
 SPACING = 0.9  # shortest time between the fixes that are looked at [s]
 FEWEST = 120  # fixes needed
 HUBER = 3.0  # innovations beyond so many standard deviations count less, so that false fixes do not decide
@@ -37,7 +39,7 @@ CLEAN = 0.9973
 ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
 LARGEST_STEP = 1.5  # of a round, in logarithms
-ENOUGH = 0.05  # smaller gains of the log-likelihood end the search
+ENOUGH = 0.3  # smaller gains of the log-likelihood end the search: an interval of 95 % is two wide
 OBSERVABLE = 0.8  # a figure is observable if the drive narrows its interval to this part of the prior's
 FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told
 WHITE_AGAIN = 20.0  # so much log-likelihood the figures of the IMU may make up for if fixes are white after all
@@ -140,6 +142,14 @@ class InnovationLikelihood:
         self._out = np.empty((2, 6 * rows.shape[0]))
         self.fixes = int(np.count_nonzero(self._offered & (self._tape[1] > 0)))
         self.parameters = self._choose(velocities=bool(np.isfinite(gps.v_n).all(axis=1).any()))
+
+    def beginning(self, length: float) -> InnovationLikelihood:
+        """The same of the innovations of so long from the start only [s]."""
+        part = copy(self)
+        last = int(np.searchsorted(np.cumsum(self._tape[0]), length))
+        part._tape = tuple(each[:last] for each in self._tape)
+        part._other, part._offered, part._sd = self._other[:last], self._offered[:last], self._sd[:last]
+        return part
 
     def _choose(self, *, velocities: bool) -> tuple[_Parameter, ...]:
         found = []
@@ -338,6 +348,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
         starts.append(there)
     first = min(starts[1:], key=lambda at: posterior.innovations(at)[2])
     every = np.ones(white.shape[0], dtype=bool)
+    first = _Posterior([drive.beginning(SHORT) for drive in drives]).climb(first, every).at
     top = posterior.climb(first, every)
     only_white = top.at.copy()
     only_white[-2:] = -np.inf, posterior.middle[-1]

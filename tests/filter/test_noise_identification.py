@@ -147,6 +147,16 @@ def test_with_its_own_noise_the_innovations_are_those_of_the_filter():
     assert np.std(first + run.innovations.innovation[:, 0]) < 0.02 * np.std(first)
 
 
+def test_the_beginning_of_a_drive_has_the_first_of_its_innovations():
+    imu, gps = recorded(1, laps=4)
+    drive = InnovationLikelihood(prepared(imu, gps, drives.SPEC, 1, laps=4), drives.SPEC)
+    at = np.array([p.middle for p in drive.parameters])
+    whole, part = drive.normalised(at), drive.beginning(100.0).normalised(at)
+    assert 0.9 * 6 * 100 < part[0].size * (gps.time[1] - gps.time[0]) <= 6 * 100
+    for all_of_them, first in zip(whole, part, strict=True):
+        np.testing.assert_array_equal(all_of_them[: first.size], first)
+
+
 @pytest.fixture(scope="module")
 def found() -> list[NoiseEstimate]:
     estimates = []
