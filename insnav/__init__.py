@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from insnav.session.bench import calibrate
     from insnav.session.comparison import compare
     from insnav.session.drive import Drive, load
+    from insnav.session.requirement import require
     from insnav.session.simulation import simulate
     from insnav.strapdown import increments, intervals, navigate
     from insnav.types import GpsData, ImuData, Increments, Run, Trajectory
@@ -81,6 +82,7 @@ _HOME = {
     "read_gps": "insnav.input",
     "read_imu": "insnav.input",
     "read_reference": "insnav.input",
+    "require": "insnav.session.requirement",
 }
 
 __all__ = [
@@ -106,6 +108,7 @@ __all__ = [
     "read_gps",
     "read_imu",
     "read_reference",
+    "require",
     "simulate",
 ]
 

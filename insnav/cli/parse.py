@@ -91,6 +91,12 @@ def columns(text: str | None, option: str) -> dict[str, str] | None:
     return {name.strip(): header.strip() for name, header in pairs}
 
 
+def weights(text: str | None, option: str) -> dict[str, float] | None:
+    """Name to a number above zero, ``gyro bias=8,accel bias=2``."""
+    pairs = columns(text, option)
+    return None if pairs is None else {name: positive_numbers(value, option)[0] for name, value in pairs.items()}
+
+
 def configuration(options: dict[str, Any]) -> dict[str, Any]:
     """Options as the user gave them, for run.json; those that do not change its content are left out."""
     kept = {name: value for name, value in options.items() if name not in ("out", "force", "as_json", "workers")}

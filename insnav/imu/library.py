@@ -14,6 +14,7 @@ A part is one file of ``parts/``. What its documents do not say is missing, not 
 
 from __future__ import annotations
 
+import difflib
 import functools
 import math
 import re
@@ -147,7 +148,7 @@ def parts() -> tuple[Part, ...]:
 
 def close_names(name: str) -> str:
     """Names like one that is unknown, or where all of them are listed."""
-    close = [key for key in _files() if key.startswith(_plain(name)[:8])] if len(_plain(name)) > 3 else []
+    close = difflib.get_close_matches(_plain(name), _files(), n=3, cutoff=0.75)
     return ", ".join(_files()[key].stem for key in close) or "see insnav imus"
 
 

@@ -21,6 +21,7 @@ from insnav.errors.outage.gnss_outage import LENGTHS, outages
 from insnav.errors.outage.statistics import outage_growth
 from insnav.errors.outage.study import OutageStudy
 from insnav.errors.outage.window_reference import WindowReference, reference_from_trajectory
+from insnav.errors.requirement.study import RequirementStudy
 from insnav.errors.short_duration_errors import short_windows
 from insnav.exceptions import AlignmentError, ConfigError
 from insnav.filter import FilterSettings
@@ -30,6 +31,7 @@ from insnav.filter.gps_noise import with_sd
 from insnav.filter.navigate import AidingChoice, aided, navigate_prepared
 from insnav.filter.noise_identification import identify_noise, with_noise
 from insnav.filter.prepare import Prepared, Start, prepare
+from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading, check_overlap
 from insnav.result import Result
@@ -38,6 +40,8 @@ from insnav.session.budget import BudgetOptions, BudgetSettings, budget_of_windo
 from insnav.session.checked_inputs import one_of, options_of, reference_sd, vector
 from insnav.session.inputs import Inputs
 from insnav.session.read import Readings, read
+from insnav.session.requirement import Moving, RequirementOptions, requirement_of, settings_of, study_of
+from insnav.simulate.truth_from_track import truth_from_track
 from insnav.strapdown import intervals
 from insnav.types import Event, FloatArray, GpsData, ImuData, Trajectory
 
@@ -372,6 +376,45 @@ class Drive:
         recorded = replace(recorded, notes=(*self.notes, *said, *recorded.notes))
         found = budget_of_windows(recorded, settings, progress)
         return self._result("budget", found, asdict(settings), recorded.notes, self._events(()))
+
+    def require(
+        self,
+        error: str | float,
+        after: str | float,
+        *,
+        progress: Callable[[float], None] | None = None,
+        **options: Unpack[RequirementOptions],
+    ) -> Result[RequirementStudy]:
+        """Find out how good an IMU must be on this drive for a limit on the position error.
+
+        Parameters
+        ----------
+        error, after : str or float
+            Limit and time without GPS; see `insnav.require`. An IMU model that was given with the drive is that whose
+            errors are given.
+        progress : callable, optional
+            Called with the fraction of the simulated runs that is done.
+        **options
+            As of `insnav.require`.
+
+        Returns
+        -------
+        Result of RequirementStudy
+
+        Raises
+        ------
+        ConfigError, InputError, AlignmentError
+            A requirement that makes no sense, or data that cannot be navigated.
+        """
+        settings = settings_of(options)
+        required = requirement_of(error, after, settings)
+        run = self.navigate().found.run
+        track = run.solution if run.smoothed is None else run.smoothed.solution
+        given = self.readings.inputs.get("imu_model")
+        spec = load_imu(str(given)) if isinstance(given, str | Path) else given
+        motion = Moving(truth_from_track(track), f"the drive {Path(self.imu.facts.path).name}")
+        found = study_of(required, motion, spec, settings, progress)
+        return self._result("requirement", found.found, found.options, self.notes, self._events(()))
 
     def align(self) -> Result[FineAlignment]:
         """Align the drive at rest: from means, then by the filter with zero velocity.

@@ -1,0 +1,41 @@
+"""``insnav require``: from a limit to figures, in one command."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Cli
+
+
+def test_a_requirement_at_rest(cli: Cli, tmp_path: Path) -> None:
+    shown = cli("require", "--error", "1 m", "--after", "60s", "--runs", "0", "--out", str(tmp_path / "r"), "--json")
+    assert shown.code == 0, shown.err
+    facts = json.loads(shown.out)
+    assert facts["requirement"]["error_m"] == 1.0
+    row = next(each for each in facts["allocation"] if each["family"] == "gyro bias")
+    assert row["alone_deg_h"] == pytest.approx(0.239, rel=5e-3)
+    assert (tmp_path / "r" / "report.html").is_file()
+    assert (tmp_path / "r" / "figures" / "allocation.png").is_file()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--error", "1", "--after", "60 s"), "not a number with a unit"),
+        (("--error", "1 s", "--after", "60 s"), "not a length"),
+        (("--error", "1 m", "--after", "9000 s"), "not a sensible value"),
+        (("--error", "1 m", "--after", "60 s", "--profile", "city", "--begin", "450"), "not long enough"),
+        (("--error", "1 m", "--after", "60 s", "--cost", "gyro bias=x"), "--cost"),
+        (("--error", "1 m", "--after", "60 s", "--imu", "STIM3000"), "stim300"),
+        (("--error", "1 m", "--after", "400 s", "--component", "vertical"), "unstable"),
+    ],
+)
+def test_nonsense_ends_in_one_block(cli: Cli, tmp_path: Path, options: tuple[str, ...], said: str) -> None:
+    shown = cli("require", *options, "--out", str(tmp_path / "r"))
+    assert shown.code == 2
+    assert said in shown.err
+    assert "Traceback" not in shown.err
+    assert not (tmp_path / "r").exists()
