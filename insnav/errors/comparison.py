@@ -21,6 +21,7 @@ class Solution(NamedTuple):
     run: str  # name of the run
     solution: str  # which of its solutions
     trajectory: Trajectory
+    lever_b: FloatArray  # (3,) its antenna seen from the IMU, body axes [m]
 
 
 class Compared(NamedTuple):
@@ -69,13 +70,14 @@ def compare_solutions(
 ) -> Comparison:
     """Compare solutions with a reference, at the epochs that all of them cover.
 
-    `lever_b` (3,): the point of the reference seen from the IMU, body axes [m].
+    `lever_b` (3,): the point of the reference seen from the IMU, body axes [m]; None for the antenna of each.
     Raises: InputError: no epoch that all solutions and the reference share.
     """
     errors = []
     for each in solutions:
         try:
-            errors.append(position_errors(each.trajectory, reference, lever_b=lever_b))
+            point = each.lever_b if lever_b is None else lever_b
+            errors.append(position_errors(each.trajectory, reference, lever_b=point))
         except InputError as error:
             error.where = error.where or each.run
             raise

@@ -14,7 +14,7 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.filter.prepare import Start
 from insnav.imu.specification import ImuSpec
 from insnav.session.inputs import INPUTS, LOGS, Inputs
-from insnav.types import FloatArray
+from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG
 
 _LONGEST_LEVER = 100.0  # a longer one was given in another unit [m]
@@ -71,6 +71,18 @@ def vector(inputs: Inputs, key: Literal["lever_arm", "ref_lever_arm"]) -> FloatA
             fix="give it in metres, body axes",
         )
     return array
+
+
+def reference_point(inputs: Inputs, reference: Trajectory) -> FloatArray | None:
+    """Point of a reference seen from the IMU, body axes ``(3,)`` [m]; None for the antenna.
+
+    What has an attitude is a solution of an inertial system, and of its IMU; bare positions are of a receiver, and of
+    its antenna, taken as the antenna of the drive.
+    """
+    given = vector(inputs, "ref_lever_arm")
+    if given is not None:
+        return given
+    return np.zeros(3) if np.isfinite(reference.rph).any() else None
 
 
 def reference_sd(inputs: Inputs) -> tuple[float, float | None] | None:

@@ -6,12 +6,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
+import numpy as np
+
 from insnav.errors.comparison import Comparison, Solution, compare_solutions
 from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.output.contents import FACTS_FILE, read_facts
 from insnav.output.solution_tables import has_smoothed, read_solution
 from insnav.plain_text import plain_text
 from insnav.result import Result
-from insnav.session.checked_inputs import checked, options_of, vector
+from insnav.session.checked_inputs import checked, options_of, reference_point
 from insnav.session.inputs import Inputs
 from insnav.session.read import read_ref
 from insnav.types import Trajectory
@@ -32,7 +35,8 @@ def compare(
     ref : path, data frame, arrays or Trajectory
         Reference, as for `insnav.load`.
     **inputs
-        ``ref_columns``, ``ref_lever_arm``: the point of the reference seen from the IMU; by default the IMU.
+        ``ref_columns``, ``ref_lever_arm``: the point of the reference seen from the IMU; by default the IMU, and for
+        positions without attitude the antenna.
 
     Returns
     -------
@@ -46,7 +50,7 @@ def compare(
     inputs = checked(inputs)
     reference = read_ref(ref, inputs)
     solutions = [each for number, run in enumerate(runs, start=1) for each in _solutions(run, number)]
-    found = compare_solutions(solutions, reference.data, vector(inputs, "ref_lever_arm"))
+    found = compare_solutions(solutions, reference.data, reference_point(inputs, reference.data))
     names = [str(run) for run in runs if not isinstance(run, Result)]
     return Result("comparison", found, {"reference": reference.facts}, options_of(inputs, runs=names))
 
@@ -55,12 +59,15 @@ def _solutions(run: Result[EvaluatedRun] | str | Path, number: int) -> Iterator[
     """Filtered and, if there is one, smoothed solution of a run."""
     if isinstance(run, Result):
         name, found = f"run {number}", run.found.run
-        yield Solution(name, "filter", found.solution)
+        yield Solution(name, "filter", found.solution, found.lever_b)
         if found.smoothed is not None:
-            yield Solution(name, "smoothed", found.smoothed.solution)
+            yield Solution(name, "smoothed", found.smoothed.solution, found.lever_b)
         return
     folder = Path(run)
     name = plain_text(folder.resolve().name)
-    yield Solution(name, "filter", read_solution(folder))
+    filtered = read_solution(folder)
+    facts = read_facts(folder) if (folder / FACTS_FILE).is_file() else {}
+    lever_b = np.array(facts.get("fixes", {}).get("lever_arm_m") or np.zeros(3))
+    yield Solution(name, "filter", filtered, lever_b)
     if has_smoothed(folder):
-        yield Solution(name, "smoothed", read_solution(folder, "smoothed"))
+        yield Solution(name, "smoothed", read_solution(folder, "smoothed"), lever_b)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
 
@@ -37,7 +38,7 @@ from insnav.input import Reading, check_overlap
 from insnav.result import Result
 from insnav.session import defaults
 from insnav.session.budget import BudgetOptions, BudgetSettings, budget_of_windows
-from insnav.session.checked_inputs import one_of, options_of, reference_sd, vector
+from insnav.session.checked_inputs import one_of, options_of, reference_point, reference_sd
 from insnav.session.inputs import Inputs
 from insnav.session.read import Readings, read
 from insnav.session.requirement import Moving, RequirementOptions, requirement_of, settings_of, study_of
@@ -265,7 +266,10 @@ class Drive:
         done = navigate_prepared(ready, spec, aiding=aiding, progress=progress)
         events = self._events(done.run.events)
         done = replace(done, run=replace(done.run, events=events))
-        found, notes = evaluate_run(done, self.reference, vector(self.readings.inputs, "ref_lever_arm"))
+        point = None if self.reference is None else reference_point(self.readings.inputs, self.reference.data)
+        found, notes = evaluate_run(done, self.reference, done.run.lever_b if point is None else point)
+        if self.reference is not None and point is None:
+            notes = (*notes, "reference: without attitude, so its positions are of the antenna; else --ref-lever-arm")
         if mechanization == "short":
             windows = short_windows(ready.imu, done.run.solution, done.run.sensor_errors)
             found = replace(found, short_duration=tuple(windows))
@@ -319,7 +323,7 @@ class Drive:
         ready, spec = self.prepared_with_noise()
         if aiding != "off":
             ready = aided(ready, spec)
-        reference = None if self.reference is None else self._antenna_positions(self.reference)
+        reference = None if self.reference is None else partial(self._antenna_positions, self.reference)
         windows = outages(
             ready,
             lengths=lengths,
@@ -457,10 +461,10 @@ class Drive:
             raise ConfigError("nothing tells the latitude", where="lat", fix="give it with --lat, or fixes with --gps")
         return np.asarray(self.fixes.lla[0])
 
-    def _antenna_positions(self, reference: Reading[Trajectory]) -> GpsData:
-        """Positions of the reference brought to the antenna, every value with a standard deviation."""
-        lever_b, data = vector(self.readings.inputs, "ref_lever_arm"), reference.data
-        if lever_b is not None and not np.allclose(lever_b, self.settings.lever_b, atol=1e-3):
+    def _antenna_positions(self, reference: Reading[Trajectory], lever_b: FloatArray) -> GpsData:
+        """Positions of the reference brought to the antenna, `lever_b` from the IMU, each with a standard deviation."""
+        point, data = reference_point(self.readings.inputs, reference.data), reference.data
+        if point is not None and not np.allclose(point, lever_b, atol=1e-3):
             if not np.isfinite(data.rph).all():
                 raise ConfigError(
                     "the reference cannot be brought to the antenna",
@@ -468,7 +472,7 @@ class Drive:
                     why="it has no attitude",
                     fix="leave it out for a reference of the antenna itself",
                 )
-            data = at_point(data, self.settings.lever_b - lever_b)
+            data = at_point(data, lever_b - point)
         sd = np.full((len(data.time), 6), np.nan) if data.sd is None else data.sd[:, :6].copy()
         given = reference_sd(self.readings.inputs)
         if given is not None:
@@ -483,19 +487,20 @@ class Drive:
         data = fixed_epochs(reference)
         if velocity_sd is None:
             data = replace(data, v_n=np.full_like(data.v_n, np.nan))
-        lever_b = vector(self.readings.inputs, "ref_lever_arm")
         return reference_from_trajectory(
             data,
             self._compared_with(),
             position_sd=position_sd,
             velocity_sd=1.0 if velocity_sd is None else velocity_sd,
-            lever_b=vector(self.readings.inputs, "lever_arm") if lever_b is None else lever_b,
+            lever_b=reference_point(self.readings.inputs, reference.data),
         )
 
     def _compared_with(self) -> str:
         if self.reference is None:
             return "the drive's own GPS fixes"
-        return f"the positions of {Path(self.reference.facts.path).name}"
+        point = reference_point(self.readings.inputs, self.reference.data)
+        of = "of the antenna" if point is None else "of the IMU" if not point.any() else "of the point given"
+        return f"the positions of {Path(self.reference.facts.path).name} ({of})"
 
     def _events(self, more: Sequence[Event]) -> tuple[Event, ...]:
         """Events of reading and these, in order of time."""

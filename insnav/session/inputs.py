@@ -181,7 +181,7 @@ INPUTS: dict[str, Input] = {
     "ref_lever_arm": Input(
         "--ref-lever-arm",
         "F,R,D",
-        "Point of the reference seen from the IMU, body axes, m. [run, compare: the IMU; outage, budget: the antenna]",
+        "Point of the reference seen from the IMU, body axes, m. [the IMU; of positions without attitude the antenna]",
         GPS,
         "vector",
         "m",

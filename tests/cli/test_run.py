@@ -219,7 +219,7 @@ def test_the_smoothed_solution_stands_beside_that_of_the_filter(drive: Path, cli
     facts = read_facts(Path("run"))
     rms = [part["all"]["horizontal_m"]["rms"] for part in (facts["accuracy"], facts["smoothed"]["accuracy"])]
     assert rms[1] < rms[0]
-    assert facts["smoothed"]["horizontal_rms_by_filter"] == pytest.approx(rms[1] / rms[0])
+    assert facts["smoothed"]["horizontal_rms_ratio"] == pytest.approx(rms[1] / rms[0])
     (line,) = [line for line in shown.out.splitlines() if line.startswith("smoothed")]
     assert float(line.split()[3]) == pytest.approx(rms[1], rel=0.01)
     headers = [Path("run", name).read_text().split("\n", 1)[0] for name in ("solution.csv", "smoothed.csv")]

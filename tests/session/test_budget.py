@@ -50,7 +50,7 @@ def test_from_files_to_a_folder(drive: Path):
 
 def test_a_reference_is_what_it_is_judged_by(drive: Path):
     budget = recorded(ref="ref.csv", ref_sd=(0.01, 0.01))
-    assert budget.reference == "the positions of ref.csv"
+    assert budget.reference == "the positions of ref.csv (of the IMU)"
     assert not any("withheld" in note for note in budget.notes)
     assert np.isfinite(budget.calibrated.windows.error[..., 3:]).all()
     positions = recorded(ref="ref.csv")

@@ -14,10 +14,12 @@ import pytest
 from matplotlib.figure import Figure
 
 import insnav
+from insnav.errors.metrics import at_point
 from insnav.exceptions import ConfigError, InputError
 from insnav.input.interpret.schema import LOG_SCHEMAS
 from insnav.output.folder import verify_folder
 from insnav.output.solution_tables import read_solution
+from insnav.sample_statistics import rms
 from insnav.session.inputs import INPUTS, LOGS, Inputs
 from tests.cli.conftest import Cli, cli
 
@@ -163,12 +165,35 @@ def test_a_reference_of_another_point_is_brought_to_the_antenna(drive: Path) -> 
     at_imu = insnav.load("imu.csv", "gps.csv", "ref.csv", lever_arm=LEVER, ref_lever_arm=(0, 0, 0))
     assert at_imu.reference is not None
     data = at_imu.reference.data
-    moved = at_imu._antenna_positions(at_imu.reference)
+    moved = at_imu._antenna_positions(at_imu.reference, np.array(LEVER))
     down = moved.lla[:, 2] - data.lla[:, 2]
     assert np.median(down) == pytest.approx(1.2, abs=0.05)  # the antenna is above the IMU
     blind = insnav.Trajectory(data.time, data.lla, data.v_n, np.full_like(data.rph, np.nan))
     with pytest.raises(ConfigError, match="brought to the antenna"):
         insnav.load("imu.csv", "gps.csv", blind, lever_arm=LEVER, ref_lever_arm=(0, 0, 0)).outage(lengths=(5,))
+
+
+def test_bare_positions_are_of_the_antenna_for_every_command(drive: Path) -> None:
+    """The same reference once as a solution of the IMU, and once as positions of a receiver at the antenna."""
+    of_imu = insnav.load("imu.csv", "gps.csv", "ref.csv", lever_arm=LEVER, imu_model="automotive")
+    assert of_imu.reference is not None
+    data = of_imu.reference.data
+    at_antenna = at_point(data, np.array(LEVER))
+    unknown = np.full_like(data.rph, np.nan)
+    bare = insnav.Trajectory(at_antenna.time, at_antenna.lla, unknown, unknown)
+    of_antenna = insnav.load("imu.csv", "gps.csv", bare, lever_arm=LEVER, imu_model="automotive")
+    run = of_antenna.navigate()
+    assert "its positions are of the antenna" in " ".join(run.notes)
+    size = rms(of_imu.navigate().found.errors.horizontal)
+    assert rms(run.found.errors.horizontal) == pytest.approx(size, rel=0.02)
+    (other, *_) = insnav.compare(run, ref=bare).found.compared
+    assert rms(other.errors.horizontal) == pytest.approx(size, rel=0.02)
+    one, two = (each.outage(lengths=(5,), workers=1).found for each in (of_imu, of_antenna))
+    assert one.reference.endswith("(of the IMU)")
+    assert two.reference.endswith("(of the antenna)")
+    assert two.growth[0].rms[-1, 0] == pytest.approx(one.growth[0].rms[-1, 0], rel=0.02)
+    assert of_antenna._window_reference(of_antenna.reference).lever_b is None
+    np.testing.assert_array_equal(of_imu._window_reference(of_imu.reference).lever_b, 0.0)
 
 
 def test_a_simulated_drive_knows_its_exact_motion() -> None:

@@ -53,7 +53,7 @@ def outages(
     lengths: Sequence[float] = LENGTHS,
     first: float | None = None,
     spacing: float | None = None,
-    reference: GpsData | None = None,
+    reference: GpsData | Callable[[FloatArray], GpsData] | None = None,
     workers: int = 1,
     progress: Callable[[float], None] | None = None,
 ) -> list[Outage]:
@@ -63,7 +63,7 @@ def outages(
     minute, or less if the drive is short; `spacing`: from the start of one window to that of the next of the same
     length [s]; by default so that about sixty fit. Windows overlap if it is less than their length: each goes on from
     the filter that had all fixes before it; `reference`: better positions of the antenna to compare with, instead of
-    the fixes taken away.
+    the fixes taken away, or how to have them by the lever arm that the filter ends with, (3,) [m].
     Raises: ConfigError: lengths or spacing that are not above zero; InputError: the drive is too short for any window.
     """
     lengths = sorted(set(lengths))
@@ -78,6 +78,8 @@ def outages(
         ready, ready.gps.time[rows], None if progress is None else lambda done: progress(share * done)
     )
     assert drive.run.smoothed is not None
+    if callable(reference):
+        reference = reference(drive.run.lever_b)
     solution = drive.run.smoothed.solution
     course = np.column_stack([solution.time - drive.clock, np.unwrap(solution.rph[:, 2])])
     tasks = [(state, length) for length in lengths for state in drive.states if state.time + length <= end + 1e-6]

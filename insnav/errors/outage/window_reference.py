@@ -11,6 +11,7 @@ from insnav.exceptions import InputError
 from insnav.filter.prepare import Prepared
 from insnav.types import FloatArray, GpsData, Trajectory
 
+_AT_IMU = np.zeros(3)
 _LEAST_SD = 1e-4  # nothing is known better [m], [m/s]
 _WHOLE = 0.98  # part of the record that the rows of a stationary reference must span
 
@@ -46,12 +47,12 @@ def reference_from_trajectory(
     *,
     position_sd: float,
     velocity_sd: float,
-    lever_b: FloatArray | None = None,
+    lever_b: FloatArray | None = _AT_IMU,
 ) -> WindowReference:
     """A reference trajectory.
 
     `position_sd`, `velocity_sd`: its uncertainty on each axis elsewhere [m], [m/s]; `lever_b` (3,): the point of the
-    reference seen from the IMU, body axes [m]; the IMU by default.
+    reference seen from the IMU, body axes [m]; None for the antenna.
     Raises: InputError: fewer than two rows.
     """
     if len(reference.time) < 2:
@@ -62,7 +63,7 @@ def reference_from_trajectory(
     sd = np.maximum(sd, _LEAST_SD)
     velocity_sd_n = np.where(np.isfinite(reference.v_n), sd[:, 3:], np.nan)
     fixes = GpsData(reference.time, reference.lla, reference.v_n, sd[:, :3], velocity_sd_n)
-    return WindowReference(fixes, name, np.zeros(3) if lever_b is None else np.asarray(lever_b, dtype=np.float64))
+    return WindowReference(fixes, name, lever_b)
 
 
 def stationary_fixes(lla: FloatArray, begin: float, end: float, position_sd: float, velocity_sd: float) -> GpsData:

@@ -158,7 +158,8 @@ def draw_causes(part: RecordedPart, kind: str) -> Figure:
                         linewidth=0.8,
                         label=motion,
                     )
-            panel.set_ylabel(f"{axis.axis} {name} [{text}]" if column == 0 else f"{axis.axis}, {GROWS[name]} [{text}]")
+            panel.set_ylabel(f"{axis.axis} {name} [{text}]")
+            panel.set_title(f"{axis.axis} error grows with {GROWS[name]}")
         panels[-1][column].set_xlabel(f"start of the window, since {windows.start[0]:.1f} s [s]")
     legend_above(panels[0][1])
     return figure

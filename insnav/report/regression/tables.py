@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from insnav.quantity import Quantity
-from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.baseline import Baseline
 from insnav.regression.paired_tests import ALPHA
 from insnav.regression.peers.run_peers import LATEST, LONGEST, PeerRow
@@ -15,6 +14,7 @@ from insnav.regression.verdict import CPU_FAILS_FROM, FAILS_FROM, Change, Compar
 from insnav.report.numbers import number
 from insnav.report.page import Section, section_tables
 from insnav.report.terminal import table_text
+from insnav.sample_statistics import rms
 
 _PEER_NOTE = (
     f"RMS over the first {LONGEST:g} s of the first drive of each case (more where the heading needs it), from "
@@ -45,7 +45,7 @@ def case_section(result: Result, comparison: Comparison | None) -> Section:
     for name, case in result.cases.items():
         values = {} if case.measured is None else case.measured.values
         cells = (
-            Quantity(key, BY_KEY[key].typical(values[key]) if key in values else None, meaning=label)
+            Quantity(key, rms(values[key]) if key in values else None, meaning=label)
             for key, label in HEADLINES.items()
         )
         rows.append((Quantity("case", name), *cells, *_counts(name, comparison)))
@@ -53,7 +53,8 @@ def case_section(result: Result, comparison: Comparison | None) -> Section:
         "",
         "Accuracy, and figures that changed",
         rows=tuple(rows),
-        note="RMS, geometric mean over the drives (seeds) of a case, or over the pieces of a recorded drive",
+        note="RMS over all drives (seeds) of a case, all pieces or outages of a recorded drive, as in the "
+        "plots; whether a figure has changed is tested by logarithms, so that one bad drive does not decide it",
     )
 
 

@@ -291,13 +291,13 @@ def _smoothed(found: EvaluatedRun, reference: str) -> Section:
     sd = [_horizontal_sd(solution) for solution in (run.solution, run.smoothed.solution)]
     items = [
         Quantity("horizontal_sd", sd[1], "m"),
-        Quantity("horizontal_sd_by_filter", _ratio(sd[1], sd[0]), meaning="over that of the filter"),
+        Quantity("horizontal_sd_ratio", _ratio(sd[1], sd[0]), meaning="horizontal sd, smoothed / filtered"),
     ]
     parts: tuple[Section, ...] = ()
     if found.errors is not None and found.smoothed_errors is not None:
         size = [rms(each.horizontal) for each in (found.errors, found.smoothed_errors)]
         items.append(
-            Quantity("horizontal_rms_by_filter", _ratio(size[1], size[0]), meaning="RMS error over the filter's")
+            Quantity("horizontal_rms_ratio", _ratio(size[1], size[0]), meaning="RMS error, smoothed / filtered")
         )
         parts = (_accuracy("Accuracy of the smoothed solution", found.smoothed_errors, reference),)
     return Section("smoothed", "Smoothed solution", tuple(items), parts=parts, show="page")

@@ -186,10 +186,10 @@ def _smoothed(facts: Mapping[str, Any] | None) -> list[str]:
         return []
     if "accuracy" in facts:
         accuracy = facts["accuracy"]
-        rms, by = accuracy["all"]["horizontal_m"]["rms"], facts["horizontal_rms_by_filter"]
+        rms, by = accuracy["all"]["horizontal_m"]["rms"], facts["horizontal_rms_ratio"]
         text = f"horizontal RMS {number(rms)} m, {number(by, 2)} times the filtered{_inside(accuracy['consistency'])}"
         return _entry("smoothed", text, rows=2)
-    sd, by = facts["horizontal_sd_m"], facts["horizontal_sd_by_filter"]
+    sd, by = facts["horizontal_sd_m"], facts["horizontal_sd_ratio"]
     return _entry("smoothed", f"horizontal sd {number(sd, 2)} m, {number(by, 2)} times the filtered")
 
 

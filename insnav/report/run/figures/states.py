@@ -24,9 +24,9 @@ _MOST_TURNS = 1.5  # a heading that turns more than this is drawn within 0..360 
 
 
 def draw_height(run: Run, gps: GpsData | None) -> Figure:
-    """Draw the ellipsoidal height."""
+    """Draw the height, from where the heights of the fixes are counted."""
     clock = Clock.of(run.solution.time)
-    figure, ((axes,),) = stacked(1, "Height of the solution above the ellipsoid", _NOTE, height=3.4)
+    figure, ((axes,),) = stacked(1, "Height of the solution, counted as the heights of the fixes", _NOTE, height=3.4)
     fixes = None if gps is None else (gps.time, gps.lla[:, 2])
     _state(axes, clock, run.solution, run.solution.lla[:, 2], 2, 1.0, fixes)
     shade(axes, clock, outages(run))
