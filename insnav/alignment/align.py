@@ -62,10 +62,12 @@ def align(
     *,
     static_span: tuple[float, float] | None = None,
     heading: float | None = None,
+    yaw: float = 0.0,
 ) -> Alignment:
     """Attitude at the first fix that the samples cover, from whatever the data offer.
 
-    `static_span`: stationary interval as given [s]; found by default; `heading`: heading at the start as given [rad].
+    `static_span`: stationary interval as given [s]; found by default; `heading`: heading at the start as given [rad];
+    `yaw`: by which the IMU is turned in the vehicle [rad].
     Raises: AlignmentError: nothing in the data determines the heading, or the level.
     """
     speed = motion.velocity(gps)
@@ -77,8 +79,8 @@ def align(
     rest = static_span or stationary_of(parts, gps)
     lla = gps.lla[covered][0]
     if rest is not None and (static_span is not None or rest[0] <= first_fix + SOON):
-        return _from_rest(parts, spec, gps, speed, rest, heading)
-    return _in_motion(parts, spec, speed, gps.time[covered], lla, heading)
+        return _from_rest(parts, spec, gps, speed, rest, heading, yaw)
+    return _in_motion(parts, spec, speed, gps.time[covered], lla, heading, yaw)
 
 
 def stationary_of(parts: Intervals, gps: GpsData) -> tuple[float, float] | None:
@@ -102,6 +104,7 @@ def _from_rest(
     speed: motion.Velocity,
     rest: tuple[float, float],
     heading: float | None,
+    yaw: float,
 ) -> Alignment:
     fixes = gps.time[(gps.time >= rest[0]) & (gps.time <= rest[1])]
     if fixes.size == 0:
@@ -127,7 +130,7 @@ def _from_rest(
         track = motion.history(parts, start, end, rph, bias, lat)
         # the horizontal Earth rate, unknown with the heading, is in the bias sd but does not turn the heading
         drift = float(min(bias_sd[2], np.max(gyro_bias_sd(spec.gyro))))
-        course = motion.course_heading(track, speed, moving, drift, float(found.sd[0]))
+        course = motion.course_heading(track, speed, moving, drift, float(found.sd[0]), yaw)
     if course is None or course.sd >= found.sd[2]:
         if np.isfinite(found.sd[2]):
             return found
@@ -150,6 +153,7 @@ def _in_motion(
     fixes: FloatArray,
     lla: FloatArray,
     heading: float | None,
+    yaw: float,
 ) -> Alignment:
     start = float(fixes[0])
     moving = motion.first_motion(speed, start)
@@ -162,7 +166,7 @@ def _in_motion(
     later = fixes[fixes >= max(start, moving)]
     begin = float(later[0]) if later.size else max(start, moving)
     end = min(begin + LEVEL_SPAN, float(parts.end[-1]) - 0.5, float(speed.time[-1]))
-    found = motion.level_in_motion(parts, begin, end, speed, lla) if end - begin > 5.0 else None
+    found = motion.level_in_motion(parts, begin, end, speed, lla, yaw) if end - begin > 5.0 else None
     if found is None:
         raise AlignmentError(
             "the IMU cannot be aligned in motion",

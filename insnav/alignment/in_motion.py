@@ -99,10 +99,13 @@ def first_motion(speed: Velocity, start: float) -> float | None:
     return float(speed.time[moving[0]]) if moving.size else None
 
 
-def course_heading(track: History, speed: Velocity, moving: float, drift_sd: float, tilt: float) -> Course | None:
+def course_heading(
+    track: History, speed: Velocity, moving: float, drift_sd: float, tilt: float, yaw: float = 0.0
+) -> Course | None:
     """Heading offset of a history from the direction of travel and from the direction of acceleration.
 
-    The course assumes that the vehicle travels where its forward axis points. The velocity change seen by the
+    The course assumes that the vehicle travels where its forward axis points, and that the IMU is turned by `yaw` in it
+    [rad]. The velocity change seen by the
     accelerometers, compared with that seen by GPS, needs no such assumption but is less precise: it decides between
     forward and reverse, and takes over where the IMU sits turned in the vehicle.
 
@@ -117,7 +120,7 @@ def course_heading(track: History, speed: Velocity, moving: float, drift_sd: flo
     time, v, sd = speed.time[use], speed.v_n[use], speed.sd[use]
     turned = track.heading(time)
     weight = (v[:, 0] ** 2 + v[:, 1] ** 2) / sd**2
-    angle = np.arctan2(v[:, 1], v[:, 0]) - turned
+    angle = np.arctan2(v[:, 1], v[:, 0]) + yaw - turned
     mean = np.arctan2(np.sum(weight * np.sin(angle)), np.sum(weight * np.cos(angle)))
     scatter = np.sqrt(np.sum(weight * wrap_pi(angle - mean) ** 2) / np.sum(weight))
     drift = drift_sd * (time.mean() - track.time[0])
@@ -145,7 +148,7 @@ def course_heading(track: History, speed: Velocity, moving: float, drift_sd: flo
 
 
 def level_in_motion(
-    parts: Intervals, start: float, end: float, speed: Velocity, lla: FloatArray
+    parts: Intervals, start: float, end: float, speed: Velocity, lla: FloatArray, yaw: float = 0.0
 ) -> tuple[FloatArray, float, float] | None:
     """Attitude at `start` [s] of a vehicle in motion: heading from its course, level from GPS velocity until `end`.
 
@@ -158,8 +161,8 @@ def level_in_motion(
     the heading come on top; `acceleration`: mean acceleration in the span, which a wrong heading turns into a wrong
     level [m/s^2].
     """
-    whole = _level(parts, start, end, speed, lla)
-    half = _level(parts, start, 0.5 * (start + end), speed, lla)
+    whole = _level(parts, start, end, speed, lla, yaw)
+    half = _level(parts, start, 0.5 * (start + end), speed, lla, yaw)
     if whole is None:
         return None
     rph, acceleration_sd, acceleration = whole
@@ -168,7 +171,7 @@ def level_in_motion(
 
 
 def _level(
-    parts: Intervals, start: float, end: float, speed: Velocity, lla: FloatArray
+    parts: Intervals, start: float, end: float, speed: Velocity, lla: FloatArray, yaw: float
 ) -> tuple[FloatArray, float, float] | None:
     """Attitude from one span, and the standard deviation and size of the mean acceleration [m/s^2]."""
     near = max(1.5, 1.5 * float(np.median(np.diff(speed.time[:50]))))
@@ -179,7 +182,7 @@ def _level(
     t0, v0 = speed.time[first].mean(), speed.v_n[first].mean(axis=0)
     t1, v1 = speed.time[last].mean(), speed.v_n[last].mean(axis=0)
     slope = (v1 - v0) / (t1 - t0)
-    heading = course = float(np.arctan2(v0[1], v0[0]))
+    heading = course = float(np.arctan2(v0[1], v0[0])) + yaw
     g = gravity_n(lla[0], lla[2])
     wanted = slope - g
     rph = np.array([0.0, 0.0, heading])

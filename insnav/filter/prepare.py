@@ -96,7 +96,7 @@ def prepare(
     if start is None:
         good = _good(replace(gps, time=gps.time - settings.delay), settings.gates)
         parts = strapdown.intervals(_first_part(imu, good), nominal)
-        alignment = align(parts, spec, good, static_span=static_span, heading=heading)
+        alignment = align(parts, spec, good, static_span=static_span, heading=heading, yaw=settings.mounting_yaw)
         initial = _at_fix(alignment, good, model, settings)
     else:
         alignment = Alignment(

@@ -34,6 +34,8 @@ class FilterSettings:
         the noise of every fix.
     correlated : CorrelatedNoise or None
         Time-correlated part of the position error; three more states.
+    mounting_yaw : float
+        By which the IMU is turned in the vehicle, to the right [rad]; see `insnav.alignment.mounting`.
     output_interval : float
         Time between rows of the solution [s]; 0 for every sample.
     gates : Gates
@@ -59,6 +61,7 @@ class FilterSettings:
     velocity_lag: float = 0.0
     jitter: float = 0.0
     correlated: CorrelatedNoise | None = None
+    mounting_yaw: float = 0.0
     output_interval: float = 0.1
     gates: Gates = field(default_factory=Gates)
     heading_sd: float = 0.0

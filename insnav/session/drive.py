@@ -40,6 +40,7 @@ from insnav.session import defaults
 from insnav.session.budget import BudgetOptions, BudgetSettings, budget_of_windows
 from insnav.session.checked_inputs import one_of, options_of, reference_point, reference_sd
 from insnav.session.inputs import Inputs
+from insnav.session.mounted import as_mounted
 from insnav.session.read import Readings, read
 from insnav.session.requirement import Moving, RequirementOptions, requirement_of, settings_of, study_of
 from insnav.simulate.truth_from_track import truth_from_track
@@ -99,10 +100,12 @@ def drive_of(readings: Readings) -> Drive:
     if readings.gps is not None:
         check_overlap(samples, readings.gps.data)
     fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference, inputs)
+    mounted, yaw, turned = as_mounted(readings.imu, fixes, inputs)
+    readings, samples = replace(readings, imu=mounted), mounted.data
     spec, chosen = given_model or defaults.imu_from_rest(samples, defaults.stationary_part(samples, fixes, inputs))
     logs = tuple(log.data for log in readings.logs.values())
-    settings = defaults.filter_settings(inputs, logs, readings.gps)
-    notes = (*assumed, *defaults.not_looked_for(inputs, readings.gps))
+    settings = replace(defaults.filter_settings(inputs, logs, readings.gps), mounting_yaw=yaw)
+    notes = (*turned, *assumed, *defaults.not_looked_for(inputs, readings.gps))
     return Drive(readings, fixes, spec, chosen, settings, notes)
 
 

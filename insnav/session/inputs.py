@@ -104,7 +104,8 @@ INPUTS: dict[str, Input] = {
     "axes": Input(
         "--imu-axes",
         "XYZ",
-        "Where the sensor's x, y, z point: three of Forward, Back, Left, Right, Up, Down, such as FLU. [FRD]",
+        "Where the sensor's x, y, z point: three of Forward, Back, Left, Right, Up, Down, such as FLU; or roll, pitch, "
+        "yaw in the vehicle, deg, such as 0,0,30. [found from gravity and the drive, else FRD]",
         IMU,
     ),
     "units": Input(

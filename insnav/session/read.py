@@ -69,7 +69,8 @@ def read(imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Traject
     fixes = None if given["gps"] is None else _read_gps(given["gps"], inputs)
     reference = None if ref is None else read_ref(given["reference"], inputs)
     logs = {name: read_sensor_log(_table(log), name) for name, log in given_logs.items()}
-    return Readings(read_samples(given["imu"], inputs), fixes, reference, logs, inputs)
+    samples = read_samples(given["imu"], inputs, any_way=fixes is not None)
+    return Readings(samples, fixes, reference, logs, inputs)
 
 
 def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
@@ -107,10 +108,11 @@ def one_from_stdin(sources: Mapping[str, object]) -> None:
         )
 
 
-def read_samples(imu: Given | Table | ImuData, inputs: Inputs) -> Reading[ImuData]:
+def read_samples(imu: Given | Table | ImuData, inputs: Inputs, *, any_way: bool = False) -> Reading[ImuData]:
     """Read the samples and correct known errors.
 
-    Volts and counts become rates and specific forces by the lines of the calibration.
+    Volts and counts become rates and specific forces by the lines of the calibration; `any_way`: z may point up
+    although no axes are given.
     """
     calibration = inputs.get("calibration")
     known = None if calibration is None else load_calibration(Path(calibration))
@@ -130,6 +132,7 @@ def read_samples(imu: Given | Table | ImuData, inputs: Inputs) -> Reading[ImuDat
                 sampling=inputs.get("sampling", getattr(imu, "attrs", {}).get("sampling")),
                 stamp=inputs.get("stamp", getattr(imu, "attrs", {}).get("stamp")),
                 raw_scales={triad: scale for triad, scale in scales.items() if scale is not None},
+                any_way=any_way,
             )
     return reading if known is None else replace(reading, data=correct(reading.data, known))
 

@@ -170,24 +170,24 @@ def find_gyro_unit(
     return unit, f"gyros in {unit}: {why}"
 
 
-def check_axes(quiet: Quiet, axes: str | None, *, where: str) -> str:
+def check_axes(quiet: Quiet, axes: str | None, *, where: str, any_way: bool = False) -> str:
     """Which way is up in body axes, after `axes` (None: not given) were applied, and whether that fits FRD.
 
-    Raises: InputError: no axes were given, and z points up.
+    Raises: InputError: no axes were given, and z points up, unless it may point `any_way`.
     """
     norms = np.linalg.norm(quiet.mean, axis=1)[:, None]
     direction = np.mean(quiet.mean / np.where(norms > 0.0, norms, 1.0), axis=0)  # zeros: a sensor that was off
     said = f"axes {axes} as given" if axes else "axes taken as FRD (forward, right, down)"
     reads = f"specific force at rest points along ({', '.join(f'{c:+.2f}' for c in direction)})"
     if direction[2] > _LEVEL:
-        if axes is None:
+        if axes is None and not any_way:
             raise InputError(
                 "the axes look like forward, left, up (FLU)",
                 where=where,
                 why=f"{reads}: z reads +9.8 m/s^2 where forward, right, down reads -9.8",
                 fix="say --imu-axes FLU (or RFU, as mounted); --imu-axes FRD if it really is upside down",
             )
-        return f"{said}: {reads}; the body is upside down"
+        return f"{said}: {reads}; the body is upside down{', unless the drive shows other axes' * (axes is None)}"
     if direction[2] < -_LEVEL:
         return f"{said}: {reads}, z down"
     for i, name in enumerate("xy"):

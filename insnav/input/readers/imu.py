@@ -40,6 +40,7 @@ def read_imu(
     sampling: Sampling | None = None,
     stamp: Stamp | None = None,
     raw_scales: Mapping[str, RawScale] | None = None,
+    any_way: bool = False,
 ) -> Reading[ImuData]:
     """Read inertial data.
 
@@ -60,6 +61,8 @@ def read_imu(
         Default ``end``.
     raw_scales : mapping of str to RawScale, optional
         For ``gyro``, ``accel`` or both: the file holds volts or counts, and how they become rates and forces.
+    any_way : bool, optional
+        Axes that were not given may point anywhere: a drive tells where.
 
     Returns
     -------
@@ -105,7 +108,7 @@ def read_imu(
     gyro_unit, gyro_evidence = find_gyro_unit(
         quiet, ratio / scale, correlation, stated["gyro"], increments=increments, where=name
     )
-    axes_evidence = check_axes(quiet, axes, where=name)
+    axes_evidence = check_axes(quiet, axes, where=name, any_way=any_way)
     if by_format:
         axes_evidence = axes_evidence.replace("as given", "by the format (else --imu-axes)")
     for array, unit in ((gyro, gyro_unit), (accel, accel_unit)):

@@ -1,0 +1,228 @@
+"""How the IMU sits in the vehicle: its axes against the direction of travel, from gravity and from accelerations.
+
+In windows of a few seconds the gyros carry the specific force into the axes of the window's start, where its integrals
+must be the changes of GPS velocity less gravity (compare Wu and Pan, "Velocity/position integration formula part I:
+application to in-flight coarse alignment", IEEE Trans. AES 49 (2013) 1006-1023). The rotation between the two sets of
+vectors (Wahba, "A least squares estimate of satellite attitude", SIAM Review 7 (1965) 409; Markley, J. Astronautical
+Sciences 36 (1988) 245-258: by singular values) is the attitude of the IMU, and nothing but the data tells it; against
+the course over ground it is the mounting. Where a reflection fits far better than any rotation, or gyros of other signs
+than those given, the axes are no right-handed set.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from insnav.alignment.align import stationary_of
+from insnav.alignment.in_motion import SLOWEST, Velocity, history, velocity
+from insnav.alignment.static import summarize
+from insnav.attitude import quat_from_dcm, rph_from_quat, wrap_pi
+from insnav.earth import gravity_n
+from insnav.strapdown import Intervals
+from insnav.types import FloatArray, GpsData, IntArray
+
+WINDOW = 8.0  # longer, gyro drift counts; shorter, there are too few changes of velocity [s]
+STEP = 1.0  # of GPS velocity: shorter ones drown in noise [s]
+NOISY, LONGEST = 3.0, 3.0  # both are so many times longer per m/s of noise, but not more
+MOST = 200  # windows, those with the largest accelerations
+FEWEST = 5  # windows that can tell
+LIVELY = 0.3  # RMS acceleration of a window that tells a direction [m/s^2]
+TURN = np.deg2rad(25.0)  # of the course, from which a window shows a bend
+TELLING = 30  # bends, and straight windows, that the signs of the gyros are looked for in
+SUDDEN = 15.0  # no vehicle accelerates more: the velocities are false [m/s^2]
+SCATTER = np.deg2rad(8.0)  # standard deviation of the yaw beyond which nothing is said
+HANDED = 0.6  # signs are wrong if others leave less than that part of the residuals
+SURE_SD = np.deg2rad(1.0)  # slip and scale factors leave no yaw better known [rad]
+MISFIT = 0.6  # part of the accelerations that may be left unexplained
+Signs = tuple[int, int, int]
+SIGNS: list[Signs] = [(x, y, z) for x in (1, -1) for y in (1, -1) for z in (1, -1)]
+AS_GIVEN = SIGNS[0]
+ROUNDS = 3  # of Gauss-Newton
+NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02])  # steps of its derivatives [rad/s], [s]
+LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
+_DIRECTIONS = dict(zip("FBRLDU", np.repeat(np.eye(3), 2, axis=0) * np.tile([1.0, -1.0], 3)[:, None], strict=True))
+# right-handed and left-handed sets of axes by their letters
+_SETS: tuple[list[tuple[str, FloatArray]], list[tuple[str, FloatArray]]] = ([], [])
+for _letters in itertools.permutations(_DIRECTIONS, 3):
+    _matrix = np.array([_DIRECTIONS[each] for each in _letters]).T
+    if (_size := float(np.linalg.det(_matrix))) != 0.0:
+        _SETS[_size < 0.0].append(("".join(_letters), _matrix))
+
+
+@dataclass(frozen=True, slots=True)
+class Mounting:
+    """The axes of the IMU in the vehicle, which travels along its forward axis."""
+
+    to_vehicle: FloatArray  # (3, 3) from IMU axes to forward, right, down
+    sd: float  # of the yaw of the IMU in the vehicle [rad]
+    windows: int  # that told it
+    misfit: float  # part of the accelerations that the IMU does not show [-]
+    gyro_signs: Signs  # of the gyros with which the windows fit; other than 1, 1, 1: no rotation
+    mirrored: bool  # whether the accelerometers fit only in a left-handed set of axes
+
+    @property
+    def letters(self) -> str:
+        """Nearest axes of the vehicle to x, y and z, such as ``FLU``."""
+        best = max(_SETS[self.mirrored], key=lambda each: float(np.sum(each[1] * self.to_vehicle)))
+        return best[0]
+
+    @property
+    def angles(self) -> FloatArray:
+        """Roll, pitch, yaw of the IMU in the vehicle, (3,) [rad]; of a right-handed set."""
+        angles = np.asarray(rph_from_quat(quat_from_dcm(self.to_vehicle)))
+        return np.asarray(wrap_pi(angles))
+
+    @property
+    def right_handed(self) -> bool:
+        """Whether a rotation brings the axes to those of the vehicle, and the gyros turn as they should."""
+        return not self.mirrored and self.gyro_signs == AS_GIVEN
+
+
+def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
+    """Mounting of an IMU from a drive; None if the drive does not tell it.
+
+    `parts`: samples as intervals, in the axes they were given in; `gps`: fixes, with standard deviations.
+    """
+    windows = _Windows.of(parts, velocity(gps), gps.lla[0])
+    if windows is None:
+        return None
+    rest = stationary_of(parts, gps)
+    still = np.append(summarize(parts, *rest).rate if rest is not None else np.zeros(3), 0.0)
+    telling = windows.telling
+    signs, mirrored = AS_GIVEN, False
+    if telling.bends >= FEWEST:
+        given = best = _fit(telling, parts, still, signs, mirrored=False)[0].misfit
+        for other, reflected in itertools.product(SIGNS, (False, True)):
+            misfit = _fit(telling, parts, still, other, mirrored=reflected)[0].misfit
+            if misfit < min(best, HANDED * given):
+                signs, mirrored, best = other, reflected, misfit
+    refined = _refined(telling, parts, still, signs, mirrored=mirrored)
+    found = _fit(windows, parts, refined, signs, mirrored=mirrored)[0]
+    return found if found.misfit < MISFIT and found.sd < SCATTER else None
+
+
+def _refined(windows: _Windows, parts: Intervals, start: FloatArray, signs: Signs, *, mirrored: bool) -> FloatArray:
+    """Gyro bias [rad/s] and how much later the samples are stamped than the velocities [s], by Gauss-Newton, (4,)."""
+    at = start.copy()
+    found, left = _fit(windows, parts, at, signs, mirrored=mirrored)
+    for _ in range(ROUNDS):
+        slope = np.column_stack(
+            [(_fit(windows, parts, at + step, signs, mirrored=mirrored)[1] - left) / step.sum() for step in NUDGE]
+        )
+        change = np.linalg.lstsq(slope, -left, rcond=None)[0]
+        other, other_left = _fit(windows, parts, at + change, signs, mirrored=mirrored)
+        if np.abs(change[:3]).max() > LARGEST_BIAS or other.misfit >= found.misfit:
+            break
+        at, found, left = at + change, other, other_left
+    return at
+
+
+@dataclass(frozen=True, slots=True)
+class _Windows:
+    """Spans of a drive with accelerations, by GPS."""
+
+    times: list[FloatArray]  # of GPS velocities
+    change: list[FloatArray]  # (k, 3) change of velocity less gravity between them, forward, right, down [m/s]
+    strength: FloatArray  # sum of squared horizontal changes
+    turned: FloatArray  # change of the course from its start to its end [rad]
+    lla: FloatArray  # of the first fix
+
+    @property
+    def telling(self) -> _Windows:
+        """As many with a bend in them as straight ones: signs of gyros show in bends, against the axis of travel."""
+        bend = np.abs(self.turned) > TURN
+        rows = np.concatenate([np.flatnonzero(bend)[-TELLING:], np.flatnonzero(~bend)[-TELLING:]])
+        return self._rows(rows)
+
+    @property
+    def bends(self) -> int:
+        """Number of windows with a bend in them."""
+        return int((np.abs(self.turned) > TURN).sum())
+
+    def _rows(self, rows: IntArray) -> _Windows:
+        times, change = [self.times[k] for k in rows], [self.change[k] for k in rows]
+        return _Windows(times, change, self.strength[rows], self.turned[rows], self.lla)
+
+    @classmethod
+    def of(cls, parts: Intervals, speed: Velocity, lla: FloatArray) -> _Windows | None:
+        """The liveliest windows, if there are enough."""
+        inside = (speed.time > parts.end[0]) & (speed.time < parts.end[-1])
+        time, v_n, sd = speed.time[inside], speed.v_n[inside], speed.sd[inside]
+        if time.size < FEWEST * 3:
+            return None
+        longer = float(np.clip(NOISY * np.median(sd), 1.0, LONGEST))
+        step = max(1, round(longer * STEP / max(float(np.median(np.diff(time))), 1e-3)))
+        time, v_n, sd = time[::step], v_n[::step], sd[::step]
+        rows = max(3, round(longer * WINDOW / max(float(np.median(np.diff(time))), 1e-3)))
+        gravity = gravity_n(lla[0], lla[2])
+        times, changes, strength, turned = [], [], [], []
+        for first in range(0, time.size - rows, rows):
+            t, v = time[first : first + rows + 1], v_n[first : first + rows + 1]
+            moved = np.diff(v, axis=0)
+            power = float(np.sum(moved[:, :2] ** 2)) - 4.0 * rows * float(np.mean(sd[first : first + rows + 1] ** 2))
+            span = float(t[-1] - t[0])
+            if np.hypot(*v[0, :2]) < max(SLOWEST, 5.0 * sd[first]) or span > 2.0 * longer * WINDOW:
+                continue
+            if float(np.max(np.abs(moved) / np.diff(t)[:, None])) > SUDDEN:
+                continue
+            if power < (LIVELY * span / rows) ** 2 * rows:
+                continue
+            course = np.arctan2(v[0, 1], v[0, 0])
+            times.append(t)
+            changes.append((moved - gravity * np.diff(t)[:, None]) @ _about_down(course))
+            strength.append(power)
+            turned.append(float(wrap_pi(np.arctan2(v[-1, 1], v[-1, 0]) - course)))
+        if len(times) < FEWEST:
+            return None
+        return cls(times, changes, np.array(strength), np.array(turned), lla)._rows(np.argsort(strength)[-MOST:])
+
+
+def _fit(
+    windows: _Windows, parts: Intervals, given: FloatArray, signs: Signs, *, mirrored: bool
+) -> tuple[Mounting, FloatArray]:
+    """Mean rotation (or reflection) over the windows, with gyros of given signs, and what it leaves of each change.
+
+    `given` (4,): gyro bias [rad/s], and delay of the samples [s].
+    """
+    turned = parts if signs == AS_GIVEN else replace(parts, gyro=parts.gyro * np.array(signs, dtype=float))
+    bias, lat = given[:3] * np.array(signs), float(windows.lla[0])
+    each, felt = [], []
+    for time, change in zip(windows.times, windows.change, strict=True):
+        shifted = np.clip(time + given[3], parts.end[0], parts.end[-1])
+        track = history(turned, shifted[0], shifted[-1], np.zeros(3), bias, lat)
+        felt.append(np.diff(track.integral(shifted), axis=0))
+        each.append(_wahba(change.T @ felt[-1], mirrored))
+    matrices, weight = np.array(each), np.sqrt(windows.strength)
+    mean = _wahba(np.tensordot(weight, matrices, 1), mirrored)
+    for _ in range(10):  # windows in reverse, or with wheels that slip, do not count
+        away = np.maximum(np.linalg.norm(matrices - mean, axis=(1, 2)), 0.05)
+        mean = _wahba(np.tensordot(weight / away, matrices, 1), mirrored)
+    axis = int(np.argmin(np.abs(mean[2])))  # the least vertical: its direction is the yaw
+    yaw = np.arctan2(matrices[:, 1, axis], matrices[:, 0, axis])
+    off = np.asarray(wrap_pi(yaw - np.arctan2(mean[1, axis], mean[0, axis])))
+    apart = np.linalg.norm(matrices - mean, axis=(1, 2)) / np.sqrt(8.0)
+    scatter = 1.4826 * float(np.median(2.0 * np.arcsin(np.minimum(apart, 1.0))))  # of an aircraft: banks, too
+    left = [
+        (change - u @ (_about_down(-angle) @ matrix).T) / np.sqrt(power)
+        for change, u, matrix, angle, power in zip(windows.change, felt, matrices, off, windows.strength, strict=True)
+    ]
+    squares = np.minimum([float(np.sum(each**2)) for each in left], 1.0)
+    sd = max(SURE_SD, 1.25 * scatter / np.sqrt(len(left)))
+    mounting = Mounting(mean, sd, len(left), float(np.sqrt(np.mean(squares))), signs, mirrored)
+    return mounting, np.concatenate([np.clip(each, -1.0, 1.0).ravel() for each in left])
+
+
+def _wahba(b: FloatArray, mirrored: bool) -> FloatArray:
+    """Rotation, or reflection, nearest to a sum of outer products."""
+    u, _, vt = np.linalg.svd(b)
+    sign = np.linalg.det(u) * np.linalg.det(vt) * (-1.0 if mirrored else 1.0)
+    return np.asarray(u @ np.diag([1.0, 1.0, sign]) @ vt)
+
+
+def _about_down(angle: float) -> FloatArray:
+    """Rotation of vectors about the down axis [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,0 +1,104 @@
+"""How the IMU sits in the vehicle, found from the drive: samples in the axes of the vehicle, and what was found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from insnav.alignment import Mounting, find_mounting
+from insnav.exceptions import InputError
+from insnav.input import Reading
+from insnav.input.interpret.axes import axes_matrix
+from insnav.input.interpret.physics import check_axes, quiet_part
+from insnav.session.inputs import Inputs
+from insnav.strapdown import intervals
+from insnav.types import GpsData, ImuData
+from insnav.units import DEG
+
+LOOK = 1800.0  # a drive of that length tells the mounting [s]
+TURNED = 10.0 * DEG  # a smaller yaw is within what slip and wind make of the course [rad]
+WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U": "up"}
+UPRIGHT = "FRD"
+
+
+def as_mounted(
+    imu: Reading[ImuData], fixes: GpsData | None, inputs: Inputs
+) -> tuple[Reading[ImuData], float, tuple[str, ...]]:
+    """Samples in the axes of the vehicle if none were given, the yaw of the IMU that is left [rad], and notes.
+
+    Raises: InputError: the axes are left-handed, the gyros turn against the accelerometers, or z points up and nothing
+    tells how the other axes point.
+    """
+    if fixes is None:
+        return imu, 0.0, ()
+    data = imu.data
+    found = find_mounting(intervals(data.rows(slice(int(np.searchsorted(data.time, data.time[0] + LOOK))))), fixes)
+    given = inputs.get("axes")
+    if found is None:
+        if (
+            given is None and imu.facts.columns and imu.facts.axes == UPRIGHT
+        ):  # from a file, whose axes are anybody's guess
+            scale = 1.0 / float(np.median(np.diff(data.time))) if data.sampling == "increment" else 1.0
+            quiet = quiet_part(data.gyro, data.accel, interval=1.0 / imu.facts.rate_hz, scale=scale)
+            check_axes(quiet, None, where=imu.facts.path)
+        return imu, 0.0, ()
+    if not found.right_handed:
+        raise _left_handed(found, imu.facts.path)
+    how = f"GPS course and accelerations, {found.windows} windows"
+    matrix, notes = found.to_vehicle, []
+    as_read = axes_matrix(given or imu.facts.axes or UPRIGHT)
+    letters = replace(found, to_vehicle=matrix @ as_read).letters
+    if found.letters != UPRIGHT and given is None:
+        turn = axes_matrix(found.letters)
+        matrix, as_read = matrix @ turn.T, turn @ as_read
+        imu = replace(
+            imu,
+            data=replace(data, gyro=data.gyro @ turn.T, accel=data.accel @ turn.T),
+            facts=replace(imu.facts, axes=letters, evidence=_without_guess(imu.facts.evidence)),
+        )
+        notes.append(
+            f"the IMU's x, y, z point {_words(letters)} in the vehicle ({how}): samples were turned to forward, "
+            f"right, down; confirm with --imu-axes {letters}"
+        )
+    left = replace(found, to_vehicle=matrix)
+    yaw = float(left.angles[2])
+    if given is not None and left.letters != UPRIGHT:
+        notes.append(
+            f"--imu-axes {given} contradicts the drive ({how}), by which x, y, z point {_words(letters)}: roll, pitch "
+            "and heading are those of the axes given"
+        )
+    elif abs(yaw) > max(TURNED, 4.0 * found.sd):
+        whole = replace(found, to_vehicle=matrix @ as_read).angles / DEG
+        notes.append(
+            f"the IMU is turned {abs(yaw) / DEG:.1f} ± {found.sd / DEG:.1f} deg to the "
+            f"{'right' if yaw > 0 else 'left'} in the vehicle ({how}): heading is that of the IMU; with --imu-axes "
+            f"{','.join(f'{angle + 0.0:.1f}' for angle in whole)} it is that of the vehicle"
+        )
+    else:
+        yaw = 0.0
+    return imu, yaw, tuple(notes)
+
+
+def _without_guess(evidence: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(line for line in evidence if not line.startswith("axes taken as"))
+
+
+def _words(letters: str) -> str:
+    return ", ".join(WORDS[letter] for letter in letters)
+
+
+def _left_handed(found: Mounting, where: str) -> InputError:
+    """What is wrong with axes that no rotation brings to those of the vehicle."""
+    flipped = [axis for axis, sign in zip("xyz", found.gyro_signs, strict=True) if (sign < 0) != found.mirrored]
+    if found.mirrored:
+        what = "the axes of the IMU are left-handed"
+        why = f"accelerations by GPS fit only if x, y, z point {_words(found.letters)}"
+        fix = "change the sign of one axis of the accelerometers, and of the same axis of the gyros, in the file"
+    else:
+        what = "the gyros turn the wrong way"
+        why = "with them the accelerations do not fit those of GPS; with other signs they do"
+        fix = "change the signs of the gyros in the file"
+    if flipped:
+        fix += f"; of the gyros as they are, {', '.join(flipped)} contradict{'s' * (len(flipped) == 1)} the rest"
+    return InputError(what, where=where, why=f"{why} ({found.windows} windows of the drive)", fix=fix)

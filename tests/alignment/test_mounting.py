@@ -1,0 +1,106 @@
+"""The axes of an IMU in the vehicle, found from a drive with bends: every rotation, and every set that is none."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from insnav.alignment import find_mounting
+from insnav.attitude import dcm_from_rph, wrap_pi
+from insnav.input.interpret.axes import axes_matrix
+from insnav.simulate import gps_from_truth, imu_from_truth, straight
+from insnav.strapdown import intervals
+from insnav.types import GpsData, ImuData
+from insnav.units import DEG
+from tests.filter import drives
+
+LAPS = 4
+LETTERS = [
+    "".join(each)
+    for each in itertools.product("FBRLDU", repeat=3)
+    if len({"FBRLDU".index(letter) // 2 for letter in each}) == 3
+]
+
+
+@lru_cache(maxsize=3)
+def recording(seed: int) -> tuple[ImuData, GpsData]:
+    rng = np.random.default_rng([71, seed])
+    imu = drives.noisy_imu(drives.perfect_imu(laps=LAPS), drives.MODEL, rng)
+    return imu, drives.noisy_gps(drives.perfect_gps(laps=LAPS), rng)
+
+
+def sensed(matrix: np.ndarray, seed: int = 0, gyro: np.ndarray | None = None) -> tuple[ImuData, GpsData]:
+    """What a sensor shows to whose axes a matrix brings the vectors of the vehicle."""
+    imu, gps = recording(seed)
+    return replace(imu, gyro=imu.gyro @ (matrix if gyro is None else gyro).T, accel=imu.accel @ matrix.T), gps
+
+
+def handed(letters: str) -> float:
+    columns = [np.sign([1, -1])["FBRLDU".index(each) % 2] * np.eye(3)["FBRLDU".index(each) // 2] for each in letters]
+    return float(np.linalg.det(np.array(columns)))
+
+
+@pytest.mark.parametrize("letters", [each for each in LETTERS if handed(each) > 0])
+def test_each_of_the_24_right_handed_axes_is_found(letters):
+    imu, gps = sensed(axes_matrix(letters).T)
+    found = find_mounting(intervals(imu), gps)
+    assert found is not None
+    assert found.right_handed
+    assert found.letters == letters
+
+
+@pytest.mark.parametrize("letters", ["FLD", "FRU", "BRD", "RFD", "LFU"])
+def test_left_handed_axes_are_none(letters):
+    columns = [np.sign([1, -1])["FBRLDU".index(each) % 2] * np.eye(3)["FBRLDU".index(each) // 2] for each in letters]
+    imu, gps = sensed(np.array(columns))
+    found = find_mounting(intervals(imu), gps)
+    assert found is not None
+    assert not found.right_handed
+    assert found.mirrored
+    assert found.letters == letters
+
+
+@pytest.mark.parametrize("signs", [(-1, -1, -1), (1, 1, -1), (-1, 1, -1)])
+def test_gyros_that_turn_against_the_accelerometers_are_found(signs):
+    imu, gps = sensed(np.eye(3), gyro=np.diag(signs).astype(float))
+    found = find_mounting(intervals(imu), gps)
+    assert found is not None
+    assert not found.mirrored
+    assert found.gyro_signs[2] == -1
+
+
+@pytest.mark.parametrize("yaw", [-150.0, -30.0, 4.0, 30.0, 75.0])
+def test_any_yaw_is_found_as_well_as_it_says(yaw):
+    for seed in range(3):
+        imu, gps = sensed(dcm_from_rph(np.array([2.0, -3.0, yaw]) * DEG).T, seed)
+        found = find_mounting(intervals(imu), gps)
+        assert found is not None
+        np.testing.assert_allclose(found.angles[:2] / DEG, [2.0, -3.0], atol=2.5)
+        assert abs(wrap_pi(found.angles[2] - yaw * DEG)) < 3.0 * found.sd
+        assert found.sd < 3.0 * DEG
+
+
+def test_a_gyro_bias_and_a_late_clock_do_no_harm():
+    imu, gps = sensed(dcm_from_rph(np.array([0.0, 0.0, 30.0]) * DEG).T)
+    imu = replace(imu, gyro=imu.gyro + np.array([0.5, -0.8, 0.6]) * DEG * 0.02, time=imu.time + 0.25)
+    found = find_mounting(intervals(imu), gps)
+    assert found is not None
+    assert found.right_handed
+    assert found.angles[2] / DEG == pytest.approx(30.0, abs=4.0)
+
+
+def test_a_straight_road_tells_nothing():
+    motion = straight(drives.PLACE, 20.0, 0.6, 200.0)
+    imu = imu_from_truth(motion, np.arange(10001) / 50.0)
+    gps = gps_from_truth(motion, np.arange(1.0, 199.0), drives.LEVER_B)
+    sd = np.full_like(gps.lla, 0.5)
+    assert find_mounting(intervals(imu), replace(gps, position_sd=sd, velocity_sd=0.1 * sd)) is None
+
+
+def test_fixes_of_another_drive_tell_nothing():
+    imu, gps = recording(0)
+    assert find_mounting(intervals(imu), replace(gps, time=gps.time[::-1].copy()[::-1] + 41.0)) is None

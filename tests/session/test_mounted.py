@@ -1,0 +1,80 @@
+"""An IMU that sits anyhow in the vehicle: turned, told, or refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import insnav
+from insnav.attitude import dcm_from_rph, wrap_pi
+from insnav.exceptions import InputError
+from insnav.input.interpret.axes import axes_matrix
+from insnav.units import DEG
+
+
+@pytest.fixture(scope="module")
+def plain() -> insnav.Drive:
+    return insnav.simulate("city", seed=2)
+
+
+def turned(plain, matrix: np.ndarray, **inputs) -> insnav.Drive:
+    imu = plain.imu.data
+    imu = replace(imu, gyro=imu.gyro @ matrix.T, accel=imu.accel @ matrix.T)
+    return insnav.load(imu, plain.gps.data, **inputs)
+
+
+def test_an_imu_as_it_should_be_is_left_alone(plain):
+    again = turned(plain, np.eye(3))
+    np.testing.assert_array_equal(again.imu.data.gyro, plain.imu.data.gyro)
+    assert again.settings.mounting_yaw == 0.0
+    assert again.notes == plain.notes
+
+
+@pytest.mark.parametrize("letters", ["RBD", "BLD", "FLU", "FDL", "URF"])
+def test_square_mountings_are_turned_to_the_vehicle_and_told(plain, letters):
+    found = turned(plain, axes_matrix(letters).T)
+    np.testing.assert_allclose(found.imu.data.gyro, plain.imu.data.gyro, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.imu.data.accel, plain.imu.data.accel, rtol=0, atol=1e-12)
+    assert found.imu.facts.axes == letters
+    assert any(f"--imu-axes {letters}" in note for note in found.notes)
+
+
+def test_a_yaw_is_told_and_heading_is_that_of_the_imu(plain):
+    found = turned(plain, dcm_from_rph(np.array([0.0, 0.0, 30.0 * DEG])).T)
+    assert any("heading is that of the IMU; with --imu-axes" in note for note in found.notes)
+    run = found.navigate(output_interval=1.0).found.run
+    assert run.smoothed is not None
+    true = plain.reference.data
+    expected = np.interp(run.smoothed.solution.time, true.time, np.unwrap(true.rph[:, 2])) + 30.0 * DEG
+    off = np.abs(wrap_pi(run.smoothed.solution.rph[:, 2] - expected))
+    assert np.median(off) < 1.5 * DEG
+    assert np.mean(off < 3.0 * run.smoothed.solution.sd[:, 8]) > 0.97
+
+
+def test_left_handed_axes_are_refused(plain):
+    with pytest.raises(InputError, match="left-handed") as caught:
+        turned(plain, np.diag([1.0, -1.0, 1.0]))
+    assert "forward, left, down" in caught.value.why
+
+
+def test_angles_as_axes_are_a_rotation():
+    angles = np.array([10.0, -20.0, 30.0])
+    np.testing.assert_array_equal(axes_matrix("10,-20,30"), dcm_from_rph(angles * DEG))
+    with pytest.raises(insnav.exceptions.ConfigError):
+        axes_matrix("10,20")
+
+
+def test_a_file_whose_z_points_up_needs_no_axes_where_the_drive_tells_them(plain, tmp_path):
+    from insnav.output.data_files import write_data
+
+    imu = plain.imu.data
+    flip = axes_matrix("FLU").T
+    write_data(tmp_path / "imu.csv", replace(imu, gyro=imu.gyro @ flip.T, accel=imu.accel @ flip.T))
+    found = insnav.load(tmp_path / "imu.csv", plain.gps.data)
+    assert found.imu.facts.axes == "FLU"
+    np.testing.assert_allclose(found.imu.data.accel, imu.accel, rtol=0, atol=1e-5)
+    short = plain.gps.data.rows(plain.gps.data.time < imu.time[0] + 30.0)
+    with pytest.raises(InputError, match="forward, left, up"):
+        insnav.load(tmp_path / "imu.csv", short)
