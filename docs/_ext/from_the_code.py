@@ -1,0 +1,227 @@
+"""Parts of the manual that are made from the code, so that they cannot disagree with it.
+
+``equation``: a numbered equation with its source and the tests that check it; a test that is not there is a warning,
+and so an error of the build. ``equation-table``: all of them. ``commands``: the help of every command. ``messages``:
+every error that insnav can raise, with cause and remedy.
+"""
+
+from __future__ import annotations
+
+import ast
+import html
+import io
+import re
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from docutils.parsers.rst import directives
+from latex2mathml.converter import convert
+from sphinx.application import Sphinx
+from sphinx.directives.patches import MathDirective
+from sphinx.util import logging
+from sphinx.util.docutils import SphinxDirective
+from sphinx.util.math import get_node_equation_number
+from sphinx.util.nodes import make_refnode
+
+from insnav import exceptions
+
+ROOT = Path(__file__).parents[2]
+log = logging.getLogger(__name__)
+
+
+class Equation(MathDirective):
+    """An equation, its source, and what checks it."""
+
+    option_spec = {  # noqa: RUF012
+        **MathDirective.option_spec,
+        "source": directives.unchanged_required,
+        "code": directives.unchanged_required,
+        "test": directives.unchanged_required,
+    }
+
+    def run(self) -> list[nodes.Node]:
+        """Place the equation, and below it source, code and tests; note it for the table."""
+        tests = self.options["test"].split()
+        for name in (*tests, *self.options["code"].split()):
+            if not _exists(name):
+                log.warning("there is no %s", name, location=self.get_location())
+        label = self.options["label"]
+        noted = self.env.metadata[self.env.docname].setdefault("equations", [])  # type: ignore[attr-defined]
+        noted.append((label, self.options["source"], self.options["code"].split(), tests))
+        line = nodes.paragraph("", "", classes=["equation-source"])
+        line += nodes.inline("", f"Source: {self.options['source']}. Code: ")
+        for k, name in enumerate(self.options["code"].split()):
+            line += [nodes.inline("", ", " if k else ""), nodes.literal("", name.replace("::", ": "))]
+        line += nodes.inline("", ". Checked by: ")
+        for k, name in enumerate(tests):
+            line += [nodes.inline("", ", " if k else ""), nodes.literal("", name.split("::")[1])]
+        return [*super().run(), line]
+
+
+def _exists(name: str) -> bool:
+    """Whether ``path::function`` is in the source."""
+    path, function = name.split("::")
+    return (ROOT / path).is_file() and re.search(
+        rf"^(def|class) {function}\b", (ROOT / path).read_text(encoding="utf-8"), re.MULTILINE
+    ) is not None
+
+
+class table_of_equations(nodes.General, nodes.Element):  # noqa: N801
+    """Place of the table, which is filled when all pages have been read."""
+
+
+class EquationTable(SphinxDirective):
+    """Equation, source, test."""
+
+    def run(self) -> list[nodes.Node]:
+        """Leave a place."""
+        return [table_of_equations()]
+
+
+def fill_tables(app: Sphinx, doctree: nodes.document, docname: str) -> None:
+    """Fill the table of equations."""
+    for place in list(doctree.findall(table_of_equations)):
+        rows = []
+        for page in app.env.toctree_includes[docname]:
+            numbers = app.env.toc_fignumbers[page]["displaymath"]
+            for label, source, _, tests in app.env.metadata[page].get("equations", []):
+                anchor = nodes.make_id(f"equation-{label}")
+                number = ".".join(map(str, numbers[anchor]))
+                link = make_refnode(app.builder, docname, page, anchor, nodes.Text(f"({number})"))
+                rows.append((nodes.paragraph("", "", link), nodes.paragraph("", source), _literals(tests)))
+        place.replace_self(table(("equation", "source", "checked by"), rows, (10, 40, 50)))
+
+
+def _literals(names: list[str]) -> nodes.paragraph:
+    paragraph = nodes.paragraph()
+    for k, name in enumerate(names):
+        paragraph += [nodes.Text(", " if k else ""), nodes.literal("", name)]
+    return paragraph
+
+
+def table(head: tuple[str, ...], rows: list[tuple[nodes.Node, ...]], widths: tuple[int, ...]) -> nodes.table:
+    """Table of paragraphs."""
+
+    def row(cells: tuple[nodes.Node, ...]) -> nodes.row:
+        return nodes.row("", *(nodes.entry("", cell) for cell in cells))
+
+    group = nodes.tgroup("", *(nodes.colspec(colwidth=width) for width in widths), cols=len(head))
+    group += nodes.thead("", row(tuple(nodes.paragraph("", text) for text in head)))
+    group += nodes.tbody("", *(row(each) for each in rows))
+    return nodes.table("", group)
+
+
+class Commands(SphinxDirective):
+    """Help of every command, as the terminal shows it."""
+
+    def run(self) -> list[nodes.Node]:
+        """Call the command line."""
+        from typer.main import get_command
+
+        from insnav.cli import app
+
+        group = get_command(app)
+        found: list[nodes.Node] = []
+        for name, command in _commands(group, "insnav"):
+            section = nodes.section(ids=[nodes.make_id(name)])
+            section += nodes.title("", name)
+            text = io.StringIO()
+            with command.make_context(name, [], resilient_parsing=True) as context, redirect_stdout(text):
+                section += nodes.literal_block("", command.get_help(context), language="none")
+            found.append(section)
+        return found
+
+
+def _commands(group: Any, name: str) -> Iterator[tuple[str, Any]]:
+    for key, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from _commands(command, f"{name} {key}")
+        else:
+            yield f"{name} {key}", command
+
+
+class Messages(SphinxDirective):
+    """Every error that insnav raises: what it says, why, and what to do."""
+
+    def run(self) -> list[nodes.Node]:
+        """Read them from the source."""
+        rooms: dict[str, list[tuple[str, str, str, str]]] = {}
+        for path in sorted((ROOT / "insnav").rglob("*.py")):
+            room = path.relative_to(ROOT / "insnav").parts[0].removesuffix(".py")
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call) and (said := _said(node.exc)):
+                    rooms.setdefault(room, []).append(said)
+        found: list[nodes.Node] = []
+        for room, messages in rooms.items():
+            section = nodes.section(ids=[f"messages-{room}"])
+            section += nodes.title("", room)
+            rows = [
+                tuple(nodes.paragraph("", text) for text in (what, why, fix, kind))
+                for kind, what, why, fix in sorted(set(messages), key=lambda each: each[1])
+            ]
+            section += table(("message", "why", "what to do", "error"), rows, (34, 28, 28, 10))
+            found.append(section)
+        return found
+
+
+def _said(call: ast.Call) -> tuple[str, str, str, str] | None:
+    """Kind, what, why and fix of a raised error of insnav; names stand for what is only known when it happens."""
+    kind = ast.unparse(call.func)
+    if not hasattr(exceptions, kind) or not call.args:
+        return None
+    given = {each.arg: each.value for each in call.keywords}
+    return (kind, _text(call.args[0]), *(_text(given[name]) if name in given else "" for name in ("why", "fix")))  # type: ignore[return-value]
+
+
+def _text(node: ast.expr) -> str:
+    if isinstance(node, ast.Constant):
+        return str(node.value)
+    if isinstance(node, ast.JoinedStr):
+        return "".join(_text(each) for each in node.values)
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return _text(node.left) + _text(node.right)
+    if isinstance(node, ast.IfExp):
+        return f"{_text(node.body)} / {_text(node.orelse)}"
+    return "…"
+
+
+def _mathml(tex: str, display: str) -> str:
+    """MathML of an equation; browsers know bold letters only as characters of their own."""
+
+    def bold(match: re.Match[str]) -> str:
+        letter = html.unescape(match[1])
+        for first, after in (("A", 0x1D400), ("a", 0x1D41A), ("Α", 0x1D6A8), ("α", 0x1D6C2)):
+            if 0 <= ord(letter) - ord(first) < 26:
+                return f"<mi>{chr(after + ord(letter) - ord(first))}</mi>"
+        return f"<mi>{chr(0x1D6DF) if letter in 'ϕφ' else letter}</mi>"
+
+    found = convert(tex, display=display).replace(' stretchy="false"', "")
+    return re.sub(r'<mi mathvariant="bold(?:-italic)?">([^<]+)</mi>', bold, found)
+
+
+def _inline(translator: Any, node: nodes.math) -> None:
+    translator.body.append(_mathml(node.astext(), "inline"))
+    raise nodes.SkipNode
+
+
+def _display(translator: Any, node: nodes.math_block) -> None:
+    number = ""
+    if node["number"]:
+        number = f'<span class="eqno">({get_node_equation_number(translator, node)})</span>'
+    translator.body.append(f'<div class="equation-line">{_mathml(node.astext(), "block")}{number}</div>')
+    raise nodes.SkipNode
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register the directives."""
+    app.add_html_math_renderer("mathml", (_inline, None), (_display, None))  # no script, no network
+    app.add_node(table_of_equations)
+    app.add_directive("equation", Equation)
+    app.add_directive("equation-table", EquationTable)
+    app.add_directive("commands", Commands)
+    app.add_directive("messages", Messages)
+    app.connect("doctree-resolved", fill_tables)
+    return {"parallel_read_safe": False, "parallel_write_safe": True}
