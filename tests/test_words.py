@@ -11,7 +11,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 GLOSSARY = ROOT / "docs" / "glossary.md"
-DOCUMENTS = ("README.md", "trajectories/README.md", "reports/accuracy.md")
+MANUAL = (str(path.relative_to(ROOT)) for path in sorted((ROOT / "docs").rglob("*.md")) if path != GLOSSARY)
+DOCUMENTS = ("README.md", "trajectories/README.md", "reports/accuracy.md", *MANUAL)
 
 
 def avoided() -> dict[str, str]:
