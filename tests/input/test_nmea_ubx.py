@@ -152,7 +152,7 @@ def test_high_precision_and_covariances_are_used(save):
 
 def test_samples_of_the_receiver_lie_on_the_clock_of_the_fixes(save):
     path = save(ubx(samples=SAMPLES))
-    data = read_imu(path, axes="FRD").data
+    data = read_imu(path).data
     assert np.allclose(data.gyro, SAMPLES.gyro, atol=1e-5)
     assert np.allclose(data.accel, SAMPLES.accel, atol=1e-3)
     assert np.allclose(np.diff(data.time), 0.01, atol=1e-6)

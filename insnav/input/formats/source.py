@@ -64,13 +64,16 @@ def digest_of(sources: Iterable[Source]) -> str:
 
 
 @contextmanager
-def on_disk(source: Source) -> Iterator[Path]:
-    """Path of a file, or folder, for libraries that open it themselves; what was packed lies in a temporary folder."""
-    if source.path is not None:
+def on_disk(source: Source, suffix: str = "") -> Iterator[Path]:
+    """Path of a file, or folder, for libraries that open it themselves; what was packed lies in a temporary folder.
+
+    `suffix`: how its name must end for them.
+    """
+    if source.path is not None and source.path.name.endswith(suffix):
         yield source.path
         return
     with tempfile.TemporaryDirectory(prefix="insnav-") as folder:
-        place = Path(folder) / PurePosixPath(source.name.replace("\\", "/")).name
+        place = Path(folder) / f"recording{suffix}"
         if not source.members:
             place.write_bytes(source.data)
         for inner, member in source.members.items():

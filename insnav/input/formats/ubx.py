@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from insnav.exceptions import InputError
 from insnav.input.formats import nmea
+from insnav.input.formats.conventions import ACCEL, GYRO, up_or_down
 from insnav.input.formats.messages import as_records, at_times, joined, sound_messages, starts
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
@@ -299,7 +300,8 @@ def _samples(source: Source, clock: _Clock) -> Table | None:
         columns, tags, places = _sensors(tag, value, sensor, at)
         if columns:
             time, note = _sensor_time(tags, places, clock, raw=label == "ESF-RAW")
-            return column_table(source, {"time_s": time, **columns}, (note,), row=label)
+            axes = up_or_down(columns[ACCEL[2]], "FLU")
+            return column_table(source, {"time_s": time, **columns}, (note,), row=label, axes=axes)
     return None
 
 
@@ -333,16 +335,16 @@ def _measurements(data: bytes | mmap.mmap, *, raw: bool, kind: bytes) -> tuple[A
 
 def _sensors(tag: Any, value: Any, sensor: Any, at: Any) -> tuple[dict[str, FloatArray], FloatArray, Any]:
     """Columns of the six sensors at the time tags of the first gyro; empty if one of them is missing."""
-    names = dict(zip((*_GYRO_TYPES, *_ACCEL_TYPES), ("gyro_{}_rad_s",) * 3 + ("accel_{}_m_s2",) * 3, strict=True))
+    names = dict(zip((*_GYRO_TYPES, *_ACCEL_TYPES), GYRO + ACCEL, strict=True))
     if not all((sensor == each).any() for each in names):
         return {}, np.empty(0), np.empty(0, dtype=np.int64)
     first = sensor == _GYRO_TYPES[0]
     tags = _unwrapped(tag)
     wanted = tags[first]
     columns = {}
-    for i, (each, template) in enumerate(names.items()):
+    for each, column in names.items():
         mine = sensor == each
-        columns[template.format("xyz"[i % 3])] = at_times(wanted, tags[mine], value[mine] * _SCALES[each])
+        columns[column] = at_times(wanted, tags[mine], value[mine] * _SCALES[each])
     warm = sensor == _TEMPERATURE
     if warm.any():
         columns["temperature_c"] = at_times(wanted, tags[warm], value[warm] * _SCALES[_TEMPERATURE])

@@ -1,0 +1,74 @@
+"""What formats have in common: axes by gravity, columns by name, libraries that fail on damaged files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import InputError, InsnavError
+from insnav.input.formats.source import Source
+from insnav.input.formats.table import Numbers, Table
+from insnav.plain_text import plain_text
+from insnav.types import FloatArray
+
+GYRO = ("gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s")
+ACCEL = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2")
+_LONGEST_SD = 1e4  # a larger standard deviation means that there is none [m], [m/s]
+
+
+def up_or_down(accel_z: FloatArray, up: str, down: str = "FRD") -> str:
+    """Axes of samples ``(n,)`` of a format whose z axis points up by definition and down in many a file."""
+    known = accel_z[np.isfinite(accel_z)]
+    return down if len(known) and float(np.median(known)) < -4.9 else up
+
+
+def triad(names: tuple[str, ...], values: FloatArray) -> dict[str, FloatArray]:
+    """Three columns of one array ``(n, 3)``."""
+    return dict(zip(names, np.ascontiguousarray(values.T), strict=True))
+
+
+def deviations(sd: FloatArray, names: str) -> dict[str, FloatArray]:
+    """Columns of standard deviations North, East, Down ``(n, 3)``, ``NaN`` for what is none.
+
+    `names`: such as ``sd_{}_m``.
+    """
+    with np.errstate(invalid="ignore"):
+        known = np.where((sd > 0.0) & (sd < _LONGEST_SD), sd, np.nan)
+    return {names.format(axis): known[:, i] for i, axis in enumerate("ned")}
+
+
+@contextmanager
+def damaged(source: Source, kind: str, fix: str = "copy it again, or cut it where it is whole") -> Iterator[None]:
+    """Make an `InputError` of whatever a library raises over a file."""
+    try:
+        yield
+    except (InsnavError, ImportError, MemoryError):
+        raise
+    except Exception as error:
+        why = plain_text(f"{type(error).__name__}: {error}")[:200]
+        raise InputError(f"the {kind} cannot be read", where=source.name, why=why, fix=fix) from error
+
+
+@dataclass(frozen=True, slots=True)
+class TextColumns:
+    """Columns of a text file, all read at once, so that all end with the same row."""
+
+    columns: Mapping[str, FloatArray]  # (n,) by header in small letters
+    headers: tuple[str, ...]  # of the file
+    cut: str  # why a last row was left out; empty if none was
+
+    def named(self, wanted: Mapping[str, str]) -> dict[str, FloatArray]:
+        """Columns by new names, as far as the file has their headers, whatever their case."""
+        return {key: self.columns[h.lower()] for key, h in wanted.items() if h.lower() in self.columns}
+
+
+def text_columns(table: Table, headers: Iterable[str]) -> TextColumns:
+    """Read those of some columns of numbers that a table has."""
+    there = {header.strip().lower(): index for index, header in enumerate(table.headers)}
+    found = {header.lower(): there[header.lower()] for header in headers if header.lower() in there}
+    numbers = table.cells.read(sorted(set(found.values()))) if found else Numbers({}, 0)
+    columns = {header: numbers.columns[index] for header, index in found.items()}
+    return TextColumns(columns, table.headers, numbers.cut)

@@ -1,0 +1,90 @@
+"""Text files of KF-GINS and PSINS-like programs: numbers between blanks, no header.
+
+GNSS: seconds of the week, latitude, longitude [deg], height [m], standard deviations North, East, Down [m], and perhaps
+velocity and its standard deviations. IMU: seconds of the week, increments of angle [rad] and of velocity [m/s],
+Forward-Right-Down. A file is taken for one of these only if its numbers can be nothing else.
+
+References
+----------
+KF-GINS, i2Nav, Wuhan University: README, "dataset"; Niu, X. et al.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from insnav.input.formats.delimited_text import TextCells
+from insnav.input.formats.source import Source, decoded, text_of
+from insnav.input.formats.table import Table
+from insnav.input.formats.text_dialect import Dialect
+from insnav.types import FloatArray
+
+name = "KF-GINS text file"
+suffixes = ()
+extra = ""
+
+_POSITION = ("time_s", "lat_deg", "lon_deg", "height_m", "sd_n_m", "sd_e_m", "sd_d_m")
+_VELOCITY = ("vn_m_s", "ve_m_s", "vd_m_s", "sd_vn_m_s", "sd_ve_m_s", "sd_vd_m_s")
+_IMU = ("time_s", "dtheta_x_rad", "dtheta_y_rad", "dtheta_z_rad", "dvel_x_m_s", "dvel_y_m_s", "dvel_z_m_s")
+_SOLUTION = (
+    "week", "time_s", "lat_deg", "lon_deg", "height_m", "vn_m_s", "ve_m_s", "vd_m_s", "roll_deg", "pitch_deg",
+    "heading_deg",
+)  # fmt: skip
+_WEEK = 604_800.0
+_GRAVITY = (9.3, 10.3)  # what increments of velocity add up to each second [m/s^2]
+_ROWS = 20  # that are looked at
+
+
+def recognise(source: Source) -> bool:
+    """See `insnav.input.formats.registry.Format`."""
+    return bool(_layout(source.head)[1])
+
+
+def read(source: Source) -> Mapping[str, Table]:
+    """See `insnav.input.formats.registry.Format`."""
+    text, zeros = text_of(source)
+    part, headers = _layout(source.head)
+    cells = TextCells(source.name, text, Dialect(" ", ".", headers, None, 0, 1), zeros)
+    notes = (f"{name}, without a header, by its numbers: {', '.join(headers)}",)
+    axes = "FRD" if part == "imu" else ""
+    return {part: Table(source.name, source.sha256, headers, cells, notes=notes, axes=axes)}
+
+
+def _layout(head: bytes) -> tuple[str, tuple[str, ...]]:
+    """Part and columns of a file by its first rows; no columns if it is something else."""
+    lines = bytes(decoded(head)).splitlines()[: _ROWS + 1]
+    rows = [line.split() for line in (lines[:-1] if len(lines) > 2 else lines) if line.strip()]
+    try:
+        numbers = np.array([[float(word) for word in row] for row in rows])
+    except ValueError:  # words, or rows of different lengths
+        return "", ()
+    if numbers.ndim != 2 or len(numbers) < 2 or not np.isfinite(numbers).all():
+        return "", ()
+    width = numbers.shape[1]
+    time = numbers[:, 1 if width == 11 else 0]
+    step = np.diff(time)
+    if not (step > 0.0).all() or time[0] < 0.0 or time[-1] > _WEEK:
+        return "", ()
+    if width in (7, 13) and _is_place(numbers[:, 1:4]) and _are_deviations(numbers[:, [4, 5, 6, *range(10, width)]]):
+        return "gps", (*_POSITION, *_VELOCITY)[:width]
+    if width == 11 and _is_place(numbers[:, 2:5]) and (numbers[:, 0] == numbers[0, 0]).all():
+        whole = 500.0 < numbers[0, 0] < 10_000.0 and float(numbers[0, 0]).is_integer()
+        return ("reference", _SOLUTION) if whole and (np.abs(numbers[:, 8:10]) <= 180.0).all() else ("", ())
+    if width == 7 and float(np.median(step)) < 0.5:
+        felt = np.median(np.linalg.norm(numbers[1:, 4:], axis=1) / step)
+        turned = np.median(np.linalg.norm(numbers[1:, 1:4], axis=1) / step)
+        if _GRAVITY[0] < felt < _GRAVITY[1] and turned < 10.0 and np.median(step) < 0.2:
+            return "imu", _IMU
+    return "", ()
+
+
+def _is_place(lla: FloatArray) -> bool:
+    """Latitude and longitude [deg] and height [m] that hardly change, and are no small numbers of something else."""
+    inside = (np.abs(lla) <= [90.0, 180.0, 1e4]).all()
+    return bool(inside and np.ptp(lla[:, :2], axis=0).max() < 0.1 and np.abs(lla[:, :2]).max() > 1.0)
+
+
+def _are_deviations(values: FloatArray) -> bool:
+    return bool(((values > 0.0) & (values < 1e3)).all())

@@ -1,0 +1,102 @@
+"""KITTI ``oxts`` folders and archives: one text file an epoch, and ``timestamps.txt``.
+
+References
+----------
+Geiger et al., "Vision meets robotics: the KITTI dataset", IJRR 32(11), 2013; dataformat.txt of the raw data.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.formats.conventions import ACCEL, GYRO, deviations, triad
+from insnav.input.formats.source import Source, digest_of
+from insnav.input.formats.table import Table, column_table
+from insnav.plain_text import plain_text
+from insnav.types import FloatArray
+from insnav.units import DEG
+
+name = "KITTI oxts folder"
+suffixes = ()
+extra = ""
+
+_EPOCH = re.compile(r"^(?P<folder>(?:.*/)?)data/\d{10}\.txt$")
+_TIME = re.compile(rb"^(\d{4}-\d\d-\d\d) (\d\d:\d\d:\d\d(?:\.\d{1,9})?)\s*$", re.M)
+_NUMBERS = 30
+_VERTICAL = np.array([1.0, 1.0, 2.0])  # the accuracy in the file is that of North and East
+_FROM_SOLUTION = (
+    "positions and velocities are of the OXTS navigation solution, not of a receiver alone: their errors are "
+    "correlated in time"
+)
+
+
+def recognise(source: Source) -> bool:
+    """See `insnav.input.formats.registry.Format`."""
+    return _folder(source) is not None
+
+
+def read(source: Source) -> Mapping[str, Table]:
+    """See `insnav.input.formats.registry.Format`."""
+    folder = _folder(source)
+    assert folder is not None
+    stamps = source.members[f"{folder}timestamps.txt"]()
+    names = sorted(each for each in source.members if each.startswith(f"{folder}data/") and _EPOCH.match(each))
+    epochs = [source.members[each]() for each in names]
+    rows = np.array([_numbers(each) for each in epochs])
+    time = _times(stamps)
+    if len(time) != len(rows):
+        raise InputError(
+            "the KITTI folder does not fit together",
+            where=stamps.name,
+            why=f"{len(time)} timestamps, {len(rows)} files of epochs",
+            fix="copy the folder again",
+        )
+    whole = Source(source.name, digest_of([stamps, *epochs]))
+    place = {"time_s": time, **triad(("lat_deg", "lon_deg", "height_msl_m"), rows[:, :3])}
+    place |= {"vn_m_s": rows[:, 6], "ve_m_s": rows[:, 7], "vd_m_s": -rows[:, 10]}
+    place |= deviations(rows[:, [23, 23, 23]] * _VERTICAL, "sd_{}_m") | deviations(rows[:, [24, 24, 24]], "sd_v{}_m_s")
+    attitude = {
+        "roll_deg": rows[:, 3] / DEG,
+        "pitch_deg": -rows[:, 4] / DEG,
+        "heading_deg": (90.0 - rows[:, 5] / DEG) % 360.0,
+    }
+    samples = {"time_s": time, **triad(GYRO, rows[:, 17:20]), **triad(ACCEL, rows[:, 11:14])}
+    clock = "times are seconds of 1970 in the time zone of the recording, which the format does not state"
+    return {
+        "imu": column_table(whole, samples, (clock,), row="epoch", axes="FLU"),
+        "gps": column_table(whole, place, (clock, _FROM_SOLUTION), row="epoch"),
+        "reference": column_table(whole, place | attitude, (clock, _FROM_SOLUTION), row="epoch"),
+    }
+
+
+def _folder(source: Source) -> str | None:
+    """Folder of the epochs within the source; other sensors of the data set lie beside it."""
+    found = {match["folder"] for each in source.members if (match := _EPOCH.match(each))}
+    good = [each for each in found if f"{each}timestamps.txt" in source.members and "velodyne" not in each]
+    return min(good, key=len) if good else None
+
+
+def _numbers(epoch: Source) -> list[float]:
+    try:
+        numbers = [float(word) for word in epoch.data[:2000].split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != _NUMBERS or not np.isfinite(numbers).all():
+        why = plain_text(epoch.head[:60])
+        fix = "copy the folder again, or take the epoch out of it and of timestamps.txt"
+        raise InputError(f"an epoch has not {_NUMBERS} numbers", where=epoch.name, why=why, fix=fix)
+    return numbers
+
+
+def _times(stamps: Source) -> FloatArray:
+    """Seconds since 1970 in the time zone in which they are written."""
+    found = [match.groups() for match in _TIME.finditer(stamps.data)]
+    try:
+        instants = np.array([f"{day.decode()}T{clock.decode()}" for day, clock in found], dtype="datetime64[ns]")
+    except ValueError as error:
+        raise InputError("a timestamp cannot be", where=stamps.name, why=plain_text(error)) from error
+    return np.asarray(instants.astype(np.int64) * 1e-9, dtype=np.float64)

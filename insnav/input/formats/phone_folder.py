@@ -1,0 +1,183 @@
+"""Phones: folders or archives with one text file a sensor, as phyphox and Sensor Logger export them.
+
+Axes of a phone are Right, Forward, Up when it lies on its back with its top to the front.
+
+References
+----------
+phyphox.org, "Exporting data"; Sensor Logger (github.com/tszheichoi/awesome-sensor-logger), "Cross-platform data
+recording format"; Android `Location.getAccuracy`: the radius of 68 % confidence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.formats import delimited_text
+from insnav.input.formats.conventions import ACCEL, GYRO, TextColumns, deviations, text_columns, up_or_down
+from insnav.input.formats.messages import at_times
+from insnav.input.formats.source import Source, digest_of
+from insnav.input.formats.table import Table, column_table
+from insnav.types import FloatArray
+
+name = "phone recording"
+suffixes = ()
+extra = ""
+
+_AXES = ("x", "y", "z")
+_RADIUS = math.sqrt(-2.0 * math.log(0.32))  # of 68 % confidence, in standard deviations of one component
+# files by what they hold, the most useful first; in small letters without blanks
+_WITH_GRAVITY = ("totalacceleration", "accelerometeruncalibrated", "accelerometer", "acceleration")
+_WITHOUT_GRAVITY = ("linearaccelerometer", "linearacceleration")
+_GYROS = ("gyroscope", "gyroscopeuncalibrated", "gyro")
+_LOCATIONS = ("location", "locationgps", "gps")
+_TIMES = ("time", "Time (s)", "seconds_elapsed")
+# new name -> headers of Sensor Logger, of phyphox
+_LOCATION = {
+    "lat_deg": ("latitude", "Latitude (°)"),
+    "lon_deg": ("longitude", "Longitude (°)"),
+    "height_m": ("altitude", "Height (m)", "Altitude (m)"),
+    "speed_m_s": ("speed", "Velocity (m/s)", "Speed (m/s)"),
+    "course_deg": ("bearing", "Direction (°)"),
+    "radius": ("horizontalAccuracy", "Horizontal Accuracy (m)"),
+    "vertical": ("verticalAccuracy", "Vertical Accuracy (m)", "Vertical Accuracy (°)"),  # in metres, too
+    "accuracy_speed_m_s": ("speedAccuracy",),
+    "accuracy_course_deg": ("bearingAccuracy",),
+}
+_VECTORS = ("{}", "{} (m/s^2)", "{} (rad/s)", "Acceleration {} (m/s^2)", "Gyroscope {} (rad/s)")
+_HEADERS = (*_TIMES, *(each for headers in _LOCATION.values() for each in headers))
+_HEADERS += tuple(template.format(axis) for template in _VECTORS for axis in _AXES)
+_NANOSECONDS = 1e15  # times beyond are Unix time in nanoseconds
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    source: Source
+    text: TextColumns
+    time: FloatArray  # (n,) [s]
+
+    @property
+    def native(self) -> bool:
+        """Whether it is of Sensor Logger."""
+        return "seconds_elapsed" in self.text.headers
+
+
+def recognise(source: Source) -> bool:
+    """See `insnav.input.formats.registry.Format`."""
+    return any(_path(source, names) for names in (_GYROS, _LOCATIONS)) and any(
+        _path(source, names) for names in (_WITH_GRAVITY, _WITHOUT_GRAVITY, _LOCATIONS)
+    )
+
+
+def read(source: Source) -> Mapping[str, Table]:
+    """See `insnav.input.formats.registry.Format`."""
+    files = {
+        key: _open(source, path)
+        for key, names in (("gyro", _GYROS), ("location", _LOCATIONS), ("linear", _WITHOUT_GRAVITY))
+        if (path := _path(source, names)) is not None
+    }
+    force, force_note = _force(source, files.get("linear"))
+    tables = {}
+    if force is not None and "gyro" in files:
+        tables["imu"] = _samples(source, files["gyro"], force, force_note)
+    if "location" in files:
+        tables["gps"] = _fixes(source, files["location"])
+    if not tables:
+        raise InputError(
+            "the phone recording is not complete",
+            where=source.name,
+            why=f"files: {', '.join(sorted(source.members))[:200]}",
+            fix="record accelerometer (with gravity), gyroscope and location",
+        )
+    return tables
+
+
+def _path(source: Source, names: tuple[str, ...]) -> str | None:
+    there = {path.rsplit("/", 1)[-1].lower().replace(" ", "").replace("_", ""): path for path in source.members}
+    return next((there[f"{each}.csv"] for each in names if f"{each}.csv" in there), None)
+
+
+def _open(source: Source, path: str) -> _File:
+    file = source.members[path]()
+    text = text_columns(delimited_text.read(file)[""], _HEADERS)
+    time = next((text.columns[each.lower()] for each in _TIMES if each.lower() in text.columns), None)
+    if time is None or not len(time):
+        raise InputError("a file of the phone has no times", where=file.name, why=f"columns: {', '.join(text.headers)}")
+    large = float(np.nanmax(time, initial=0.0)) > _NANOSECONDS
+    return _File(file, text, time * (1e-9 if large else 1.0))
+
+
+def _vector(file: _File) -> FloatArray:
+    """Values along x, y, z, (n, 3)."""
+    for template in _VECTORS:
+        found = file.text.named({axis: template.format(axis) for axis in _AXES})
+        if len(found) == 3:
+            return np.column_stack([found[axis] for axis in _AXES])
+    why = f"columns: {', '.join(file.text.headers)}"
+    raise InputError("a file of the phone has no x, y, z", where=file.source.name, why=why)
+
+
+def _force(source: Source, linear: _File | None) -> tuple[_File | None, str]:
+    """File with the accelerometer, gravity included, or that of the motion beside which gravity has its own."""
+    for each in _WITH_GRAVITY:
+        path = _path(source, (each,))
+        if path is None:
+            continue
+        file = _open(source, path)
+        if each == "accelerometer" and file.native:  # that of Sensor Logger has none
+            linear = file
+            continue
+        return file, ""
+    if linear is None:
+        return None, ""
+    gravity = _path(source, ("gravity",))
+    if gravity is not None:
+        return linear, gravity
+    raise InputError(
+        "the acceleration of the phone is without gravity",
+        where=linear.source.name,
+        why="the phone has taken gravity off, by an attitude of its own; inertial navigation needs what was measured",
+        fix="record it with gravity: TotalAcceleration in Sensor Logger, 'Acceleration (with g)' in phyphox",
+    )
+
+
+def _samples(source: Source, gyro: _File, force: _File, gravity_path: str) -> Table:
+    """Samples at the times of the gyros."""
+    notes = ["accelerometer interpolated to the times of the gyros"]
+    values, used = _vector(force), [gyro.source, force.source]
+    if gravity_path:
+        gravity = _open(source, gravity_path)
+        used.append(gravity.source)
+        notes.append("acceleration: without gravity, and gravity, which the phone had taken apart, added up again")
+        part = _vector(gravity)
+        values = values + np.column_stack([at_times(force.time, gravity.time, part[:, i]) for i in range(3)])
+    rates = _vector(gyro)
+    columns = {"time_s": gyro.time, **dict(zip(GYRO, rates.T, strict=True))}
+    columns |= {key: at_times(gyro.time, force.time, values[:, i]) for i, key in enumerate(ACCEL)}
+    inside = (gyro.time >= np.nanmin(force.time)) & (gyro.time <= np.nanmax(force.time))
+    whole = Source(source.name, digest_of(used))
+    columns = {key: np.ascontiguousarray(column[inside]) for key, column in columns.items()}
+    axes = up_or_down(columns[ACCEL[2]], "RFU", "RBD")
+    return column_table(whole, columns, notes, cut=gyro.text.cut or force.text.cut, axes=axes)
+
+
+def _fixes(source: Source, file: _File) -> Table:
+    found: dict[str, FloatArray] = {}
+    for key, headers in _LOCATION.items():
+        for header in headers:
+            if column := file.text.named({key: header}):
+                found |= column
+                break
+    radius, vertical = found.pop("radius", None), found.pop("vertical", None)
+    columns = {"time_s": file.time, **found}
+    notes = []
+    if radius is not None:
+        side = radius / _RADIUS
+        down = np.where(vertical > 0.0, vertical, 2.0 * side) if vertical is not None else 2.0 * side
+        columns |= deviations(np.column_stack([side, side, down]), "sd_{}_m")
+        notes.append("standard deviations from the accuracy of the phone, a radius of 68 %")
+    return column_table(Source(source.name, file.source.sha256), columns, notes, cut=file.text.cut)

@@ -1,0 +1,214 @@
+"""ROS 1 bags, ROS 2 bags (sqlite3, MCAP) and MCAP files: Imu, NavSatFix, and the velocity that goes with it.
+
+References
+----------
+ROS sensor_msgs and geometry_msgs, noetic and humble; REP-103 (axes); OMG CDR as in DDS-XTypes 1.3, 7.4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from insnav.exceptions import InputError
+from insnav.input.formats.conventions import ACCEL, GYRO, damaged, deviations, triad, up_or_down
+from insnav.input.formats.messages import joined
+from insnav.input.formats.source import Source, digest_of, on_disk
+from insnav.input.formats.table import Table, column_table
+from insnav.plain_text import plain_text
+from insnav.types import FloatArray
+
+name = "ROS bag"
+suffixes = (".bag", ".db3", ".mcap")
+extra = "ros"
+
+_MAGIC = {b"#ROSBAG V2.0": ".bag", b"SQLite format 3": ".db3", b"\x89MCAP0\r\n": ".mcap"}
+_BLOCK = 20_000  # messages decoded together
+_STATUS = {0: 5.0, 1: 4.0, 2: 4.0}  # NavSatStatus -> fix type; covariances tell how good a differential fix is
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """Message behind its header: how many numbers, and whether the status of a fix stands before them."""
+
+    numbers: int
+    status: bool = False
+
+
+_KINDS = {
+    "sensor_msgs/msg/Imu": _Kind(37),
+    "sensor_msgs/msg/NavSatFix": _Kind(12, status=True),
+    "geometry_msgs/msg/TwistStamped": _Kind(6),
+    "geometry_msgs/msg/TwistWithCovarianceStamped": _Kind(42),
+}
+
+
+@dataclass(slots=True)
+class _Topic:
+    """Messages of a topic, decoded block by block."""
+
+    kind: str
+    ros2: bool
+    pending: list[tuple[int, bytes]] = field(default_factory=list)
+    blocks: list[FloatArray] = field(default_factory=list)  # time by the header, by the bag, status, type, numbers
+    broken: int = 0
+
+    def add(self, time: int, raw: bytes) -> None:
+        self.pending.append((time, raw))
+        if len(self.pending) >= _BLOCK:
+            self.decode()
+
+    def decode(self) -> None:
+        by_size: dict[int, list[int]] = {}
+        for row, (_, raw) in enumerate(self.pending):
+            by_size.setdefault(len(raw), []).append(row)
+        found = np.full((len(self.pending), 4 + _KINDS[self.kind].numbers), np.nan)
+        for size, rows in by_size.items():
+            data = np.frombuffer(b"".join(self.pending[row][1] for row in rows), dtype=np.uint8).reshape(-1, size)
+            found[rows] = _decoded(data, _KINDS[self.kind], self.ros2)
+        found[:, 1] = [time * 1e-9 for time, _ in self.pending]
+        whole = np.isfinite(found[:, 0])
+        self.broken += int((~whole).sum())
+        self.blocks.append(found[whole])
+        self.pending.clear()
+
+    def table(self) -> FloatArray:
+        """Time [s], time in the bag [s], status, covariance type, numbers of each message."""
+        self.decode()
+        return np.concatenate(self.blocks)
+
+
+def recognise(source: Source) -> bool:
+    """See `insnav.input.formats.registry.Format`."""
+    return bool(_suffix(source)) or bool(_bags(source))
+
+
+def read(source: Source) -> Mapping[str, Table]:
+    """See `insnav.input.formats.registry.Format`."""
+    topics: dict[str, _Topic] = {}
+    others: set[str] = set()
+    with damaged(source, "ROS bag", "if it was cut off or is not indexed: rosbag reindex, or ros2 bag reindex"):
+        for reader, ros2 in _readers(source):
+            wanted = [each for each in reader.connections if each.msgtype in _KINDS]
+            others |= {f"{each.topic} ({each.msgtype})" for each in reader.connections if each.msgtype not in _KINDS}
+            for connection, time, raw in reader.messages(connections=wanted) if wanted else ():
+                topic = topics.setdefault(connection.topic, _Topic(connection.msgtype, ros2))
+                topic.add(time, bytes(raw))
+    if source.members:
+        whole = [source.members[each]() for each in _bags(source)]
+        source = Source(source.name, digest_of(whole))
+    tables: dict[str, Table] = {}
+    velocities = {key: topic.table() for key, topic in topics.items() if "Twist" in topic.kind}
+    for key, topic in topics.items():
+        lost = f"{topic.broken} messages that are cut or of another layout left out" if topic.broken else ""
+        if topic.kind.endswith("Imu"):
+            tables[f"imu:{plain_text(key)}"] = _samples(source, topic.table(), [f"topic {plain_text(key)}", lost])
+        elif topic.kind.endswith("NavSatFix"):
+            notes = [f"topic {plain_text(key)}", lost]
+            tables[f"gps:{plain_text(key)}"] = _fixes(source, topic.table(), velocities, notes)
+    if not tables:
+        raise InputError(
+            "the bag holds neither sensor_msgs/Imu nor sensor_msgs/NavSatFix",
+            where=source.name,
+            why=f"topics: {plain_text(', '.join(sorted(others)[:12]) or 'none')}",
+            fix="record these topics, or republish the driver's own messages as these",
+        )
+    return tables
+
+
+def _suffix(source: Source) -> str:
+    head = source.head
+    return next((suffix for magic, suffix in _MAGIC.items() if head.startswith(magic)), "")
+
+
+def _bags(source: Source) -> list[str]:
+    """Bags in a folder."""
+    return [each for each in source.members if PurePosixPath(each).suffix in suffixes and each.count("/") < 2]
+
+
+def _readers(source: Source) -> Iterator[tuple[Any, bool]]:
+    """Open readers of all bags, and whether each is of ROS 2."""
+    from rosbags import rosbag1, rosbag2
+
+    with ExitStack() as stack:
+        place = stack.enter_context(on_disk(source, _suffix(source)))
+        paths: list[Path] = [place]
+        if source.members:
+            described = [place / each for each in source.members if PurePosixPath(each).name == "metadata.yaml"]
+            paths = [each.parent for each in described] or [place / each for each in _bags(source)]
+        for path in paths:
+            ros2 = path.is_dir() or path.suffix != ".bag"
+            with rosbag2.Reader(path) if ros2 else rosbag1.Reader(path) as reader:
+                yield reader, ros2
+
+
+def _decoded(data: NDArray[np.uint8], kind: _Kind, ros2: bool) -> FloatArray:
+    """Messages of one size ``(n, size)`` as numbers; time ``NaN`` where they are not of this layout."""
+    found = np.full((len(data), 4 + kind.numbers), np.nan)
+    # four bytes come first: in CDR how it is written, in ROS 1 a sequence number
+    if data.shape[1] < 24 or (ros2 and (data[:, :2] != [0, 1]).any()):
+        return found
+    words = np.ascontiguousarray(data[:, 4:16]).view("<u4").astype(np.int64)
+    for length in np.unique(words[:, 2]).tolist():
+        mine = np.flatnonzero(words[:, 2] == length)
+        status_at = 16 + length  # a byte, and two for what satellites there are
+        numbers_at = status_at + (3 if kind.status else 0)
+        if ros2:  # aligned to the size of each number, counted from behind the first four bytes
+            behind = status_at - 4
+            behind = (behind + 2) // 2 * 2 + 2 if kind.status else behind
+            numbers_at = 4 + (behind + 7) // 8 * 8
+        end = numbers_at + 8 * kind.numbers
+        if end + kind.status > data.shape[1]:
+            continue
+        found[mine, 0] = words[mine, 0] + 1e-9 * words[mine, 1]
+        found[mine, 4:] = np.ascontiguousarray(data[mine, numbers_at:end]).view("<f8")
+        if kind.status:
+            found[mine, 2] = data[mine, status_at].view(np.int8)
+            found[mine, 3] = data[mine, end]
+    return found
+
+
+def _times(table: FloatArray, notes: list[str]) -> FloatArray:
+    if (table[:, 0] > 0.0).all():
+        return table[:, 0]
+    notes.append("the headers have no times: those of the bag are used, which come later by what the recording took")
+    return table[:, 1]
+
+
+def _samples(source: Source, table: FloatArray, notes: list[str]) -> Table:
+    columns = {"time_s": _times(table, notes)}
+    rates, forces = table[:, 8 + 9 : 8 + 9 + 3], table[:, 8 + 9 + 3 + 9 : 8 + 9 + 3 + 9 + 3]
+    columns |= triad(GYRO, rates) | triad(ACCEL, forces)
+    axes = up_or_down(forces[:, 2], "FLU")
+    if axes != "FLU":
+        notes.append(f"axes {axes}: z points down, against the rule of ROS (REP-103)")
+    return column_table(source, columns, notes, row="message", axes=axes)
+
+
+def _fixes(source: Source, table: FloatArray, velocities: Mapping[str, FloatArray], notes: list[str]) -> Table:
+    good = np.isin(table[:, 2], list(_STATUS))
+    if not good.all():
+        notes.append(f"{int((~good).sum())} of {len(good)} messages have no fix: left out")
+    table = table[good]
+    columns = {"time_s": _times(table, notes), **triad(("lat_deg", "lon_deg", "height_m"), table[:, 4:7])}
+    known = table[:, 3] > 0.0
+    if known.any():
+        with np.errstate(invalid="ignore"):  # rows are East, North, Up
+            sd = np.where(known[:, None], np.sqrt(table[:, [11, 7, 15]]), np.nan)
+        columns |= deviations(sd, "sd_{}_m")
+        if (table[known, 3] == 1.0).any():
+            notes.append("standard deviations are approximations by the driver (covariance type 1)")
+    columns["fix"] = np.array([_STATUS[int(each)] for each in table[:, 2]])
+    for key, speeds in velocities.items():
+        v = joined(table[:, 0], speeds[:, 0], speeds[:, 4:7])
+        if np.isfinite(v[:, 0]).sum() > 0.9 * len(v):
+            columns |= triad(("vn_m_s", "ve_m_s", "vd_m_s"), v[:, [1, 0, 2]] * [1.0, 1.0, -1.0])
+            notes.append(f"velocity East, North, Up from {plain_text(key)}, which has the times of the fixes")
+            break
+    return column_table(source, columns, notes, row="message")
