@@ -26,6 +26,9 @@ QUIET_FACTOR = 4.0  # ... and up to this many times the quietest tenth of the re
 LOUD_ACCEL, LOUD_GYRO = 1.0, 0.15  # never quiet above, even with an engine running: sd [m/s^2], [rad/s]
 TURNING = 0.01  # mean rate against the median of the quiet windows that is a turn: 0.6 deg/s [rad/s]
 PUSHED = 0.2  # change of mean specific force from window to window that is a motion: 0.02 g [m/s^2]
+# A soft departure changes them by less, but for longer: means so many robust standard deviations, or so much [m/s^2],
+# [rad/s], from those of the rest, for so long [s]. An IMU that is quieter sees it earlier.
+DEPARTED, DEPARTED_ACCEL, DEPARTED_GYRO, DEPARTED_TIME = 6.0, 1e-3, 1e-5, 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,13 +101,28 @@ def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[fl
     change = np.linalg.norm(np.diff(force.mean(axis=1), axis=0), axis=1) > PUSHED
     quiet[1:] &= ~change
     edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(np.int8), [0]])))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+    for begin, last in zip(edges[::2], edges[1::2], strict=True):
+        end = begin + _before_departure(force.mean(axis=1)[begin:last], mean_w[begin:last])
         start = float(parts.end[begin * size] - parts.dt[begin * size])
         stop = float(parts.end[end * size - 1])
         if stop - start >= SHORTEST:
             # the last window may already hold the start of the motion
             return start, stop - (WINDOW if end < n else 0.0)
     return None
+
+
+def _before_departure(force: FloatArray, rate: FloatArray) -> int:
+    """Windows before a slow departure in the second half of a rest, from the means of specific force and rate."""
+    off = np.zeros(force.shape[0], dtype=bool)
+    for means, least in ((force, DEPARTED_ACCEL), (rate, DEPARTED_GYRO)):
+        away = np.abs(means - np.median(means, axis=0))
+        off |= (away > np.maximum(DEPARTED * 1.4826 * np.median(away, axis=0), least)).any(axis=1)
+    row = round(DEPARTED_TIME / WINDOW)
+    if off.size < 2 * row:
+        return off.size
+    lasting: BoolArray = np.asarray(np.lib.stride_tricks.sliding_window_view(off, row).all(axis=1))
+    lasting[: off.size // 2] = False
+    return int(np.argmax(lasting)) if lasting.any() else off.size
 
 
 def level(force: FloatArray) -> tuple[float, float]:

@@ -110,10 +110,12 @@ def initial_state(
     """State and covariance from an alignment, a position and a velocity with their standard deviations [m], [m/s].
 
     Levelling hides the accelerometer bias in the tilt, and gyrocompassing the gyro bias in the heading: their sum is
-    zero. The covariance holds both as correlations.
+    zero. The covariance holds both as correlations. The gyro bias is the mean of zero, as the specification has it, and
+    what the alignment has seen, each by its variance.
     """
     sd = model.sd.copy()
-    sd[:3] = np.minimum(sd[:3], alignment.gyro_bias_sd)
+    seen = 1.0 / (1.0 + (alignment.gyro_bias_sd / np.maximum(sd[:3], 1e-15)) ** 2)  # its share of the mean
+    sd[:3] *= np.sqrt(1.0 - seen)
     p = np.zeros((STATES, STATES))
     p[:9, :9] = np.diag(np.concatenate([position_sd, velocity_sd, alignment.sd]) ** 2)
     p[9:, 9:] = np.diag(sd**2)
@@ -132,4 +134,4 @@ def initial_state(
     p[6:9, 6:9] = shared + np.diag(own)
     p[6:9, 9:] = j @ p[9:, 9:]
     p[9:, 6:9] = p[6:9, 9:].T
-    return InitialState(alignment.time, lla, v_n, alignment.rph, alignment.gyro_bias, p, from_fix)
+    return InitialState(alignment.time, lla, v_n, alignment.rph, seen * alignment.gyro_bias, p, from_fix)

@@ -18,7 +18,9 @@ SUBSTEP = 0.1  # longest sub-step of transition and noise: a car turns by less t
 # unseen change of rate [rad/s^2] and specific force [m/s^3] in a gap, and the most assumed of it [rad], [m/s]
 GAP_NOISE = np.array([0.1, 0.5, 0.3, 20.0])
 NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame is no use: 1 km from the pole [rad]
-ATTITUDE_RESET_SD = np.deg2rad([1.0, 1.0, 5.0])  # added at a reset: whatever led there has tilted it, too [rad]
+# added at a reset: whatever led there, perhaps a bias that stepped, has tilted and turned the frame, too [rad]
+ATTITUDE_RESET_SD = np.deg2rad([6.0, 6.0, 10.0])
+BIAS_RESET_SD = np.array([*np.deg2rad([0.5, 0.5, 0.5]), 0.2, 0.2, 0.2])  # of such a step [rad/s], [m/s^2]
 VELOCITY_RESET_SD = 5.0  # velocity of a reset by fixes without velocity [m/s]
 RESET_FACTOR = 3.0  # the fix of a reset follows many that were rejected: its standard deviation counts so many times
 
@@ -136,7 +138,7 @@ class Estimate:
             p[3:6, 3:6] = np.diag((RESET_FACTOR * velocity_sd) ** 2)
         else:
             p[3:6, 3:6] += VELOCITY_RESET_SD**2 * np.eye(3)
-        p[6:9, 6:9] += np.diag(ATTITUDE_RESET_SD**2)
+        p[6:15, 6:15] += np.diag(np.concatenate([ATTITUDE_RESET_SD, BIAS_RESET_SD]) ** 2)
         if self._gps_noise is not None:
             reset_correlated(p, self.at.correlated, self._gps_noise.sd)
             cross_covariance(p, self.at.correlated, self._gps_noise.sd)

@@ -24,6 +24,7 @@ from insnav.filter.prepare import CORRELATED, Prepared
 from insnav.filter.state_layout import first_state, layout
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.kernels import noise_likelihood as kernel
+from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import FIX, NOISE, SOURCE, TIME
 from insnav.types import BoolArray, FloatArray, GpsData
@@ -189,6 +190,8 @@ class InnovationLikelihood:
         position, velocity, share, time = self.fixes_of(at)
         correlated = CorrelatedNoise(share, time, np.sqrt(share) * position * self.median_sd)
         start = first_state(_start(self._ready, model, position), replace(self._settings, correlated=correlated))
+        mean = np.zeros(start.covariance.shape[0])
+        mean[NAV : NAV + 3] = self._ready.initial.gyro_bias - start.correction[:3]
         factor = np.concatenate([np.sqrt(1.0 - share) * position, velocity])
         variance = self._other + self._offered[:, None] * (factor * self._sd) ** 2
         count = kernel.innovations(
@@ -201,7 +204,7 @@ class InnovationLikelihood:
             correlated.sd,
             time,
             variance,
-            start.covariance,
+            (mean, start.covariance),
             HUBER,
             self._out,
         )

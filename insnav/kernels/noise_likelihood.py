@@ -19,6 +19,7 @@ from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RE
 
 GROUPS = 4  # of white noise: gyro, accelerometer, gyro misalignment, accelerometer misalignment
 GYRO, ACCEL, GYRO_AXES, ACCEL_AXES = 0, 1, 2, 3
+OPENED = 15  # states that a reset opens: navigation errors and biases
 
 
 @njit(cache=True)
@@ -76,14 +77,14 @@ def tape(history, n, noise, decay, bridged):  # type: ignore[no-untyped-def]
         Error that the run took off its state after the measurement.
     correction : (m, 12) array
         Sensor errors it used from then on.
-    restart : (m, 9) array
-        Variances of position, velocity and attitude that an explicit reset set or added; zero elsewhere.
+    restart : (m, 15) array
+        Variances of position, velocity, attitude and biases that an explicit reset set or added; zero elsewhere.
     """
     m = history.shape[0]
     span, kind = np.zeros(m), np.zeros(m, dtype=np.int64)
     phi, white = np.zeros((m, NAV, STATES)), np.zeros((m, GROUPS, NAV, NAV))
     bridge, z, h = np.zeros((m, 2)), np.zeros((m, 6)), np.zeros((m, 6, n))
-    fed, correction, restart = np.zeros((m, n)), np.zeros((m, SENSOR)), np.zeros((m, NAV))
+    fed, correction, restart = np.zeros((m, n)), np.zeros((m, SENSOR)), np.zeros((m, OPENED))
     before, after = np.zeros((n, n)), np.zeros((n, n))
     full = np.zeros((NAV, STATES))
     unit = np.zeros((2, NAV, NAV))
@@ -132,7 +133,7 @@ def tape(history, n, noise, decay, bridged):  # type: ignore[no-untyped-def]
                 if noise[19] > 0.0:
                     white[k, ACCEL_AXES] = unit[1] * (max(0.0, pushed) / noise[19] / span[k])
         if kind[k] == RESTART:
-            for i in range(NAV):
+            for i in range(OPENED):
                 restart[k, i] = before[i, i] - (after[i, i] if i > 5 else 0.0)
             after[:] = before
             continue
@@ -200,8 +201,8 @@ def innovations(  # type: ignore[no-untyped-def]
         Its correlation time [s].
     variance : (m, 6) array
         White noise of the measurements.
-    start : (n, n) array
-        Initial covariance.
+    start : tuple of arrays
+        Initial mean (n,) and covariance (n, n) of the error of the nominal run.
     limit : float
         An innovation beyond so many standard deviations is de-weighted, in the manner of Huber [-].
     out : (2, 6 m) array
@@ -213,8 +214,8 @@ def innovations(  # type: ignore[no-untyped-def]
         Number of components.
     """
     span, kind, phi, white, bridge, z, h, fed, correction, restart = run
-    n = start.shape[0]
-    p, mean = start.copy(), np.zeros(n)
+    mean, p = start[0].copy(), start[1].copy()
+    n = mean.shape[0]
     w, fade = np.zeros((NAV, n)), np.ones(n)
     ph, moved = np.zeros(n), np.zeros(n)
     last = np.zeros(SENSOR)
@@ -280,7 +281,7 @@ def innovations(  # type: ignore[no-untyped-def]
                 p[i, :] = 0.0
                 p[:, i] = 0.0
                 mean[i] = 0.0
-            for i in range(NAV):
+            for i in range(OPENED):
                 p[i, i] += restart[k, i]
             if lasting >= 0:
                 for j in range(3):

@@ -199,6 +199,20 @@ def test_the_rest_is_found(rest):
     assert rest - 3.0 <= found[1] - 500.0 <= rest + 1.5
 
 
+@pytest.mark.parametrize("noise", [True, False])
+def test_a_soft_departure_ends_the_rest_of_a_good_imu(noise):
+    """Navigation grade: 0.1 m/s^2 after a minute are no part of it, or its mean would be off by degrees an hour."""
+    truth = drive((Segment(60.0), Segment(40.0, speed=4.0), Segment(20.0)), PLACE, seed=3, start=500.0, body=STILL)
+    spec = navigation_grade()
+    imu = corrupt_imu(perfect(truth, 50.0), spec, 7).imu if noise else perfect(truth, 50.0)
+    record = Log(imu, corrupt_gps(fixes(truth), RECEIVER, 8), truth, spec)
+    found = stationary_of(intervals(imu), record.gps)
+    assert found is not None
+    assert found[1] >= 555.0
+    assert np.linalg.norm(truth.evaluate(np.array([found[1]])).v_n) < 2e-3
+    assert aligned(record).heading_method == "gyrocompass"
+
+
 def test_a_smooth_drive_is_not_a_rest_where_gps_sees_it():
     """Straight on at constant speed an IMU alone cannot tell; the fixes can."""
     record = since(log(started(), CAR, 3), 533.0)

@@ -71,6 +71,23 @@ def test_the_heading_of_a_gyrocompass_goes_with_its_gyro_bias(axis: int):
     np.testing.assert_allclose((by_bias @ -bias)[2], error[2], rtol=1e-3, atol=1e-9)
 
 
+@pytest.mark.parametrize("seen_sd", [1e-6, 3e-5, 1e-2])
+def test_the_first_gyro_bias_is_the_mean_of_specification_and_alignment(seen_sd: float):
+    """Drawn from the specification, seen with noise: its error is as large as stated, and no estimate is better."""
+    rng = np.random.default_rng(4)
+    model = error_model(drives.SPEC, 21)
+    true = rng.standard_normal((2000, 3)) * model.sd[:3]
+    seen = true + rng.standard_normal((2000, 3)) * seen_sd
+    found = []
+    for each in seen:
+        alignment = Alignment(0.0, RPH, np.full(3, 1e-9), each, np.full(3, seen_sd), (0.0, 60.0), "static", "given")
+        found.append(initial_state(alignment, model, LLA, np.zeros(3), np.ones(3), np.ones(3)))
+    error = np.array([state.gyro_bias for state in found]) - true
+    sd = np.sqrt(np.diag(found[0].covariance)[9:12])
+    np.testing.assert_allclose(np.sqrt(np.mean(error**2, axis=0)), sd, rtol=0.06)
+    assert (sd <= np.minimum(model.sd[:3], seen_sd)).all()
+
+
 def attitude_variance(spec: ImuSpec, time: np.ndarray, rate: float) -> np.ndarray:
     """Of a filter that starts without errors, turns at `rate` [rad/s] and is given no fix worth the name."""
     model = error_model(spec, 21)

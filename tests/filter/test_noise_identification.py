@@ -72,7 +72,7 @@ def random_run(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, ..
     bridge = rng.uniform(0.0, 0.1, (m, 2))
     z, h = rng.standard_normal((m, 6)), rng.standard_normal((m, 6, n))
     fed = 0.1 * rng.standard_normal((m, n)) * (kind[:, None] > 0)
-    return span, kind, phi, white, bridge, z, h, fed, rng.standard_normal((m, 12)), np.zeros((m, 9))
+    return span, kind, phi, white, bridge, z, h, fed, rng.standard_normal((m, 12)), np.zeros((m, kernel.OPENED))
 
 
 def test_the_likelihood_is_that_of_a_textbook_filter():
@@ -85,14 +85,14 @@ def test_the_likelihood_is_that_of_a_textbook_filter():
     density, driving = rng.uniform(0.1, 1.0, 4), rng.uniform(0.1, 1.0, 12)
     sd, time = np.array([0.5, 0.7, 0.9]), 3.0
     variance = rng.uniform(0.5, 2.0, (m, 6))
-    root = rng.standard_normal((n, n))
+    root, first = rng.standard_normal((n, n)), rng.standard_normal(n)
     out = np.empty((2, 6 * m))
     count = kernel.innovations(
-        run, before, density, driving, decay, lasting, sd, time, variance, root @ root.T, 1e9, out
+        run, before, density, driving, decay, lasting, sd, time, variance, (first, root @ root.T), 1e9, out
     )
     found = np.sum(np.log(out[1, :count]) + out[0, :count] ** 2 / out[1, :count])
 
-    mean, p, total, rows = np.zeros(n), root @ root.T, 0.0, 0
+    mean, p, total, rows = first, root @ root.T, 0.0, 0
     for k in range(m):
         dt = span[k]
         if dt > 0.0:

@@ -102,6 +102,22 @@ def test_a_permanent_jump_resets_once_whatever_the_velocities(recorded, velocity
     assert (np.abs(error) <= 4.0 * run.solution.sd[:, :3])[later].all()
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_a_gyro_bias_that_steps_is_found_after_one_reset(recorded, axis):
+    """By half a degree a second, in bends and straight on: ten seconds of rejections, then right again."""
+    imu, gps, start = recorded
+    stepped, at = imu.gyro.copy(), 1100.0
+    dt = float(np.median(np.diff(imu.time)))
+    stepped[imu.time > at, axis] += 0.5 * DEG * dt
+    run = drives.navigate(replace(imu, gyro=stepped), gps, start, drives.MODEL)
+    assert kinds(run).count(RESET) <= 2
+    true = reference(drives.truth(3), run.solution.time)
+    error = np.abs(ned_offset(run.solution.lla, true.lla))
+    later = run.solution.time > at + 60.0
+    assert np.mean(error[later] <= 3.0 * run.solution.sd[later, :3]) > 0.97
+    assert error[later].max() < 3.0
+
+
 # ---- holes and poles
 
 
