@@ -20,7 +20,7 @@ HELP = """How much error an IMU makes in a minute without aiding, and from what.
 
 Every error source in the IMU file (and of the start, in its table [initial]) is propagated to position, velocity and
 attitude: analytically, by the covariance of the whole linear error model along the motion, and with --runs by simulated
-free-inertial runs. All of it on one page: report.html, figures/budget.png, budget.pdf.
+free-inertial runs. All of it on one page, report.html, and on two of paper, budget.pdf.
 
 \b
 Examples:

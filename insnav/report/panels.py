@@ -19,7 +19,7 @@ from insnav.types import FloatArray
 LINE_BINS = 1000  # a line keeps the smallest and largest value of so many stretches
 BAND_BINS = 500
 MARKERS = 2000  # most points of a cloud, the extremes among them
-Kind = Literal["line", "dashed", "points", "crosses", "band", "bars"]
+Kind = Literal["line", "dashed", "thin", "points", "crosses", "band", "bars"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +142,7 @@ def _curve(curve: Curve) -> dict[str, Any]:
     x, y, low, text = curve.x, curve.y, curve.low, curve.text
     if curve.kind == "band" and low is not None:
         x, low, y = envelope(x, low, y, BAND_BINS)
-    elif curve.kind in ("line", "dashed"):
+    elif curve.kind in ("line", "dashed", "thin"):
         x, y = thinned(x, y, LINE_BINS)
     elif not text and len(x) > MARKERS:
         x, y = thinned(x, y, MARKERS // 2)

@@ -14,10 +14,12 @@ from insnav.errors.budget.sampled_motion import at_rest
 from insnav.errors.budget.sources import families, sources_of
 from insnav.errors.budget.study import BudgetStudy
 from insnav.imu import load_imu
-from insnav.report.budget.figures import ranked, shares
+from insnav.report.budget.contributions import horizontal, ranked, saved, shares
+from insnav.report.budget.headline import estimates_section
 from insnav.report.budget.page import page, warnings
 from insnav.report.budget.quantities import contributions_section, positions_section
 from insnav.report.budget.terms import effect, growth, size
+from insnav.report.numbers import number
 from insnav.report.page import section_tables
 from insnav.report.run_json import page_facts
 from insnav.report.style import drawing
@@ -35,9 +37,9 @@ def page_of(found: Budget):
     return page(Result("budget", BudgetStudy(found)))
 
 
-def drawn(found: Budget) -> Figure:
+def drawn(found: Budget, page_number: int = 0) -> Figure:
     with drawing():
-        return page_of(found).figures[0].draw()
+        return page_of(found).figures[page_number].draw()
 
 
 def cells(table, name: str) -> dict[str, str]:
@@ -69,7 +71,7 @@ def test_sources_are_ranked_and_sum_up(found):
         np.sqrt(np.sum(np.square(values))), rel=0.01
     )
     assert shares(found).sum() == pytest.approx(1.0)
-    percent = [float(row[-1].rstrip(" %")) for row in table.rows[:-2]]
+    percent = [float(row[-2].rstrip(" %")) for row in table.rows[:-2]]
     assert sum(percent) == pytest.approx(100.0, abs=0.06 * len(percent))
     assert {row[0] for row in table.rows[:-2]} == set(found.families)
 
@@ -104,18 +106,62 @@ def test_facts_are_complete_and_json(found):
 
 def test_page_shows_curves_tables_and_assumptions(found):
     sheet, figure = page_of(found), drawn(found)
-    written = texts(figure)
+    written = texts(drawn(found, 1))
     for family in found.families:
         assert family in written
     assert any("Schuler" in text or "Validity of the short forms" in text for text in written)
-    linear, growth_axes = figure.axes[:2]
+    _, linear, growth_axes, bars = figure.axes
+    assert bars.get_yticklabels()[0].get_text() == found.families[ranked(found)[0]]
     labels = [text.get_text() for text in linear.get_legend().get_texts()]
     assert labels == ["up to the worst-case sum", "covariance, 1 sd", "analytic", "simulated, 30 runs"]
     assert (growth_axes.get_xscale(), growth_axes.get_yscale()) == ("log", "log")
     assert {"t", "t²", "t³"} <= {text.get_text() for text in growth_axes.texts}
     shown = page_text(sheet)
     assert "1 if the covariance is true" in shown
-    assert found.families[ranked(found)[0]] in sheet.summary[3]
+    assert found.families[ranked(found)[0]] in sheet.summary[0]
+
+
+def test_the_first_sentence_has_all_four_ways_and_the_largest_source(found):
+    whole = float(horizontal(found.covariance.total[found.chosen[-1]]))
+    said = page_of(found).verdict
+    assert said.light == "good"
+    assert said.sentence.startswith(f"After 20 s without GPS: {number(whole)} m horizontal (1 sd) — analytic ")
+    assert size(found, found.families[ranked(found)[0]]) in said.sentence
+    assert "simulated" in said.sentence
+    assert "recorded" not in said.sentence
+    predicted = page_of(replace(found, simulated=None)).verdict
+    assert (predicted.light, "simulated" in predicted.sentence) == ("unknown", False)
+    assert (
+        page_of(replace(found, simulated=replace(found.simulated, nees=2.0 * found.simulated.nees))).verdict.light
+        == "bad"
+    )
+    table = section_tables(estimates_section(found))[0]
+    assert [row[0] for row in table.rows] == ["5 s", "10 s", "20 s"]
+    assert "…" in cells(table, "20 s")["simulated [m]"]
+
+
+def test_what_halving_saves_is_what_a_better_imu_saves(found):
+    """The saving by the shares of the variance, and by the budget of an IMU that is half as bad."""
+    names = {"gyro bias": "gyro", "accel bias": "accel"}
+    whole = float(horizontal(found.covariance.total[found.chosen[-1]]))
+    for family, sensor in names.items():
+        spec = plain()
+        better = replace(spec, **{sensor: replace(getattr(spec, sensor), bias=0.5 * getattr(spec, sensor).bias)})
+        less = budget(better, at_rest(20.0), (5.0, 10.0, 20.0))
+        wanted = whole - float(horizontal(less.covariance.total[less.chosen[-1]]))
+        assert saved(found)[found.families.index(family)] == pytest.approx(wanted, rel=1e-6)
+
+
+def test_sources_of_the_waterfall_say_where_they_come_from(found):
+    panels = {each.key: each for each in page_of(found).panels}
+    assert list(panels) == ["growth", "contributions", "sources"]
+    bars = [curve for curve in panels["contributions"].curves if curve.kind == "bars"]
+    width = sum(float(np.sum(curve.x - curve.low)) for curve in bars)
+    assert width == pytest.approx(100.0)
+    told = [text for curve in bars for text in curve.text]
+    first = next(text for text in told if text.startswith(found.families[ranked(found)[0]]))
+    for words in ("IMU model plain", "% of the variance", "grows with", "Half of it"):
+        assert words in first
 
 
 def test_a_recorded_column_has_its_place(found):
@@ -125,7 +171,7 @@ def test_a_recorded_column_has_its_place(found):
     table = section_tables(positions_section(joined))[0]
     assert cells(table, "20")["rec. N"] == "6.25"
     assert cells(table, "5")["rec. N"] == "–"
-    labels = [t.get_text() for t in drawn(joined).axes[0].get_legend().get_texts()]
+    labels = [t.get_text() for t in drawn(joined).axes[1].get_legend().get_texts()]
     assert "recorded, 12 windows" in labels
     assert page_facts(page_of(joined))["recorded"]["windows"] == 12
 
@@ -137,12 +183,12 @@ def test_what_is_missing_or_too_large_is_said(found):
     assert "quantisation" in warnings(bare)[1]
     wrong = replace(found, simulated=replace(found.simulated, nees=2.0 * found.simulated.nees))
     assert "trust the simulated" in warnings(wrong)[0]
-    assert any(text.startswith("Warning: Not given") for text in texts(drawn(bare)))
+    assert any(text.startswith("Warning: Not given") for text in texts(drawn(bare, 1)))
     consumer = budget(load_imu("consumer"), at_rest(60.0), (60.0,))
     assert any("exceeds the linear model" in text for text in warnings(consumer))
 
 
 def test_a_held_vertical_is_said():
     sheet = page_of(budget(plain(), at_rest(10.0), (10.0,), hold=True))
-    assert "down: held to the reference" in sheet.summary[1]
+    assert "down: held to the reference" in sheet.summary[0]
     assert any("held to the reference" in text for text in sheet.assumptions)

@@ -22,6 +22,8 @@ from insnav.report.page import Page, section_tables
 from insnav.report.run_json import section_facts
 from insnav.report.style import drawing
 from insnav.report.terminal import page_text
+from insnav.result import Result
+from insnav.session.budget import BudgetSettings, budget_of_windows
 from insnav.simulate.truth_from_track import Residual
 from tests.errors.outage import drives
 
@@ -133,3 +135,22 @@ def test_page_and_figures(budget: RecordedBudget):
         for axes in drawn.axes:
             assert axes.get_ylabel().endswith("]")
             assert np.isfinite(axes.get_ylim()).all()
+
+
+def test_the_light_is_that_of_what_is_explained(budget: RecordedBudget):
+    study = budget_of_windows(budget, BudgetSettings(times=(10.0, 20.0, 30.0)))
+    sheet = Result("budget", study).page()
+    assert sheet.verdict.light == ("good" if all(v.explained for v in budget.shown.verdicts) else "attention")
+    assert "recorded" in sheet.verdict.sentence
+    part = budget.shown
+    worse = tuple(replace(v, explained=False, recorded=3.0 * v.predicted) for v in part.verdicts[:1])
+    wrong = replace(budget, uncalibrated=replace(part, verdicts=(*worse, *part.verdicts[1:])))
+    sheet = Result("budget", replace(study, windows=wrong)).page()
+    assert sheet.verdict.light == "attention"
+    assert "north are not explained: up to 3.0 times" in sheet.verdict.reason
+    explained = next(panel for panel in sheet.panels if panel.key == "explained")
+    kinds = {curve.name: curve for curve in explained.curves}
+    assert "the stated errors of IMU and fixes do not make it" in kinds["not explained"].text[0]
+    growth = next(panel for panel in sheet.panels if panel.key == "growth")
+    thin = [curve for curve in growth.curves if curve.kind == "thin"]
+    assert len(thin) == budget.shown.windows.count

@@ -109,7 +109,7 @@ def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
     """
     at = columns_at(windows, table_times(windows) if times is None else times)
     error, variance, reference = (values[:, at] for values in components(windows))
-    inside = (np.abs(error) <= 3.0 * np.sqrt(variance + reference)).astype(np.float64)
+    inside = (error**2 <= 9.0 * (variance + reference)).astype(np.float64)
     inside[..., 5] = inside[..., :2].mean(axis=-1)
     axes = [error[..., [i]] for i in range(5)] + [error[..., :2]]
     return _summed(windows.grid[at], COMPONENTS, windows.start, windows.length, axes, variance, reference, inside)

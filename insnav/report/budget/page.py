@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-import textwrap
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
-from matplotlib.figure import Figure
-
-from insnav.errors.budget.error_budget import BAND, Budget, SimulatedColumn
+from insnav.errors.budget.error_budget import BAND, Budget
+from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.laws import SHORT
 from insnav.errors.budget.study import BudgetStudy
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
-from insnav.report.budget.figures import draw_budget, horizontal, ranked, shares
+from insnav.quantity import Quantity
+from insnav.report.budget.contributions import ranked, shares
+from insnav.report.budget.headline import (
+    estimates_section,
+    is_linear,
+    merits,
+    simulated_matches,
+    verdict,
+)
+from insnav.report.budget.panels import budget_panels
 from insnav.report.budget.quantities import (
     budget_sections,
     contributions_rows,
@@ -32,63 +39,100 @@ from insnav.report.budget.windows import (
 from insnav.report.budget.windows_quantities import windows_sections
 from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
-from insnav.report.outage.quantities import corrected_text
 from insnav.report.page import FigureSpec, Page, Section, section_tables
-from insnav.report.style import drawing, save
 from insnav.result import Result
 from insnav.units import DEG
 
 if TYPE_CHECKING:
     import pandas as pd
-
-_NOTE_WIDTH = 150  # characters in a line of the page's notes
-_LINEAR = 5.0 * DEG  # attitude errors up to here are small
+    from matplotlib.figure import Figure
 
 
 def page(result: Result[BudgetStudy]) -> Page:
     """Lay out an error budget."""
     budget, windows = result.found.budget, result.found.windows
-    figure = FigureSpec("budget", "The budget on one page; also in budget.pdf", partial(budget_figure, budget))
     sections = (
         *budget_sections(budget),
-        positions_section(budget),
-        contributions_section(budget),
-        Section("", figures=(figure,), show="page"),
+        estimates_section(budget),
+        Section(
+            "",
+            panels=budget_panels(budget, windows, _origin(result)),
+            figures=(
+                FigureSpec("budget", "The budget, first page of budget.pdf", partial(_front, result)),
+                FigureSpec("budget_tables", "The budget, second page of budget.pdf", partial(_back, result)),
+            ),
+            show="page",
+        ),
+        replace(contributions_section(budget), folded=True),
+        replace(positions_section(budget), folded=True),
     )
-    more = (states_section(budget), impact_section(budget))
+    more = (replace(states_section(budget), folded=True), replace(impact_section(budget), folded=True))
     if windows is None:
-        return Page(_title(budget), summary(budget), (*sections, *more), warnings(budget), assumptions(budget))
-    return Page(
-        _title(budget),
-        (*summary(budget), *windows_sentences(windows)),
-        (*sections, *windows_sections(windows), Section("", figures=windows_figures(windows), show="page"), *more),
-        warnings=(*warnings(budget), *windows_warnings(windows)),
-        assumptions=(*assumptions(budget), *windows_assumptions(windows)),
-    )
+        found = Page(_title(budget), summary(budget), (*sections, *more), warnings(budget), assumptions(budget))
+    else:
+        figures = Section("", "Recorded windows: figures", figures=windows_figures(windows), show="page", folded=True)
+        found = Page(
+            _title(budget),
+            summary(budget),
+            (*sections, *_windows(windows), figures, *more),
+            warnings=(*warnings(budget), *windows_warnings(windows)),
+            assumptions=(*assumptions(budget), *windows_assumptions(windows)),
+        )
+    return replace(found, verdict=verdict(budget, windows), merits=merits(budget, windows))
+
+
+def _windows(windows: RecordedBudget) -> tuple[Section, ...]:
+    """Everything about the recorded windows, folded; their sentences stand first."""
+    sentences = Section("", items=(Quantity("recorded_summary", windows_sentences(windows)),), show="json")
+    rows = tuple((Quantity("finding", line, meaning=" "),) for line in windows_sentences(windows))
+    said = Section("", "Recorded windows: findings", rows=rows)
+    tables = tuple(replace(each, title="Recorded windows: tables", folded=True) for each in windows_sections(windows))
+    return (sentences, said, *tables)
 
 
 def _title(budget: Budget) -> str:
     return f"Error budget of {budget.imu}: {budget.time[budget.chosen[-1]]:g} s of free-inertial navigation"
 
 
-def budget_figure(budget: Budget) -> Figure:
-    """Draw the budget on one page."""
-    note = textwrap.fill(f"Motion: {budget.motion}. Errors are one standard deviation (1 sd) unless said.", 125)
+def _origin(result: Result[BudgetStudy]) -> str:
+    """Where the sizes of the sources come from."""
+    name = result.found.budget.imu if result.imu_model is None else result.imu_model[0].name
+    how = "" if result.imu_model is None or result.imu_model[1] == "given" else f": {result.imu_model[1]}"
+    return f"IMU model {name}{how}"
+
+
+def _front(result: Result[BudgetStudy]) -> Figure:
+    """Draw the first page of the PDF."""
+    from insnav.report.budget.figures import draw_front  # matplotlib is imported only where a figure is asked for
+
+    budget, windows = result.found.budget, result.found.windows
+    (estimates,) = section_tables(estimates_section(budget))
+    part = None if windows is None else windows.shown
+    return draw_front(budget, part, _title(budget), verdict(budget, windows), estimates)
+
+
+def _back(result: Result[BudgetStudy]) -> Figure:
+    """Draw the second page of the PDF."""
+    from insnav.report.budget.figures import draw_back
+
+    budget, windows = result.found.budget, result.found.windows
+    (sources,), (columns,) = (section_tables(each(budget)) for each in (contributions_section, positions_section))
+    widths = ((3.2, 2.6, *(1.4,) * (len(sources.columns) - 4), 1.9, 1.8), (1.0,) + (1.15,) * (len(columns.columns) - 1))
     texts = [*(f"Warning: {text}" for text in warnings(budget)), *assumptions(budget)]
-    notes = [line for text in texts for line in textwrap.wrap(text, _NOTE_WIDTH, subsequent_indent="   ")]
-    columns, sources = (
-        section_tables(section)[0] for section in (positions_section(budget), contributions_section(budget))
-    )
-    return draw_budget(budget, _title(budget), note, columns, sources, notes)
+    if windows is not None:
+        texts = [*windows_sentences(windows), *texts]
+    return draw_back(f"{_title(budget)}, 2", (sources, columns), widths, texts)
 
 
 def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write ``budget.pdf``.
+    """Write ``budget.pdf``, two pages.
 
     `folder`: entered, not committed; `table_format` {"csv", "parquet"}: not used: a budget has no tables of its own.
     """
+    from insnav.report.style import drawing, save_pages
+
     with drawing():
-        save(budget_figure(result.found.budget), folder.path("budget"), "pdf")
+        save_pages((_front(result), _back(result)), folder.path("budget.pdf"))
 
 
 def frame(result: Result[BudgetStudy]) -> pd.DataFrame:
@@ -97,58 +141,34 @@ def frame(result: Result[BudgetStudy]) -> pd.DataFrame:
 
 
 def summary(budget: Budget) -> tuple[str, ...]:
-    """Say the result in a few sentences."""
+    """Say what the sentence of the verdict leaves out."""
     last = budget.chosen[-1]
     total = budget.covariance.total[last]
     part, order = shares(budget), ranked(budget)
     largest = ", ".join(f"{budget.families[k]} {100.0 * part[k]:.0f} %" for k in order[:3] if part[k] >= 0.005)
     down = "held to the reference" if budget.hold else f"{number(total[2])} m"
-    lines = [
-        f"Motion: {budget.motion}.",
-        f"After {budget.time[last]:g} s without aiding the position error (1 sd) is {number(total[0])} m north, "
-        f"{number(total[1])} m east, {number(float(horizontal(total)))} m horizontally; down: {down}.",
-        f"All sources at once with the worst signs, 1 sd each: {number(float(budget.worst[last, 3]))} m horizontally.",
-        f"Largest contributions: {largest} of the horizontal variance."
-        if largest
-        else "No source acts on the level axes.",
-    ]
-    simulated = budget.simulated
-    if simulated is not None:
-        level = number(float(horizontal(simulated.total[last])))
-        lines.append(
-            f"Simulated, {simulated.runs} runs: {level} m horizontally; mean normalised squared error "
-            f"{simulated.nees[last]:.3g} (1 if the covariance is true)."
-        )
-    recorded = budget.recorded
-    if recorded is not None:
-        level = corrected_text(*(float(each[-1, 3]) for each in (recorded.corrected, recorded.low, recorded.high)))
-        lines.append(f"Recorded: {level} horizontally, {recorded.description}.")
-    return tuple(lines)
+    return (
+        f"Motion: {budget.motion}. North {number(total[0])} m, east {number(total[1])} m, down: {down}. "
+        + (f"Largest: {largest} of the horizontal variance." if largest else "No source acts on the level axes."),
+    )
 
 
 def warnings(budget: Budget) -> tuple[str, ...]:
     """Say what the reader must not overlook."""
     found = []
-    attitude = float(budget.covariance.total[budget.chosen[-1], 6:].max())
-    if attitude > _LINEAR:
+    if not is_linear(budget):
+        attitude = float(budget.covariance.total[budget.chosen[-1], 6:].max())
         found.append(
             f"Attitude error {attitude / DEG:.0f} deg at the end exceeds the linear model: analytic and covariance are "
             "rough; trust the simulated errors (--runs)."
         )
-    elif budget.simulated is not None and not _true(budget, budget.simulated):
+    elif budget.simulated is not None and not simulated_matches(budget, budget.simulated):
         found.append("Simulated errors do not match the covariance: trust the simulated ones.")
     if budget.absent:
         found.append(f"Not given in the IMU file, counted as zero: {', '.join(budget.absent)}.")
     if budget.ignored:
         found.append(f"In the IMU file, but not in this budget: {', '.join(budget.ignored)}.")
     return tuple(found)
-
-
-def _true(budget: Budget, simulated: SimulatedColumn) -> bool:
-    """Whether the squared errors at the chosen times have the size that the covariance says."""
-    # nine states at each time, whose errors are independent once normalised: 4 sd of their mean
-    limit = 4.0 * np.sqrt(2.0 / (simulated.runs * (6.0 if budget.hold else 9.0)))
-    return bool(np.all(np.abs(simulated.nees[budget.chosen] - 1.0) < limit))
 
 
 def assumptions(budget: Budget) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from insnav.errors.budget.error_budget import Budget, Column, SimulatedColumn
 from insnav.quantity import Quantity
-from insnav.report.budget.figures import horizontal, ranked, shares
+from insnav.report.budget.contributions import horizontal, ranked, saved, shares
 from insnav.report.budget.terms import effect, growth, size
 from insnav.report.page import Section
 from insnav.types import FloatArray
@@ -137,13 +137,13 @@ def positions_section(budget: Budget) -> Section:
     groups = {name: way.total[at, :3] for name, way in _ways(budget).items()}
     if recorded is None:
         groups["worst"] = budget.worst[at, :3]
-        last = "1 sd [m]; worst: sum of all sources"
+        note = "1 sd; worst: sum of all sources"
     else:
         groups |= {
             "recorded": _at(recorded.time, recorded.corrected[:, :3], budget.time[at]),
             "filter": _at(recorded.time, recorded.predicted[:, :3], budget.time[at]),
         }
-        last = "1 sd [m]: analytic, covariance, simulated; RMS recorded, corrected; predicted by the filter"
+        note = "1 sd: analytic, covariance, simulated; RMS recorded, corrected; predicted by the filter for all windows"
     names = _LONG if recorded is None else _SHORT
     rows = tuple(
         (
@@ -155,7 +155,7 @@ def positions_section(budget: Budget) -> Section:
         )
         for row, k in enumerate(at)
     )
-    return Section("", f"Position error North, East, Down, {last}", rows=rows)
+    return Section("", "Position error North, East, Down [m]", rows=rows, note=note)
 
 
 def _at(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
@@ -170,7 +170,7 @@ def _at(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
 
 def contributions_rows(budget: Budget) -> list[tuple[Quantity, ...]]:
     """What each family contributes to the error at the last time, the largest first."""
-    last, part, ways = budget.chosen[-1], shares(budget), _ways(budget)
+    last, part, gain, ways = budget.chosen[-1], shares(budget), saved(budget), _ways(budget)
     return [
         (
             Quantity("source", budget.families[k]),
@@ -178,7 +178,8 @@ def contributions_rows(budget: Budget) -> list[tuple[Quantity, ...]]:
             Quantity("growth", growth(budget, budget.families[k]), meaning="grows with"),
             *(Quantity(name, float(horizontal(way.parts[last, k]))) for name, way in ways.items()),
             Quantity("down", float(budget.covariance.parts[last, k, 2])),
-            Quantity("share", f"{100.0 * part[k]:.1f} %", meaning="share of the variance"),
+            Quantity("share", f"{100.0 * part[k]:.1f} %", meaning="of the variance"),
+            Quantity("halved_saves", float(gain[k]), meaning="half of it saves"),
         )
         for k in ranked(budget)
     ]

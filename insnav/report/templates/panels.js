@@ -96,7 +96,7 @@ class Panel extends Drawing {
   draw() {
     for (const curve of this.curves) for (const key of ["x", "y", "low"]) if (curve[key] !== undefined) curve[key] = floats(curve[key]);
     const bars = this.curves.some(curve => curve.kind === "bars");
-    const [low, high] = extent(this.curves.flatMap(curve => [...extent(curve.x), ...(bars ? extent(curve.low) : [])]));
+    const [low, high] = extent(this.curves.flatMap(curve => [...extent(curve.x), ...(bars && curve.low ? extent(curve.low) : [])]));
     const margin = this.logX ? 0 : 0.01 * (high - low || 1);
     this.whole = [low - margin, high + margin];
     this.x = new Bokeh.Range1d({start: this.whole[0], end: this.whole[1]});
@@ -136,6 +136,7 @@ class Panel extends Drawing {
     const make = {
       line: () => figure.line(x, y, {source, line_width: 1.3}),
       dashed: () => figure.line(x, y, {source, line_width: 1.2, line_dash: [4, 3]}),
+      thin: () => figure.line(x, y, {source, line_width: 0.6, line_alpha: 0.55}),
       points: () => figure.scatter(x, y, {source, size: 3.5, line_color: null}),
       crosses: () => figure.scatter(x, y, {source, size: 7, marker: "x", line_width: 1.5}),
       band: () => figure.varea({field: "x"}, {field: "low"}, {field: "y"}, {source, fill_alpha: 0.17}),
@@ -241,7 +242,7 @@ class Panel extends Drawing {
     Object.assign(this.cursor.style, {display: inside ? "block" : "none", left: `${f.left + x}px`, top: `${f.top}px`, height: `${f.height}px`});
     if (!Number.isFinite(at)) return;
     for (const curve of this.curves) {
-      if (!this.visible(curve) || !curve.entry.value || ["band", "bars", "crosses"].includes(curve.kind)) continue;
+      if (!this.visible(curve) || !curve.entry.value || ["band", "bars", "crosses", "thin"].includes(curve.kind)) continue;
       curve.entry.value.textContent = short(curve.y[nearest(curve.x, at)]);
     }
   }

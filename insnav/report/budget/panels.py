@@ -1,0 +1,210 @@
+"""The interactive drawings of an error budget: growth, contributions, each source, what is explained."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insnav.errors.budget.error_budget import Budget
+from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Verdict
+from insnav.errors.outage.statistics import COMPONENTS, components
+from insnav.report.budget.contributions import horizontal, ranked, saved, shares, source_texts
+from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
+from insnav.report.numbers import number
+from insnav.report.outage.quantities import below_noise
+from insnav.report.panels import Curve, Panel
+from insnav.types import FloatArray
+
+_WINDOWS = 80  # drawn one by one
+_SHOWN = 10  # sources with a bar of their own
+_LEAST = 1e-3  # share of the variance of such
+_GROUPS = {
+    "initial": ("start", ORANGE),
+    "gyro": ("gyros", BLUE),
+    "accel": ("accelerometers", VERMILLION),
+    "gravity": ("gravity", GREEN),
+    "timing": ("timing", PURPLE),
+}
+_LINES = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION)
+
+
+def budget_panels(budget: Budget, windows: RecordedBudget | None, origin: str) -> tuple[Panel, ...]:
+    """Draw everything of the first screens."""
+    part = None if windows is None else windows.shown
+    panels = [_growth(budget, part), _contributions(budget, origin)]
+    if part is not None:
+        panels.append(_explained(part))
+    return (*panels, _sources(budget))
+
+
+def _growth(budget: Budget, part: RecordedPart | None) -> Panel:
+    """Horizontal error over time by all ways, recorded windows as thin lines behind."""
+    time, whole, zero = budget.time, budget.covariance, np.zeros(len(budget.time))
+    curves = [] if part is None else _recorded(part)
+    curves += [
+        Curve("up to the worst-case sum", time, budget.worst[:, 3], SKY, "band", zero),
+        Curve("covariance, 1 sd", time, horizontal(whole.total), BLACK),
+        Curve("analytic", time, horizontal(budget.analytic.total), BLUE, "dashed"),
+    ]
+    top = 1.15 * float(horizontal(whole.total[-1]))
+    if part is not None:
+        i = COMPONENTS.index("horizontal")
+        known = [part.curve.p95[:, i], part.curve.predicted[:, i], part.curve.corrected[:, i]]
+        top = max(top, 1.15 * float(np.nanmax(np.concatenate(known))))
+    if budget.simulated is not None:
+        at, (low, high) = budget.chosen, budget.simulated.band
+        value = horizontal(budget.simulated.total[at])
+        texts = tuple(
+            f"simulated, {budget.simulated.runs} runs: {number(float(v))} m ({number(float(v / high))} … "
+            f"{number(float(v / low))} m) after {t:g} s"
+            for t, v in zip(time[at], value, strict=True)
+        )
+        curves.append(
+            Curve(f"simulated, {budget.simulated.runs} runs", time[at], value, VERMILLION, "crosses", text=texts)
+        )
+        top = max(top, 1.15 * float(value[-1]))
+    return Panel(
+        "growth",
+        "Growth of the horizontal error",
+        "horizontal error [m]",
+        "time without GPS [s]",
+        tuple(curves),
+        link="growth",
+        note=""
+        if part is None
+        else "thin: recorded windows, errors of the reference in them; band: 95 % interval of their RMS",
+        limits=(0.0, top),
+        height=300,
+    )
+
+
+def _recorded(part: RecordedPart) -> list[Curve]:
+    """Every window, their RMS with its interval, and what the filter predicted for them."""
+    i, windows, curve = COMPONENTS.index("horizontal"), part.windows, part.curve
+    error = components(windows)[0][:, :, i]
+    shown = np.linspace(0, windows.count - 1, min(_WINDOWS, windows.count)).astype(int)
+    name = (
+        f"each of {windows.count} windows"
+        if len(shown) == windows.count
+        else f"{len(shown)} of {windows.count} windows"
+    )
+    found = [Curve(name, windows.elapsed[row], error[row], GREY, "thin") for row in shown]
+    if np.isfinite(curve.low[:, i]).any():
+        found.append(Curve("recorded RMS, corrected", curve.times, curve.high[:, i], PURPLE, "band", curve.low[:, i]))
+    found.append(Curve("recorded RMS, corrected", curve.times, curve.corrected[:, i], PURPLE))
+    return [*found, Curve("predicted by the filter, all windows", curve.times, curve.predicted[:, i], GREEN, "dashed")]
+
+
+def _contributions(budget: Budget, origin: str) -> Panel:
+    """Waterfall of the variance: each family begins where the one before ends."""
+    order, part = ranked(budget), shares(budget)
+    shown = [k for k in order[:_SHOWN] if part[k] > _LEAST] or order[:1]
+    end = 100.0 * np.cumsum(part[shown])
+    texts = source_texts(budget, shown, origin)
+    rows = [f"{budget.families[k]}" for k in shown]
+    curves = []
+    for group, (name, colour) in _GROUPS.items():
+        own = [row for row, k in enumerate(shown) if budget.families[k].startswith(group)]
+        if own:
+            low = end[own] - 100.0 * part[[shown[row] for row in own]]
+            text = tuple(texts[row] for row in own)
+            curves.append(Curve(name, end[own], np.array(own, dtype=np.float64), colour, "bars", low, text=text))
+    left = len(order) - len(shown)
+    if left:
+        rows.append(f"{left} more")
+        rest = f"{left} more sources, {100.0 - float(end[-1]):.2g} % of the variance together"
+        place = np.array([float(len(shown))])
+        curves.append(Curve("others", np.array([100.0]), place, GREY, "bars", end[-1:], text=(rest,)))
+    gain = saved(budget)[shown[0]]
+    return Panel(
+        "contributions",
+        "What it is made of",
+        "",
+        f"share of the variance of the horizontal error after {budget.time[budget.chosen[-1]]:g} s [%]",
+        tuple(curves),
+        note=f"point at a source: size, law, origin, what halving it saves ({budget.families[shown[0]]}: "
+        f"{number(float(gain))} m)",
+        rows=tuple(rows),
+        height=80 + 24 * len(rows),
+    )
+
+
+def _explained(part: RecordedPart) -> Panel:
+    """Recorded over predicted error at the end, in colour whether it is explained."""
+    rows = [each for each in part.verdicts if each.predicted > 0.0]
+    kinds: dict[str, list[int]] = {}
+    for row, each in enumerate(rows):
+        kinds.setdefault(_kind(each), []).append(row)
+    colours = {"explained": GREEN, "less than predicted": SKY, "not explained": VERMILLION}
+    curves = []
+    for kind, own in kinds.items():
+        ends = np.array([_ratios(rows[row]) for row in own])
+        texts = tuple(_reason(rows[row], part) for row in own)
+        place = np.array(own, dtype=np.float64)
+        curves.append(Curve(kind, ends[:, 1], place, colours[kind], "bars", ends[:, 0], text=texts))
+    dots = [(row, each.recorded / each.predicted) for row, each in enumerate(rows) if np.isfinite(each.recorded)]
+    if dots:
+        at, value = np.array(dots).T
+        curves.append(Curve("recorded / predicted", value, at, BLACK, "points"))
+    return Panel(
+        "explained",
+        f"Explained or not, after {part.growth.length:g} s",
+        "",
+        "recorded RMS, corrected, over predicted sd [-]",
+        tuple(curves),
+        note="bar: 95 % interval; explained if it reaches down to 1 (shaded), or if as few windows may err so much",
+        spans=((0.97, 1.03),),
+        rows=tuple(each.component for each in rows),
+        height=80 + 24 * len(rows),
+    )
+
+
+def _kind(each: Verdict) -> str:
+    if not each.explained:
+        return "not explained"
+    return "less than predicted" if each.cautious else "explained"
+
+
+def _ratios(each: Verdict) -> tuple[float, float]:
+    """Interval of recorded over predicted; the value itself without one."""
+    low, high = (each.low, each.high) if np.isfinite(each.low) else (each.recorded, each.recorded)
+    low, high = (0.0 if not np.isfinite(value) else value / each.predicted for value in (low, high))
+    return low, max(high, low + 0.02)
+
+
+def _reason(each: Verdict, part: RecordedPart) -> str:
+    """Say why an error counts as explained or not."""
+    value = f"{number(each.recorded)} m" if np.isfinite(each.recorded) else below_noise(each.high, " m")
+    interval = (
+        f" ({number(each.low)} … {number(each.high)} m)" if np.isfinite(each.low) and np.isfinite(each.recorded) else ""
+    )
+    head = f"{each.component}: recorded {value}{interval}, predicted {number(each.predicted)} m: {_kind(each)}"
+    if not each.explained:
+        return f"{head}: the stated errors of IMU and fixes do not make it; see the causes below"
+    if each.cautious:
+        return f"{head}: the stated errors are cautious"
+    windows = part.growth.effective
+    return f"{head}: {number(windows, 2)} independent windows cannot tell it from the prediction"
+
+
+def _sources(budget: Budget) -> Panel:
+    """Growth of the largest families alone, on logarithmic axes."""
+    time, shown = budget.time, ranked(budget)[: len(_LINES)]
+    parts: list[tuple[str, FloatArray, str]] = [
+        (budget.families[k], horizontal(budget.covariance.parts[:, k]), colour)
+        for colour, k in zip(_LINES, shown, strict=False)
+    ]
+    total = horizontal(budget.covariance.total)
+    curves = [Curve(name, time, np.where(value > 0.0, value, np.nan), colour) for name, value, colour in parts]
+    return Panel(
+        "sources",
+        "Each source alone",
+        "horizontal error [m]",
+        "time without GPS [s]",
+        (*curves, Curve("all", time, total, BLACK)),
+        link="sources",
+        note="covariance, 1 sd; a straight line of slope 1, 2, 3 grows with t, t², t³",
+        log_x=True,
+        log_y=True,
+        limits=(max(1e-4 * float(total[-1]), 0.5 * float(total[0])), 2.0 * float(total[-1])),
+        height=280,
+    )
