@@ -1,0 +1,32 @@
+"""
+Navigate and explore a drive
+============================
+
+The sample drive: a car in a town, with GPS outages and an exact reference. Nothing is given but the files.
+"""
+
+import insnav
+from insnav.simulate.motion.library import sample_drive
+
+imu, gps, ref = sample_drive()
+drive = insnav.load(imu, gps=gps, ref=ref)
+print(drive)
+
+# %%
+# What was understood is printed; the result says how accurate it is.
+
+run = drive.navigate()
+print(run.summary())
+
+# %%
+# Any figure of the report by its name.
+
+figure = run.plot("position_error")
+
+# %%
+figure = run.plot("track")
+
+# %%
+# Tables are pandas frames, with the unit in the name of each column.
+
+run.to_frame().describe().loc[["min", "mean", "max"], ["height_m", "vn_m_s", "ve_m_s", "heading_deg"]].round(2)
