@@ -13,6 +13,7 @@ SLOW = (
     "tests/cli/test_readme.py",
     "tests/cli/test_simulate.py::test_a_stopped_series",
     "tests/cli/test_simulate.py::test_many_runs",
+    "tests/errors/budget/test_analytic.py::test_noise_is",
     "tests/errors/budget/test_covariance.py::test_the_sum_of_the_parts",
     "tests/errors/budget/test_from_windows.py",
     "tests/faults/test_navigation.py::test_n5_outages",

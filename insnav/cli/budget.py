@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -26,6 +27,7 @@ free-inertial runs. All of it on one page, report.html, and on two of paper, bud
 Examples:
   insnav budget --imu mems.toml
   insnav budget --imu tactical --times 10,60,300
+  insnav budget --imu lab.toml --lat 0 --gravity 9.7803
   insnav budget --imu mems.toml --profile city --runs 500
   insnav budget --imu mems.toml --profile drive.toml --begin 120 --height held
   insnav budget imu.csv --gps gps.csv --imu mems.toml --uncalibrated
@@ -36,9 +38,10 @@ With a recorded drive, free-inertial windows are slid along it, each initialised
 compared with the three predictions and with simulated replicas of the drive, and attributed to tilt, bias and drift by
 their growth (t, t², t³). Windows are as long as the last of --times.
 
-Without a profile or a drive the IMU is stationary, level, heading north, at a latitude of 45 deg: errors of heading,
-scale factor and misalignment show only in motion, with a profile. What the IMU file does not give is taken as zero, and
-listed.
+Without a profile or a drive the IMU is stationary, level, heading north, at a latitude of 45 deg (--heading, --lat,
+--gravity): errors of heading, scale factor and misalignment show only in motion, with a profile. Where attitude errors
+are too large for the linear model 100 runs are simulated, and the headline is theirs. What the IMU file does not give
+is taken as zero, and listed.
 """
 MOTION, WINDOWS = "Motion", "Windows of the recorded drive"
 
@@ -57,7 +60,7 @@ class Vertical(StrEnum):
     held = "held"
 
 
-@takes_data("DRIVE", optional=True, files={"gps": False, "ref": False}, without=("lat", "height"))
+@takes_data("DRIVE", optional=True, files={"gps": False, "ref": False}, without=("height",))
 def budget(
     data: Data,
     uncalibrated: Annotated[
@@ -104,6 +107,10 @@ def budget(
             rich_help_panel=MOTION,
         ),
     ] = None,
+    gravity: Annotated[
+        float | None,
+        typer.Option(metavar="M/S2", help="Gravity of the stationary IMU. [by latitude]", rich_help_panel=MOTION),
+    ] = None,
     begin: Annotated[
         float | None,
         typer.Option(
@@ -144,6 +151,12 @@ def budget(
         raise ConfigError(
             "there is no drive for these fixes", where="DRIVE", fix="give the IMU file of the drive first"
         )
+    place = {"lat": data.inputs.get("lat"), "heading": data.inputs.get("heading"), "gravity": gravity}
+    rest = {name: parse.finite(value, f"--{name}") for name, value in place.items() if value is not None}
+    if data.imu is not None and {"lat", "gravity"} & rest.keys():
+        raise ConfigError("a drive has its own place", where="--lat, --gravity", fix="leave these out, or the drive")
+    if abs(rest.get("lat", 0.0)) > 0.5 * math.pi:
+        raise ConfigError("this is no latitude", where="--lat", fix="give -90 to 90 deg, north positive")
     if data.imu is None and imu is None:
         raise ConfigError("a budget is of an IMU", where="--imu", fix="give an imu.toml, or a preset such as tactical")
     if runs == 1:
@@ -176,7 +189,8 @@ def budget(
             from insnav.imu import load_imu
 
             stage("motion")
-            outcome = budget_of_motion(load_imu(str(imu)), motion_of(profile, begin, settings), settings, progress)
+            motion = motion_of(profile, begin, settings, rest)
+            outcome = budget_of_motion(load_imu(str(imu)), motion, settings, progress)
         found = outcome.found
         note(f"motion: {found.budget.motion}")
         if found.budget.absent:

@@ -14,7 +14,7 @@ import numpy as np
 from insnav.types import FloatArray
 
 Sensor = Literal["gyro", "accel"]
-Process = Literal["constant", "ramp", "white", "random walk", "Gauss-Markov", "flicker"]
+Process = Literal["constant", "ramp", "white", "random walk", "Gauss-Markov", "flicker", "quantisation"]
 Spread = Literal["vector", "diagonal", "off-diagonal", "matrix"]
 Drive = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
@@ -164,7 +164,11 @@ TERMS: tuple[ErrorTerm, ...] = (
         _Of("rate ramp", "deg/h/h", _time, "the bias grows steadily, R: g R t⁴ / 24"),
         _Of("acceleration ramp", "ug/h", _time, "the bias grows steadily, R: R t³ / 6"),
     ),
-    *_term(("quantisation", "quantisation", "white", "vector"), _Of("angle", "arcsec"), _Of("velocity", "m/s")),
+    *_term(
+        ("quantisation", "quantisation", "quantisation", "vector"),
+        _Of("angle", "arcsec", _one, "steps of the angle, white and bounded, Q: g Q √(Δt t³ / 3)"),
+        _Of("velocity", "m/s", _one, "steps of the velocity, white and bounded, Q: Q √(Δt t)"),
+    ),
     *_term(("resolution", "resolution", "white", "vector"), _Of("rate", "deg/s"), _Of("acceleration", "mg")),
     *_term(("range", "end of the range", "constant", "vector"), _Of("rate", "deg/s"), _Of("acceleration", "g")),
     *_term(

@@ -28,10 +28,9 @@ def _transition(x, f_n, dt, hold, f, a):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _entering(f, dt, hold, given, out):  # type: ignore[no-untyped-def]
-    """What a disturbance of attitude and velocity, integrated over a step, is at its end: ``(I + F dt / 2) u``."""
+    """What a disturbance of all nine states, integrated over a step, is at its end: ``(I + F dt / 2) u``."""
     for i in range(3):
-        out[i] = 0.0
-        out[3 + i], out[6 + i] = given[3 + i], given[i]
+        out[i], out[3 + i], out[6 + i] = given[6 + i], given[3 + i], given[i]
     for i in range(NAV):
         total = 0.0
         for k in range(3):
@@ -53,8 +52,8 @@ def sensitivities(x, f_n, dt, given, state, hold, rows, out):  # type: ignore[no
         Mean specific force in n [m/s^2].
     dt : (m,) array
         Steps [s].
-    given : (m, s, 6) array
-        Disturbance of each of s sources, integrated over the step: of the rate of attitude [rad], of velocity [m/s].
+    given : (m, s, 9) array
+        Disturbance of each of s sources, integrated over the step: of attitude [rad], velocity [m/s], position [m].
     state : (s, 9) array
         Errors at the start; changed.
     hold : bool
@@ -87,9 +86,9 @@ def sensitivities(x, f_n, dt, given, state, hold, rows, out):  # type: ignore[no
 @njit(cache=True)
 def _half(p, b, white, drive, dt):  # type: ignore[no-untyped-def]
     """Add half of the noise of a step: one half enters before the transition, one after it."""
-    for i in range(3, NAV):
+    for i in range(NAV):
         share = 0.5 * white / dt * b[i]
-        for j in range(3, NAV):
+        for j in range(NAV):
             p[i, j] += share * b[j]
     p[NAV, NAV] += 0.5 * drive * dt
 
@@ -102,10 +101,10 @@ def noises(x, f_n, dt, given, axis, white, drive, decay, first, hold, rows, out)
     ----------
     x, f_n, dt, hold, rows
         As of `sensitivities`.
-    given : (m, 6, 6) array
-        Disturbance by a unit error of gyros x, y, z and accelerometers x, y, z.
+    given : (m, c, 9) array
+        Disturbance by a unit error in each of c ways, as of `sensitivities`.
     axis : (s,) array of int
-        Which of these six each noise is an error of.
+        In which of these ways each noise enters.
     white, drive, decay, first : (s,) array
         Spectral density of the noise itself, of what drives the process; inverse correlation time [1/s]; variance at
         the start.
@@ -114,19 +113,19 @@ def noises(x, f_n, dt, given, axis, white, drive, decay, first, hold, rows, out)
     """
     n = axis.shape[0]
     f, a = np.empty((NAV, NAV)), np.empty((NAV, NAV))
-    b, c = np.empty((6, NAV)), np.zeros((6, NAV))
+    b, c = np.empty((given.shape[1], NAV)), np.empty((given.shape[1], NAV))
     p, w = np.zeros((n, WIDTH, WIDTH)), np.empty((WIDTH, WIDTH))
     for s in range(n):
         p[s, NAV, NAV] = first[s]
     row = 0
     for k in range(dt.shape[0]):
         _transition(x[k], f_n[k], dt[k], hold, f, a)
-        for i in range(6):
+        for i in range(given.shape[1]):
             _entering(f, dt[k], hold, given[k, i], b[i])
             for j in range(3):
-                c[i, 3 + j], c[i, 6 + j] = given[k, i, 3 + j], given[k, i, j]
+                c[i, j], c[i, 3 + j], c[i, 6 + j] = given[k, i, 6 + j], given[k, i, 3 + j], given[k, i, j]
             if hold:
-                c[i, 5] = 0.0
+                c[i, 2] = c[i, 5] = 0.0
         for s in range(n):
             q, u = p[s], b[axis[s]]
             gone = dt[k] * decay[s]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TypedDict
 
@@ -18,6 +18,7 @@ from insnav.result import Result
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM
 
+RUNS_BEYOND_LINEAR = 100  # simulated where nothing else holds and none were asked for
 LONGEST_FREE = 300.0  # up to here the instability of the vertical channel does no harm [s]
 
 
@@ -45,18 +46,24 @@ class BudgetOptions(TypedDict, total=False):
     hold: bool | None
 
 
-def motion_of(profile: str | None, begin: float | None, settings: BudgetSettings) -> SampledMotion:
+def motion_of(
+    profile: str | None, begin: float | None, settings: BudgetSettings, rest: Mapping[str, float] | None = None
+) -> SampledMotion:
     """Motion of a budget without a recorded drive: a part of a profile, or rest.
 
     `profile`: name or file of a profile; `begin`: start after that of the profile [s]; by default 1 s before it sets
-    off.
-    Raises: ConfigError: a start without a profile, an unknown profile.
+    off; `rest`: place, as `insnav.errors.budget.sampled_motion.at_rest` takes it.
+    Raises: ConfigError: a start without a profile, a place with one, an unknown profile.
     """
     duration = max(settings.times)
     if profile is None:
         if begin is not None:
             raise ConfigError("there is no motion to begin in", where="--begin", fix="it goes with --profile")
-        return at_rest(duration)
+        return at_rest(duration, **(rest or {}))
+    if rest:
+        raise ConfigError(
+            "a profile has its own place", where=f"--{next(iter(rest))}", fix="leave this out, or the profile"
+        )
     chosen = load_profile(profile)
     truth = chosen.truth((settings.seed, MOTION_STREAM))
     start = first_movement(truth) if begin is None else begin
@@ -94,14 +101,19 @@ def _drawn_up(
     progress: Callable[[float], None] | None,
 ) -> Budget:
     hold = max(settings.times) > LONGEST_FREE if settings.hold is None else settings.hold
-    return budget(
-        spec,
-        motion,
-        settings.times,
-        runs=settings.runs,
-        seed=settings.seed,
-        deflection=settings.deflection,
-        hold=hold,
-        known=known,
-        progress=progress,
-    )
+
+    def drawn_up(runs: int) -> Budget:
+        return budget(
+            spec,
+            motion,
+            settings.times,
+            runs=runs,
+            seed=settings.seed,
+            deflection=settings.deflection,
+            hold=hold,
+            known=known,
+            progress=progress,
+        )
+
+    found = drawn_up(settings.runs)
+    return found if found.linear or settings.runs else drawn_up(RUNS_BEYOND_LINEAR)

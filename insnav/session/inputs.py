@@ -219,7 +219,16 @@ INPUTS: dict[str, Input] = {
         "file",
     ),
     "logs": Input("", "FILE", "Logs of further sensors, by name.", AIDING),
-    "lat": Input("--lat", "DEG", "Latitude, north positive. [of the fixes]", START, "number", "deg", -90.0, 90.0),
+    "lat": Input(
+        "--lat",
+        "DEG",
+        "Latitude, north positive. [of the fixes; of a budget at rest 45]",
+        START,
+        "number",
+        "deg",
+        -90.0,
+        90.0,
+    ),
     "height": Input("--height", "M", "Height above the ellipsoid. [0]", START, "number", "m", -1e5, 1e5),
 }
 # further sensors: the key of their log, and their option

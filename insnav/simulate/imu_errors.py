@@ -19,7 +19,7 @@ _VIBRATION_WINDOW = 0.5  # in which the variance of the specific force is taken 
 # by `insnav.imu.corrupt`, or as noise and drift below; any other term of the table needs no code here
 _MADE_ELSEWHERE = {
     *("bias", "scale_factor", "misalignment", *ErrorTerms.__dataclass_fields__),
-    *("bias_instability", "random_walk", "rate_random_walk", "flicker", "rate_ramp"),
+    *("bias_instability", "random_walk", "rate_random_walk", "flicker", "rate_ramp", "quantisation"),
 }
 
 Seed = int | tuple[int, ...]

@@ -51,6 +51,49 @@ def test_imu_alone(cli: Cli):
     assert facts["runs"] is None
 
 
+def test_the_hand_calculation_of_the_laboratory(cli: Cli):
+    """Bias 50 ug of 9.7803 m/s^2, tilt 0.003 deg, drift 0.00806 deg/h: 0.8802 + 0.9218 + 0.0138 = 1.816 m."""
+    terms = {"gyro": 'bias = "0.00806 deg/h"', "accel": 'bias = "0.000489015 m/s^2"', "initial": 'tilt = "0.003 deg"'}
+    text = "".join(f"[{table}]\n{line}\n" for table, line in terms.items())
+    Path("lab.toml").write_text(f'name = "laboratory"\n{text}', encoding="utf-8")
+    shown = cli("budget", "--imu", "lab.toml", "--lat", "0", "--gravity", "9.7803", "--heading", "90", "--json")
+    assert shown.code == 0, shown.err
+    facts = json.loads(shown.out)
+    parts = facts["budget"][-1]["analytic"]["sources"]
+    north = [parts[name]["position_m"][0] for name in ("accel bias", "initial tilt", "gyro bias")]
+    assert [round(value, 4) for value in north] == [0.8802, 0.9218, 0.0138]
+    assert round(sum(north), 3) == 1.816
+    assert facts["gravity_m_s2"] == pytest.approx(9.7803, abs=1e-8)
+    assert "heading 90 deg, at a latitude of 0 deg, where gravity is 9.7803 m/s^2 (height 8 m)" in facts["motion"]
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (("--gravity", "9.0"), "gravity is nowhere 9 m/s^2"),
+        (("--lat", "91"), "no latitude"),
+        (("--lat", "90"), "close to a pole"),
+        (("--lat", "5", "--profile", "city"), "has its own place"),
+    ],
+)
+def test_a_place_that_is_none_is_refused(cli: Cli, options, word):
+    shown = cli("budget", "--imu", "mems.toml", *options)
+    assert shown.code == 2, shown.err
+    assert word in " ".join(shown.err.split())
+
+
+def test_large_attitude_errors_are_simulated_unasked(cli: Cli):
+    shown = cli("budget", "--imu", "consumer", "--times", "30,60", "--json")
+    facts = json.loads(shown.out)
+    last = facts["budget"][-1]
+    assert facts["runs"]["count"] == 100
+    sentence = facts["verdict"]["sentence"]
+    assert float(re.search(r"([\d.]+) m horizontal", sentence)[1]) == pytest.approx(
+        last["simulated"]["horizontal_m"], rel=2e-3
+    )
+    assert "beyond the linear model" in sentence
+
+
 def test_profile_and_runs(cli: Cli):
     options = ("--profile", "city", "--runs", "20", "--times", "10,20", "--seed", "3")
     shown = cli("budget", "--imu", "mems.toml", *options, "--json")

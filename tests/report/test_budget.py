@@ -99,7 +99,7 @@ def test_facts_are_complete_and_json(found):
     assert len(last["covariance"]["worst_position_m"]) == 3
     assert last["covariance"]["worst_horizontal_m"] > last["covariance"]["horizontal_m"]
     assert facts["runs"]["count"] == 30
-    assert len(facts["sources"]) == 89
+    assert len(facts["sources"]) == 95
     assert facts["recorded"] is None
     assert facts["short_form_error"]["bias_and_tilt"] == pytest.approx(-5.1e-5, rel=0.05)
 

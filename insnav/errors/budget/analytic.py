@@ -1,29 +1,39 @@
 """The analytic budget: the short laws applied to a list of sources, with the motion's own integrals where it counts.
 
 Constant errors are integrated along the attitude and the specific force of the motion: at rest this is ``1/2 B t^2``
-and the like to the last digit; turns and accelerations bring in scale factor, misalignment and heading. Noise follows
-the laws of `insnav.errors.budget.laws`.
+and the like to the last digit; turns and accelerations bring in scale factor, misalignment and heading. Noise is
+integrated the same way, pulse by pulse: at rest this gives the laws of `insnav.errors.budget.laws`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
-from insnav.earth import gravity_n, radii
+from insnav.earth import earth_rate_n, gravity_n, radii, transport_rate_n
 from insnav.errors.budget import laws
-from insnav.errors.budget.covariance import at_start, disturbance, processes
+from insnav.errors.budget.covariance import (
+    Steps,
+    at_start,
+    disturbance,
+    integrated,
+    last_step,
+    processes,
+    steps_of,
+    unit_of,
+)
 from insnav.errors.budget.sampled_motion import SampledMotion
-from insnav.errors.budget.sources import BODY, Source
+from insnav.errors.budget.sources import Source
+from insnav.kernels.noise_along_motion import noise_variances
 from insnav.types import FloatArray, IntArray
 
+_STEPS = 1500  # of the integrals of noise
 # how often a constant is integrated on its way to tilt, velocity and position; None: the loop does not touch it
 _ORDERS = {
     "initial velocity": (None, 0, 1),
     "initial tilt": (0, 1, 2),
-    "initial heading": (None, 1, 2),
+    "initial heading": (1, 2, 3),
     "gyro": (1, 2, 3),
     "accel": (None, 1, 2),
     "gravity": (None, 1, 2),
@@ -49,75 +59,84 @@ def analytic(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray,
     Returns: (m, s, 9): of position N, E, D [m], velocity [m/s], attitude [rad]: short forms up to `laws.SHORT`, beyond
     it the closed Schuler forms in the level axes. The vertical channel is that of the short forms at all times.
     """
-    time, g, rate = motion.elapsed[rows - 1], gravity_of(motion), schuler_rate(motion)
+    time, rate = motion.elapsed[rows - 1], schuler_rate(motion)
     out = np.zeros((len(rows), len(sources), 9))
-    force_n, mean_square = motion.force_n, np.cumsum(motion.C_nb**2 * motion.dt[:, None, None], axis=0)
-    along = np.sqrt(mean_square[rows - 1] / time[:, None, None])  # what of axis j points along local axis i
+    steps = steps_of(motion, rows, count=_STEPS, longest=math.inf)
+    at = np.searchsorted(steps.edges, rows)
     for k, source in enumerate(sources):
         if source.sd == 0.0:
             continue
         if source.kind in ("constant", "ramp"):
-            out[:, k] = source.sd * np.abs(_constant(source, motion, force_n)[rows])
+            out[:, k] = source.sd * np.abs(_constant(source, motion)[rows]) * _in_the_loop(source, time, rate)
         else:
-            out[:, k] = _noise(source, motion, rows, force_n, along[:, :, BODY.index(source.axis)], g)
-        out[:, k] *= _in_the_loop(source, time, rate)
+            out[:, k] = _noise(source, motion, steps, at, np.where(time > laws.SHORT, rate, 0.0))
     if hold:
         out[..., [2, 5]] = 0.0
     return out
 
 
-def _constant(source: Source, motion: SampledMotion, force_n: FloatArray) -> FloatArray:
+def _constant(source: Source, motion: SampledMotion) -> FloatArray:
     """Errors by a unit of a constant source at the ends of all samples, ``(n + 1, 9)``.
 
-    ``phi' = -C e_gyro``, ``dv' = f x phi + C e_accel``, ``dp' = dv``.
+    ``phi' = -C e_gyro``, ``dv' = f x phi + C e_accel``, ``dp' = dv``. The rotation of the level axes counts only where
+    it alone lets an error in: heading into the tilt, ``phi' = -w_in x psi``, vertical velocity into the level axes.
     """
     dt = motion.dt[:, None]
     state, given = np.tile(at_start(source), (len(dt) + 1, 1)), disturbance(source, motion)
     phi, velocity, position = state[:, 6:], state[:, 3:6], state[:, :3]
+    heading, lat = state[0, 8], motion.lla[:, 0]
+    w_ie, w_en = earth_rate_n(lat), transport_rate_n(lat, motion.lla[:, 2], motion.v_n)
+    given[:, :3] -= np.cross(w_ie + w_en, [0.0, 0.0, heading])
     phi[1:] += np.cumsum(given[:, :3] * dt, axis=0)
-    push = np.cross(force_n, 0.5 * (phi[1:] + phi[:-1])) + given[:, 3:]
+    push = np.cross(motion.force_n, 0.5 * (phi[1:] + phi[:-1])) + given[:, 3:6]
+    push[:, :2] -= np.cross(2.0 * w_ie + w_en, (np.cumsum(push * dt, axis=0) + velocity[0]) * [0.0, 0.0, 1.0])[:, :2]
     velocity[1:] += np.cumsum(push * dt, axis=0)
     position[1:] += np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt, axis=0)
     return state
 
 
-def _noise(
-    source: Source, motion: SampledMotion, rows: IntArray, force_n: FloatArray, along: FloatArray, g: float
-) -> FloatArray:
+def _noise(source: Source, motion: SampledMotion, steps: Steps, at: IntArray, loop: FloatArray) -> FloatArray:
     """Standard deviations by a noise, ``(m, 9)``.
 
-    White noise follows its law along the mean direction of its axis. A slowly changing bias acts as a constant one on
-    this motion, smaller by the ratio of the two laws.
+    `at` (m,): steps after which they are wanted; `loop` (m,): rate of the Schuler loop, zero for the short forms.
+
+    Notes
+    -----
+    The answers to a pulse at u: a velocity error ``c`` becomes ``(t - u) c`` of position, an attitude error ``a`` lets
+    the specific force into the velocity, ``(F(t) - F(u)) x a`` with F its integral, and so on; their squares, or
+    products with the autocorrelation of the noise, are integrated over u (Papoulis 1991, chapter 10). At rest these are
+    the laws of `insnav.errors.budget.laws`.
     """
-    time = motion.elapsed[rows - 1]
-    orders = (3, 2, 1) if source.group == "gyro" else (2, 1, 0)  # of position, velocity, attitude
-    variance = np.zeros((len(rows), 9))
-    bias = _constant(replace(source, kind="constant", term="bias"), motion, force_n)[rows]
-    for white, drive, decay, first in processes(source, motion):
-        if white > 0.0:
-            variance += (math.sqrt(white) * _white(source.group, time, along, g)) ** 2
-            continue
-        for part, order in enumerate(orders):
-            if first > 0.0:
-                law = math.sqrt(first) * laws.integral(
-                    "Gauss-Markov", max(order, 1), time, 1.0 / decay if decay else np.inf
-                )
-            else:
-                law = math.sqrt(drive) * laws.integral("random walk", max(order, 1), time)
-            share = law / laws.integral("constant", max(order, 1), time)
-            columns = slice(3 * part, 3 * part + 3)
-            variance[:, columns] += (share[:, None] * bias[:, columns]) ** 2
+    dt = steps.dt
+    given = integrated(disturbance(unit_of(source), motion), motion, steps) / dt[:, None]
+    velocity = np.concatenate([np.zeros((1, 3)), np.cumsum(steps.force_n * dt[:, None], axis=0)])
+    position = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt[:, None], axis=0)
+    position = np.concatenate([np.zeros((1, 3)), position])
+    white, drive, decay, first = np.array(processes(source, motion)).T.copy()
+    gone = np.minimum(dt[:, None] * decay, 700.0)
+    tau = 1.0 / np.maximum(decay, 1e-30)
+    gained = np.where(gone > 0.0, -np.expm1(-gone) * tau, dt[:, None])
+    # 2 (x - 1 + exp(-x)) of the step, by its series where that loses digits
+    alone = np.where(gone > 0.01, 2.0 * (gone - 1.0 + np.exp(-gone)) * tau**2, dt[:, None] ** 2 * (1.0 - gone / 3.0))
+    variance = np.empty((len(at), 9))
+    noise_variances(
+        dt,
+        velocity,
+        position,
+        given,
+        loop,
+        at,
+        white,
+        np.where(first > 0.0, 0.0, drive),
+        first,
+        np.exp(-gone),
+        gained,
+        alone,
+        variance,
+    )
+    if source.kind == "quantisation":
+        variance += (source.sd * last_step(source, motion, steps.edges[at], hold=False)) ** 2
     return np.asarray(np.sqrt(variance))
-
-
-def _white(group: str, time: FloatArray, along: FloatArray, g: float) -> FloatArray:
-    """By unit white noise of an axis that points `along` (m, 3) North, East, Down."""
-    once, twice, thrice = (laws.integral("white", order, time)[:, None] for order in (1, 2, 3))
-    if group == "accel":
-        return np.concatenate([along * twice, along * once, 0.0 * along], axis=1)
-    # a tilt about east lets gravity into north, and the other way round
-    level = g * along[:, [1, 0, 2]] * [1.0, 1.0, 0.0]
-    return np.concatenate([level * thrice, level * twice, along * once], axis=1)
 
 
 def _in_the_loop(source: Source, time: FloatArray, rate: float) -> FloatArray:

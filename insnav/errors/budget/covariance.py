@@ -7,10 +7,11 @@ model is linear, so the covariance of everything together is the sum of those of
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from insnav.earth import earth_rate_n, transport_rate_n
 from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.sources import BODY, LOCAL, Source
 from insnav.kernels import error_propagation as _kernel
@@ -48,31 +49,44 @@ class Steps:
     edges: IntArray  # (m + 1,) numbers of the samples they begin with
 
 
-def steps_of(motion: SampledMotion, rows: IntArray) -> Steps:
+def steps_of(motion: SampledMotion, rows: IntArray, count: int = _STEPS, longest: float = LONGEST) -> Steps:
     """Join samples to steps that end where results are wanted.
 
-    `rows` (r,): samples after which results are wanted, increasing.
+    `rows` (r,): samples after which results are wanted, increasing; `count`: how many steps, about; `longest`: [s].
     """
-    step = min(max(float(motion.elapsed[rows[-1] - 1]) / _STEPS, SHORTEST), LONGEST)
+    step = min(max(float(motion.elapsed[rows[-1] - 1]) / count, SHORTEST), longest)
     size = max(1, round(step / float(np.median(motion.dt))))
     edges = np.union1d(np.arange(0, rows[-1], size), np.append(0, rows)).astype(np.int64)
-    count = np.diff(edges)[:, None]
+    samples = np.diff(edges)[:, None]
 
     def mean(values: FloatArray) -> FloatArray:
-        return np.asarray(np.add.reduceat(values[: rows[-1]], edges[:-1], axis=0) / count)
+        return np.asarray(np.add.reduceat(values[: rows[-1]], edges[:-1], axis=0) / samples)
 
     # neither the longitude, of which a mean across the date line is nonsense, nor the attitude enters what follows
-    state = np.concatenate([mean(motion.lla), mean(motion.v_n), np.zeros((len(count), 4))], axis=1)
-    return Steps(state, mean(motion.force_n), mean(motion.dt[:, None])[:, 0] * count[:, 0], edges)
+    state = np.concatenate([mean(motion.lla), mean(motion.v_n), np.zeros((len(samples), 4))], axis=1)
+    return Steps(state, mean(motion.force_n), mean(motion.dt[:, None])[:, 0] * samples[:, 0], edges)
 
 
 def disturbance(source: Source, motion: SampledMotion) -> FloatArray:
     """Errors of attitude and velocity rates by a unit of a source.
 
-    Returns: (n, 6): rate of the attitude error [rad/s] and of the velocity error [m/s^2], North, East, Down, in every
-    sample: ``phi' = ... - C e_gyro``, ``dv' = ... + C e_accel`` (compare Groves 2013, section 14.2.4).
+    Returns: (n, 9): rate of the attitude error [rad/s], of the velocity error [m/s^2] and of the position error [m/s],
+    North, East, Down, in every sample: ``phi' = ... - C e_gyro``, ``dv' = ... + C e_accel`` (compare Groves 2013,
+    section 14.2.4). Quantisation e is of the integral, ``x' = F x + B e'``: what is given is ``F B - B'``, by which e
+    drives ``x - B e``.
     """
-    out = np.zeros((len(motion.dt), 6))
+    out = np.zeros((len(motion.dt), 9))
+    if source.kind == "quantisation":
+        axis = np.eye(3)[BODY.index(source.axis)]
+        along, turning = motion.C_nb @ axis, np.einsum("kij,kj->ki", motion.C_nb, np.cross(motion.rate, axis))
+        if source.group == "gyro":
+            out[:, :3], out[:, 3:6] = turning, -np.cross(motion.force_n, along)
+        else:
+            lat, height = motion.lla[:, 0], motion.lla[:, 2]
+            w = 2.0 * earth_rate_n(lat) + transport_rate_n(lat, height, motion.v_n)
+            out[:, :3], out[:, 3:6] = transport_rate_n(lat, height, along), -turning - np.cross(w, along)
+            out[:, 6:] = along
+        return out
     if source.group == "initial" and not source.joint:
         return out
     if source.group == "gravity":
@@ -82,7 +96,7 @@ def disturbance(source: Source, motion: SampledMotion) -> FloatArray:
     if gyro is not None:
         out[:, :3] = -np.einsum("kij,kj->ki", motion.C_nb, gyro)
     if accel is not None:
-        out[:, 3:] = np.einsum("kij,kj->ki", motion.C_nb, accel)
+        out[:, 3:6] = np.einsum("kij,kj->ki", motion.C_nb, accel)
     return out
 
 
@@ -120,11 +134,11 @@ def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArra
     constant = [i for i in here if sources[i].kind in _CONSTANT]
     noisy = [i for i in here if sources[i].kind not in _CONSTANT]
     if constant:
-        first, given = np.zeros((len(constant), 9)), np.zeros((len(steps.dt), len(constant), 6))
+        first, given = np.zeros((len(constant), 9)), np.zeros((len(steps.dt), len(constant), 9))
         for k, i in enumerate(constant):
             source = sources[i]
             first[k] = source.sd * at_start(source)
-            given[:, k] = source.sd * _integrated(disturbance(source, motion), motion, steps)
+            given[:, k] = source.sd * integrated(disturbance(source, motion), motion, steps)
         if hold:
             first[:, [2, 5]] = 0.0
         found = np.empty((len(rows), len(constant), 9))
@@ -173,7 +187,7 @@ def _initial_state(source: Source) -> int:
     return group + LOCAL.index(source.axis)
 
 
-def _integrated(values: FloatArray, motion: SampledMotion, steps: Steps) -> FloatArray:
+def integrated(values: FloatArray, motion: SampledMotion, steps: Steps) -> FloatArray:
     """Integral of rates of samples over steps."""
     values = (values * motion.dt[:, None])[: steps.edges[-1]]
     return np.asarray(np.add.reduceat(values, steps.edges[:-1], axis=0))
@@ -188,13 +202,13 @@ def _add_noises(
     at: IntArray,
     hold: bool,
 ) -> None:
-    unit = [Source(group, "bias", axis, "constant", 1.0) for group in ("gyro", "accel") for axis in BODY]
-    given = np.stack([_integrated(disturbance(each, motion), motion, steps) for each in unit], axis=1)
+    ways = list(dict.fromkeys(unit_of(sources[i]) for i in noisy))
+    given = np.stack([integrated(disturbance(each, motion), motion, steps) for each in ways], axis=1)
     owner, axis, numbers = [], [], []
     for i in noisy:
         for process in processes(sources[i], motion):
             owner.append(i)
-            axis.append(BODY.index(sources[i].axis) + (3 if sources[i].group == "accel" else 0))
+            axis.append(ways.index(unit_of(sources[i])))
             numbers.append(process)
     white, drive, decay, first = np.array(numbers).T.copy()
     found = np.empty((len(at), len(owner), 9, 9))
@@ -203,6 +217,28 @@ def _add_noises(
     )
     for k, i in enumerate(owner):
         parts[:, i] += found[:, k]
+    for i in noisy:
+        if sources[i].kind == "quantisation":
+            last = sources[i].sd * last_step(sources[i], motion, steps.edges[at], hold)
+            parts[:, i] += last[:, :, None] * last[:, None, :]
+
+
+def unit_of(source: Source) -> Source:
+    """Source of unit size through which a noise enters: a bias of its axis, or the quantisation of it."""
+    if source.kind == "quantisation":
+        return replace(source, sd=1.0)
+    return Source(source.group, "bias", source.axis, "constant", 1.0)
+
+
+def last_step(source: Source, motion: SampledMotion, rows: IntArray, hold: bool) -> FloatArray:
+    """Errors by a unit error of the last step of a quantised integral, ``(m, 9)``."""
+    out = np.zeros((len(rows), 9))
+    along = motion.C_nb[rows - 1, :, BODY.index(source.axis)]
+    if source.group == "gyro":
+        out[:, 6:] = -along
+    else:
+        out[:, 3:6] = along * [1.0, 1.0, 0.0 if hold else 1.0]
+    return out
 
 
 def processes(source: Source, motion: SampledMotion) -> list[tuple[float, float, float, float]]:
@@ -216,6 +252,8 @@ def processes(source: Source, motion: SampledMotion) -> list[tuple[float, float,
         return [(variance, 0.0, 0.0, 0.0)]
     if source.kind == "random walk":
         return [(0.0, variance, 0.0, 0.0)]
+    if source.kind == "quantisation":
+        return [(variance * float(np.median(motion.dt)), 0.0, 0.0, 0.0)]
     if source.kind == "Gauss-Markov":
         return [_markov(variance, source.correlation_time)]
     spacing = float(np.median(motion.dt))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,15 +12,17 @@ from scipy.special import gammaincinv
 
 from insnav.errors.budget import laws
 from insnav.errors.budget.analytic import analytic, gravity_of, schuler_rate
-from insnav.errors.budget.covariance import covariance, worst_case
+from insnav.errors.budget.covariance import covariance, processes, worst_case
 from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.simulated import free_runs
 from insnav.errors.budget.sources import Source, families, left_out, not_given, only, sources_of
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec
 from insnav.types import FloatArray, IntArray
+from insnav.units import DEG
 
 BAND = 0.95  # probability of the bands
+LINEAR = 5.0 * DEG  # attitude errors up to here are small
 SHORTEST, LONGEST = 0.1, 3600.0  # times that a budget is for [s]
 _CURVE = 60  # points of a curve, about
 _ALONE = 200  # runs of each family alone: their RMS is good to 5 %
@@ -98,11 +101,30 @@ class Budget:
     ignored: tuple[str, ...]
     simulated: SimulatedColumn | None = None
     recorded: RecordedColumn | None = None
+    flicker_lowest: float = math.nan  # lowest frequency of the flicker noise [Hz]; NaN if there is none
+
+    @property
+    def linear(self) -> bool:
+        """Whether the attitude errors are small enough for the analytic and the covariance columns."""
+        return bool(self.covariance.total[self.chosen, 6:].max() <= LINEAR)
+
+    @property
+    def headline(self) -> FloatArray:
+        """Standard deviations (m, 9) that hold: of the covariance, or simulated where it is beyond its range."""
+        if self.simulated is None or self.linear:
+            return self.covariance.total
+        return self.simulated.total
 
     def short_form_error(self, time: float) -> tuple[float, float]:
         """Relative error of the short forms after a time, for a bias or tilt and for a gyro bias: true / form - 1."""
         bias, drift = (float(laws.schuler("constant", order, time, self.schuler_rate)) for order in (2, 3))
         return bias - 1.0, drift - 1.0
+
+
+def _lowest(sources: tuple[Source, ...], motion: SampledMotion) -> float:
+    """Lowest frequency of flicker noise [Hz]: that of the slowest of its processes."""
+    decays = [process[2] for s in sources if s.kind == "flicker" and s.sd > 0.0 for process in processes(s, motion)]
+    return min(decays) / (2.0 * math.pi) if decays else math.nan
 
 
 def _is_known(key: str) -> bool:
@@ -163,6 +185,7 @@ def budget(
         schuler_rate=schuler_rate(motion),
         absent=tuple(key for key in not_given(spec) if not (known and _is_known(key))),
         ignored=left_out(spec),
+        flicker_lowest=_lowest(sources, motion),
     )
     if runs == 0:
         return found

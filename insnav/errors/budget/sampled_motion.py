@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 from insnav.attitude import dcm_from_rph
+from insnav.earth import gravity_n
 from insnav.exceptions import ConfigError
 from insnav.kernels.mechanization import POLAR_CAP
 from insnav.simulate.closed_forms import straight
@@ -18,6 +20,7 @@ from insnav.units import DEG
 
 RATE = 100.0  # [Hz]
 REST = np.array([45.0 * DEG, 0.0, 0.0])  # latitude, longitude [rad], height [m] of the stationary motion
+HIGHEST = 1e5  # distance from the ellipsoid at which gravity is looked for [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,14 +87,37 @@ def sampled(truth: Truth, begin: float, duration: float, description: str = "", 
     )
 
 
-def at_rest(duration: float) -> SampledMotion:
-    """Make the default motion of a budget: stationary, level, heading north, at 45 deg of latitude.
+def at_rest(
+    duration: float, lat: float = float(REST[0]), heading: float = 0.0, gravity: float | None = None
+) -> SampledMotion:
+    """Make the default motion of a budget: stationary and level.
 
-    `duration`: length [s].
+    `duration`: length [s]; `lat`, `heading` [rad]; `gravity`: stand at the height that has this gravity [m/s^2], not
+    on the ellipsoid.
+    Raises: ConfigError: gravity that is nowhere near the ellipsoid, or a pole.
     """
-    truth = straight(REST, 0.0, 0.0, duration + 1.0)
-    description = "at rest, level, heading north, at a latitude of 45 deg"
-    return sampled(truth, 0.0, duration, description)
+    height = 0.0 if gravity is None else _height_of(gravity, lat)
+    truth = straight(np.array([lat, 0.0, height]), 0.0, heading, duration + 1.0)
+    toward = "north" if heading == 0.0 else f"{heading / DEG % 360.0:g} deg"
+    at = f"at rest, level, heading {toward}, at a latitude of {lat / DEG:g} deg"
+    where = "" if gravity is None else f", where gravity is {gravity:g} m/s^2 (height {height:.0f} m)"
+    return sampled(truth, 0.0, duration, at + where)
+
+
+def _height_of(gravity: float, lat: float) -> float:
+    """Height [m] at which normal gravity has a size [m/s^2]."""
+
+    def excess(height: float) -> float:
+        return float(np.linalg.norm(gravity_n(lat, height))) - gravity
+
+    if not excess(HIGHEST) < 0.0 < excess(-HIGHEST):
+        raise ConfigError(
+            f"gravity is nowhere {gravity:g} m/s^2 at a latitude of {lat / DEG:g} deg",
+            where="--gravity",
+            why=f"within {HIGHEST / 1e3:g} km of the ellipsoid it is {gravity + excess(HIGHEST):.3f} to "
+            f"{gravity + excess(-HIGHEST):.3f} m/s^2",
+        )
+    return float(brentq(excess, -HIGHEST, HIGHEST, xtol=1e-3))
 
 
 def first_movement(truth: Truth, lead: float = 1.0) -> float:

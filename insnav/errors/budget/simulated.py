@@ -7,6 +7,7 @@ in coning and sculling, which is of second order.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -166,11 +167,15 @@ def _more(
         for term in terms[name]:
             size = getattr(sensor, term.key)
             # a ramp takes its random numbers even if it is zero, so that others stay as they are
-            if term.drive is None or term.process == "flicker" or not (term.process == "ramp" or np.any(size)):
+            elsewhere = term.process in ("flicker", "quantisation")
+            if term.drive is None or elsewhere or not (term.process == "ramp" or np.any(size)):
                 continue
             signal = term.drive(motion.rate[:n], motion.force[:n], since)
             for (shown, driving), number in zip(term.elements, rng.standard_normal(len(term.elements)), strict=True):
                 made[:, 3 * part + shown] += signal[:, driving] * (number * size[shown])
+        if np.any(sensor.quantisation):
+            steps = rng.uniform(-1.0, 1.0, (n, 3)) * (math.sqrt(3.0) * sensor.quantisation)
+            made[:, 3 * part : 3 * part + 3] += np.diff(steps, axis=0, prepend=np.zeros((1, 3))) / motion.dt[:n, None]
         if np.any(sensor.flicker):
             seed = np.random.SeedSequence(int(rng.integers(2**53)))
             made[:, 3 * part : 3 * part + 3] += flicker(seed, elapsed, sensor.flicker)

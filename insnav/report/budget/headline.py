@@ -13,9 +13,7 @@ from insnav.report.numbers import number
 from insnav.report.outage.quantities import BELOW, below_noise
 from insnav.report.page import Light, Section, Verdict
 from insnav.types import FloatArray
-from insnav.units import DEG
 
-LINEAR = 5.0 * DEG  # attitude errors up to here are small
 _SHOWN = 3  # times of the first screen
 
 
@@ -32,11 +30,6 @@ def simulated_matches(budget: Budget, simulated: SimulatedColumn) -> bool:
     return bool(np.all(np.abs(simulated.nees[budget.chosen] - 1.0) < limit))
 
 
-def is_linear(budget: Budget) -> bool:
-    """Whether attitude errors stay so small that the linear model holds."""
-    return float(budget.covariance.total[budget.chosen[-1], 6:].max()) <= LINEAR
-
-
 def verdict(budget: Budget, windows: RecordedBudget | None) -> Verdict:
     """Say the result, and whether it can be relied on."""
     light, reason = _light(budget, windows)
@@ -45,8 +38,10 @@ def verdict(budget: Budget, windows: RecordedBudget | None) -> Verdict:
 
 def _light(budget: Budget, windows: RecordedBudget | None) -> tuple[Light, str]:
     simulated = budget.simulated
-    if not is_linear(budget):
-        return "bad", "attitude errors exceed the linear model"
+    if not budget.linear:
+        if simulated is None:
+            return "bad", "attitude errors exceed the linear model"
+        return "attention", "attitude errors exceed the linear model: only the simulated figure holds"
     if simulated is not None and not simulated_matches(budget, simulated):
         return "bad", "simulated errors do not match the covariance"
     if windows is None:
@@ -70,13 +65,14 @@ def _light(budget: Budget, windows: RecordedBudget | None) -> tuple[Light, str]:
 def sentence(budget: Budget) -> str:
     """Give the horizontal error at the last time, by all ways to it, and its largest source."""
     last = budget.chosen[-1]
-    ways = [f"analytic {number(float(horizontal(budget.analytic.total[last])))}"]
-    ways.append(f"covariance {number(float(horizontal(budget.covariance.total[last])))}")
+    beyond = "" if budget.linear else " (beyond the linear model)"
+    ways = [f"analytic {number(float(horizontal(budget.analytic.total[last])))}{beyond}"]
+    ways.append(f"covariance {number(float(horizontal(budget.covariance.total[last])))}{beyond}")
     if budget.simulated is not None:
         ways.append(f"simulated {number(float(horizontal(budget.simulated.total[last])))}")
     if budget.recorded is not None:
         ways.append(f"recorded {_recorded(budget, len(budget.chosen) - 1)[0]}")
-    whole = number(float(horizontal(budget.covariance.total[last])))
+    whole = number(float(horizontal(budget.headline[last])))
     return (
         f"After {budget.time[last]:g} s without GPS: {whole} m horizontal (1 sd) — {', '.join(ways)}{_largest(budget)}."
     )

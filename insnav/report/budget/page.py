@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -16,7 +17,6 @@ from insnav.quantity import Quantity
 from insnav.report.budget.contributions import ranked, shares
 from insnav.report.budget.headline import (
     estimates_section,
-    is_linear,
     merits,
     simulated_matches,
     verdict,
@@ -143,7 +143,7 @@ def frame(result: Result[BudgetStudy]) -> pd.DataFrame:
 def summary(budget: Budget) -> tuple[str, ...]:
     """Say what the sentence of the verdict leaves out."""
     last = budget.chosen[-1]
-    total = budget.covariance.total[last]
+    total = budget.headline[last]
     part, order = shares(budget), ranked(budget)
     largest = ", ".join(f"{budget.families[k]} {100.0 * part[k]:.0f} %" for k in order[:3] if part[k] >= 0.005)
     down = "held to the reference" if budget.hold else f"{number(total[2])} m"
@@ -156,7 +156,7 @@ def summary(budget: Budget) -> tuple[str, ...]:
 def warnings(budget: Budget) -> tuple[str, ...]:
     """Say what the reader must not overlook."""
     found = []
-    if not is_linear(budget):
+    if not budget.linear:
         attitude = float(budget.covariance.total[budget.chosen[-1], 6:].max())
         found.append(
             f"Attitude error {attitude / DEG:.0f} deg at the end exceeds the linear model: analytic and covariance are "
@@ -198,6 +198,11 @@ def assumptions(budget: Budget) -> tuple[str, ...]:
     ]
     if budget.recorded is not None:
         lines.append(f"recorded: {budget.recorded.description}.")
+    if math.isfinite(budget.flicker_lowest):
+        lines.append(
+            f"Flicker noise is counted from {budget.flicker_lowest:.2g} Hz up (processes as slow as ten lengths of "
+            "the motion): a longer motion has a lower limit, and more of it."
+        )
     if not any(source.sd > 0.0 for source in budget.sources if source.group == "gravity"):
         lines.append("Gravity is that of the model (WGS-84 normal gravity); see --deflection.")
     if budget.simulated is not None:

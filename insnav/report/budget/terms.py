@@ -16,7 +16,7 @@ _OTHERS = {
     "timing offset": ("ms", 0, "late samples: τ times the change of velocity"),
     "timing drift": ("ppm", 0, "samples that come later and later"),
 }
-_POWERS = {0.0: "stays", 1.0: "t", 1.5: "t¹·⁵", 2.0: "t²", 2.5: "t²·⁵", 3.0: "t³", 3.5: "t³·⁵", 4.0: "t⁴"}
+_POWERS = {0.0: "stays", 0.5: "t⁰·⁵", 1.0: "t", 1.5: "t¹·⁵", 2.0: "t²", 2.5: "t²·⁵", 3.0: "t³", 3.5: "t³·⁵", 4.0: "t⁴"}
 
 
 def effect(family: str) -> str:
@@ -40,5 +40,5 @@ def growth(budget: Budget, family: str) -> str:
     if source.group == "timing":
         return "motion"
     order = _OTHERS[family][1] if family in _OTHERS else term_of(family).integrals
-    more = {"ramp": 1.0, "white": -0.5, "random walk": 0.5}.get(source.kind, 0.0)
+    more = {"ramp": 1.0, "white": -0.5, "random walk": 0.5, "quantisation": -1.5}.get(source.kind, 0.0)
     return _POWERS[order + more]

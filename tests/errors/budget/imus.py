@@ -44,6 +44,7 @@ def whole() -> ImuSpec:
     gyro = replace(
         spec.gyro,
         rate_random_walk=_axes(2e-7),
+        quantisation=_axes(2e-5),
         flicker=_axes(0.5 * DEG_PER_H),
         rate_ramp=_axes(1e-7),
         asymmetry=_axes(3e-4),
@@ -53,6 +54,7 @@ def whole() -> ImuSpec:
     accel = replace(
         spec.accel,
         rate_random_walk=_axes(2e-4),
+        quantisation=_axes(5e-3),
         flicker=_axes(80.0 * UG),
         rate_ramp=_axes(1e-4),
         asymmetry=_axes(4e-4),

@@ -47,7 +47,8 @@ def navigated(imu: ImuData, motion: SampledMotion) -> np.ndarray:
 
 def quiet(spec: ImuSpec) -> ImuSpec:
     """Constant errors alone."""
-    none = {key: np.zeros(3) for key in ("bias_instability", "random_walk", "rate_random_walk", "flicker", "rate_ramp")}
+    noises = ("bias_instability", "random_walk", "rate_random_walk", "flicker", "rate_ramp", "quantisation")
+    none = {key: np.zeros(3) for key in noises}
     return ImuSpec("quiet", replace(spec.gyro, **none), replace(spec.accel, **none))
 
 

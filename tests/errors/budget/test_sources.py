@@ -39,18 +39,21 @@ def test_all_sources_of_psins_are_there_and_more():
     count = {name: sum(source.family == name for source in listed) for name in families(listed)}
     assert sum(PSINS.values()) == 39
     assert {name: count[name] for name in PSINS} == PSINS
-    further = {"bias instability", "rate random walk", "flicker noise", "bias ramp", "asymmetry", "non-linearity"}
+    further = {"bias instability", "rate random walk", "flicker noise", "bias ramp", "asymmetry"} | {
+        "non-linearity",
+        "quantisation",
+    }
     assert {f"{group} {term}" for group in ("gyro", "accel") for term in further} <= set(count)
     assert {"gyro g-sensitivity", "gravity model", "timing offset", "timing drift"} <= set(count)
     names = [source.name for source in listed]
-    assert len(set(names)) == len(names) == 89
+    assert len(set(names)) == len(names) == 95
     assert all(source.sd > 0.0 for source in listed)
 
 
 def test_what_is_not_given_is_zero_and_said():
     spec = ImuSpec("bare", SensorSpec(bias=np.full(3, 1e-6)), SensorSpec(), absent=("gyro.random_walk", "accel.bias"))
     listed = sources_of(spec)
-    assert len(listed) == 89
+    assert len(listed) == 95
     assert families(listed) == ("gyro bias",)
     assert set(not_given(spec)) == {
         "gyro.random_walk",
@@ -66,9 +69,9 @@ def test_what_is_not_given_is_zero_and_said():
 def test_what_is_not_in_the_budget_is_said():
     spec = whole()
     assert left_out(spec) == ()
-    other = replace(spec, gyro=replace(spec.gyro, quantisation=np.full(3, 1e-6), range=np.full(3, 5.0)))
+    other = replace(spec, gyro=replace(spec.gyro, resolution=np.full(3, 1e-6), range=np.full(3, 5.0)))
     assert left_out(replace(other, positions=np.eye(3))) == (
-        "gyro quantisation",
+        "gyro resolution",
         "gyro end of the range",
         "places of the accelerometers",
     )
