@@ -16,6 +16,7 @@ SLOW = (
     "tests/errors/budget/test_analytic.py::test_noise_is",
     "tests/errors/budget/test_covariance.py::test_the_sum_of_the_parts",
     "tests/errors/budget/test_from_windows.py",
+    "tests/errors/requirement/test_aided.py::test_the_filter_itself",
     "tests/faults/test_navigation.py::test_n5_outages",
     "tests/filter/test_whole_record.py",
     "tests/lab/test_multi_position.py::test_the_truth_lies_within",

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import TypedDict, Unpack
 
+import numpy as np
+
 from insnav.errors.budget.sampled_motion import REST, first_movement, sampled
+from insnav.errors.requirement.aided import aided_covariances, propagation
 from insnav.errors.requirement.allocation import allocate
 from insnav.errors.requirement.limit import Component, Requirement
+from insnav.errors.requirement.parts import candidates
+from insnav.errors.requirement.remedies import remedies
+from insnav.errors.requirement.sensitivity import start_shares
 from insnav.errors.requirement.study import RequirementStudy
 from insnav.errors.requirement.verification import LARGER, Verified, verify
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec, load_imu
+from insnav.imu.library import completed, find_part, parts
 from insnav.result import Result
 from insnav.session.budget import LONGEST_FREE
 from insnav.session.checked_inputs import one_of
@@ -23,6 +30,10 @@ from insnav.simulate.truth import Truth
 from insnav.units import parse_quantity
 
 BEFORE = 300.0  # GPS before the outage, where the motion is long enough [s]
+HORIZON = 300.0  # of the outage to which errors of real IMUs are followed, where the motion is long enough [s]
+OUTAGES = 5  # all over a motion
+LEAST_BEFORE = 60.0  # GPS in motion before the first of them [s]
+LONGEST_PARTS = 600.0  # outage up to which they are evaluated [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +65,7 @@ class Moving:
 
     truth: Truth
     description: str
+    moves: bool = True  # it is not rest
 
 
 def require(
@@ -118,8 +130,8 @@ def requirement_of(error: str | float, after: str | float, settings: Requirement
 def moving(profile: str | None, settings: RequirementSettings, after: float) -> Moving:
     """Motion of a profile, or rest."""
     if profile is None:
-        truth: Truth = straight(REST, 0.0, 0.0, BEFORE + after + 1.0)
-        return Moving(truth, "at rest, level, heading north, at a latitude of 45 deg")
+        truth: Truth = straight(REST, 0.0, 0.0, BEFORE + max(after, HORIZON) + 1.0)
+        return Moving(truth, "at rest, level, heading north, at a latitude of 45 deg", moves=False)
     chosen = load_profile(profile)
     return Moving(chosen.truth((settings.seed, MOTION_STREAM)), f"{chosen.name} ({chosen.purpose.rstrip('.')})")
 
@@ -165,5 +177,45 @@ def study_of(
             for factor in (1.0, LARGER)
         )
     study = RequirementStudy(required, window.description, "" if given is None else given.name, found, hold, verified)
+    if required.after <= LONGEST_PARTS:
+        study = with_parts(study, motion, outages(motion, required.after, begin, settings), given)
     model = None if given is None else (given, "given")
     return Result("requirement", study, options={**asdict(required), **asdict(settings)}, imu_model=model)
+
+
+def outages(motion: Moving, after: float, begin: float, settings: RequirementSettings) -> list[float]:
+    """When GPS ends in the outages in which IMUs are compared [s]: the one asked for, or some all over the motion."""
+    first = first_movement(motion.truth) + LEAST_BEFORE
+    last = motion.truth.duration - max(after, min(HORIZON, 0.5 * (motion.truth.duration - first)))
+    if settings.begin is not None or not motion.moves or last <= first:
+        return [begin]
+    return [float(each) for each in np.floor(np.linspace(first, last, OUTAGES))]
+
+
+def with_parts(
+    study: RequirementStudy, motion: Moving, begins: Sequence[float], given: ImuSpec | None
+) -> RequirementStudy:
+    """Add which real IMUs meet a requirement after GPS, what helps one that does not, and which figure counts."""
+    required = study.required
+    moved = propagation(motion.truth, begins, max(required.after, HORIZON))
+    listed = candidates(required, moved, parts())
+    failing = [each for each in listed if each.alone.error > required.error]
+    part = find_part((failing or listed[-1:])[0].name if given is None else given.name)
+    spec = given
+    if part is not None and (given is None or given.name == part.name):
+        spec, _ = completed(part, load_imu(part.grade))
+    assert spec is not None
+    helps, elasticities = remedies(required, moved, spec, part)
+    at_end, through = aided_covariances(moved, [spec])
+    last = min(max(round(required.after), 1), moved.length)
+    shares = start_shares(moved, at_end[:, 0], through[:, 0], required.axes, last)
+    return replace(
+        study,
+        begins=moved.begins,
+        time=moved.after,
+        candidates=listed,
+        example=spec.name,
+        remedies=helps,
+        elasticities=elasticities,
+        shares=shares,
+    )

@@ -21,6 +21,21 @@ def test_a_requirement_at_rest(cli: Cli, tmp_path: Path) -> None:
     assert (tmp_path / "r" / "figures" / "allocation.png").is_file()
 
 
+def test_which_parts_keep_a_car_within_5_m_for_30_s(cli: Cli, tmp_path: Path) -> None:
+    out = tmp_path / "r"
+    shown = cli("require", "--error", "5 m", "--after", "30 s", "--profile", "city", "--runs", "0", "--out", str(out))
+    assert shown.code == 0, shown.err
+    assert "IMUs stay within 5 m for 30 s alone" in (out / "report.html").read_text()
+    facts = json.loads((out / "run.json").read_text())
+    rows = {row["part"]: row for row in facts["parts"]}
+    assert len(rows) >= 40
+    assert rows["STIM300"]["alone_meets"] == "yes"
+    assert rows["ADIS16405"]["alone_meets"] == "no"
+    assert rows["STIM300"]["nhc_error_m"] < rows["STIM300"]["alone_error_m"]
+    assert {row["remedy"] for row in facts["remedies"]} >= {"NHC", "odometer", "barometer"}
+    assert sum(row["share_percent"] for row in facts["shapley"]) == pytest.approx(100.0, abs=0.01)
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.interpolate import RegularGridInterpolator
 from scipy.optimize import brentq
 from scipy.special import erf
 from scipy.stats import beta, chi2
@@ -48,6 +50,22 @@ class Requirement:
         """Error that is not exceeded with the probability, of a covariance ``(9, 9)`` or ``(3, 3)`` [m]."""
         chosen = np.asarray(covariance)[np.ix_(self.axes, self.axes)]
         return length_quantile(np.linalg.eigvalsh(chosen).astype(np.float64), self.probability)
+
+    def sizes(self, covariances: FloatArray) -> FloatArray:
+        """As `size` of many covariances ``(..., n, n)``, by a table good to 1e-3."""
+        chosen = np.asarray(covariances)[..., self.axes, :][..., :, self.axes]
+        variances = np.maximum(np.linalg.eigvalsh(chosen)[..., ::-1], 0.0)
+        sd = np.sqrt(np.maximum(variances, 1e-300))
+        if len(self.axes) == 1:
+            return np.asarray(sd[..., 0] * length_quantile(np.ones(1), self.probability))
+        grid, table = _table(len(self.axes), self.probability)
+        ratios = sd[..., 1:] / sd[..., :1]
+        found = RegularGridInterpolator((grid,) * (len(self.axes) - 1), table, method="linear")(ratios)
+        return np.asarray(sd[..., 0] * found)
+
+    def over_outages(self, covariances: FloatArray) -> FloatArray:
+        """As `sizes`, of the mean over outages ``(w, ..., 9, 9)``: the error that is to be expected in any of them."""
+        return self.sizes(np.mean(covariances, axis=0))
 
     def within(self, error: FloatArray) -> FloatArray:
         """Which errors of runs ``(n, 9)`` are within the limit."""
@@ -98,6 +116,15 @@ def length_quantile(variances: FloatArray, probability: float) -> float:
         return float(low * np.sqrt(largest))
     found = brentq(lambda r: length_probability(scaled, r) - probability, 0.99 * low, 1.01 * high, xtol=1e-10)
     return float(found * np.sqrt(largest))
+
+
+@functools.cache
+def _table(axes: int, probability: float) -> tuple[FloatArray, FloatArray]:
+    """Quantile of the length by the ratios of the smaller standard deviations to the largest."""
+    grid = np.linspace(0.0, 1.0, 33 if axes == 2 else 17)
+    ratios = np.stack(np.meshgrid(*(grid,) * (axes - 1), indexing="ij"), axis=-1).reshape(-1, axes - 1)
+    found = [length_quantile(np.append(1.0, ratio**2), probability) for ratio in ratios]
+    return grid, np.array(found).reshape((len(grid),) * (axes - 1))
 
 
 def binomial_interval(count: int, of: int, level: float = 0.95) -> tuple[float, float]:

@@ -5,14 +5,26 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from insnav.errors.requirement.aided import (
+    BAROMETER_SD,
+    HEADING_SD,
+    NHC_SD,
+    ODOMETER_SD,
+    POSITION_SD,
+    VELOCITY_SD,
+    ZUPT_SD,
+)
 from insnav.errors.requirement.allocation import STEEP, TAU, Share
+from insnav.errors.requirement.parts import LIMITS, Candidate
 from insnav.errors.requirement.study import RequirementStudy
 from insnav.errors.requirement.verification import Verified
 from insnav.quantity import Quantity
 from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Page, Section
-from insnav.report.requirement.figures import draw_allocation
+from insnav.report.page import FigureSpec, Light, Page, Section, Verdict
+from insnav.report.requirement.figures import draw_allocation, draw_parts, outages_text, part_panels
 from insnav.result import Result
 from insnav.units import DEG, UNITS
 
@@ -28,17 +40,144 @@ def page(result: Result[RequirementStudy]) -> Page:
     )
     sections = (
         Section("requirement", items=_requirement(study), show="json"),
+        *_parts(study),
         Section(
             "allocation", "How large each error may be, 1 sd", rows=_rows(study), figures=(bars,), note=_how(study)
         ),
         Section("verification", "Simulated runs of the set", rows=_verification(study)),
+        *_example(study),
     )
-    return Page(f"Requirement: {study.required.text}", summary(study), sections, warnings(study), assumptions(study))
+    return Page(
+        f"Requirement: {study.required.text}",
+        summary(study),
+        sections,
+        warnings(study),
+        assumptions(study),
+        verdict=_verdict(study),
+        merits=_merits(study),
+    )
 
 
 def frame(result: Result[RequirementStudy]) -> pd.DataFrame:
     """Give the allocation as a table."""
     return rows_frame(_rows(result.found))
+
+
+def _met(study: RequirementStudy, kind: str) -> list[str]:
+    """Parts that meet the requirement, the least accurate first."""
+    good = [each.name for each in study.candidates if getattr(each, kind).answer in ("yes", "likely")]
+    return good[::-1]
+
+
+def _verdict(study: RequirementStudy) -> Verdict | None:
+    if not study.candidates:
+        return None
+    alone, aided = _met(study, "alone"), _met(study, "nhc")
+    light: Light = "good" if alone else "attention" if aided else "bad"
+    reason = "some IMUs meet it alone" if alone else "only with the NHC" if aided else "none of the library meets it"
+    return Verdict(light, reason, _answer(study))
+
+
+def _merits(study: RequirementStudy) -> tuple[Quantity, ...]:
+    shares = {share.family: share for share in study.allocation.shares}
+    chosen = ("gyro bias", "gyro white noise", "accel bias", "accel white noise")
+    found = tuple(
+        Quantity(name.replace(" ", "_"), shares[name].size, shares[name].unit, meaning=f"{name} in the set")
+        for name in chosen
+        if study.allocation.feasible
+    )
+    counts = (
+        Quantity("parts_alone", len(_met(study, "alone")), meaning="IMUs that meet it alone"),
+        Quantity("parts_nhc", len(_met(study, "nhc")), meaning="with NHC"),
+    )
+    return (*counts, *found) if study.candidates else found
+
+
+def _answer(study: RequirementStudy) -> str:
+    """Which parts meet the requirement, in a sentence."""
+    alone, aided = _met(study, "alone"), _met(study, "nhc")
+    more = [name for name in aided if name not in alone]
+    count, required = len(study.candidates), study.required
+    said = f"{len(alone)} of {count} IMUs stay within {required.error:g} m for {required.after:g} s alone"
+    said += f", the least accurate of them {', '.join(alone[:3])}" if alone else ""
+    return f"{said}; {len(aided)} with NHC" + (f", the least accurate {', '.join(more[:3])}." if more else ".")
+
+
+def _parts(study: RequirementStudy) -> tuple[Section, ...]:
+    if not study.candidates:
+        return ()
+    figure = FigureSpec("parts", "Error of every part over time, and the limit", partial(draw_parts, study))
+    note = (
+        "meets: yes, no by figures that documents give; likely, by those of the class for what is missing; open, if "
+        "what is missing were better than the class. Times: when the error exceeds 1, 10, 100 m"
+        + f" (– : not within {study.time[-1]:g} s). Missing: usual figures without a document, see insnav imus PART."
+    )
+    return (
+        Section(
+            "parts",
+            f"Which IMUs meet it, {outages_text(study)}",
+            rows=tuple(_part(study, each) for each in study.candidates),
+            figures=(figure,),
+            panels=part_panels(study),
+            note=note,
+        ),
+    )
+
+
+def _part(study: RequirementStudy, each: Candidate) -> tuple[Quantity, ...]:
+    limit = study.required.error
+    row = [Quantity("part", each.name), Quantity("class", each.grade), Quantity("source", each.provenance)]
+    for key, label, found in (("alone", "alone", each.alone), ("nhc", "NHC", each.nhc)):
+        row += [
+            Quantity(f"{key}_error", found.error, "m", meaning=f"{label}: error"),
+            Quantity(f"{key}_meets", found.answer, meaning="meets"),
+            Quantity(f"{key}_margin", limit / found.error, meaning="limit / error", digits=2),
+            *(
+                Quantity(
+                    f"{key}_time_to_{size:g}_m", time if np.isfinite(time) else None, "s", meaning=f"to {size:g} m"
+                )
+                for size, time in zip(LIMITS, found.reaches, strict=True)
+            ),
+        ]
+    return (*row, Quantity("missing", len(each.missing), meaning="missing"))
+
+
+def _example(study: RequirementStudy) -> tuple[Section, ...]:
+    """What helps one IMU, and which of its errors counts."""
+    if not study.remedies:
+        return ()
+    limit = study.required.error
+    helps = tuple(
+        (
+            Quantity("remedy", each.name, meaning="instead of a better IMU"),
+            Quantity("error", each.error, "m"),
+            Quantity("change", each.ratio - 1.0, "%"),
+            Quantity("meets", each.error <= limit),
+        )
+        for each in study.remedies
+    )
+    halves = tuple(
+        (
+            Quantity("family", each.family, meaning="error"),
+            Quantity("halved", each.halved, "%", meaning="change if it were half as large"),
+            Quantity("elasticity", each.elasticity, digits=2),
+        )
+        for each in sorted(study.elasticities, key=lambda each: each.halved)
+    )
+    shares = tuple(
+        (Quantity("source", name, meaning="error when GPS ends"), Quantity("share", value, "%"))
+        for name, value in sorted(study.shares.items(), key=lambda item: -item[1])
+    )
+    return (
+        Section("remedies", f"What helps {study.example}", rows=helps),
+        Section("elasticity", f"Which figure of {study.example} counts", rows=halves),
+        Section(
+            "shapley",
+            f"What is left when GPS ends, {study.example}: Shapley effects",
+            rows=shares,
+            note="share of the variance with correlations shared fairly (Owen 2014; Song, Nelson and Staum 2016)",
+        ),
+    )
 
 
 def _requirement(study: RequirementStudy) -> tuple[Quantity, ...]:
@@ -145,4 +284,16 @@ def assumptions(study: RequirementStudy) -> tuple[str, ...]:
         "Where a family hardly acts on this motion, its size in the set is where the linear model ends: "
         f"{STEEP / DEG:g} deg of tilt, 5 % of scale.",
         "The vertical channel is held to the reference." if study.hold else "The vertical channel is free.",
+        *(_aided_assumptions(study) if study.candidates else ()),
+    )
+
+
+def _aided_assumptions(study: RequirementStudy) -> tuple[str, ...]:
+    return (
+        f"Real IMUs: covariance of a filter, {outages_text(study)} (fixes of {POSITION_SD:g} m and {VELOCITY_SD:g} m/s "
+        "at 1 Hz, white); --begin chooses one outage. Vibration, temperature changes, mounting and timing are not in "
+        "datasheets: see the field factor in reports/published.md.",
+        f"NHC {NHC_SD:g} m/s, with it ZUPT at the stops of the motion; odometer {ODOMETER_SD:g} m/s and a scale factor "
+        f"that is estimated, ZUPT {ZUPT_SD:g} m/s, barometer {BAROMETER_SD:g} m, each at 1 Hz; two antennas "
+        f"{HEADING_SD / DEG:g} deg. A rate table leaves 50 ppm and 0.1 mrad, nine positions the same and 0.1 mg.",
     )

@@ -1,0 +1,268 @@
+"""Covariance of a filter with GPS before an outage and other aiding in it, for many IMUs on one motion at once.
+
+The whole linear error model of the budget, second by second: what an error does in a second is the same for every
+IMU, only its size is not. The filter is that of Schmidt ("Application of state-space methods to navigation problems",
+Advances in Control Systems 3 (1966) 293-340): it estimates position, velocity, attitude, biases and scale factors, and
+knows of misalignment and g-sensitivity without estimating them, but for the accelerometer misalignment that gravity
+makes a bias of.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.errors.budget.covariance import disturbance, steps_of
+from insnav.errors.budget.sampled_motion import SampledMotion, sampled
+from insnav.errors.budget.sources import BODY, SENSORS, Source
+from insnav.imu import ImuSpec
+from insnav.imu.error_terms import ELEMENTS
+from insnav.kernels import error_propagation as _kernel
+from insnav.simulate.truth import Truth
+from insnav.types import FloatArray, IntArray
+from insnav.units import DEG
+
+RATE = 20.0  # of the samples of the motion [Hz]
+NAV = 9
+# states: navigation, constant bias, in-run bias (both gyro, accel), scale factor (gyro, accel), misalignment (gyro,
+# accel), g-sensitivity; then odometer scale, mounting pitch and yaw, offset of the barometer
+BIAS, IN_RUN, SCALE, MISALIGNED, BY_FORCE, ODOMETER, MOUNTING, BAROMETER = 9, 15, 21, 27, 39, 48, 49, 51
+SENSED, STATES = 48, 52
+# a level accelerometer that is misaligned senses a part of gravity: a filter takes that for bias, and estimates it
+_AS_BIAS = [MISALIGNED + 6 + ELEMENTS["off-diagonal"].index(pair) for pair in ((0, 2), (1, 2))]
+_CONSIDERED = np.setdiff1d(np.arange(MISALIGNED, ODOMETER), _AS_BIAS)
+# what is assumed of GPS before the outage, of the start, and of other aiding, one standard deviation
+POSITION_SD, VELOCITY_SD = 0.02, 0.03  # of fixes [m], [m/s]
+START_TILT, START_HEADING = 1.0 * DEG, 10.0 * DEG
+NHC_SD, ODOMETER_SD, ZUPT_SD, BAROMETER_SD = 0.05, 0.1, 0.02, 0.3  # [m/s], [m/s], [m/s], [m]
+HEADING_SD = 0.2 * DEG  # of two antennas
+_MOUNTING_SD, _ODOMETER_SCALE_SD, _BAROMETER_DRIFT = 1.0 * DEG, 0.02, 0.02  # [m/sqrt(s)]
+_MOVING, _STANDING = 2.0, 0.01  # speed from which on a vehicle has a direction of travel, up to which it stands [m/s]
+
+
+@dataclass(frozen=True, slots=True)
+class Aiding:
+    """Aiding besides the GPS before the outage."""
+
+    nhc: bool = False  # non-holonomic constraint, and ZUPT where a vehicle that moves stands
+    odometer: bool = False
+    barometer: bool = False
+    zupt_every: float = math.inf  # a stop of a second every so many seconds of the outage
+    dual_antenna: bool = False  # heading of two antennas with the fixes
+    before: float = math.inf  # GPS before the outage [s]; all there is if infinite
+
+
+@dataclass(frozen=True, slots=True)
+class Propagation:
+    """What errors do in each second of a motion, and the outages in it."""
+
+    begins: tuple[int, ...]  # seconds in which GPS ends, one an outage
+    length: int  # of every outage [s]
+    by_state: FloatArray  # (k, 9, 48) navigation errors at the end of a second by errors at its start
+    by_noise: FloatArray  # (k, 6, 9, 9) covariance by unit white noise of gyros and accelerometers
+    # attitude (k, 3, 3) and velocity (k, 3) [m/s] at the end of each second
+    C_nb: FloatArray
+    v_n: FloatArray
+
+    @property
+    def after(self) -> FloatArray:
+        """Times of an outage at which there are results, ``(m,)`` [s]; the first is zero."""
+        return np.arange(self.length + 1, dtype=np.float64)
+
+
+def propagation(truth: Truth, begins: Sequence[float], length: float) -> Propagation:
+    """Work out what errors do in each second of a motion, from its start to the end of the last outage.
+
+    `begins`: when GPS ends, after the start of the motion [s], increasing; `length`: of the outages [s].
+    """
+    seconds = [math.floor(begin) for begin in begins]
+    later = min(math.ceil(length), math.floor(truth.duration + 1e-9) - seconds[-1])
+    motion = sampled(truth, begins[-1] - seconds[-1], seconds[-1] + later, rate=RATE)
+    each = round(RATE)
+    count = len(motion.dt) // each
+    ends = each * (1 + np.arange(count))
+    steps = steps_of(motion, ends)
+    sources = _unit_sources()
+    given = np.stack([_per_step(disturbance(source, motion), motion, steps.edges) for source in sources], axis=1)
+    edges = np.searchsorted(steps.edges, np.append(0, ends))
+    by_state, by_noise = np.empty((count, NAV, SENSED)), np.empty((count, 6, NAV, NAV))
+    first = np.concatenate([np.eye(NAV), np.zeros((len(sources), NAV))])
+    nothing, one, zero = np.zeros((len(first), 6)), np.ones(6), np.zeros(6)
+    for k in range(count):
+        part = slice(edges[k], edges[k + 1])
+        x, force, dt = steps.state[part], steps.force_n[part], steps.dt[part]
+        inner = np.broadcast_to(nothing, (len(dt), *nothing.shape)).copy()
+        inner[:, NAV:] = given[part]
+        row, found = np.array([len(dt)]), np.empty((1, len(first), NAV))
+        _kernel.sensitivities(x, force, dt, inner, first.copy(), False, row, found)
+        by_state[k, :, :IN_RUN] = found[0, :IN_RUN].T
+        by_state[k, :, IN_RUN:SCALE] = found[0, BIAS:IN_RUN].T
+        by_state[k, :, SCALE:] = found[0, IN_RUN:].T
+        noise = np.empty((1, 6, NAV, NAV))
+        six = np.ascontiguousarray(given[part, :6])
+        _kernel.noises(x, force, dt, six, np.arange(6), one, zero, zero, zero, False, row, noise)
+        by_noise[k] = noise[0]
+    C_nb = motion.C_nb[ends - 1]
+    return Propagation(tuple(seconds), later, by_state, by_noise, C_nb, motion.truth.v_n[ends])
+
+
+def _unit_sources() -> list[Source]:
+    """Constant errors of unit size in the order of the states, in-run biases left out."""
+    found = [Source(sensor, "bias", axis, "constant", 1.0) for sensor in SENSORS for axis in BODY]
+    found += [Source(sensor, "scale factor", axis * 2, "constant", 1.0) for sensor in SENSORS for axis in BODY]
+    pairs = [BODY[i] + BODY[j] for i, j in ELEMENTS["off-diagonal"]]
+    found += [Source(sensor, "misalignment", pair, "constant", 1.0) for sensor in SENSORS for pair in pairs]
+    matrix = [BODY[i] + BODY[j] for i, j in ELEMENTS["matrix"]]
+    return [*found, *(Source("gyro", "g-sensitivity", pair, "constant", 1.0) for pair in matrix)]
+
+
+def _per_step(values: FloatArray, motion: SampledMotion, edges: IntArray) -> FloatArray:
+    values = (values * motion.dt[:, None])[: edges[-1]]
+    return np.asarray(np.add.reduceat(values, edges[:-1], axis=0))
+
+
+def start_covariance(spec: ImuSpec) -> FloatArray:
+    """Covariance of all states before the first fix, ``(52, 52)``."""
+    sd = np.zeros(STATES)
+    sd[:3], sd[3:6], sd[6:8], sd[8] = 1.0, 1.0, START_TILT, START_HEADING
+    rows = [i for i, _ in ELEMENTS["off-diagonal"]]
+    for place, sensor in ((0, spec.gyro), (3, spec.accel)):
+        sd[BIAS + place : BIAS + place + 3] = sensor.bias
+        sd[IN_RUN + place : IN_RUN + place + 3] = sensor.bias_instability
+        sd[SCALE + place : SCALE + place + 3] = sensor.scale_factor
+        sd[MISALIGNED + 2 * place : MISALIGNED + 2 * place + 6] = sensor.misalignment[rows]
+    sd[BY_FORCE : BY_FORCE + 9] = spec.gyro.g_sensitivity[[i for i, _ in ELEMENTS["matrix"]]]
+    sd[ODOMETER], sd[MOUNTING : MOUNTING + 2], sd[BAROMETER] = _ODOMETER_SCALE_SD, _MOUNTING_SD, 10.0
+    return np.diag(sd**2)
+
+
+def aided_covariances(
+    moved: Propagation, specs: Sequence[ImuSpec], aiding: Aiding = Aiding()
+) -> tuple[FloatArray, FloatArray]:
+    """Run the filter for every IMU, with GPS through the motion and from each of its seconds `begins` without.
+
+    Returns: (w, b, 52, 52) covariance when GPS ends; (w, b, m, 9, 9) that of the navigation errors through the outages,
+    the first when GPS ends.
+    """
+    process = _process(specs)
+    found, at_end = [], []
+    P, k = _start(specs), 0
+    for begin in moved.begins:
+        if math.isfinite(aiding.before):
+            P, k = _start(specs), max(begin - round(aiding.before), 0)
+        while k < begin:
+            k += 1
+            P = _second(moved, P, k, aiding, process, gps=True)
+        at_end.append(P)
+        Q, through = P, np.empty((len(specs), moved.length + 1, NAV, NAV))
+        through[:, 0] = Q[:, :NAV, :NAV]
+        for m in range(1, moved.length + 1):
+            stop = m % aiding.zupt_every == 0
+            Q = _second(moved, Q, begin + m, aiding, process, gps=False, stop=stop)
+            through[:, m] = Q[:, :NAV, :NAV]
+        found.append(through)
+    return np.stack(at_end), np.stack(found)
+
+
+def _start(specs: Sequence[ImuSpec]) -> FloatArray:
+    return np.stack([start_covariance(spec) for spec in specs])
+
+
+def _second(
+    moved: Propagation,
+    P: FloatArray,
+    k: int,
+    aiding: Aiding,
+    process: tuple[FloatArray, FloatArray, FloatArray],
+    *,
+    gps: bool,
+    stop: bool = False,
+) -> FloatArray:
+    """Covariance at the end of second k, from that at the end of the one before."""
+    P = _predicted(P, moved.by_state[k - 1], moved.by_noise[k - 1], *process)
+    H, R = _measured(moved, k, aiding, gps=gps, stop=stop)
+    return _updated(P, H, R) if len(H) else P
+
+
+def _process(specs: Sequence[ImuSpec]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What is left of each state after a second (b, 52), white noise (b, 6), variance that enters (b, 52)."""
+
+    def both(spec: ImuSpec, key: str) -> FloatArray:
+        return np.concatenate([getattr(spec.gyro, key), getattr(spec.accel, key)])
+
+    keep, drive = np.ones((len(specs), STATES)), np.zeros((len(specs), STATES))
+    white = np.stack([both(spec, "random_walk") ** 2 for spec in specs])
+    for b, spec in enumerate(specs):
+        keep[b, IN_RUN:SCALE] = np.exp(-1.0 / np.repeat([spec.gyro.correlation_time, spec.accel.correlation_time], 3))
+        drive[b, IN_RUN:SCALE] = both(spec, "bias_instability") ** 2 * (1.0 - keep[b, IN_RUN:SCALE] ** 2)
+        drive[b, BIAS:IN_RUN] = both(spec, "rate_random_walk") ** 2
+    drive[:, BAROMETER] = _BAROMETER_DRIFT**2
+    return keep, white, drive
+
+
+def _predicted(
+    P: FloatArray, by_state: FloatArray, by_noise: FloatArray, keep: FloatArray, white: FloatArray, drive: FloatArray
+) -> FloatArray:
+    top = by_state @ P[:, :SENSED, :]
+    out = P * keep[:, :, None] * keep[:, None, :]
+    out[:, :NAV, NAV:] = top[:, :, NAV:] * keep[:, None, NAV:]
+    out[:, NAV:, :NAV] = out[:, :NAV, NAV:].swapaxes(1, 2)
+    out[:, :NAV, :NAV] = top[:, :, :SENSED] @ by_state.T + np.einsum("bs,sij->bij", white, by_noise)
+    rows = np.arange(STATES)
+    out[:, rows, rows] += drive
+    return out
+
+
+def _measured(moved: Propagation, k: int, aiding: Aiding, *, gps: bool, stop: bool) -> tuple[FloatArray, FloatArray]:
+    """Measurements at the end of second k: matrix ``(m, 52)`` and standard deviations ``(m,)``."""
+    rows: list[FloatArray] = []
+    sd: list[float] = []
+
+    def add(size: float, *parts: tuple[int | slice, float | FloatArray]) -> None:
+        row = np.zeros(STATES)
+        for where, value in parts:
+            row[where] = value
+        rows.append(row)
+        sd.append(size)
+
+    C_nb, v_n = moved.C_nb[k - 1], moved.v_n[k - 1]
+    if gps:
+        for axis in range(3):
+            add(POSITION_SD * (1 + axis // 2), (axis, 1.0))
+            add(VELOCITY_SD * (1 + axis // 2), (3 + axis, 1.0))
+        if aiding.dual_antenna:
+            add(HEADING_SD, (8, 1.0))
+    speed = float(np.linalg.norm(v_n))
+    if speed > _MOVING:
+        # C_hat = (I - [phi x]) C: the velocity in body axes is off by C' (dv + phi x v)
+        by_attitude = C_nb.T @ -_cross(v_n)
+        if aiding.nhc:
+            add(NHC_SD, (slice(3, 6), C_nb[:, 1]), (slice(6, 9), by_attitude[1]), (MOUNTING + 1, speed))
+            add(NHC_SD, (slice(3, 6), C_nb[:, 2]), (slice(6, 9), by_attitude[2]), (MOUNTING, -speed))
+        if aiding.odometer:
+            add(ODOMETER_SD, (slice(3, 6), C_nb[:, 0]), (slice(6, 9), by_attitude[0]), (ODOMETER, speed))
+    stands = aiding.nhc and speed < _STANDING and bool(np.any(np.abs(moved.v_n) > _MOVING))
+    if aiding.barometer:
+        add(BAROMETER_SD, (2, 1.0), (BAROMETER, 1.0))
+    if stop or stands:
+        for axis in range(3):
+            add(ZUPT_SD, (3 + axis, 1.0))
+    return np.array(rows).reshape(len(rows), STATES), np.array(sd)
+
+
+def _cross(v: FloatArray) -> FloatArray:
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def _updated(P: FloatArray, H: FloatArray, sd: FloatArray) -> FloatArray:
+    """Update by a gain that leaves what is considered as it is; the covariance holds for any gain."""
+    HP = H @ P
+    S = HP @ H.T + np.diag(sd**2)
+    K = np.linalg.solve(S, HP).swapaxes(1, 2).copy()
+    K[:, _CONSIDERED] = 0.0
+    taken = K @ HP
+    out = P - taken - taken.swapaxes(1, 2) + K @ S @ K.swapaxes(1, 2)
+    return 0.5 * (out + out.swapaxes(1, 2))
