@@ -10,23 +10,20 @@ from matplotlib.figure import Figure
 from insnav.errors.outage.gnss_outage import Outage
 from insnav.errors.outage.statistics import Growth
 from insnav.report.colours import BLACK, BLUE, GREY, SKY, VERMILLION
+from insnav.report.outage.panels import longest_windows, over_time
 from insnav.report.style import (
     legend_above,
     logarithmic,
     stacked,
 )
-from insnav.types import FloatArray
-
-_POINTS = 24  # times at which the windows are summed up
 
 
 def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], reference: str) -> Figure:
     """Draw horizontal and vertical error over the time without fixes."""
-    longest = max(window.length for window in windows)
-    chosen = [window for window in windows if window.length == longest]
+    chosen = longest_windows(windows)
     figure, panels = stacked(
         2,
-        f"Error without GPS: {len(chosen)} windows of {longest:g} s",
+        f"Error without GPS: {len(chosen)} windows of {chosen[0].length:g} s",
         f"against {reference}, whose own error is in all lines; smoothed: where predicted largest",
         height=7.2,
     )
@@ -34,7 +31,7 @@ def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], reference: s
         for number, window in enumerate(chosen):
             size = np.linalg.norm(window.error[:, columns], axis=1)
             axes.plot(window.elapsed, size, color=GREY, linewidth=0.5, alpha=0.5, label="" if number else "each window")
-        time, rms, high, predicted = _over_time(chosen, columns)
+        time, rms, high, predicted = over_time(chosen, columns)
         axes.plot(time, high, color=SKY, linewidth=1.4, label="95 %")
         axes.plot(time, rms, color=BLUE, linewidth=2.0, label="RMS")
         axes.plot(
@@ -58,18 +55,3 @@ def draw_outages(windows: Sequence[Outage], sums: Sequence[Growth], reference: s
     legend_above(panels[0][0])
     panels[-1][0].set_xlabel("time without GPS [s]")
     return figure
-
-
-def _over_time(
-    windows: Sequence[Outage], columns: tuple[int, ...]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """RMS, 95 % quantile and predicted sd of the error, reference errors in all, at logarithmically spaced times."""
-    first = max(float(window.elapsed[0]) for window in windows)
-    time = np.geomspace(max(first, 0.2), windows[0].length, _POINTS)
-    size, sd = np.empty((len(windows), _POINTS)), np.empty((len(windows), _POINTS))
-    for row, window in enumerate(windows):
-        size[row] = np.interp(time, window.elapsed, np.linalg.norm(window.error[:, columns], axis=1))
-        sd[row] = np.interp(
-            time, window.elapsed, np.linalg.norm(np.hypot(window.sd, window.reference_sd)[:, columns], axis=1)
-        )
-    return time, np.sqrt(np.mean(size**2, axis=0)), np.quantile(size, 0.95, axis=0), np.sqrt(np.mean(sd**2, axis=0))

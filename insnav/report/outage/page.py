@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -13,14 +14,17 @@ from insnav.errors.outage.statistics import Growth
 from insnav.errors.outage.study import OutageStudy
 from insnav.quantity import Quantity
 from insnav.report.frames import rows_frame
-from insnav.report.outage.figures import draw_outages
-from insnav.report.outage.quantities import INTERVALS, common_text, corrected
-from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.numbers import number
+from insnav.report.outage.panels import outage_panels
+from insnav.report.outage.quantities import INTERVALS, common_text, corrected, corrected_text
+from insnav.report.page import FigureSpec, Light, Page, Section, Verdict
 from insnav.result import Result
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
+_INSIDE, _FEW_INSIDE = 0.95, 0.8  # shares inside 3 sd from which the stated sd is right, or at least not far off
 _COMPONENTS = {
     "horizontal": "m",
     "vertical": "m",
@@ -34,25 +38,29 @@ _COMPONENTS = {
 def page(result: Result[OutageStudy]) -> Page:
     """Lay out an outage test."""
     study = result.found
-    inside = ", ".join(f"{100.0 * each.inside_at_end:.0f} % of {each.length:g} s" for each in study.growth)
     name = Path(result.inputs["imu"].path).name if "imu" in result.inputs else "a drive"
     rows = tuple(_row(each) for each in study.growth)
-    tables = tuple(_table(component, study.growth) for component in _COMPONENTS)
-    draw = partial(draw_outages, study.windows, study.growth, study.reference)
+    first, *others = (table for component in _COMPONENTS if (table := _table(component, study.growth)).rows)
+    inside = ", ".join(f"{100.0 * each.inside_at_end:.0f} % of {each.length:g} s" for each in study.growth)
     common = tuple(line for line in (common_text(each) for each in study.growth) if line)
+    drawn = Section(
+        "",
+        panels=outage_panels(study.windows, study.growth),
+        figures=(FigureSpec("outages", "Error over the time without GPS", partial(_draw, study)),),
+        show="page",
+    )
     return Page(
-        f"GNSS outage test: {name}",
-        (
-            f"Errors are against {study.reference}, at the end of each window; smoothed: where it is predicted to be "
-            "largest.",
-            f"Inside 3 sd (north, east, down): {inside}.",
-            *common,
-        ),
+        f"GNSS outage test: {name}, {len(study.windows)} windows",
+        (f"Against {study.reference}. Inside 3 sd (north, east, down): {inside}.",),
         (
             Section("outages", rows=rows, show="json"),
-            *(table for table in tables if table.rows),
-            Section("", figures=(FigureSpec("outages", "Error over the time without GPS", draw),), show="page"),
+            first,
+            drawn,
+            *(replace(table, folded=not table.title.startswith("Smoothed horizontal")) for table in others),
         ),
+        warnings=common,
+        verdict=_verdict(study),
+        merits=_merits(study.growth[-1]),
         assumptions=(
             "Each window starts from the filter at its first epoch, with all fixes before and none within.",
             "RMS, 95 % and max are of the difference to the reference, whose own errors are in all three; RMS "
@@ -62,6 +70,59 @@ def page(result: Result[OutageStudy]) -> Page:
             INTERVALS,
         ),
     )
+
+
+def _draw(study: OutageStudy) -> Figure:
+    from insnav.report.outage.figures import draw_outages  # matplotlib is imported only where a figure is asked for
+
+    return draw_outages(study.windows, study.growth, study.reference)
+
+
+def _verdict(study: OutageStudy) -> Verdict:
+    """Say how large errors become in the longest outages, and whether the stated sd can be relied on."""
+    found = study.growth[-1]
+    i, smoothed = found.column("horizontal"), found.column("smoothed horizontal")
+    sizes = [
+        (float(each.corrected[-1, k]), float(each.low[-1, k]), float(each.high[-1, k])) for each, k in _both(found)
+    ]
+    least = min(study.growth, key=lambda each: each.inside_at_end)
+    share = f"{100.0 * least.inside_at_end:.0f} % of the errors after {least.length:g} s are inside 3 sd"
+    light, words = (
+        ("good", "the stated sd can be relied on")
+        if least.inside_at_end >= _INSIDE
+        else ("attention", "the stated sd is too small")
+        if least.inside_at_end >= _FEW_INSIDE
+        else ("bad", "the stated sd is far too small")
+    )
+    text = (
+        f"After {found.length:g} s without GPS: horizontal error {corrected_text(*sizes[0])}, 95 % "
+        f"{number(float(found.p95[-1, i]))} m, predicted {number(float(found.predicted[-1, i]))} m"
+    )
+    if np.isfinite(found.rms[-1, smoothed]):
+        text += f"; smoothed {corrected_text(*sizes[1])}"
+    return Verdict(cast(Light, light), f"{share}: {words}", f"{text}.")
+
+
+def _both(found: Growth) -> list[tuple[Growth, int]]:
+    """Columns of the horizontal error, filtered and smoothed."""
+    return [(found, found.column(name)) for name in ("horizontal", "smoothed horizontal")]
+
+
+def _merits(found: Growth) -> tuple[Quantity, ...]:
+    """Figures of merit of the longest windows, as measured."""
+    wanted = (
+        ("horizontal", found.rms, "horizontal, RMS"),
+        ("horizontal", found.p95, "horizontal, 95 %"),
+        ("vertical", found.rms, "vertical, RMS"),
+        ("heading", found.rms, "heading, RMS"),
+        ("smoothed horizontal", found.rms, "smoothed horizontal, RMS"),
+    )
+    quantities = [
+        Quantity(text.replace(" ", "_"), float(values[-1, found.column(name)]), _COMPONENTS[name], meaning=text)
+        for name, values, text in wanted
+    ]
+    inside = Quantity("inside", f"{100.0 * found.inside_at_end:.0f} %", meaning=f"inside 3 sd, {found.count} windows")
+    return (*quantities, inside)
 
 
 def _row(found: Growth) -> tuple[Quantity, ...]:
@@ -102,15 +163,15 @@ def _table(component: str, growth: Sequence[Growth]) -> Section:
                 ("rms", "RMS", found.rms),
                 ("p95", "95 %", found.p95),
                 ("max", "max", found.largest),
-                ("reference", "reference sd", found.reference),
+                ("reference", "ref. sd", found.reference),
             )
         )
         predicted = Quantity("predicted", float(found.predicted[-1, i]), unit, meaning="predicted sd")
         length = Quantity("length", found.length, "s", meaning="without GPS", digits=2)
         rows.append((length, Quantity("windows", found.count), *measured, corrected(found, i, unit), predicted))
     known = any(np.isfinite(found.rms[-1, found.column(component)]) for found in growth)
-    where = "where it is predicted to be largest" if component.startswith("smoothed") else "at the end"
-    title = f"{component.capitalize()} error {where} of the outage: as measured | reference variance subtracted"
+    where = "where predicted largest" if component.startswith("smoothed") else "at the end of the outage"
+    title = f"{component.capitalize()} error {where}: as measured | corrected for the reference"
     return Section("", title, rows=tuple(rows) if known else ())
 
 

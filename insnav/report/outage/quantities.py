@@ -18,7 +18,7 @@ INTERVALS = (
 _SHARED = 0.25  # share of the mean square that is common to all windows, from which it is said
 
 
-def corrected(found: Growth, i: int, unit: str = "m", meaning: str = "RMS corrected (95 % interval)") -> Quantity:
+def corrected(found: Growth, i: int, unit: str = "m", meaning: str = "RMS corrected (95 %)") -> Quantity:
     """RMS error without the reference at the last time, with its interval; in words where nothing is left."""
     low, high = float(found.low[-1, i]), float(found.high[-1, i])
     if found.below_noise[-1, i]:

@@ -1,0 +1,79 @@
+"""The interactive drawings of a GNSS outage test: errors over the time without GPS, every window behind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from insnav.errors.outage.gnss_outage import Outage
+from insnav.errors.outage.statistics import Growth
+from insnav.report.colours import BLACK, BLUE, GREY, SKY, VERMILLION
+from insnav.report.numbers import number
+from insnav.report.panels import Curve, Panel
+from insnav.types import FloatArray
+
+_POINTS = 24  # times at which the windows are summed up
+_WINDOWS = 80  # drawn one by one
+
+
+def longest_windows(windows: Sequence[Outage]) -> list[Outage]:
+    """Windows of the largest length."""
+    longest = max(window.length for window in windows)
+    return [window for window in windows if window.length == longest]
+
+
+def outage_panels(windows: Sequence[Outage], sums: Sequence[Growth]) -> tuple[Panel, ...]:
+    """Draw horizontal and vertical errors of the longest windows."""
+    chosen = longest_windows(windows)
+    return tuple(_panel(chosen, sums, name, columns) for name, columns in (("horizontal", (0, 1)), ("vertical", (2,))))
+
+
+def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns: tuple[int, ...]) -> Panel:
+    shown = np.linspace(0, len(chosen) - 1, min(_WINDOWS, len(chosen))).astype(int)
+    label = f"each window of {chosen[0].length:g} s"
+    curves = [
+        Curve(label, chosen[row].elapsed, np.linalg.norm(chosen[row].error[:, columns], axis=1), GREY, "thin")
+        for row in shown
+    ]
+    time, rms, high, predicted = over_time(chosen, columns)
+    curves += [
+        Curve("95 %", time, high, SKY),
+        Curve("RMS", time, rms, BLUE),
+        Curve("predicted sd, solution and reference", time, predicted, BLACK, "dashed"),
+    ]
+    smoothed = [(each.length, float(each.corrected[-1, each.column(f"smoothed {name}")])) for each in sums]
+    known = np.array([pair for pair in smoothed if np.isfinite(pair[1])])
+    if len(known):
+        texts = tuple(f"smoothed, {length:g} s: {number(value)} m RMS corrected" for length, value in known)
+        curves.append(Curve("smoothed, RMS corrected", known[:, 0], known[:, 1], VERMILLION, "crosses", text=texts))
+    values = np.concatenate([rms, predicted])
+    least = float(np.nanmin(values[values > 0.0])) if (values > 0.0).any() else 1e-3
+    return Panel(
+        f"outage_{name}",
+        f"{name.capitalize()} error without GPS",
+        f"{name} error [m]",
+        "time without GPS [s]",
+        tuple(curves),
+        link="outage",
+        note="errors of the reference in all lines",
+        log_x=True,
+        log_y=True,
+        limits=(max(0.3 * least, 1e-4), 2.0 * float(np.nanmax(high))),
+        height=280,
+    )
+
+
+def over_time(
+    windows: Sequence[Outage], columns: tuple[int, ...]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """RMS, 95 % quantile and predicted sd of the error, reference errors in all, at logarithmically spaced times."""
+    first = max(float(window.elapsed[0]) for window in windows)
+    time = np.geomspace(max(first, 0.2), windows[0].length, _POINTS)
+    size, sd = np.empty((len(windows), _POINTS)), np.empty((len(windows), _POINTS))
+    for row, window in enumerate(windows):
+        size[row] = np.interp(time, window.elapsed, np.linalg.norm(window.error[:, columns], axis=1))
+        sd[row] = np.interp(
+            time, window.elapsed, np.linalg.norm(np.hypot(window.sd, window.reference_sd)[:, columns], axis=1)
+        )
+    return time, np.sqrt(np.mean(size**2, axis=0)), np.quantile(size, 0.95, axis=0), np.sqrt(np.mean(sd**2, axis=0))

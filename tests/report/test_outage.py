@@ -1,0 +1,50 @@
+"""The page of an outage test: its sentence, its light, its drawings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.errors.outage.statistics import outage_growth
+from insnav.errors.outage.study import OutageStudy
+from insnav.report.numbers import number
+from insnav.report.page import Page, section_tables
+from insnav.report.run_json import page_facts
+from insnav.result import Result
+from tests.errors.outage.test_statistics import outage_windows
+
+
+def page_of(sd: float = 3.0, reference_sd: float = 0.1) -> Page:
+    error = np.random.default_rng(1).standard_normal((60, 6)) * 3.0
+    windows = outage_windows(error, sd, reference_sd, 60)
+    short = [replace(each, length=5.0) for each in windows]
+    study = OutageStudy((*short, *windows), tuple(outage_growth([*short, *windows])), "the truth")
+    return Result("outage", study).page()
+
+
+@pytest.mark.parametrize(("sd", "light"), [(3.0, "good"), (1.3, "attention"), (0.5, "bad")])
+def test_the_light_is_that_of_the_stated_sd(sd: float, light: str):
+    said = page_of(sd).verdict
+    assert said.light == light
+    assert said.sentence.startswith("After 10 s without GPS: horizontal error ")
+    assert f"predicted {number(sd * np.sqrt(2.0))} m" in said.sentence
+
+
+def test_raw_and_corrected_stand_side_by_side():
+    (table,) = (t for s in page_of(reference_sd=2.0).sections for t in section_tables(s) if t.title.startswith("Vert"))
+    row = dict(zip(table.columns, table.rows[-1], strict=True))
+    assert float(row["RMS [m]"]) ** 2 - float(row["ref. sd [m]"]) ** 2 == pytest.approx(
+        float(row["RMS corrected (95 %) [m]"].split()[0]) ** 2, rel=0.02
+    )
+    facts = page_facts(page_of(reference_sd=2.0))["outages"][-1]["vertical_m"]
+    assert facts["rms"] > facts["rms_corrected"] > facts["rms_corrected_low"]
+
+
+def test_every_window_is_drawn_behind_the_sums():
+    panels = page_of().panels
+    assert [panel.key for panel in panels] == ["outage_horizontal", "outage_vertical"]
+    kinds = [curve.kind for curve in panels[0].curves]
+    assert kinds.count("thin") == 60
+    assert panels[0].curves[-1].text[-1].startswith("smoothed, 10 s: ")
