@@ -266,6 +266,7 @@ class EventKind(StrEnum):
     GATE_VELOCITY = "gate.velocity"
     DEWEIGHTED_POSITION = "deweighted.position"
     DEWEIGHTED_VELOCITY = "deweighted.velocity"
+    PART = "filter.part"
     RESET = "filter.reset"
     REPAIR = "filter.repair"
     DIVERGED = "filter.diverged"

@@ -29,6 +29,11 @@ class AidingUpdates:
         self._turned, self._last = np.zeros(4), start
         self._z, self._h, self._r = np.zeros(6), np.zeros((6, estimate.at.states)), np.zeros((6, 6))
 
+    def restart(self, time: float) -> None:
+        """Forget how the body turned before."""
+        self._turned[:] = 0.0
+        self._last = time
+
     def turned(self, inc: Increments, first: int, last: int) -> None:
         """Sum up how the body turned."""
         if self._every is not None:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from insnav.attitude import dcm_from_rph, quat_from_rph
 from insnav.exceptions import DivergenceError
 from insnav.filter.engine import Engine
-from insnav.filter.error_model import ErrorModel, FilterState
+from insnav.filter.error_model import ErrorModel, FilterState, InitialState
+from insnav.filter.parts import Across
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
 from insnav.filter.state_layout import cross_covariance, layout, reset_correlated
 from insnav.kernels import errorstate
+from insnav.kernels.dynamics import NAV
+from insnav.kernels.errorstate import STATES
 from insnav.types import Event, EventKind, FloatArray, Increments
 
 SUBSTEP = 0.1  # longest sub-step of transition and noise: a car turns by less than 6 deg in it [s]
@@ -43,7 +47,7 @@ class Estimate:
         self.motion, self.span = start.motion.copy(), np.zeros(1)
         self.history = History(n) if settings.smooth else None
         self._engine = Engine(start.covariance)
-        self._gps_noise, self._record = settings.correlated, record
+        self._gps_noise, self._record, self._lever_given = settings.correlated, record, settings.lever_b
         self._carried = errorstate.Carried(self.x, self.correction, self.motion, np.zeros(errorstate.SUMS), self.span)
         self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
         self._work = errorstate.scratch(n)
@@ -147,6 +151,49 @@ class Estimate:
         self._engine.replace_covariance(p)
         if self.history is not None:
             self.history.restart(time, self.x, self.correction, p)
+
+    def go_on(self, start: InitialState, span: float) -> None:
+        """Go on after a gap of `span` seconds: position, velocity and attitude from a new alignment.
+
+        Sensor errors, delay and lever arm stay, but for what fades; see `insnav.filter.parts`.
+        """
+        at, n = self.at, self.at.states
+        sensors, across = slice(NAV, STATES), Across.of(start)
+        phi, q = np.eye(n), np.zeros((n, n))
+        phi[:NAV] = 0.0
+        decay, driving = self._noise.decay, self._noise.noise[6:18]
+        fade = np.exp(-decay * span)
+        phi[sensors, sensors] = np.diag(fade)
+        grown = np.where(decay > 0.0, (1.0 - fade**2) / np.where(decay > 0.0, 2.0 * decay, 1.0), span)
+        q[sensors, sensors] = np.diag(driving * grown)
+        if self._gps_noise is not None:
+            lasting = slice(at.correlated, at.correlated + 3)
+            phi[lasting, lasting] = 0.0
+        p = phi @ self.covariance @ phi.T + q
+        phi[:NAV, sensors] = across.slope * fade
+        p[:NAV, NAV:] = across.slope @ p[sensors, NAV:]
+        p[NAV:, :NAV] = p[:NAV, NAV:].T
+        p[:NAV, :NAV] = across.own + across.slope @ p[sensors, sensors] @ across.slope.T
+        x, c = np.concatenate([start.lla, start.v_n, quat_from_rph(start.rph)]), dcm_from_rph(start.rph)
+        # the alignment took sensor errors, delay and lever arm as they were given: by now they are known better
+        error = np.zeros(STATES)
+        error[:NAV] = -across.slope @ (self.correction - np.concatenate([start.gyro_bias, np.zeros(9)]))
+        error[:3] -= start.v_n * self.delay - c @ (self.lever - self._lever_given)
+        errorstate.feed_back(x, self.correction, error)
+        if at.delay >= 0:
+            p[:3, :3] += p[at.delay, at.delay] * np.outer(start.v_n, start.v_n)
+        if at.lever >= 0:
+            p[:3, :3] += p[at.lever, at.lever] * np.eye(3)
+        if self._gps_noise is not None:
+            reset_correlated(p, at.correlated, self._gps_noise.sd)
+            cross_covariance(p, at.correlated, self._gps_noise.sd)
+            self.correlated[:] = 0.0
+        self.x[:] = x
+        self.motion[:] = 0.0
+        self._engine.replace_covariance(p)
+        errorstate.reset_transition(self._phi, self._q, self.span)
+        if self.history is not None:
+            self.history.epoch(start.time, self.x, self.correction, phi, p)
 
     def _take(self, error: FloatArray) -> None:
         """Correct the state by an estimated error (closed loop)."""

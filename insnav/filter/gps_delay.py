@@ -44,6 +44,7 @@ ROUNDS = 3  # of moving the clock
 
 def delay_of(ready: Prepared) -> tuple[float, float]:
     """Delay of the fixes and its standard deviation [s]; the latter is infinite where nothing tells it."""
+    ready = ready.longest_part()
     short = ready.imu.rows(ready.imu.time <= ready.initial.time + LONGEST)
     settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0)
     navigator = replace(ready, settings=settings).navigator()

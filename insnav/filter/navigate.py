@@ -80,7 +80,7 @@ def navigate_recording(
     Raises
     ------
     InputError
-        No fixes, a data gap of more than three seconds, an initial state outside the record.
+        No fixes, or an initial state outside the record.
     AlignmentError
         The data do not determine the attitude.
     DivergenceError

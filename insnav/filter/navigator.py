@@ -8,7 +8,7 @@ samples later.
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from insnav.filter.aiding_updates import AidingUpdates
 from insnav.filter.error_model import ErrorModel, FilterState, InitialState
 from insnav.filter.estimate import Estimate
 from insnav.filter.measurements.measurement import INTERVAL
+from insnav.filter.parts import Part
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import SmoothedErrors
@@ -41,7 +42,8 @@ class Navigator:
     """Loosely coupled INS/GPS filter over a stream of IMU samples.
 
     `start`: to start, or to go on, from; samples and fixes before its time are passed over; `nominal`: sampling
-    interval [s]; `marks`: rows of `gps` after which the whole state is kept, in `kept`, to go on from.
+    interval [s]; `marks`: rows of `gps` after which the whole state is kept, in `kept`, to go on from; `parts`:
+    where to go on after long gaps of the samples.
 
     Examples
     --------
@@ -58,6 +60,7 @@ class Navigator:
         nominal: float,
         settings: FilterSettings | None = None,
         marks: Container[int] = (),
+        parts: Sequence[Part] = (),
     ) -> None:
         settings = settings or FilterSettings()
         if isinstance(start, InitialState):
@@ -84,13 +87,37 @@ class Navigator:
         self._broken = max(BROKEN, 2.5 * often)
         self._rejections: list[float] = []  # times of an unbroken row of rejected positions
         self._tail: ImuData | None = None
+        self._parts = [part for part in parts if part.initial.time > start.time]
 
     def feed(self, imu: ImuData) -> None:
         """Take the next block of samples; what needs later neighbours waits for the next call.
 
         `imu`: samples that follow those of the call before.
         """
+        while self._parts and imu.time[-1] > self._parts[0].after:
+            before = int(np.searchsorted(imu.time, self._parts[0].after, side="right"))
+            if before:
+                self._advance(imu.rows(slice(0, before)), last=False)
+            self._go_on(self._parts.pop(0))
+            imu = imu.rows(slice(before, None))
         self._advance(imu, last=False)
+
+    def _go_on(self, part: Part) -> None:
+        """End a part of the record and begin the next."""
+        if self._tail is not None:
+            self._advance(None, last=True)
+        estimate, start = self._estimate, part.initial
+        if estimate.span[0] > 0.0:
+            estimate.predict(self._done)
+        span = start.time - max(self._done, self._start)
+        self._tail, self._start, self._done = None, start.time, -np.inf
+        self._next = int(np.searchsorted(self._fix_time, start.time + strapdown.TIME_TOLERANCE, side="right"))
+        self._last_good = start.time
+        self._rejections.clear()
+        if self._grid[1] > 0.0:
+            self._grid[:] = start.time, self._grid[1], start.time
+        estimate.go_on(start, span)
+        self._aiding.restart(start.time)
 
     def finish(self) -> Run:
         """Process the samples still waiting and return the result."""

@@ -27,7 +27,7 @@ from insnav.kernels import noise_likelihood as kernel
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import FIX, NOISE, SOURCE, TIME
-from insnav.types import BoolArray, FloatArray, GpsData
+from insnav.types import Alignment, BoolArray, FloatArray, GpsData
 from insnav.units import UNITS
 
 LONGEST = 1800.0  # of the record that is looked at [s]
@@ -115,6 +115,7 @@ class InnovationLikelihood:
     """Innovations of one drive as a function of the noise."""
 
     def __init__(self, ready: Prepared, spec: ImuSpec) -> None:
+        ready = ready.longest_part()
         gps = _thinned(ready.gps)
         self.median_sd: FloatArray = np.median(gps.position_sd, axis=0)
         correlated = ready.settings.correlated
@@ -189,7 +190,10 @@ class InnovationLikelihood:
         model = error_model(self.spec(at), self._states)
         position, velocity, share, time = self.fixes_of(at)
         correlated = CorrelatedNoise(share, time, np.sqrt(share) * position * self.median_sd)
-        start = first_state(_start(self._ready, model, position), replace(self._settings, correlated=correlated))
+        start = first_state(
+            _start(self._ready.initial, self._ready.alignment, self._ready.model, model, position),
+            replace(self._settings, correlated=correlated),
+        )
         mean = np.zeros(start.covariance.shape[0])
         mean[NAV : NAV + 3] = self._ready.initial.gyro_bias - start.correction[:3]
         factor = np.concatenate([np.sqrt(1.0 - share) * position, velocity])
@@ -230,9 +234,10 @@ def cost_of(innovation: FloatArray, variance: FloatArray) -> float:
     return float(np.sum(square) + 0.5 * CLEAN * np.sum(np.log(variance)))
 
 
-def _start(ready: Prepared, model: ErrorModel, factor: FloatArray) -> InitialState:
+def _start(
+    initial: InitialState, alignment: Alignment, before: ErrorModel, model: ErrorModel, factor: FloatArray
+) -> InitialState:
     """Initial state for another error model: alignment errors by the sensor errors change with these, others stay."""
-    initial, alignment = ready.initial, ready.alignment
     variance = np.diag(initial.covariance)
     sd = np.sqrt(variance[:6])
 
@@ -251,7 +256,7 @@ def _start(ready: Prepared, model: ErrorModel, factor: FloatArray) -> InitialSta
         variance: FloatArray = np.diag(tilt(of, np.zeros(3)).covariance)[6:9]
         return variance
 
-    own = np.maximum(alignment.sd**2 - by_sensors(ready.model), 1e-4 * alignment.sd**2)
+    own = np.maximum(alignment.sd**2 - by_sensors(before), 1e-4 * alignment.sd**2)
     return tilt(model, np.sqrt(own + by_sensors(model)))
 
 
@@ -436,7 +441,11 @@ def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
         gps=gps,
         model=model,
         settings=replace(ready.settings, correlated=found.correlated),
-        initial=_start(ready, model, found.position_factor),
+        initial=_start(ready.initial, ready.alignment, ready.model, model, found.position_factor),
+        parts=tuple(
+            replace(part, initial=_start(part.initial, part.alignment, ready.model, model, found.position_factor))
+            for part in ready.parts
+        ),
         notes=(*(each for each in ready.notes if not each.startswith(CORRELATED)), *_words(found)),
         noise=found,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Callable, Container
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -21,20 +21,21 @@ from insnav.filter.gps_correlation import correlated_noise
 from insnav.filter.gps_noise import LAG_WORTH, velocity_lag, with_sd
 from insnav.filter.measurements.height import HeightAiding
 from insnav.filter.navigator import Navigator
+from insnav.filter.parts import LONGEST_GAP, SHORTEST, Part, spans
 from insnav.filter.settings import FilterSettings
 from insnav.imu.health import inspect
 from insnav.imu.specification import ImuSpec
-from insnav.types import Alignment, Event, FloatArray, GpsData, ImuData
+from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData
 
 if TYPE_CHECKING:
     from insnav.filter.noise_identification import NoiseEstimate
 
 STILL_SD = 0.05  # velocity of a vehicle that the alignment found stationary, its engine running [m/s]
-LONGEST_GAP = 3.0  # longest data gap that is bridged: the turn within a longer one is anybody's guess [s]
 JITTER_WORTH = 1e-4  # a smaller scatter of the timestamps is rounding; at 30 m/s it makes 3 mm [s]
 DELAY_SD = 0.05  # how well receivers and loggers agree on time if nothing else is known [s]
 ACCELERATION = 2.0  # vehicles seldom accelerate faster [m/s^2]
 CORRELATED = "time-correlated GPS position errors"
+FEWEST_FIXES = 5  # of a part of the record that is aligned by itself
 START_VELOCITY_SD = 0.1  # lever arm and turn between antenna and IMU at the start, on top of the fix [m/s]
 
 
@@ -67,11 +68,30 @@ class Prepared:
     notes: tuple[str, ...]  # what was found, and what was done about it
     faults: tuple[Event, ...] = ()  # samples that were replaced or taken out
     noise: NoiseEstimate | None = None  # as found in the innovations of the drive
+    parts: tuple[Part, ...] = ()  # where the filter goes on after a long gap of the samples
     clock: float = 0.0  # by which the samples were moved into the time of the fixes [s]: their delay as it was found
 
     def navigator(self, marks: Container[int] = ()) -> Navigator:
         """Filter at the start; see `Navigator` for `marks`."""
-        return Navigator(self.initial, self.model, self.gps, self.alignment, self.nominal, self.settings, marks)
+        return Navigator(
+            self.initial, self.model, self.gps, self.alignment, self.nominal, self.settings, marks, self.parts
+        )
+
+    def unbroken_until(self, time: float) -> float:
+        """End of the part of the record that a time lies in [s]."""
+        return min((part.after for part in self.parts if part.after >= time), default=float(self.imu.time[-1]))
+
+    def longest_part(self) -> Prepared:
+        """The same recording with the samples of its longest part only."""
+        if not self.parts:
+            return self
+        starts = [(self.alignment, self.initial), *((part.alignment, part.initial) for part in self.parts)]
+        ends = [*(part.after for part in self.parts), float(self.imu.time[-1])]
+        number = int(np.argmax([end - initial.time for (_, initial), end in zip(starts, ends, strict=True)]))
+        alignment, initial = starts[number]
+        begin = -np.inf if number == 0 else ends[number - 1]
+        rows = (self.imu.time > begin) & (self.imu.time <= ends[number])
+        return replace(self, imu=self.imu.rows(rows), alignment=alignment, initial=initial, parts=())
 
 
 def prepare(
@@ -93,20 +113,86 @@ def prepare(
     settings, found = _noise_of_fixes(imu, gps, settings, reported=reported)
     model = error_model(spec, states)
     nominal = strapdown.nominal_interval(imu.time)
-    if start is None:
-        good = _good(replace(gps, time=gps.time - settings.delay), settings.gates)
-        parts = strapdown.intervals(_first_part(imu, good), nominal)
-        alignment = align(parts, spec, good, static_span=static_span, heading=heading, yaw=settings.mounting_yaw)
-        initial = _at_fix(alignment, good, model, settings)
-    else:
-        alignment = Alignment(
-            start.time, start.rph, start.attitude_sd, np.zeros(3), np.full(3, np.inf), None, "given", "given"
+    good = _good(replace(gps, time=gps.time - settings.delay), settings.gates) if start is None else gps
+
+    def aligned(some: ImuData, here: GpsData, *, first: bool) -> tuple[Alignment, InitialState]:
+        """Initial state of a part of the record."""
+        if start is not None and first:
+            return _as_given(start, model)
+        inside = static_span is not None and some.time[0] - nominal <= static_span[0] < some.time[-1]
+        found = align(
+            strapdown.intervals(_first_part(some, here), nominal),
+            spec,
+            here,
+            static_span=static_span if first or inside else None,
+            heading=heading if first else None,
+            yaw=settings.mounting_yaw,
         )
-        initial = initial_state(alignment, model, start.lla, start.v_n, start.position_sd, start.velocity_sd)
+        return found, _at_fix(found, here, model, settings)
+
+    imu, parts, told, left_out = _parts(imu, good, aligned, -np.inf if start is None else start.time)
+    alignment, initial = parts[0].alignment, parts[0].initial
+    notes, faults = (*notes, *told), [*faults, *left_out]
     if settings.fixed_height_sd > 0.0:
         level = HeightAiding(np.array([initial.time]), initial.lla[2:], np.array([settings.fixed_height_sd]))
         settings = replace(settings, aiding=(level,))
-    return Prepared(imu, gps, model, settings, alignment, initial, nominal, (*notes, *found), tuple(faults))
+    return Prepared(
+        imu, gps, model, settings, alignment, initial, nominal, (*notes, *found), tuple(faults), parts=parts[1:]
+    )
+
+
+def _as_given(start: Start, model: ErrorModel) -> tuple[Alignment, InitialState]:
+    none, unknown = np.zeros(3), np.full(3, np.inf)
+    alignment = Alignment(start.time, start.rph, start.attitude_sd, none, unknown, None, "given", "given")
+    return alignment, initial_state(alignment, model, start.lla, start.v_n, start.position_sd, start.velocity_sd)
+
+
+def _parts(
+    imu: ImuData, gps: GpsData, aligned: Callable[..., tuple[Alignment, InitialState]], begin_at: float
+) -> tuple[ImuData, tuple[Part, ...], list[str], list[Event]]:
+    """Align the record, and anew after each long gap of the samples.
+
+    `aligned`: of samples and fixes, and whether they are the first part; `begin_at`: earlier parts are passed over [s].
+    Returns: samples of the parts that could be aligned; these parts; notes and events on them, if there is a gap.
+    Raises: AlignmentError: no part can be aligned.
+    """
+    nominal, rows = strapdown.nominal_interval(imu.time), spans(imu)
+    if len(rows) == 1:
+        return imu, (Part(float(imu.time[0]), *aligned(imu, gps, first=True)),), [], []
+    kept = np.zeros(imu.time.shape[0], dtype=np.bool_)
+    parts: list[Part] = []
+    longest = float(np.max(np.diff(imu.time)))
+    notes = [
+        f"the IMU record has {len(rows) - 1} gap{'s' * (len(rows) > 2)} of more than {LONGEST_GAP:g} s, the longest "
+        f"{longest:.1f} s: navigated in parts, each aligned anew; the motion in the gaps is unknown"
+    ]
+    events: list[Event] = []
+    errors: list[AlignmentError] = []
+    for number, span in enumerate(rows, start=1):
+        some = imu.rows(span)
+        begin, end = float(some.time[0]), float(some.time[-1])
+        here = gps.rows((gps.time >= begin - nominal) & (gps.time <= end))
+        after = float(imu.time[kept][-1]) if parts else begin
+        try:
+            if end <= begin_at:
+                raise AlignmentError("it lies before the initial state that is given")
+            if end - begin < SHORTEST or here.time.shape[0] < FEWEST_FIXES:
+                raise AlignmentError(f"it is {end - begin:.1f} s long, with {here.time.shape[0]} fixes")
+            alignment, initial = aligned(some, here, first=not parts)
+        except AlignmentError as error:
+            errors.append(error)
+            told, gap, hint = f"is not navigated: {error.what}", float("nan"), error.why
+        else:
+            parts.append(Part(after, alignment, initial))
+            kept[span] = True
+            sure = f"{alignment.heading_method}, ± {np.rad2deg(alignment.sd[2]):.2g} deg"
+            told = f"is navigated from {initial.time:.1f} s on; level: {alignment.level_method}, heading: {sure}"
+            gap, hint = begin - after, "sensor errors are carried across the gap"
+        notes.append(f"part {number}, {begin:.1f} to {end:.1f} s, {told}")
+        events.append(Event(begin, EventKind.PART, gap, LONGEST_GAP, "s", told, hint))
+    if not parts:
+        raise errors[0]
+    return imu.rows(kept), tuple(parts), notes, events
 
 
 def first_stationary(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
@@ -120,19 +206,14 @@ def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:
     nominal = strapdown.nominal_interval(imu.time)
     if gps.time.shape[0] == 0:
         raise InputError("there is no GPS fix", fix="give a file with fixes")
-    step = np.diff(imu.time)
-    longest = int(np.argmax(step))
-    if step[longest] > LONGEST_GAP:
-        raise InputError(
-            f"the IMU record has a data gap of {step[longest]:.1f} s",
-            where=f"after time {imu.time[longest]:.3f} s",
-            why=f"the attitude is lost in it; up to {LONGEST_GAP:g} s are bridged",
-            fix="cut the file there and navigate the parts one by one",
-        )
-    if start is not None and not imu.time[0] - nominal - strapdown.TIME_TOLERANCE <= start.time < imu.time[-1]:
+    if start is None:
+        return
+    early = nominal + strapdown.TIME_TOLERANCE
+    if not any(imu.time[part][0] - early <= start.time < imu.time[part][-1] for part in spans(imu)):
         raise InputError(
             "the initial state lies outside the IMU record",
-            why=f"it is for {start.time:.3f} s, the samples run from {imu.time[0]:.3f} to {imu.time[-1]:.3f} s",
+            why=f"it is for {start.time:.3f} s, the samples run from {imu.time[0]:.3f} to {imu.time[-1]:.3f} s"
+            + f", in {len(spans(imu))} parts" * (len(spans(imu)) > 1),
             fix="give a state inside the record with --initial, or leave it out: insnav then aligns by itself",
         )
 

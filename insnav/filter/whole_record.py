@@ -25,6 +25,7 @@ from scipy.special import chdtri
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter.gates import Gates, Trust
+from insnav.filter.parts import LONGEST_GAP
 from insnav.filter.settings import FilterSettings
 from insnav.types import BoolArray, EventKind, FloatArray, GpsData, IntArray, Run
 
@@ -80,6 +81,8 @@ def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> Residuals:
     antenna = lla_offset(lla, (dcm_from_rph(track.rph[after]) @ run.lever_b[:, None])[:, :, 0])
     position, velocity = ned_offset(gps.lla, antenna), gps.v_n - v_n
     outside = (time < track.time[0] - ENDS) | (time > track.time[-1] + ENDS)
+    near = np.minimum(time - track.time[after - 1], track.time[after] - time) <= ENDS
+    outside |= (track.time[after] - track.time[after - 1] > LONGEST_GAP) & ~near
     position[outside] = velocity[outside] = np.nan
     sd = track.sd[after]
     return Residuals(

@@ -25,6 +25,9 @@ def _eye() -> FloatArray:
     return np.eye(3)
 
 
+GAP = 1.75  # a spacing so many times the median has lost samples before it
+
+
 @dataclass(frozen=True, slots=True)
 class ImuErrors:
     """Known errors of one IMU: measured = matrix @ true + bias, for the gyros and for the accelerometers.
@@ -76,7 +79,7 @@ class ImuErrors:
 def sample_intervals(imu: ImuData) -> FloatArray:
     """Length of the interval each sample stands for.
 
-    The spacing to the sample before; the first sample, which has none, gets the median spacing.
+    The spacing to the sample before; the first sample, which has none, and those after a gap get the median spacing.
 
     Returns: (n,): interval lengths [s].
     Raises: InputError: fewer than two samples: the spacing is not known.
@@ -84,7 +87,8 @@ def sample_intervals(imu: ImuData) -> FloatArray:
     if imu.time.size < 2:
         raise InputError("the sampling interval needs at least two IMU samples", why=f"there are {imu.time.size}")
     spacing = np.diff(imu.time)
-    return np.concatenate(([np.median(spacing)], spacing))
+    usual = float(np.median(spacing))
+    return np.concatenate(([usual], np.where(spacing > GAP * usual, usual, spacing)))
 
 
 def _bias_scale(imu: ImuData) -> FloatArray | float:

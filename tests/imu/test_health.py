@@ -156,3 +156,13 @@ def test_coarse_steps_at_rest_are_no_fault(imu):
 def test_a_short_record_is_left_alone(imu):
     short = replace(imu, time=imu.time[:10], gyro=imu.gyro[:10] * 0.0, accel=imu.accel[:10])
     assert inspect(short) == (short, [])
+
+
+@pytest.mark.parametrize("sampling", ["increment", "mean"])
+def test_the_sample_after_a_gap_is_no_spike(sampling):
+    """An increment stands for its own interval, not for the gap before it."""
+    imu = drives.perfect_imu(laps=1, sampling=sampling)
+    cut = imu.rows((imu.time <= 1030.0) | (imu.time > 1032.0))
+    found, events = inspect(cut)
+    assert events == []
+    assert found is cut

@@ -82,7 +82,12 @@ def outages(
         reference = reference(drive.run.lever_b)
     solution = drive.run.smoothed.solution
     course = np.column_stack([solution.time - drive.clock, np.unwrap(solution.rph[:, 2])])
-    tasks = [(state, length) for length in lengths for state in drive.states if state.time + length <= end + 1e-6]
+    tasks = [
+        (state, length)
+        for length in lengths
+        for state in drive.states
+        if state.time + length <= min(end, ready.unbroken_until(state.time)) + 1e-6
+    ]
     results: Iterable[Outage | None]
     if workers == 1:
         results = (_window(ready, reference, course, *task) for task in tasks)

@@ -65,7 +65,8 @@ def part_of(ready: Prepared, state: FilterState, length: float) -> Prepared:
 
     `length` [s].
     """
-    first, last = np.searchsorted(ready.imu.time, [state.time - _LEAD, state.time + length + _LEAD])
+    end = min(state.time + length + _LEAD, ready.unbroken_until(state.time) + _SAME)
+    first, last = np.searchsorted(ready.imu.time, [state.time - _LEAD, end])
     return replace(ready, imu=ready.imu.rows(slice(first, last)))
 
 

@@ -80,10 +80,10 @@ def even_record(imu: ImuData) -> EvenRecord:
     Raises InputError: fewer than 100 samples, or no stretch of them.
     """
     _refuse_short(imu.time.size, "the record")
-    step = sample_intervals(imu)
+    step = np.diff(imu.time, prepend=2.0 * imu.time[0] - imu.time[1])
     values = np.hstack([imu.gyro, imu.accel])
     if imu.sampling == "increment":
-        values /= step[:, None]
+        values /= sample_intervals(imu)[:, None]
     time, notes = imu.time, []
     usual = float(np.median(step))
     after = np.flatnonzero(step > GAP * usual)

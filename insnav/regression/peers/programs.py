@@ -13,7 +13,6 @@ import pymap3d
 from insnav.attitude import dcm_from_rph
 from insnav.earth import OMEGA_EARTH, gravity_n
 from insnav.imu import ImuSpec
-from insnav.imu.model import sample_intervals
 from insnav.imu.specification import SensorSpec
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray, GpsData, ImuData, IntArray, Trajectory
@@ -63,7 +62,7 @@ def _bias_walk(sensor: SensorSpec) -> FloatArray:
 
 def _increments(imu: ImuData) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Length of each sampling interval, and angle and velocity increment over it."""
-    step = sample_intervals(imu)
+    step = np.diff(imu.time, prepend=2.0 * imu.time[0] - imu.time[1])
     scale = 1.0 if imu.sampling == "increment" else step[:, None]
     return step, imu.gyro * scale, imu.accel * scale
 
