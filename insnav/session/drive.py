@@ -374,15 +374,15 @@ class Drive:
         for name in options:
             one_of("budget", name, tuple(BudgetOptions.__annotations__))
         settings = replace(settings or BudgetSettings(), **options)
-        ready = self.prepared()
+        ready, spec = self.prepared_with_noise()
         reference = None if self.gps is None or self.reference is None else self._window_reference(self.reference)
         chosen = replace(windows or defaults.WINDOWS, length=float(max(settings.times)), seed=settings.seed)
-        recorded = recorded_budget(ready, self.imu_spec, reference, chosen, progress)
+        recorded = recorded_budget(ready, spec, reference, chosen, progress)
         given = self.readings.inputs.get("imu_model") is not None
         said = () if given else (f"IMU file: none was given; {self.imu_spec.name}: {self.imu_chosen}",)
         recorded = replace(recorded, notes=(*self.notes, *said, *recorded.notes))
         found = budget_of_windows(recorded, settings, progress)
-        return self._result("budget", found, asdict(settings), recorded.notes, self._events(()))
+        return self._result("budget", found, asdict(settings), recorded.notes, self._events(()), spec)
 
     def require(
         self,

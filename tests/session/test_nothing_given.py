@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import insnav
+from insnav.errors.budget.from_windows import WindowSettings
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.exceptions import InputError
 from insnav.imu import load_imu
@@ -54,6 +55,16 @@ def test_the_imu_as_found_can_be_given(result, tmp_path):
     assert again.found.noise is None  # a model that is given is taken as it is
     assert result.found.noise is not None
     assert navigated(imu_model=spec, noise="estimate").found.noise is not None
+
+
+def test_a_budget_uses_the_noise_that_was_found():
+    drive = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", SAMPLE / "ref.csv")
+    found = drive.budget(windows=WindowSettings(replicas=0))
+    assert found.imu_model[0].name == f"{drive.imu_spec.name}, as found"
+    assert any("noise from the innovations" in note for note in found.notes)
+    horizontal = found.found.windows.calibrated.verdicts[-1]
+    assert horizontal.low < horizontal.predicted < horizontal.high
+    assert 0.8 < horizontal.recorded / horizontal.predicted < 1.25  # with the preset 0.5
 
 
 def test_a_lever_arm_of_zero_is_zero():
