@@ -91,6 +91,7 @@ def navigate_platform(
     vertical: Vertical = "off",
     height: FloatArray | None = None,
     errors: PlatformErrors | None = None,
+    gravity: float | None = None,
     every: int = 1,
 ) -> PlatformRun:
     """Integrate the specific force measured on a north-pointing platform.
@@ -116,6 +117,9 @@ def navigate_platform(
         Height [m] for the damping.
     errors : PlatformErrors, optional
         What the platform does wrong. The samples then are those of a platform without these errors.
+    gravity : float, optional
+        Gravity of this size everywhere, straight down [m/s^2]; by default normal gravity, which above the ellipsoid
+        has a part to the north (7 m in ten minutes at a height of 5 km).
     every : int
         Return every so-manieth sample.
 
@@ -149,7 +153,8 @@ def navigate_platform(
     errors = errors or PlatformErrors()
     _refuse_start(lla, v_n, vertical, height, errors)
     if vertical == "off" and len(f_n) and np.isnan(f_n[:, 2]).all():
-        f_n = np.column_stack([f_n[:, :2], np.full(len(f_n), -gravity_n(lla[0], lla[2])[2])])
+        g_down = gravity_n(lla[0], lla[2])[2] if gravity is None else gravity
+        f_n = np.column_stack([f_n[:, :2], np.full(len(f_n), -g_down)])
     samples = np.column_stack([f_n, np.zeros(len(f_n)) if height is None else height])
     _refuse_samples(time, samples)
     mid = np.empty((len(time) - 1, 4))
@@ -163,7 +168,7 @@ def navigate_platform(
         samples,
         mid,
         _VERTICAL[vertical],
-        damping_gains(lla),
+        np.append(damping_gains(lla), np.nan if gravity is None else gravity),
         errors.any,
         np.concatenate([errors.drift, errors.bias]),
         y,

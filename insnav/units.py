@@ -51,6 +51,7 @@ UNITS: dict[str, tuple[str, float]] = {
     "ppm": ("ratio", PPM),
     "%": ("ratio", 1e-2),
     "1": ("ratio", 1.0),
+    "kg": ("mass", 1.0),
     "m": ("length", 1.0),
     "cm": ("length", 1e-2),
     "mm": ("length", 1e-3),

@@ -7,7 +7,7 @@ import math
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -32,6 +32,7 @@ Examples:
   insnav budget --imu mems.toml --profile drive.toml --begin 120 --height held
   insnav budget imu.csv --gps gps.csv --imu mems.toml --uncalibrated
   insnav budget imu.csv --gps gps.csv --lever-arm 0.8,-0.3,-1.2 --ref ref.csv --ref-sd 0.05,0.02
+  insnav budget --end=-2.668,-8.231,-0.0803,-0.2754 --times 60 --gravity 9.7803
   insnav budget --imu mems.toml --json | jq '.budget[-1].covariance.horizontal_m'
 
 With a recorded drive, free-inertial windows are slid along it, each initialised from the filter; their errors are
@@ -128,6 +129,15 @@ def budget(
             rich_help_panel=MOTION,
         ),
     ] = None,
+    end: Annotated[
+        str | None,
+        typer.Option(
+            metavar="N,E,VN,VE",
+            help="Instead of a budget: which tilt, bias or drift explains these errors at the end of a run that "
+            "lasted the last of --times, m and m/s; --ref-sd of the reference. [0.1,0.005]",
+            rich_help_panel=opt.RESULT,
+        ),
+    ] = None,
     runs: Annotated[
         int,
         typer.Option(
@@ -157,6 +167,9 @@ def budget(
         raise ConfigError("a drive has its own place", where="--lat, --gravity", fix="leave these out, or the drive")
     if abs(rest.get("lat", 0.0)) > 0.5 * math.pi:
         raise ConfigError("this is no latitude", where="--lat", fix="give -90 to 90 deg, north positive")
+    if end is not None:
+        _explain(data, end, max(parse.positive_numbers(times, "--times")), rest, (out, force, as_json))
+        return
     if data.imu is None and imu is None:
         raise ConfigError("a budget is of an IMU", where="--imu", fix="give an imu.toml, or a preset such as tactical")
     if runs == 1:
@@ -203,3 +216,34 @@ def budget(
         outcome = replace(outcome, options=data.options)
         where = save_result(outcome, folder)
     result_page(where, outcome.page(), out, as_json=as_json, more=("budget.pdf",))
+
+
+def _explain(data: Data, end: str, time: float, rest: dict[str, float], how: tuple[Path, bool, bool]) -> None:
+    """Explain the error at the end of a run."""
+    from insnav.exceptions import ConfigError
+    from insnav.output.folder import RunFolder
+
+    if data.imu is not None:
+        raise ConfigError("an end given by hand is of no drive", where="--end", fix="leave out the drive, or --end")
+    given = parse.numbers(end, "--end", 4, "-2.668,-8.231,-0.0803,-0.2754")
+    stated: Any = data.inputs.get("ref_sd")
+    sd = (0.1, 0.005) if stated is None else tuple(stated)
+    if len(sd) != 2:
+        raise ConfigError("positions and velocities have a sd each", where="--ref-sd", fix="write --ref-sd 0.1,0.005")
+    out, force, as_json = how
+    with RunFolder(out, force=force) as folder, Stages() as stage:
+        stage("fitting")
+        from insnav.errors.budget.analytic import gravity_of
+        from insnav.errors.budget.sampled_motion import at_rest
+        from insnav.errors.diagnosis.end_of_run import explain_end
+        from insnav.imu import load_imu
+        from insnav.report.budget.end_of_run import end_page
+        from insnav.report.run_json import versions
+        from insnav.report.save import write_page
+
+        imu = data.inputs.get("imu_model")
+        gravity = rest.get("gravity") or gravity_of(at_rest(1.0, **rest))
+        axes = explain_end(time, given[:2], given[2:], *sd)
+        page = end_page(axes, time, gravity, sd, None if imu is None else load_imu(str(imu)))
+        where = write_page(folder, page, {"versions": versions(), "configuration": data.options})
+    result_page(where, page, out, as_json=as_json, more=())

@@ -37,11 +37,16 @@ def vector(text: str, option: str) -> tuple[float, ...]:
     return tuple(_numbers(text, ",", 3, option, "0.136,-0.301,-0.184"))
 
 
-def triple(text: str, option: str, example: str) -> FloatArray:
-    """Three numbers with commas between them, in the unit of the option."""
+def numbers(text: str, option: str, count: int, example: str) -> FloatArray:
+    """So many numbers with commas between them, in the unit of the option."""
     import numpy as np
 
-    return np.array(_numbers(text, ",", 3, option, example))
+    return np.array(_numbers(text, ",", count, option, example))
+
+
+def triple(text: str, option: str, example: str) -> FloatArray:
+    """Three numbers with commas between them, in the unit of the option."""
+    return numbers(text, option, 3, example)
 
 
 def span(text: str, option: str) -> tuple[float, float]:

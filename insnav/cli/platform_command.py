@@ -133,6 +133,14 @@ def platform(
             rich_help_panel=opt.START,
         ),
     ] = VerticalChoice.off,
+    gravity: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M/S2",
+            help="Gravity of this size everywhere, straight down, without a part to the north. [normal gravity]",
+            rich_help_panel=opt.START,
+        ),
+    ] = None,
     integrator: Annotated[
         IntegratorChoice,
         typer.Option(
@@ -206,7 +214,7 @@ def platform(
             for facts in record.facts.values():
                 say_reading(facts)
             stage("navigating")
-            runs = integrate(record, start, errors, vertical=vertical.value, interval=interval)
+            runs = integrate(record, start, errors, vertical=vertical.value, gravity=gravity, interval=interval)
             stage("writing")
             from insnav.errors.platform_errors import PlatformStudy
             from insnav.output.data_files import write_table

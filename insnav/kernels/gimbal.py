@@ -85,12 +85,14 @@ def channel(y, o, fn, fe, fd, height, vertical, gains, d):  # type: ignore[no-un
     kn, ke, kd = 2.0 * en + wn, we, 2.0 * ed + wd
     d[o] = -we
     d[o + 1] = wn / cos_lat
-    d[o + 3] = fn + gravity_north(sin_lat, cos_lat, h) - (ke * vd - kd * ve)
+    normal = np.isnan(gains[3])
+    g_north = gravity_north(sin_lat, cos_lat, h) if normal else 0.0
+    d[o + 3] = fn + g_north - (ke * vd - kd * ve)
     d[o + 4] = fe - (kd * vn - kn * vd)
     d[o + 2] = d[o + 5] = d[o + 6] = 0.0
     if vertical != OFF:
         d[o + 2] = -vd
-        d[o + 5] = fd + gravity_down(sin_lat, h) - (kn * ve - ke * vn)
+        d[o + 5] = fd + (gravity_down(sin_lat, h) if normal else gains[3]) - (kn * ve - ke * vn)
         if vertical == DAMPED:
             above = h - height
             d[o + 2] -= gains[0] * above
@@ -111,8 +113,8 @@ def derivative(y, f, k, vertical, gains, disturbed, errors, d):  # type: ignore[
         Specific force along the true North, East, Down [m/s^2], and height for the damping [m]; row `k` counts.
     vertical : int
         `OFF`, `FREE` or `DAMPED`.
-    gains : (3,) array
-        Of the damping [1/s], [1/s^2], [1/s^3].
+    gains : (4,) array
+        Of the damping [1/s], [1/s^2], [1/s^3]; and gravity straight down [m/s^2], ``NaN`` for normal gravity.
     disturbed : bool
         Whether there are errors; if not, the second half of the state is left alone.
     errors : (6,) array

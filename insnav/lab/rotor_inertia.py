@@ -30,6 +30,7 @@ FALL = (
 PRECESSION = (
     Quantity("period", "precession_period_s", "time", "s", ("precessionperiod", "period", "tp")),
     Quantity("rotor_rate", "rotor_rate_rad_s", "rate", "rad/s", ("rotorrate", "spin", "rotorspeed", "spinrate", "wr")),
+    Quantity("mass", "mass_kg", "mass", "kg", ("mass", "weight", "m")),
 )
 WORST = 0.1  # relative uncertainty of a slope that still is one
 SLOW = 10.0  # the rotor must turn so much faster than it precesses for the formula to hold
@@ -47,6 +48,7 @@ class Inertia:
     x: FloatArray  # (n,) what was fitted: height [m] and squared time [s^2], or period [s] and rotor rate [rad/s]
     y: FloatArray
     warnings: tuple[str, ...]
+    powers: Fit | None = None  # of torque and of spin in the precession rate, where both were changed
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,16 +81,16 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> tuple[BenchT
 
     Raises ConfigError: a mass or length that cannot be.
     """
+    fall, precession = files
+    turns = read_bench(precession, PRECESSION, ("period", "rotor_rate"))
     for name in ("fall_mass", "radius", "mass", "arm"):
         value = getattr(how, name)
+        if name == "mass" and name in turns.columns and value == 0.0:
+            continue
         if not 0.0 < value < 100.0:
             option = f"--{name.replace('_', '-')}"
             raise ConfigError(f"{value:g} cannot be", where=option, fix="give kilograms or metres, above zero")
-    fall, precession = files
-    return (
-        read_bench(fall, FALL, ("height", "fall_time"), alternatives={"fall_time": "time"}),
-        read_bench(precession, PRECESSION, ("period", "rotor_rate")),
-    )
+    return read_bench(fall, FALL, ("height", "fall_time"), alternatives={"fall_time": "time"}), turns
 
 
 def fit(
@@ -98,8 +100,9 @@ def fit(
     falls, turns = record
     time = falls.columns["fall_time" if "fall_time" in falls.columns else "time"]
     first = inertia_from_fall(falls.columns["height"], time, how.fall_mass, how.radius, how.gravity, where=falls.name)
+    mass = turns.columns.get("mass", how.mass)
     second = inertia_from_precession(
-        turns.columns["period"], turns.columns["rotor_rate"], how.mass, how.arm, how.gravity, where=turns.name
+        turns.columns["period"], turns.columns["rotor_rate"], mass, how.arm, how.gravity, where=turns.name
     )
     both = (first, second)
     return Calibration(
@@ -146,15 +149,20 @@ def inertia_from_fall(
 
 
 def inertia_from_precession(
-    period: FloatArray, rate: FloatArray, mass: float, arm: float, gravity: float, *, where: str = ""
+    period: FloatArray, rate: FloatArray, mass: float | FloatArray, arm: float, gravity: float, *, where: str = ""
 ) -> Inertia:
-    """Moment of inertia from precession.
+    """Moment of inertia from precession, one regression over all spins and torques.
 
-    `period` (n,): precession periods [s]; `rate` (n,): rates of the rotor [rad/s]; `mass`: of the added weight [kg];
-    `arm`: its distance from the support [m]; `gravity` [m/s^2].
+    `period` (n,): precession periods [s]; `rate` (n,): rates of the rotor [rad/s]; `mass`: of the added weight [kg],
+    one or (n,); `arm`: its distance from the support [m]; `gravity` [m/s^2]. With several weights the periods fitted
+    are those that their mean would have: the period is as the inverse of the torque.
     Raises: InputError: values that are not positive, too few, or a rotor that is not fast.
     """
-    _positive(where, precession_period=period, rotor_rate=rate)
+    weights = np.broadcast_to(mass, period.shape)
+    _positive(where, precession_period=period, rotor_rate=rate, mass=weights)
+    powers = _powers(period, rate, weights)
+    mass = float(weights.mean())
+    period = period * weights / mass
     ratio = rate * period / (2.0 * math.pi)
     if (ratio < SLOW).any():
         row = int(np.argmin(ratio))
@@ -179,7 +187,18 @@ def inertia_from_precession(
         fit, period, rate, "the rotor slows down, or the gyroscope is not balanced without the weight"
     )
     half = value * relative * coverage_factor(fit.dof)
-    return Inertia("precession", value, value * relative, half, fit, period, rate, warnings)
+    if powers is not None and np.any(np.abs(powers.value[1:] - [1.0, -1.0]) > powers.half_width(0.99)[1:]):
+        shown = " and ".join(f"{p:.3f} ± {s:.2g}" for p, s in zip(powers.value[1:], powers.sd[1:], strict=True))
+        warnings = (*warnings, f"the precession rate is not as torque over spin: powers {shown}, not 1 and -1")
+    return Inertia("precession", value, value * relative, half, fit, period, rate, warnings, powers)
+
+
+def _powers(period: FloatArray, rate: FloatArray, mass: FloatArray) -> Fit | None:
+    """Powers of torque and of spin in the precession rate, 1 and -1 by theory; None where either does not change."""
+    if min(np.unique(mass).size, np.unique(rate).size) < 2 or period.size < 5:
+        return None
+    design = np.column_stack((np.ones_like(period), np.log(mass), np.log(rate)))
+    return linear_fit(design, -np.log(period), ("constant", "power of the torque", "power of the spin"))
 
 
 def agreement(first: Inertia, second: Inertia) -> Agreement:

@@ -92,13 +92,17 @@ def integrate(
     errors: PlatformErrors,
     *,
     vertical: Vertical = "off",
+    gravity: float | None = None,
     interval: float = 0.1,
 ) -> dict[Integrator, PlatformRun]:
     """Integrate a record by every integrator.
 
-    `vertical` {"off", "free", "damped"}: vertical channel; `interval`: time between rows of the solutions [s].
+    `vertical` {"off", "free", "damped"}: vertical channel; `gravity`: of this size everywhere and straight down
+    [m/s^2]; by default normal gravity; `interval`: time between rows of the solutions [s].
     Raises: InputError: no vertical axis, or heights that do not cover the record.
     """
+    if gravity is not None and not 9.5 < gravity < 10.0:  # NaN is not within either
+        raise ConfigError(f"{gravity:g} m/s² is not gravity on the Earth", where="--gravity", fix="9.5 to 10 m/s²")
     time, f_n = record.force.data.time, record.force.data.f_n
     if vertical != "off" and np.isnan(f_n[:, 2]).all():
         raise InputError(
@@ -120,6 +124,7 @@ def integrate(
             vertical=vertical,
             height=height,
             errors=errors,
+            gravity=gravity,
             every=every,
         )
         for name in INTEGRATORS

@@ -67,6 +67,24 @@ def test_the_hand_calculation_of_the_laboratory(cli: Cli):
     assert "heading 90 deg, at a latitude of 0 deg, where gravity is 9.7803 m/s^2 (height 8 m)" in facts["motion"]
 
 
+def test_the_end_of_a_recorded_minute_is_explained(cli: Cli):
+    """-8.231 m with -0.2754 m/s: a pure square of time, 0.47 mrad, nine times the tilt assumed, or 0.47 mg."""
+    Path("lab.toml").write_text('name = "lab"\n[gyro]\nbias = "1 deg/h"\n[initial]\ntilt = "0.003 deg"\n')
+    end = ("--end=-2.668,-8.231,-0.0803,-0.2754", "--gravity", "9.7803", "--imu", "lab.toml")
+    shown = cli("budget", *end, "--json")
+    assert shown.code == 0, shown.err
+    facts = json.loads(shown.out)
+    assert facts["power_of_time"]["east"] == pytest.approx(2.01, abs=0.005)
+    east = {row["cause"]: row for row in facts["causes"] if row["axis"] == "east"}
+    assert [row["explains"] for row in east.values()] == [False, True, True, False]
+    assert abs(east["tilt"]["value_si"]) == pytest.approx(0.47e-3, abs=0.005e-3)
+    assert abs(east["accelerometer bias"]["value_si"]) / 9.80665 == pytest.approx(0.47e-3, abs=0.005e-3)
+    assert east["tilt"]["by_specification"] == pytest.approx(9.0, abs=0.1)
+    assert "0.468 mrad" in facts["summary"][1]
+    shown = cli("budget", "--end", "1,1,0", "--out", "no")
+    assert shown.code == 2
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [

@@ -40,6 +40,21 @@ def test_both_results_and_their_agreement(bench: Path, cli: Cli) -> None:
     assert not Path("calibration/calibration.toml").exists()
 
 
+def test_weights_of_a_column_are_one_regression_over_spin_and_torque(bench: Path, cli: Cli) -> None:
+    period, rate = np.loadtxt("turn.csv", delimiter=",", skiprows=1, unpack=True)
+    mass = 0.05 * (1.0 + np.arange(period.size) % 3)  # one to three weights of 50 g
+    columns = np.column_stack((period * 0.05 / mass, rate, mass))
+    np.savetxt("turn.csv", columns, "%.9g", ",", header="precession_period_s,rotor_rate_rad_s,mass_kg", comments="")
+    shown = cli("calibrate", "rotor", "fall.csv", "turn.csv", *GIVEN[:4], *GIVEN[6:])
+    assert shown.code == 0, shown.err
+    facts = read_facts(Path("calibration"))
+    assert facts["agree"] is True
+    powers = facts["powers"]
+    assert powers["power_of_the_torque"] == pytest.approx(1.0, abs=4.0 * powers["power_of_the_torque_sd"])
+    assert powers["power_of_the_spin"] == pytest.approx(-1.0, abs=4.0 * powers["power_of_the_spin_sd"])
+    assert facts["given"]["mass_kg"] == [0.05, 0.1, 0.15]
+
+
 def test_a_wrong_mass_shows_as_disagreement(bench: Path, cli: Cli) -> None:
     shown = cli("calibrate", "rotor", "fall.csv", "turn.csv", *GIVEN[:5], 0.055, *GIVEN[6:])
     assert shown.code == 0, shown.err

@@ -67,6 +67,24 @@ def test_the_chosen_integrator_is_the_one_written(flight: tuple[str, ...], cli: 
     assert set(facts["largest_difference_to_fourth"]) == {"forward", "backward", "mean"}
 
 
+def test_gravity_straight_down_has_no_part_to_the_north(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli):
+    """Ten minutes at 5 km: 8.08e-9 h sin 2L t^2 / 2 = 7.3 m, which gravity of one size does not have."""
+    monkeypatch.chdir(tmp_path)
+    time = np.arange(0.0, 601.0, 1.0)
+    write_force(Path("rest.csv"), time, np.tile([0.0, 0.0, -9.79], (len(time), 1)))
+    ends = []
+    for number, more in enumerate(((), ("--gravity", "9.79"))):
+        out = f"p{number}"
+        shown = cli("platform", "rest.csv", "--lat", "45", "--lon", "0", "--height", "5000", *more, "--out", out)
+        assert shown.code == 0, shown.err
+        ends.append(np.radians(read_facts(Path(out))["end"]["fourth"]["lat_deg"] - 45.0) * 6.37e6)
+    assert ends[0] == pytest.approx(-7.2, abs=0.2)
+    assert abs(ends[1]) < 0.05
+    refused = cli("platform", "rest.csv", "--lat", "45", "--lon", "0", "--gravity", "98", "--out", "no")
+    assert refused.code == 2
+    assert "--gravity" in refused.err
+
+
 def test_a_damped_vertical_channel_takes_its_height_from_a_file(flight: tuple[str, ...], cli: Cli):
     Path("h.csv").write_text("time_s,height_m\n" + "".join(f"{t},1000\n" for t in range(61)), encoding="utf-8")
     shown = cli("platform", "fw.csv", *flight, "--vertical", "damped", "--height-input", "h.csv", "--ref", "ref.csv")

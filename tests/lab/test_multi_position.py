@@ -65,6 +65,17 @@ def test_without_noise_the_truth_is_found() -> None:
     np.testing.assert_allclose(found.g_sensitivity, G_SENSITIVITY, atol=1e-9)
 
 
+def test_a_covariance_without_noise_has_steps_too() -> None:
+    """Zero, or singular to round-off, where no factor of Cholesky exists; else the same outer products."""
+    from insnav.lab.multi_position.many_positions import _steps
+
+    rng = np.random.default_rng(2)
+    full, flat = rng.normal(size=(4, 4)), np.outer([1.0, 2.0, 0.0, -1.0], [1.0, 2.0, 0.0, -1.0])
+    for covariance in (np.zeros((4, 4)), flat - 1e-18 * np.eye(4), full @ full.T):
+        steps = _steps(covariance)
+        np.testing.assert_allclose(steps.T @ steps, covariance, atol=1e-12)
+
+
 def scores_of_corrected(found: PosesCalibration, rng: np.random.Generator) -> FloatArray:
     """Errors of corrected data over what is printed as their standard deviation."""
     rate, force = 3.0 * rng.uniform(-1.0, 1.0, (60, 3)), G * rng.uniform(-1.0, 1.0, (60, 3))

@@ -34,6 +34,22 @@ def test_both_ways_give_the_inertia_of_a_perfect_rotor() -> None:
     assert inertia_from_precession(PERIOD, RATE, **ARM).value == pytest.approx(INERTIA, rel=1e-12)
 
 
+def test_several_weights_are_one_regression_over_spin_and_torque() -> None:
+    mass = np.repeat([0.05, 0.10, 0.15], RATE.size)
+    rate = np.tile(RATE, 3)
+    period = 2.0 * np.pi * INERTIA * rate / (mass * G * ARM["arm"])
+    found = inertia_from_precession(period, rate, mass, ARM["arm"], G)
+    assert found.value == pytest.approx(INERTIA, rel=1e-12)
+    assert found.powers is not None
+    np.testing.assert_allclose(found.powers.value[1:], [1.0, -1.0], atol=1e-9)
+    rng = np.random.default_rng(4)
+    rough = period * (1.0 + 0.003 * rng.normal(size=period.size))
+    assert not inertia_from_precession(rough, rate, mass, ARM["arm"], G).warnings
+    # weights that are not what they say they are
+    wrong = inertia_from_precession(rough, rate, mass + 0.02, ARM["arm"], G)
+    assert any("not as torque over spin" in each for each in wrong.warnings)
+
+
 def noisy(rng: np.random.Generator) -> tuple:
     squared = TIME**2 + 0.05 * rng.normal(size=5)
     first = inertia_from_fall(HEIGHT, np.sqrt(squared), **FALL)

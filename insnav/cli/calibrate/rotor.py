@@ -14,7 +14,8 @@ SHORT_HELP = "Moment of inertia of a rotor by a falling weight and by precession
 HELP = """Moment of inertia of a gyroscope's rotor two ways, and whether they agree.
 
 FALL holds height_m and fall_time_s of a weight that spins the rotor up by a cord; PRECESSION holds
-precession_period_s and rotor_rate_rad_s (or rotor_rate_rpm) under a weight on an arm.
+precession_period_s and rotor_rate_rad_s (or rotor_rate_rpm) under a weight on an arm, and mass_kg where there were
+several weights: one regression over spin and torque.
 
 \b
 Examples:
@@ -33,12 +34,16 @@ def rotor(
     radius: Annotated[
         float, typer.Option(metavar="M", help="Radius the cord is wound on.", rich_help_panel=common.METHOD)
     ],
-    mass: Annotated[
-        float, typer.Option(metavar="KG", help="Mass of the weight on the arm.", rich_help_panel=common.METHOD)
-    ],
     arm: Annotated[
-        float, typer.Option(metavar="M", help="Its distance from the support.", rich_help_panel=common.METHOD)
+        float,
+        typer.Option(metavar="M", help="Distance of the weight from the support.", rich_help_panel=common.METHOD),
     ],
+    mass: Annotated[
+        float,
+        typer.Option(
+            metavar="KG", help="Mass of the weight on the arm. [column mass_kg]", rich_help_panel=common.METHOD
+        ),
+    ] = 0.0,
     gravity: common.Gravity = 9.80665,
     out: opt.Out = common.OUT,
     force: opt.Force = False,

@@ -58,6 +58,7 @@ class Stability:
     length: float  # of a part [s]
     time: FloatArray  # (n,) middle of each part used [s]
     spread: Spread  # of the means of the parts
+    sliding: float  # standard deviation of the moving average over the same length [rad/s] or [m/s^2]
 
 
 def spread_of(values: FloatArray, *, where: str = "") -> Spread:
@@ -130,7 +131,10 @@ def stability_of(time: FloatArray, output: FloatArray, length: float) -> Stabili
         return None
     means = np.bincount(part, output)[good] / count[good]
     middle = time[0] + length * (np.flatnonzero(good) + 0.5)
-    return Stability(length, middle, spread_of(means))
+    width = round(expected)
+    summed = np.cumsum(np.concatenate(([0.0], output - output.mean())))
+    sliding = float(np.std((summed[width:] - summed[:-width]) / width, ddof=1))
+    return Stability(length, middle, spread_of(means), sliding)
 
 
 def powerup_biases(channel: Channel, powerup: FloatArray, *, where: str = "") -> FloatArray:

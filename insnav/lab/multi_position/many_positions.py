@@ -270,11 +270,10 @@ def _whole_covariance(
 
     here = misfit(fit.triad, rest.bias, rest.g_sensitivity)
     moved = [
-        misfit(unpacked(packed(fit.triad) + step), rest.bias, rest.g_sensitivity)
-        for step in np.linalg.cholesky(fit.covariance).T
+        misfit(unpacked(packed(fit.triad) + step), rest.bias, rest.g_sensitivity) for step in _steps(fit.covariance)
     ]
     for axis in range(3):
-        for step in np.linalg.cholesky(rest.covariance[axis]).T:
+        for step in _steps(rest.covariance[axis]):
             bias, sensitivity = rest.bias.copy(), rest.g_sensitivity.copy()
             bias[axis] += step[0]
             sensitivity[axis] += step[1:]
@@ -284,6 +283,12 @@ def _whole_covariance(
     seen = change - effect @ fine.jacobian.T
     own = 1.0 - float(np.sum(seen**2)) / (fine.sd**2 * (change.shape[1] - effect.shape[1])) if fine.sd > 0.0 else 1.0
     return np.asarray(max(own, LEAST_OWN) * fine.covariance + effect.T @ effect)
+
+
+def _steps(covariance: FloatArray) -> FloatArray:
+    """Vectors, (k, k), whose outer products add up to a covariance; also to one without noise, which is singular."""
+    value, vector = np.linalg.eigh(covariance)
+    return np.asarray((vector * np.sqrt(np.maximum(value, 0.0))).T)
 
 
 def _matrix_sd(start: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -2,7 +2,8 @@
 
 U = U0 + K w + v, U the output, w the rate of the table. A sensor leaves the line at the ends of its range first, so the
 line grows from the middle outwards: a rate is taken in while it agrees with the line through those before, and once one
-does not, nothing beyond it on that side counts.
+does not, nothing beyond it on that side counts. What then still bends at an end, each rate by less than its noise
+shows, is found by a line with a corner.
 """
 
 from __future__ import annotations
@@ -10,12 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtr
 
 from insnav.exceptions import InputError
 from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
-from insnav.types import BoolArray, FloatArray
+from insnav.types import BoolArray, FloatArray, IntArray
 
 FALSE_ALARM = 0.01  # probability that detection drops anything from a record without saturation
+SOFT = 0.05  # the same of an end that only bends; with less, the interval of K seldom holds where one does
+BENT = 3  # so many outermost rates of a side may be bent
 FEWEST = 5  # rates that make a line and show how good it is
 NAMES = ("zero U0", "scale factor K")
 
@@ -152,7 +156,36 @@ def _linear_part(rate: FloatArray, output: FloatArray, where: str) -> tuple[Bool
             used[i] = True
             continue
         dropped.append(Dropped(float(rate[i]), residual, limit, reason))
+    for i in _bent(rate, output, used):
+        used[i] = False
+        fit = _line(rate[used], output[used], where)
+        residual = float(output[i] - fit.value @ [1.0, rate[i]])
+        reason = "saturating: with its neighbours the output bends below the line, if not by itself"
+        dropped.append(Dropped(float(rate[i]), residual, prediction_limit(fit, float(rate[i]), SOFT), reason))
     return used, tuple(sorted(dropped, key=lambda item: item.rate))
+
+
+def _bent(rate: FloatArray, output: FloatArray, used: BoolArray) -> IntArray:
+    """Rows of the outermost rates of one side beyond which the output falls short of the line; none if by chance.
+
+    A corner at the last rate before them is fitted along, and its slope tested by Student's t, one-sided; the least
+    probable of both sides and of 1 to `BENT` rates counts (Seber and Lee, section 4.3; four independent tests, about).
+    """
+    rows = np.flatnonzero(used)
+    r, u = rate[rows], output[rows]
+    least, found = SOFT / 4.0, rows[:0]
+    for side in (1.0, -1.0):
+        places = np.unique(side * r)[::-1]
+        for count in range(1, min(BENT, places.size - FEWEST) + 1):
+            beyond = np.maximum(side * r - places[count], 0.0)
+            try:
+                fit = linear_fit(np.column_stack((np.ones_like(r), r, beyond)), u, (*NAMES, "corner"))
+            except InputError:
+                continue
+            weaker = side * np.sign(fit.value[1]) * fit.value[2] / max(fit.sd[2], 1e-300)
+            if fit.dof >= FEWEST and (p := float(stdtr(fit.dof, weaker))) < least:
+                least, found = p, rows[beyond > 0.0]
+    return found
 
 
 def _within(rate: FloatArray, keep: tuple[float, float]) -> tuple[BoolArray, tuple[Dropped, ...]]:

@@ -12,12 +12,13 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.lab.least_squares import Fit, linear_fit, outliers
-from insnav.types import FloatArray
+from insnav.types import FloatArray, IntArray
 from insnav.units import DEG
 
 NAMES = ("bias K0", "scale factor K1", "second order K2", "cross-coupling K3")
 FEWEST = 6  # positions: four unknowns, and some to spare that show how good these are
 USUAL = 12
+HIGHEST = 4  # order of the harmonics
 EVEN = 0.25  # positions may be off even spacing by this share of it
 
 
@@ -58,6 +59,45 @@ def calibrate_tumble(angle: FloatArray, output: FloatArray, *, where: str = "") 
             fix="angles are those of the input axis above the horizontal: 0 level, 90 up; check the columns",
         )
     return Tumble(angle, output, fit, outliers(fit, design))
+
+
+@dataclass(frozen=True, slots=True)
+class Harmonics:
+    """Fourier series of the output over the angle, ``a0 + sum a_n cos(n theta) + b_n sin(n theta)``."""
+
+    order: IntArray  # (m,) 0, 1, 2 and as far as the positions allow, to `HIGHEST`
+    cosine: FloatArray  # (m,) a_n and their sd; in the unit of the output
+    sine: FloatArray  # (m,) b_n, zero of order 0
+    sd: float  # of each of these but a0, from what the series leaves; NaN if nothing is left
+    model: FloatArray  # (4,) K0, K1, K2, K3 by the harmonics alone
+
+    @property
+    def misalignment(self) -> float:
+        """Angle by which the zero of the table or the input axis is off, ``a1 / b1`` [rad]."""
+        return float(self.cosine[1] / self.sine[1])
+
+
+def harmonics(angle: FloatArray, output: FloatArray) -> Harmonics:
+    """Fourier coefficients of a tumble test, by least squares: for even positions the discrete Fourier transform.
+
+    `angle` (n,): [rad], evenly spaced over the circle; `output` (n,).
+
+    Notes
+    -----
+    Of the model ``a0 = K0 + K2 / 2``, ``b1 = K1``, ``a2 = -K2 / 2``, ``b2 = K3 / 2`` and nothing else: `a1` is an
+    angle, orders from 3 on are non-linearity and errors of position (IEEE Std 1293, multipoint tumble test).
+    """
+    places = np.unique(np.round(np.mod(angle, 2.0 * np.pi), 9)).size
+    order = np.arange(min(HIGHEST, (places - 1) // 2) + 1)
+    turns = np.outer(angle, order[1:])
+    design = np.column_stack((np.ones_like(angle), np.cos(turns), np.sin(turns)))
+    found, *_ = np.linalg.lstsq(design, output, rcond=None)
+    left, spare = output - design @ found, angle.size - design.shape[1]
+    sd = float(np.sqrt(2.0 * np.sum(left**2) / (spare * angle.size))) if spare > 0 else float("nan")
+    last = order.size
+    cosine, sine = found[:last], np.concatenate(([0.0], found[last:]))
+    model = np.array([cosine[0] + cosine[2], sine[1], -2.0 * cosine[2], 2.0 * sine[2]])
+    return Harmonics(order, cosine, sine, sd, model)
 
 
 def _refuse_uneven(angle: FloatArray, where: str) -> None:

@@ -125,7 +125,11 @@ def _spreads(item: Accepted, unit: str) -> tuple[Section, ...]:
     found = []
     if item.stability:
         rows = tuple(
-            (Quantity("length", each.length, "s", meaning="parts of"), *_spread(each.spread, unit))
+            (
+                Quantity("length", each.length, "s", meaning="parts of"),
+                *_spread(each.spread, unit),
+                Quantity("sliding_sd", each.sliding, unit, meaning="moving average"),
+            )
             for each in item.stability
         )
         found.append(Section("bias_stability", f"Bias stability of {item.axis}", rows=rows, note="in brackets 95 %"))

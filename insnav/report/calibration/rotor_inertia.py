@@ -5,7 +5,7 @@ from __future__ import annotations
 from matplotlib.figure import Figure
 
 from insnav.lab.bench_data.bench_tables import BenchTable
-from insnav.lab.calibration import Calibration
+from insnav.lab.calibration import Calibration, fitted
 from insnav.lab.rotor_inertia import Inertia, Inertias
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import quality_rows, residuals_section
@@ -35,10 +35,13 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
         *quality_rows({"falling weight": fall.fit}, "s^2", {"falling weight": [f"{h:.4g} m" for h in fall.x]}),
         *quality_rows({"precession": precession.fit}, "rad/s", {"precession": [f"{t:.4g} s" for t in precession.x]}),
     )
+    column = calibration.record[1].get("mass")
+    masses = [how.mass] if column is None else sorted(set(column.tolist()))
+    weight = " and ".join(f"{each:g}" for each in masses) + " kg"
     given = (
         Quantity("fall_mass", how.fall_mass, "kg"),
         Quantity("radius", how.radius, "m"),
-        Quantity("mass", how.mass, "kg"),
+        Quantity("mass", masses, "kg"),
         Quantity("arm", how.arm, "m"),
         Quantity("gravity", how.gravity, "m/s^2"),
     )
@@ -60,18 +63,27 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
         ),
         (
             Section("parameters", "Moment of inertia", calibration.parameters),
+            *_powers(precession),
             residuals_section(quality),
             Section("", items=agreement, parts=(Section("given", items=given),), show="json"),
             Section("", figures=(FigureSpec("lines", _CAPTION, lambda: _draw(fall, precession)),)),
         ),
         warnings,
         (
-            f"Falling weight {how.fall_mass:g} kg on a radius of {how.radius:g} m, weight of {how.mass:g} kg on an arm "
+            f"Falling weight {how.fall_mass:g} kg on a radius of {how.radius:g} m, weight {weight} on an arm "
             f"of {how.arm:g} m, gravity {how.gravity:g} m/s²: taken as exact; their uncertainty comes on top.",
             "Falling weight: no friction, a cord without weight, released from rest.",
             "Precession: a rotor much faster than its precession, balanced without the added weight.",
         ),
     )
+
+
+def _powers(precession: Inertia) -> tuple[Section, ...]:
+    """Powers of torque and spin, where several of both were measured."""
+    if precession.powers is None:
+        return ()
+    items = fitted(precession.powers, ("", "", ""))[1:]
+    return (Section("powers", "Precession rate as a power of torque and spin", items, note="by theory 1 and -1"),)
 
 
 def _draw(fall: Inertia, precession: Inertia) -> Figure:

@@ -9,7 +9,7 @@ import numpy as np
 from insnav.lab.calibration import Calibration, measured
 from insnav.lab.single_axis.rate_table import RateTable
 from insnav.lab.single_axis.records import Record
-from insnav.lab.single_axis.tumble import Tumble
+from insnav.lab.single_axis.tumble import Tumble, harmonics
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import impact_section, quality_section
 from insnav.report.calibration.figures import Series, draw_residuals
@@ -85,6 +85,7 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
         _summary(calibration.parameters),
         (
             Section("parameters", "Output = K0 + K1 ai + K2 ai² + K3 ai ao", calibration.parameters, note=note),
+            *_harmonics(found, unit),
             quality_section(fits, unit, settings),
             _dwells(calibration.record, tuple(fits)),
             impact_section(calibration),
@@ -95,6 +96,48 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
         (
             f"Gravity is {gravity:.6g} m/s²; the angles are exact.",
             "The calibration file holds bias and scale factor; second order and cross-coupling are reported only.",
+        ),
+    )
+
+
+def _harmonics(found: dict[str, Tumble], unit: str) -> tuple[Section, Section]:
+    """Fourier coefficients of each sensor, and the model that follows from them."""
+    rows, models = [], []
+    for name, item in found.items():
+        series = harmonics(item.angle, item.output)
+        for n, a, b in zip(series.order.tolist(), series.cosine, series.sine, strict=True):
+            sd = None if not n or np.isnan(series.sd) else series.sd
+            rows.append(
+                (
+                    Quantity("sensor", name),
+                    Quantity("order", n),
+                    measured("cosine", a, unit, sd),
+                    measured("sine", b, unit, sd),
+                    measured("amplitude", float(np.hypot(a, b)), unit),
+                )
+            )
+        by_model = zip(("K0", "K1", "K2", "K3"), series.model, item.fit.value, strict=True)
+        models.append(
+            (
+                Quantity("sensor", name),
+                *(measured(key, value, unit) for key, value, _ in by_model),
+                Quantity(
+                    "difference", float(np.abs(series.model - item.fit.value).max()), meaning="largest difference"
+                ),
+                Quantity("misalignment", series.misalignment, "mrad"),
+            )
+        )
+    note = (
+        "Orders 0 to 2 are the model: a0 = K0 + K2/2, b1 = K1, a2 = -K2/2, b2 = K3/2. a1 / b1 is the angle by which "
+        "the table or the input axis is off; orders from 3 on are non-linearity and errors of position."
+    )
+    return (
+        Section("harmonics", "Output = Σ a cos(n angle) + b sin(n angle)", rows=tuple(rows), note=note),
+        Section(
+            "model_by_harmonics",
+            "The model by its harmonics",
+            rows=tuple(models),
+            note="largest difference: from least squares, zero for evenly spaced positions",
         ),
     )
 
