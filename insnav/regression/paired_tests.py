@@ -25,6 +25,7 @@ from insnav.sample_statistics import CONFIDENCE, block_rows
 from insnav.types import FloatArray
 
 ALPHA = 0.01  # of wrongly calling anything changed, over the whole corpus
+POWER = 0.8  # with which a change must be found to count as excluded
 FEWEST = 5  # pairs below which nothing is called changed
 SMALLEST = 0.01  # a smaller change is none, however certain
 BLOCK = 2  # successive pieces that are resampled together
@@ -41,6 +42,9 @@ class Shift:
     low: float
     high: float
     p: float  # probability of a change as large if there is none, two-sided
+    # standard error of the logarithm of the ratio, infinite where there are too few pairs; and its degrees of freedom
+    error: float = 0.0
+    degrees: float = np.inf
 
 
 def shift(old: FloatArray, new: FloatArray, metric: Metric, *, pieces: bool) -> Shift:
@@ -56,11 +60,25 @@ def shift(old: FloatArray, new: FloatArray, metric: Metric, *, pieces: bool) -> 
     mean = float(np.mean(score))
     error, degrees = standard_error(score, pieces=pieces)
     if len(score) < FEWEST:
-        return Shift(float(np.expm1(mean)), -1.0, float("inf"), 1.0)
+        return Shift(float(np.expm1(mean)), -1.0, float("inf"), 1.0, float("inf"))
     sure = 1.0 if mean == 0.0 else 0.0  # all the same
     p = 2.0 * float(stdtr(degrees, -abs(mean) / error)) if error > 0.0 else sure
     half = float(stdtrit(degrees, 0.5 + 0.5 * CONFIDENCE)) * error
-    return Shift(float(np.expm1(mean)), float(np.expm1(mean - half)), float(np.expm1(mean + half)), p)
+    return Shift(float(np.expm1(mean)), float(np.expm1(mean - half)), float(np.expm1(mean + half)), p, error, degrees)
+
+
+def detectable(found: Shift, tests: int) -> float:
+    """Smallest relative change that is found with the probability `POWER`, among so many tests.
+
+    Notes
+    -----
+    At the strictest level of Holm's correction; by the t distribution shifted by the change, which is close to the
+    noncentral one from five pairs on (Cohen, "Statistical Power Analysis", 1988, section 12.3).
+    """
+    if found.error == 0.0 or not np.isfinite(found.error):
+        return found.error
+    level = stdtrit(found.degrees, 1.0 - 0.5 * ALPHA / max(tests, 1))
+    return float(np.expm1(found.error * (level + stdtrit(found.degrees, POWER))))
 
 
 def interval(value: FloatArray, metric: Metric, *, pieces: bool) -> tuple[float, float, float]:

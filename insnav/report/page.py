@@ -51,6 +51,31 @@ class Verdict:
 
 
 @dataclass(frozen=True, slots=True)
+class Cell:
+    """One cell of a matrix."""
+
+    text: str  # a few letters
+    tone: str  # its colour: ``better1`` to ``better3``, ``worse1`` to ``worse3``, ``same``, ``unclear``, ``fails``
+    title: str  # what it says in full, shown when it is pointed at
+    key: str = ""  # its id in the page, if there is something behind it
+    behind: tuple[Table, ...] = ()  # what it opens
+
+
+@dataclass(frozen=True, slots=True)
+class Matrix:
+    """Cells in colour, on the page only; each opens what is behind it."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[Cell | None, ...]], ...]  # name of each row and its cells
+    tones: tuple[tuple[str, str], ...]  # colours and what they mean
+
+    @property
+    def cells(self) -> tuple[Cell, ...]:
+        """All cells that open something."""
+        return tuple(cell for _, row in self.rows for cell in row if cell is not None and cell.behind)
+
+
+@dataclass(frozen=True, slots=True)
 class Section:
     """Quantities that belong together: single ones, or rows of a table, one row an item."""
 
@@ -70,6 +95,7 @@ class Section:
     show: Show = "all"  # everywhere; on the page and in JSON; in JSON only
     keyed: bool = False  # in JSON the rows stand under their names, not in a list
     folded: bool = False  # on the page only its title is seen until it is asked for
+    matrix: Matrix | None = None  # above its tables on the page
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,8 +19,9 @@ from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import CaseResult, Result
 from insnav.regression.verdict import Change, Comparison
 from insnav.report.html import page_html
-from insnav.report.page import FigureSpec, Page, Section, Table, section_tables
+from insnav.report.page import FigureSpec, Page, Section, Table, Verdict, section_tables
 from insnav.report.regression.figures import draw_growth, draw_heat, draw_history, draw_predicted
+from insnav.report.regression.matrix import change_matrix, figures_tested, is_unclear, peer_matrix
 from insnav.report.regression.tables import (
     case_section,
     change_rows,
@@ -33,6 +34,7 @@ from insnav.report.style import drawing, save
 
 PAGE, SECTION = "accuracy.html", "accuracy.md"
 OVER_VERSIONS = ("cep50_m", "down_rms_m", "roll_pitch_rms_deg", "heading_rms_deg", "outage_60s_m", "nees_position")
+_WARNED = 3  # failing figures that are said before the matrix
 _IN_SECTION = ("accuracy_cep50_m", "accuracy_growth")
 
 
@@ -50,7 +52,7 @@ def write_pages(
     `folder`: made if need be; files of the same names are replaced.
     Raises: OutputError: they cannot be written.
     """
-    page = regression_page(result, baseline, comparison, now, peers)
+    page = regression_page(result, baseline, comparison, now, peers, history)
     drawn = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -63,7 +65,7 @@ def write_pages(
         raise OutputError("the plots cannot be written", where=str(folder), why=error.strerror or str(error)) from error
     figures = tuple(FigureSpec(name, caption, Figure) for name, caption, _ in drawn)
     files = {name: file for name, _, file in drawn}
-    shown = replace(page, sections=(*page.sections, Section("", figures=figures)))
+    shown = replace(page, sections=(*page.sections, Section("", "Figures", figures=figures, folded=True)))
     write_text(folder / PAGE, page_html(shown, files))
     chosen = [(caption, file.name) for name, caption, file in drawn if name in _IN_SECTION]
     write_text(folder / SECTION, markdown(result, comparison, now, peers, chosen))
@@ -97,26 +99,36 @@ def regression_page(
     comparison: Comparison | None,
     now: Origin,
     peers: Sequence[PeerRow] = (),
+    history: Sequence[Entry] = (),
 ) -> Page:
     """Report the accuracy of this version, and what changed since the baseline."""
-    summary, warnings = [_where(now)], []
-    sections = [case_section(result, comparison)]
+    warnings, first = [], []
     changes: Sequence[Change] = ()
+    changed: tuple[Section, ...] = ()
     if comparison is not None and baseline is not None:
         changes = comparison.changes
-        summary.append(verdict_text(comparison, baseline.origin))
-        warnings += [f"fails: {change_text(change)}" for change in comparison.failing]
+        warnings += [f"fails: {change_text(change)}" for change in comparison.failing[:_WARNED]]
+        more = len(comparison.failing) - _WARNED
+        warnings += [f"fails: {more} more figures, see the matrix"] if more > 0 else []
         warnings += [f"broken: {name}: {why}" for name, why in comparison.broken.items()]
         warnings += [f"not compared: {name}: {why}" for name, why in comparison.apart.items()]
-        changed = change_rows([change for change in changes if change.verdict != "same"])
-        sections.append(Section("", "Figures that changed", rows=changed))
+        matrix = change_matrix(result, comparison, baseline, history)
+        first.append(Section("", "Change since the baseline, %", matrix=matrix, show="page"))
+        rows = change_rows([change for change in changes if change.verdict != "same"])
+        changed = (Section("", "Figures that changed", rows=rows),)
+    others = peer_matrix(peers)
+    if others is not None:
+        title = "Errors of other programs over those of insnav, one drive each, smoothers over its smoother"
+        first.append(Section("", title, matrix=others, show="page"))
     warnings += [f"skipped: {name}: {why}" for name, why in result.skipped.items()]
     return Page(
         "insnav: accuracy over versions",
-        tuple(summary),
+        (_where(now),),
         (
-            *sections,
-            *([peer_section(peers)] if peers else []),
+            *first,
+            case_section(result, comparison),
+            *changed,
+            *([replace(peer_section(peers), folded=True)] if peers else []),
             _outcome(result, comparison),
             Section(
                 "cases", rows=tuple(_case(name, case) for name, case in result.cases.items()), show="json", keyed=True
@@ -125,6 +137,37 @@ def regression_page(
         ),
         tuple(warnings),
         rules(),
+        verdict=_verdict(comparison, baseline),
+        merits=_merits(result, comparison),
+    )
+
+
+def _verdict(comparison: Comparison | None, baseline: Baseline | None) -> Verdict:
+    """Whether this version is as good as the baseline, as far as the corpus can tell."""
+    if comparison is None or baseline is None:
+        return Verdict("unknown", "there is no baseline", "Nothing to compare with: --update-baseline makes one.")
+    tests = figures_tested(comparison)
+    unclear = sum(is_unclear(change, tests) for change in comparison.changes)
+    text = verdict_text(comparison, baseline.origin)
+    sentence = f"{text[0].upper()}{text[1:]}; of {unclear} it cannot be told whether they changed by 5 %."
+    if not comparison.passed:
+        return Verdict("bad", f"{len(comparison.failing) + len(comparison.broken)} figures or cases fail", sentence)
+    if comparison.apart:
+        return Verdict("attention", f"{len(comparison.apart)} cases could not be compared", sentence)
+    return Verdict("good", "no figure is worse by 5 % or more beyond chance", sentence)
+
+
+def _merits(result: Result, comparison: Comparison | None) -> tuple[Quantity, ...]:
+    """How many cases, figures, changes."""
+    if comparison is None:
+        return (Quantity("cases", len(result.cases)),)
+    tests, verdicts = figures_tested(comparison), [change.verdict for change in comparison.changes]
+    return (
+        Quantity("cases", len(result.cases)),
+        Quantity("figures", tests, meaning="figures compared"),
+        *(Quantity(name, verdicts.count(name)) for name in ("better", "worse")),
+        Quantity("failing", len(comparison.failing) + len(comparison.broken), meaning="fail"),
+        Quantity("unclear", sum(is_unclear(change, tests) for change in comparison.changes), meaning="cannot be told"),
     )
 
 
