@@ -1,4 +1,4 @@
-"""The matrix of a regression run: colours by size and significance, grey where the power is too small, what is behind."""
+"""The matrix of a regression run: colours by size and significance, grey where the power is too small, history."""
 
 from __future__ import annotations
 
