@@ -51,3 +51,56 @@ def gyro_history(q, w_ie_n, dt, dtheta, dvel, q_out, u_out):  # type: ignore[no-
         )
         for i in range(4):
             q_out[k + 1, i] = x[6 + i]
+
+
+@njit(cache=True)
+def level_history(dt, dtheta, dvel, time_constant, turn, change):  # type: ignore[no-untyped-def]
+    """Turn about the vertical and horizontal specific force, integrated, without knowing how the IMU is mounted.
+
+    The down axis in the body is carried by the gyros and pulled towards the specific force with a `time_constant` [s];
+    a horizontal axis is carried with it and turns with no vehicle. Increments (n, 3) [rad], [m/s]; `turn` (n + 1,)
+    [rad] and `change` (n + 1, 2) [m/s] are integrals from zero.
+    """
+    d, h = np.zeros(3), np.zeros(3)
+    for k in range(min(dt.shape[0], 200)):  # a start; the constant draws it in
+        for i in range(3):
+            d[i] -= dvel[k, i]
+    size = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
+    if size == 0.0:
+        d[2], size = 1.0, 1.0
+    for i in range(3):
+        d[i] /= size
+    flat = 0
+    for i in range(1, 3):
+        if abs(d[i]) < abs(d[flat]):
+            flat = i
+    h[flat] = 1.0
+    turn[0] = change[0, 0] = change[0, 1] = 0.0
+    for k in range(dt.shape[0]):
+        wx, wy, wz = dtheta[k, 0], dtheta[k, 1], dtheta[k, 2]
+        fx, fy, fz = dvel[k, 0], dvel[k, 1], dvel[k, 2]
+        norm = np.sqrt(fx * fx + fy * fy + fz * fz)
+        gain = min(dt[k] / time_constant, 0.1) / norm if norm > 0.0 else 0.0
+        # fixed directions seen from a turning body: v' = v x w
+        x, y, z = d[0], d[1], d[2]
+        d[0] = x + y * wz - z * wy - gain * fx
+        d[1] = y + z * wx - x * wz - gain * fy
+        d[2] = z + x * wy - y * wx - gain * fz
+        size = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
+        for i in range(3):
+            d[i] /= size
+        x, y, z = h[0], h[1], h[2]
+        h[0] = x + y * wz - z * wy
+        h[1] = y + z * wx - x * wz
+        h[2] = z + x * wy - y * wx
+        along = h[0] * d[0] + h[1] * d[1] + h[2] * d[2]
+        for i in range(3):
+            h[i] -= along * d[i]
+        size = np.sqrt(h[0] ** 2 + h[1] ** 2 + h[2] ** 2)
+        for i in range(3):
+            h[i] /= size
+        turn[k + 1] = turn[k] + wx * d[0] + wy * d[1] + wz * d[2]
+        change[k + 1, 0] = change[k, 0] + fx * h[0] + fy * h[1] + fz * h[2]
+        # d x h completes the level axes
+        cx, cy, cz = d[1] * h[2] - d[2] * h[1], d[2] * h[0] - d[0] * h[2], d[0] * h[1] - d[1] * h[0]
+        change[k + 1, 1] = change[k, 1] + fx * cx + fy * cy + fz * cz

@@ -34,11 +34,12 @@ from insnav.filter.noise_identification import identify_noise, with_noise
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
-from insnav.input import Reading, check_overlap
+from insnav.input import Reading
 from insnav.result import Result
 from insnav.session import defaults
 from insnav.session.budget import BudgetOptions, BudgetSettings, budget_of_windows
 from insnav.session.checked_inputs import one_of, options_of, reference_point, reference_sd
+from insnav.session.clock import on_one_clock
 from insnav.session.inputs import Inputs
 from insnav.session.mounted import as_mounted
 from insnav.session.read import Readings, read
@@ -95,17 +96,17 @@ def drive_of(readings: Readings) -> Drive:
 
     Raises: InputError: IMU and GPS have no time in common.
     """
-    inputs, samples = readings.inputs, readings.imu.data
+    inputs = readings.inputs
     given_model = defaults.given_imu(inputs.get("imu_model"))
-    if readings.gps is not None:
-        check_overlap(samples, readings.gps.data)
+    imu, sensor_logs, clocks = on_one_clock(readings.imu, readings.gps, readings.logs, inputs)
+    readings, samples = replace(readings, imu=imu, logs=sensor_logs), imu.data
     fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference, inputs)
     mounted, yaw, turned = as_mounted(readings.imu, fixes, inputs)
     readings, samples = replace(readings, imu=mounted), mounted.data
     spec, chosen = given_model or defaults.imu_from_rest(samples, defaults.stationary_part(samples, fixes, inputs))
     logs = tuple(log.data for log in readings.logs.values())
     settings = replace(defaults.filter_settings(inputs, logs, readings.gps), mounting_yaw=yaw)
-    notes = (*turned, *assumed, *defaults.not_looked_for(inputs, readings.gps))
+    notes = (*clocks, *turned, *assumed, *defaults.not_looked_for(inputs, readings.gps))
     return Drive(readings, fixes, spec, chosen, settings, notes)
 
 

@@ -65,6 +65,7 @@ class Inputs(TypedDict, total=False):
     sampling: Sampling | None
     stamp: Stamp | None
     rate: float | None
+    time_offset: float | None
     topic: str | None
     lever_arm: Sequence[float] | FloatArray | None
     lever_arm_sd: float | None
@@ -132,6 +133,14 @@ INPUTS: dict[str, Input] = {
         "Timestamps mark start, mid or end of the interval. [end]",
         IMU,
         choices=("start", "mid", "end"),
+    ),
+    "time_offset": Input(
+        "--imu-time-offset",
+        "S",
+        "Added to the IMU times to bring them to the clock of the fixes. [0; Unix time and GPS time are told apart]",
+        IMU,
+        "number",
+        "s",
     ),
     "rate": Input("", "HZ", "Sampling rate of arrays without times.", IMU, "number", "Hz", 0.01),
     "topic": Input(

@@ -43,7 +43,7 @@ def test_well_known_offsets_are_named(imu, gps, offset, word):
     length = 60000.0 if word == "days" else 600.0
     with pytest.raises(InputError, match="no time in common") as caught:
         check_overlap(_imu(imu, length), _gps(gps, length))
-    assert f"add {offset:+.0f} s to the IMU times" in caught.value.fix
+    assert f"--imu-time-offset {offset:.0f}:" in caught.value.fix
     assert word in caught.value.fix
     assert f"IMU from {imu:.3f}" in caught.value.why
     assert f"GPS from {gps:.3f}" in caught.value.why
@@ -52,7 +52,7 @@ def test_well_known_offsets_are_named(imu, gps, offset, word):
 def test_leap_seconds_of_a_short_recording():
     with pytest.raises(InputError) as caught:
         check_overlap(_imu(1000.0, 10.0), _gps(1018.0, 10.0))
-    assert "add +18 s" in caught.value.fix
+    assert "--imu-time-offset 18:" in caught.value.fix
 
 
 @pytest.mark.parametrize(("factor", "word"), [(1e3, "milli"), (1e6, "micro"), (1e9, "nano")])
@@ -69,10 +69,10 @@ def test_scaled_times_are_named(factor, word):
 def test_a_clock_from_power_up_is_told():
     with pytest.raises(InputError) as caught:
         check_overlap(_imu(3.0), _gps(243300.25))
-    assert "+243297.250 s" in caught.value.fix
+    assert "--imu-time-offset 243297.250" in caught.value.fix
 
 
 def test_unrelated_recordings_get_no_wrong_advice():
     with pytest.raises(InputError) as caught:
         check_overlap(_imu(243300.0), _gps(243300.0 + 20000.0))
-    assert "add" not in caught.value.fix
+    assert "offset" not in caught.value.fix

@@ -23,14 +23,16 @@ def check_overlap(imu: ImuData, gps: GpsData) -> None:
     first, last = float(imu.time[0]), float(imu.time[-1])
     if np.any((gps.time >= first) & (gps.time <= last)):
         return
-    spans = (first, last), (float(gps.time[0]), float(gps.time[-1]))
-    guess = likely_offset(*spans)
-    if guess:
-        fix = f"bring both to one clock: {guess}"
+    spans = _spans(imu, gps)
+    offset, why = likely_offset(*spans)
+    if offset is not None:
+        fix = f"say --imu-time-offset {offset:.0f}: {why}"
+    elif why:
+        fix = f"bring both to one clock: {why}"
     elif min(abs(first), abs(spans[1][0])) < DAY and abs(first - spans[1][0]) > 1.0:
         fix = (
             f"one clock seems to start anew with the recording; if both started together, "
-            f"add {spans[1][0] - first:+.3f} s to the IMU times"
+            f"say --imu-time-offset {spans[1][0] - first:.3f}"
         )
     else:
         fix = "check that both files are of the same recording and in the same time"
@@ -41,19 +43,41 @@ def check_overlap(imu: ImuData, gps: GpsData) -> None:
     )
 
 
-def likely_offset(imu: tuple[float, float], gps: tuple[float, float]) -> str:
-    """Well-known offset or scale that makes two spans of time, first and last [s], overlap; empty if none does."""
+def overlap(imu: ImuData, gps: GpsData) -> float:
+    """Time that two recordings have in common [s]; zero if there is none."""
+    (first, last), (start, end) = _spans(imu, gps)
+    return max(0.0, min(last, end) - max(first, start))
+
+
+def epoch_offset(imu: ImuData, gps: GpsData) -> tuple[float, str] | None:
+    """Offset [s] that brings Unix time to GPS time or back if that makes recordings overlap, and why.
+
+    Other offsets that calendars explain, of days or weeks, may be those of another recording.
+    """
+    offset, why = likely_offset(*_spans(imu, gps))
+    return None if offset is None or abs(offset) < 0.9 * GPS_EPOCH else (offset, why)
+
+
+def _spans(imu: ImuData, gps: GpsData) -> tuple[tuple[float, float], tuple[float, float]]:
+    return (float(imu.time[0]), float(imu.time[-1])), (float(gps.time[0]), float(gps.time[-1]))
+
+
+def likely_offset(imu: tuple[float, float], gps: tuple[float, float]) -> tuple[float | None, str]:
+    """Well-known offset that makes two spans of time, first and last [s], overlap, and why; None if none does.
+
+    Where another unit would do so, only that is said.
+    """
     difference = 0.5 * (sum(gps) - sum(imu))
-    if _share(imu, gps, LEAP) or _share(imu, gps, -LEAP):
-        sign = LEAP if _share(imu, gps, LEAP) else -LEAP
-        return f"add {sign:+.0f} s to the IMU times: GPS time is ahead of UTC by {LEAP:.0f} s"
+    for leap in (LEAP, -LEAP):
+        if _share(imu, gps, leap):
+            return leap, f"GPS time is ahead of UTC by {LEAP:.0f} s"
     for factor, unit in ((1e-3, "milliseconds"), (1e-6, "microseconds"), (1e-9, "nanoseconds")):
         if _same_span((imu[0] * factor, imu[1] * factor), gps):
-            return f"the IMU times look like {unit}: put the unit into the header"
+            return None, f"the IMU times look like {unit}: put the unit into the header"
         if _same_span(imu, (gps[0] * factor, gps[1] * factor)):
-            return f"the GPS times look like {unit}: put the unit into the header"
+            return None, f"the GPS times look like {unit}: put the unit into the header"
     if abs(difference) > _MAX_OFFSET:
-        return ""
+        return None, ""
     for base, why in (
         (GPS_EPOCH - LEAP, "the GPS times look like Unix time, the IMU times like GPS time"),
         (LEAP - GPS_EPOCH, "the IMU times look like Unix time, the GPS times like GPS time"),
@@ -63,16 +87,15 @@ def likely_offset(imu: tuple[float, float], gps: tuple[float, float]) -> str:
             weeks = round((difference - base) / WEEK)
             offset = base + weeks * WEEK
             if _share(imu, gps, offset):
-                parts = f"epochs, {weeks:+d} weeks, {LEAP:.0f} leap seconds"
-                return f"add {offset:+.0f} s to the IMU times: {why} ({parts})"
+                return offset, f"{why} (epochs, {weeks:+d} weeks, {LEAP:.0f} leap seconds)"
     for period, word in ((WEEK, "weeks"), (DAY, "days")):
         count = round(difference / period)
         for leap in (0.0, LEAP, -LEAP):
             offset = count * period + leap
             if count and _share(imu, gps, offset):
                 extra = f" and {leap:+.0f} s (UTC against GPS time)" if leap else ""
-                return f"add {offset:+.0f} s to the IMU times: {count:+d} {word}{extra}"
-    return ""
+                return offset, f"{count:+d} {word}{extra}"
+    return None, ""
 
 
 def _share(imu: tuple[float, float], gps: tuple[float, float], offset: float) -> bool:

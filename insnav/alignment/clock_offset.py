@@ -1,0 +1,222 @@
+"""Offset between the clocks of IMU and receiver, by turns and accelerations that both see.
+
+How the IMU is mounted need not be known: its turn rate about the vertical is compared with that of the course over
+ground, and the size of its horizontal specific force with that of the acceleration by GPS. The offset is looked for
+over the whole of both records, by their correlation at every lag, computed by fast Fourier transform with the samples
+that are there (masked normalised correlation: Padfield, "Masked object registration in the Fourier domain", IEEE Trans.
+Image Processing 21 (2012) 2706-2718); then refined by least squares, whose standard deviation allows for residuals
+that are alike within blocks of the record (Liang and Zeger, Biometrika 73 (1986) 13-22).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+
+from insnav.alignment.in_motion import velocity
+from insnav.kernels.alignment import level_history
+from insnav.strapdown import Intervals
+from insnav.types import BoolArray, FloatArray, GpsData
+
+STEP = 0.1  # of the grid on which records are compared [s]
+SPAN = 1.0  # over which turns and changes of velocity are taken, at least [s]
+LEVELLING = 30.0  # time constant with which gravity is found; longer than accelerations last [s]
+SLOW = 0.8  # below it the course of GPS velocity is noise [m/s]
+MOVES = 0.1  # RMS of what is compared, below which nothing moved [rad/s], [m/s^2]
+SHORTEST = 20.0  # records must overlap so long [s]
+SHARE = 0.3  # and by that part of the shorter one
+MEMORY = 2.0  # turns and accelerations so far apart are independent [s]
+SURE = 15.0  # log-likelihood above which a lag is no accident, among so many lags
+APART = 5.0  # other lags are at least so far away [s]
+BLOCKS = 12  # of the record, in which residuals may be alike
+FINE = 2.0  # the offset is refined so far around the lag that was found [s]
+
+
+@dataclass(frozen=True, slots=True)
+class ClockOffset:
+    """How far the clock of the IMU is behind that of the receiver."""
+
+    offset: float  # to be added to the times of the IMU [s]
+    sd: float  # standard deviation [s]
+    turns: float  # correlation of turn rates at this offset [-]
+    accelerations: float  # correlation of horizontal accelerations [-]
+    overlap: float  # of the records with this offset [s]
+
+
+@dataclass(frozen=True, slots=True)
+class _Track:
+    """Integrals over a record; what is compared are their changes."""
+
+    time: FloatArray  # (n,) [s]
+    turn: FloatArray  # (n,) [rad]
+    change: FloatArray  # (n, 2) [m/s]
+    turns: BoolArray  # (n,) whether the turn is known there
+    known: BoolArray  # (n,)
+
+
+def find_clock_offset(parts: Intervals, gps: GpsData) -> ClockOffset | None:
+    """Offset of the clocks; None if the records do not show one beyond doubt.
+
+    `parts`: samples as intervals; `gps`: fixes with standard deviations.
+    """
+    imu, track = _of_imu(parts), _of_gps(gps)
+    if track is None or len(imu.time) < 10:
+        return None
+    span = max(SPAN, 2.0 * float(np.median(np.diff(track.time))))
+    lag = _best_lag(_rates(imu, span), _rates(track, span))
+    return None if lag is None else _refined(imu, track, lag, span)
+
+
+def _of_imu(parts: Intervals) -> _Track:
+    scale = parts.dt[:, None] if parts.instant else 1.0
+    n = len(parts.dt)
+    turn, change = np.empty(n + 1), np.empty((n + 1, 2))
+    level_history(parts.dt, parts.gyro * scale, parts.accel * scale, LEVELLING, turn, change)
+    time = np.concatenate([[parts.end[0] - parts.dt[0]], parts.end])
+    known = np.concatenate([[True], parts.gap == 0.0])
+    return _Track(time, turn, change, known, known)
+
+
+def _of_gps(gps: GpsData) -> _Track | None:
+    speed = velocity(gps)
+    if len(speed.time) < 10:
+        return None
+    v = speed.v_n[:, :2]
+    fast = np.hypot(v[:, 0], v[:, 1]) > np.maximum(SLOW, 4.0 * speed.sd)
+    course = np.arctan2(v[:, 1], v[:, 0])
+    turn = np.zeros(len(v))
+    rows = np.flatnonzero(fast)
+    turn[rows] = np.unwrap(course[rows])
+    return _Track(speed.time, turn, v, np.asarray(fast), np.ones(len(v), dtype=np.bool_))
+
+
+def _rates(track: _Track, span: float) -> tuple[float, FloatArray, BoolArray]:
+    """Turn rate and size of acceleration over spans, on a grid: its start [s], (2, m) values and (2, m) masks."""
+    grid = np.arange(track.time[0] + 0.5 * span, track.time[-1] - 0.5 * span, STEP)
+    ends = grid - 0.5 * span, grid + 0.5 * span
+    turn = [np.interp(each, track.time, track.turn) for each in ends]
+    change = [np.column_stack([np.interp(each, track.time, track.change[:, i]) for i in range(2)]) for each in ends]
+    values = np.array([turn[1] - turn[0], np.linalg.norm(change[1] - change[0], axis=1)]) / span
+    return (
+        float(grid[0]) if len(grid) else 0.0,
+        values,
+        np.array([_covered(track, flags, ends) for flags in (track.turns, track.known)]),
+    )
+
+
+def _covered(track: _Track, flags: BoolArray, ends: tuple[FloatArray, FloatArray]) -> BoolArray:
+    """Whether every row from before the start to after the end of each span is known, and none is missing."""
+    step = np.diff(track.time)
+    bad = np.concatenate([[0], np.cumsum(~flags)])
+    gap = np.concatenate([[0], np.cumsum(step > 2.5 * np.median(step))])
+    first = np.clip(np.searchsorted(track.time, ends[0], side="right") - 1, 0, len(flags) - 1)
+    last = np.clip(np.searchsorted(track.time, ends[1]), 0, len(flags) - 1)
+    return np.asarray((bad[last + 1] == bad[first]) & (gap[last] == gap[first]))
+
+
+def _best_lag(imu: tuple[float, FloatArray, BoolArray], gps: tuple[float, FloatArray, BoolArray]) -> float | None:
+    """Lag with the largest likelihood [s], if no other comes near."""
+    n, m = imu[1].shape[1], gps[1].shape[1]
+    if min(n, m) * STEP < SHORTEST:
+        return None
+    score = np.zeros(n + m - 1)
+    for x, mx, y, my in zip(imu[1], imu[2], gps[1], gps[2], strict=True):
+        if not (mx.any() and my.any()) or float(np.std(y[my])) < 0.1 * MOVES:
+            continue
+        correlation, count = _masked_correlation(x, mx, y, my)
+        enough = count * STEP >= max(SHORTEST, SHARE * STEP * min(mx.sum(), my.sum()))
+        r = np.where(enough, np.clip(correlation, -0.999, 0.999), 0.0)
+        score -= 0.5 * (count * STEP / MEMORY) * np.log1p(-(r**2))
+    best = int(np.argmax(score))
+    around = abs(np.arange(n + m - 1) - best) * STEP < APART
+    second = float(np.max(score[~around], initial=0.0))
+    if score[best] < SURE or score[best] < second + 0.5 * SURE:
+        return None
+    return float(gps[0] - imu[0] + (best - (n - 1)) * STEP)
+
+
+def _masked_correlation(x: FloatArray, mx: BoolArray, y: FloatArray, my: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Correlation of two series at every lag, over what both have; and how many values that are.
+
+    Entry k is for x shifted by ``k - (n - 1)`` steps to later.
+    """
+    size = next_fast_len(len(x) + len(y) - 1, real=True)
+    x, y = np.where(mx, x - x[mx].mean(), 0.0), np.where(my, y - y[my].mean(), 0.0)
+
+    def sums(a: FloatArray, b: FloatArray) -> FloatArray:
+        found = irfft(rfft(b, size) * rfft(a[::-1], size), size)
+        return np.asarray(found[: len(x) + len(y) - 1])
+
+    ones_x, ones_y = mx.astype(np.float64), my.astype(np.float64)
+    count = np.maximum(np.round(sums(ones_x, ones_y)), 1e-9)
+    sum_x, sum_y = sums(x, ones_y), sums(ones_x, y)
+    power_x = np.maximum(sums(x**2, ones_y) - sum_x**2 / count, 0.0)
+    power_y = np.maximum(sums(ones_x, y**2) - sum_y**2 / count, 0.0)
+    power = np.sqrt(power_x * power_y)
+    least = 1e-3 * float(power.max(initial=0.0))
+    return np.where(power > least, (sums(x, y) - sum_x * sum_y / count) / np.maximum(power, 1e-300), 0.0), count
+
+
+def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset | None:
+    """Least squares of what fixes show on what the samples show, over spans between fixes."""
+    rows = max(1, round(span / float(np.median(np.diff(gps.time)))))
+    ends = gps.time[:-rows], gps.time[rows:]
+    if not len(ends[0]):
+        return None
+    length = ends[1] - ends[0]
+    seen = np.array(
+        [gps.turn[rows:] - gps.turn[:-rows], np.linalg.norm(gps.change[rows:] - gps.change[:-rows], axis=1)]
+    )
+    seen = seen / length
+    known = np.array([_covered(gps, flags, ends) for flags in (gps.turns, gps.known)])
+
+    def residuals(offset: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        at = [each - offset for each in ends]
+        inside = (at[0] > imu.time[0]) & (at[1] < imu.time[-1])
+        turn = [np.interp(each, imu.time, imu.turn) for each in at]
+        change = [np.column_stack([np.interp(each, imu.time, imu.change[:, i]) for i in range(2)]) for each in at]
+        felt = np.array([turn[1] - turn[0], np.linalg.norm(change[1] - change[0], axis=1)]) / length
+        use = known & inside & np.array([_covered(imu, imu.known, (at[0], at[1]))] * 2)
+        left, weight, r = np.zeros_like(seen), np.zeros(2), np.zeros(2)
+        for i in range(2):
+            if np.count_nonzero(use[i]) < 10:
+                continue
+            x, y = felt[i, use[i]], seen[i, use[i]]
+            x, y = x - x.mean(), y - y.mean()
+            power = float(np.sum(x**2))
+            if power == 0.0 or float(np.sum(y**2)) == 0.0:
+                continue
+            r[i] = float(np.sum(x * y)) / np.sqrt(power * float(np.sum(y**2)))
+            slope = float(np.sum(x * y)) / power
+            left[i, use[i]] = y - slope * x
+            weight[i] = 1.0 / max(float(np.mean(left[i, use[i]] ** 2)), 1e-12)
+        return left, weight, r
+
+    offsets = np.arange(lag - FINE, lag + FINE, 0.05)
+    likelihood = [_likelihood(*residuals(offset)) for offset in offsets]
+    at = float(offsets[int(np.argmax(likelihood))])
+    sd, step = np.inf, 1e-2
+    for _ in range(20):
+        left, weight, r = residuals(at)
+        slope = (residuals(at + step)[0] - residuals(at - step)[0]) / (2.0 * step)
+        weighted = weight[:, None] * slope
+        power = float(np.sum(weighted * slope))
+        if power <= 0.0:
+            return None
+        change = -float(np.sum(weighted * left)) / power
+        gradient = np.sum(weighted * left, axis=0)
+        blocks = [float(np.sum(part)) for part in np.array_split(gradient, BLOCKS)]
+        sd = float(np.sqrt(np.sum(np.square(blocks)) * BLOCKS / (BLOCKS - 1.0))) / power
+        at += float(np.clip(change, -0.2, 0.2))
+        if abs(change) < 1e-4:
+            break
+    common = min(float(gps.time[-1]), float(imu.time[-1]) + at) - max(float(gps.time[0]), float(imu.time[0]) + at)
+    return ClockOffset(at, sd, float(r[0]), float(r[1]), common)
+
+
+def _likelihood(left: FloatArray, weight: FloatArray, r: FloatArray) -> float:
+    """How well the samples explain the fixes: logarithm of the residuals, each kind by the number of its rows."""
+    count = np.count_nonzero(left, axis=1)
+    return float(np.sum(-0.5 * count * np.log1p(-(np.clip(r, -0.9999, 0.9999) ** 2))))

@@ -1,0 +1,108 @@
+"""One clock for IMU and receiver: offsets that calendars explain are applied, others found in the motion and told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from insnav.alignment.clock_offset import ClockOffset, find_clock_offset
+from insnav.alignment.turn_scale import turn_scale
+from insnav.exceptions import InputError
+from insnav.filter.gps_noise import LAG_WORTH, velocity_lag, with_sd
+from insnav.input import Reading, check_overlap
+from insnav.input.interpret.overlap import epoch_offset, overlap
+from insnav.session.inputs import Inputs
+from insnav.strapdown import intervals
+from insnav.types import GpsData, ImuData, SensorLog
+from insnav.units import DEG
+
+WORTH = 1.5  # smaller offsets are the delay that the filter looks for [s]
+SURE, FACTOR = 0.7, 1.5  # correlation of turns, and error of a scale, with which units are told
+SIGMAS = 6.0  # by which an offset must differ from none
+
+Log = Reading[SensorLog]
+
+
+def on_one_clock(
+    imu: Reading[ImuData], gps: Reading[GpsData] | None, logs: Mapping[str, Log], inputs: Inputs
+) -> tuple[Reading[ImuData], Mapping[str, Log], tuple[str, ...]]:
+    """Samples, and logs that were recorded with them, in the time of the fixes; and notes.
+
+    Raises: InputError: they have no time in common, or another one than their motion says; with the offset to give.
+    """
+    given = inputs.get("time_offset")
+    if gps is None:
+        return (imu, logs, ()) if given is None else (*_moved(imu, logs, given), ())
+    offset, notes = given or 0.0, []
+    if given is None and overlap(imu.data, gps.data) == 0.0:
+        known = epoch_offset(imu.data, gps.data)
+        if known is not None:
+            offset, why = known
+            notes.append(f"{offset:+.0f} s added to the IMU times: {why}")
+    if offset:
+        imu, logs = _moved(imu, logs, offset)
+    found = None if given is not None else clock_offset(imu.data, gps.data)
+    if found is not None and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
+        apart = overlap(imu.data, gps.data) == 0.0
+        raise InputError(
+            "IMU and GPS have no time in common" if apart else "the clocks of IMU and GPS differ",
+            where=f"{imu.facts.path}, {gps.facts.path}",
+            why=f"{_spans(imu, gps)}; {evidence(found)}",
+            fix=f"say --imu-time-offset {offset + found.offset:.3f}, which is added to the times of the IMU",
+        )
+    check_overlap(imu.data, gps.data)
+    _check_gyro_unit(imu, gps.data)
+    return imu, logs, tuple(notes)
+
+
+def _check_gyro_unit(imu: Reading[ImuData], gps: GpsData) -> None:
+    """Refuse gyros that turn as many times as far as the course as there are degrees in a radian, or radians."""
+    scale, correlation = turn_scale(intervals(imu.data), with_sd(gps)[0])
+    for factor, unit in ((DEG, "deg/s"), (1.0 / DEG, "rad/s")):
+        if correlation > SURE and 1.0 / FACTOR < scale / factor < FACTOR:
+            raise InputError(
+                f"the gyros look like {unit}",
+                where=imu.facts.path,
+                why=f"they turn {1.0 / scale:.3g} times as far as the course by GPS (r = {correlation:.2f})",
+                fix=f"say --imu-units gyro={unit}, or put the right unit into the header",
+            )
+
+
+def clock_offset(imu: ImuData, gps: GpsData) -> ClockOffset | None:
+    """How far the clock of the IMU is behind that of the positions, by the motion; None if it does not tell."""
+    fixes = with_sd(gps)[0]
+    found = find_clock_offset(intervals(imu), fixes)
+    if found is None:
+        return None
+    lag, sd = velocity_lag(fixes)
+    return replace(found, offset=found.offset - lag) if abs(lag) > max(LAG_WORTH, 5.0 * sd) else found
+
+
+def evidence(found: ClockOffset) -> str:
+    """What an offset was found from."""
+    seen = (("turns", found.turns), ("accelerations", found.accelerations))
+    shown = " and ".join(f"{name} (r = {abs(r):.2f})" for name, r in seen if abs(r) > 0.3)
+    return (
+        f"{shown} agree for {found.overlap:.0f} s if {found.offset:+.3f} ± {found.sd:.3f} s are added to the IMU times"
+    )
+
+
+def _moved(imu: Reading[ImuData], logs: Mapping[str, Log], offset: float) -> tuple[Reading[ImuData], Mapping[str, Log]]:
+    """Samples at later times, and logs on their clock with them."""
+    first, last = float(imu.data.time[0]), float(imu.data.time[-1])
+    beside = {
+        name: replace(log, data=replace(log.data, time=log.data.time + offset))
+        if log.data.time[-1] > first and log.data.time[0] < last
+        else log
+        for name, log in logs.items()
+    }
+    facts = replace(imu.facts, start_s=imu.facts.start_s + offset, end_s=imu.facts.end_s + offset)
+    events = tuple(replace(event, time=event.time + offset) for event in imu.events)
+    return Reading(replace(imu.data, time=imu.data.time + offset), events, facts), beside
+
+
+def _spans(imu: Reading[ImuData], gps: Reading[GpsData]) -> str:
+    first, last = np.array([imu.data.time[[0, -1]], gps.data.time[[0, -1]]])
+    return f"IMU from {first[0]:.3f} to {first[1]:.3f} s, GPS from {last[0]:.3f} to {last[1]:.3f} s"

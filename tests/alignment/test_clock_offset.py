@@ -1,0 +1,84 @@
+"""Offset of the clocks by motion: found with a standard deviation that holds; none is invented."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import insnav
+from insnav.alignment.clock_offset import find_clock_offset
+from insnav.alignment.turn_scale import turn_scale
+from insnav.attitude import dcm_from_rph
+from insnav.exceptions import InputError
+from insnav.session.clock import clock_offset
+from insnav.strapdown import intervals
+
+
+@pytest.fixture(scope="module")
+def drives():
+    """City traffic by a tactical IMU and two receivers."""
+    made = [
+        insnav.simulate("city", imu="automotive", gps=gps, seed=seed, rate=50.0)
+        for seed, gps in ((1, "rtk"), (2, "rtk"), (3, "rtk"), (4, "single"), (5, "single"), (6, "dgps"))
+    ]
+    return [(each.imu.data, each.fixes) for each in made]
+
+
+def test_errors_are_as_large_as_predicted(drives):
+    found = [find_clock_offset(intervals(imu), fixes) for imu, fixes in drives]
+    ratios = np.array([each.offset / each.sd for each in found])
+    assert np.abs([each.offset for each in found]).max() < 0.05
+    assert 0.1 < np.sqrt(np.mean(ratios**2)) < 2.5
+
+
+@pytest.mark.parametrize("offset", [18.0, -3.4, 405_314.57, -1.44e9])
+def test_any_offset_is_found(drives, offset):
+    imu, fixes = drives[0]
+    none = clock_offset(imu, fixes)
+    found = clock_offset(replace(imu, time=imu.time - offset), fixes)
+    assert found.offset - none.offset == pytest.approx(offset, abs=5e-3)
+
+
+def test_the_mounting_does_not_matter(drives):
+    imu, fixes = drives[0]
+    turn = dcm_from_rph([2.0, 0.7, -1.1])
+    turned = replace(imu, gyro=imu.gyro @ turn.T, accel=imu.accel @ turn.T)
+    assert clock_offset(turned, fixes).offset == pytest.approx(clock_offset(imu, fixes).offset, abs=5e-3)
+
+
+def test_only_a_part_in_common(drives):
+    imu, fixes = drives[0]
+    part = imu.rows((imu.time > 150.0) & (imu.time < 260.0))
+    moved = replace(part, time=part.time + 1e5)
+    assert clock_offset(moved, fixes).offset == pytest.approx(-1e5, abs=0.1)
+
+
+def test_nothing_is_found_where_nothing_moves_or_nothing_fits(drives):
+    imu, fixes = drives[0]
+    rest = imu.time < 55.0
+    assert clock_offset(imu.rows(rest), fixes.rows(fixes.time < 55.0)) is None
+    backwards = replace(fixes, v_n=fixes.v_n[::-1].copy(), lla=fixes.lla[::-1].copy())
+    found = clock_offset(imu, backwards)
+    assert found is None or found.turns < 0.9
+
+
+def test_a_wrong_clock_is_refused_with_the_offset_to_give(drives):
+    imu, fixes = drives[0]
+    for wrong in (18.0, 5000.0):
+        with pytest.raises(InputError) as caught:
+            insnav.load(replace(imu, time=imu.time + wrong), fixes)
+        given = float(caught.value.fix.split("--imu-time-offset ")[1].split(",")[0])
+        assert given == pytest.approx(-wrong, abs=0.06)
+        drive = insnav.load(replace(imu, time=imu.time + wrong), fixes, time_offset=given)
+        assert drive.imu.data.time[0] == pytest.approx(imu.time[0], abs=0.06)
+
+
+def test_gyros_in_degrees_show_in_the_course(drives):
+    imu, fixes = drives[0]
+    scale, correlation = turn_scale(intervals(imu), fixes)
+    assert scale == pytest.approx(1.0, abs=0.05)
+    assert correlation > 0.95
+    with pytest.raises(InputError, match="look like deg/s"):
+        insnav.load(replace(imu, gyro=np.degrees(imu.gyro)), fixes)
