@@ -91,7 +91,10 @@ def _words(letters: str) -> str:
 def _left_handed(found: Mounting, where: str) -> InputError:
     """What is wrong with axes that no rotation brings to those of the vehicle."""
     flipped = [axis for axis, sign in zip("xyz", found.gyro_signs, strict=True) if (sign < 0) != found.mirrored]
-    if found.mirrored:
+    why = "accelerations by GPS fit only with all signs of the accelerometers changed"
+    if found.mirrored and len(flipped) == 3:
+        what, fix, flipped = "the accelerometers are inverted", "change the signs of the accelerometers in the file", []
+    elif found.mirrored:
         what = "the axes of the IMU are left-handed"
         why = f"accelerations by GPS fit only if x, y, z point {_words(found.letters)}"
         fix = "change the sign of one axis of the accelerometers, and of the same axis of the gyros, in the file"

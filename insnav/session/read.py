@@ -17,6 +17,9 @@ from insnav.imu import correct, load_calibration
 from insnav.input import Reading, ReadingFacts, read_gps, read_imu, read_reference
 from insnav.input.formats.registry import choose_table, open_tables
 from insnav.input.formats.table import ArrayCells, Table
+from insnav.input.interpret.clean import GPS_KINDS, IMU_KINDS, REFERENCE_KINDS, find_gaps
+from insnav.input.interpret.columns import match_header
+from insnav.input.interpret.schema import IMU_SCHEMA, Quantity
 from insnav.input.readers.sensor_log import read_sensor_log
 from insnav.plain_text import plain_text
 from insnav.session.checked_inputs import checked, one_of
@@ -30,6 +33,7 @@ if TYPE_CHECKING:
     Given: TypeAlias = "str | Path | pd.DataFrame | Sequence[FloatArray]"
 
 T = TypeVar("T", ImuData, GpsData, Trajectory)
+_KINDS = {"IMU": IMU_KINDS, "GPS": GPS_KINDS, "reference": REFERENCE_KINDS}
 _DESCRIBING = ("axes", "units", "columns", "sampling", "stamp")
 _GYRO = ("gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s")
 _ACCEL = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2")
@@ -166,7 +170,8 @@ def _named(columns: Literal["columns", "gps_columns", "ref_columns"]) -> Iterato
 def samples_source(imu: Given | Table, rate: float | None) -> str | Path | Table:
     """Samples as a file or a table; arrays are time [s], gyro [rad/s], accel [m/s^2], or the last two with `rate`."""
     if isinstance(imu, str | Path | Table) or is_frame(imu):
-        return _table(imu)
+        table = _table(imu)
+        return _timed(table, rate) if isinstance(table, Table) and is_frame(imu) and rate is not None else table
     arrays = [np.asarray(each, dtype=np.float64) for each in imu]
     if len(arrays) == 2 and rate is not None:
         arrays = [np.arange(1, len(arrays[0]) + 1) / rate, *arrays]
@@ -177,6 +182,23 @@ def samples_source(imu: Given | Table, rate: float | None) -> str | Path | Table
             fix="give (time, gyro, accel) of shapes (n,), (n, 3), (n, 3) in s, rad/s, m/s^2; or (gyro, accel) and rate",
         )
     return named_columns(("time_s", *_GYRO, *_ACCEL), np.column_stack(arrays))
+
+
+def _timed(table: Table, rate: float) -> Table:
+    """Samples of a data frame without times, at a rate [Hz]."""
+    if any(match is not None and match[0].key == "time" for match in map(_meaning, table.headers)):
+        return table
+    numbers = table.cells.read(range(len(table.headers)))
+    time = np.arange(1, numbers.n_rows + 1) / rate
+    columns = [numbers.columns[i] for i in range(len(table.headers))]
+    return named_columns(("time_s", *table.headers), np.column_stack([time, *columns]))
+
+
+def _meaning(header: str) -> tuple[Quantity, str | None, int] | None:
+    try:
+        return match_header(header, IMU_SCHEMA)
+    except InputError:  # a unit that is none: said when the table is read
+        return None
 
 
 def _table(given: Given | Table) -> str | Path | Table:
@@ -193,7 +215,7 @@ def _table(given: Given | Table) -> str | Path | Table:
             why=f"their shapes are {', '.join(str(each.shape) for each in arrays)}",
             fix="give (time, lla) of shapes (n,), (n, 3) in s, deg, deg, m; or GpsData, Trajectory, a data frame",
         )
-    return named_columns(("time_s", "lat_deg", "lon_deg", "height_m"), np.column_stack(arrays))
+    return named_columns(("time_s", "lat", "lon", "height_m"), np.column_stack(arrays))
 
 
 def _numbers(name: str, series: pd.Series[Any]) -> FloatArray:
@@ -272,8 +294,19 @@ def in_memory(data: T, kind: str, name: str = "data in memory") -> Reading[T]:
         raise ConfigError(f"the {kind} data need two rows or more, in order of time", where=type(data).__name__)
     digest = hashlib.sha256(b"".join(value.tobytes() for value in data._arrays().values())).hexdigest()
     step = float(np.median(np.diff(time)))
+    gaps = find_gaps(time, _KINDS[kind])
     facts = ReadingFacts(
-        kind, name, digest, len(time), len(time), float(time[0]), float(time[-1]), 1.0 / step, 0, 0.0, {}
+        kind=kind,
+        path=name,
+        sha256=digest,
+        n_rows=len(time),
+        n_used=len(time),
+        start_s=float(time[0]),
+        end_s=float(time[-1]),
+        rate_hz=1.0 / step,
+        n_gaps=len(gaps),
+        longest_gap_s=float(np.diff(time)[gaps].max(initial=0.0)),
+        columns={},
     )
     if isinstance(data, ImuData):
         facts = replace(facts, axes="FRD", sampling=data.sampling, stamp=data.stamp)

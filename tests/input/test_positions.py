@@ -47,12 +47,21 @@ def test_positions_in_radians_by_name(tmp_path):
     np.testing.assert_allclose(data.lla[:, :2], rows[:, 1:3], atol=1e-9)
 
 
-def test_positions_in_radians_without_a_name_are_refused(tmp_path):
+def test_positions_in_radians_are_known_by_their_velocity(tmp_path):
     rows = fixes(60)
-    rows[:, 1] = np.radians(rows[:, 1])
-    rows[:, 2] = np.radians(rows[:, 2])
-    with pytest.raises(InputError, match="radians"):
-        _gps(tmp_path, rows, "time,lat,lon,alt,vn,ve,vd,sd_n,sd_e,sd_d")
+    rows[:, 1:3] = np.radians(rows[:, 1:3])
+    reading = _gps(tmp_path, rows, "time,lat,lon,alt,vn,ve,vd,sd_n,sd_e,sd_d")
+    np.testing.assert_allclose(reading.data.lla[:, :2], rows[:, 1:3], atol=1e-8)
+    assert "positions in rad" in " ".join(reading.facts.evidence)
+
+
+def test_positions_that_may_be_degrees_or_radians_are_refused(tmp_path):
+    rows = fixes(60)[:, :4]
+    rows[:, 1:3] = np.radians(rows[:, 1:3])
+    with pytest.raises(InputError, match="degrees or radians"):
+        _gps(tmp_path, rows, "time,lat,lon,alt")
+    with pytest.raises(InputError, match="look like radians"):
+        _gps(tmp_path, np.column_stack([rows, fixes(60)[:, 4:]]), "time,lat_deg,lon_deg,alt,vn,ve,vd,sd_n,sd_e,sd_d")
 
 
 def test_degrees_near_the_origin_are_accepted(tmp_path):

@@ -196,7 +196,6 @@ USELESS = {
     "header without line end": (IMU_HEADER.encode(), "too few samples"),
     "one row": ("\n".join(TEXT.splitlines()[:2]).encode(), "too few samples"),
     "two rows": ("\n".join(TEXT.splitlines()[:3]).encode(), "too few samples"),
-    "no header": ("\n".join(TEXT.splitlines()[1:]).encode(), "no header"),
     "one column": (b"a\n1\n2\n3\n", "only one column"),
     "header does not fit": (b"time gyro x\n1 2 3 4\n1 2 3 4\n", "does not fit"),
     "prose": (b"Dear reader,\nthis is a letter.\nIt has no numbers.\nNone at all.\n", "column"),

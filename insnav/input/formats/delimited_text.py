@@ -6,7 +6,7 @@ import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from insnav.exceptions import InputError
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import Numbers, Table, arrow_floats
 from insnav.input.formats.text_dialect import SNIFF_BYTES, Dialect, is_comment, parse_number, sniff, split_line
+from insnav.input.formats.text_values import form_of, values_of
 from insnav.input.formats.unsupported import unsupported
 from insnav.plain_text import plain_text
 
@@ -28,6 +29,7 @@ _BLOCK_BYTES = 1 << 20
 _SAMPLE_BYTES = 1 << 16
 _TAIL_BYTES = 1 << 13
 _TAIL_ROWS = 20
+_FIRST_ROWS = 20
 
 
 def recognise(source: Source) -> bool:
@@ -65,16 +67,41 @@ class TextCells:
         if self.dialect.delimiter == " ":
             text = _semicolons(self.text[self.dialect.offset :])
             return replace(self, text=text, dialect=replace(self.dialect, delimiter=";", offset=0)).read(indices)
+        texts = self._texts(indices)
+        plain = [i for i in indices if i not in texts]
         try:
-            numbers = _read_fast(self.text, self.dialect, indices)
+            numbers = _read_fast(self.text, self.dialect, plain)
         except pa.ArrowInvalid:
             # Arrow does not say where it stumbled, and knows neither comments nor cut rows.
-            numbers = self._scan(indices)
-        if not numbers.cut and (cut := self._cut_number(indices, numbers.n_rows)):
+            numbers = self._scan(plain)
+        if not numbers.cut and (cut := self._cut_number(plain, numbers.n_rows)):
             numbers = Numbers({i: c[:-1] for i, c in numbers.columns.items()}, numbers.n_rows - 1, cut)
+        if texts:
+            numbers = self._with_texts(numbers, texts)
         if not numbers.cut and self.zeros:
             numbers = replace(numbers, cut=f"{self.zeros} zero bytes at the end of the file")
         return numbers
+
+    def _texts(self, indices: Sequence[int]) -> list[int]:
+        """Columns whose first rows hold dates, times of day or angles in text."""
+        lines = bytes(self.text[self.dialect.offset : self.dialect.offset + _SAMPLE_BYTES]).splitlines()[:_FIRST_ROWS]
+        rows = [split_line(line.decode("utf-8", "replace"), self.dialect.delimiter) for line in lines]
+        return [i for i in indices if any(len(row) > i and row[i] and form_of(row[i]) for row in rows)]
+
+    def _with_texts(self, numbers: Numbers, texts: Sequence[int]) -> Numbers:
+        """Add columns of text as the numbers that they mean."""
+        import pyarrow as pa
+
+        try:
+            read = _read_texts(self.text, self.dialect, texts)
+        except pa.ArrowInvalid:
+            rows = [split_line(text, self.dialect.delimiter) for _, text in self._rows()]
+            read = {i: pa.array([row[i] if len(row) > i else "" for row in rows]) for i in texts}
+        columns, forms = dict(numbers.columns), {}
+        for i, column in read.items():
+            found = values_of(column.slice(0, numbers.n_rows), f"{self.name}: column {self.dialect.headers[i]!r}")
+            columns[i], forms[i] = found.values, (found.form, found.note)
+        return replace(numbers, columns=columns, texts=forms)
 
     def _rows(self) -> Iterator[tuple[int, str]]:
         """Line number and text of every row of numbers."""
@@ -174,6 +201,22 @@ def _read_fast(data: object, dialect: Dialect, indices: Sequence[int]) -> Number
                 column[n:end] = arrow_floats(part)
             n = end
     return Numbers({i: column[:n] for i, column in zip(indices, columns, strict=True)}, n)
+
+
+def _read_texts(data: object, dialect: Dialect, indices: Sequence[int]) -> dict[int, Any]:
+    """Columns of text as Arrow arrays."""
+    import pyarrow as pa
+    from pyarrow import csv
+
+    names = [str(i) for i in range(len(dialect.headers))]
+    wanted = [names[i] for i in indices]
+    table = csv.read_csv(
+        pa.BufferReader(pa.py_buffer(data).slice(dialect.offset)),
+        read_options=csv.ReadOptions(use_threads=False, block_size=_BLOCK_BYTES, column_names=names),
+        parse_options=csv.ParseOptions(delimiter=dialect.delimiter),
+        convert_options=csv.ConvertOptions(column_types=dict.fromkeys(wanted, pa.string()), include_columns=wanted),
+    )
+    return {i: table.column(name).combine_chunks() for i, name in zip(indices, wanted, strict=True)}
 
 
 def _semicolons(data: bytes) -> bytes:

@@ -10,6 +10,7 @@ import numpy as np
 from insnav.exceptions import InputError
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Numbers, Table, arrow_floats
+from insnav.input.formats.text_values import seconds_of_stamps
 from insnav.plain_text import plain_text
 
 name = "parquet"
@@ -54,8 +55,11 @@ class _ParquetCells:
         try:
             file = parquet.ParquetFile(pa.BufferReader(pa.py_buffer(self.source.data)))
             schema = file.schema_arrow
+            stamps = [i for i in indices if pa.types.is_timestamp(schema.field(i).type)]
             for i in indices:
                 kind = schema.field(i).type
+                if i in stamps:
+                    continue
                 if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
                     raise InputError(
                         f"column {self.headers[i]!r} does not hold numbers",
@@ -64,11 +68,16 @@ class _ParquetCells:
                         fix="save it as float64; times as seconds",
                     )
             arrow = file.read([schema.names[i] for i in indices], use_threads=False)
-            cast = {i: arrow.column(schema.names[i]).cast(pa.float64(), safe=False) for i in indices}
+            cast = {i: arrow.column(schema.names[i]) for i in indices}
+            cast = {i: column.cast(pa.float64(), safe=False) for i, column in cast.items() if i not in stamps}
             columns = {
                 i: np.concatenate([np.empty(0), *(arrow_floats(chunk) for chunk in column.chunks)])
                 for i, column in cast.items()
             }
         except (pa.ArrowInvalid, OSError) as error:
             raise _damaged(self.source, error) from error
-        return Numbers(columns, arrow.num_rows)
+        texts = {}
+        for i in stamps:
+            columns[i], note = seconds_of_stamps(arrow.column(schema.names[i]))
+            texts[i] = ("date and time", note)
+        return Numbers(columns, arrow.num_rows, texts=texts)

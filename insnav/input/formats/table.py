@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -21,6 +21,8 @@ class Numbers:
     columns: dict[int, FloatArray]  # (n,) by index of the column; NaN for an empty cell
     n_rows: int  # number of rows
     cut: str = ""  # why a last row was left out; empty if none was
+    # columns that were text: by index their form, as in `insnav.input.formats.text_values`, and what was assumed
+    texts: Mapping[int, tuple[str, str]] = field(default_factory=dict)
 
 
 class Cells(Protocol):

@@ -71,7 +71,7 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
 
     `head` is the first `SNIFF_BYTES` of the text, UTF-8 or Latin-1, and `whole` says whether that is all of it.
 
-    Raises: InputError: no header, only one column, or a header that does not fit the rows.
+    Raises: InputError: only one column, or a header that does not fit the rows.
     """
     raw = head.splitlines(keepends=True)
     if not whole and len(raw) > 1:
@@ -93,12 +93,7 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
         body = rows
         header_line = next((i for i in reversed(comments) if _fits(lines[i], sample)), -1)
         if header_line < 0:
-            raise InputError(
-                "the file has no header",
-                where=f"{where}:{rows[0] + 1}",
-                why=f"the first row is numbers: {plain_text(lines[rows[0]])[:80]}",
-                fix="put the names of the columns into the first line, such as time_s,gyro_x_rad_s,…",
-            )
+            return _headerless(raw, lines, rows, sample)
         bare = _bare_comment(lines[header_line])
         delimiter = _delimiter(bare, sample)
         names = split_line(bare, delimiter)
@@ -113,6 +108,18 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
         units,
         sum(len(line) for line in raw[:first]),
         first + 1,
+    )
+
+
+def _headerless(raw: Sequence[bytes], lines: Sequence[str], rows: Sequence[int], sample: Sequence[str]) -> Dialect:
+    """Table without a header: columns are called 1, 2, 3; a first row that is cut off is left out."""
+    delimiter = _delimiter(lines[rows[1]] if len(rows) > 1 else lines[rows[0]], sample)
+    widths = [len(split_line(row, delimiter)) for row in sample]
+    width = max(set(widths), key=widths.count)
+    first = rows[0] if widths[0] == width or len(rows) < 2 else rows[1]
+    headers = tuple(str(i + 1) for i in range(width))
+    return Dialect(
+        delimiter, _decimal(sample, delimiter), headers, None, sum(len(line) for line in raw[:first]), first + 1
     )
 
 

@@ -86,7 +86,7 @@ def clean(
         dt = np.diff(kept["time"])
     time = kept["time"]
     interval = float(np.median(dt))
-    gaps = np.flatnonzero(dt > (kinds.gap_rows + 1.5) * interval)
+    gaps = find_gaps(time, kinds)
     if kinds.gaps:
         events += [
             Event(
@@ -105,6 +105,12 @@ def clean(
     events.sort(key=lambda event: event.time)
     longest = float(dt[gaps].max()) if len(gaps) else 0.0
     return Cleaned(kept, tuple(events), len(gaps), longest, interval, tuple(notes))
+
+
+def find_gaps(time: FloatArray, kinds: Kinds) -> IntArray:
+    """Rows ``(n,)`` [s] after which more rows are missing than happens by chance."""
+    step = np.diff(time)
+    return np.flatnonzero(step > (kinds.gap_rows + 1.5) * np.median(step)) if kinds.gaps else np.empty(0, np.int64)
 
 
 def cut_event(kinds: Kinds, time: float, why: str) -> Event:

@@ -8,11 +8,20 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from insnav.exceptions import ConfigError, InputError
+from insnav.input.interpret.headerless import is_headerless
 from insnav.input.interpret.schema import ALL_UNITS, PREFIXES, UNIT_SPELLINGS, Quantity, compact
 from insnav.units import UNITS
 
 _BRACKETS = re.compile(r"^(?P<base>[^\[\](){}]+?)\s*[\[({](?P<unit>[^\[\](){}]*)[\])}]\s*$")
-_INDEXED = re.compile(r"^(?P<base>.+?)\[(?P<index>[012])\]$")
+_INDEXED = re.compile(r"^(?P<base>.+?)\[(?P<index>\d)\]$")
+_COUNTED = re.compile(r"^(?P<base>.*?[A-Za-z_ ]\[?)(?P<index>[0-3])(?P<rest>(?:[\s_\[\](].*)?)$")
+_MEANT = {
+    "verticalaccuracydeg": "vertical accuracy (m)",  # phyphox writes degrees for metres
+    "millis": "time (ms)",
+    "micros": "time (us)",
+    "utcnano": "time (ns)",
+}
+_NO_UNITS = {"wgs84"}  # words in brackets that say something else
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +63,15 @@ def match_header(
     Returns: the quantity, the stated unit, and a rank (0 is the most trustworthy spelling). A known name with an
     unknown unit in brackets is refused.
     """
+    if compact(header) in _MEANT:
+        header = _MEANT[compact(header)]
     if (indexed := _INDEXED.match(header)) is not None:
         header = indexed["base"] + indexed["index"]
     bracket = _BRACKETS.match(header)
     base, unit_text = (bracket["base"], bracket["unit"]) if bracket else (header, unit_below)
     unit_text = unit_text.strip(" []()-_")
+    if compact(unit_text) in _NO_UNITS:
+        unit_text = ""
     word = compact(base)
     for attempt in range(4):
         known = _match_word(word, unit_text, schema)
@@ -128,16 +141,19 @@ def understand(
     given, silent = _given(headers, schema, columns or {}, where)
     taken = {found.index for found in given.values()}
     ranked: dict[str, list[tuple[int, Found]]] = {}
-    for index, header in enumerate(headers):
+    unused = []
+    for index, (header, spelled) in enumerate(zip(headers, from_zero(headers), strict=True)):
         if not header or index in taken:
             continue
         try:
-            match = match_header(header, schema, units_row[index] if units_row else "")
+            match = match_header(spelled, schema, units_row[index] if units_row else "")
         except InputError as error:
             error.where = f"{where}: column {header!r}"
             raise
         if match is not None and match[0].key not in given and match[0].key not in silent:
             ranked.setdefault(match[0].key, []).append((match[2], Found(match[0], index, header, match[1])))
+        elif match is None:
+            unused.append(header)
     found = dict(given)
     notes: list[str] = []
     for key, candidates in ranked.items():
@@ -152,7 +168,23 @@ def understand(
             )
         found[key] = best[1]
         notes += [f"{c.header!r} could be {key} too: not used, {best[1].header!r} is" for _, c in candidates[1:]]
+    if unused and not is_headerless(headers):
+        notes.append(f"columns not used: {_listed(unused, 12)}")
     return found, tuple(notes)
+
+
+def from_zero(headers: Sequence[str]) -> list[str]:
+    """Headers of arrays that count 1, 2, 3 as if they counted 0, 1, 2, as the schema spells them."""
+    parts = [_COUNTED.match(header) for header in headers]
+    counts: dict[tuple[str, str], set[str]] = {}
+    for part in parts:
+        if part is not None:
+            counts.setdefault((part["base"], part["rest"]), set()).add(part["index"])
+    spelled = list(headers)
+    for i, part in enumerate(parts):
+        if part is not None and counts[part["base"], part["rest"]] == {"1", "2", "3"}:
+            spelled[i] = f"{part['base']}{int(part['index']) - 1}{part['rest']}"
+    return spelled
 
 
 def _given(
@@ -197,9 +229,18 @@ def require(
 
     `hint` is said first about how to fix it.
     """
+    keys = tuple(keys)
     missing = [q for key in keys if key not in found for q in schema if q.key == key]
     if not missing:
         return
+    if is_headerless(headers):
+        numbers = ",".join(f"{key}={i + 1}" for i, key in enumerate(keys))
+        raise InputError(
+            "the file has no header",
+            where=where,
+            why=f"its first row is numbers, {len(headers)} of them",
+            fix=hint or f"say which column is what, such as --columns {numbers}",
+        )
     used = {f.index for f in found.values()}
     free = [h for i, h in enumerate(headers) if h and i not in used]
     fixes = [hint] if hint else []

@@ -14,6 +14,8 @@ from insnav.types import FloatArray
 _GRAVITY = 9.8  # [m/s^2]; on Earth 9.76 .. 9.83
 _GRAVITY_TOLERANCE = 0.05
 _MIN_SHARE = 0.02  # of the quiet blocks that must show gravity
+_FAR_OFF = 0.5  # median that no accelerometer of a vehicle has
+_AIMLESS = 0.5  # length of the mean of accelerations by the mean of their lengths, without gravity less
 _UNCALIBRATED = 0.2  # the error of a sensor may be so large before it is calibrated
 _MAX_RATE = 12.0  # no vehicle turns faster for long [rad/s]
 _MAX_SENSOR_RATE = 70.0  # and no usual sensor has more [rad/s]
@@ -74,7 +76,7 @@ def find_accel_unit(
             fits = np.abs(force / _GRAVITY - 1.0) < tolerance
             if fits.mean() < share:
                 continue
-            if stated is not None and unit != stated:
+            if stated is not None and unit != stated and abs(np.median(force) / _GRAVITY - 1.0) <= _FAR_OFF:
                 raise InputError(
                     f"the accelerometers are not in {stated}",
                     where=where,
@@ -83,6 +85,8 @@ def find_accel_unit(
                     fix=f"say --imu-units accel={unit}, or put the right unit into the header",
                 )
             gravity = float(np.median(force))
+            if abs(gravity / _GRAVITY - 1.0) > _FAR_OFF:  # a few blocks fit by chance
+                continue
             text = f"accelerometers in {unit}: gravity in the quiet stretches is {gravity:.4g} m/s^2"
             off = gravity / _GRAVITY - 1.0
             if abs(off) > _GRAVITY_TOLERANCE:
@@ -101,6 +105,14 @@ def find_accel_unit(
             + ("gyro_x_rad_s … accel_z_m_s2" if increments else "dtheta_x_rad … dvel_z_m_s"),
         )
     claim = f" {stated}" if stated else ""
+    if float(np.linalg.norm(quiet.mean.mean(axis=0))) < _AIMLESS * float(norms.mean()):
+        raise InputError(
+            "the accelerations are without gravity",
+            where=where,
+            why=f"in the quietest stretches they point anywhere and read {middle:.4g}, where gravity is 9.8 m/s^2",
+            fix="give the columns or the file with gravity: TotalAcceleration, Accelerometer, Acceleration (with g); "
+            "not linear, user or gravity-free acceleration",
+        )
     raise InputError(
         "the accelerometers do not show gravity" + (f" in{claim}" if claim else " in any unit"),
         where=where,
@@ -195,6 +207,23 @@ def check_axes(quiet: Quiet, axes: str | None, *, where: str, any_way: bool = Fa
             way = "up" if direction[i] > 0 else "down"
             return f"{said}: {reads}; NOTE: {name} points {way}: if not mounted so, give --imu-axes"
     return f"{said}: {reads}; the body is not level, or its attitude varies"
+
+
+def clock_digits(time: FloatArray) -> FloatArray | None:
+    """Seconds since midnight of times ``(n,)`` written as hhmmss.s; None if they are not.
+
+    They are if minutes and seconds stay below 60 and every step of 41 or more is one from :59 to :00.
+    """
+    known = time[np.isfinite(time)]
+    if len(known) < _MIN_STEPS or known.min() < 0.0 or known.max() >= 240_000.0:
+        return None
+    if (known % 100.0 >= 60.0).any() or (known // 100.0 % 100.0 >= 60.0).any():
+        return None
+    jumps = np.diff(known) > 40.0
+    time = np.where(np.isfinite(time), time, np.nan)
+    seconds = 3600.0 * (time // 10_000.0) + 60.0 * (time // 100.0 % 100.0) + time % 100.0
+    clean = np.diff(seconds[np.isfinite(time)])
+    return seconds if jumps.any() and clean.max() < 40.0 and (np.diff(known)[jumps] < 4100.0).all() else None
 
 
 def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, where: str) -> tuple[str, str]:

@@ -39,16 +39,18 @@ _AXES = ("x", "y", "z")
 
 _GYRO = (
     "gyro? gyr? gyroscope? angularvelocity? angularrate? angvel? angrate? rotationrate? rotrate? omega? w? "
-    "wibb? g? bodyrate? turnrate? gyrorad? ?gyro ?gyr ?rate ?angularvelocity ?angularrate ?rotationrate rate?"
+    "wibb? g? bodyrate? turnrate? gyrorad? wrss? gyrorotation? "
+    "?gyro ?gyr ?rate ?angularvelocity ?angularrate ?rotationrate rate?"
 )
 _ACCEL = (
     "accel? acc? acceleration? accelerometer? linearacceleration? linacc? specificforce? specforce? f? a? "
-    "fibb? accelerometerms2? ?accel ?acc ?acceleration ?accelerometer"
+    "fibb? accelerometerms2? arss? accelerometeracceleration? ?accel ?acc ?acceleration ?accelerometer"
 )
 _DTHETA = "dtheta? deltatheta? deltaangle? delangle? dangle? dang? dth? incgyro? gyroinc? ?dtheta ?deltaangle"
 _DVEL = "dvel? deltavel? deltavelocity? delvel? dv? deltav? incaccel? accelinc? accinc? ?dvel ?deltavelocity"
 _TIME = (
     "time t timestamp ts gpstime gpst tgps timegps epoch sow tow gpssow gpstow secondsofweek timeofweek itow "
+    "loggingtime timesince1970 "
     "sod unixtime unix systime systemtime elapsed elapsedtime headerstamp stamp clock seconds secs sec"
 )
 _FORWARD_SPEED = "odometer odometerspeed odo wheelspeed odospeed vehiclespeed forwardspeed"
@@ -63,15 +65,17 @@ def _spread(spellings: str, mark: str) -> tuple[str, ...]:
     return tuple(word.replace("?", mark) for word in spellings.split())
 
 
-def _axes(key: str, dimension: str, unit: str, suffix: str, spellings: str) -> tuple[Quantity, ...]:
-    """One quantity for each of x, y, z; arrays written as ``gyro[0]`` count 0, 1, 2."""
+def _axes(
+    key: str, dimension: str, unit: str, suffix: str, spellings: str, own: tuple[str, str, str] = ("", "", "")
+) -> tuple[Quantity, ...]:
+    """One quantity for each of x, y, z; arrays written as ``gyro[0]`` count 0, 1, 2; `own`: further names of each."""
     return tuple(
         Quantity(
             f"{key}_{axis}",
             f"{key}_{axis}_{suffix}".rstrip("_"),
             dimension,
             unit,
-            _spread(spellings, axis) + _spread(spellings, str(i)),
+            _spread(spellings, axis) + _spread(spellings, str(i)) + tuple(own[i].split()),
         )
         for i, axis in enumerate(_AXES)
     )
@@ -87,6 +91,12 @@ def _ned(key: str, name: str, dimension: str, unit: str, directions: str, templa
 
 
 _TIME_COLUMN = _one("time", "time_s", "time", "s", _TIME)
+# parts of the time that stand in columns of their own
+TIME_PARTS = (
+    _one("date", "date", "", "", "date utcdate dateutc gpsdate"),
+    _one("time_fraction", "time_fraction_ns", "time", "ns", "nsec nsecs nanosec stampnsecs stampnsec stampnanosec "
+         "headerstampnsecs headerstampnsec headerstampnanosec"),
+)  # fmt: skip
 _POSITION = (
     _one("lat", "lat_deg", "angle", "deg", _LAT),
     _one("lon", "lon_deg", "angle", "deg", _LON),
@@ -110,6 +120,24 @@ _SDS = (
     _ned("sd_ve", "sd_ve_m_s", "velocity", "m/s", "e east", _SDV),
     _ned("sd_vd", "sd_vd_m_s", "velocity", "m/s", "d down u up", _SDV),
 )
+# What receivers of phones and of ROS give instead of standard deviations and of velocities north, east, down; see
+# `insnav.input.interpret.derived`.
+_RECEIVER = (
+    _one("speed", "speed_m_s", "velocity", "m/s", "speed groundspeed gspeed sog speedoverground velocity gndspeed"),
+    _one("course", "course_deg", "angle", "deg", "course bearing cog track courseoverground headmot direction"),
+    _one("radius", "accuracy_m", "length", "m", "horizontalaccuracy hacc accuracy haccuracy accuracyhorizontal"),
+    _one("accuracy_d", "accuracy_d_m", "length", "m", "verticalaccuracy vacc vaccuracy accuracyvertical"),
+    _one("accuracy_speed", "accuracy_speed_m_s", "velocity", "m/s", "speedaccuracy sacc velocityaccuracy speedacc"),
+    _one("accuracy_course", "accuracy_course_deg", "angle", "deg", "bearingaccuracy courseaccuracy headacc"),
+    _one("var_e", "var_e", "", "", "positioncovariance0 covariance0"),
+    _one("var_n", "var_n", "", "", "positioncovariance4 covariance4"),
+    _one("var_d", "var_d", "", "", "positioncovariance8 covariance8"),
+    _one("status", "status", "", "", "statusstatus navsatstatus"),
+    _one(
+        "lat_sign", "lat_sign", "", "", "ns northsouth latns latdir latdirection latitudedirection nsindicator latref"
+    ),
+    _one("lon_sign", "lon_sign", "", "", "ew eastwest lonew londir londirection longitudedirection ewindicator lonref"),
+)
 _HEADING = _one(
     "heading", "heading_deg", "angle", "deg", "heading yaw hdg psi trueheading azimuth yawangle headingtrue"
 )
@@ -117,7 +145,8 @@ _FIX = _one("fix", "fix", "", "", "fix fixtype fixquality quality q gpsfix posmo
 
 IMU_SCHEMA: tuple[Quantity, ...] = (
     _TIME_COLUMN,
-    *_axes("gyro", "rate", "rad/s", "rad_s", _GYRO),
+    *TIME_PARTS,
+    *_axes("gyro", "rate", "rad/s", "rad_s", _GYRO, ("p rollrate", "q pitchrate", "r yawrate")),
     *_axes("accel", "acceleration", "m/s^2", "m_s2", _ACCEL),
     # A gyro column in units of angle holds increments, whatever its name; so for an accelerometer column.
     *_axes("dtheta", "angle", "rad", "rad", f"{_DTHETA} {_GYRO}"),
@@ -126,9 +155,19 @@ IMU_SCHEMA: tuple[Quantity, ...] = (
     _one("odometer", "odometer_m_s", "velocity", "m/s", _FORWARD_SPEED),
     _one("baro", "baro_height_m", "length", "m", "baro baroheight baroaltitude baroalt barometer pressureheight"),
 )
-GPS_SCHEMA: tuple[Quantity, ...] = (_TIME_COLUMN, *_POSITION, *_VELOCITY, *_SDS, _HEADING, _FIX)
+GPS_SCHEMA: tuple[Quantity, ...] = (
+    _TIME_COLUMN,
+    *TIME_PARTS,
+    *_POSITION,
+    *_VELOCITY,
+    *_SDS,
+    *_RECEIVER,
+    _HEADING,
+    _FIX,
+)
 REFERENCE_SCHEMA: tuple[Quantity, ...] = (
     _TIME_COLUMN,
+    *TIME_PARTS,
     *_POSITION,
     *_VELOCITY,
     *_SDS,
@@ -169,6 +208,8 @@ PREFIXES = (
     "nav",
     "pos",
     "twist",
+    "location",
+    "motion",
 )
 
 _MORE_UNITS: dict[str, tuple[str, float]] = {

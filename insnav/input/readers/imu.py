@@ -15,6 +15,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.clean import IMU_KINDS
 from insnav.input.interpret.columns import Found, find_unit, require, understand
+from insnav.input.interpret.headerless import imu_columns, is_headerless
 from insnav.input.interpret.physics import check_axes, find_accel_unit, find_gyro_unit, quiet_part, turn_ratio
 from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, Quantity
 from insnav.input.readers.raw_columns import SI_UNITS, from_outputs, raw_schema
@@ -83,7 +84,12 @@ def read_imu(
     name = table.name
     scales = dict(raw_scales or {})
     schema = raw_schema(scales)
+    guessed = not columns and is_headerless(table.headers)
+    columns = imu_columns(table) if guessed else columns
     found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)
+    if guessed and columns:
+        by_number = ",".join(f"{key}={number}" for key, number in columns.items())
+        notes = (*notes, f"the file has no header; by what they hold the columns are {by_number} (else --columns)")
     increments = _choose(found, sampling, given, table, schema)
     gyro_keys, accel_keys = (_ANGLES, _VELOCITIES) if increments else (_RATES, _FORCES)
     stated = {
@@ -284,7 +290,9 @@ def _damaged(
 
 
 def _in_body(columns: dict[str, FloatArray], keys: tuple[str, ...], matrix: FloatArray) -> FloatArray:
-    """Three columns as one array in body axes; `matrix` only exchanges axes and signs."""
+    """Three columns as one array in body axes."""
+    if np.count_nonzero(matrix) > 3:
+        return np.asarray(np.column_stack([columns[key] for key in keys]) @ matrix.T)
     sources = [int(np.flatnonzero(row)[0]) for row in matrix]
     signs = [float(row[j]) for row, j in zip(matrix, sources, strict=True)]
     body = np.empty((len(columns["time"]), 3))

@@ -12,9 +12,12 @@ import numpy as np
 from insnav.exceptions import InputError
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
-from insnav.input.interpret.clean import Cleaned, Kinds
+from insnav.input.interpret.clean import Kinds
 from insnav.input.interpret.columns import Found, require, understand
-from insnav.input.interpret.schema import Quantity
+from insnav.input.interpret.derived import derive
+from insnav.input.interpret.headerless import is_headerless, position_columns
+from insnav.input.interpret.schema import ALL_UNITS, Quantity
+from insnav.input.interpret.velocities import Fit, fit_velocities
 from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
 from insnav.types import BoolArray, FloatArray
@@ -27,9 +30,6 @@ _MAX_HEIGHT = 1e5  # [m]
 _MIN_HEIGHT = -1e4
 _FAR = 0.1 * DEG  # a fix at (0, 0) is a placeholder if all others are farther than this
 _STANDARD_DEVIATIONS = ("sd_n", "sd_e", "sd_d", "sd_vn", "sd_ve", "sd_vd")
-_EARTH_RADIUS = 6.37e6  # to compare speeds, a rough one will do [m]
-_RADIANS_RATIO = 20.0  # speeds that differ by more mean radians (57.3 times); less is noise
-_SLOW = 0.5  # slower ones tell nothing [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +64,9 @@ def read_positions(
     hint = ""
     if sum(header.lower().startswith(("gyro", "acc", "dtheta", "dvel")) for header in table.headers) > 3:
         hint = "this looks like inertial data: give it as the IMU file"
+    if is_headerless(table.headers) and (guess := position_columns(table)):
+        numbers = ",".join(f"{key}={number}" for key, number in guess.items())
+        hint = f"if time, latitude, longitude and height are in this order, say --columns {numbers}"
     wanted = ("time", "lat", "lon", height_key)
     require(found, wanted, table.headers, schema, where=name, hint=hint)
     keys = [key for key in found if key not in ("height", "height_msl") or key == height_key]
@@ -73,6 +76,7 @@ def read_positions(
         if key != "time" and found[key].factor != 1.0:
             raw[key] = raw[key] * found[key].factor
     raw["height"] = raw.pop(height_key)
+    notes = (*notes, *derive(raw, found))
     bad = ~np.isfinite(raw["time"]) | _no_position(raw)
     notes = (*notes, *_raise_rounded(raw, bad, found))
     _refuse_impossible(raw, bad, found, table, height_key)
@@ -83,7 +87,15 @@ def read_positions(
         data["vd"] = -data["vu"]
     unknown = np.full(len(lla), np.nan)
     v_n = np.column_stack([data.get(key, unknown) for key in ("vn", "ve", "vd")])
-    evidence = (height_evidence, _angles(lla, v_n, cleaned, found, name), *_words(found), *notes)
+    fit = fit_velocities(data["time"], lla, v_n)
+    degrees, angles = _angles(lla, fit, found, name)
+    lla[:, :2] *= degrees
+    unit, words = _velocity_unit(fit, found, name)
+    if unit != 1.0:
+        v_n *= unit
+        for key in set(data) & {"sd_vn", "sd_ve", "sd_vd"}:
+            data[key] = data[key] * unit
+    evidence = (height_evidence, angles, *words, *_words(found), *notes)
     columns_read = {
         found[key].quantity.name: found[key].describe(rows.time_unit if key == "time" else None) for key in keys
     }
@@ -108,10 +120,12 @@ def _height(found: Mapping[str, Found], height: Height | None) -> tuple[str, str
     )
 
 
-def _no_position(raw: Mapping[str, FloatArray]) -> BoolArray:
+def _no_position(raw: dict[str, FloatArray]) -> BoolArray:
     """Rows without a position: empty cells, and the placeholder (0, 0) of a receiver without a fix."""
     lat, lon = raw["lat"], raw["lon"]
     bad: BoolArray = ~(np.isfinite(lat) & np.isfinite(lon) & np.isfinite(raw["height"]))
+    if "status" in raw:
+        bad |= raw.pop("status") < 0.0  # of ROS: no fix
     origin = ~bad & (lat == 0.0) & (lon == 0.0)
     if not origin.any():
         return bad
@@ -171,28 +185,87 @@ def _refuse_impossible(
             )
 
 
-def _angles(lla: FloatArray, v_n: FloatArray, cleaned: Cleaned, found: Mapping[str, Found], name: str) -> str:
-    """Whether positions without a unit may be radians; refuse them if the velocity says so."""
+def _angles(lla: FloatArray, fit: Fit | None, found: Mapping[str, Found], name: str) -> tuple[float, str]:
+    """Factor by which angles taken as degrees are to be multiplied, and why.
+
+    Raises: InputError: they may be degrees or radians, or are not what the header says.
+    """
     stated = found["lat"].unit
-    if stated is not None:
-        return f"positions in {stated}"
+    fix = "name the columns lat_rad and lon_rad, or lat_deg and lon_deg if they are degrees"
     in_deg = np.abs(lla[:, :2]) / DEG
-    if (in_deg[:, 0] > 0.5 * np.pi).any() or (in_deg[:, 1] > np.pi).any():
-        return "positions in deg: they are too large for radians"
-    step = np.diff(lla[:, :2], axis=0) * [1.0, np.cos(lla[0, 0])] * _EARTH_RADIUS
-    seen = float(np.median(np.linalg.norm(step, axis=1) / np.diff(cleaned.columns["time"])))
-    speeds = np.linalg.norm(v_n[:, :2], axis=1)
-    stated_speed = float(np.median(speeds[np.isfinite(speeds)])) if np.isfinite(speeds).any() else 0.0
-    if stated_speed > max(_SLOW, _RADIANS_RATIO * seen):
+    large = (in_deg[:, 0] > 0.5 * np.pi).any() or (in_deg[:, 1] > np.pi).any()
+    if stated not in (None, "deg"):
+        return 1.0, f"positions in {stated}"
+    if large:
+        return 1.0, "positions in deg" + ("" if stated else ": they are too large for radians")
+    if fit is not None and fit.radians:
+        why = "as degrees they move 57 times slower than the velocity columns say"
+        if stated:
+            raise InputError("the positions look like radians", where=name, why=why, fix=fix)
+        return 1.0 / DEG, f"positions in rad: {why}"
+    if stated:
+        return 1.0, f"positions in {stated}"
+    if fit is not None:
+        return 1.0, "positions in deg: they move as fast as the velocity columns say"
+    raise InputError(
+        "the positions may be degrees or radians",
+        where=name,
+        why="all lie near (0, 0), and no velocity tells",
+        fix=fix,
+    )
+
+
+def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tuple[float, list[str]]:
+    """Factor from the velocities as read to m/s, and why.
+
+    Raises: InputError: the positions move otherwise than the columns say by name or unit.
+    """
+    if fit is None or fit.radians:
+        return 1.0, []
+    if fit.exchanged:
         raise InputError(
-            "the positions look like radians",
+            "latitude and longitude are exchanged",
             where=name,
-            why=f"as degrees they move at {seen:.3g} m/s, but the velocity columns say {stated_speed:.3g} m/s",
-            fix="name the columns lat_rad and lon_rad, or lat_deg and lon_deg if they are degrees",
+            why="only so the positions move as the velocity columns say",
+            fix=f"say --columns lat={found['lon'].header},lon={found['lat'].header}",
         )
-    if _SLOW < stated_speed < 2.0 * seen < 4.0 * stated_speed:
-        return f"positions in deg: they move at {seen:.3g} m/s, as the velocity columns say"
-    return "positions in deg: assumed; all lie near (0, 0): if they are radians, name them lat_rad, lon_rad"
+    columns = [found[key] for key in ("vn", "ve", "vd", "vu", "speed") if key in found]
+    if not fit.as_named:
+        directions = [("vn", "ve")[i] for i in fit.order] if "vn" in found else []
+        signs = " and ".join(word for word, sign in zip(("north", "east"), fit.signs, strict=True) if sign < 0)
+        fix = f"say --columns vn={found[directions[0]].header},ve={found[directions[1]].header}" if directions else ""
+        raise InputError(
+            "the velocities do not fit the positions",
+            where=name,
+            why="the positions move as they say if "
+            + " and ".join(
+                [
+                    *(["north and east are exchanged"] if fit.order == (1, 0) else []),
+                    *([f"the sign of {signs} is changed"] if signs else []),
+                ]
+            ),
+            fix=("change the sign in the file" + (f", and {fix}" if fit.order == (1, 0) else "")) if signs else fix,
+        )
+    if fit.down < 0.0 and "vd" in found:
+        header = found["vd"].header
+        raise InputError(
+            f"the sign of {header!r} does not fit the heights",
+            where=name,
+            why="when it is positive the heights rise: it is a velocity up",
+            fix=f"say --columns vu={header}",
+        )
+    if fit.unit == "m/s":
+        return 1.0, []
+    why = f"the positions move {fit.ratio:.3g} times as far as in m/s"
+    if any(column.unit for column in columns):
+        stated = next(column for column in columns if column.unit)
+        raise InputError(
+            f"the velocities are not in {stated.unit}",
+            where=name,
+            why=f"{why}: that looks like {fit.unit}",
+            fix=f"put the right unit into the header, such as {stated.quantity.key} [{fit.unit}]",
+        )
+    return ALL_UNITS[fit.unit][1], [f"velocities in {fit.unit}: {why}"]
 
 
 def _words(found: Mapping[str, Found]) -> list[str]:

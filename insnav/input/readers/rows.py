@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
 
+from insnav.exceptions import InputError
 from insnav.input.formats.table import Table
+from insnav.input.formats.text_values import with_date
 from insnav.input.interpret.clean import Cleaned, Kinds, clean, cut_event
 from insnav.input.interpret.columns import Found
-from insnav.input.interpret.physics import find_time_unit
-from insnav.input.interpret.schema import ALL_UNITS
+from insnav.input.interpret.physics import clock_digits, find_time_unit
+from insnav.input.interpret.schema import ALL_UNITS, TIME_PARTS
 from insnav.input.readers.reading import Reading, ReadingFacts
 from insnav.types import BoolArray, FloatArray, Sampling, Stamp
 
@@ -31,6 +33,7 @@ class Rows:
     # unit of the time in the file, and how it was found
     time_unit: str
     time_evidence: str
+    texts: Mapping[str, tuple[str, str]] = field(default_factory=dict)  # columns that were text, as in `Numbers`
 
     def clean(self, bad: BoolArray | None = None, action: str = "not a finite number") -> Cleaned:
         """Rows in order without the bad ones ``(n,)``: by default those with a value that is not finite."""
@@ -94,11 +97,46 @@ def read_rows(
 
     Raises: InputError: a cell is not a number, or the unit of the time is unclear.
     """
-    numbers = table.cells.read([found[key].index for key in keys])
-    columns = {key: numbers.columns[found[key].index] for key in keys}
+    parts = [each.key for each in TIME_PARTS if each.key in found and "time" in keys]
+    numbers = table.cells.read([found[key].index for key in (*keys, *parts)])
+    columns = {key: numbers.columns[found[key].index] for key in (*keys, *parts)}
+    forms = {key: numbers.texts[found[key].index] for key in columns if found[key].index in numbers.texts}
+    _refuse_texts(forms, found, table)
+    day, fraction = columns.pop("date", None), columns.pop("time_fraction", None)
     unit, evidence = "s", ""
-    if "time" in columns and numbers.n_rows > 1:
+    if "time" in forms:
+        form, evidence = forms["time"]
+        if form == "time of day" and day is not None and "date" in forms:
+            columns["time"], evidence = with_date(day, columns["time"])
+        if fraction is not None:
+            columns["time"] = columns["time"] + fraction * found["time_fraction"].factor
+    elif fraction is not None:
+        columns["time"] = columns["time"] + fraction * found["time_fraction"].factor
+        evidence = f"time in s: {found['time'].header} and {found['time_fraction'].header}"
+    elif "time" in columns and numbers.n_rows > 1 and (clock := clock_digits(columns["time"])) is not None:
+        columns["time"], evidence = clock, "times are hours, minutes and seconds in one number: seconds since midnight"
+    elif "time" in columns and numbers.n_rows > 1:
         stated = time_unit or found["time"].unit
         unit, evidence = find_time_unit(columns["time"], stated, slowest=slowest, where=table.name)
         columns["time"] = columns["time"] * ALL_UNITS[unit][1]
-    return Rows(table, kinds, columns, numbers.n_rows, numbers.cut, unit, evidence)
+    return Rows(table, kinds, columns, numbers.n_rows, numbers.cut, unit, evidence, forms)
+
+
+_FORMS = {
+    "time": ("date and time", "time of day"),
+    "date": ("date",),
+    **dict.fromkeys(("lat", "lon"), ("angle",)),
+    **dict.fromkeys(("lat_sign", "lon_sign"), ("hemisphere",)),
+}
+
+
+def _refuse_texts(forms: Mapping[str, tuple[str, str]], found: Mapping[str, Found], table: Table) -> None:
+    """Refuse texts where they cannot stand: a date in a column of rates."""
+    for key, (form, _) in forms.items():
+        if form not in _FORMS.get(key, ()):
+            raise InputError(
+                f"column {found[key].header!r} holds text, not numbers",
+                where=table.place(0, found[key].index),
+                why=f"it looks like {form}, and is taken for {key}",
+                fix=f"name the right column: --columns {key}=HEADER",
+            )

@@ -1,0 +1,216 @@
+"""Cells that are no plain numbers and yet mean one: dates, times of day, angles with a hemisphere.
+
+Dates become seconds of a GPS week, as in `insnav.input.formats.time_scales`; times of day seconds since midnight.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.formats.time_scales import Scale, gps_days, seconds_of_week, unix_days
+from insnav.types import FloatArray
+
+_TIME = (
+    r"(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2}(?:[.,]\d*)?))?[ ]?(?P<half>[AaPp][Mm])?"
+    r"[ ]?(?P<zone>Z|UTC|GMT|GPST?|[-+]\d{2}(?::?\d{2})?)?"
+)
+_DATES = (
+    r"(?P<year>\d{4})[-/.](?P<month>\d{1,2})[-/.](?P<day>\d{1,2})",
+    r"(?P<day>\d{1,2})[-. ](?P<month>\d{1,2}|[A-Za-z]{3})[-. ](?P<year>\d{4})",
+    r"(?P<first>\d{1,2})/(?P<then>\d{1,2})/(?P<year>\d{4})",
+)
+_BETWEEN = r"(?:[ ]+|[ ]?[Tt_,][ ]?)"
+_FORMS = (
+    *(f"^{date}{_BETWEEN}{_TIME}$" for date in _DATES),
+    f"^{_TIME}$",
+    *(f"^{date}$" for date in _DATES),
+)
+_PATTERNS = tuple(re.compile(form) for form in _FORMS)
+_MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
+_ANGLE = re.compile(
+    r"^(?P<before>[NSEW])?\s*(?P<sign>[-+])?(?P<deg>\d+(?:\.\d*)?)\s*(?:°|deg|d|º)?\s*"
+    r"(?:(?P<min>\d+(?:\.\d*)?)\s*['′’m]?\s*(?:(?P<sec>\d+(?:\.\d*)?)\s*(?:\"|″|''|s)?)?)?\s*(?P<after>[NSEW])?$",
+    re.IGNORECASE,
+)
+_ANGLE_MARK = re.compile(r"[°º'′’\"NSEWnsew]")
+_HEMISPHERES = {"N": 1.0, "E": 1.0, "S": -1.0, "W": -1.0}
+DAY = 86_400.0
+
+
+class TextValues(NamedTuple):
+    """A column of text as numbers."""
+
+    values: FloatArray  # (n,) seconds, days, degrees or signs; NaN for an empty cell
+    form: str  # ``date and time``, ``time of day``, ``date``, ``angle`` or ``hemisphere``
+    note: str = ""  # what was assumed
+
+
+def form_of(cell: str) -> str:
+    """Form of one cell, as in `TextValues`; empty if it means no number."""
+    if any(pattern.match(cell) for pattern in _PATTERNS):
+        has_time, has_date = ":" in cell, not re.match(r"^\d{1,2}:", cell)
+        return {(True, True): "date and time", (True, False): "time of day", (False, True): "date"}[has_time, has_date]
+    if cell.upper() in _HEMISPHERES:
+        return "hemisphere"
+    return "angle" if _ANGLE_MARK.search(cell) and _ANGLE.match(cell) else ""
+
+
+def values_of(texts: Any, where: str) -> TextValues:
+    """Numbers that an Arrow array of texts means; the first cell decides what they are.
+
+    Raises: InputError: a cell is of another form, or a date may be read in two ways; `where` is the column.
+    """
+    import pyarrow.compute as pc
+
+    texts = pc.utf8_trim_whitespace(texts)
+    first = next((cell for cell in texts.to_pylist() if cell), "")
+    form = form_of(first)
+    if not form:
+        return TextValues(np.full(len(texts), np.nan), "")
+    if form in ("angle", "hemisphere"):
+        convert = _HEMISPHERES.get if form == "hemisphere" else _degrees
+        cells = [np.nan if not cell else convert(cell.upper()) for cell in texts.to_pylist()]
+        _refuse_others([cell is None for cell in cells], texts, first, where)
+        return TextValues(np.array(cells, dtype=np.float64), form)
+    pattern = _FORMS[next(i for i, each in enumerate(_PATTERNS) if each.match(first))]
+    found = pc.extract_regex(texts, pattern)
+    empty = np.asarray(pc.equal(pc.fill_null(texts, ""), "").to_numpy(zero_copy_only=False), dtype=np.bool_)
+    valid = np.asarray(found.is_valid().to_numpy(zero_copy_only=False), dtype=np.bool_)
+    _refuse_others(~valid & ~empty, texts, first, where)
+    names = re.findall(r"\?P<(\w+)>", pattern)
+    parts = {name: pc.struct_field(found, name) for name in names}
+    second = _seconds(parts) if "hour" in parts else np.zeros(len(empty))
+    if form == "time of day":
+        return TextValues(np.where(valid, second, np.nan), form, _clock_note(parts, first))
+    day = _days(parts, valid, where)
+    if form == "date":
+        return TextValues(np.where(valid, day, np.nan), form)
+    rows = np.flatnonzero(valid)
+    time, note = seconds_of_week(day[rows], second[rows], _scale(parts))
+    values = np.full(len(empty), np.nan)
+    values[rows] = time
+    return TextValues(values, form, f"{note}{_clock_note(parts, first)}")
+
+
+def seconds_of_stamps(stamps: Any) -> tuple[FloatArray, str]:
+    """Seconds of the GPS week of an Arrow array of timestamps, UTC, and what was assumed."""
+    import pyarrow as pa
+
+    known = np.asarray(stamps.is_valid().to_numpy(), dtype=np.bool_)
+    whole = stamps.cast(pa.timestamp("ns", stamps.type.tz)).cast(pa.int64()).fill_null(0).to_numpy()
+    time = np.full(len(known), np.nan)
+    time[known], note = seconds_of_week(*unix_days(whole[known]), "UTC")
+    return time, note if stamps.type.tz else f"{note}; they name no zone and are taken as UTC"
+
+
+def with_date(day: FloatArray, second: FloatArray) -> tuple[FloatArray, str]:
+    """Seconds of the GPS week of dates and times of day, UTC, that stand in two columns ``(n,)``."""
+    rows = np.isfinite(day) & np.isfinite(second)
+    time = np.full(len(day), np.nan)
+    time[rows], note = seconds_of_week(day[rows], second[rows], "UTC")
+    return time, note
+
+
+def _refuse_others(other: Sequence[bool] | Any, texts: Any, first: str, where: str) -> None:
+    rows = np.flatnonzero(np.asarray(other, dtype=np.bool_))
+    if len(rows):
+        raise InputError(
+            f"{texts[int(rows[0])].as_py()!r} is not written like {first!r}",
+            where=where,
+            why=f"row {rows[0] + 1} of numbers; {len(rows)} cells of this column differ from its first one",
+            fix="write all cells of the column alike",
+        )
+
+
+def _numbers(part: Any, missing: str = "0") -> FloatArray:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    plain = pc.replace_substring(pc.fill_null(part, missing), ",", ".")
+    plain = pc.if_else(pc.equal(plain, ""), missing, plain)
+    return np.asarray(pc.cast(plain, pa.float64()).to_numpy(zero_copy_only=False))
+
+
+def _flags(part: Any, *words: str) -> Any:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    found = pc.is_in(pc.utf8_upper(pc.fill_null(part, "")), value_set=pa.array(words))
+    return np.asarray(found.to_numpy(zero_copy_only=False), dtype=np.bool_)
+
+
+def _seconds(parts: dict[str, Any]) -> FloatArray:
+    """Seconds since midnight UTC, or of the clock that the texts are in."""
+    import pyarrow.compute as pc
+
+    hour = _numbers(parts["hour"])
+    hour = np.where(_flags(parts["half"], "AM", "PM"), hour % 12.0, hour) + 12.0 * _flags(parts["half"], "PM")
+    second = 3600.0 * hour + 60.0 * _numbers(parts["minute"]) + _numbers(parts["second"])
+    zone = pc.fill_null(parts["zone"], "")
+    ahead = pc.if_else(pc.match_substring_regex(zone, r"^[-+]"), pc.replace_substring(zone, ":", ""), "+0000")
+    hours, minutes = _numbers(pc.utf8_slice_codeunits(ahead, 1, 3)), _numbers(pc.utf8_slice_codeunits(ahead, 3, 5))
+    sign = 1.0 - 2.0 * np.asarray(pc.starts_with(ahead, "-").to_numpy(zero_copy_only=False), dtype=np.float64)
+    return np.asarray(second - sign * (3600.0 * hours + 60.0 * minutes))
+
+
+def _days(parts: dict[str, Any], valid: Any, where: str) -> FloatArray:
+    """Days since 6 January 1980."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if "first" in parts:
+        one, two = _numbers(parts["first"], "1"), _numbers(parts["then"], "1")
+        if one.max() <= 12.0 and two.max() <= 12.0:
+            raise InputError(
+                "the dates can be read in two ways: is the day or the month first?",
+                where=where,
+                why=f"{one[valid][0]:.0f}/{two[valid][0]:.0f} has no number above 12",
+                fix="write them as year-month-day, such as 2025-08-28",
+            )
+        day, month = (one, two) if one.max() > 12.0 else (two, one)
+    else:
+        names = pc.utf8_lower(pc.fill_null(parts["month"], "1"))
+        place = pc.index_in(names, value_set=pa.array(_MONTHS))
+        month = _numbers(pc.if_else(pc.is_valid(place), pc.cast(pc.add(pc.fill_null(place, 0), 1), pa.string()), names))
+        day = _numbers(parts["day"], "1")
+    year = _numbers(parts["year"], "1980")
+    wrong = valid & ~((month >= 1) & (month <= 12) & (day >= 1) & (day <= 31))
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        raise InputError(
+            "a date is not possible",
+            where=where,
+            why=f"row {row + 1} of numbers: day {day[row]:.0f}, month {month[row]:.0f}",
+            fix="write dates as year-month-day, such as 2025-08-28",
+        )
+    return gps_days(year, month, day)
+
+
+def _scale(parts: dict[str, Any]) -> Scale:
+    return "GPST" if _flags(parts["zone"], "GPS", "GPST").any() else "UTC"
+
+
+def _clock_note(parts: dict[str, Any], first: str) -> str:
+    """Say what a clock without a zone was taken for."""
+    import pyarrow.compute as pc
+
+    if pc.any(pc.not_equal(pc.fill_null(parts["zone"], ""), "")).as_py():
+        return ""
+    if "year" not in parts:
+        return f"times of day such as {first}: seconds since midnight, of whatever zone"
+    return "; they name no zone and are taken as UTC: write it behind them if not, such as 17:30:39+02:00"
+
+
+def _degrees(text: str) -> float | None:
+    """Degrees of an angle such as ``48°07'02.3"N`` or ``4807.038N``; None if it is none."""
+    match = _ANGLE.match(text)
+    if match is None:
+        return None
+    degrees = float(match["deg"]) + float(match["min"] or 0.0) / 60.0 + float(match["sec"] or 0.0) / 3600.0
+    sign = _HEMISPHERES.get((match["before"] or match["after"] or "N").upper(), 1.0)
+    return -sign * degrees if match["sign"] == "-" else sign * degrees

@@ -1,0 +1,148 @@
+"""Columns that say in another way what a fix is made of: brought to latitude, velocity N/E/D and their deviations.
+
+References
+----------
+Android `Location.getAccuracy`: the radius of 68 % confidence; so is the horizontal accuracy of Core Location. For two
+equal normal components that radius is ``sqrt(-2 ln 0.32)`` standard deviations of one. NMEA 0183: ``ddmm.mmmm``.
+ROS `sensor_msgs/NavSatFix`: covariance in m^2, east, north, up, row by row; status below 0 is no fix.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from insnav.input.interpret.columns import Found
+from insnav.types import FloatArray
+from insnav.units import DEG
+
+RADIUS = math.sqrt(-2.0 * math.log(0.32))  # of 68 % confidence, in standard deviations of one component
+_MOST = 0.9  # of the rows that must be no degrees
+_STILL = 0.3  # below such a speed a receiver gives no course [m/s]
+_CLIMB_SD = 2.0  # of a vertical speed that is taken from the heights, at least [m/s]
+
+
+def derive(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[str]:
+    """Put what can be derived into the columns ``(n,)`` [SI, rad], in place; notes on what was done."""
+    notes = _integers(raw, found)
+    notes += _degrees_minutes(raw, found)
+    notes += _signs(raw, found)
+    notes += _velocities(raw, found)
+    notes += _deviations(raw, found)
+    return notes
+
+
+def _integers(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[str]:
+    """Integers as u-blox and PX4 write them: degrees times 1e7, and millimetres beside them."""
+    written = {key: raw[key][np.isfinite(raw[key])] / found[key].factor for key in ("lat", "lon")}
+    whole = (len(values) and (np.abs(values - np.round(values)) < 1e-3).all() for values in written.values())
+    if found["lat"].unit or not all(whole):
+        return []
+    size = {key: float(np.abs(values).max()) for key, values in written.items()}
+    if not (max(size.values()) > 18_000.0 * 100.0 and size["lat"] <= 90e7 and size["lon"] <= 180e7):
+        return []
+    for key in ("lat", "lon"):
+        raw[key] = raw[key] * 1e-7
+    height = raw["height"][np.isfinite(raw["height"])]
+    column = found["height"] if "height" in found else found["height_msl"]
+    if column.unit or not len(height) or (height != np.round(height)).any():
+        return ["positions in 1e-7 deg: they are integers"]
+    raw["height"] = raw["height"] * 1e-3
+    return ["positions in 1e-7 deg, heights in mm: they are integers"]
+
+
+def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[str]:
+    """Degrees and minutes in one number, as NMEA writes them: 4807.038 is 48 deg 7.038 min."""
+    written = {key: raw[key] / found[key].factor for key in ("lat", "lon")}
+    known = {key: values[np.isfinite(values)] for key, values in written.items()}
+    if found["lat"].unit not in (None, "deg") or not all(len(values) for values in known.values()):
+        return []
+    whole = {key: np.abs(values) // 100.0 for key, values in known.items()}
+    minutes = all(bool((np.abs(values) % 100.0 < 60.0).all()) for values in known.values())
+    far = max(float(np.mean(np.abs(known["lat"]) > 90.0)), float(np.mean(np.abs(known["lon"]) > 360.0))) > _MOST
+    if not (far and minutes and whole["lat"].max() < 90.0 and whole["lon"].max() <= 180.0):
+        return []
+    for key, values in written.items():
+        size = np.abs(values)
+        raw[key] = np.sign(values) * (size // 100.0 + (size % 100.0) / 60.0) * DEG
+    example = f"{known['lat'][0]:.3f}"
+    return [f"positions in degrees and minutes, ddmm.mmmm: {example} is {raw['lat'][0] / DEG:.5f} deg"]
+
+
+def _signs(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[str]:
+    """South and west from columns of letters."""
+    notes = []
+    for key in ("lat", "lon"):
+        sign = raw.pop(f"{key}_sign", None)
+        if sign is not None:
+            raw[key] = np.where(np.isfinite(sign), sign, np.nan) * np.abs(raw[key])
+            notes.append(f"sign of {found[key].header!r} from {found[f'{key}_sign'].header!r}")
+    return notes
+
+
+def _velocities(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[str]:
+    """Velocity north and east from speed and course; vertical speed from the heights."""
+    speed, course = raw.pop("speed", None), raw.pop("course", None)
+    speed_sd, course_sd = raw.pop("accuracy_speed", None), raw.pop("accuracy_course", None)
+    if "vn" in raw or "ve" in raw or speed is None or course is None:
+        unused = [key for key, column in (("speed", speed), ("course", course)) if column is not None]
+        return [f"{found[key].header!r} is not used" for key in unused] if "vn" not in raw else []
+    speed = np.where(speed >= 0.0, speed, np.nan)  # -1 stands for unknown
+    known = np.isfinite(speed) & (np.isfinite(course) & (course >= 0.0) | (speed < _STILL))
+    course = np.where(np.isfinite(course), course, 0.0)
+    raw["vn"] = np.where(known, speed * np.cos(course), np.nan)
+    raw["ve"] = np.where(known, speed * np.sin(course), np.nan)
+    notes = [f"velocity from speed and course, {found['speed'].header!r} and {found['course'].header!r}"]
+    if speed_sd is not None and (speed_sd > 0.0).any():
+        sd = np.where(speed_sd > 0.0, speed_sd, np.nan)
+        if course_sd is not None:
+            across = speed * np.where(course_sd > 0.0, course_sd, 0.0)
+            sd = np.fmax(sd, np.where(np.isfinite(across), across, 0.0))
+        raw["sd_vn"], raw["sd_ve"] = sd, sd.copy()
+        notes.append(f"standard deviation of the velocity from {found['accuracy_speed'].header!r}")
+    if "vd" not in raw and "vu" not in raw:
+        climb, climb_sd = _climb(raw)
+        raw["vd"] = np.where(known, -climb, np.nan)
+        if "sd_vn" in raw:
+            raw["sd_vd"] = np.where(np.isfinite(raw["sd_vn"]), np.maximum(raw["sd_vn"], climb_sd), np.nan)
+        notes.append(f"vertical speed from the heights, sd {climb_sd:.2g} m/s")
+    return notes
+
+
+def _climb(raw: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
+    """Rate of the heights between the fixes around each [m/s], and its standard deviation by its own scatter."""
+    time, height = raw["time"], raw["height"]
+    rate = np.zeros(len(time))
+    if len(time) > 2:
+        step = time[2:] - time[:-2]
+        inner = np.where(step > 0.0, (height[2:] - height[:-2]) / np.where(step > 0.0, step, 1.0), 0.0)
+        rate[1:-1] = np.where(np.isfinite(inner), inner, 0.0)
+    return rate, max(_CLIMB_SD, 1.4826 * float(np.median(np.abs(rate))))
+
+
+def _deviations(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[str]:
+    """Standard deviations from variances, and from radii of confidence."""
+    notes: list[str] = []
+    radius, vertical = raw.pop("radius", None), raw.pop("accuracy_d", None)
+    variances = {axis: raw.pop(f"var_{axis}", None) for axis in "ned"}
+    if "sd_n" in raw:
+        return notes
+    if all(column is not None and (column > 0.0).any() for column in variances.values()):
+        for axis, column in variances.items():
+            assert column is not None
+            raw[f"sd_{axis}"] = np.sqrt(np.where(column > 0.0, column, np.nan))
+        notes.append(f"standard deviations from the variances {found['var_e'].header!r} … {found['var_d'].header!r}")
+    elif radius is not None and (radius > 0.0).any():
+        raw["sd_n"] = np.where(radius > 0.0, radius, np.nan) / RADIUS
+        raw["sd_e"] = raw["sd_n"].copy()
+        text = f"standard deviation from {found['radius'].header!r}, a radius of 68 %"
+        if vertical is not None and (vertical > 0.0).any():
+            raw["sd_d"] = np.where(vertical > 0.0, vertical, np.nan)
+            text += f", and {found['accuracy_d'].header!r}"
+        else:
+            raw["sd_d"] = 2.0 * raw["sd_n"]
+            text += "; vertical: twice that"
+        notes.append(text)
+    return notes

@@ -1,0 +1,74 @@
+"""Tables without a header: their columns go by number, and of an IMU by what they hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from insnav.input.formats.table import Table
+from insnav.types import FloatArray
+
+_ROWS = 50_000  # that are looked at
+_GRAVITIES = (9.8, 1.0, 1000.0)  # in m/s^2, g and mg
+_TOLERANCE = 0.05
+_LAT, _LON, _HEIGHT = 90.0, 360.0, 1e5
+
+
+def is_headerless(headers: Sequence[str]) -> bool:
+    """Whether headers are the numbers of the columns, as for tables without a header."""
+    return tuple(headers) == tuple(str(i + 1) for i in range(len(headers)))
+
+
+def imu_columns(table: Table) -> dict[str, str]:
+    """Columns of a table without a header that hold time, gyros and accelerometers, by their content.
+
+    One advances with every row; three beside each other show gravity; three others are the gyros. Empty if others fit
+    as well.
+    """
+    columns = _columns(table)
+    times = [i for i, values in enumerate(columns) if _advances(values)]
+    if len(times) != 1:
+        return {}
+    rest = [i for i in range(len(columns)) if i != times[0]]
+    triads = [rest[k : k + 3] for k in range(len(rest) - 2) if rest[k + 2] - rest[k] == 2]
+    heavy = [triad for triad in triads if _shows_gravity([columns[i] for i in triad])]
+    if len(heavy) != 1:
+        return {}
+    others = [triad for triad in triads if not set(triad) & set(heavy[0])]
+    if len(others) != 1:
+        return {}
+    found = {"time": times[0]}
+    found |= {f"gyro_{axis}": i for axis, i in zip("xyz", others[0], strict=True)}
+    found |= {f"accel_{axis}": i for axis, i in zip("xyz", heavy[0], strict=True)}
+    return {key: str(i + 1) for key, i in found.items()}
+
+
+def position_columns(table: Table) -> dict[str, str]:
+    """Columns of a table without a header that may hold time, latitude, longitude and height, in this order."""
+    columns = _columns(table)
+    times = [i for i, values in enumerate(columns) if _advances(values)]
+    if not times or times[0] + 3 >= len(columns):
+        return {}
+    first = times[0]
+    for key, limit, i in (("lat", _LAT, 1), ("lon", _LON, 2), ("height", _HEIGHT, 3)):
+        values = columns[first + i]
+        if not np.nanmax(np.abs(values), initial=0.0) <= limit or (key != "height" and np.ptp(values) > 20.0):
+            return {}
+    return {key: str(first + i + 1) for i, key in enumerate(("time", "lat", "lon", "height"))}
+
+
+def _columns(table: Table) -> list[FloatArray]:
+    numbers = table.cells.read(range(len(table.headers)))
+    return [numbers.columns[i][:_ROWS] for i in range(len(table.headers))]
+
+
+def _advances(values: FloatArray) -> bool:
+    step = np.diff(values[np.isfinite(values)])
+    return len(step) > 2 and bool(np.mean(step > 0.0) > 0.98) and bool(np.ptp(step) < 1e3 * abs(np.median(step)))
+
+
+def _shows_gravity(triad: Sequence[FloatArray]) -> bool:
+    norm = np.linalg.norm(np.column_stack(triad), axis=1)
+    middle = float(np.nanmedian(norm))
+    return any(abs(middle / gravity - 1.0) < _TOLERANCE for gravity in _GRAVITIES)

@@ -1,0 +1,117 @@
+"""Whether velocities fit the positions beside them: unit, order and signs, by what the positions move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.types import FloatArray
+
+SPAN = 2.0  # moves are taken over so long: the noise of positions counts less, turns little [s]
+_FEWEST = 5  # moves that can tell
+_FIRM = 3.0  # a move is firm if it is so many times the scatter of the positions
+_SLOWEST = 1.0  # slower ones tell nothing [m/s]
+_FITS, _WRONG = 0.2, 0.5  # relative difference of move and velocity, median, that fits and that does not
+_UNITS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "knot": 1852.0 / 3600.0, "cm/s": 1e-2, "mm/s": 1e-3, "ft/s": 0.3048}
+_RADIANS = 180.0 / np.pi
+_EARTH_RADIUS = 6.37e6  # a rough one will do [m]
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """How velocity columns are to be read so that they fit the positions."""
+
+    order: tuple[int, int]  # column that is north, and that which is east
+    signs: tuple[float, float]
+    unit: str  # unit of all three
+    ratio: float  # how many times as far as in m/s the positions move
+    down: float  # sign of the third column; 0 if the heights do not tell
+    radians: bool = False  # the positions are radians, not degrees
+    exchanged: bool = False  # latitudes are longitudes
+
+    @property
+    def as_named(self) -> bool:
+        """Whether the columns are north and east in this order, with these signs."""
+        return self.order == (0, 1) and self.signs == (1.0, 1.0)
+
+
+def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | None:
+    """Compare positions ``(n, 3)`` [rad], [rad], [m] with velocity columns ``(n, 3)`` as in the file; None: no telling.
+
+    Each order, sign and unit of the horizontal columns is compared with the moves; another than that of the names is
+    taken only where it fits and the names do not.
+    """
+    known = np.flatnonzero(np.isfinite(v_n[:, :2]).all(axis=1))
+    if known.size < 2 * _FEWEST:
+        return None
+    t, v = time[known], v_n[known]
+    north = lla[known, 0] * _EARTH_RADIUS
+    east = (np.unwrap(lla[known, 1])) * np.cos(lla[known[0], 0]) * _EARTH_RADIUS
+    path = np.column_stack([north, east, -lla[known, 2]])
+    gone = np.vstack([np.zeros(3), np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None], axis=0)])
+    far = np.searchsorted(t, t + max(SPAN, 2.5 * float(np.median(np.diff(t)))) - 1e-9)
+    start = np.flatnonzero(far < len(t))
+    stop = far[start]
+    near = t[stop] - t[start] < 3.0 * max(SPAN, 2.5 * float(np.median(np.diff(t))))
+    start, stop = start[near], stop[near]
+    if start.size < _FEWEST:
+        return None
+    span = t[stop] - t[start]
+    moved, said = path[stop] - path[start], gone[stop] - gone[start]
+    level = np.linalg.norm(said[:, :2], axis=1)
+    firm = np.linalg.norm(moved[:, :2], axis=1) > np.maximum(_SLOWEST * span, _FIRM * _scatter(path[:, :2]))
+    fast = level > _SLOWEST * span
+    if fast.sum() >= _FEWEST:
+        times = level[fast] / np.maximum(np.linalg.norm(moved[fast, :2], axis=1), 1e-9)
+        if 0.7 < float(np.median(times)) / _RADIANS < 1.4:
+            return Fit((0, 1), (1.0, 1.0), "m/s", 1.0, 0.0, radians=True)
+    if np.count_nonzero(firm) < _FEWEST:
+        return None
+    moved, said = moved[firm], said[firm]
+    size = np.linalg.norm(moved[:, :2], axis=1)
+
+    def difference(order: tuple[int, int], signs: tuple[float, float], factor: float) -> float:
+        apart = moved[:, :2] - said[:, order] * signs * factor
+        return float(np.median(np.linalg.norm(apart, axis=1) / size))
+
+    ratio = float(np.median(size / np.maximum(np.linalg.norm(said[:, :2], axis=1), 1e-9)))
+    if difference((0, 1), (1.0, 1.0), 1.0) < _WRONG:
+        return Fit((0, 1), (1.0, 1.0), "m/s", ratio, _down(moved[:, 2], said[:, 2]))
+    orders: tuple[tuple[int, int], ...] = ((0, 1), (1, 0))
+    across = np.column_stack([lla[known, 1], lla[known, 0] * np.cos(lla[known[0], 1])]) * _EARTH_RADIUS
+    other = (across[stop] - across[start])[firm]
+    best = min(
+        (difference(order, signs, factor), order, signs, unit)
+        for order in orders
+        for signs in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))
+        for unit, factor in _UNITS.items()
+    )
+    size_other = np.maximum(np.linalg.norm(other, axis=1), 1e-9)
+    exchanged = float(np.median(np.linalg.norm(other - said[:, :2], axis=1) / size_other))
+    if exchanged < min(_FITS, best[0]):
+        return Fit((0, 1), (1.0, 1.0), "m/s", ratio, 0.0, exchanged=True)
+    if best[0] > _FITS:
+        return None
+    factor = _UNITS[best[3]]
+    return Fit(best[1], (best[2][0], best[2][1]), best[3], ratio, _down(moved[:, 2], said[:, 2] * factor))
+
+
+def _scatter(path: FloatArray) -> float:
+    """Noise of a smooth track, by third differences (variance 20 times that of the noise) [m]."""
+    if len(path) < 8:
+        return 0.0
+    return float(1.4826 * np.median(np.abs(np.diff(path, n=3, axis=0))) / np.sqrt(20.0))
+
+
+def _down(moved: FloatArray, said: FloatArray) -> float:
+    """Sign with which the third velocity fits the heights; 0 if neither does."""
+    total = float(np.sum(said**2))
+    known = np.isfinite(said)
+    if not known.all() or total < 1e-3 * len(said) or float(np.sum(moved**2)) == 0.0:
+        return 0.0
+    correlation = float(np.sum(moved * said)) / np.sqrt(total * float(np.sum(moved**2)))
+    slope = float(np.sum(moved * said)) / total
+    if abs(correlation) < 0.7 or not 0.5 < abs(slope) < 2.0:
+        return 0.0
+    return float(np.sign(correlation))
