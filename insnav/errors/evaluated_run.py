@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.errors.metrics import TrajectoryErrors, position_errors
+from insnav.errors.reference_offset import ReferenceOffset, offset_notes, reference_offset
 from insnav.errors.short_duration_errors import ShortWindow
 from insnav.filter.navigate import Navigated
 from insnav.filter.noise_identification import NoiseEstimate
@@ -27,6 +28,11 @@ class EvaluatedRun:
     short_duration: tuple[ShortWindow, ...] = ()
     noise: NoiseEstimate | None = None  # as found in the innovations
 
+    @property
+    def reference_offset(self) -> ReferenceOffset | None:
+        """Constant parts of the filter's errors, if there is a reference that tells them."""
+        return None if self.errors is None else reference_offset(self.errors, self.run.solution)
+
 
 def evaluate_run(
     done: Navigated, reference: Reading[Trajectory] | None = None, lever_b: FloatArray | None = None
@@ -46,6 +52,8 @@ def evaluate_run(
         left = len(reference.data.time) - len(good.time)
         if left:
             notes.append(f"accuracy counts reference epochs with fix = 1 only; {left} others are left out")
+        offset = reference_offset(errors, done.run.solution)
+        notes += offset_notes(offset) if offset is not None else []
     return EvaluatedRun(done.run, done.gps, errors, smoothed_errors), tuple(notes)
 
 

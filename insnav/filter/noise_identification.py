@@ -431,6 +431,8 @@ def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
 def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
     """The recording prepared with the noise that was found."""
     model = error_model(found.spec, STATES if ready.model.sd[6:].any() else STATES - 6)
+    # what misalignment adds to the noise was found; the constant turn of the axes leaves no trace in innovations
+    model = replace(model, axes_sd=np.maximum(model.axes_sd, ready.model.axes_sd))
     gps = replace(
         ready.gps,
         position_sd=ready.gps.position_sd * found.position_factor,

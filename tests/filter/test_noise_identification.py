@@ -227,6 +227,14 @@ def test_the_filter_is_set_up_with_what_was_found(found):
     np.testing.assert_allclose(np.diag(after.initial.covariance)[6:9], drives.START_SD[6:] ** 2, rtol=1e-6)
 
 
+def test_axes_of_sensors_are_no_better_known_than_before(found):
+    """Less noise by misalignment is no sign of less misalignment: a constant turn leaves no innovations."""
+    imu, gps = recorded(0)
+    ready = prepared(imu, gps, wrong_spec(), 0)
+    ready = replace(ready, model=replace(ready.model, axes_sd=np.full(3, 5e-3)))
+    np.testing.assert_array_equal(with_noise(ready, found[0]).model.axes_sd, 5e-3)
+
+
 def test_a_short_drive_tells_nothing():
     imu, gps = recorded(0, laps=1)
     assert identify_noise(prepared(imu, gps, drives.SPEC, 0, laps=1), drives.SPEC) is None

@@ -11,6 +11,7 @@ import numpy as np
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.gps_gaps import outages
 from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_motion, distance_and_time, nees
+from insnav.errors.reference_offset import ReferenceOffset
 from insnav.filter.noise_identification import NoiseEstimate
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import Section, one_each
@@ -51,6 +52,7 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
     ]
     return (
         _accuracy("Accuracy", found.errors, reference),
+        *_reference_offset(found.reference_offset),
         _smoothed(found, reference),
         _solution(run.solution),
         _fixes(run),
@@ -249,6 +251,21 @@ def _accuracy(title: str, errors: TrajectoryErrors | None, reference: str) -> Se
             _consistency(nees(errors)),
         ),
     )
+
+
+def _reference_offset(found: ReferenceOffset | None) -> tuple[Section, ...]:
+    """Give what of the difference to the reference is constant, if it was found."""
+    if found is None:
+        return ()
+    items = (
+        Quantity("forward", found.body[0], "m", sd=found.body_sd[0], meaning="point of the reference, forward"),
+        Quantity("right", found.body[1], "m", sd=found.body_sd[1], meaning="point of the reference, right"),
+        Quantity("horizontal_rms", found.horizontal_rms, "m", meaning="horizontal RMS difference as it is"),
+        Quantity("horizontal_rms_without", found.horizontal_rms_without, "m", meaning="the same with that point moved"),
+        Quantity("down", found.down, "m", meaning="mean height difference, positive: reference higher"),
+    )
+    note = "From the errors themselves; the accuracy above is not corrected by it."
+    return (Section("reference_offset", "Point and height of the reference", items, note=note, show="all"),)
 
 
 def _accuracy_table(title: str, parts: Mapping[str, tuple[Quantity, ...]]) -> Section:

@@ -1,0 +1,75 @@
+"""A reference of another point of the vehicle, and of another height: found, and told from the errors of the run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.earth import lla_offset
+from insnav.errors.metrics import at_point, position_errors
+from insnav.errors.reference_offset import offset_notes, reference_offset
+from insnav.simulate import reference
+from insnav.types import FloatArray, Trajectory
+from tests.filter import drives
+
+POINT = np.array([1.4, -0.6, 0.0])
+
+
+def driven(seed: int, size: float) -> tuple[Trajectory, Trajectory]:
+    """A track with errors of `size` [m] that last for half a minute, and the truth."""
+    motion = drives.truth()
+    time = motion.start + np.arange(0.0, motion.duration, 0.5)
+    truth = reference(motion, time)
+    rng = np.random.default_rng(seed)
+    error = np.zeros((time.size, 3))
+    keep = np.exp(-0.5 / 30.0)
+    for k in range(1, time.size):
+        error[k] = keep * error[k - 1] + np.sqrt(1.0 - keep**2) * size * rng.standard_normal(3)
+    sd = np.full((time.size, 9), max(size, 1e-3))
+    return replace(truth, lla=lla_offset(truth.lla, error), sd=sd), truth
+
+
+def moved(truth: Trajectory, point: FloatArray, height: float = 0.0) -> Trajectory:
+    elsewhere = at_point(truth, point)
+    return replace(elsewhere, lla=elsewhere.lla + np.array([0.0, 0.0, height]))
+
+
+def test_a_point_of_the_vehicle_is_found_exactly_without_errors():
+    track, truth = driven(0, 0.0)
+    found = reference_offset(position_errors(track, moved(truth, POINT, -47.0)), track)
+    assert found is not None
+    np.testing.assert_allclose(found.body, POINT[:2], atol=0.03)  # the vehicle is not level everywhere
+    assert found.horizontal_rms == pytest.approx(np.hypot(*POINT[:2]), abs=0.03)
+    assert found.horizontal_rms_without < 0.05
+    assert found.down == pytest.approx(-47.0, abs=0.1)
+    told = " ".join(offset_notes(found))
+    assert "+1.40" in told
+    assert "geoid" in told
+
+
+def test_its_standard_deviation_is_about_right():
+    ratios = []
+    for seed in range(20):
+        track, truth = driven(seed, 0.3)
+        found = reference_offset(position_errors(track, moved(truth, POINT)), track)
+        assert found is not None
+        assert found.clear
+        ratios.append((found.body - POINT[:2]) / found.body_sd)
+    assert np.sqrt(np.mean(np.square(ratios))) < 1.6
+
+
+def test_an_error_of_the_run_is_no_other_point():
+    for seed in range(10):
+        track, truth = driven(seed, 1.0)
+        found = reference_offset(position_errors(track, truth), track)
+        assert found is not None
+        assert offset_notes(found) == []
+
+
+def test_without_turns_nothing_is_told():
+    track, truth = driven(1, 0.1)
+    errors = position_errors(track, truth)
+    assert reference_offset(errors, replace(track, rph=np.zeros_like(track.rph))) is None
+    assert reference_offset(replace(errors, position=np.full_like(errors.position, np.nan)), track) is None
