@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import itertools
+import os
 import signal
 import sys
 from typing import Any
@@ -17,6 +19,7 @@ from insnav.cli import (
     budget,
     calibrate,
     compare,
+    console,
     demo,
     drift,
     imus,
@@ -48,7 +51,6 @@ app = typer.Typer(
     name="insnav",
     help="Strapdown INS / GPS navigation and INS error analysis.",
     no_args_is_help=True,
-    add_completion=False,
     epilog=EPILOG,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -77,6 +79,8 @@ app.add_typer(calibrate.app, name="calibrate", help=calibrate.HELP, short_help=c
 
 
 # options of earlier versions, which went by private words
+COMPLETE = "_INSNAV_COMPLETE"
+QUIET, VERBOSE = {"-q", "--quiet"}, {"-v", "--verbose"}
 RENAMED = {"--twins": "--replicas", "--raw": "--uncalibrated"}
 
 
@@ -91,6 +95,8 @@ def _version(value: bool) -> None:
 @app.callback()
 def _common(
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+    verbose: bool = typer.Option(False, "-v", "--verbose", help="Print everything; goes with every command."),
+    quiet: bool = typer.Option(False, "-q", "--quiet", help="Print nothing but errors; goes with every command."),
     debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error; goes with every command."),
 ) -> None:
     pass
@@ -98,11 +104,16 @@ def _common(
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
-    arguments = [RENAMED.get(text, text) for text in sys.argv[1:] if text != "--debug"]  # it may stand anywhere
-    debug = len(arguments) < len(sys.argv) - 1
+    words = list(itertools.takewhile(lambda text: text != "--", sys.argv[1:]))  # these may stand anywhere before it
+    debug = "--debug" in words
+    console.level = -1 if QUIET & set(words) else 1 if VERBOSE & set(words) else 0
+    arguments = [RENAMED.get(text, text) for text in words if text not in {"--debug", *QUIET, *VERBOSE}]
+    arguments += sys.argv[1 + len(words) :]
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that does not know ± gets a question mark
+    if COMPLETE in os.environ:  # the shell asks what may follow
+        get_command(app)(prog_name="insnav")
     signals.listen()
     try:
         code = _run(arguments)

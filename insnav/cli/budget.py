@@ -13,7 +13,7 @@ import typer
 
 from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, note_more, quiet_figures, result_page
+from insnav.cli.console import Stages, note, quiet_figures, result_page
 from insnav.cli.data_options import Data, takes_data
 
 SHORT_HELP = "How much error an IMU makes in a minute, from what: analytic, simulated, recorded."
@@ -208,7 +208,7 @@ def budget(
         note(f"motion: {found.budget.motion}")
         if found.budget.absent:
             note(f"IMU model: {found.budget.imu}")
-            note_more(f"not given, taken as zero: {', '.join(found.budget.absent)}")
+            note(f"not given, taken as zero: {', '.join(found.budget.absent)}")
         stage("writing")
         from insnav.report.save import save_result
 

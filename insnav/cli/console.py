@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import shutil
 import sys
 import textwrap
@@ -22,16 +23,24 @@ if TYPE_CHECKING:
 
 DELAY = 1.0  # work shorter than this shows no progress bar [s]
 WIDTH = 110  # largest of a line of the log
+_COLOURS = {"good": 32, "needs attention": 33, "not to be relied on": 31, "warning": 33}  # of the terminal
 
 
-def result(text: str) -> None:
+level = 0  # of detail: -1 nothing but errors, 0 what matters, 1 everything
+
+
+def result(text: str, *, always: bool = False) -> None:
     """Print what was asked for, on standard output.
+
+    `always`: also where the user wants nothing printed, as he asked for this.
 
     Raises: OutputError: standard output takes no more, such as a file on a full disk; BrokenPipeError: its reader went
     away.
     """
     from insnav.exceptions import OutputError
 
+    if level < 0 and not always:
+        return
     try:
         print(text, flush=True)
     except BrokenPipeError:
@@ -50,7 +59,20 @@ def result_facts(folder: Path) -> None:
     """
     from insnav.output.folder import FACTS_FILE
 
-    result((folder / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"))
+    result((folder / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"), always=True)
+
+
+def files_line(folder: Path, out: Path) -> str:
+    """Say what a finished folder holds, each folder in it once, what people read first.
+
+    `folder`: with its ``run.json``; `out`: as it was named.
+    """
+    from insnav.output.folder import read_facts
+
+    found = {name.split("/")[0] for name in read_facts(folder).get("files", {})} | {"run.json"}
+    first = [name for name in ("report.html", "figures", "run.json") if name in found]
+    others = len(found) - len(first)
+    return f"files: {out}: {', '.join(first)}, {others} other file{'s' * (others != 1)}"
 
 
 def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Iterable[str] = ()) -> None:
@@ -64,7 +86,21 @@ def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Ite
     from insnav.report.terminal import page_text
 
     names = ", ".join([*more, "report.html", "figures", "run.json"])
-    result(f"{page_text(page)}\n\nfiles       {out}: {names}")
+    result(f"{page_text(page, terminal_width())}\n\nfiles       {out}: {names}")
+
+
+def terminal_width() -> int | None:
+    """Columns of the terminal that results are printed on; none where they go elsewhere."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+
+
+def coloured(text: str) -> str:
+    """Colour the words at the start of a line that say how good a result is, on a terminal that takes colours."""
+    if not sys.stdout.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
+        return text
+    for words, colour in _COLOURS.items():
+        text = re.sub(rf"^{words}(?=[: (])", f"\x1b[{colour}m{words}\x1b[0m", text, flags=re.MULTILINE)
+    return text
 
 
 def quiet_figures() -> None:
@@ -89,12 +125,16 @@ def error_block(what: str, details: Iterable[tuple[str, str]]) -> None:
 
 def note(text: str) -> None:
     """Print one entry of the log."""
-    _log(text, "insnav: ")
+    if level >= 0:
+        _log(text, "insnav: ")
 
 
-def note_more(text: str) -> None:
-    """Print a detail of the entry before."""
-    _log(text, "        ")
+def detail(text: str, *more: str) -> None:
+    """Print one entry of the log with what belongs to it, for those who want to know everything."""
+    if level > 0:
+        _log(text, "insnav: ")
+        for each in more:
+            _log(each, "        ")
 
 
 def _log(text: str, lead: str) -> None:
@@ -128,7 +168,7 @@ class Stages:
         self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
-        if sys.stderr.isatty():
+        if level >= 0 and sys.stderr.isatty():
             self._timer = threading.Timer(DELAY, self._show)
             self._timer.daemon = True
             self._timer.start()

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, note_more
+from insnav.cli.console import Stages, detail, note
 from insnav.cli.options import FILES
 from insnav.session.inputs import INPUTS, LOGS, Input, Inputs
 
@@ -72,8 +72,7 @@ class Data:
             say_reading(facts)
         stage("aligning")
         drive = drive_of(readings)
-        note(f"IMU model: {drive.imu_spec.name}")
-        note_more(drive.imu_chosen)
+        detail(f"IMU model: {drive.imu_spec.name}", drive.imu_chosen)
         _say_if_compiling()
         return drive
 
@@ -199,13 +198,9 @@ def _option_of(word: str) -> str:
 def say_reading(facts: ReadingFacts) -> None:
     """Log what was read and how it was understood, without what goes without saying."""
     head, *_ = facts.lines()
-    note(head)
     renamed = _renamed(facts.columns)
-    if renamed:
-        note_more(f"columns: {renamed}; the others by their names")
-    for text in facts.evidence:
-        if not _NOTHING_NEW.fullmatch(text):
-            note_more(text)
+    columns = [f"columns: {renamed}; the others by their names"] if renamed else []
+    detail(head, *columns, *(text for text in facts.evidence if not _NOTHING_NEW.fullmatch(text)))
 
 
 def _renamed(columns: Mapping[str, str]) -> str:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from insnav.cli import options as opt
-from insnav.cli.console import quiet_figures, result, result_facts
+from insnav.cli.console import files_line, quiet_figures, result, result_facts
 
 SHORT_HELP = "Page and figures of a run again, from its folder."
 HELP = """Page and figures of a run again, from its folder.
@@ -21,6 +21,7 @@ by another version of insnav. Nothing is navigated.
 Examples:
   insnav report run
   insnav report run --figures svg --out run_svg
+  insnav report run --pdf                       run/report.pdf, three pages
 """
 
 
@@ -38,6 +39,9 @@ def report(
     ] = Figures.png,
     out: opt.Out = Path("report"),
     force: opt.Force = False,
+    pdf: Annotated[
+        bool, typer.Option("--pdf", help="Only a PDF of three pages, RUN/report.pdf.", rich_help_panel=opt.RESULT)
+    ] = False,
     as_json: opt.Json = False,
 ) -> None:
     """Draw a run again."""
@@ -45,8 +49,14 @@ def report(
 
     opened = open_result(run)
     quiet_figures()
+    if pdf:
+        from insnav.report.save import write_result_pdf
+
+        write_result_pdf(opened, run / "report.pdf")
+        result(f"files: {run / 'report.pdf'}")
+        return
     where = opened.save(out, force=force, figures=figures.value)
     if as_json:
         result_facts(where)
     else:
-        result(f"{opened.summary()}\nfiles       {out}: report.html, figures, run.json")
+        result(f"{opened.summary()}\n{files_line(where, out)}")

@@ -8,9 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from insnav.cli import console, parse
 from insnav.cli import options as opt
-from insnav.cli import parse
-from insnav.cli.console import Stages, error_block, quiet_figures, result, result_facts
+from insnav.cli.console import (
+    Stages,
+    coloured,
+    error_block,
+    files_line,
+    quiet_figures,
+    result,
+    result_facts,
+    terminal_width,
+)
 from insnav.cli.data_options import Data, takes_data
 
 if TYPE_CHECKING:
@@ -19,8 +28,8 @@ if TYPE_CHECKING:
 SHORT_HELP = "Navigate a recorded drive: IMU and GPS to a solution, figures and a report."
 HELP = """Navigate a recorded drive.
 
-IMU and GPS in; out comes a folder with the solution, the innovation statistics of every fix, figures, a report page and
-run.json. How the files were understood is printed: read it.
+IMU and GPS in; out comes a folder with the solution, the innovation statistics of every fix, an interactive report page
+and run.json. A few lines say how good it is and what was assumed; -v says how the files were understood too.
 
 \b
 Examples:
@@ -28,7 +37,7 @@ Examples:
   insnav run imu.csv --gps gps.csv --lever-arm 0.8,-0.3,-1.2 --ref ref.csv
   insnav run imu.csv --gps gps.csv --imu automotive --out monday --force
   insnav run imu.csv --gps gps.csv --imu-axes FLU --imu-units deg/s,g
-  insnav run imu.csv --gps gps.csv --columns time_s=stamp,gyro_x=Gx
+  insnav run imu.csv --gps gps.csv --columns time_s=stamp,gyro_x=Gx -v
   insnav run imu.csv.gz --gps gps.csv --rate full --format parquet
   insnav run imu.csv --gps gps.csv --ref ref.csv --fail-above 2.5
   zcat imu.csv.gz | insnav run - --gps gps.csv --json | jq .fixes
@@ -38,8 +47,9 @@ Where a default in brackets is not right, insnav either finds it out or says tha
 
 
 class Figures(StrEnum):
-    """File format of the figures."""
+    """Files of figures besides the page."""
 
+    page = "page"
     png = "png"
     svg = "svg"
     none = "none"
@@ -101,10 +111,10 @@ def run(
         Figures,
         typer.Option(
             metavar="FORMAT",
-            help="Figures as png or svg, or none (then no report page either).",
+            help="page: the interactive page alone; png or svg: also figures for papers; none: neither.",
             rich_help_panel=opt.RESULT,
         ),
-    ] = Figures.png,
+    ] = Figures.page,
     fail_above: Annotated[
         float | None,
         typer.Option(
@@ -140,10 +150,11 @@ def run(
     if as_json:
         result_facts(where)
     else:
-        from insnav.output.folder import read_facts
-        from insnav.report.run.summary import summary_lines
+        if console.level > 0:
+            from insnav.report.terminal import page_text
 
-        result("\n".join(summary_lines(read_facts(where), out)))
+            result(f"{page_text(outcome.page(), terminal_width(), ('all', 'page'))}\n")
+        result(coloured(f"{outcome.summary()}\n{files_line(where, out)}"))
         if outcome.found.short_duration:
             from insnav.report.page import section_tables
             from insnav.report.run.short_duration import short_section

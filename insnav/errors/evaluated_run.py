@@ -33,6 +33,18 @@ class EvaluatedRun:
         """Constant parts of the filter's errors, if there is a reference that tells them."""
         return None if self.errors is None else reference_offset(self.errors, self.run.solution)
 
+    @property
+    def solutions(self) -> dict[str, Trajectory]:
+        """Solutions by their names, the better one first."""
+        smoothed = {} if self.run.smoothed is None else {"smoothed": self.run.smoothed.solution}
+        return {**smoothed, "filtered": self.run.solution}
+
+    @property
+    def known_errors(self) -> dict[str, TrajectoryErrors]:
+        """Errors of the solutions, where there is a reference, the better one first."""
+        both = {"smoothed": self.smoothed_errors, "filtered": self.errors}
+        return {name: each for name, each in both.items() if each is not None}
+
 
 def evaluate_run(
     done: Navigated, reference: Reading[Trajectory] | None = None, lever_b: FloatArray | None = None

@@ -16,13 +16,12 @@ from markupsafe import Markup
 
 from insnav import __version__
 from insnav.plain_text import plain_text
-from insnav.report.page import Page, Section, Show, Table, cell, section_tables
+from insnav.report.page import LIGHTS, Page, Section, Show, Table, cell, section_tables
 from insnav.report.panels import modes, panel_data
 
 _MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
 _TEMPLATES = Path(__file__).parent / "templates"
 _BOKEH = ("bokeh.min.js", "bokeh-api.min.js")
-LIGHTS = {"good": "good", "attention": "needs attention", "bad": "bad", "unknown": "not known"}
 
 
 def _filled(template: str, **values: Any) -> str:

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from insnav.report.colours import BLACK, GREEN
+from insnav.report.numbers import distance_text
 from insnav.report.style import (
     blank,
 )
@@ -98,13 +99,3 @@ def north_arrow(axes: Axes) -> None:
         fontweight="bold",
         arrowprops={"arrowstyle": "-|>", "color": BLACK, "linewidth": 1.6},
     )
-
-
-def distance_text(length_m: float) -> str:
-    """Length in metres or kilometres."""
-    return f"{length_m / 1000.0:.3g} km" if length_m >= 1000.0 else f"{length_m:.3g} m"
-
-
-def duration_text(seconds: float) -> str:
-    """Time in seconds or minutes."""
-    return f"{seconds / 60.0:.1f} min" if seconds >= 120.0 else f"{seconds:.1f} s"

@@ -30,3 +30,15 @@ def rounded(value: float, sd: float) -> str:
         return f"{value:.6g}"
     digits = math.floor(math.log10(scale)) - math.floor(math.log10(sd)) + 2
     return number(value, min(max(digits, 3), 12))
+
+
+def distance_text(length_m: float) -> str:
+    """Length in metres or kilometres."""
+    return f"{number(length_m / 1000.0)} km" if length_m >= 1000.0 else f"{number(length_m)} m"
+
+
+def duration_text(seconds: float) -> str:
+    """Time in seconds, minutes or hours."""
+    if seconds >= 7200.0:
+        return f"{number(seconds / 3600.0)} h"
+    return f"{number(seconds / 60.0)} min" if seconds >= 120.0 else f"{number(seconds)} s"

@@ -23,6 +23,12 @@ if TYPE_CHECKING:
 
 Show = Literal["all", "page", "json"]
 Light = Literal["good", "attention", "bad", "unknown"]
+LIGHTS: Mapping[Light, str] = {
+    "good": "good",
+    "attention": "needs attention",
+    "bad": "not to be relied on",
+    "unknown": "not checked",
+}
 STATISTICS = {
     "rms": "RMS",
     "p95": "95 %",

@@ -23,7 +23,7 @@ def provenance(result: Result[Any]) -> tuple[Section, ...]:
         *(_inputs(result.inputs) if result.inputs else ()),
         *((imu_model(*result.imu_model),) if result.imu_model is not None else ()),
         Section("", items=(Quantity("configuration", dict(result.options)),), show="json"),
-        Section("", "Options", rows=_options(result.options), show="page"),
+        Section("", "Options", rows=_options(result.options), show="page", folded=True),
     )
 
 
@@ -50,8 +50,8 @@ def _inputs(inputs: Mapping[str, ReadingFacts]) -> tuple[Section, ...]:
     )
     return (
         Section("input", parts=tuple(Section(name, items=tuple(items), show="json") for name, items in read.items())),
-        Section("", "Inputs", rows=rows, show="page"),
-        Section("", "How the inputs were understood", rows=how, show="page"),
+        Section("", "Inputs", rows=rows, show="page", folded=True),
+        Section("", "How the inputs were understood", rows=how, show="page", folded=True),
     )
 
 
@@ -75,6 +75,7 @@ def imu_model(spec: ImuSpec, how: str) -> Section:
         items,
         parts=tuple(Section(name, _SENSORS[name][0], own) for name, own in sensors.items()),
         show="page",
+        folded=True,
     )
 
 

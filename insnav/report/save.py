@@ -2,7 +2,7 @@
 
 A kind of result is a room of this package, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``,
 which gives its `Page`, and ``frame(result)`` for its main table; where there is more, ``write_files(result, folder,
-table_format)`` for other files, ``text(page)`` for the terminal, ``read_found(folder)`` to read it again.
+table_format)`` for other files, ``text(result)`` for the terminal, ``read_found(folder)`` to read it again.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, cast
 
-from insnav.exceptions import ConfigError
+from insnav.exceptions import ConfigError, OutputError
 from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
 from insnav.output.folder import RunFolder, read_facts
@@ -46,8 +46,8 @@ def frame(result: Result[Any]) -> pd.DataFrame:
 
 def text_of(result: Result[Any]) -> str:
     """Give a result as text: as its room lays it out, else its page."""
-    room, page = _room(result.kind), page_of(result)
-    return str(room.text(page)) if hasattr(room, "text") else page_text(page)
+    room = _room(result.kind)
+    return str(room.text(result)) if hasattr(room, "text") else page_text(page_of(result))
 
 
 def _room(kind: str) -> ModuleType:
@@ -93,6 +93,22 @@ def save_result(
         {"kind": result.kind, "versions": versions()},
         figures=figures,
     )
+
+
+def write_result_pdf(result: Result[Any], file: Path) -> None:
+    """Write a result as PDF: the figures that its room puts on ``PDF_PAGES``, else all, two a page.
+
+    Raises: OutputError: it cannot be written.
+    """
+    from insnav.report.pdf import write_pdf
+
+    page = page_of(result)
+    names = [figure.name for figure in page.figures]
+    pairs = {f"figures {i // 2 + 1}": names[i : i + 2] for i in range(0, len(names), 2)} or {"summary": []}
+    try:
+        write_pdf(page, file, getattr(_room(result.kind), "PDF_PAGES", pairs))
+    except OSError as error:
+        raise OutputError("the PDF cannot be written", where=str(file), why=error.strerror or str(error)) from error
 
 
 def open_folder(folder: Path) -> Result[Any]:

@@ -2,30 +2,66 @@
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Sequence
+
 from insnav.plain_text import plain_text
-from insnav.report.page import Page, Table, section_tables
+from insnav.report.page import LIGHTS, Light, Page, Show, Table, section_tables
+
+WIDTH = 80  # of a line that is not part of a table
 
 
-def page_text(page: Page) -> str:
-    """Write a report for the terminal: title, summary, tables, warnings, notes, assumptions.
+def light_text(light: Light) -> str:
+    """Say how good a result is."""
+    return LIGHTS[light]
 
-    Returns: lines without control characters; sections that are shown on the page only are left out.
+
+def page_text(page: Page, width: int | None = None, shown: Sequence[Show] = ("all",)) -> str:
+    """Write a report for the terminal: title, verdict, summary, tables, warnings, notes, assumptions.
+
+    `width`: of the terminal; nothing is wrapped if none; `shown`: sections marked otherwise are left out.
+    Returns: lines without control characters.
     """
     verdict = [] if page.verdict is None else [page.verdict.sentence]
-    blocks = ["\n".join([page.title, *verdict, *page.summary])]
-    blocks += [table_text(table) for section in page.sections for table in section_tables(section)]
+    blocks = ["\n".join(_wrapped([page.title, *verdict, *page.summary], width))]
+    blocks += [table_text(table, width) for section in page.sections for table in section_tables(section, shown)]
     warnings = (("Warnings", page.warnings),) if page.warnings else ()
-    blocks += ["\n".join([heading, *(f"  - {line}" for line in lines)]) for heading, lines in (*warnings, *page.lists)]
+    for heading, lines in (*warnings, *page.lists):
+        blocks.append("\n".join([heading, *_wrapped([f"  - {line}" for line in lines], width)]))
     return "\n".join(plain_text(line) for line in "\n\n".join(blocks).splitlines())
 
 
-def table_text(table: Table) -> str:
-    """Write a table in columns: the first to the left, numbers to the right."""
+def _wrapped(lines: Sequence[str], width: int | None) -> list[str]:
+    if width is None:
+        return list(lines)
+    return [row for line in lines for row in textwrap.wrap(line, width, subsequent_indent="    ") or [""]]
+
+
+def table_text(table: Table, width: int | None = None) -> str:
+    """Write a table in columns: the first to the left, numbers to the right.
+
+    `width`: of the terminal; columns that do not fit in it follow below, their rows named again.
+    """
     cells = [row for row in (table.columns, *table.rows) if any(row)]
     widths = [max(len(row[i]) for row in cells) for i in range(len(table.columns))]
-    lines = [
-        "  ".join(text.ljust(width) if i == 0 else text.rjust(width) for i, (text, width) in enumerate(row)).rstrip()
-        for row in ([*zip(row, widths, strict=True)] for row in cells)
-    ]
+    lines: list[str] = []
+    for columns in _fitting(widths, width):
+        for row in cells:
+            texts = (row[i].ljust(widths[i]) if i == 0 else row[i].rjust(widths[i]) for i in columns)
+            lines.append("  ".join(texts).rstrip())
     head = [table.title] if table.title else []
-    return "\n".join([*head, *(f"  {line}" for line in lines), *([f"  {table.note}"] if table.note else [])])
+    note = _wrapped([f"  {table.note}"], width) if table.note else []
+    return "\n".join([*head, *(f"  {line}" for line in lines), *note])
+
+
+def _fitting(widths: Sequence[int], width: int | None) -> list[list[int]]:
+    """Columns in groups that fit, the first column in each."""
+    groups = [[0]]
+    room = full = (width or 10**9) - 2 - widths[0]
+    for column, own in enumerate(widths[1:], 1):
+        if own + 2 > room and len(groups[-1]) > 1:
+            groups.append([0])
+            room = full
+        groups[-1].append(column)
+        room -= own + 2
+    return groups

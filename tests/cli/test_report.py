@@ -17,7 +17,7 @@ RUN = ("run", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", "--ref", "re
 
 @pytest.mark.parametrize("table_format", ["csv", "parquet"])
 def test_figures_and_figures_of_merit_are_those_of_the_run(drive: Path, cli: Cli, table_format: str):
-    made = cli(*RUN, "--format", table_format)
+    made = cli(*RUN, "--format", table_format, "--figures", "png")
     assert made.code == 0, made.err
     shown = cli("report", "run", "--out", "again")
     assert shown.code == 0, shown.err
@@ -42,9 +42,9 @@ def test_figures_and_figures_of_merit_are_those_of_the_run(drive: Path, cli: Cli
         for key in keys:
             old, new = old[key], new[key]
         assert new == pytest.approx(old, rel=1e-3), keys
-    for key in ("input", "configuration", "notes", "warnings", "events", "aiding"):
+    for key in ("input", "configuration", "notes", "warnings", "verdict", "events", "aiding"):
         assert again[key] == first[key], key
-    old, new = (text.splitlines()[3:20] for text in (made.out, shown.out))
+    old, new = (text.splitlines()[:-1] for text in (made.out, shown.out))
     assert new == old  # all but paths and files
     assert (Path("again/report.html").read_text()) != ""
 
@@ -61,3 +61,14 @@ def test_what_is_no_run_is_refused(drive: Path, cli: Cli):
     assert shown.code == 3
     assert "not a run folder" in shown.err
     assert not Path("report").exists()
+
+
+def test_a_pdf_has_three_pages_and_leaves_the_run_as_it_is(drive: Path, cli: Cli):
+    assert cli(*RUN, "--figures", "none").code == 0
+    shown = cli("report", "run", "--pdf")
+    assert shown.code == 0, shown.err
+    file = Path("run/report.pdf").read_bytes()
+    assert file.startswith(b"%PDF")
+    assert file.count(b"/Type /Page ") == 3
+    assert len(file) < 3e6
+    assert cli("report", "run", "--figures", "svg").code == 0

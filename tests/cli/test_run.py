@@ -16,7 +16,7 @@ from tests.cli.conftest import QUICK, Cli
 WITH_REFERENCE = (*QUICK, "--ref", "ref.csv", "--lever-arm", "0.8,-0.3,-1.2")
 TABLES = [
     *("biases.csv", "errors.csv", "events.csv", "fixes.csv", "imu.toml", "innovations.csv", "run.json"),
-    *("smoothed.csv", "smoothed_errors.csv", "solution.csv", "track.kml"),
+    *("smoothed.csv", "smoothed_biases.csv", "smoothed_errors.csv", "solution.csv", "track.kml"),
 ]
 FIGURES = ["attitude", "biases", "height", "innovations", "track", "uncertainty", "velocity"]
 ERROR_FIGURES = ["attitude_error", "error_distribution", "position_error", "velocity_error"]
@@ -30,24 +30,30 @@ def test_the_summary_says_what_matters(drive: Path, cli: Cli):
     shown = cli("run", *WITH_REFERENCE)
     assert shown.code == 0, shown.err
     lines = shown.out.splitlines()
-    assert len(lines) <= 46
-    assert max(map(len, lines)) <= 100
-    names = [line[:12].strip() for line in lines if line[0] != " "]
-    assert names[:4] == ["imu", "gps", "reference", "alignment"]
-    assert {"IMU model", "solution", "sd at end", "biases", "fixes", "rejected", "accuracy", "files"} <= set(names)
-    assert "13000 rows, 100000.0 to 100130.0 s, 100 Hz, no gaps, FRD  imu.csv" in lines[0]
-    assert "from --imu automotive" in shown.out
-    row = next(line for line in lines if line.strip().startswith("horizontal [m]"))
-    rms = read_facts(Path("run"))["accuracy"]["all"]["horizontal_m"]["rms"]
-    assert float(row.split()[2]) == pytest.approx(rms, rel=0.01)
-    assert 0.0 < rms < 3.0  # fixes are good to 1.5 m a component
-    files = " ".join(lines[-2:]).split()
-    assert files[:2] == ["files", "run:"]
-    assert files[2:] == [*(f"{name}," for name in TABLES if name != "run.json"), "run.json"]
+    assert len(lines) <= 15
+    assert max(map(len, lines)) <= 80
+    assert shown.err == ""
+    assert lines[0].startswith("imu.csv: 2.15 min")
+    row = next(line for line in lines if line.strip().startswith("horizontal error RMS [m]"))
+    facts = read_facts(Path("run"))
+    both = [facts["smoothed"]["accuracy"], facts["accuracy"]]
+    for text, each in zip(row.split()[-2:], both, strict=True):
+        assert float(text) == pytest.approx(each["all"]["horizontal_m"]["rms"], rel=0.01)
+        assert 0.0 < float(text) < 3.0  # fixes are good to 1.5 m a component
+    assert lines[-1] == f"files: run: run.json, {len(TABLES) - 1} other files"
+
+
+def test_everything_or_nothing_is_printed_as_asked(drive: Path, cli: Cli):
+    quiet = cli("-q", "run", *WITH_REFERENCE)
+    assert (quiet.code, quiet.out, quiet.err) == (0, "", "")
+    loud = cli("run", *WITH_REFERENCE, "--force", "-v")
+    for words in ("Accuracy of the filtered solution", "GPS fixes", "Estimated sensor errors", "Initial alignment"):
+        assert words in loud.out
+    assert json.loads(cli("run", *WITH_REFERENCE, "--force", "-q", "--json").out)["kind"] == "run"
 
 
 def test_the_log_says_how_the_files_were_understood_and_no_more(drive: Path, cli: Cli):
-    log = cli("run", *WITH_REFERENCE).err.splitlines()
+    log = cli("run", *WITH_REFERENCE, "-v").err.splitlines()
     assert [line.split(":")[1].strip() for line in log if line.startswith("insnav: ")] == [
         "IMU",
         "GPS",
@@ -65,7 +71,7 @@ def test_the_log_says_how_the_files_were_understood_and_no_more(drive: Path, cli
 def test_headers_that_were_interpreted_are_logged(drive: Path, cli: Cli):
     path = Path("imu.csv")
     path.write_text(path.read_text().replace("gyro_x_rad_s", "Gx", 1))
-    log = cli("run", *QUICK, "--columns", "gyro_x=Gx,time_s=time_s").err
+    log = cli("run", *QUICK, "--columns", "gyro_x=Gx,time_s=time_s", "-v").err
     assert "columns: gyro_x_rad_s = Gx [rad/s]; the others by their names" in log
 
 
@@ -73,7 +79,7 @@ def test_short_headers_are_logged_with_the_units_found(drive: Path, cli: Cli):
     path = Path("imu.csv")
     _, rows = path.read_text().split("\n", 1)
     path.write_text(f"time_s,gx,gy,gz,ax,ay,az\n{rows}")
-    log = " ".join(cli("run", *QUICK).err.split())
+    log = " ".join(cli("run", *QUICK, "-v").err.split())
     for header, unit in (("gx", "rad/s"), ("gy", "rad/s"), ("az", "m/s^2")):
         assert f"= {header} [{unit}]" in log
 
@@ -85,7 +91,7 @@ def test_json_alone_is_on_standard_output_and_is_that_of_the_folder(drive: Path,
     assert list(facts) == [
         *("kind", "versions", "accuracy", "smoothed", "solution", "fixes", "aiding", "outages", "sensor_errors"),
         *("alignment", "events", "input", "imu_model", "configuration"),
-        *("summary", "warnings", "notes", "assumptions", "files"),
+        *("verdict", "summary", "warnings", "notes", "assumptions", "files"),
     ]
     assert facts["configuration"]["lever_arm"] == "0.8,-0.3,-1.2"
     assert facts["configuration"]["gps_height"] is None
@@ -94,13 +100,14 @@ def test_json_alone_is_on_standard_output_and_is_that_of_the_folder(drive: Path,
     assert all(len(each["sha256"]) == 64 for each in facts["input"].values())
 
 
-def test_the_folder_holds_tables_figures_and_page(drive: Path, cli: Cli):
-    shown = cli("run", "imu.csv", "--gps", "gps.csv", "--ref", "ref.csv", "--imu", "automotive")
+@pytest.mark.parametrize("how", [(), ("--figures", "png")])
+def test_the_folder_holds_tables_page_and_figures_on_demand(drive: Path, cli: Cli, how: tuple[str, ...]):
+    shown = cli("run", "imu.csv", "--gps", "gps.csv", "--ref", "ref.csv", "--imu", "automotive", *how)
     assert shown.code == 0, shown.err
-    expected = [*TABLES, "report.html", *(f"figures/{name}.png" for name in [*FIGURES, *ERROR_FIGURES])]
-    assert _files(Path("run")) == sorted(expected)
+    drawn = [f"figures/{name}.png" for name in [*FIGURES, *ERROR_FIGURES]] if how else []
+    assert _files(Path("run")) == sorted([*TABLES, "report.html", *drawn])
     verify_folder(Path("run"))
-    assert "files       run: report.html," in shown.out
+    assert "files: run: report.html," in shown.out
 
 
 def test_the_same_input_gives_the_same_bytes(drive: Path, cli: Cli):
@@ -130,7 +137,7 @@ def test_a_limit_on_the_error_decides_the_exit_code(drive: Path, cli: Cli):
     ],
 )
 def test_what_heights_are_is_passed_on(drive: Path, cli: Cli, options: tuple[str, ...], kind: str, words: str):
-    shown = cli("run", *QUICK, *options)
+    shown = cli("run", *QUICK, *options, "-v")
     assert read_facts(Path("run"))["input"]["gps"]["height"] == kind
     assert words in " ".join(shown.err.split())
 
@@ -138,7 +145,7 @@ def test_what_heights_are_is_passed_on(drive: Path, cli: Cli, options: tuple[str
 def test_the_header_says_what_heights_are(drive: Path, cli: Cli):
     path = Path("gps.csv")
     path.write_text(path.read_text().replace("height_m", "height_msl_m", 1))
-    shown = cli("run", *QUICK)
+    shown = cli("run", *QUICK, "-v")
     assert read_facts(Path("run"))["input"]["gps"]["height"] == "msl"
     assert "by the column's name" in shown.err
 
@@ -220,7 +227,6 @@ def test_the_smoothed_solution_stands_beside_that_of_the_filter(drive: Path, cli
     rms = [part["all"]["horizontal_m"]["rms"] for part in (facts["accuracy"], facts["smoothed"]["accuracy"])]
     assert rms[1] < rms[0]
     assert facts["smoothed"]["horizontal_rms_ratio"] == pytest.approx(rms[1] / rms[0])
-    (line,) = [line for line in shown.out.splitlines() if line.startswith("smoothed")]
-    assert float(line.split()[3]) == pytest.approx(rms[1], rel=0.01)
+    assert "smoothed  filtered" in shown.out
     headers = [Path("run", name).read_text().split("\n", 1)[0] for name in ("solution.csv", "smoothed.csv")]
     assert headers[0] == headers[1]

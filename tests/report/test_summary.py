@@ -1,80 +1,81 @@
-"""The summary fits a screen and says what matters."""
+"""The summary fits a few lines and says what matters."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.metrics import position_errors
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
 from insnav.report.page import Section, cell, section_tables
-from insnav.report.run.summary import LINES, WIDTH, summary_lines
+from insnav.report.run.brief import LINES, brief_lines
 from insnav.report.run.warnings import run_warnings
-from tests.report.conftest import facts_of
+from insnav.report.terminal import WIDTH
+from insnav.sample_statistics import rms
+from tests.report.conftest import result_of
 
 
-def test_one_screen_with_everything_that_was_asked(facts):
-    lines = summary_lines({**facts, "files": {"solution.csv": {}, "report.html": {}}}, Path("out/drive"))
-    assert len(lines) <= LINES == 46
-    assert max(map(len, lines)) <= WIDTH == 100
+def test_a_few_lines_say_what_matters(navigated):
+    lines = navigated.summary().splitlines()
+    assert len(lines) <= LINES
+    assert max(map(len, lines)) <= WIDTH == 80
     text = "\n".join(lines)
-    for words in (
-        *(
-            "36000 of 36001 rows",
-            "2 gaps, longest 0.31 s",
-            "FRD",
-            "consumer: nearest to",
-            "delay 0.050 ± 0.010 s",
-        ),
-        *("level: levelling at rest; heading: course of the GPS", "3 by chi-square, position"),
-        *("1, the longest 30.0 s", "epochs of ref.csv", "static", "moving", "RMS", "95 %", "max", "CEP50"),
-        *("R95", "inside 3 sd", "heading is not observable", "out/drive: report.html, solution.csv"),
-    ):
+    for words in ("drive.csv: 10.0 min", "GPS outage of 30.0 s", "horizontal error RMS [m]", "filtered"):
         assert words in text
+    row = next(line for line in lines if line.strip().startswith("horizontal error RMS [m]"))
+    assert row.split()[-1] == number(rms(navigated.found.errors.horizontal))
 
 
-def test_a_notebook_gets_the_same_summary(navigated, facts):
-    assert navigated.summary() == "\n".join(summary_lines(facts))
+def test_a_notebook_gets_the_tables(navigated):
     shown = navigated._repr_html_()
     assert "horizontal [m]" in shown
     assert "Options" not in shown
 
 
-def test_the_figures_of_the_table_are_those_of_the_facts(facts):
-    row = next(line for line in summary_lines(facts) if line.strip().startswith("horizontal [m]"))
-    expected = [
-        number(facts["accuracy"][part]["horizontal_m"][name])
-        for part in ("all", "static", "moving")
-        for name in ("rms", "p95", "max")
-    ]
-    assert row.split()[2:] == expected
-
-
-def test_a_crowded_and_hostile_run_still_fits(facts):
-    crowd = {
-        **facts,
-        "notes": [f"\x1b[31mwarning {i} " + "x" * 300 for i in range(50)],
-        "input": {f"file{i}": {"path": "p" * 200, "n_rows": 10**9} for i in range(3)},
-    }
-    lines = summary_lines(crowd, Path("o" * 150))
+def test_a_crowded_and_hostile_run_still_fits(navigated):
+    page = navigated.page()
+    noise = tuple(f"\x1b[31mwarning {i} " + "x" * 300 for i in range(50))
+    crowd = replace(page, title="p" * 200, warnings=noise, assumptions=noise)
+    lines = brief_lines(crowd, navigated.found)
     assert len(lines) <= LINES
     assert max(map(len, lines)) <= WIDTH
     assert not any("\x1b" in line for line in lines)
-    assert any("46 more notes" in line for line in lines)
-    assert any(line.startswith("files") for line in lines[-2:])
+    assert any("of 50)" in line for line in lines)
 
 
-def test_many_rejected_fixes_are_pointed_out_and_few_are_not(driven, facts):
-    assert "many fixes" not in "\n".join(summary_lines(facts))
+def test_the_light_follows_the_harm(driven, navigated):
+    assert navigated.page().verdict.light == "good"
+    run, gps, true = driven
+    few = replace(run, solution=replace(run.solution, sd=0.1 * run.solution.sd))
+    bad = replace(navigated, found=EvaluatedRun(few, gps, position_errors(few.solution, true))).page()
+    assert bad.verdict.light == "bad"
+    assert "does not hold" in bad.verdict.sentence
+    assert bad.warnings
+    alone = replace(navigated, found=EvaluatedRun(run, gps)).page().verdict
+    assert alone.light == "unknown"
+    assert "no reference" in alone.reason
+    assert "not known" in alone.sentence
+
+
+def test_a_lever_arm_of_zero_is_an_assumption_unless_it_was_given(driven, navigated):
+    run, gps, _ = driven
+    nothing = replace(run, lever_b=np.zeros(3), lever_sd=np.zeros(3))
+    said = replace(navigated, found=EvaluatedRun(nothing, gps), options={}).page().assumptions[0]
+    assert said.startswith("lever arm zero")
+    given = replace(navigated, found=EvaluatedRun(nothing, gps), options={"lever_arm": "0,0,0"}).page().assumptions
+    assert not any("lever arm" in text for text in given)
+
+
+def test_many_rejected_fixes_are_pointed_out_and_few_are_not(driven, navigated):
+    assert not navigated.page().warnings
     run, _, _ = driven
     every_other = np.arange(len(run.innovations.time)) % 2 == 0
     bad = replace(run, innovations=replace(run.innovations, used_position=every_other))
-    text = "\n".join(summary_lines(facts_of(bad)))
-    assert "warning     many fixes were rejected, 50 % of position:" in text
+    assert "warning: many fixes were rejected, 50 % of position:" in result_of(bad).summary()
 
 
 def test_a_scale_factor_that_no_sensor_has_is_pointed_out(driven):
@@ -88,9 +89,8 @@ def test_a_scale_factor_that_no_sensor_has_is_pointed_out(driven):
 
 
 def test_the_shortest_run_is_summed_up(bare):
-    text = "\n".join(summary_lines(facts_of(bare)))
-    assert "no reference was given" in text
-    assert "fixes       none" in text
+    text = result_of(bare).summary()
+    assert "no reference" in text
     assert "nan" not in text.lower().split()
 
 

@@ -12,7 +12,8 @@ from insnav.errors.platform_errors import PlatformComparison
 from insnav.errors.schuler import StaticErrors
 from insnav.gimbal import PlatformRun, torquing_rates
 from insnav.report.colours import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, VERMILLION
-from insnav.report.map_drawing import distance_text, finish_map, map_figure
+from insnav.report.map_drawing import finish_map, map_figure
+from insnav.report.numbers import distance_text
 from insnav.report.series import Clock
 from insnav.report.style import (
     legend_above,

@@ -51,7 +51,7 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
         for a, b in outages(run)
     ]
     return (
-        _accuracy("Accuracy", found.errors, reference),
+        _accuracy("Accuracy of the filtered solution", found.errors, reference),
         *_reference_offset(found.reference_offset),
         _smoothed(found, reference),
         _solution(run.solution),

@@ -8,7 +8,7 @@ from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.types import EventKind, Run
 
-_INSIDE = 0.95  # share of errors inside 3 sd that needs no word
+HOLDS = 0.95  # share of errors inside 3 sd that needs no word
 _MANY = 0.1  # share of rejected fixes that wants an explanation
 _LARGEST_SCALE = 0.05  # scale factor error [-]: consumer MEMS sensors are sold with at most 0.03
 
@@ -40,7 +40,7 @@ def _many_rejected(run: Run) -> list[str]:
 def _overconfident(name: str, errors: TrajectoryErrors | None) -> list[str]:
     """The reference is outside 3 sd much more often than it should be."""
     position = None if errors is None else (nees(errors) or {}).get("position")
-    if not position or position["inside_3_sd"] >= _INSIDE:
+    if not position or position["inside_3_sd"] >= HOLDS:
         return []
     return [
         f"{name} is outside 3 sd at {100.0 * (1.0 - position['inside_3_sd']):.0f} % of the epochs; likely causes: "

@@ -10,7 +10,8 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from insnav.attitude import dcm_from_quat
 from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, ORANGE, VERMILLION
-from insnav.report.map_drawing import distance_text, duration_text, finish_map, map_figure, map_limits
+from insnav.report.map_drawing import finish_map, map_figure, map_limits
+from insnav.report.numbers import distance_text, duration_text
 from insnav.report.run.figures.states import readable_heading
 from insnav.report.series import Clock
 from insnav.report.style import (

@@ -52,12 +52,13 @@ class Drawing { // what panels and maps have in common
     }
     this.themed = []; // [model, property, colour]
   }
-  base(options) {
+  base(label, options) {
     this.figure = Bokeh.Plotting.figure({
       height: this.height, sizing_mode: "stretch_width", toolbar_location: null, output_backend: "canvas",
       min_border_right: EDGE, min_border_left: AXIS, min_border_top: 6, outline_line_color: null, ...options,
     });
     this.figure.toolbar.autohide = true;
+    element("p", "below", this.root, label); // Bokeh paints the ends of long ones twice
     this.paint(this.figure, "background_fill_color", "--paper");
     this.paint(this.figure, "border_fill_color", "--paper");
     for (const axis of [...this.figure.xaxis, ...this.figure.yaxis]) {
@@ -103,9 +104,9 @@ class Panel extends Drawing {
     if (this.linked) this.linked.whole = [Math.min(this.linked.whole[0], this.whole[0]), Math.max(this.linked.whole[1], this.whole[1])];
     const y = this.rows.length ? {start: this.rows.length - 0.4, end: -0.6} : {start: 0, end: 1};
     this.y = new Bokeh.Range1d(y);
-    const figure = this.base({
+    const figure = this.base(this.xLabel, {
       x_range: this.x, y_range: this.y, x_axis_type: this.logX ? "log" : "linear", y_axis_type: this.logY ? "log" : "linear",
-      x_axis_label: this.xLabel, y_axis_label: this.yLabel, tools: [new Bokeh.BoxZoomTool({dimensions: "width"})],
+      y_axis_label: this.yLabel, tools: [new Bokeh.BoxZoomTool({dimensions: "width"})],
     });
     if (this.rows.length) {
       const axis = [...figure.yaxis][0];
@@ -128,6 +129,12 @@ class Panel extends Drawing {
     figure.scatter({field: "x"}, {field: "y"}, {source: this.beyond, marker: "triangle", angle: {field: "a"}, size: 7, line_color: null, fill_color: {field: "c"}});
     this.cursor = element("div", "cursor", this.place);
     this.tip = element("div", "tip", this.place);
+    this.place.addEventListener("click", () => {
+      if (!this.linked || !Number.isFinite(this.at)) return; // an event: go there
+      const half = 0.01 * (this.linked.whole[1] - this.linked.whole[0]);
+      zoom(this.linked, this.at - half, this.at + half);
+      follow(this.linked, this.at);
+    });
     for (const side of ["start", "end"]) this.x.properties[side].change.connect(() => this.zoomed());
   }
   glyph(figure, curve) {
@@ -139,7 +146,7 @@ class Panel extends Drawing {
       thin: () => figure.line(x, y, {source, line_width: 0.6, line_alpha: 0.55}),
       points: () => figure.scatter(x, y, {source, size: 3.5, line_color: null}),
       crosses: () => figure.scatter(x, y, {source, size: 7, marker: "x", line_width: 1.5}),
-      band: () => figure.varea({field: "x"}, {field: "low"}, {field: "y"}, {source, fill_alpha: 0.17}),
+      band: () => figure.varea({field: "x"}, {field: "low"}, {field: "y"}, {source, fill_alpha: 0.12}),
       bars: () => figure.hbar({y, left: {field: "low"}, right: x, height: 0.7, source, line_color: null}),
     };
     const made = make[curve.kind]();
@@ -225,10 +232,11 @@ class Panel extends Drawing {
         const [px, py] = this.pixel(curve.x[i], curve.y[i]), bar = curve.kind === "bars";
         const left = bar ? this.pixel(curve.low[i], 0)[0] : px;
         const dx = Math.max(Math.min(left, px) - x * f.width, 0, x * f.width - Math.max(left, px)), d = dx ** 2 + (py - y * f.height) ** 2;
-        if (d < distance) { distance = d; best = [px, py, curve.text[i]]; }
+        if (d < distance) { distance = d; best = [px, py, curve.text[i], curve.x[i]]; }
       }
     }
     this.tip.style.display = best ? "block" : "none";
+    this.at = best && best[3];
     if (!best) return;
     this.tip.textContent = best[2];
     Object.assign(this.tip.style, {left: `${Math.min(f.left + best[0] + 8, Math.max(0, f.left + f.width - this.tip.offsetWidth))}px`, top: `${f.top + best[1] + 10}px`});
@@ -255,8 +263,8 @@ class Track extends Drawing {
     for (const each of this.shades) each.values = floats(each.values);
     this.x = new Bokeh.Range1d({start: -1, end: 1});
     this.y = new Bokeh.Range1d({start: -1, end: 1});
-    const figure = this.base({
-      x_range: this.x, y_range: this.y, x_axis_label: "East of start [m]", y_axis_label: "North of start [m]",
+    const figure = this.base("East of start [m]", {
+      x_range: this.x, y_range: this.y, y_axis_label: "North of start [m]",
       tools: [new Bokeh.BoxZoomTool({match_aspect: true})],
     });
     const x = {field: "x"}, y = {field: "y"};
@@ -381,20 +389,13 @@ const whole = drawing => {
   for (const each of drawings) each.draw();
   for (const link of links.values()) zoom(link, ...link.whole);
   for (const button of document.querySelectorAll(".switch button")) button.addEventListener("click", () => choose(button.dataset.mode));
-  choose(document.querySelector(".switch button")?.dataset.mode ?? "");
+  choose(specs.flatMap(spec => spec.curves ?? spec.shades).find(each => each.mode)?.mode ?? "");
   for (const each of drawings) {
     await each.show();
     each.repaint();
     each.place.addEventListener("dblclick", () => whole(each));
   }
   for (const media of [dark, print]) media.addEventListener("change", repaint);
-  for (const button of document.querySelectorAll("[data-from]")) {
-    button.addEventListener("click", () => {
-      const link = links.get(button.dataset.link), at = Number(button.dataset.from), half = 0.02 * (link.whole[1] - link.whole[0]);
-      zoom(link, at - half, at + half);
-      follow(link, at);
-    });
-  }
   globalThis.insnav = {drawings, links, follow, zoom, whole}; // for tests, and for the curious
   document.body.dataset.drawn = Math.round(performance.now());
 })();

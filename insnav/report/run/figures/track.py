@@ -10,7 +10,8 @@ from insnav.earth import ned_offset
 from insnav.errors.gps_gaps import in_outage, outages
 from insnav.errors.metrics import distance_and_time
 from insnav.report.colours import BLUE, GREY, ORANGE, VERMILLION
-from insnav.report.map_drawing import distance_text, duration_text, finish_map, map_figure
+from insnav.report.map_drawing import finish_map, map_figure
+from insnav.report.numbers import distance_text, duration_text
 from insnav.types import BoolArray, FloatArray, GpsData, Run
 
 POINTS = 20000

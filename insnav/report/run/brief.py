@@ -1,0 +1,58 @@
+"""A run in at most 15 lines for the terminal."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+
+from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.plain_text import plain_text
+from insnav.quantity import Quantity
+from insnav.report.page import Page, Table, Verdict, cell
+from insnav.report.run.verdict import run_merits
+from insnav.report.terminal import WIDTH, light_text, table_text
+
+LINES = 14  # the command adds the files
+_WARNINGS, _ASSUMED = 3, 2  # rows of each at most; the others are on the page
+
+
+def brief_lines(page: Page, found: EvaluatedRun) -> list[str]:
+    """Sum up a run: verdict, figures of merit of both solutions, warnings, what was assumed.
+
+    `page`: that of the run.
+    """
+    title = _rows(f"{page.title}: {page.summary[0]}" if page.summary else page.title, 2)
+    verdict = [] if page.verdict is None else _verdict(page.verdict)
+    table = _table(run_merits(found))
+    rest = [*_listed("warning", page.warnings, _WARNINGS), *_listed("assumed", page.assumptions, _ASSUMED)]
+    return [*title, *verdict, *table, *rest][:LINES]
+
+
+def _verdict(verdict: Verdict) -> list[str]:
+    return _rows(f"{light_text(verdict.light)}: {verdict.reason}", 2)
+
+
+def _table(merits: dict[str, tuple[Quantity, ...]]) -> list[str]:
+    """One row a figure, one column a solution."""
+    if not merits:
+        return []
+    first = next(iter(merits.values()))
+    names = [f"{each.label} [{each.shown_unit}]" if each.shown_unit else each.label for each in first]
+    rows = tuple((name, *(cell(own[i]) for own in merits.values())) for i, name in enumerate(names))
+    return table_text(Table("", ("", *merits), rows)).splitlines()
+
+
+def _listed(name: str, texts: Sequence[str], most: int) -> list[str]:
+    """The first texts of some, one row each, and how many more there are."""
+    of = f" (first {most} of {len(texts)})" if len(texts) > most else ""
+    shown = [f"{name}{'' if i else of}: {text}" for i, text in enumerate(texts[:most])]
+    return [line for text in shown for line in _rows(text, 2 if len(texts) == 1 else 1)]
+
+
+def _rows(text: str, most: int) -> list[str]:
+    """A text in at most so many rows, the rest of it cut."""
+    rows = textwrap.wrap(plain_text(text), WIDTH, subsequent_indent="  ", break_on_hyphens=False) or [""]
+    if len(rows) > most:
+        rows = [*rows[:most]]
+        rows[-1] = f"{rows[-1][: WIDTH - 1]}…"
+    return rows

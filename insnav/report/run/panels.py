@@ -1,0 +1,275 @@
+"""Interactive drawings of a run: the track, and everything over one time axis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.earth import ned_offset
+from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.gps_gaps import outages
+from insnav.errors.metrics import TrajectoryErrors
+from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
+from insnav.report.panels import Curve, Panel, Shade, Track
+from insnav.report.series import Clock, broken_at_gaps
+from insnav.types import BoolArray, EventKind, FloatArray, Run
+from insnav.units import DEG, DEG_PER_H, G0
+
+LINK = "time"
+CHI2_95 = 7.815  # 95 % point of chi-square with 3 degrees of freedom
+MAP_POINTS = 2000
+EVENTS = 150  # most of a kind that are marked
+_NED, _RPH, _XYZ = ("north", "east", "down"), ("roll", "pitch", "heading"), ("x", "y", "z")
+_GROUPS = (("position", "m", 1.0, _NED), ("velocity", "m/s", 1.0, _NED), ("attitude", "deg", DEG, _RPH))
+_FIX_TYPES = ((1.0, "fixed"), (2.0, "float"), (4.0, "DGPS"), (5.0, "single"), (0.0, "none"))
+_GATES = (
+    EventKind.GATE_POSITION,
+    EventKind.GATE_VELOCITY,
+    EventKind.DEWEIGHTED_POSITION,
+    EventKind.DEWEIGHTED_VELOCITY,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Axis:
+    """The time axis that all panels share."""
+
+    clock: Clock
+    spans: tuple[tuple[float, float], ...]  # outages, on the axis
+
+    def panel(self, key: str, title: str, y_label: str, curves: Iterable[Curve], **how: object) -> Panel:
+        drawn = tuple(each for each in curves if np.isfinite(each.y).any())
+        return Panel(key, title, y_label, self.clock.label, drawn, LINK, spans=self.spans, **how)  # type: ignore[arg-type]
+
+
+def run_panels(found: EvaluatedRun) -> tuple[Track | Panel, ...]:
+    """Give the map and every panel that there is something to show in."""
+    run = found.run
+    if len(run.solution.time) < 2:
+        return ()
+    clock = Clock.of(run.solution.time)
+    axis = _Axis(clock, tuple((float(clock(a)), float(clock(b))) for a, b in outages(run)))
+    panels = [
+        *_state_panels(found, axis),
+        *_innovation_panels(run, axis),
+        *_bias_panels(run, axis),
+        *_separation(run, axis),
+        *_motion(found, axis),
+        *_events(run, axis),
+    ]
+    return (_track(found, axis), *(each for each in panels if each.curves))
+
+
+def _state_panels(found: EvaluatedRun, axis: _Axis) -> list[Panel]:
+    """Errors with three standard deviations where there is a reference, else the standard deviations."""
+    errors, panels = found.known_errors, []
+    for i, (group, unit, size, names) in enumerate(_GROUPS):
+        columns = slice(3 * i, 3 * i + 3)
+        curves: list[Curve] = []
+        if errors and any(np.isfinite(getattr(each, group)).any() for each in errors.values()):
+            for mode, each in errors.items():
+                sd = np.full((len(each.time), 3), np.nan) if each.sd is None else each.sd[:, columns]
+                curves += _banded(
+                    axis, names, each.time, getattr(each, group) / size, 3.0 * sd / size, mode, around=0.0
+                )
+            title, note = f"{group.capitalize()} error", "solution minus reference; band: ±3 sd as stated"
+            panels.append(axis.panel(f"{group}_error", title, f"error [{unit}]", curves, note=note))
+            continue
+        for mode, solution in found.solutions.items():
+            if solution.sd is not None:
+                time, sd = broken_at_gaps(axis.clock(solution.time), solution.sd[:, columns] / size)
+                curves += [Curve(n, time, sd[:, k], AXIS_COLOURS[k], mode=mode) for k, n in enumerate(names)]
+        title = f"Stated uncertainty of {group}"
+        panels.append(
+            axis.panel(f"{group}_sd", title, f"sd [{unit}]", curves, note="one standard deviation", log_y=True)
+        )
+    return panels
+
+
+def _banded(
+    axis: _Axis,
+    names: tuple[str, ...],
+    time: FloatArray,
+    value: FloatArray,
+    half: FloatArray,
+    mode: str = "",
+    *,
+    around: float | None = None,
+) -> list[Curve]:
+    """Three lines with their bands.
+
+    `time` (n,) [s]; `value`, `half` (n, 3): middle and half width; `around`: middle of the band; the line if none.
+    """
+    at, columns = broken_at_gaps(axis.clock(time), np.column_stack((value, half)))
+    curves = []
+    for k, (name, colour) in enumerate(zip(names, AXIS_COLOURS, strict=True)):
+        line, width = columns[:, k], columns[:, 3 + k]
+        middle = line if around is None else around
+        band = Curve(name, at, middle + width, colour, "band", middle - width, mode)
+        curves += [band] if np.isfinite(width).any() else []
+        curves.append(Curve(name, at, line, colour, mode=mode))
+    return curves
+
+
+def _innovation_panels(run: Run, axis: _Axis) -> list[Panel]:
+    fixes, panels, nis = run.innovations, [], []
+    time = axis.clock(fixes.time)
+    for i, (group, unit, _, names) in enumerate(_GROUPS[:2]):
+        columns = slice(3 * i, 3 * i + 3)
+        used: BoolArray = getattr(fixes, f"used_{group}")
+        value, sd = fixes.innovation[:, columns], fixes.sd[:, columns]
+        curves = []
+        for k, (name, colour) in enumerate(zip(names, AXIS_COLOURS, strict=True)):
+            curves.append(Curve(name, time, 3.0 * sd[:, k], colour, "band", -3.0 * sd[:, k]))
+            curves.append(Curve(name, time[used], value[used, k], colour, "points"))
+            curves.append(Curve("rejected", time[~used], value[~used, k], colour, "crosses"))
+        note = "measured minus predicted; band: ±3 sd as predicted"
+        title = f"Innovations of GPS {group}"
+        panels.append(axis.panel(f"innovations_{group}", title, f"innovation [{unit}]", _known(curves), note=note))
+        size, colour = getattr(fixes, f"nis_{group}"), (BLUE, ORANGE)[i]
+        positive = size > 0.0
+        nis += [
+            Curve(group, time[used & positive], size[used & positive], colour, "points"),
+            Curve("rejected", time[~used & positive], size[~used & positive], colour, "crosses"),
+        ]
+    gates = sorted({each.limit for each in run.events if each.kind in _GATES and np.isfinite(each.limit)})
+    levels = [(CHI2_95, f"95 % ({CHI2_95:.1f})"), *((gate, f"gate ({gate:.1f})") for gate in gates)]
+    note = "normalised innovation squared of each fix, 3 degrees of freedom: 3 on average if the stated sd is right"
+    panels.append(axis.panel("nis", "NIS", "NIS [-]", _known(nis), note=note, log_y=True, levels=tuple(levels)))
+    return panels
+
+
+def _known(curves: list[Curve]) -> list[Curve]:
+    return [each for each in curves if np.isfinite(each.y).any()]
+
+
+def _bias_panels(run: Run, axis: _Axis) -> list[Panel]:
+    found = [("filtered", run.sensor_errors)]
+    if run.smoothed is not None and len(run.smoothed.sensor_errors.time):
+        found.insert(0, ("smoothed", run.smoothed.sensor_errors))
+    panels = []
+    for key, title, unit, size, first in (
+        ("gyro_bias", "Gyro bias", "deg/h", DEG_PER_H, 0),
+        ("accel_bias", "Accelerometer bias", "mg", 1e-3 * G0, 3),
+    ):
+        own = slice(first, first + 3)
+        curves: list[Curve] = []
+        for mode, each in found:
+            value, sd = each.value[:, own] / size, each.sd[:, own] / size
+            curves += _banded(axis, _XYZ, each.time, value, sd, mode if len(found) > 1 else "")
+        panels.append(axis.panel(key, title, f"bias [{unit}]", curves, note="as estimated, body axes; band: ±1 sd"))
+    return panels
+
+
+def _separation(run: Run, axis: _Axis) -> list[Panel]:
+    """How far the filter is from the smoother, which knows the later fixes too.
+
+    For an optimal filter the covariance of the difference is the difference of the covariances (Rauch, Tung and
+    Striebel 1965).
+    """
+    if run.smoothed is None:
+        return []
+    filtered, smoothed = run.solution, run.smoothed.solution
+    apart = ned_offset(filtered.lla, smoothed.lla)
+    expected = np.full_like(apart, np.nan)
+    if filtered.sd is not None and smoothed.sd is not None:
+        expected = 3.0 * np.sqrt(np.maximum(filtered.sd[:, :3] ** 2 - smoothed.sd[:, :3] ** 2, 0.0))
+    curves = _banded(axis, _NED, filtered.time, apart, expected, around=0.0)
+    note = "filtered minus smoothed position; band: ±3 sd as expected of the difference"
+    return [axis.panel("separation", "Forward-backward separation", "separation [m]", curves, note=note)]
+
+
+def _motion(found: EvaluatedRun, axis: _Axis) -> list[Panel]:
+    speeds, heights, tilts, headings = [], [], [], []
+    gps = found.gps
+    for mode, solution in found.solutions.items():
+        values = np.column_stack((np.linalg.norm(solution.v_n, axis=1), solution.lla[:, 2], solution.rph / DEG))
+        time, columns = broken_at_gaps(axis.clock(solution.time), values)
+        speeds.append(Curve("solution", time, columns[:, 0], BLUE, mode=mode))
+        heights.append(Curve("solution", time, columns[:, 1], BLUE, mode=mode))
+        tilts += [Curve(n, time, columns[:, 2 + k], AXIS_COLOURS[k], mode=mode) for k, n in enumerate(_RPH[:2])]
+        heading = columns[:, 4] % 360.0
+        heading[1:][np.abs(np.diff(heading)) > 180.0] = np.nan
+        headings.append(Curve("heading", time, heading, BLUE, mode=mode))
+    if gps is not None:
+        at = axis.clock(gps.time)
+        speeds.insert(0, Curve("GPS", at, np.linalg.norm(gps.v_n, axis=1), GREY, "points"))
+        heights.insert(0, Curve("GPS, at the antenna", at, gps.lla[:, 2], GREY, "points"))
+    return [
+        axis.panel("speed", "Speed", "speed [m/s]", speeds),
+        axis.panel("height", "Height", "height [m]", heights, note="of the IMU, zero as in the fixes"),
+        axis.panel("tilt", "Roll and pitch", "angle [deg]", tilts, note="roll: right side down; pitch: nose up"),
+        axis.panel("heading", "Heading", "heading [deg]", headings, note="from north, clockwise", limits=(-5.0, 365.0)),
+    ]
+
+
+def _events(run: Run, axis: _Axis) -> list[Panel]:
+    """Marks of events, a row a kind; most of a kind are told by some."""
+    kinds = list(dict.fromkeys(str(each.kind) for each in run.events))
+    curves = []
+    for row, kind in enumerate(kinds):
+        own = [each for each in run.events if str(each.kind) == kind]
+        some = own[:: max(1, -(-len(own) // EVENTS))]
+        texts = tuple(
+            f"{kind} at {each.time:.1f} s: {each.value:.3g}"
+            + (f", limit {each.limit:.3g}" if np.isfinite(each.limit) else "")
+            + f" {each.unit}; {each.action}"
+            for each in some
+        )
+        at = axis.clock(np.array([each.time for each in some]))
+        curves.append(Curve("event", at, np.full(len(some), float(row)), VERMILLION, "points", text=texts))
+    if not curves:
+        return []
+    height = 70 + 22 * len(kinds)
+    note = "point at one to read it, click to go there"
+    return [axis.panel("events", "Events", "", curves, note=note, rows=tuple(kinds), height=height)]
+
+
+def _track(found: EvaluatedRun, axis: _Axis) -> Track:
+    run, gps = found.run, found.gps
+    solution = next(iter(found.solutions.values()))
+    rows = np.unique(np.linspace(0, len(solution.time) - 1, MAP_POINTS).round().astype(np.int64))
+    origin, time = solution.lla[0], solution.time[rows]
+    position = ned_offset(solution.lla[rows], origin)
+    shades = [
+        Shade("horizontal sd [m]", np.hypot(*each.sd[rows, :2].T), mode=mode)
+        for mode, each in found.solutions.items()
+        if each.sd is not None
+    ]
+    shades += [
+        Shade("horizontal error [m]", _error_at(each, time), mode=mode) for mode, each in found.known_errors.items()
+    ]
+    if gps is not None and gps.fix is not None and len(gps.time):
+        shades.append(Shade("fix", gps.fix[_nearest(gps.time, time)].astype(np.float64), _FIX_TYPES))
+    if np.isfinite(run.innovations.nis_position).any():
+        known = np.isfinite(run.innovations.nis_position)
+        at, nis = run.innovations.time[known], run.innovations.nis_position[known]
+        shades.append(Shade("NIS of position [-]", nis[_nearest(at, time)]))
+    fixes = None if gps is None else ned_offset(gps.lla, origin)[:, [1, 0]]
+    lat, lon = origin[:2] / DEG
+    note = f"start at latitude {lat:.5f}°, longitude {lon:.5f}°; point at the track to see the time"
+    return Track(
+        "track",
+        "Track",
+        position[:, 1],
+        position[:, 0],
+        axis.clock(time),
+        tuple(shades),
+        LINK,
+        fixes,
+        axis.spans,
+        note,
+    )
+
+
+def _error_at(errors: TrajectoryErrors, time: FloatArray) -> FloatArray:
+    return np.interp(time, errors.time, errors.horizontal, np.nan, np.nan)
+
+
+def _nearest(times: FloatArray, wanted: FloatArray) -> np.ndarray:
+    after = np.clip(np.searchsorted(times, wanted), 1, max(len(times) - 1, 1))
+    if len(times) == 1:
+        return np.zeros(len(wanted), dtype=np.intp)
+    return after - (wanted - times[after - 1] < times[after] - wanted)

@@ -1,0 +1,143 @@
+"""A run in one sentence: how accurate or how sure, and whether what it states is true."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.gps_gaps import outages
+from insnav.errors.metrics import TrajectoryErrors, distance_and_time, nees
+from insnav.input.readers.reading import ReadingFacts
+from insnav.quantity import Quantity
+from insnav.report.numbers import distance_text, duration_text, number
+from insnav.report.page import Light, Verdict
+from insnav.report.run.warnings import HOLDS
+from insnav.result import Result
+from insnav.sample_statistics import rms
+from insnav.types import EventKind, FloatArray, Run
+
+_PARTS = (
+    ("horizontal", "m", slice(0, 2)),
+    ("vertical", "m", slice(2, 3)),
+    ("horizontal velocity", "m/s", slice(3, 5)),
+    ("tilt", "deg", slice(6, 8)),
+    ("heading", "deg", slice(8, 9)),
+)
+
+
+def run_verdict(found: EvaluatedRun, warnings: Sequence[str]) -> Verdict:
+    """Judge a run by its errors, or by its own innovations where there is no reference."""
+    light, reason = _light(found, warnings)
+    if found.errors is not None:
+        sizes = [f"{number(rms(each.horizontal))} m RMS {mode}" for mode, each in found.known_errors.items()]
+        return Verdict(light, reason, f"Horizontal error {', '.join(sizes)}; {_holds(found)}.")
+    sds = [f"{number(_size(each.sd[:, :2]))} m {mode}" for mode, each in found.solutions.items() if each.sd is not None]
+    if not sds:
+        return Verdict(light, reason, "The solution states no standard deviation, and there is no reference.")
+    return Verdict(
+        light, reason, f"Stated horizontal sd {', '.join(sds)} (RMS); no reference, so the error is not known."
+    )
+
+
+def run_line(result: Result[EvaluatedRun]) -> str:
+    """What was navigated: length, distance, rates, outages."""
+    run = result.found.run
+    if len(run.solution.time) == 0:
+        return "The solution is empty."
+    distance, _ = distance_and_time(run.solution)
+    lost = outages(run)
+    parts = [f"{duration_text(float(np.ptp(run.solution.time)))}, {distance_text(distance)}"]
+    parts += [_rate(name, result.inputs[name]) for name in ("imu", "gps") if name in result.inputs]
+    if lost:
+        longest = duration_text(max(end - start for start, end in lost))
+        parts.append(f"{len(lost)} GPS outages, longest {longest}" if lost[1:] else f"GPS outage of {longest}")
+    return "; ".join(parts) + "."
+
+
+def run_circles(found: EvaluatedRun, reference: str) -> tuple[str, ...]:
+    """Say how the horizontal errors of the better solution are distributed."""
+    for mode, errors in found.known_errors.items():
+        size = errors.horizontal
+        cep50, r95 = (number(float(np.percentile(size, share))) for share in (50.0, 95.0))
+        return (
+            f"CEP50 {cep50} m, R95 {r95} m, largest {number(float(size.max()))} m: {mode} solution minus {reference}, "
+            f"at {len(size)} epochs.",
+        )
+    return ()
+
+
+def run_merits(found: EvaluatedRun) -> dict[str, tuple[Quantity, ...]]:
+    """Six figures of merit of each solution, the better one first.
+
+    Returns: smoothed, filtered: RMS errors, or standard deviations where there is no reference; and whether they agree
+    with what is stated.
+    """
+    merits = {}
+    for mode, errors in found.known_errors.items():
+        whole = np.hstack((errors.position, errors.velocity, errors.attitude))
+        share = inside(errors)
+        holds = Quantity("inside_3_sd", share, "%", meaning="position inside 3 sd")
+        merits[mode] = (*_sizes(whole, "error RMS"), holds)
+    if merits:
+        return merits
+    agree = Quantity("nis_mean_per_axis", consistency(found.run), meaning="mean NIS per axis (1 ideal)")
+    stated = [(mode, each.sd) for mode, each in found.solutions.items() if each.sd is not None]
+    return {mode: (*_sizes(sd, "sd"), agree) for mode, sd in stated}
+
+
+def _sizes(values: FloatArray, what: str) -> list[Quantity]:
+    """RMS of position, velocity and attitude errors ``(n, 9)`` by groups that are known."""
+    sizes = [
+        Quantity(part, _size(values[:, columns]), unit, meaning=f"{part} {what}") for part, unit, columns in _PARTS
+    ]
+    return [each for each in sizes if isinstance(each.value, float) and np.isfinite(each.value)]
+
+
+def consistency(run: Run) -> float | None:
+    """Mean NIS per axis of the accepted position and velocity fixes: one if the stated sd is right."""
+    fixes = run.innovations
+    sizes = np.concatenate((fixes.nis_position[fixes.used_position], fixes.nis_velocity[fixes.used_velocity]))
+    known = sizes[np.isfinite(sizes)]
+    return float(known.mean()) / 3.0 if known.size else None
+
+
+def inside(errors: TrajectoryErrors) -> float | None:
+    """Share of position errors inside three stated standard deviations."""
+    stated: dict[str, Any] = (nees(errors) or {}).get("position") or {}
+    return stated.get("inside_3_sd")
+
+
+def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
+    shares = [share for each in found.known_errors.values() if (share := inside(each)) is not None]
+    diverged = any(event.kind is EventKind.DIVERGED for event in found.run.events)
+    if any(share < HOLDS for share in shares):
+        return "bad", "the errors are larger than stated"
+    if diverged:
+        return "bad", "innovations and stated sd contradict each other"
+    if warnings:
+        return "attention", f"{len(warnings)} warning{'s' * (len(warnings) > 1)}"
+    if shares:
+        return "good", "no warning, and the errors are as large as stated"
+    nis = consistency(found.run)
+    agree = "" if nis is None else f"; fixes and solution agree (NIS {number(nis)} per axis, 1 ideal)"
+    return "unknown", f"no reference to check against{agree}"
+
+
+def _holds(found: EvaluatedRun) -> str:
+    share = inside(next(iter(found.known_errors.values())))
+    if share is None:
+        return "it states no standard deviation"
+    return f"the stated sd {'holds' if share >= HOLDS else 'does not hold'} ({100.0 * share:.1f} % inside 3 sd)"
+
+
+def _size(values: FloatArray) -> float:
+    """RMS length of the vectors ``(n, k)`` that are known."""
+    known = values[np.isfinite(values).all(axis=1)]
+    return float(np.sqrt(np.mean(np.sum(known**2, axis=1)))) if known.size else float("nan")
+
+
+def _rate(name: str, facts: ReadingFacts) -> str:
+    return f"{name.upper()} {number(facts.rate_hz)} Hz" if facts.rate_hz else name.upper()
