@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from typer.core import TyperCommand
+
+_TYPE = re.compile(r" <[^>]*>$")  # Python's type of an argument behind its name
+_WHOLE = re.compile(r"(\[default: -?\d+)\.0\]")
 
 
 class GroupedCommand(TyperCommand):
@@ -16,7 +20,8 @@ class GroupedCommand(TyperCommand):
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
             if record is not None:
-                groups.setdefault(getattr(param, "rich_help_panel", None) or "Other", []).append(record)
+                name, text = _TYPE.sub("", record[0]), _WHOLE.sub(r"\1]", record[1])
+                groups.setdefault(getattr(param, "rich_help_panel", None) or "Other", []).append((name, text))
         for title, records in groups.items():
             with formatter.section(title):
                 formatter.write_dl(records)

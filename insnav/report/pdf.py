@@ -27,7 +27,7 @@ _LIGHTS = {"good": GREEN, "attention": ORANGE, "bad": VERMILLION, "unknown": GRE
 def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]]) -> None:
     """Write a report as PDF.
 
-    `pages`: titles of the pages and the names of the figures on each; those that the report does not have are left out.
+    `pages`: titles of the pages and the names of figures for each: the first two that the report has.
     """
     known = {each.name: each for each in page.figures}
     with drawing(), PdfPages(file, metadata={"CreationDate": None, "Creator": None, "Producer": None}) as pdf:
@@ -36,7 +36,7 @@ def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]]) -> Non
             top = _heading(sheet, f"{page.title}: {title}")
             if number == 1:
                 top = _first(sheet, page, top)
-            _figures(sheet, [known[name] for name in names if name in known], top)
+            _figures(sheet, [known[name] for name in names if name in known][:2], top)
             foot = f"insnav {__version__}   page {number} of {len(pages)}"
             sheet.text(0.5, 0.35 / _HEIGHT, foot, ha="center", fontsize=8.0, color="#555555")
             pdf.savefig(sheet)

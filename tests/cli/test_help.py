@@ -28,6 +28,7 @@ def test_help_of_a_command_has_examples_and_fits_a_terminal(cli: Cli, command: s
     assert f"insnav {command} " in shown.out.split("Examples:")[1]
     assert max(map(len, shown.out.splitlines())) <= 80
     assert "{" not in shown.out
+    assert "<" not in shown.out.split("Files:")[1]  # no type of Python
 
 
 def test_help_of_run_has_its_options_in_groups(cli: Cli):
@@ -96,3 +97,24 @@ def test_debug_gives_the_traceback_and_keeps_the_exit_code(cli: Cli):
     assert "Traceback" not in quiet.err
     assert "Traceback" in loud.err
     assert loud.err.endswith(quiet.err[quiet.err.index("insnav: error") :])
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_a_shell_completes_commands(cli: Cli, monkeypatch: pytest.MonkeyPatch, shell: str):
+    assert "insnav" in cli("--show-completion", shell).out
+    monkeypatch.setenv("_INSNAV_COMPLETE", f"complete_{shell}")
+    monkeypatch.setenv("COMP_WORDS", "insnav comp")
+    monkeypatch.setenv("COMP_CWORD", "1")
+    monkeypatch.setenv("_TYPER_COMPLETE_ARGS", "insnav comp")
+    assert "compare" in cli().out
+
+
+def test_colour_is_for_terminals_that_want_it(monkeypatch: pytest.MonkeyPatch):
+    from insnav.cli import console
+
+    monkeypatch.setattr(sys, "stdout", type("Terminal", (), {"isatty": lambda self: True})())
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    assert console.coloured("good: it holds\na good one") == "\x1b[32mgood\x1b[0m: it holds\na good one"
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert console.coloured("good: it holds") == "good: it holds"

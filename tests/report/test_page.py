@@ -52,6 +52,14 @@ def test_terminal_shows_every_text_and_lines_numbers_up() -> None:
     assert "Assumptions" in lines
 
 
+def test_a_table_that_is_too_wide_goes_on_below() -> None:
+    rows = tuple(tuple(Quantity(f"column_{i}", float(10**i), "m") for i in range(12)) for _ in range(2))
+    text = page_text(Page("Wide", ("word " * 40,), (Section("wide", "Wide", rows=rows),)), 60)
+    assert max(map(len, text.splitlines())) <= 60
+    assert text.count("column 0 [m]") >= 3  # every part names its rows
+    assert all(f"column {i} [m]" in text for i in range(12))
+
+
 def test_terminal_gets_no_escape_codes() -> None:
     assert "\x1b" not in page_text(a_page(HOSTILE))
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 PDF_PAGES = {
     "summary": ("track",),
-    "errors": ("position_error", "velocity_error", "attitude_error", "uncertainty"),
+    "accuracy": ("position_error", "attitude_error", "uncertainty", "attitude"),
     "filter": ("innovations", "biases"),
 }
 

@@ -158,7 +158,9 @@ class Panel extends Drawing {
     this.entries ??= new Map();
     if (this.entries.has(name)) return this.entries.get(name);
     const label = element("label", "", this.legend), entry = {label, off: false, value: null};
-    element("i", "", label).dataset.colour = colour;
+    const swatch = element("i", "", label);
+    swatch.dataset.colour = colour;
+    swatch.style.setProperty("--swatch", shown(colour));
     element("span", "", label, name);
     if (toggles) {
       entry.value = element("output", "", label);
@@ -392,7 +394,6 @@ const whole = drawing => {
   choose(specs.flatMap(spec => spec.curves ?? spec.shades).find(each => each.mode)?.mode ?? "");
   for (const each of drawings) {
     await each.show();
-    each.repaint();
     each.place.addEventListener("dblclick", () => whole(each));
   }
   for (const media of [dark, print]) media.addEventListener("change", repaint);
