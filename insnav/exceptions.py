@@ -5,6 +5,11 @@ The command line prints one block per error and ends with `exit_code`; nothing e
 
 from __future__ import annotations
 
+import re
+
+KEYWORDS = {"--out": "folder"}  # options whose keyword in Python has another name; `insnav.session.inputs` adds its own
+_OPTION = re.compile(r"--([a-z](?:[a-z-]*[a-z])?)\b")
+
 
 class InsnavError(Exception):
     """Base of all errors insnav raises on purpose.
@@ -33,7 +38,8 @@ class InsnavError(Exception):
     def __str__(self) -> str:
         parts = [self.what]
         parts += [f"{name}: {text}" for name, text in self.details() if text]
-        return "\n".join(parts)
+        # who reads this called from Python, and has keywords, not options; the command line prints the details
+        return _OPTION.sub(lambda found: KEYWORDS.get(found[0], found[1].replace("-", "_")), "\n".join(parts))
 
     def details(self) -> tuple[tuple[str, str], ...]:
         """Label and text of every part after the first sentence."""

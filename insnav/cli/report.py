@@ -21,7 +21,7 @@ by another version of insnav. Nothing is navigated.
 Examples:
   insnav report run
   insnav report run --figures svg --out run_svg
-  insnav report run --pdf                       run/report.pdf, three pages
+  insnav report run --pdf                       run.pdf, three pages
 """
 
 
@@ -40,7 +40,8 @@ def report(
     out: opt.Out = Path("report"),
     force: opt.Force = False,
     pdf: Annotated[
-        bool, typer.Option("--pdf", help="Only a PDF of three pages, RUN/report.pdf.", rich_help_panel=opt.RESULT)
+        bool,
+        typer.Option("--pdf", help="Only a PDF of three pages, RUN.pdf beside the folder.", rich_help_panel=opt.RESULT),
     ] = False,
     as_json: opt.Json = False,
 ) -> None:
@@ -52,8 +53,9 @@ def report(
     if pdf:
         from insnav.report.save import write_result_pdf
 
-        write_result_pdf(opened, run / "report.pdf")
-        result(f"files: {run / 'report.pdf'}")
+        file = run.resolve().with_name(f"{run.resolve().name}.pdf")
+        write_result_pdf(opened, file)
+        result(f"files: {file}")
         return
     where = opened.save(out, force=force, figures=figures.value)
     if as_json:

@@ -116,6 +116,7 @@ class Page:
     notes: tuple[str, ...] = ()  # what was found in the data and done about it, most important first; no warnings
     verdict: Verdict | None = None  # the first thing on the page
     merits: tuple[Quantity, ...] = ()  # figures of merit, about six; they stand in the sections too
+    merits_note: str = ""  # what they are of
 
     @property
     def lists(self) -> tuple[tuple[str, tuple[str, ...]], ...]:

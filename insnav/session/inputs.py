@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypedDict
 
+from insnav.exceptions import KEYWORDS
 from insnav.units import UNITS
 
 if TYPE_CHECKING:
@@ -249,3 +250,4 @@ LOGS: dict[str, Input] = {
         "--magnetometer", "FILE", "Log of a magnetometer: time, field x, y, z, or heading.", AIDING, "file"
     ),
 }
+KEYWORDS.update({each.option: key for key, each in INPUTS.items() if each.option})

@@ -67,7 +67,7 @@ def test_a_pdf_has_three_pages_and_leaves_the_run_as_it_is(drive: Path, cli: Cli
     assert cli(*RUN, "--figures", "none").code == 0
     shown = cli("report", "run", "--pdf")
     assert shown.code == 0, shown.err
-    file = Path("run/report.pdf").read_bytes()
+    file = Path("run.pdf").read_bytes()
     assert file.startswith(b"%PDF")
     assert file.count(b"/Type /Page ") == 3
     assert len(file) < 3e6

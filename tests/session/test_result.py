@@ -12,6 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import insnav
+import insnav.session.inputs  # adds its names to those of errors
 from insnav.exceptions import ConfigError
 from insnav.output.folder import RunFolder, read_facts
 from insnav.quantity import Quantity
@@ -76,3 +77,9 @@ def test_a_result_shows_itself() -> None:
 def test_without_figures_there_is_no_page(tmp_path: Path) -> None:
     where = Result("answer", 1.0).save(tmp_path / "out", figures="none", table_format="parquet")
     assert sorted(path.name for path in where.iterdir()) == ["answer.parquet", "run.json"]
+
+
+def test_an_error_names_keywords_in_python_and_options_on_the_command_line():
+    error = ConfigError("no", fix="say --imu-axes FLU, leave --resume out, --sample-rate or give another --out")
+    assert str(error) == "no\nfix: say axes FLU, leave resume out, sample_rate or give another folder"
+    assert "--imu-axes FLU" in dict(error.details())["fix"]

@@ -43,7 +43,7 @@ def page(result: Result[EvaluatedRun]) -> Page:
     reference = result.inputs["reference"].path if "reference" in result.inputs else ""
     accuracy, *others = run_sections(found, reference)
     name = result.inputs["imu"].path if "imu" in result.inputs else "a drive"
-    warnings = run_warnings(found)
+    warnings, merits = run_warnings(found), run_merits(found)
     return Page(
         Path(name).name,
         (run_line(result), *run_circles(found, Path(reference).name)),
@@ -55,7 +55,8 @@ def page(result: Result[EvaluatedRun]) -> Page:
         warnings=warnings,
         assumptions=run_assumptions(result),
         verdict=run_verdict(found, warnings),
-        merits=next(iter(run_merits(found).values()), ()),
+        merits=next(iter(merits.values()), ()),
+        merits_note=f"Root mean square over the drive, of the {next(iter(merits))} solution." if merits else "",
     )
 
 

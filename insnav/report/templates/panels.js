@@ -214,7 +214,7 @@ class Panel extends Drawing {
     for (const curve of this.curves.filter(each => this.visible(each) && each.kind !== "band")) {
       for (let i = 0; i < curve.x.length && marks.x.length < 2000; i++) {
         const up = curve.y[i] > limits[1];
-        if (!up && !(curve.y[i] < limits[0])) continue;
+        if ((!up && !(curve.y[i] < limits[0])) || curve.x[i] < start || curve.x[i] > end) continue;
         marks.x.push(curve.x[i]); marks.y.push(limits[up ? 1 : 0]); marks.a.push(up ? 0 : Math.PI); marks.c.push(shown(curve.colour));
       }
     }
