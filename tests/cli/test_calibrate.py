@@ -88,7 +88,7 @@ def test_run_takes_raw_volts_with_the_calibration(bench: Path, drive: Path, cli:
     np.savetxt("raw.csv", rows[:, :7], "%.12g", ",", header=header, comments="")
     plain = cli("run", *QUICK, "--out", "plain")
     assert plain.code == 0, plain.err
-    raw = cli("run", "raw.csv", *QUICK[1:], "--out", "raw", "--calibration", "calibration/calibration.toml")
+    raw = cli("run", "raw.csv", *QUICK[1:], "--out", "raw", "--calibration", "calibration/calibration.toml", "-v")
     assert raw.code == 0, raw.err
     assert "brought to rad/s by the zero and scale of the calibration" in raw.err
     ends = [np.genfromtxt(f"{run}/solution.csv", delimiter=",", skip_header=1)[-1, :7] for run in ("plain", "raw")]

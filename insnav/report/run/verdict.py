@@ -29,7 +29,7 @@ _PARTS = (
 
 
 def run_verdict(found: EvaluatedRun, warnings: Sequence[str]) -> Verdict:
-    """Judge a run by its errors, or by its own innovations where there is no reference."""
+    """Rate a run by its errors, or by its own innovations where there is no reference."""
     light, reason = _light(found, warnings)
     if found.errors is not None:
         sizes = [f"{number(rms(each.horizontal))} m RMS {mode}" for mode, each in found.known_errors.items()]
