@@ -131,3 +131,28 @@ def test_no_text_is_cut_and_a_metre_is_a_metre(browser: Browser, tmp_path: Path,
         "return f.width / (t.x.end - t.x.start) / (f.height / (t.y.end - t.y.start))"
     )
     assert ratio == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_the_page_of_a_run(browser: Browser, navigated: Any, tmp_path: Path, width: int) -> None:
+    file = tmp_path / "report.html"
+    file.write_text(page_html(navigated.page(), {}), encoding="utf-8")
+    assert file.stat().st_size < 4e6
+    browser.open(file, width)
+    assert browser.errors() == []
+    assert browser.requests() == []
+    assert browser.run(CUT) == []
+    assert browser.run("return document.documentElement.scrollWidth") <= width
+    names = browser.run("return insnav.drawings.map(each => each.key)")
+    assert names[:4] == ["track", "position_error", "velocity_error", "attitude_error"]
+    assert browser.run("return insnav.drawings.every(each => each.place.querySelector('.bk-Figure'))")
+    # an event: pointing at it shows its text, a click goes there
+    browser.run(
+        "const e = insnav.drawings.at(-1); e.hover(...e.pixel(e.curves[0].x[0], 0).map((each, i) => "
+        "each / [e.frame.width, e.frame.height][i])); e.place.click()"
+    )
+    assert browser.run("return insnav.drawings.at(-1).tip.textContent") != ""
+    assert browser.run(
+        "const l = insnav.links.get('time'), x = insnav.drawings[1].x; "
+        "return (x.end - x.start) / (l.whole[1] - l.whole[0]) < 0.03"
+    )

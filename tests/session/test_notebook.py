@@ -40,7 +40,7 @@ def test_the_first_lines_of_a_notebook(drive: Path) -> None:
     verify_folder(Path("run1"))
     again, smoothed = insnav.open_result("run1").found.run.smoothed, result.found.run.smoothed
     np.testing.assert_allclose(again.sensor_errors.value, smoothed.sensor_errors.value, rtol=0, atol=1e-8)
-    assert "horizontal RMS" in result.summary()
+    assert "horizontal error RMS" in result.summary()
     assert repr(result) == "Result: run of imu.csv, gps.csv, ref.csv"
     assert "<table" in result._repr_html_()
     outage = drive_.outage(lengths=(10, 30))

@@ -17,7 +17,7 @@ _ASSUMED = re.compile(r"\bassumed\b")
 def run_assumptions(result: Result[Any]) -> tuple[str, ...]:
     """Give lever arm and IMU model unless they were given, and what the files did not say."""
     evidence = {text: name for name, each in result.inputs.items() for text in each.evidence if _ASSUMED.search(text)}
-    files = tuple(f"{name}: {text}" for text, name in evidence.items())
+    files = tuple(f"{name}: {text.replace('(assumed; ', '(')}" for text, name in evidence.items())
     return (*_lever_arm(result.found.run, result.options), *_model(result), *files)
 
 
