@@ -15,14 +15,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from insnav.errors.budget.covariance import disturbance, steps_of
-from insnav.errors.budget.sampled_motion import SampledMotion, sampled
+from insnav.errors.budget.covariance import disturbance, integrated, steps_of
+from insnav.errors.budget.sampled_motion import sampled
 from insnav.errors.budget.sources import BODY, SENSORS, Source
 from insnav.imu import ImuSpec
 from insnav.imu.error_terms import ELEMENTS
 from insnav.kernels import error_propagation as _kernel
 from insnav.simulate.truth import Truth
-from insnav.types import FloatArray, IntArray
+from insnav.types import FloatArray
 from insnav.units import DEG
 
 RATE = 20.0  # of the samples of the motion [Hz]
@@ -86,11 +86,11 @@ def propagation(truth: Truth, begins: Sequence[float], length: float) -> Propaga
     ends = each * (1 + np.arange(count))
     steps = steps_of(motion, ends)
     sources = _unit_sources()
-    given = np.stack([_per_step(disturbance(source, motion), motion, steps.edges) for source in sources], axis=1)
+    given = np.stack([integrated(disturbance(source, motion), motion, steps) for source in sources], axis=1)
     edges = np.searchsorted(steps.edges, np.append(0, ends))
     by_state, by_noise = np.empty((count, NAV, SENSED)), np.empty((count, 6, NAV, NAV))
     first = np.concatenate([np.eye(NAV), np.zeros((len(sources), NAV))])
-    nothing, one, zero = np.zeros((len(first), 6)), np.ones(6), np.zeros(6)
+    nothing, one, zero = np.zeros((len(first), given.shape[2])), np.ones(6), np.zeros(6)
     for k in range(count):
         part = slice(edges[k], edges[k + 1])
         x, force, dt = steps.state[part], steps.force_n[part], steps.dt[part]
@@ -117,11 +117,6 @@ def _unit_sources() -> list[Source]:
     found += [Source(sensor, "misalignment", pair, "constant", 1.0) for sensor in SENSORS for pair in pairs]
     matrix = [BODY[i] + BODY[j] for i, j in ELEMENTS["matrix"]]
     return [*found, *(Source("gyro", "g-sensitivity", pair, "constant", 1.0) for pair in matrix)]
-
-
-def _per_step(values: FloatArray, motion: SampledMotion, edges: IntArray) -> FloatArray:
-    values = (values * motion.dt[:, None])[: edges[-1]]
-    return np.asarray(np.add.reduceat(values, edges[:-1], axis=0))
 
 
 def start_covariance(spec: ImuSpec) -> FloatArray:
