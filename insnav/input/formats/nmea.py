@@ -21,7 +21,6 @@ from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
 from insnav.input.formats.time_scales import gps_days, seconds_of_week
 from insnav.types import FloatArray
-from insnav.units import DEG
 
 name = "NMEA log"
 suffixes = (".nmea",)
@@ -34,7 +33,7 @@ _HALF_DAY = 43_200.0
 # quality in GGA -> fix type here (1 fixed, 2 float, 4 DGPS, 5 single, 0 none); 6 is dead reckoning, 7 and 8 no receiver
 _QUALITY = {1: 5.0, 2: 4.0, 3: 5.0, 4: 1.0, 5: 2.0, 9: 4.0}
 _MODES = {"A": 5.0, "D": 4.0, "P": 5.0, "R": 1.0, "F": 2.0}  # in GNS and RMC
-_COLUMNS = ("lat_deg", "lon_deg", "alt", "separation", "fix", "vn_m_s", "ve_m_s")
+_COLUMNS = ("lat_deg", "lon_deg", "alt", "separation", "fix", "speed_m_s", "course_deg")
 _OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg")
 
 
@@ -138,9 +137,9 @@ class _Log:
                 epoch |= _place(words[3:7])
 
     def _vtg(self, epoch: dict[str, float], words: list[str]) -> None:
-        if "vn_m_s" not in epoch and (len(words) < 10 or words[9] not in ("E", "M", "S", "N")):
+        if "speed_m_s" not in epoch and (len(words) < 10 or words[9] not in ("E", "M", "S", "N")):
             epoch |= _velocity(_number(words[5]), _number(words[1]))
-            self.from_vtg |= "vn_m_s" in epoch
+            self.from_vtg |= "speed_m_s" in epoch
 
     def _gst(self, epoch: dict[str, float], words: list[str]) -> None:
         sd = (_number(word) for word in words[6:9])
@@ -210,12 +209,8 @@ def _place(words: list[str]) -> dict[str, float]:
 
 
 def _velocity(knots: float, course: float) -> dict[str, float]:
-    if knots == 0.0:
-        course = 0.0
-    if not (np.isfinite(knots) and np.isfinite(course)):
-        return {}
-    angle = course * DEG
-    return {"vn_m_s": knots * _KNOT * float(np.cos(angle)), "ve_m_s": knots * _KNOT * float(np.sin(angle))}
+    """Speed, and course as far as it is known: receivers leave it empty at rest."""
+    return {"speed_m_s": knots * _KNOT, "course_deg": course} if np.isfinite(knots) else {}
 
 
 def _height(altitude: FloatArray, separation: FloatArray) -> tuple[dict[str, FloatArray], str]:

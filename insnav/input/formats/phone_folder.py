@@ -5,12 +5,11 @@ Axes of a phone are Right, Forward, Up when it lies on its back with its top to 
 References
 ----------
 phyphox.org, "Exporting data"; Sensor Logger (github.com/tszheichoi/awesome-sensor-logger), "Cross-platform data
-recording format"; Android `Location.getAccuracy`: the radius of 68 % confidence.
+recording format".
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -18,7 +17,7 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.input.formats import delimited_text
-from insnav.input.formats.conventions import ACCEL, GYRO, TextColumns, deviations, text_columns, up_or_down
+from insnav.input.formats.conventions import ACCEL, GYRO, RADIUS_NOTE, TextColumns, of_radius, text_columns, up_or_down
 from insnav.input.formats.messages import at_times
 from insnav.input.formats.source import Source, digest_of
 from insnav.input.formats.table import Table, column_table
@@ -29,7 +28,6 @@ suffixes = ()
 extra = ""
 
 _AXES = ("x", "y", "z")
-_RADIUS = math.sqrt(-2.0 * math.log(0.32))  # of 68 % confidence, in standard deviations of one component
 # files by what they hold, the most useful first; in small letters without blanks
 _WITH_GRAVITY = ("totalacceleration", "accelerometeruncalibrated", "accelerometer", "acceleration")
 _WITHOUT_GRAVITY = ("linearaccelerometer", "linearacceleration")
@@ -176,8 +174,6 @@ def _fixes(source: Source, file: _File) -> Table:
     columns = {"time_s": file.time, **found}
     notes = []
     if radius is not None:
-        side = radius / _RADIUS
-        down = np.where(vertical > 0.0, vertical, 2.0 * side) if vertical is not None else 2.0 * side
-        columns |= deviations(np.column_stack([side, side, down]), "sd_{}_m")
-        notes.append("standard deviations from the accuracy of the phone, a radius of 68 %")
+        columns |= of_radius(radius, vertical)
+        notes.append(RADIUS_NOTE)
     return column_table(Source(source.name, file.source.sha256), columns, notes, cut=file.text.cut)

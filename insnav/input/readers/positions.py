@@ -140,7 +140,7 @@ def _raise_rounded(raw: dict[str, FloatArray], bad: BoolArray, found: Mapping[st
     """Raise standard deviations that were rounded to zero to the smallest one of their column that was not."""
     notes = []
     for key in _STANDARD_DEVIATIONS:
-        if key not in raw:
+        if key not in raw or key not in found:  # those derived from other columns are above zero
             continue
         zero, positive = ~bad & (raw[key] == 0.0), ~bad & (raw[key] > 0.0)
         if zero.any() and positive.any():
@@ -174,7 +174,7 @@ def _refuse_impossible(
                 fix="check the column, and write its unit into the header, such as lat_deg, height_m",
             )
     for key in _STANDARD_DEVIATIONS:
-        if key in raw and (wrong := ~bad & (raw[key] <= 0.0)).any():
+        if key in raw and key in found and (wrong := ~bad & (raw[key] <= 0.0)).any():
             row = int(np.flatnonzero(wrong)[0])
             floor = "0.01 m" if found[key].quantity.dimension == "length" else "0.01 m/s"
             raise InputError(

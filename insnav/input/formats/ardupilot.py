@@ -1,0 +1,170 @@
+"""ArduPilot dataflash logs, binary and as text: IMU, GPS and its accuracy (GPA).
+
+A log says itself, in FMT messages, how each kind of message is written. None has a checksum: one counts if another
+begins where it ends.
+
+References
+----------
+ArduPilot: libraries/AP_Logger/LogStructure.h and README.md.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.formats.conventions import ACCEL, GYRO, deviations
+from insnav.input.formats.messages import as_records, gathered, joined, starts
+from insnav.input.formats.source import Source
+from insnav.input.formats.table import Table, column_table
+from insnav.types import FloatArray
+from insnav.units import DEG
+
+name = "ArduPilot log"
+suffixes = (".bin", ".log")
+extra = ""
+
+_SYNC = b"\xa3\x95"
+_FMT = np.dtype(
+    [("head", "S3"), ("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")]
+)
+# letter of a format -> type, and what a unit of it is
+_LETTERS: dict[str, tuple[str, float]] = {
+    "b": ("i1", 1.0), "B": ("u1", 1.0), "M": ("u1", 1.0), "h": ("<i2", 1.0), "H": ("<u2", 1.0), "i": ("<i4", 1.0),
+    "I": ("<u4", 1.0), "f": ("<f4", 1.0), "d": ("<f8", 1.0), "q": ("<i8", 1.0), "Q": ("<u8", 1.0), "c": ("<i2", 0.01),
+    "C": ("<u2", 0.01), "e": ("<i4", 0.01), "E": ("<u4", 0.01), "L": ("<i4", 1e-7), "n": ("S4", 1.0),
+    "N": ("S16", 1.0), "Z": ("S64", 1.0), "a": ("S64", 1.0), "g": ("<f2", 1.0),
+}  # fmt: skip
+_WANTED = re.compile(r"IMU\d?|GPS\d?|GPA\d?")
+_FIXES = {2: 5.0, 3: 5.0, 4: 4.0, 5: 2.0, 6: 1.0}  # 2D, 3D, DGPS, RTK float, RTK fixed
+_GYRO, _ACCEL = ("GyrX", "GyrY", "GyrZ"), ("AccX", "AccY", "AccZ")
+_CLOCK = "times are seconds since the controller was switched on"
+_Columns = dict[str, FloatArray]
+
+
+def recognise(source: Source) -> bool:
+    """See `insnav.input.formats.registry.Format`."""
+    return source.head.startswith(_SYNC + b"\x80") or re.match(rb"FMT, *128, *89, *FMT,", source.head) is not None
+
+
+def read(source: Source) -> Mapping[str, Table]:
+    """See `insnav.input.formats.registry.Format`."""
+    messages = _binary(source) if source.head.startswith(_SYNC) else _text(source)
+    tables = {}
+    for number, data in _instances(messages, "IMU").items():
+        if all(key in data for key in ("time", *_GYRO, *_ACCEL)):
+            columns = {"time_s": data["time"]}
+            columns |= {key: data[mine] for key, mine in zip(GYRO + ACCEL, _GYRO + _ACCEL, strict=True)}
+            note = f"IMU {number}; others are not used" if len(_instances(messages, "IMU")) > 1 else ""
+            tables["imu"] = column_table(source, columns, (_CLOCK, note), row="IMU", axes="FRD")
+            break
+    accuracies = _instances(messages, "GPA")
+    for number, data in _instances(messages, "GPS").items():
+        if all(key in data for key in ("time", "Lat", "Lng", "Alt")):
+            tables["gps"] = _fixes(source, data, accuracies.get(number, {}))
+            break
+    if not tables:
+        raise InputError(
+            "the ArduPilot log holds neither IMU nor GPS messages",
+            where=source.name,
+            why=f"kinds of messages that were looked for and found: {', '.join(sorted(messages)) or 'none'}",
+            fix="log them: LOG_BITMASK with IMU and GPS",
+        )
+    return tables
+
+
+def _instances(messages: Mapping[str, _Columns], kind: str) -> dict[int, _Columns]:
+    """Messages of each sensor of a kind: numbered in a column of their own, or IMU, IMU2, IMU3 in older logs."""
+    found: dict[int, _Columns] = {}
+    for name, data in messages.items():
+        if name.startswith(kind):
+            number = int(name[len(kind) :] or 1) - 1
+            which = data.get("I", np.full(len(data["time"]), float(number)))
+            for each in np.unique(which[np.isfinite(which)]).tolist():
+                found.setdefault(int(each), {key: column[which == each] for key, column in data.items()})
+    return dict(sorted(found.items()))
+
+
+def _binary(source: Source) -> dict[str, _Columns]:
+    formats = as_records(gathered(source.data, starts(source.data, _SYNC + b"\x80"), _FMT.itemsize), _FMT)
+    found = {}
+    for each in formats:
+        name, letters = each["name"].decode("latin-1"), each["format"].decode("latin-1")
+        columns = each["columns"].decode("latin-1").split(",")
+        if not _WANTED.fullmatch(name) or len(columns) != len(letters) or not set(letters) <= set(_LETTERS):
+            continue
+        if len(set(columns)) != len(columns) or not all(columns):
+            continue
+        layout = np.dtype([(column, _LETTERS[letter][0]) for column, letter in zip(columns, letters, strict=True)])
+        size = int(each["length"])
+        if layout.itemsize + 3 != size:
+            continue
+        rows = as_records(_whole(source, bytes([int(each["type"])]), size)[:, 3:], layout)
+        numbers = [(c, _LETTERS[k][1]) for c, k in zip(columns, letters, strict=True) if k not in "nNZa"]
+        if data := _scaled({column: rows[column] * unit for column, unit in numbers}):
+            found[name] = data
+    return found
+
+
+def _whole(source: Source, kind: bytes, size: int) -> Any:
+    """Messages of a kind behind which another one begins, or the file ends; (n, size)."""
+    data = source.data
+    at = starts(data, _SYNC + kind)
+    at = at[at <= len(data) - size]
+    stream = np.frombuffer(data, dtype=np.uint8)
+    end = at + size
+    last = len(data) - 1
+    follows = (stream[np.minimum(end, last)] == _SYNC[0]) & (stream[np.minimum(end + 1, last)] == _SYNC[1])
+    return gathered(data, at[follows | (end >= last)], size)
+
+
+def _text(source: Source) -> dict[str, _Columns]:
+    columns: dict[str, list[str]] = {}
+    rows: dict[str, list[list[float]]] = {}
+    for line in source.data[:].decode("latin-1").splitlines():
+        words = [word.strip() for word in line.split(",")]
+        if words[0] == "FMT" and len(words) > 5:
+            columns[words[3]] = words[5:]
+        elif _WANTED.fullmatch(words[0]) and len(words) - 1 == len(columns.get(words[0], ())):
+            try:
+                numbers = [float(word) for word in words[1:]]
+            except ValueError:
+                continue
+            kept = rows.setdefault(words[0], [])
+            if not kept or len(kept[0]) == len(numbers):  # another FMT may come later
+                kept.append(numbers)
+    found = {key: _scaled(dict(zip(columns[key], np.array(v).T, strict=False))) for key, v in rows.items()}
+    return {key: data for key, data in found.items() if data}
+
+
+def _scaled(data: Mapping[str, Any]) -> _Columns:
+    """Columns as numbers, with the time in seconds as ``time``."""
+    found = {key: np.asarray(column, dtype=np.float64) for key, column in data.items()}
+    for key, unit in (("TimeUS", 1e-6), ("TimeMS", 1e-3)):
+        if key in found:
+            found["time"] = unit * found[key]
+    return found if "time" in found else {}
+
+
+def _fixes(source: Source, data: _Columns, accuracy: _Columns) -> Table:
+    columns = {"time_s": data["time"], "lat_deg": data["Lat"], "lon_deg": data["Lng"], "height_msl_m": data["Alt"]}
+    if all(key in data for key in ("Spd", "GCrs", "VZ")):
+        course = data["GCrs"] * DEG
+        columns |= {"vn_m_s": data["Spd"] * np.cos(course), "ve_m_s": data["Spd"] * np.sin(course)}
+        columns["vd_m_s"] = data["VZ"]
+    if all(key in accuracy for key in ("HAcc", "VAcc", "SAcc")):
+        of = {key: joined(data["time"], accuracy["time"], accuracy[key]) for key in ("HAcc", "VAcc", "SAcc")}
+        side = of["HAcc"] / np.sqrt(2.0)  # that of the horizontal distance
+        columns |= deviations(np.column_stack([side, side, of["VAcc"]]), "sd_{}_m")
+        columns |= deviations(np.column_stack([of["SAcc"] / np.sqrt(2.0)] * 3), "sd_v{}_m_s")
+    kind = data.get("Status", np.full(len(data["time"]), 3.0))
+    good = np.isin(kind, list(_FIXES))
+    columns["fix"] = np.array([_FIXES.get(int(each), 0.0) if each == each else 0.0 for each in kind])
+    notes = [_CLOCK]
+    if not good.all():
+        notes.append(f"{int((~good).sum())} of {len(good)} messages have no fix: left out")
+    return column_table(source, {key: column[good] for key, column in columns.items()}, notes, row="GPS")

@@ -1,0 +1,132 @@
+"""Android GnssLogger files: ``Fix`` lines, and ``UncalAccel``, ``UncalGyro`` (``Accel``, ``Gyro``) if they were logged.
+
+References
+----------
+google/gps-measurement-tools, GnssLogger: header lines ``# Fix,…`` name the columns of each version.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.formats.conventions import ACCEL, GYRO, RADIUS_NOTE, of_radius, up_or_down
+from insnav.input.formats.messages import at_times
+from insnav.input.formats.source import Source
+from insnav.input.formats.table import Table, column_table
+from insnav.plain_text import plain_text
+from insnav.types import FloatArray
+
+name = "Android GnssLogger file"
+suffixes = ()
+extra = ""
+
+_HEADER = re.compile(rb"^#[ \t]*(Fix|UncalAccel|UncalGyro|Accel|Gyro),(.*?)[ \t]*\r?$", re.M)
+_LINE = re.compile(rb"^(Fix|UncalAccel|UncalGyro|Accel|Gyro),(.*?)\r?$", re.M)
+# columns by what they are, in the spellings of all versions
+_FIX = {
+    "lat_deg": ("LatitudeDegrees", "Latitude"),
+    "lon_deg": ("LongitudeDegrees", "Longitude"),
+    "height_m": ("AltitudeMeters", "Altitude"),
+    "speed_m_s": ("SpeedMps", "Speed"),
+    "course_deg": ("BearingDegrees", "Bearing"),
+    "accuracy": ("AccuracyMeters", "Accuracy"),
+    "time_ms": ("UnixTimeMillis", "(UTC)TimeInMs"),
+    "accuracy_speed_m_s": ("SpeedAccuracyMps",),
+    "accuracy_course_deg": ("BearingAccuracyDegrees",),
+    "vertical": ("VerticalAccuracyMeters",),
+}
+_SENSORS = {
+    "accel": (("UncalAccel", "UncalAccel{}Mps2"), ("Accel", "Accel{}Mps2")),
+    "gyro": (("UncalGyro", "UncalGyro{}RadPerSec"), ("Gyro", "Gyro{}RadPerSec")),
+}
+_TIMES = ("utcTimeMillis", "UtcTimeMillis", "UnixTimeMillis")
+
+
+def recognise(source: Source) -> bool:
+    """See `insnav.input.formats.registry.Format`."""
+    return re.search(rb"^#[ \t]*Fix,Provider,", source.head, re.M) is not None
+
+
+def read(source: Source) -> Mapping[str, Table]:
+    """See `insnav.input.formats.registry.Format`."""
+    columns = {
+        kind.decode(): [each.strip() for each in names.decode("latin-1").split(",")]
+        for kind, names in _HEADER.findall(source.head)
+    }
+    lines: dict[str, list[list[str]]] = {}
+    for kind, words in _LINE.findall(source.data):
+        lines.setdefault(kind.decode(), []).append(words.decode("latin-1").split(","))
+    tables = {}
+    samples = {key: _sensor(columns, lines, of_kind) for key, of_kind in _SENSORS.items()}
+    gyro, accel = samples["gyro"], samples["accel"]
+    if gyro is not None and accel is not None:
+        found = {"time_s": gyro[:, 0], **{key: gyro[:, i + 1] for i, key in enumerate(GYRO)}}
+        found |= {key: at_times(gyro[:, 0], accel[:, 0], accel[:, i + 1]) for i, key in enumerate(ACCEL)}
+        inside = (gyro[:, 0] >= accel[:, 0].min()) & (gyro[:, 0] <= accel[:, 0].max())
+        found = {key: column[inside] for key, column in found.items()}
+        note = "times are Unix time; accelerometer interpolated to the times of the gyros"
+        axes = up_or_down(found[ACCEL[2]], "RFU", "RBD")
+        tables["imu"] = column_table(source, found, (note,), row="UncalGyro", axes=axes)
+    if lines.get("Fix"):
+        tables["gps"] = _fixes(source, columns.get("Fix", []), lines["Fix"])
+    if not tables:
+        raise InputError(
+            "the GnssLogger file holds no Fix lines",
+            where=source.name,
+            why=f"kinds of lines: {', '.join(lines) or 'none that are read'}",
+            fix="switch location fixes on in the logger; Raw measurements must be solved first",
+        )
+    return tables
+
+
+def _numbers(rows: list[list[str]], index: int) -> FloatArray:
+    def number(row: list[str]) -> float:
+        try:
+            return float(row[index])
+        except (IndexError, ValueError):
+            return float("nan")
+
+    return np.array([number(row) for row in rows])
+
+
+def _sensor(
+    columns: Mapping[str, list[str]], lines: Mapping[str, list[list[str]]], kinds: tuple[tuple[str, str], ...]
+) -> FloatArray | None:
+    """Time [s] and values along x, y, z of a sensor, (n, 4); None if it was not logged."""
+    for kind, template in kinds:
+        names = columns.get(kind, [])
+        wanted = [template.format(axis) for axis in "XYZ"]
+        time = next((each for each in _TIMES if each in names), "")
+        if time and all(each in names for each in wanted) and kind in lines:
+            found = np.column_stack([_numbers(lines[kind], names.index(each)) for each in (time, *wanted)])
+            found = found[np.isfinite(found).all(axis=1)]
+            if len(found):
+                return found * [1e-3, 1.0, 1.0, 1.0]
+    return None
+
+
+def _fixes(source: Source, names: list[str], rows: list[list[str]]) -> Table:
+    found = {
+        key: _numbers(rows, names.index(each)) for key, spellings in _FIX.items() for each in spellings if each in names
+    }
+    if "time_ms" not in found:
+        raise InputError("the Fix lines have no time", where=source.name, why=f"columns: {', '.join(names)}")
+    providers = [row[0].strip().lower() for row in rows]
+    best = next((each for each in ("gps", "flp", "fused") if each in providers), providers[0])
+    mine = np.array([each == best for each in providers]) & np.isfinite(found["time_ms"])
+    found = {key: column[mine] for key, column in found.items()}
+    columns = {"time_s": 1e-3 * found.pop("time_ms")}
+    radius, vertical = found.pop("accuracy", None), found.pop("vertical", None)
+    columns |= found
+    if radius is not None:
+        columns |= of_radius(radius, vertical)
+    notes = (
+        "times are Unix time",
+        f"fixes of the provider {plain_text(best)}",
+        RADIUS_NOTE if radius is not None else "",
+    )
+    return column_table(source, columns, notes, row="Fix")

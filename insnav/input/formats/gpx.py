@@ -1,0 +1,88 @@
+"""GPX tracks: points with times.
+
+References
+----------
+GPX 1.1 Schema Documentation, topografix.com/GPX/1/1. Elevation has no datum there; receivers write that of the sea.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.formats.source import Source, decoded
+from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.time_scales import seconds_of_week, unix_days
+
+name = "GPX track"
+suffixes = (".gpx",)
+extra = ""
+
+_POINT = re.compile(
+    rb"<(?:\w+:)?trkpt\b([^>]*?)(?:/>|>(.*?)</(?:\w+:)?trkpt>)", re.S
+)  # xml.etree would need all in memory twice
+_NUMBER = rb"""\s*=\s*["']\s*([-+0-9.eE]+)\s*["']"""
+_LAT, _LON = re.compile(rb"\blat" + _NUMBER), re.compile(rb"\blon" + _NUMBER)
+_ELEVATION = re.compile(rb"<(?:\w+:)?ele>\s*([-+0-9.eE]+)\s*<")
+_TIME = re.compile(rb"<(?:\w+:)?time>\s*(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d{1,9})?)\s*(Z|[-+]\d\d:?\d\d)?\s*<")
+
+
+def recognise(source: Source) -> bool:
+    """See `insnav.input.formats.registry.Format`."""
+    return re.search(rb"<(?:\w+:)?gpx[\s>]", bytes(decoded(source.head))[:4096]) is not None
+
+
+def read(source: Source) -> Mapping[str, Table]:
+    """See `insnav.input.formats.registry.Format`."""
+    rows: list[tuple[int, float, float, float]] = []
+    total = 0
+    for point in _POINT.finditer(bytes(decoded(source.data)[:])):
+        total += 1
+        instant = _instant(point[2] or b"")
+        if instant is not None:
+            rows.append((instant, _number(_LAT, point[1]), _number(_LON, point[1]), _number(_ELEVATION, point[2])))
+    if not rows:
+        raise InputError(
+            "the GPX file has no track with times",
+            where=source.name,
+            why=f"{total} points, none with <time>" if total else "there is no <trkpt>",
+            fix="export the track with the times at which it was recorded",
+        )
+    nanoseconds = np.array([row[0] for row in rows], dtype=np.int64)
+    time, note = seconds_of_week(*unix_days(nanoseconds), "UTC")
+    lat, lon, height = (np.array(column) for column in list(zip(*rows, strict=True))[1:])
+    notes = [note]
+    if len(rows) < total:
+        notes.append(f"{total - len(rows)} of {total} points have no time: left out")
+    if not np.isfinite(height).any():
+        height = np.zeros(len(rows))
+        notes.append("the track has no elevations: 0 m is written for them")
+    columns = {"time_s": time, "lat_deg": lat, "lon_deg": lon, "height_msl_m": height}
+    return {"gps": column_table(source, columns, notes, row="point")}
+
+
+def _number(pattern: re.Pattern[bytes], text: bytes) -> float:
+    found = pattern.search(text)
+    try:
+        return float(found[1]) if found else float("nan")
+    except ValueError:
+        return float("nan")
+
+
+def _instant(text: bytes) -> int | None:
+    """Unix time [ns]."""
+    found = _TIME.search(text)
+    if found is None:
+        return None
+    try:
+        instant = int(np.datetime64(found[1].decode(), "ns").astype(np.int64))
+    except ValueError:
+        return None
+    zone = (found[2] or b"Z").replace(b":", b"")
+    if zone == b"Z":
+        return instant
+    minutes = 60 * int(zone[1:3]) + int(zone[3:5])
+    return instant - (1 if zone[:1] == b"+" else -1) * minutes * 60_000_000_000

@@ -1,0 +1,184 @@
+"""PX4 ULog files: ``sensor_combined``, and ``vehicle_gps_position`` or ``sensor_gps``.
+
+References
+----------
+PX4 User Guide, "ULog file format"; msg/SensorCombined.msg, msg/SensorGps.msg.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.formats.conventions import ACCEL, GYRO, deviations
+from insnav.input.formats.messages import as_records, gathered
+from insnav.input.formats.source import Source
+from insnav.input.formats.table import Table, column_table
+from insnav.plain_text import plain_text
+from insnav.types import FloatArray
+
+if TYPE_CHECKING:
+    import mmap
+
+name = "PX4 ULog"
+suffixes = (".ulg",)
+extra = ""
+
+_GPS = ("vehicle_gps_position", "sensor_gps")
+_FIXES = {2: 5.0, 3: 5.0, 4: 4.0, 5: 2.0, 6: 1.0}  # 2D, 3D, DGPS, RTK float, RTK fixed
+# newer names first, and their unit
+_PLACE = {
+    "lat_deg": (("latitude_deg", 1.0), ("lat", 1e-7)),
+    "lon_deg": (("longitude_deg", 1.0), ("lon", 1e-7)),
+    "height_m": (("altitude_ellipsoid_m", 1.0), ("alt_ellipsoid", 1e-3)),
+    "height_msl_m": (("altitude_msl_m", 1.0), ("alt", 1e-3)),
+}
+_SAMPLES = {
+    "time_s": "timestamp",
+    **{key: f"gyro_rad[{i}]" for i, key in enumerate(GYRO)},
+    **{key: f"accelerometer_m_s2[{i}]" for i, key in enumerate(ACCEL)},
+}
+_NEEDED = ("timestamp", "fix_type", "eph", "epv", "s_variance_m_s", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
+_DATA, _FORMAT, _SUBSCRIBE, _DROPOUT = b"DFAO"
+_KINDS = frozenset(b"BFIMPQACLRDSO")
+_SYNC = b"\x08\x00S\x2f\x73\x13\x20\x25\x0c\xbb\x12"  # a message to find the next one by
+_TYPES = {
+    "int8_t": "i1", "uint8_t": "u1", "bool": "u1", "char": "S1", "int16_t": "<i2", "uint16_t": "<u2",
+    "int32_t": "<i4", "uint32_t": "<u4", "int64_t": "<i8", "uint64_t": "<u8", "float": "<f4", "double": "<f8",
+}  # fmt: skip
+_CLOCK = "times are seconds since the controller was switched on"
+
+
+def recognise(source: Source) -> bool:
+    """See `insnav.input.formats.registry.Format`."""
+    return source.head.startswith(b"ULog\x01\x12\x35")
+
+
+def read(source: Source) -> Mapping[str, Table]:
+    """See `insnav.input.formats.registry.Format`."""
+    log = _Log()
+    notes = (_CLOCK, *log.walk(source.data))
+    found = {key: data for key, layout in log.topics() if (data := log.columns(source.data, key, layout))}
+    tables: dict[str, Table] = {}
+    data = next((data for (topic, _), data in sorted(found.items()) if topic == "sensor_combined"), {})
+    if all(key in data for key in _SAMPLES.values()):
+        columns = {key: data[field] * (1e-6 if key == "time_s" else 1.0) for key, field in _SAMPLES.items()}
+        tables["imu"] = column_table(source, columns, notes, row="sensor_combined", axes="FRD")
+    receivers = [(topic, number) for topic in _GPS for name, number in sorted(found) if name == topic]
+    receivers = [each for each in receivers if all(key in found[each] for key in _NEEDED)]
+    if receivers:
+        others = f"receiver {receivers[0][0]}[{receivers[0][1]}]; others are not used" if receivers[1:] else ""
+        tables["gps"] = _fixes(source, found[receivers[0]], (*notes, others))
+    if not tables:
+        raise InputError(
+            "the ULog file holds neither sensor_combined nor vehicle_gps_position",
+            where=source.name,
+            why=f"it has: {plain_text(', '.join(sorted(set(log.names()))[:12]) or 'no messages')}",
+            fix="log them with the profile 'default' (SDLOG_PROFILE)",
+        )
+    return tables
+
+
+@dataclass(slots=True)
+class _Log:
+    """Where the messages of each topic stand."""
+
+    formats: dict[str, str] = field(default_factory=dict)  # fields by the name of the message
+    subscribed: dict[int, tuple[str, int]] = field(default_factory=dict)  # name and instance by number
+    at: dict[int, list[int]] = field(default_factory=dict)  # places of the data by number
+
+    def walk(self, data: bytes | mmap.mmap) -> list[str]:
+        """Go from message to message; what was damaged."""
+        place, end, notes, lost = 16, len(data), [], 0
+        dropouts: list[int] = []
+        while place + 3 <= end:
+            size, kind = data[place] + 256 * data[place + 1], data[place + 2]
+            after = place + 3 + size
+            if kind not in _KINDS or after > end:
+                found = data.find(_SYNC, place + 1)
+                lost += (found if found >= 0 else end) - place
+                if found < 0:
+                    break
+                place = found
+                continue
+            if kind == _DATA:
+                self.at.setdefault(data[place + 3] + 256 * data[place + 4], []).append(place + 5)
+            elif kind == _FORMAT:
+                name, _, fields = data[place + 3 : after].decode("latin-1").partition(":")
+                self.formats[name] = fields
+            elif kind == _SUBSCRIBE and size > 3:
+                number = data[place + 4] + 256 * data[place + 5]
+                self.subscribed[number] = (data[place + 6 : after].decode("latin-1"), data[place + 3])
+            elif kind == _DROPOUT and size >= 2:
+                dropouts.append(data[place + 3] + 256 * data[place + 4])
+            place = after
+        if lost:
+            notes.append(f"{lost} bytes are damaged or cut off: left out")
+        if dropouts:
+            notes.append(f"{len(dropouts)} gaps of the logger, {1e-3 * sum(dropouts):.3g} s in all")
+        return notes
+
+    def names(self) -> list[str]:
+        return [name for name, _ in self.subscribed.values()]
+
+    def topics(self) -> list[tuple[tuple[str, int], np.dtype[Any]]]:
+        """Topics that are read, with their layouts."""
+        wanted = [each for each in self.subscribed.values() if each[0] in ("sensor_combined", *_GPS)]
+        layouts = [(each, _layout(self.formats.get(each[0], ""))) for each in wanted]
+        return [(each, layout) for each, layout in layouts if layout is not None]
+
+    def columns(self, data: bytes | mmap.mmap, topic: tuple[str, int], layout: np.dtype[Any]) -> dict[str, FloatArray]:
+        """Numbers of a topic by name, (n,)."""
+        numbers = [number for number, each in self.subscribed.items() if each == topic]
+        at = np.array([place for number in numbers for place in self.at.get(number, [])], dtype=np.int64)
+        rows = as_records(gathered(data, at, layout.itemsize), layout)
+        names = layout.names or ()
+        return {key: rows[key].astype(np.float64) for key in names if rows[key].dtype.kind != "S"} if len(rows) else {}
+
+
+def _layout(fields: str) -> np.dtype[Any] | None:
+    """Layout of a message; None if it holds others, or is damaged. Padding at the end is not written."""
+    parts: list[tuple[str, str]] = []
+    for each in filter(None, fields.split(";")):
+        kind, _, name = each.partition(" ")
+        match = re.fullmatch(r"(\w+?)(?:\[(\d{1,4})\])?", kind)
+        if match is None or match[1] not in _TYPES:
+            return None
+        if name.startswith("_padding"):
+            continue
+        count = match[2]
+        names = [name] if count is None else [f"{name}[{i}]" for i in range(int(count))]
+        parts += [(each, _TYPES[match[1]]) for each in names]
+    unique = len({name for name, _ in parts}) == len(parts)
+    return np.dtype(parts) if parts and unique and all(name for name, _ in parts) else None
+
+
+def _fixes(source: Source, data: Mapping[str, FloatArray], notes: tuple[str, ...]) -> Table:
+    kind = data["fix_type"]
+    good = np.isin(kind, list(_FIXES))
+    columns = {"time_s": 1e-6 * data.get("timestamp_sample", data["timestamp"])}
+    if not (columns["time_s"] > 0.0).all():  # an early driver does not fill it
+        columns["time_s"] = 1e-6 * data["timestamp"]
+    for key, names in _PLACE.items():
+        found = next((factor * data[name] for name, factor in names if name in data), None)
+        if found is not None:
+            columns[key] = found
+    if "height_m" in columns and not columns["height_m"].any():  # not filled by every driver
+        del columns["height_m"]
+    elif "height_m" in columns:
+        columns.pop("height_msl_m", None)
+    columns |= {f"v{axis}_m_s": data[f"vel_{axis}_m_s"] for axis in "ned"}
+    if "vel_ned_valid" in data:
+        good &= data["vel_ned_valid"] > 0.0
+    side = data["eph"] / np.sqrt(2.0)  # that of the horizontal distance
+    columns |= deviations(np.column_stack([side, side, data["epv"]]), "sd_{}_m")
+    columns |= deviations(np.column_stack([data["s_variance_m_s"] / np.sqrt(2.0)] * 3), "sd_v{}_m_s")
+    columns["fix"] = np.array([_FIXES.get(int(each), 0.0) for each in kind])
+    if not good.all():
+        notes = (*notes, f"{int((~good).sum())} of {len(good)} messages have no fix: left out")
+    return column_table(source, {key: column[good] for key, column in columns.items()}, notes, row="message")

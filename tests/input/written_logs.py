@@ -1,0 +1,214 @@
+"""Logs of one known motion, written byte by byte as the specification of each format says."""
+
+from __future__ import annotations
+
+import binascii
+import struct
+import zlib
+
+import numpy as np
+
+from tests.input.recordings import FIXES, SAMPLES, TOW, UNIX, WEEK, Motion
+
+BOOT = 1000.0  # time of the start on the clock of a controller [s]
+
+
+def ulog(motion: Motion = SAMPLES, fixes: Motion = FIXES) -> bytes:
+    """PX4 User Guide, "ULog file format": header, formats, subscriptions, data."""
+
+    def message(kind: bytes, body: bytes) -> bytes:
+        return struct.pack("<HB", len(body), kind[0]) + body
+
+    formats = [
+        b"sensor_combined:uint64_t timestamp;float[3] gyro_rad;uint32_t gyro_integral_dt;"
+        b"int32_t accelerometer_timestamp_relative;float[3] accelerometer_m_s2;uint32_t accelerometer_integral_dt;",
+        b"vehicle_gps_position:uint64_t timestamp;int32_t lat;int32_t lon;int32_t alt;int32_t alt_ellipsoid;"
+        b"float s_variance_m_s;float eph;float epv;float vel_n_m_s;float vel_e_m_s;float vel_d_m_s;uint8_t fix_type;"
+        b"bool vel_ned_valid;uint8_t[2] _padding0;",
+    ]
+    data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 0) + message(b"B", bytes(40))
+    data += b"".join(message(b"F", each) for each in formats)
+    data += message(b"A", b"\0" + struct.pack("<H", 0) + b"sensor_combined")
+    data += message(b"A", b"\0" + struct.pack("<H", 1) + b"vehicle_gps_position")
+    parts = []
+    for t, w, f in zip(motion.t, motion.gyro, motion.accel, strict=True):
+        body = struct.pack("<HQ3fIi3fI", 0, round((BOOT + t) * 1e6), *w, 10_000, 0, *f, 10_000)
+        parts.append((t, message(b"D", body)))
+    for t, lla, v in zip(fixes.t, fixes.lla, fixes.v_n, strict=True):
+        place = (round(lla[0] * 1e7), round(lla[1] * 1e7), round((lla[2] - 30.0) * 1e3), round(lla[2] * 1e3))
+        body = struct.pack("<HQ4i6fBB", 1, round((BOOT + t) * 1e6), *place, 0.2, 0.3, 0.5, *v, 6, 1)
+        parts.append((t, message(b"D", body)))
+    return data + b"".join(part for _, part in sorted(parts))
+
+
+_DATAFLASH = (
+    (128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"),
+    (130, "GPS", "QBBIHBcLLefffB", "TimeUS,I,Status,GMS,GWk,NSats,HDop,Lat,Lng,Alt,Spd,GCrs,VZ,U"),
+    (131, "GPA", "QBCCCC", "TimeUS,I,VDop,HAcc,VAcc,SAcc"),
+    (132, "IMU", "QBffffffB", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,GH"),
+    (133, "MSG", "QZ", "TimeUS,Message"),
+)
+_SIZES = dict(zip("bBMhHiIfdqQcCeELnNZ", (1, 1, 1, 2, 2, 4, 4, 4, 8, 8, 8, 2, 2, 4, 4, 4, 4, 16, 64), strict=True))
+
+
+def _dataflash_rows(motion: Motion, fixes: Motion):
+    parts = []
+    for t, w, f in zip(motion.t, motion.gyro, motion.accel, strict=True):
+        for number, more in ((0, 0.0), (1, 0.5)):
+            parts.append((t, "IMU", (round((BOOT + t) * 1e6), number, *w, *(f + more), 1)))
+    for t, lla, v in zip(fixes.t, fixes.lla, fixes.v_n, strict=True):
+        course, speed = np.degrees(np.arctan2(v[1], v[0])) % 360.0, np.hypot(*v[:2])
+        stamp = round((BOOT + t) * 1e6)
+        gps = (stamp, 0, 6, round((TOW + t) * 1e3), WEEK, 20, 0.7, lla[0], lla[1], lla[2], speed, course, v[2], 1)
+        parts += [(t, "GPS", gps), (t, "GPA", (stamp, 0, 1.2, 0.3, 0.5, 0.2))]
+    return sorted(parts, key=lambda part: part[0])
+
+
+def dataflash(motion: Motion = SAMPLES, fixes: Motion = FIXES) -> bytes:
+    """ArduPilot, AP_Logger/README.md: binary."""
+    kinds = {name: (number, letters) for number, name, letters, _ in _DATAFLASH}
+    scale = {"c": 100, "C": 100, "e": 100, "E": 100, "L": 1e7}
+    pack = {"M": "B", "c": "h", "C": "H", "e": "i", "E": "I", "L": "i", "n": "4s", "N": "16s", "Z": "64s"}
+
+    def message(name: str, values: tuple) -> bytes:
+        number, letters = kinds[name]
+        values = tuple(round(v * scale[k]) if k in scale else v for k, v in zip(letters, values, strict=True))
+        return b"\xa3\x95" + struct.pack("<B" + "".join(pack.get(k, k) for k in letters), number, *values)
+
+    data = b""
+    for number, name, letters, columns in _DATAFLASH:
+        size = 3 + sum(_SIZES[each] for each in letters)
+        data += message("FMT", (number, size, name.encode(), letters.encode(), columns.encode()))
+    data += message("MSG", (1, b"hello"))
+    return data + b"".join(message(name, values) for _, name, values in _dataflash_rows(motion, fixes))
+
+
+def dataflash_text(motion: Motion = SAMPLES, fixes: Motion = FIXES) -> bytes:
+    """The same, as ground stations write it."""
+    lines = []
+    for number, name, letters, columns in _DATAFLASH:
+        size = 3 + sum(_SIZES[each] for each in letters)
+        lines.append(f"FMT, {number}, {size}, {name}, {letters}, {columns}")
+    lines += [
+        ", ".join([name, *(f"{v!r}" for v in map(float, values))]) for _, name, values in _dataflash_rows(motion, fixes)
+    ]
+    return "\n".join([*lines, ""]).encode()
+
+
+def _crc32(data: bytes) -> int:
+    return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+
+def _novatel(number: int, t: float, body: bytes, *, short: bool = False) -> bytes:
+    ms = round((TOW + t) * 1e3)
+    if short:
+        head = b"\xaa\x44\x13" + struct.pack("<BHHI", len(body), number, WEEK, ms)
+    else:
+        head = b"\xaa\x44\x12\x1c" + struct.pack(
+            "<HBBHHBBHIIHH", number, 0, 32, len(body), 0, 0, 180, WEEK, ms, 0, 0, 1
+        )
+    return head + body + struct.pack("<I", _crc32(head + body))
+
+
+def novatel(motion: Motion = SAMPLES, fixes: Motion = FIXES, *, imu_type: int = 32) -> bytes:
+    """OM-20000169: BESTPOS, BESTVEL, INSPVAS, and RAWIMUSX of a STIM300, whose axes are Right, Forward, Up."""
+    parts = [(-1.0, b"<OK\r\n[COM1]")]
+    for t, lla, v, heading in zip(fixes.t, fixes.lla, fixes.v_n, fixes.heading, strict=True):
+        body = struct.pack("<IIddd", 0, 50, lla[0], lla[1], lla[2] - 30.0)
+        body += struct.pack("<fI3f4sff4B4B", 30.0, 61, 0.1, 0.2, 0.3, b"AAAA", 1.0, 0.0, *bytes(8))
+        parts.append((t, _novatel(42, t, body)))
+        course, speed = np.degrees(np.arctan2(v[1], v[0])) % 360.0, np.hypot(*v[:2])
+        parts.append((t, _novatel(99, t, struct.pack("<IIffdddf", 0, 50, 0.0, 0.0, speed, course, -v[2], 0.0))))
+        body = struct.pack("<Id3d3d3dI", WEEK, TOW + t, *lla, v[0], v[1], -v[2], 0.5, -1.0, heading, 3)
+        parts.append((t, _novatel(508, t, body, short=True)))
+    for t, w, f in zip(motion.t, motion.gyro, motion.accel, strict=True):
+        (wx, wy, wz), (fx, fy, fz) = (each[[1, 0, 2]] * [1, 1, -1] * 0.01 for each in (w, f))
+        gyro, accel = np.radians(2.0**-21), 2.0**-22
+        counts = [round(x) for x in (fz / accel, -fy / accel, fx / accel, wz / gyro, -wy / gyro, wx / gyro)]
+        body = struct.pack("<BBHdI6i", 0, imu_type, WEEK, TOW + t, 0, *counts)
+        parts.append((t, _novatel(1462, t, body, short=True)))
+    return b"".join(part for _, part in sorted(parts))
+
+
+def novatel_ascii(fixes: Motion = FIXES) -> bytes:
+    """The same as text: BESTPOSA and BESTVELA."""
+    lines = []
+    for t, lla, v in zip(fixes.t, fixes.lla, fixes.v_n, strict=True):
+        head = f"COM1,0,60.0,FINESTEERING,{WEEK},{TOW + t:.3f},02000000,cdba,16248"
+        place = f"SOL_COMPUTED,NARROW_INT,{lla[0]:.11f},{lla[1]:.11f},{lla[2] - 30.0:.4f},30.0000,WGS84,0.1,0.2,0.3"
+        course, speed = np.degrees(np.arctan2(v[1], v[0])) % 360.0, np.hypot(*v[:2])
+        for name, text in (
+            ("BESTPOSA", f'{place},"AAAA",1.000,0.000,30,28,28,28,00,06,39,33'),
+            ("BESTVELA", f"SOL_COMPUTED,NARROW_INT,0.000,0.000,{speed:.6f},{course:.6f},{-v[2]:.6f},0.0"),
+        ):
+            body = f"{name},{head};{text}"
+            lines.append(f"#{body}*{_crc32(body.encode()):08x}\r\n")
+    return "".join(lines).encode()
+
+
+def sbf(motion: Motion = SAMPLES, fixes: Motion = FIXES, *, cartesian: bool = False) -> bytes:
+    """mosaic-X5 Reference Guide: PVTGeodetic with covariances, or PVTCartesian; ExtSensorMeas, Forward, Left, Up."""
+    import pymap3d
+
+    def block(number: int, t: float, body: bytes) -> bytes:
+        body = struct.pack("<IH", round((TOW + t) * 1e3), WEEK) + body
+        body += bytes(-(8 + len(body)) % 4)
+        rest = struct.pack("<HH", number, 8 + len(body)) + body
+        return b"$@" + struct.pack("<H", binascii.crc_hqx(rest, 0)) + rest
+
+    parts = []
+    tail = struct.pack("<dfBBBBHHIBBHHHB", 0.0, 0.0, 0, 0, 20, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    for t, lla, v in zip(fixes.t, fixes.lla, fixes.v_n, strict=True):
+        if cartesian:
+            r = pymap3d.geodetic2ecef(*lla)
+            ve = pymap3d.enu2uvw(v[1], v[0], -v[2], lla[0], lla[1])
+            parts.append((t, block(4006, t, struct.pack("<BB3d5f", 4, 0, *r, 30.0, *ve, 0.0) + tail)))
+            isotropic = (0.04, 0.04, 0.04, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            parts.append((t, block(5905, t, struct.pack("<BB10f", 4, 0, *isotropic))))
+        else:
+            place = (np.radians(lla[0]), np.radians(lla[1]), lla[2])
+            body = struct.pack("<BB3d5f", 4, 0, *place, 30.0, v[0], v[1], -v[2], -2e10) + tail
+            parts.append((t, block(4007, t, body)))
+            for number, sizes in ((5906, (0.01, 0.04, 0.09)), (5908, (1e-4, 4e-4, 9e-4))):
+                parts.append((t, block(number, t, struct.pack("<BB10f", 4, 0, *sizes, 1.0, *[0.0] * 6))))
+    for t, w, f in zip(motion.t, motion.gyro, motion.accel, strict=True):
+        flip = np.array([1.0, -1.0, -1.0])
+        sensors = struct.pack("<4B3d", 0, 0, 0, 0, *(f * flip)) + struct.pack(
+            "<4B3d", 0, 0, 1, 0, *np.degrees(w * flip)
+        )
+        parts.append((t, block(4050, t, struct.pack("<BB", 2, 28) + sensors)))
+    return b"".join(part for _, part in sorted(parts))
+
+
+def gpx(fixes: Motion = FIXES, zone: str = "Z") -> bytes:
+    """GPX 1.1, all in one line."""
+    ahead = {"Z": 0, "+02:00": 7200}[zone]
+    points = []
+    for t, lla in zip(fixes.t, fixes.lla, strict=True):
+        instant = np.datetime64(round((UNIX + t + ahead) * 1e3), "ms")
+        place = f'<trkpt lat="{lla[0]:.9f}" lon="{lla[1]:.9f}"><ele>{lla[2]:.3f}</ele>'
+        points.append(f"{place}<time>{instant}{zone}</time></trkpt>")
+    head = '<?xml version="1.0"?><gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1"><metadata><time>'
+    head += '2020-01-01T00:00:00Z</time></metadata><trk><trkseg><trkpt lat="1" lon="2"/>'
+    return (head + "".join(points) + "</trkseg></trk></gpx>").encode()
+
+
+def gnss_logger(motion: Motion = SAMPLES, fixes: Motion = FIXES) -> bytes:
+    """GnssLogger 3.0, phone on its back, top ahead: Right, Forward, Up."""
+    head = "# Fix,Provider,LatitudeDegrees,LongitudeDegrees,AltitudeMeters,SpeedMps,AccuracyMeters,BearingDegrees,"
+    head += "UnixTimeMillis,SpeedAccuracyMps,BearingAccuracyDegrees,elapsedRealtimeNanos,VerticalAccuracyMeters,"
+    head += "MockLocation"
+    parts = []
+    for t, lla, v, heading in zip(fixes.t, fixes.lla, fixes.v_n, fixes.heading, strict=True):
+        place = f"GPS,{lla[0]:.9f},{lla[1]:.9f},{lla[2]:.4f},{np.hypot(*v[:2]):.6f},3.0,{heading:.4f}"
+        parts.append((t, f"Fix,{place},{round((UNIX + t) * 1e3)},0.3,5.0,1,6.0,0"))
+        parts.append((t, f"Fix,NLP,{lla[0] + 0.01:.9f},{lla[1]:.9f},,0.0,500.0,,{round((UNIX + t) * 1e3)},,,1,,0"))
+    for t, w, f in zip(motion.t, motion.gyro, motion.accel, strict=True):
+        for kind, each in (("Accel", f), ("Gyro", w)):
+            x, y, z = each[[1, 0, 2]] * [1, 1, -1]
+            parts.append((t, f"Uncal{kind},{round((UNIX + t) * 1e3)},1,{x},{y},{z},0,0,0,3"))
+    lines = ["# Header Description:", "# Version: v3.0.6.4", head]
+    for kind, unit in (("Accel", "Mps2"), ("Gyro", "RadPerSec")):
+        axes = ",".join(f"Uncal{kind}{axis}{unit}" for axis in "XYZ")
+        lines.append(f"# Uncal{kind},utcTimeMillis,elapsedRealtimeNanos,{axes},BiasX,BiasY,BiasZ,Accuracy")
+    return "\n".join([*lines, *(part for _, part in sorted(parts)), ""]).encode()
