@@ -14,15 +14,21 @@ from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
-from insnav.report.comparison.figures import draw_comparison, draw_distributions
-from insnav.report.page import FigureSpec, Page, Section, section_tables
+from insnav.report.comparison.panels import comparison_panels
+from insnav.report.numbers import number
+from insnav.report.page import FigureSpec, Light, Page, Section, Verdict, section_tables
 from insnav.report.terminal import table_text
 from insnav.result import Result
+from insnav.sample_statistics import rms
 from insnav.types import FloatArray
 from insnav.units import UNITS
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
+
+_MERITS = 6  # solutions that are named before the table
+_INSIDE = 0.95  # share of the errors inside 3 sd from which the stated sd holds
 # key, heading, unit, quantity and statistic of `insnav.errors.metrics.accuracy`
 _COLUMNS = (
     ("north", "N", "m", "north_m", "rms"),
@@ -46,16 +52,51 @@ def page(result: Result[Comparison]) -> Page:
     """Lay out a comparison."""
     found = result.found
     figures = (
-        FigureSpec("horizontal_error", "Horizontal error over time", partial(draw_comparison, found)),
-        FigureSpec("error_distribution", "Distribution of the horizontal error", partial(draw_distributions, found)),
+        FigureSpec("horizontal_error", "Horizontal error over time", partial(_draw, "draw_comparison", found)),
+        FigureSpec(
+            "error_distribution", "Distribution of the horizontal error", partial(_draw, "draw_distributions", found)
+        ),
     )
     runs = {each.run for each in found.compared}
     count = len(found.compared[0].errors.time)
     return Page(
         f"{len(runs)} run{'s' * (len(runs) > 1)} against {result.inputs['reference'].path}",
         (f"{count} epochs of the reference that every run covers are compared.",),
-        (_section(found), Section("", figures=figures, show="page")),
+        (_section(found), Section("", panels=comparison_panels(found), figures=figures, show="page")),
+        verdict=_verdict(found),
+        merits=tuple(
+            Quantity(f"rms_{place}", rms(errors.horizontal), "m", meaning=f"{name}, horizontal RMS")
+            for place, (name, errors) in enumerate(list(found.named().items())[:_MERITS], start=1)
+        ),
     )
+
+
+def _verdict(found: Comparison) -> Verdict:
+    """Which solution has the smallest horizontal error, and whether its stated sd holds."""
+    sizes = {name: rms(errors.horizontal) for name, errors in found.named().items()}
+    order = sorted(sizes, key=lambda name: sizes[name] if np.isfinite(sizes[name]) else np.inf)
+    best = order[0]
+    text = f"{best} has the smallest horizontal error, {number(sizes[best])} m RMS"
+    if len(order) > 1:
+        others = ", ".join(f"{name} {number(sizes[name])}" for name in order[1:_MERITS])
+        text += f"; {others} m"
+    consistency = nees(found.named()[best])
+    position = None if consistency is None else consistency["position"]
+    if position is None:
+        return Verdict("unknown", f"{best} states no sd", f"{text}.")
+    share = float(position["inside_3_sd"])
+    light: Light = "good" if share >= _INSIDE else "attention"
+    holds = "holds" if light == "good" else "is too small"
+    return Verdict(
+        light, f"{100.0 * share:.0f} % of the errors of {best} inside 3 sd: its stated sd {holds}", f"{text}."
+    )
+
+
+def _draw(name: str, found: Comparison) -> Figure:
+    from insnav.report.comparison import figures  # matplotlib is imported only where a figure is asked for
+
+    drawn: Figure = getattr(figures, name)(found)
+    return drawn
 
 
 def write_files(result: Result[Comparison], folder: RunFolder, table_format: TableFormat) -> None:
