@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from insnav.report.panels import Drawing
 
 Show = Literal["all", "page", "json"]
+_REASON = 120  # characters of a warning that is the reason of a light
 Light = Literal["good", "attention", "bad", "unknown"]
 LIGHTS: Mapping[Light, str] = {
     "good": "good",
@@ -54,6 +55,15 @@ class Verdict:
     light: Light
     reason: str  # of the light
     sentence: str
+
+
+def by_warnings(sentence: str, warnings: Sequence[str], without: tuple[Light, str]) -> Verdict:
+    """Give a result whose only doubts are its warnings; `without` any, this light and its reason."""
+    if not warnings:
+        return Verdict(*without, sentence)
+    more = f" (and {len(warnings) - 1} more)" if len(warnings) > 1 else ""
+    first = warnings[0].rstrip(".")
+    return Verdict("attention", f"{first if len(first) <= _REASON else f'{first[:_REASON]}…'}{more}", sentence)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from insnav.quantity import Quantity
 from insnav.report.acceptance.figures import draw_stability
 from insnav.report.calibration.common import quality_rows, residuals_section
 from insnav.report.calibration.figures import Series, draw_residuals
-from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.page import FigureSpec, Page, Section, by_warnings
 from insnav.units import DEG, G0, UNITS
 
 FINE = 0.01 * DEG  # a gyro whose biases are all below is shown in deg/h [rad/s]
@@ -47,6 +47,7 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
     units = _units(found.sensors)
     at_rest = f", {found.length:.6g} s at rest" if found.length else ""
     names = ", ".join(item.axis for item in found.sensors)
+    warnings = (*found.warnings, *condition_warnings(fits))
     return Page(
         "Acceptance of gyros and accelerometers",
         (f"{names}{at_rest}; {', '.join(record.table.name for record in files)}", *left_out),
@@ -59,9 +60,12 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
             Section("", items=(Quantity("left_out", left_out),), show="json"),
             Section("", figures=_figures(found, units)),
         ),
-        (*found.warnings, *condition_warnings(fits)),
+        warnings,
         ASSUMPTIONS,
         found.notes,
+        verdict=by_warnings(
+            f"Figures of {names}{at_rest}.", warnings, ("unknown", "measured; no limit was given to hold them against")
+        ),
     )
 
 

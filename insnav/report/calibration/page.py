@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from typing import Any, cast
 
@@ -10,7 +11,7 @@ from insnav.input.readers.reading import Reading
 from insnav.lab.bench_data.bench_tables import BenchTable
 from insnav.lab.calibration import Calibration
 from insnav.report.calibration.common import bench_input
-from insnav.report.page import Page
+from insnav.report.page import Page, by_warnings
 
 _PAGES = {
     "gyro": "single_axis.gyro_page",
@@ -41,7 +42,11 @@ def calibration_page(calibration: Calibration[Any, Any]) -> Page:
     """Report a calibration."""
     module, function = _PAGES[calibration.method].split(".")
     report = getattr(import_module(f"insnav.report.calibration.{module}"), function)
-    return cast(Page, report(calibration))
+    page = cast(Page, report(calibration))
+    if not page.summary:
+        return page
+    verdict = by_warnings(page.summary[0], page.warnings, ("good", "no warning from the fits"))
+    return replace(page, verdict=verdict, summary=page.summary[1:])
 
 
 def calibration_metadata(calibration: Calibration[Any, Any]) -> dict[str, Any]:

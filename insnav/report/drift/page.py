@@ -12,7 +12,7 @@ from insnav.report.calibration.common import quality_section
 from insnav.report.drift.figures import draw_drift
 from insnav.report.noise.page import noise_quantity
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.page import FigureSpec, Page, Section, by_warnings
 from insnav.units import DEG
 
 _TERMS = {
@@ -44,6 +44,7 @@ def drift_page(found: DriftStudy, name: str) -> Page:
     figure = FigureSpec(
         "drift", "Random part, Allan deviation and rate ramp before and after", lambda: draw_drift(found)
     )
+    warnings = (*found.warnings, *condition_warnings(fits))
     return Page(
         f"Drift of the gyros of {name}",
         (
@@ -55,9 +56,10 @@ def drift_page(found: DriftStudy, name: str) -> Page:
             Section("gyros", parts=tuple(_gyro(each) for each in gyros), figures=(figure,)),
             quality_section(fits, "rad/s", dict.fromkeys(fits, times)),
         ),
-        (*found.warnings, *condition_warnings(fits)),
+        warnings,
         ASSUMPTIONS,
         found.notes,
+        verdict=by_warnings(_conclusions(gyros[0])[0], warnings, ("good", "no warning from the fits")),
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from insnav.lab.noise.allan import AXES
@@ -10,7 +12,7 @@ from insnav.lab.noise.static_noise import StaticNoise
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity, key_suffix
 from insnav.report.noise.figures import draw_allan
-from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.page import FigureSpec, Page, Section, by_warnings, cell
 from insnav.types import FloatArray
 from insnav.units import M_S_PER_SQRT_H, UG, UNITS
 
@@ -86,7 +88,32 @@ def noise_page(found: StaticNoise, name: str) -> Page:
         found.warnings,
         ASSUMPTIONS,
         found.notes,
+        verdict=by_warnings(_sentence(found), found.warnings, ("good", "noise models follow the Allan deviation")),
+        merits=tuple(_merits(found)),
     )
+
+
+def _sizes(found: StaticNoise, term: str, *, gyro: bool) -> Quantity | None:
+    """One coefficient of the three axes of a sensor; None where no axis shows it."""
+    models = found.models[:3] if gyro else found.models[3:]
+    values = [model.coefficients[term].value for model in models if model is not None and term in model.coefficients]
+    if not values:
+        return None
+    quantity = noise_quantity(term, float(np.median(values)), gyro=gyro)
+    sensor = "gyro" if gyro else "accel"
+    return replace(quantity, key=f"{sensor}_{quantity.key}", meaning=f"{sensor}, {quantity.label}")
+
+
+def _merits(found: StaticNoise) -> list[Quantity]:
+    """Median over the axes of the coefficients that a specification names."""
+    all_of = (_sizes(found, term, gyro=gyro) for gyro in (True, False) for term in ("N", "B", "K"))
+    return [each for each in all_of if each is not None]
+
+
+def _sentence(found: StaticNoise) -> str:
+    """Noise of gyros and accelerometers in one sentence."""
+    texts = [f"{each.label} {cell(each)} {each.shown_unit}" for each in _merits(found)]
+    return f"Median of the axes: {'; '.join(texts)}." if texts else "No axis shows noise that can be told."
 
 
 def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:

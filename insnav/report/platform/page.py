@@ -12,7 +12,7 @@ from insnav.errors.platform_errors import AGAINST, PlatformStudy
 from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods
 from insnav.gimbal import DAMPING_TIME, Integrator, PlatformRun, torquing_rates
 from insnav.quantity import Quantity
-from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.page import FigureSpec, Page, Section, Verdict
 from insnav.report.platform.figures import (
     draw_platform_errors,
     draw_platform_track,
@@ -41,11 +41,7 @@ def platform_page(study: PlatformStudy) -> Page:
     lat, lon, height = end.lla[-1]
     return Page(
         f"North-pointing platform: {study.name}",
-        (
-            f"After {end.time[-1] - end.time[0]:.1f} s, integrator {study.chosen}, vertical channel {run.vertical}: "
-            f"latitude {lat / DEG:.7f} deg, longitude {lon / DEG:.7f} deg, height {height:.2f} m, velocity east "
-            f"{end.v_n[-1, 1]:.4f}, north {end.v_n[-1, 0]:.4f}, up {-end.v_n[-1, 2] + 0.0:.4f} m/s.",
-        ),
+        (f"Integrator {study.chosen}, vertical channel {run.vertical}.",),
         (
             Section("", items=(Quantity("integrator", study.chosen), Quantity("vertical", run.vertical)), show="json"),
             Section("end", "At the end", rows=tuple(_state(*each) for each in study.runs.items()), keyed=True),
@@ -55,6 +51,13 @@ def platform_page(study: PlatformStudy) -> Page:
         ),
         assumptions=_assumptions(study),
         notes=study.notes,
+        verdict=Verdict(
+            "unknown",
+            "no reference was given" if study.reference is None else "the reference is below, no limit is set",
+            f"After {end.time[-1] - end.time[0]:.1f} s: latitude {lat / DEG:.7f} deg, longitude {lon / DEG:.7f} deg, "
+            f"height {height:.2f} m, velocity east {end.v_n[-1, 1]:.4f}, north {end.v_n[-1, 0]:.4f}, up "
+            f"{-end.v_n[-1, 2] + 0.0:.4f} m/s.",
+        ),
     )
 
 

@@ -22,7 +22,7 @@ from insnav.output.data_files import write_data
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.page import FigureSpec, Page, Section, Verdict
 from insnav.report.provenance import imu_model
 from insnav.report.run_json import json_ready, section_facts, versions
 from insnav.report.save import write_page
@@ -98,6 +98,12 @@ def recording_page(plan: Plan, made: Recording) -> Page:
             motion_figures(plan, time, motion),
         ),
         assumptions=_assumptions(plan),
+        verdict=Verdict(
+            "good",
+            "the exact motion is in ref.csv",
+            f"{plan.truth.duration:.0f} s of {plan.motion.name}: {model_name(plan.imu)} IMU at {plan.rate:g} Hz, "
+            f"{len(made.gps.time)} fixes of {model_name(plan.gps)} GPS.",
+        ),
     )
 
 
