@@ -24,6 +24,7 @@ from insnav.cli.data_options import Data, takes_data
 
 if TYPE_CHECKING:
     from insnav.errors.metrics import TrajectoryErrors
+    from insnav.types import Run
 
 SHORT_HELP = "Navigate a recorded drive: IMU and GPS to a solution, figures and a report."
 HELP = """Navigate a recorded drive.
@@ -162,6 +163,7 @@ def run(
 
             for table in section_tables(short_section(outcome.found.short_duration)):
                 result("\n" + table_text(table))
+    _check_failure(outcome.found.run)
     if fail_above is not None and outcome.found.errors is not None:
         _check_accuracy(outcome.found.errors, fail_above)
 
@@ -181,6 +183,17 @@ def _check_limit(fail_above: float | None, ref: Path | None) -> None:
             where="--fail-above",
             fix="give a reference with --ref",
         )
+
+
+def _check_failure(run: Run) -> None:
+    """End with exit code 1 if the filter was lost."""
+    from insnav.report.run.warnings import failure
+
+    why = failure(run)
+    if why:
+        fix = "check clocks, axes, units, heading, lever arm and standard deviations; insnav check says what it sees"
+        error_block("the solution is not to be used", (("why", why), ("fix", fix)))
+        raise typer.Exit(1)
 
 
 def _check_accuracy(errors: TrajectoryErrors, limit: float) -> None:

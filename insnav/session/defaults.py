@@ -7,7 +7,9 @@ import numpy as np
 from insnav.alignment import find_stationary
 from insnav.errors.budget.from_windows import WindowSettings
 from insnav.errors.outage.window_reference import is_stationary, stationary_fixes
+from insnav.exceptions import InputError
 from insnav.filter import FilterSettings
+from insnav.filter.fix_consistency import confusion
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.prepare import DELAY_SD, first_stationary
 from insnav.imu import identify, load_imu
@@ -74,6 +76,7 @@ def complete_fixes(
     Without GPS, a reference that never moves stands for it: the place of a bench.
     """
     if gps is not None:
+        refuse_confused(gps)
         return with_sd(gps.data, scatter_alone=not noise_is_estimated(inputs, gps))
     begin, end = float(imu.time[0]), float(imu.time[-1])
     if reference is None or not is_stationary(reference.data, begin, end):
@@ -81,6 +84,18 @@ def complete_fixes(
     return stationary_fixes(reference.data.lla[0], begin, end, *BENCH_SD), (
         "No GPS: the reference says the vehicle never moves",
     )
+
+
+def refuse_confused(gps: Reading[GpsData]) -> None:
+    """Refuse fixes whose velocities contradict their positions in a way that has a name."""
+    what, why = confusion(gps.data)
+    if what:
+        raise InputError(
+            f"positions and velocities of the fixes contradict each other: it looks as if {what}",
+            where=gps.facts.path,
+            why=why,
+            fix="name the right columns and units with --gps-columns, or mend the file",
+        )
 
 
 def sd_is_reported(gps: Reading[GpsData] | None) -> bool:
@@ -97,14 +112,19 @@ def noise_is_estimated(inputs: Inputs, gps: Reading[GpsData] | None) -> bool:
 
 def not_looked_for(inputs: Inputs, gps: Reading[GpsData] | None) -> tuple[str, ...]:
     """What was not given and yet is not estimated, in a note."""
-    if gps is None or sd_is_reported(gps):
+    if gps is None:
         return ()
+    height = gps.data.lla[:, 2]
+    flat = np.ptp(height) == 0.0 and np.ptp(gps.data.lla[:, 0]) > 0.0
+    told = (f"GPS heights are all {height[0]:g} m: not measured, and so is nothing vertical",) if flat else ()
+    if sd_is_reported(gps):
+        return told
     missing = []
     if inputs.get("imu_model") is None and inputs.get("noise") is None:
         missing.append("the noise is that of the IMU model (--noise estimate looks for it)")
     if inputs.get("lever_arm") is None and inputs.get("lever_arm_sd") is None:
         missing.append("the lever arm is taken as zero (give --lever-arm; --lever-arm-sd 1 estimates it)")
-    return (f"the receiver reports no standard deviations: {'; '.join(missing)}",) if missing else ()
+    return (*told, f"the receiver reports no standard deviations: {'; '.join(missing)}") if missing else told
 
 
 def filter_settings(inputs: Inputs, logs: tuple[SensorLog, ...], gps: Reading[GpsData] | None) -> FilterSettings:

@@ -9,6 +9,8 @@ from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.types import EventKind, Run
 
 HOLDS = 0.95  # share of errors inside 3 sd that needs no word
+_MOST = 0.5  # share of rejected positions of a filter that is lost ...
+_LOST, _LOST_RESETS = 0.2, 3  # ... or after so many resets
 _MANY = 0.1  # share of rejected fixes that wants an explanation
 _LARGEST_SCALE = 0.05  # scale factor error [-]: consumer MEMS sensors are sold with at most 0.03
 
@@ -17,7 +19,31 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     """Warn of what makes a solution worse than it states."""
     stated = [("position", found.errors), ("smoothed position", found.smoothed_errors)]
     overconfident = [text for name, errors in stated for text in _overconfident(name, errors)]
-    return (*_many_rejected(found.run), *overconfident[:1], *_diverged(found.run), *_impossible_scale(found.run))
+    return (
+        *_failed(found.run),
+        *_many_rejected(found.run),
+        *overconfident[:1],
+        *_diverged(found.run),
+        *_impossible_scale(found.run),
+    )
+
+
+def failure(run: Run) -> str:
+    """Why a solution is not to be used: the filter was lost again and again; empty if it was not."""
+    resets = sum(event.kind is EventKind.RESET for event in run.events)
+    fixes = run.innovations
+    processed = np.isfinite(fixes.innovation[:, :3]).any(axis=1)
+    lost = float(np.mean(~fixes.used_position[processed])) if processed.any() else 0.0
+    if lost > _MOST and not any(event.kind == EventKind.GATE_RECORD_POSITION for event in run.events):
+        return f"the filter rejected {100.0 * lost:.0f} % of the positions"
+    if resets >= _LOST_RESETS and lost > _LOST:
+        return f"the filter was reset {resets} times, and {100.0 * lost:.0f} % of the positions were rejected"
+    return ""
+
+
+def _failed(run: Run) -> list[str]:
+    why = failure(run)
+    return [f"the solution is not to be used: {why}; IMU and fixes contradict each other"] if why else []
 
 
 def _many_rejected(run: Run) -> list[str]:

@@ -1,0 +1,30 @@
+"""A run whose filter was lost is said to be so, first of all warnings, and ends with exit code 1."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.report.run.warnings import failure
+from insnav.types import Event, EventKind
+from tests.faults.conftest import healthy
+
+
+def reset(time: float) -> Event:
+    return Event(time, EventKind.RESET, 100.0, 10.0, "m", "reset")
+
+
+@pytest.mark.parametrize(
+    ("rejected", "resets", "lost"), [(0.0, 0, False), (0.15, 5, False), (0.3, 2, False), (0.3, 3, True), (0.6, 0, True)]
+)
+def test_a_lost_filter_is_a_failure(rejected, resets, lost):
+    run = healthy(0).run
+    used = np.arange(run.innovations.time.shape[0]) >= rejected * run.innovations.time.shape[0]
+    run = replace(
+        run,
+        innovations=replace(run.innovations, used_position=used),
+        events=tuple(reset(10.0 * number) for number in range(resets)),
+    )
+    assert bool(failure(run)) == lost
