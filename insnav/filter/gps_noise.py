@@ -19,6 +19,7 @@ CARRIER = 0.1  # a larger scatter of positions is not that of carrier-phase fixe
 FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever is reported [m]
 FIXED, DGPS = 1, 4  # further fix types; with corrections of a satellite system 1.0 m CEP, same data sheet
 BY_FIX = {FIXED: (POSITION_FLOOR,) * 3, FLOAT: (FLOAT_SD, FLOAT_SD, 2.0 * FLOAT_SD), DGPS: (1.0, 1.0, 2.0)}  # [m]
+OPEN_VELOCITY = 100.0  # of a vertical velocity that was not measured: it counts as nothing [m/s]
 LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
 
 
@@ -142,14 +143,21 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
             position_sd = np.where(sure[:, None], np.maximum(position_sd, FLOAT_SD), position_sd)
             raised = f"reported sigma below {FLOAT_SD:g} m raised to {FLOAT_SD:g} m"
             notes.append(f"{sure.sum()} float solutions (fix = {FLOAT}): {raised}")
-    given = np.isfinite(gps.v_n).all(axis=1)
+    v_n = gps.v_n
+    level = np.isfinite(v_n[:, :2]).all(axis=1) & np.isnan(v_n[:, 2])
+    if level.any():
+        v_n = np.where(level[:, None] & [False, False, True], 0.0, v_n)
+        velocity_sd = np.where(level[:, None] & [False, False, True], OPEN_VELOCITY, velocity_sd)
+        notes.append(f"{level.sum()} fixes have a horizontal velocity only: it is used, the vertical one is left open")
+    given = np.isfinite(v_n).all(axis=1)
     missing = np.asarray(given & np.isnan(velocity_sd).any(axis=1))
     if missing.any():
-        found = _scatter(gps.time, gps.v_n, VELOCITY_FLOOR, DEFAULT_VELOCITY, np.inf)
+        found = _scatter(gps.time, v_n, VELOCITY_FLOOR, DEFAULT_VELOCITY, np.inf)
+        found[level, 2] = OPEN_VELOCITY
         velocity_sd = np.where(missing[:, None], found, velocity_sd)
         middle = np.median(velocity_sd[missing], axis=0)
         notes.append(
             f"{missing.sum()} fixes without velocity sigma: estimated from successive fixes, median N/E/D "
             f"{middle[0]:.2f}/{middle[1]:.2f}/{middle[2]:.2f} m/s (floor {VELOCITY_FLOOR:g} m/s)"
         )
-    return replace(gps, position_sd=position_sd, velocity_sd=velocity_sd), tuple(notes)
+    return replace(gps, v_n=v_n, position_sd=position_sd, velocity_sd=velocity_sd), tuple(notes)

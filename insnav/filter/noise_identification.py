@@ -19,6 +19,7 @@ import numpy as np
 from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.gps_noise import OPEN_VELOCITY
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import CORRELATED, Prepared
 from insnav.filter.state_layout import first_state, layout
@@ -197,6 +198,7 @@ class InnovationLikelihood:
         mean = np.zeros(start.covariance.shape[0])
         mean[NAV : NAV + 3] = self._ready.initial.gyro_bias - start.correction[:3]
         factor = np.concatenate([np.sqrt(1.0 - share) * position, velocity])
+        factor = np.where(self._sd < OPEN_VELOCITY, factor, 1.0)  # what was not measured says nothing of it
         variance = self._other + self._offered[:, None] * (factor * self._sd) ** 2
         count = kernel.innovations(
             self._tape,

@@ -89,8 +89,8 @@ def test_json_alone_is_on_standard_output_and_is_that_of_the_folder(drive: Path,
     facts = json.loads(shown.out)
     assert shown.out == Path("run/run.json").read_text(encoding="utf-8")
     assert list(facts) == [
-        *("kind", "versions", "accuracy", "smoothed", "solution", "fixes", "aiding", "outages", "sensor_errors"),
-        *("alignment", "events", "input", "imu_model", "configuration"),
+        *("kind", "versions", "accuracy", "reference_offset", "smoothed", "solution", "fixes", "aiding", "outages"),
+        *("sensor_errors", "alignment", "events", "input", "imu_model", "configuration"),
         *("verdict", "summary", "warnings", "notes", "assumptions", "files"),
     ]
     assert facts["configuration"]["lever_arm"] == "0.8,-0.3,-1.2"

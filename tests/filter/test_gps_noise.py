@@ -7,7 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insnav.filter.gps_noise import velocity_lag
+from insnav.filter import FilterSettings
+from insnav.filter.gps_noise import velocity_lag, with_sd
+from insnav.filter.noise_identification import identify_noise
+from insnav.filter.prepare import Prepared
 from insnav.simulate import GpsErrors, corrupt_gps, gps_from_truth
 from insnav.types import GpsData
 from tests.filter import drives
@@ -79,3 +82,44 @@ def test_velocities_that_are_never_even_give_no_lag():
     lag, sd = lags(lagging(0.13), RTK, third_and_fourth)
     np.testing.assert_array_equal(lag, 0.0)
     np.testing.assert_array_equal(sd, np.inf)
+
+
+# ---- horizontal velocity only
+
+
+def level_only(gps: GpsData) -> GpsData:
+    v_n, sd = gps.v_n.copy(), gps.velocity_sd.copy()
+    v_n[:, 2] = sd[:, 2] = np.nan
+    return replace(gps, v_n=v_n, velocity_sd=sd)
+
+
+def test_a_horizontal_velocity_is_used_and_the_vertical_one_left_open():
+    """North and east are told as before, the vertical velocity as little as without any."""
+    rng = np.random.default_rng(5)
+    imu = drives.noisy_imu(drives.perfect_imu(laps=3), drives.MODEL, rng)
+    whole = drives.noisy_gps(drives.perfect_gps(laps=3), rng)
+    level, notes = with_sd(level_only(whole))
+    np.testing.assert_array_equal(with_sd(level)[0].velocity_sd, level.velocity_sd)
+    assert any("horizontal velocity only" in note for note in notes)
+    np.testing.assert_array_equal(level.velocity_sd[:, :2], whole.velocity_sd[:, :2])
+    none = replace(whole, v_n=np.full_like(whole.v_n, np.nan))
+    start = drives.begin(drives.MODEL, rng, laps=3)
+    sd = [
+        np.median(drives.navigate(imu, gps, start, drives.MODEL).solution.sd[:, 3:6], axis=0)
+        for gps in (whole, level, none)
+    ]
+    np.testing.assert_allclose(sd[1][:2], sd[0][:2], rtol=0.02)
+    assert sd[1][2] > 1.1 * sd[0][2]
+    assert (sd[1][:2] < 0.8 * sd[2][:2]).all()
+
+
+def test_an_open_velocity_says_nothing_of_the_noise():
+    rng = np.random.default_rng(6)
+    imu = drives.noisy_imu(drives.perfect_imu(laps=8), drives.MODEL, rng)
+    gps, _ = with_sd(level_only(drives.noisy_gps(drives.perfect_gps(laps=8), rng)))
+    start = drives.begin(drives.MODEL, rng, laps=8)
+    settings = FilterSettings(lever_b=drives.LEVER_B, gates=drives.UNFAILING)
+    ready = Prepared(imu, gps, drives.MODEL, settings, start.alignment, start.initial, 0.02, ())
+    found = identify_noise(ready, drives.SPEC)
+    assert found is not None
+    assert found.velocity_factor[0] == pytest.approx(1.0, abs=0.07)
