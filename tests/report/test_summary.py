@@ -59,6 +59,11 @@ def test_the_light_follows_the_harm(driven, navigated):
     assert alone.light == "unknown"
     assert "no reference" in alone.reason
     assert "not known" in alone.sentence
+    fixes = run.innovations
+    wild = replace(fixes, nis_position=4.0 * fixes.nis_position, nis_velocity=4.0 * fixes.nis_velocity)
+    doubtful = replace(navigated, found=EvaluatedRun(replace(run, innovations=wild), gps)).page().verdict
+    assert doubtful.light == "attention"
+    assert "scatter more" in doubtful.reason
 
 
 def test_a_lever_arm_of_zero_is_an_assumption_unless_it_was_given(driven, navigated):

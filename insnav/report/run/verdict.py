@@ -19,6 +19,7 @@ from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.types import EventKind, FloatArray, Run
 
+SCATTER = 2.0  # mean NIS per axis from which on fixes and solution contradict each other
 _PARTS = (
     ("horizontal", "m", slice(0, 2)),
     ("vertical", "m", slice(2, 3)),
@@ -122,8 +123,13 @@ def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
     if shares:
         return "good", "no warning, and the errors are as large as stated"
     nis = consistency(found.run)
-    agree = "" if nis is None else f"; fixes and solution agree (NIS {number(nis)} per axis, 1 ideal)"
-    return "unknown", f"no reference to check against{agree}"
+    if nis is None:
+        return "unknown", "no reference to check against"
+    measured = f"NIS {number(nis)} per axis, 1 ideal"
+    if nis > SCATTER:
+        return "attention", f"the fixes scatter more than the solution states ({measured})"
+    agree = "fixes and solution agree" if nis > 1.0 / SCATTER else "the fixes scatter less than stated"
+    return "unknown", f"no reference to check against; {agree} ({measured})"
 
 
 def _holds(found: EvaluatedRun) -> str:

@@ -67,7 +67,7 @@ class Drawing { // what panels and maps have in common
       axis.axis_label_text_font_style = "normal";
       axis.axis_label_text_font_size = axis.major_label_text_font_size = "12px";
       axis.axis_label_standoff = 4;
-      if (axis.formatter.type === "BasicTickFormatter") Object.assign(axis.formatter, {power_limit_low: -4, power_limit_high: 6});
+      axis.formatter = new Bokeh.BasicTickFormatter({power_limit_low: -4, power_limit_high: 6});
     }
     for (const grid of [...this.figure.xgrid, ...this.figure.ygrid]) this.paint(grid, "grid_line_color", "--rule");
     return this.figure;
@@ -86,6 +86,8 @@ class Drawing { // what panels and maps have in common
   }
   async show() {
     this.view = await Bokeh.Plotting.show(this.figure, this.place);
+    const canvas = this.place.querySelector(".bk-Figure")?.shadowRoot?.querySelector(".bk-Canvas")?.shadowRoot;
+    canvas?.querySelector(".bk-events")?.style.setProperty("touch-action", "pan-y"); // a finger scrolls the page
     this.place.addEventListener("pointermove", event => { const at = this.inside(event); if (at) this.pointed(at); });
   }
   pointed() {}
