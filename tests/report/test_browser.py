@@ -10,7 +10,12 @@ from typing import Any
 
 import pytest
 
+from insnav.errors.budget.error_budget import budget
+from insnav.errors.budget.sampled_motion import at_rest
+from insnav.errors.budget.study import BudgetStudy
 from insnav.report.html import page_html
+from insnav.result import Result
+from tests.errors.budget.imus import plain
 from tests.report import drawn
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -156,3 +161,20 @@ def test_the_page_of_a_run(browser: Browser, navigated: Any, tmp_path: Path, wid
         "const l = insnav.links.get('time'), x = insnav.drawings[1].x; "
         "return (x.end - x.start) / (l.whole[1] - l.whole[0]) < 0.03"
     )
+
+
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_budget_is_drawn_and_its_sources_can_be_pointed_at(browser: Browser, tmp_path: Path, width: int) -> None:
+    found = budget(plain(), at_rest(20.0), (5.0, 10.0, 20.0), runs=10)
+    file = tmp_path / "budget.html"
+    file.write_text(page_html(Result("budget", BudgetStudy(found)).page(), {}), encoding="utf-8")
+    browser.open(file, width)
+    assert (browser.errors(), browser.requests()) == ([], [])
+    assert browser.run(CUT) == []
+    assert browser.run("return document.documentElement.scrollWidth") <= width
+    assert browser.run("return insnav.drawings.map(each => each.key)") == ["growth", "contributions", "sources"]
+    browser.run("const d = insnav.drawings[1], f = d.frame; d.pointed([0.02, 0.5 / d.rows.length])")
+    assert "Half of it:" in browser.run("return insnav.drawings[1].tip.textContent")
+    first = browser.run("return insnav.drawings[1].rows[0]")
+    strong = "insnav.drawings[2].curves.filter(c => c.renderer.glyph.line_width.value === 4).map(c => c.name)"
+    assert browser.run(f"return {strong}") == [first]

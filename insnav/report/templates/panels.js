@@ -236,13 +236,14 @@ class Panel extends Drawing {
         const [px, py] = this.pixel(curve.x[i], curve.y[i]), bar = curve.kind === "bars";
         const left = bar ? this.pixel(curve.low[i], 0)[0] : px;
         const dx = Math.max(Math.min(left, px) - x * f.width, 0, x * f.width - Math.max(left, px)), d = dx ** 2 + (py - y * f.height) ** 2;
-        if (d < distance) { distance = d; best = [px, py, curve.text[i], curve.x[i]]; }
+        if (d < distance) { distance = d; best = [px, py, curve.text[i], curve.x[i], bar ? this.rows[curve.y[i]] : null]; }
       }
     }
     this.tip.style.display = best ? "block" : "none";
     this.at = best && best[3];
     if (!best) return;
     this.tip.textContent = best[2];
+    if (best[4]) emphasise(best[4]);
     Object.assign(this.tip.style, {left: `${Math.min(f.left + best[0] + 8, Math.max(0, f.left + f.width - this.tip.offsetWidth))}px`, top: `${f.top + best[1] + 10}px`});
   }
   pixel(x, y) { // in the frame [px]
@@ -368,6 +369,11 @@ class Track extends Drawing {
   repaint() { super.repaint(); this.switched(); }
 }
 
+const emphasise = name => { // the curve of what a bar is of
+  for (const each of globalThis.insnav?.drawings ?? []) {
+    for (const curve of each.curves ?? []) if (curve.kind === "line") curve.renderer.glyph.line_width = curve.name === name ? 4 : 1.3;
+  }
+};
 const follow = (link, at) => { link.at = at; for (const each of link.members) each.follow(at); };
 const zoom = (link, start, end) => {
   if (link.busy || !(end > start)) return;
