@@ -14,7 +14,14 @@ KML_POINTS = 5000  # more makes map programs slow and shows nothing new
 
 
 def write_kml(folder: Path, solution: Trajectory, name: str) -> Path:
-    """Write ``track.kml``: the track on the ground, thinned to `KML_POINTS`, with its start and end; its path.
+    """Write ``track.kml``, see `kml_text`; its path."""
+    path = folder / "track.kml"
+    path.write_text(kml_text(solution, name), encoding="utf-8", newline="\n")
+    return path
+
+
+def kml_text(solution: Trajectory, name: str) -> str:
+    """Track on the ground, thinned to `KML_POINTS`, with its start and end.
 
     The height written is ellipsoidal, which map programs would take for height above sea level; so the track
     is clamped to the ground.
@@ -40,7 +47,7 @@ def write_kml(folder: Path, solution: Trajectory, name: str) -> Path:
         )
     )
     title = escape(plain_text(name))
-    text = (
+    return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n'
         f"<name>{title}</name>\n"
@@ -48,6 +55,3 @@ def write_kml(folder: Path, solution: Trajectory, name: str) -> Path:
         f"<Placemark><name>{title}</name><styleUrl>#track</styleUrl><MultiGeometry>\n{lines}"
         f"</MultiGeometry></Placemark>\n{marks}</Document></kml>\n"
     )
-    path = folder / "track.kml"
-    path.write_text(text, encoding="utf-8", newline="\n")
-    return path

@@ -49,8 +49,22 @@ def _to_tangent(lla: FloatArray, origin: FloatArray) -> FloatArray:
 
 
 def _text(head: str, time: FloatArray, place: FloatArray, turn: FloatArray, rph: FloatArray) -> str:
-    known = np.isfinite(rph).all(axis=1)
-    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(time), 1))  # where the reference does not know the attitude
-    q[known] = quat_multiply(quat_from_dcm(turn[known]), quat_from_rph(rph[known]))
+    q = _attitude(turn, rph)
     lines = (" ".join(map(repr, row)) for row in np.column_stack([time, place, q[:, 1:], q[:, :1]]).tolist())
     return "\n".join([head, *lines]) + "\n"
+
+
+def _attitude(turn: FloatArray, rph: FloatArray) -> FloatArray:
+    """Quaternions from body axes to the tangent plane, scalar first; none where the attitude is not known, (n, 4)."""
+    known = np.isfinite(rph).all(axis=1)
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(rph), 1))
+    q[known] = quat_multiply(quat_from_dcm(turn[known]), quat_from_rph(rph[known]))
+    return q
+
+
+def tangent_poses(track: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Positions East, North, Up of the first epoch ``(n, 3)`` [m], quaternions scalar first, velocities [m/s]."""
+    origin = track.lla[0] / np.array([DEG, DEG, 1.0])
+    place = np.column_stack(pymap3d.geodetic2enu(*(track.lla / [DEG, DEG, 1.0]).T, *origin))
+    turn = _to_tangent(track.lla, track.lla[0])
+    return place, _attitude(turn, track.rph), np.einsum("nij,nj->ni", turn, track.v_n)

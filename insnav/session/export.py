@@ -1,0 +1,68 @@
+"""A run written in the format of another program."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from insnav.exceptions import ConfigError
+from insnav.input.formats.time_scales import WEEK_DAYS, leap_seconds
+from insnav.output.folder import read_facts
+from insnav.output.solution_tables import has_smoothed, read_solution
+from insnav.output.track_files import WRITERS, Track, track_text
+from insnav.plain_text import plain_text
+from insnav.types import FloatArray
+
+Solution = Literal["smoothed", "filtered"]
+_EPOCH = np.datetime64("1980-01-06", "ns")
+_UNIX_FROM = 1e9  # times beyond are Unix time [s]
+_GPS_UNIX = 315_964_800.0  # the epoch of GPS in Unix time [s]
+_WEEK = re.compile(r"seconds of (?:the )?GPS week (\d+)")
+
+
+def export(folder: Path, kind: str, *, solution: Solution | None = None, week: int | None = None) -> str:
+    """Text of a run in another format.
+
+    `folder`: of a run; `kind`: one of `insnav.output.track_files.WRITERS`; `solution`: default smoothed if there is
+    one; `week`: GPS week of its first epoch, where neither fixes nor times tell it.
+    Raises: InputError: no such run; ConfigError: an unknown format, or one that needs a date where none is known.
+    """
+    if kind not in WRITERS:
+        raise ConfigError(f"{kind!r} is no format", where="--to", fix=f"known are {', '.join(WRITERS)}")
+    facts = read_facts(folder)
+    smoothed = solution == "smoothed" or (solution is None and has_smoothed(folder))
+    trajectory = read_solution(folder, "smoothed" if smoothed else "solution")
+    inputs = facts.get("input", {})
+    gps = inputs.get("gps", {}) if isinstance(inputs, dict) else {}
+    utc, gps_time = _instants(trajectory.time, _week(inputs) if week is None else week)
+    name = f"{plain_text(folder.resolve().name)}, {'smoothed' if smoothed else 'filtered'}"
+    return track_text(kind, Track(trajectory, name, utc, gps_time, gps.get("height") or "ellipsoidal"))
+
+
+def _week(inputs: Any) -> int | None:
+    """GPS week that was noted when the files were read."""
+    texts = [text for each in inputs.values() if isinstance(each, dict) for text in each.get("evidence", ())]
+    found = next((match for text in texts if (match := _WEEK.search(str(text)))), None)
+    return int(found[1]) if found else None
+
+
+def _instants(
+    time: FloatArray, week: int | None
+) -> tuple[NDArray[np.datetime64], NDArray[np.datetime64]] | tuple[None, None]:
+    """Instants in UTC and in GPS time, of times in seconds of a GPS week or in Unix time; None if neither."""
+    if time[0] > _UNIX_FROM:
+        since = time - _GPS_UNIX
+        day = np.floor(since / 86_400.0)
+        utc = _EPOCH + np.round(since * 1e6).astype(np.int64) * np.timedelta64(1, "us")
+        return utc, utc + leap_seconds(day, since - 86_400.0 * day).astype(np.int64) * np.timedelta64(1, "s")
+    if week is None:
+        return None, None
+    gps = _EPOCH + int(week * WEEK_DAYS) * np.timedelta64(1, "D") + np.round(time * 1e9).astype(np.int64)
+    day = WEEK_DAYS * week + np.floor(time / 86_400.0)
+    # the table is in UTC: at the seconds of a leap itself it may be off by one, which a drive hardly meets
+    ahead = leap_seconds(day, time % 86_400.0 - 18.0)
+    return gps - ahead.astype(np.int64) * np.timedelta64(1, "s"), gps

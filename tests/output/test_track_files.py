@@ -1,0 +1,108 @@
+"""Runs in the formats of other programs: read back by insnav's readers, by evo and by JSON."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from insnav.exceptions import ConfigError
+from insnav.input import read_gps, read_reference
+from insnav.output.solution_tables import write_run_table
+from insnav.output.track_files import WRITERS
+from insnav.session.export import export
+from insnav.types import Trajectory
+from tests.input.recordings import FIXES, TOW, UNIX, WEEK, Motion, same_places
+
+MOTION = Motion(FIXES.t + 0.012345)
+SD = np.tile([0.05, 0.06, 0.1, 0.01, 0.02, 0.03, 0.001, 0.002, 0.003], (len(FIXES.t), 1))
+
+
+def trajectory(start: float = TOW) -> Trajectory:
+    lla = MOTION.lla * [np.pi / 180.0, np.pi / 180.0, 1.0]
+    rph = np.column_stack([0.01 + 0.0 * MOTION.t, -0.02 + 0.0 * MOTION.t, np.radians(MOTION.heading)])
+    return Trajectory(start + MOTION.t, lla, MOTION.v_n, rph, SD)
+
+
+@pytest.fixture
+def run(tmp_path):
+    def write(start: float = TOW, week: int | None = WEEK):
+        folder = tmp_path / "run"
+        folder.mkdir(exist_ok=True)
+        write_run_table(folder, trajectory(start))
+        notes = [f"times are seconds of GPS week {week}: UTC with 18 leap seconds added"] if week else []
+        facts = {"kind": "run", "files": {}, "input": {"gps": {"evidence": notes, "height": "ellipsoidal"}}}
+        (folder / "run.json").write_text(json.dumps(facts))
+        return folder
+
+    return write
+
+
+@pytest.mark.parametrize("kind", ["gpx", "pos", "nmea"])
+def test_what_was_written_is_read_again(run, tmp_path, kind):
+    path = tmp_path / "track"
+    path.write_text(export(run(), kind), newline="")
+    data = read_gps(path).data
+    assert np.allclose(data.time, TOW + MOTION.t, atol=2e-6)
+    assert same_places(data, MOTION, 1e-3)
+    if kind != "gpx":
+        assert np.allclose(data.v_n[:, :2], MOTION.v_n[:, :2], atol=1e-4)
+        assert np.allclose(data.position_sd, SD[:, :3])
+    if kind == "nmea":
+        assert data.heading is not None
+        assert np.allclose(np.degrees(data.heading), MOTION.heading, atol=1e-3)
+    if kind == "pos":
+        assert np.allclose(data.velocity_sd, SD[:, 3:6])
+        assert set(data.fix) == {1}
+
+
+def test_csv_is_a_reference(run, tmp_path):
+    path = tmp_path / "track.csv"
+    path.write_text(export(run(), "csv"))
+    data = read_reference(path).data
+    assert same_places(data, MOTION, 1e-4)
+    assert np.allclose(data.rph[:, 2], np.radians(MOTION.heading))
+
+
+@pytest.mark.parametrize("kind", ["tum", "euroc"])
+def test_evo_reads_poses(run, tmp_path, kind):
+    from evo.tools import file_interface
+
+    path = tmp_path / "track"
+    path.write_text(export(run(), kind))
+    reader = {"tum": file_interface.read_tum_trajectory_file, "euroc": file_interface.read_euroc_csv_trajectory}[kind]
+    poses = reader(str(path))
+    start = UNIX if kind == "euroc" else TOW
+    assert np.allclose(poses.timestamps, start + MOTION.t, atol=1e-6)
+    moved = np.linalg.norm(poses.positions_xyz[-1] - poses.positions_xyz[0])
+    angle = 0.25 * (MOTION.t[-1] - MOTION.t[0])
+    assert moved == pytest.approx(2.0 * 40.0 * np.sin(angle / 2.0), abs=0.01)  # the chord of the circle
+    assert poses.check()[0]
+
+
+def test_geojson_and_kml(run):
+    line = json.loads(export(run(), "geojson"))["features"][0]
+    (lon, lat, height) = line["geometry"]["coordinates"][0][0]
+    assert np.allclose((lat, lon, height), MOTION.lla[0], atol=1e-6)
+    assert line["properties"]["times"][0] == "2025-08-27T11:59:42.012345Z"
+    assert "<coordinates>151.5" in export(run(), "kml")
+
+
+def test_unix_times_need_no_week(run, tmp_path):
+    path = tmp_path / "track"
+    path.write_text(export(run(start=UNIX, week=None), "pos"))
+    assert np.allclose(read_gps(path).data.time, TOW + MOTION.t, atol=2e-6)
+
+
+def test_formats_with_dates_ask_for_the_week(run):
+    folder = run(start=5.0, week=None)
+    for kind in WRITERS:
+        if kind in ("gpx", "pos", "nmea"):
+            with pytest.raises(ConfigError, match="week"):
+                export(folder, kind)
+            assert export(folder, kind, week=WEEK)
+        else:
+            assert export(folder, kind)
+    with pytest.raises(ConfigError, match="known are gpx"):
+        export(folder, "shp")
