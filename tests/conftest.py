@@ -26,6 +26,7 @@ SLOW = (
     "tests/physics/test_platform_errors.py",
     "tests/recorded/",
     "tests/regression/test_peers.py",
+    "tests/regression/test_published.py::test_a_replica",
     "tests/regression/test_verdicts.py",
     "tests/report/test_simulation.py",
     "tests/simulate/test_montecarlo.py",

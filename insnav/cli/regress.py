@@ -25,6 +25,7 @@ Examples:
   insnav regress --update-baseline     what later versions are compared with
   insnav regress --plot                plots over versions, and a page
   insnav regress --peers --plot        with other programs, for the README
+  insnav regress --published           published outage figures, simulated again
   insnav regress --json | jq .changes
 """
 
@@ -59,6 +60,14 @@ def regress(
     peers: Annotated[
         bool,
         typer.Option("--peers", help="Also run pyins and GTSAM, where installed; minutes.", rich_help_panel=opt.RESULT),
+    ] = False,
+    published: Annotated[
+        bool,
+        typer.Option(
+            "--published",
+            help="Also simulate published GNSS outage tests; writes published.md; minutes.",
+            rich_help_panel=opt.RESULT,
+        ),
     ] = False,
     out: Annotated[
         Path | None,
@@ -122,6 +131,22 @@ def regress(
             from insnav.regression.peers.run_peers import run_peers
 
             rows = run_peers(drives, recorded, workers=processes, progress=lambda fraction: stage("peers", fraction))
+        if published:
+            stage("published")
+            from insnav.regression.published.replicas import (
+                compare_published,
+                field_factor,
+                read_cases,
+                recorded_ratios,
+            )
+            from insnav.report.regression.published import write_published
+
+            compared = compare_published(read_cases(), progress=lambda fraction: stage("published", fraction))
+            real = {each.name for each in drives.recorded}
+            growth = {} if baseline is None else {name: case.growth for name, case in baseline.cases.items()}
+            growth |= {name: case.measured.growth for name, case in found.cases.items() if case.measured}
+            growth = {name: rows for name, rows in growth.items() if name in real}
+            note(f"written: {write_published(folder, compared, field_factor(compared, recorded_ratios(growth)), now)}")
         if plot:
             stage("drawing")
             from insnav.report.regression.page import write_pages

@@ -11,6 +11,7 @@ from insnav.errors.budget.error_budget import BAND, Budget
 from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.laws import SHORT
 from insnav.errors.budget.study import BudgetStudy
+from insnav.errors.requirement.field_factor import TEXT as FIELD_FACTOR
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
@@ -198,6 +199,8 @@ def assumptions(budget: Budget) -> tuple[str, ...]:
     ]
     if budget.recorded is not None:
         lines.append(f"recorded: {budget.recorded.description}.")
+    else:
+        lines.append(FIELD_FACTOR)
     if math.isfinite(budget.flicker_lowest):
         lines.append(
             f"Flicker noise is counted from {budget.flicker_lowest:.2g} Hz up (processes as slow as ten lengths of "

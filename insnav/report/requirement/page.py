@@ -17,6 +17,7 @@ from insnav.errors.requirement.aided import (
     ZUPT_SD,
 )
 from insnav.errors.requirement.allocation import STEEP, TAU, Share
+from insnav.errors.requirement.field_factor import TEXT as FIELD_FACTOR
 from insnav.errors.requirement.parts import LIMITS, Candidate
 from insnav.errors.requirement.study import RequirementStudy
 from insnav.errors.requirement.verification import Verified
@@ -292,8 +293,9 @@ def _aided_assumptions(study: RequirementStudy) -> tuple[str, ...]:
     return (
         f"Real IMUs: covariance of a filter, {outages_text(study)} (fixes of {POSITION_SD:g} m and {VELOCITY_SD:g} m/s "
         "at 1 Hz, white); --begin chooses one outage. Vibration, temperature changes, mounting and timing are not in "
-        "datasheets: see the field factor in reports/published.md.",
-        f"NHC {NHC_SD:g} m/s, with it ZUPT at the stops of the motion; odometer {ODOMETER_SD:g} m/s and a scale factor "
-        f"that is estimated, ZUPT {ZUPT_SD:g} m/s, barometer {BAROMETER_SD:g} m, each at 1 Hz; two antennas "
-        f"{HEADING_SD / DEG:g} deg. A rate table leaves 50 ppm and 0.1 mrad, nine positions the same and 0.1 mg.",
+        f"datasheets. {FIELD_FACTOR}",
+        f"NHC, of a vehicle on wheels, {NHC_SD:g} m/s, with ZUPT at the stops of the motion; odometer "
+        f"{ODOMETER_SD:g} m/s and a scale factor that is estimated, ZUPT {ZUPT_SD:g} m/s, barometer "
+        f"{BAROMETER_SD:g} m, each at 1 Hz; two antennas {HEADING_SD / DEG:g} deg. A rate table leaves 50 ppm and "
+        "0.1 mrad, nine positions the same and 0.1 mg.",
     )

@@ -1,0 +1,1 @@
+"""Published outage figures compared with simulated replicas of their tests."""

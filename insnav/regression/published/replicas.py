@@ -1,0 +1,167 @@
+"""Published outage figures, the same tests simulated, and the factor between the field and the paper.
+
+A replica has the published figures of the IMU and no others, a motion of the same kind, RTK fixes, and the statistic
+that was published. Field factor: recorded over predicted error, so what the figures of a paper leave out is in it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from scipy.stats import t as student
+
+from insnav.config_file import Table, read_toml, scalar, validate
+from insnav.imu import load_imu
+from insnav.sample_statistics import rms
+from insnav.session.simulation import simulate
+from insnav.types import FloatArray
+
+CASES = Path(__file__).parent / "cases.toml"
+SEEDS = 3  # drives of a replica
+FIRST, SPACING = 120.0, 15.0  # of the outages in a drive [s]
+_COLUMN = 60.0  # time without GPS at which recorded drives are compared [s]
+Statistic = Literal["RMS of maxima", "RMS at the end", "mean at the end", "maximum"]
+
+
+class Case(Table):
+    """One published figure."""
+
+    source: str
+    where: str
+    imu: str
+    profile: str
+    length: Annotated[float, scalar("time")]
+    statistic: Statistic
+    value: Annotated[float, scalar("length")]
+    reason: str  # of the ratio
+    aiding: bool = False  # NHC and ZUPT in the outage
+    independent: bool = True  # not another figure of a test that is already there
+    comparable: bool = True  # the replica has all the aiding that the test had
+
+
+class _File(Table):
+    case: list[Case]
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """A published figure and its replica."""
+
+    case: Case
+    missing: tuple[str, ...]  # usual figures of the IMU that are not published, and not in the replica
+    replica: float  # the same statistic [m]
+    interval: tuple[float, float]  # 95 % of an RMS of as many outages [m]
+    outages: int
+
+    @property
+    def ratio(self) -> float:
+        """Published over simulated."""
+        return self.case.value / self.replica
+
+
+@dataclass(frozen=True, slots=True)
+class FieldFactor:
+    """How much larger errors are in the field than predicted."""
+
+    ratios: Mapping[str, float]  # of every recorded drive and every independent published case
+    typical: float  # geometric mean
+    interval: tuple[float, float]  # 95 % of that
+    span: tuple[float, float]  # 95 % of the ratios of further drives
+
+
+def read_cases(path: Path = CASES) -> list[Case]:
+    """Read the published figures."""
+    return validate(_File, read_toml(path), str(path)).case
+
+
+def compare_published(
+    cases: Sequence[Case], seeds: int = SEEDS, progress: Callable[[float], None] | None = None
+) -> list[Compared]:
+    """Simulate every case; cases of one test share a simulation.
+
+    `seeds`: drives of a replica; `progress`: called with the fraction done.
+    """
+    made: dict[tuple[str, str, float, bool], list[FloatArray]] = {}
+    tests = list(dict.fromkeys(_test(case) for case in cases))
+    for number, test in enumerate(tests):
+        made[test] = errors_in_outages(*test, seeds=seeds)
+        if progress is not None:
+            progress((number + 1) / len(tests))
+    return [_compared(case, made[_test(case)]) for case in cases]
+
+
+def _test(case: Case) -> tuple[str, str, float, bool]:
+    return case.imu, case.profile, case.length, case.aiding
+
+
+def errors_in_outages(imu: str, profile: str, length: float, aiding: bool, *, seeds: int) -> list[FloatArray]:
+    """Horizontal errors in the outages of simulated drives, one array an outage [m]."""
+    spec = load_imu(imu)
+    found = []
+    for seed in range(1, seeds + 1):
+        drive = simulate(profile, imu=spec, gps="rtk", seed=seed)
+        study = drive.outage(
+            lengths=(length,), first=FIRST, spacing=SPACING, aiding="on" if aiding else "off", workers=1
+        )
+        found += [np.hypot(window.error[:, 0], window.error[:, 1]) for window in study.found.windows]
+    return found
+
+
+def statistic(kind: Statistic, errors: Sequence[FloatArray]) -> float:
+    """Sum up horizontal errors of outages as a paper does [m]."""
+    ends, largest = np.array([each[-1] for each in errors]), np.array([each.max() for each in errors])
+    if kind == "RMS of maxima":
+        return float(rms(largest))
+    if kind == "mean at the end":
+        return float(ends.mean())
+    return float(ends.max()) if kind == "maximum" else float(rms(ends))
+
+
+def _compared(case: Case, errors: Sequence[FloatArray]) -> Compared:
+    value = statistic(case.statistic, errors)
+    # outages of one drive overlap: as many as fit without are independent
+    count = max(2.0, len(errors) * min(1.0, SPACING / case.length))
+    spread = 1.96 / math.sqrt(2.0 * count)
+    interval = (value * math.exp(-spread), value * math.exp(spread))
+    return Compared(
+        case,
+        tuple(key for key in load_imu(case.imu).absent if not key.endswith("correlation_time")),
+        value,
+        interval,
+        len(errors),
+    )
+
+
+def recorded_ratios(growth: Mapping[str, FloatArray]) -> dict[str, float]:
+    """Recorded over predicted horizontal error after a minute, of drives.
+
+    `growth`: of each drive ``(n, 3)`` at increasing times, the last a minute: windows, sums of squared errors and of
+    predicted variances [m^2].
+    """
+    return {
+        name: math.sqrt(float(rows[-1, 1] / rows[-1, 2]))
+        for name, rows in growth.items()
+        if rows[-1, 0] > 0 and rows[-1, 2] > 0.0
+    }
+
+
+def field_factor(compared: Sequence[Compared], recorded: Mapping[str, float]) -> FieldFactor:
+    """Factor between field and paper: geometric mean, its interval and that of further ratios, by Student's t."""
+    ratios = dict(recorded)
+    ratios |= {each.case.source: each.ratio for each in compared if each.case.independent and each.case.comparable}
+    logs = np.log(list(ratios.values()))
+    n = len(logs)
+    mean, sd = float(logs.mean()), float(logs.std(ddof=1))
+    quantile = float(student.ppf(0.975, n - 1))
+    own, further = quantile * sd / math.sqrt(n), quantile * sd * math.sqrt(1.0 + 1.0 / n)
+    return FieldFactor(
+        ratios,
+        math.exp(mean),
+        (math.exp(mean - own), math.exp(mean + own)),
+        (math.exp(mean - further), math.exp(mean + further)),
+    )
