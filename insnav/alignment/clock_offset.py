@@ -5,7 +5,8 @@ ground, and the size of its horizontal specific force with that of the accelerat
 over the whole of both records, by their correlation at every lag, computed by fast Fourier transform with the samples
 that are there (masked normalised correlation: Padfield, "Masked object registration in the Fourier domain", IEEE Trans.
 Image Processing 21 (2012) 2706-2718); then refined by least squares, whose standard deviation allows for residuals
-that are alike within blocks of the record (Liang and Zeger, Biometrika 73 (1986) 13-22).
+that are alike within blocks of the record (Liang and Zeger, Biometrika 73 (1986) 13-22), and for what lever arm and
+levelling leave.
 """
 
 from __future__ import annotations
@@ -31,6 +32,8 @@ MEMORY = 2.0  # turns and accelerations so far apart are independent [s]
 SURE = 15.0  # log-likelihood above which a lag is no accident, among so many lags
 APART = 5.0  # other lags are at least so far away [s]
 BLOCKS = 12  # of the record, in which residuals may be alike
+SYSTEMATIC = 0.01  # error that lever arm and levelling leave, RMS of simulated city drives [s]
+OUTSIDE = 4.0  # standard deviations beyond which a residual is that of a false velocity
 FINE = 2.0  # the offset is refined so far around the lag that was found [s]
 
 
@@ -183,15 +186,20 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
         for i in range(2):
             if np.count_nonzero(use[i]) < 10:
                 continue
-            x, y = felt[i, use[i]], seen[i, use[i]]
-            x, y = x - x.mean(), y - y.mean()
-            power = float(np.sum(x**2))
-            if power == 0.0 or float(np.sum(y**2)) == 0.0:
-                continue
-            r[i] = float(np.sum(x * y)) / np.sqrt(power * float(np.sum(y**2)))
-            slope = float(np.sum(x * y)) / power
-            left[i, use[i]] = y - slope * x
-            weight[i] = 1.0 / max(float(np.mean(left[i, use[i]] ** 2)), 1e-12)
+            row = np.flatnonzero(use[i])
+            for _ in range(2):  # then once more without what no clock explains: false velocities
+                x, y = felt[i, row], seen[i, row]
+                x, y = x - x.mean(), y - y.mean()
+                power = float(np.sum(x**2))
+                if power == 0.0 or float(np.sum(y**2)) == 0.0:
+                    break
+                r[i] = float(np.sum(x * y)) / np.sqrt(power * float(np.sum(y**2)))
+                rest = y - float(np.sum(x * y)) / power * x
+                left[i], weight[i] = 0.0, 1.0 / max(float(np.mean(rest**2)), 1e-12)
+                left[i, row] = rest
+                row = row[np.abs(rest) < OUTSIDE * (1.4826 * float(np.median(np.abs(rest))) + 1e-9)]
+                if row.size < 10:
+                    break
         return left, weight, r
 
     offsets = np.arange(lag - FINE, lag + FINE, 0.05)
@@ -213,7 +221,7 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
         if abs(change) < 1e-4:
             break
     common = min(float(gps.time[-1]), float(imu.time[-1]) + at) - max(float(gps.time[0]), float(imu.time[0]) + at)
-    return ClockOffset(at, sd, float(r[0]), float(r[1]), common)
+    return ClockOffset(at, float(np.hypot(sd, SYSTEMATIC)), float(r[0]), float(r[1]), common)
 
 
 def _likelihood(left: FloatArray, weight: FloatArray, r: FloatArray) -> float:

@@ -18,6 +18,7 @@ from insnav.cli import (
     allan,
     budget,
     calibrate,
+    check,
     compare,
     console,
     demo,
@@ -58,6 +59,7 @@ app = typer.Typer(
 )
 for _module, _command in (
     (run, run.run),
+    (check, check.check),
     (demo, demo.demo),
     (align, align.align),
     (compare, compare.compare),

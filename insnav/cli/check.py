@@ -1,0 +1,62 @@
+"""``insnav check``: what files are and what is wrong with them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from insnav.cli import options as opt
+from insnav.cli.console import Stages, result, result_facts
+from insnav.cli.data_options import READING, Data, takes_data
+
+SHORT_HELP = "What recorded files are, what is wrong with them, and how to run them."
+HELP = """What recorded files are, what is wrong with them, and how to run them.
+
+Any files of one recording, in any order: columns, units, axes, clocks, gaps, noise, vibration, mounting, the offset
+between IMU and GPS, reported standard deviations against scatter. Ends with the three things to mend first and the
+line to run them with.
+
+\b
+Examples:
+  insnav check imu.csv gps.csv
+  insnav check drive.ubx
+  insnav check imu.csv gps.csv --out checked
+  insnav check imu.csv gps.csv --json | jq .mend
+"""
+
+
+@takes_data(None, files={}, only=(*READING, "time_offset", "topic", "lever_arm", "gps_height", "gps_columns"))
+def check(
+    data: Data,
+    files: Annotated[list[Path], typer.Argument(metavar="FILES", help="Files.", rich_help_panel=opt.FILES)],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Also write a page and run.json there.", rich_help_panel=opt.RESULT),
+    ] = None,
+    force: opt.Force = False,
+    as_json: opt.Json = False,
+) -> None:
+    """Examine files."""
+    from dataclasses import replace
+
+    with Stages() as stage:
+        stage("reading")
+        from insnav.session.check import check as checked
+
+        found = replace(checked(files, data.inputs), options=data.options)
+    where = None
+    if out is not None:
+        where = found.save(out, force=force, figures="page")
+    if as_json:
+        if where is not None:
+            result_facts(where)
+        else:
+            import json
+
+            from insnav.report.run_json import page_facts, versions
+
+            result(json.dumps({"kind": "check", "versions": versions(), **page_facts(found.page())}, indent=2))
+    else:
+        result(found.summary())

@@ -1,0 +1,116 @@
+"""What fixes of a receiver show of themselves: rate, scatter, velocities against positions, jumps."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from insnav.earth import ned_offset
+from insnav.filter.gps_noise import velocity_lag
+from insnav.types import BoolArray, FloatArray, GpsData
+
+FALSE = 1.0  # velocities that differ by more from what the positions move are false [m/s] ...
+SIGMAS = 8.0  # ... if it is that many times what is usual
+BEND = 0.35  # of the change of slope between fixes: so far a straight line may be off in a bend
+REPORTED = 5.0  # standard deviations of the positions, as reported
+NEAR = 2.5  # intervals, by the median, over which positions tell a velocity
+
+
+@dataclass(frozen=True, slots=True)
+class FixFigures:
+    """What the fixes show."""
+
+    n: int
+    rate: float  # [Hz]
+    largest_speed: float  # [m/s]
+    with_velocity: float  # share of fixes that have one
+    with_sd: float  # share whose position has a standard deviation
+    reported_sd: FloatArray  # (3,) median of the standard deviations as reported, N, E, D [m]; NaN without
+    scatter: FloatArray  # (3,) white part of the position error by third differences [m]
+    velocity_lag: float  # of velocities behind positions [s]
+    velocity_lag_sd: float
+    false_velocities: float  # share that contradict the positions
+    worst_velocity: float  # largest such difference [m/s]
+    jumps: int  # positions that jump against velocities
+    largest_jump: float  # [m]
+    fix_types: Mapping[int, int]  # fixes of each type
+
+
+def look_at_fixes(gps: GpsData) -> FixFigures:
+    """Look at fixes as they were read."""
+    step = np.diff(gps.time)
+    usual = float(np.median(step))
+    known = np.isfinite(gps.v_n).all(axis=1)
+    gone = ned_offset(gps.lla[1:], gps.lla[:-1])
+    path = np.vstack([np.zeros(3), np.cumsum(gone, axis=0)])
+    lag, lag_sd = velocity_lag(gps)
+    even: BoolArray = np.asarray(step < NEAR * usual)
+    third = path[3:] - 3.0 * path[2:-1] + 3.0 * path[1:-2] - path[:-3]
+    whole = even[2:] & even[1:-1] & even[:-2]
+    scatter = 1.4826 * np.median(np.abs(third[whole]), axis=0) / np.sqrt(20.0) if whole.any() else np.full(3, np.nan)
+    false, worst, jumps, largest = _contradictions(gps, gone, step, even, lag if lag_sd < 0.02 else 0.0)
+    reported = np.isfinite(gps.position_sd).all(axis=1)
+    speed = np.linalg.norm(gps.v_n[known, :2], axis=1) if known.any() else np.linalg.norm(gone[:, :2], axis=1) / step
+    return FixFigures(
+        len(gps.time),
+        1.0 / usual,
+        float(speed.max()),
+        float(known.mean()),
+        float(reported.mean()),
+        np.median(gps.position_sd[reported], axis=0) if reported.any() else np.full(3, np.nan),
+        scatter,
+        lag,
+        lag_sd,
+        false,
+        worst,
+        jumps,
+        largest,
+        dict(Counter(int(each) for each in gps.fix)) if gps.fix is not None else {},
+    )
+
+
+def _contradictions(
+    gps: GpsData, gone: FloatArray, step: FloatArray, even: BoolArray, lag: float
+) -> tuple[float, float, int, float]:
+    """Share of false velocities and the worst; number of jumps of the position and the largest.
+
+    Between fixes the positions move by the mean of both velocities. Where one step differs and its neighbours agree the
+    position has jumped and stays; where a velocity is false both steps beside it differ, and their sum is that of it.
+    """
+    v = gps.v_n.copy()
+    rows = np.isfinite(v).all(axis=1)
+    if rows.sum() < 10:
+        return 0.0, 0.0, 0, 0.0
+    if lag:
+        for i in range(3):
+            v[rows, i] = np.interp(gps.time[rows] + lag, gps.time[rows], v[rows, i])
+    slope = gone / step[:, None]
+    mean = 0.5 * (slope[1:] + slope[:-1])
+    sd = np.where(np.isfinite(gps.position_sd), gps.position_sd, 0.0)
+    off, bend = v[1:-1] - mean, np.diff(slope, axis=0)
+    level, vertical = np.linalg.norm(off[:, :2], axis=1), np.abs(off[:, 2])
+    usable = even[1:] & even[:-1] & np.isfinite(level)
+    if not usable.any():
+        return 0.0, 0.0, 0, 0.0
+    limits = [max(FALSE, SIGMAS * float(np.median(each[usable]))) for each in (level, vertical)]
+    limit, apart = limits[0], np.maximum(level, vertical)
+    # positions that are as poor as reported tell no velocity: the slope is that of two of them
+    poor = REPORTED * np.hypot(sd[2:], sd[:-2]) / (step[1:] + step[:-1])[:, None]
+    beyond = level > limits[0] + BEND * np.linalg.norm(bend[:, :2], axis=1) + poor[:, :2].max(axis=1)
+    beyond |= vertical > limits[1] + BEND * np.abs(bend[:, 2]) + poor[:, 2]
+    jump = np.linalg.norm((gone - 0.5 * (v[1:] + v[:-1]) * step[:, None])[:, :2], axis=1)
+    # a jump is where the positions, not the velocity, leave the line: velocities on both sides are alike
+    smooth = np.linalg.norm((v[1:] - v[:-1])[:, :2], axis=1) < limit
+    apart_by = max(3.0, SIGMAS * float(np.nanmedian(jump[even])))
+    jumped = even & smooth & (jump > apart_by + REPORTED * np.hypot(sd[1:], sd[:-1])[:, :2].max(axis=1))
+    beside = jumped[1:] | jumped[:-1]
+    wrong = usable & beyond & ~beside
+    return (
+        float(np.mean(wrong[usable])),
+        float(np.max(apart[wrong], initial=0.0)),
+        int(jumped.sum()),
+        float(np.max(jump[jumped], initial=0.0)),
+    )

@@ -1,0 +1,140 @@
+"""What samples of an IMU show of their sensors: resolution, noise at rest and in motion, vibration, clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import medfilt, welch
+
+from insnav.exceptions import InputError
+from insnav.imu.model import sample_intervals
+from insnav.imu.noise_density import white_noise
+from insnav.types import BoolArray, FloatArray, ImuData
+
+AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
+LEVELS = 0.1  # a sensor with fewer different values than that share of its samples is coarse
+SEGMENT = 4.0  # of the vibration spectrum [s]
+LOWEST = 5.0  # below are the vehicle's own motions [Hz]
+PROMINENT = 20.0  # power of a line against its neighbourhood
+NEIGHBOURS = 41  # frequencies that are its neighbourhood
+PEAKS = 3
+JITTER_GAP = 1.5  # longer intervals, by the median, are missing samples
+
+
+@dataclass(frozen=True, slots=True)
+class AxisFigures:
+    """One sensor, SI."""
+
+    name: str
+    at_rest: float  # mean at rest [rad/s] or [m/s^2]; NaN without a rest
+    noise: float  # white noise density at rest [rad/sqrt(s)] or [m/s/sqrt(s)]; NaN without a rest
+    in_motion: float  # standard deviation of the change between samples, over sqrt(2), when not at rest
+    largest: float  # largest magnitude
+    resolution: float  # distance between neighbouring values of a coarse sensor; 0 if it is fine
+    repeated: float  # share of samples equal to the one before
+
+
+@dataclass(frozen=True, slots=True)
+class VibrationPeak:
+    """A line in the spectrum of the specific force in motion."""
+
+    axis: str
+    frequency: float  # [Hz]
+    rms: float  # [m/s^2]
+
+
+@dataclass(frozen=True, slots=True)
+class ImuFigures:
+    """What the samples show."""
+
+    axes: tuple[AxisFigures, ...]
+    peaks: tuple[VibrationPeak, ...]
+    jitter: float  # standard deviation of the intervals, missing samples apart [s]
+    missing: int  # intervals with samples missing
+    gravity_steps: tuple[float, float]  # largest step of the specific force between rests [m/s^2], and its time [s]
+
+
+def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolArray | None = None) -> ImuFigures:
+    """Look at the sensors of a record.
+
+    `rest`: start and end of a stationary part [s]; `still` (n,): samples at which the vehicle stands, all over.
+    """
+    scale = sample_intervals(imu)[:, None] if imu.sampling == "increment" else 1.0
+    values = np.hstack([imu.gyro / scale, imu.accel / scale])
+    at_rest, noise = np.full(6, np.nan), np.full(6, np.nan)
+    moving = np.ones(len(values), dtype=np.bool_)
+    if rest is not None:
+        inside = (imu.time >= rest[0]) & (imu.time <= rest[1])
+        moving = ~inside if still is None else ~still
+        at_rest = values[inside].mean(axis=0) if inside.any() else at_rest
+        try:
+            noise = np.concatenate(white_noise(imu, *rest))
+        except InputError:
+            noise = np.full(6, np.nan)
+    change = np.diff(values, axis=0)
+    both = moving[1:] & moving[:-1]
+    step = np.diff(imu.time)
+    usual = float(np.median(step))
+    raw, per_sample = np.hstack([imu.gyro, imu.accel]), usual if imu.sampling == "increment" else 1.0
+    axes = tuple(
+        AxisFigures(
+            name,
+            float(at_rest[i]),
+            float(noise[i]),
+            float(np.std(change[both, i]) / np.sqrt(2.0)) if both.any() else float("nan"),
+            float(np.abs(values[:, i]).max()),
+            _resolution(raw[:, i]) / per_sample,
+            float(np.mean(change[:, i] == 0.0)),
+        )
+        for i, name in enumerate(AXES)
+    )
+    whole = step < JITTER_GAP * usual
+    return ImuFigures(
+        axes,
+        _peaks(values[moving, 3:], 1.0 / usual),
+        float(np.std(step[whole])),
+        int(np.count_nonzero(~whole)),
+        (0.0, float("nan")) if still is None else _gravity_step(imu.time, values[:, 3:], still),
+    )
+
+
+def _resolution(column: FloatArray) -> float:
+    """Distance of neighbouring values, if there are few of them, else 0."""
+    some = column[: 1 << 16]
+    levels = np.unique(some)
+    if levels.size > LEVELS * some.size or levels.size < 3:
+        return 0.0
+    gaps = np.diff(levels)
+    return float(np.median(gaps[gaps > 1e-9 * np.abs(levels).max()]))
+
+
+def _peaks(force: FloatArray, rate: float) -> tuple[VibrationPeak, ...]:
+    """Strongest lines of the spectrum that stand out of their neighbourhood."""
+    length = round(SEGMENT * rate)
+    if len(force) < 4 * length or rate < 4.0 * LOWEST:
+        return ()
+    found = []
+    frequency, power = welch(force, rate, nperseg=length, axis=0)
+    for i, axis in enumerate("xyz"):
+        ratio = power[:, i] / np.maximum(medfilt(power[:, i], NEIGHBOURS), 1e-300)
+        top = np.flatnonzero((ratio > PROMINENT) & (frequency > LOWEST))
+        for row in top[np.argsort(power[top, i])[::-1]][:PEAKS]:
+            near = slice(max(row - 2, 0), row + 3)
+            if power[row, i] < power[near, i].max():
+                continue
+            rms = float(np.sqrt(np.sum(power[near, i]) * (frequency[1] - frequency[0])))
+            found.append(VibrationPeak(axis, float(frequency[row]), rms))
+    return tuple(sorted(found, key=lambda each: -each.rms)[:PEAKS])
+
+
+def _gravity_step(time: FloatArray, force: FloatArray, still: BoolArray) -> tuple[float, float]:
+    """Largest change of the size of the specific force from one rest to the next [m/s^2], and when [s]."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
+    rests = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if time[b - 1] - time[a] > 2.0]
+    sizes = np.array([float(np.linalg.norm(force[a:b].mean(axis=0))) for a, b in rests])
+    if sizes.size < 2:
+        return 0.0, float("nan")
+    steps = np.diff(sizes)
+    row = int(np.argmax(np.abs(steps)))
+    return float(steps[row]), float(time[rests[row + 1][0]])

@@ -1,0 +1,154 @@
+"""The report of the doctor: what the files are, what is to be mended, the line to run them with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from insnav.input.readers.reading import ReadingFacts
+from insnav.plain_text import plain_text
+from insnav.quantity import Quantity
+from insnav.report.page import Page, Section
+from insnav.report.terminal import page_text
+from insnav.result import Result
+from insnav.session.check import TO_MEND, Checked
+
+_UNITS = {"gyro": ("deg/s", "deg/sqrt(h)"), "accel": ("m/s^2", "m/s/sqrt(h)")}
+
+
+def page(result: Result[Checked]) -> Page:
+    """Lay out a check."""
+    found = result.found
+    sections = [_files(found, result.inputs), *_imu(found), *_gps(found), *_both(found), _problems(found)]
+    first = [f"mend {i}: {each.what} ({each.why}): {each.fix}" for i, each in enumerate(found.problems[:TO_MEND], 1)]
+    run = [f"run:  {found.command}"] if found.command else []
+    return Page("Check of a recording", (*(first or ["nothing to mend was found"]), *run), tuple(sections))
+
+
+def text(result: Result[Checked]) -> str:
+    """Give the report for the terminal: what is to be mended, and the line to run, stand last."""
+    laid_out = page(result)
+    understood = [f"  {name}: {each}" for name, facts in result.inputs.items() for each in facts.evidence]
+    lines = ["", *understood, "", *laid_out.summary]
+    shown = replace(laid_out, summary=(), notes=result.notes)
+    return "\n".join([page_text(shown), *(plain_text(line) for line in lines)])
+
+
+def _files(found: Checked, inputs: Mapping[str, ReadingFacts]) -> Section:
+    by_path = {facts.path: facts for facts in inputs.values()}
+    rows = []
+    for path, role in found.roles.items():
+        facts = by_path.get(path)
+        times = () if facts is None else (
+            Quantity("start", facts.start_s, "s", decimals=3),
+            Quantity("end", facts.end_s, "s", decimals=3),
+            Quantity("rate", facts.rate_hz, "Hz"),
+            Quantity("rows", facts.n_used),
+            Quantity("gaps", facts.n_gaps),
+            Quantity("longest_gap", facts.longest_gap_s, "s"),
+        )  # fmt: skip
+        rows.append((Quantity("file", path), Quantity("role", role, meaning="is"), *times))
+    return Section("files", "Files", rows=tuple(rows))
+
+
+def _imu(found: Checked) -> tuple[Section, ...]:
+    if found.imu is None:
+        return ()
+    parts = []
+    for sensor, (unit, density) in _UNITS.items():
+        rows = tuple(
+            (
+                Quantity("axis", each.name, meaning=""),
+                Quantity("at_rest", each.at_rest, unit),
+                Quantity("noise", each.noise, density, meaning="white noise"),
+                Quantity("in_motion", each.in_motion, unit, meaning="noise in motion"),
+                Quantity("largest", each.largest, unit),
+                Quantity("resolution", each.resolution or None, unit),
+                Quantity("repeated", each.repeated, "%"),
+            )
+            for each in found.imu.axes
+            if each.name.startswith(sensor)
+        )
+        parts.append(Section(sensor, {"gyro": "Gyros", "accel": "Accelerometers"}[sensor], rows=rows))
+    peaks = tuple(
+        (Quantity("axis", each.axis), Quantity("frequency", each.frequency, "Hz"), Quantity("rms", each.rms, "m/s^2"))
+        for each in found.imu.peaks
+    )
+    step, time = found.imu.gravity_steps
+    items = (
+        Quantity("jitter", found.imu.jitter, "ms", meaning="scatter of the intervals"),
+        Quantity("missing", found.imu.missing, meaning="intervals with samples missing"),
+        Quantity("rest", None if found.rest is None else np.array(found.rest), "s", meaning="first rest", decimals=1),
+        Quantity("rest_step", step or None, "mg", meaning="largest step of the specific force between stops"),
+        Quantity("rest_step_time", time, "s", meaning="at", decimals=1),
+    )
+    return (Section("imu", "IMU", items=items, parts=(*parts, Section("vibration", "Vibration: lines", rows=peaks))),)
+
+
+def _gps(found: Checked) -> tuple[Section, ...]:
+    each = found.gps
+    if each is None:
+        return ()
+    types = ", ".join(f"{kind}: {count}" for kind, count in sorted(each.fix_types.items()))
+    return (
+        Section(
+            "gps",
+            "GPS",
+            items=(
+                Quantity("rate", each.rate, "Hz"),
+                Quantity("largest_speed", each.largest_speed, "m/s"),
+                Quantity("with_velocity", each.with_velocity, "%", meaning="fixes with velocity"),
+                Quantity("with_sd", each.with_sd, "%", meaning="fixes with standard deviations"),
+                Quantity("reported_sd", each.reported_sd, "m", meaning="reported sd N, E, D, median"),
+                Quantity("scatter", each.scatter, "m", meaning="scatter from fix to fix N, E, D"),
+                Quantity("velocity_lag", each.velocity_lag, "s", sd=each.velocity_lag_sd, meaning="velocity lag"),
+                Quantity("false_velocities", each.false_velocities, "%"),
+                Quantity("worst_velocity", each.worst_velocity, "m/s", meaning="largest false velocity"),
+                Quantity("jumps", each.jumps, meaning="jumps of the position"),
+                Quantity("largest_jump", each.largest_jump, "m"),
+                Quantity("fix_types", types or None),
+            ),
+        ),
+    )
+
+
+def _both(found: Checked) -> tuple[Section, ...]:
+    items: list[Quantity] = []
+    if found.offset is not None:
+        items += [
+            Quantity("clock_offset", found.offset.offset, "s", sd=found.offset.sd, meaning="IMU behind GPS, by motion"),
+            Quantity("turns", found.offset.turns, meaning="correlation of turns"),
+            Quantity("accelerations", found.offset.accelerations, meaning="correlation of accelerations"),
+            Quantity("overlap", found.offset.overlap, "s"),
+        ]
+    if found.mounting is not None:
+        items += [
+            Quantity("mounting_axes", found.mounting.letters, meaning="nearest axes after turning"),
+            Quantity("mounting_angles", found.mounting.angles, "deg", meaning="mounting roll, pitch, yaw"),
+            Quantity("mounting_yaw_sd", found.mounting.sd, "deg"),
+        ]
+    if found.run is not None:
+        items += [
+            Quantity("delay", found.run.gps_delay, "s", sd=found.run.gps_delay_sd, meaning="GPS delay by the filter"),
+            Quantity("lever_arm", found.run.lever_b, "m", sd=found.run.lever_sd, meaning="lever arm by the filter"),
+        ]
+    return (Section("together", "IMU and GPS together", items=tuple(items)),) if items else ()
+
+
+def _problems(found: Checked) -> Section:
+    rows = tuple(
+        (Quantity("what", each.what), Quantity("why", each.why), Quantity("fix", each.fix, meaning="mend"))
+        for each in found.problems
+    )
+    command = (Section("", items=(Quantity("command", found.command),), show="json"),)
+    return Section("mend", "To mend, the worst first", rows=rows, parts=command, show="page")
+
+
+def frame(result: Result[Checked]) -> Any:
+    """Give what is to be mended as a table: one row a problem, ``what``, ``why``, ``fix``."""
+    from insnav.report.frames import rows_frame
+
+    return rows_frame(_problems(result.found).rows)

@@ -1,0 +1,98 @@
+"""The doctor: each defect put into a drive is found, and a sound drive has none of them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import insnav
+from insnav.filter.fix_figures import look_at_fixes
+from insnav.imu.inspection import inspect_samples
+from insnav.session.check import check
+from insnav.types import ImuData
+from tests.input.spellings.imu_files import FLU, SHORT
+from tests.input.spellings.recorded import GPS_HEADERS, IMU_HEADERS, drive, fixes, samples, table, text
+
+
+@pytest.fixture(scope="module")
+def made():
+    return insnav.simulate("city", imu="industrial", gps="rtk", seed=2, rate=50.0)
+
+
+def test_vibration_quantisation_and_repeats_are_seen():
+    rng = np.random.default_rng(1)
+    t = np.arange(20_000) / 200.0
+    gyro = np.round(rng.normal(0.0, 0.01, (len(t), 3)) / 0.02) * 0.02
+    accel = rng.normal(0.0, 0.02, (len(t), 3)) + np.array([0.0, 0.0, -9.8])
+    accel[:, 1] += 0.5 * np.sin(2.0 * np.pi * 31.0 * t)
+    found = inspect_samples(ImuData(t, gyro, accel), None)
+    assert found.peaks[0].axis == "y"
+    assert found.peaks[0].frequency == pytest.approx(31.0, abs=0.3)
+    assert found.peaks[0].rms == pytest.approx(0.5 / np.sqrt(2.0), rel=0.05)
+    assert [each.resolution for each in found.axes[:3]] == pytest.approx([0.02] * 3, rel=1e-6)
+    assert found.axes[3].resolution == 0.0
+    assert found.axes[0].repeated == pytest.approx(np.mean(np.diff(gyro[:, 0]) == 0.0))
+
+
+def test_fixes_that_contradict_themselves_are_counted(made):
+    gps = made.gps.data
+    sound = look_at_fixes(gps)
+    assert (sound.false_velocities, sound.jumps) == (0.0, 0)
+    noise = np.random.default_rng(3).normal(0.0, 0.5, len(gps.time)) / 6.37e6
+    noisy = look_at_fixes(replace(gps, lla=gps.lla + np.column_stack([noise, 0.0 * noise, 0.0 * noise])))
+    assert noisy.scatter[0] == pytest.approx(0.5, rel=0.1)
+    v_n = gps.v_n.copy()
+    wrong = np.arange(300, 1200, 30)
+    v_n[wrong, 0] += 6.0
+    found = look_at_fixes(replace(gps, v_n=v_n))
+    assert found.false_velocities == pytest.approx(len(wrong) / len(gps.time), rel=0.1)
+    assert found.worst_velocity == pytest.approx(6.0, abs=0.5)
+    lla = gps.lla.copy()
+    lla[700:, 0] += 30.0 / 6.37e6
+    found = look_at_fixes(replace(gps, lla=lla))
+    assert found.jumps == 1
+    assert found.largest_jump == pytest.approx(30.0, abs=0.5)
+
+
+def test_a_logger_on_a_clock_of_its_own_turned_over(tmp_path):
+    imu = table(tmp_path / "log.csv", samples(SHORT, lambda t: text((t - 408_123.45) * 1e3, 0), matrix=FLU))
+    gps = table(tmp_path / "rtk.csv", fixes(GPS_HEADERS))
+    found = check([gps, imu], {}).found
+    assert found.roles == {str(gps): "GPS", str(imu): "IMU"}
+    words = found.command.split()
+    assert words[:5] == ["insnav", "run", str(imu), "--gps", str(gps)]
+    assert float(words[words.index("--imu-time-offset") + 1]) == pytest.approx(408_123.45, abs=0.1)
+    assert words[words.index("--imu-axes") + 1] == "FLU"
+    assert "clock" in found.problems[0].what or "no time in common" in found.problems[0].what
+    assert found.run is not None
+
+
+def test_what_cannot_be_read_is_the_first_to_mend(tmp_path):
+    bad = tmp_path / "a.csv"
+    bad.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(100))
+    gps = table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
+    found = check([bad, gps], {}).found
+    assert "PNG" in found.problems[0].what
+    assert found.command == ""
+    imu = table(tmp_path / "imu.csv", samples(IMU_HEADERS))
+    alone = check([imu], {}).found
+    assert alone.imu is not None
+    assert any(each.what == "no GPS" for each in alone.problems)
+    assert np.isclose(alone.imu.axes[5].at_rest, drive().accel[:200, 2].mean(), atol=0.05)
+
+
+def test_page_text_and_json(tmp_path):
+    imu = table(tmp_path / "imu.csv", samples(IMU_HEADERS))
+    gps = table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
+    result = check([imu, gps], {})
+    assert result.summary().rstrip().splitlines()[-1] == f"run:  insnav run {imu} --gps {gps}"
+    where = result.save(tmp_path / "out")
+    facts = json.loads((where / "run.json").read_text())
+    assert facts["kind"] == "check"
+    assert facts["mend"]["command"].startswith("insnav run")
+    assert set(facts) >= {"files", "imu", "gps", "together", "mend"}
+    assert (where / "report.html").is_file()
+    assert list(result.to_frame().columns) == ["what", "why", "fix"]
