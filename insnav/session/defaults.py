@@ -10,7 +10,7 @@ from insnav.errors.outage.window_reference import is_stationary, stationary_fixe
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings
 from insnav.filter.fix_consistency import confusion
-from insnav.filter.gps_noise import with_sd
+from insnav.filter.gps_noise import FIXED, with_sd
 from insnav.filter.prepare import DELAY_SD, first_stationary
 from insnav.imu import identify, load_imu
 from insnav.imu.imu_file import part_of
@@ -99,8 +99,15 @@ def refuse_confused(gps: Reading[GpsData]) -> None:
 
 
 def sd_is_reported(gps: Reading[GpsData] | None) -> bool:
-    """Whether the receiver says how good its positions are: without that, noise and lever arm are mere guesses."""
-    return gps is not None and bool(np.isfinite(gps.data.position_sd).all())
+    """Whether the receiver says how good its positions are, by standard deviation or type of fix.
+
+    Without that, noise and lever arm are mere guesses. A type that is 1 whenever there is a position may be a flag of
+    validity, and says nothing.
+    """
+    if gps is None:
+        return False
+    fix = gps.data.fix
+    return bool(np.isfinite(gps.data.position_sd).all()) or (fix is not None and bool((fix > FIXED).any()))
 
 
 def noise_is_estimated(inputs: Inputs, gps: Reading[GpsData] | None) -> bool:

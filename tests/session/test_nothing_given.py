@@ -103,3 +103,20 @@ def test_without_reported_standard_deviations_nothing_is_guessed():
     asked = insnav.load(known.imu.data, silent, lever_arm_sd=1.0, noise="model")
     assert asked.settings.lever_sd == 1.0
     assert not any("no standard deviations" in note for note in asked.notes)
+
+
+@pytest.mark.parametrize("kind", [1, 5])
+def test_the_type_of_fix_stands_for_a_standard_deviation(kind):
+    """Single-point positions are good to metres, however little they scatter; a column of ones says only: valid."""
+    known = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv")
+    gps = known.gps.data
+    silent = replace(gps, position_sd=np.full_like(gps.position_sd, np.nan), fix=np.full(gps.time.size, kind))
+    drive = insnav.load(
+        known.imu.data, silent, insnav.load(SAMPLE / "imu.csv.gz", ref=SAMPLE / "ref.csv").reference.data
+    )
+    assert drive.settings.lever_sd == (1.0 if kind == 5 else 0.0)
+    if kind == 5:
+        assert any("fix type" in note for note in drive.notes)
+        found = drive.navigate().found
+        assert inside(found.errors) > 0.97
+        assert inside(found.smoothed_errors) > 0.97
