@@ -158,6 +158,9 @@ def _explain(error: BaseException) -> int:
     if isinstance(error, signals.Stopped):
         error_block("interrupted" if error.number == signal.SIGINT else "terminated", ())
         return 128 + error.number
+    if isinstance(error, MemoryError):
+        error_block("the memory does not suffice", (("fix", "cut the recording, or give the process more memory"),))
+        return 3
     if isinstance(error, BrokenPipeError):
         discard_output()  # the reader went away, as `| head` does; nothing more can be said there
         return 141

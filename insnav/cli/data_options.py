@@ -217,6 +217,9 @@ def _say_if_compiling() -> None:
     """The first run after an installation compiles the kernels; say why it takes longer."""
     from insnav.kernels import errorstate
 
+    if not hasattr(errorstate.propagate, "stats"):
+        note("NUMBA_DISABLE_JIT is set: the numerical kernels are interpreted, a thousand times slower")
+        return
     cache = errorstate.propagate.stats.cache_path
     if cache is None or not any(Path(cache).glob("errorstate.propagate-*.nbi")):
         note("first run on this machine: compiling the numerical kernels, about 15 s; later runs start at once")

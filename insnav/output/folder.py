@@ -20,6 +20,7 @@ from typing import Any, Self
 
 from insnav.exceptions import InputError, OutputError
 from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts, verify_folder
+from insnav.plain_text import plain_text
 
 __all__ = ["FACTS_FILE", "RunFolder", "file_sha256", "read_facts", "verify_folder"]
 
@@ -29,6 +30,7 @@ _FULL = {
     errno.EFBIG: "a file may not grow that large",
     errno.EDQUOT: "quota used up",
 }
+_LONGEST_NAME = 230  # with what a folder has beside it while it is built, file systems take 255 bytes
 _MARK = re.compile(r"\.(tmp|old)-(\d+)$")
 
 
@@ -52,9 +54,9 @@ class RunFolder:
 
     def __enter__(self) -> Self:
         self._place = _resolved(self.target)
+        _check_target(self._place, force=self.force)
         with contextlib.suppress(OSError):
             _clean_stale(self._place)
-        _check_target(self._place, force=self.force)
         self._aside = _beside(self._place, "tmp")
         try:
             if self._aside.exists():  # left by a dead process that had our number
@@ -163,6 +165,13 @@ def _resolved(target: Path) -> Path:
 
 def _check_target(place: Path, *, force: bool) -> None:
     where = str(place)
+    if len(os.fsencode(place.name)) > _LONGEST_NAME:
+        raise OutputError(
+            "the name of the output folder is too long",
+            where=plain_text(place.name)[:60] + "…",
+            why=f"{len(os.fsencode(place.name))} bytes; {_LONGEST_NAME} are possible",
+            fix="give a shorter one with --out",
+        )
     if not place.name or Path.cwd().is_relative_to(place):
         raise OutputError(
             "the output folder would replace the folder you are in",

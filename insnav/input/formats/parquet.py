@@ -11,6 +11,7 @@ from insnav.exceptions import InputError
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Numbers, Table, arrow_floats
 from insnav.input.formats.text_values import seconds_of_stamps
+from insnav.input.formats.unpack import MAX_BYTES, MAX_RATIO, RATIO_FROM
 from insnav.plain_text import plain_text
 
 name = "parquet"
@@ -40,6 +41,17 @@ def _damaged(source: Source, error: Exception) -> InputError:
     return InputError("the parquet file is damaged", where=source.name, why=plain_text(error), fix="write it again")
 
 
+def _refuse_bomb(source: Source, size: int) -> None:
+    """Refuse columns that become so large that no recording does."""
+    if size > MAX_BYTES or (size > RATIO_FROM and size > MAX_RATIO * len(source.data)):
+        raise InputError(
+            "the parquet file unpacks to more than is sensible",
+            where=source.name,
+            why=f"{len(source.data)} bytes would become {size}",
+            fix="if it is a real recording, write it as CSV",
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class _ParquetCells:
     source: Source
@@ -67,6 +79,7 @@ class _ParquetCells:
                         why=f"its type is {kind}",
                         fix="save it as float64; times as seconds",
                     )
+            _refuse_bomb(self.source, 8 * file.metadata.num_rows * len(indices))
             arrow = file.read([schema.names[i] for i in indices], use_threads=False)
             cast = {i: arrow.column(schema.names[i]) for i in indices}
             cast = {i: column.cast(pa.float64(), safe=False) for i, column in cast.items() if i not in stamps}

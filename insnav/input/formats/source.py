@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
+from typing import BinaryIO
 
 from insnav.exceptions import InputError
 from insnav.input.formats.unpack import archive_members, unpacked
@@ -22,6 +23,7 @@ from insnav.plain_text import plain_text
 
 HEAD_BYTES = 1 << 14  # what formats are recognised by
 _PIECE = 1 << 22
+_MAX_STREAM = 128 << 20  # bytes of a stream, which cannot be mapped: an hour at 400 Hz has 115 MB
 _ZIP = b"PK\x03\x04"
 _MAX_FILES, _MAX_DEPTH = 200_000, 6  # of a folder
 
@@ -49,7 +51,7 @@ def open_source(path: str | Path) -> Source:
     Raises: InputError: it cannot be read, is empty, or decompresses to more than is sensible.
     """
     if str(path) == "-":
-        return _source("standard input", sys.stdin.buffer.read())
+        return _source("standard input", _stream(sys.stdin.buffer, "standard input"))
     name = plain_text(path)
     try:
         raw = _read_file(Path(path), name)
@@ -134,7 +136,7 @@ def _read_file(path: Path, name: str) -> bytes | mmap.mmap:
             raise IsADirectoryError
         with path.open("rb") as file:
             if not stat.S_ISREG(mode) or path.stat().st_size == 0:
-                return file.read()
+                return _stream(file, name)
             return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     except IsADirectoryError:
         raise
@@ -143,6 +145,19 @@ def _read_file(path: Path, name: str) -> bytes | mmap.mmap:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError("the file cannot be read", where=name, why=reason or str(error)) from error
+
+
+def _stream(file: BinaryIO, name: str) -> bytes:
+    """Everything that comes, if it ends."""
+    data = file.read(_MAX_STREAM + 1)
+    if len(data) > _MAX_STREAM:
+        raise InputError(
+            "the stream does not end",
+            where=name,
+            why=f"more than {_MAX_STREAM >> 20} MB came",
+            fix="if it is a real recording, write it to a file and give that",
+        )
+    return data
 
 
 def _similar(path: Path) -> str:

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     import zipfile
 
 MAX_BYTES = 2 << 30  # of unpacked data
-_MAX_RATIO = 200  # of unpacked to packed, beyond _RATIO_FROM
-_RATIO_FROM = 256 << 20
+MAX_RATIO = 40  # of unpacked to packed, beyond RATIO_FROM: recordings have up to 15
+RATIO_FROM = 128 << 20
 _PIECE = 1 << 22
 
 
@@ -60,7 +60,7 @@ def unpacked(raw: bytes | mmap.mmap, name: str) -> bytes | mmap.mmap:
     try:
         for piece in pieces:
             total += len(piece)
-            if total > MAX_BYTES or (total > _RATIO_FROM and total > _MAX_RATIO * len(raw)):
+            if total > MAX_BYTES or (total > RATIO_FROM and total > MAX_RATIO * len(raw)):
                 raise InputError(
                     f"the {kind} file unpacks to more than is sensible",
                     where=name,
@@ -128,7 +128,7 @@ def archive_members(raw: bytes | mmap.mmap, name: str) -> dict[str, Callable[[],
         ) from error
     entries = [e for e in entries if not e.filename.startswith("__MACOSX/") and "/." not in f"/{e.filename}"]
     size = sum(entry.file_size for entry in entries)
-    if size > MAX_BYTES or (size > _RATIO_FROM and size > _MAX_RATIO * len(raw)):
+    if size > MAX_BYTES or (size > RATIO_FROM and size > MAX_RATIO * len(raw)):
         raise InputError(
             "the ZIP archive unpacks to more than is sensible",
             where=name,
