@@ -55,6 +55,10 @@ def test_the_light_follows_the_harm(driven, navigated):
     assert bad.verdict.light == "bad"
     assert "does not hold" in bad.verdict.sentence
     assert bad.warnings
+    errors = navigated.found.errors
+    part = replace(navigated, found=EvaluatedRun(run, gps, errors.rows(slice(len(errors.time) // 4)))).page().verdict
+    assert part.light == "unknown"
+    assert "covers 25 % of the drive" in part.reason
     alone = replace(navigated, found=EvaluatedRun(run, gps)).page().verdict
     assert alone.light == "unknown"
     assert "no reference" in alone.reason

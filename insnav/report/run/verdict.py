@@ -20,6 +20,7 @@ from insnav.sample_statistics import rms
 from insnav.types import EventKind, FloatArray, Run
 
 SCATTER = 2.0  # mean NIS per axis from which on fixes and solution contradict each other
+MOST = 0.5  # of the drive that the reference must cover to say something of the whole
 _PARTS = (
     ("horizontal", "m", slice(0, 2)),
     ("vertical", "m", slice(2, 3)),
@@ -121,7 +122,9 @@ def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
     if warnings:
         return "attention", f"{len(warnings)} warning{'s' * (len(warnings) > 1)}"
     if shares:
-        return "good", "no warning, and the errors are as large as stated"
+        if (share := _covered(found)) < MOST:
+            return "unknown", f"the reference covers {100.0 * share:.0f} % of the drive; there, errors are as stated"
+        return "good", "no warning, and the errors are within what is stated"
     nis = consistency(found.run)
     if nis is None:
         return "unknown", "no reference to check against"
@@ -130,6 +133,14 @@ def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
         return "attention", f"the fixes scatter more than the solution states ({measured})"
     agree = "fixes and solution agree" if nis > 1.0 / SCATTER else "the fixes scatter less than stated"
     return "unknown", f"no reference to check against; {agree} ({measured})"
+
+
+def _covered(found: EvaluatedRun) -> float:
+    """Share of the drive that the reference covers, gaps left out."""
+    if found.errors is None or len(found.errors.time) < 2:
+        return 0.0
+    time = found.errors.time
+    return float(np.median(np.diff(time))) * len(time) / float(np.ptp(found.run.solution.time))
 
 
 def _holds(found: EvaluatedRun) -> str:
