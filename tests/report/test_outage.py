@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from insnav.errors.outage.study import OutageStudy
 from insnav.report.numbers import number
 from insnav.report.page import Page, section_tables
 from insnav.report.run_json import page_facts
-from insnav.result import Result
+from insnav.result import Result, open_result
 from tests.errors.outage.test_statistics import outage_windows
 
 
@@ -48,3 +49,20 @@ def test_every_window_is_drawn_behind_the_sums():
     kinds = [curve.kind for curve in panels[0].curves]
     assert kinds.count("thin") == 60
     assert panels[0].curves[-1].text[-1].startswith("smoothed, 10 s: ")
+
+
+@pytest.mark.parametrize("table_format", ["csv", "parquet"])
+def test_a_saved_outage_test_is_opened_again(tmp_path: Path, table_format: str):
+    error = np.random.default_rng(1).standard_normal((30, 6)) * 3.0
+    windows = outage_windows(error, 3.0, 0.1, 30)
+    unknown = replace(windows[3], error=np.where(np.arange(6) == 4, np.nan, windows[3].error))
+    windows[3] = unknown
+    made = Result("outage", OutageStudy(tuple(windows), tuple(outage_growth(windows)), "the truth"))
+    again = open_result(made.save(tmp_path / "outage", table_format=table_format))
+    assert again.found.reference == "the truth"
+    assert len(again.found.windows) == 30
+    np.testing.assert_allclose(again.found.windows[3].error, unknown.error, atol=1e-5)
+    # the arch of these smoothed errors has two epochs of the same sd: either may be the largest
+    before, after = (each.found.growth[0].corrected[:, :4] for each in (made, again))
+    np.testing.assert_allclose(after, before, rtol=1e-4)
+    assert again.page().verdict.light == made.page().verdict.light

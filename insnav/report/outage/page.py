@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from insnav.errors.outage.statistics import Growth
-from insnav.errors.outage.study import OutageStudy
+from insnav.errors.outage.statistics import Growth, outage_growth
+from insnav.errors.outage.study import OutageEpochs, OutageStudy
+from insnav.output.folder import RunFolder, read_facts
+from insnav.output.solution_tables import TableFormat, read_run_table, write_run_table
 from insnav.quantity import Quantity
 from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
@@ -53,6 +55,7 @@ def page(result: Result[OutageStudy]) -> Page:
         f"GNSS outage test: {name}, {len(study.windows)} windows",
         (f"Against {study.reference}. Inside 3 sd (north, east, down): {inside}.",),
         (
+            Section("", items=(Quantity("reference", study.reference),), show="json"),
             Section("outages", rows=rows, show="json"),
             first,
             drawn,
@@ -173,6 +176,23 @@ def _table(component: str, growth: Sequence[Growth]) -> Section:
     where = "where predicted largest" if component.startswith("smoothed") else "at the end of the outage"
     title = f"{component.capitalize()} error {where}: as measured | corrected for the reference"
     return Section("", title, rows=tuple(rows) if known else ())
+
+
+def write_files(result: Result[OutageStudy], folder: RunFolder, table_format: TableFormat) -> None:
+    """Write every epoch of every window.
+
+    `folder`: entered, not committed; `table_format` {"csv", "parquet"}.
+    """
+    write_run_table(folder.directory, OutageEpochs.of(result.found.windows), table_format, "windows")
+
+
+def read_found(folder: Path) -> OutageStudy:
+    """Read an outage test from its folder; sums are formed again.
+
+    Raises: InputError: the table of windows is missing or damaged.
+    """
+    windows = read_run_table(folder, OutageEpochs, "windows").windows()
+    return OutageStudy(windows, tuple(outage_growth(windows)), str(read_facts(folder).get("reference", "a reference")))
 
 
 def frame(result: Result[OutageStudy]) -> pd.DataFrame:
