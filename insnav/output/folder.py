@@ -54,9 +54,10 @@ class RunFolder:
 
     def __enter__(self) -> Self:
         self._place = _resolved(self.target)
-        _check_target(self._place, force=self.force)
+        _check_name(self._place.name)
         with contextlib.suppress(OSError):
             _clean_stale(self._place)
+        _check_target(self._place, force=self.force)
         self._aside = _beside(self._place, "tmp")
         try:
             if self._aside.exists():  # left by a dead process that had our number
@@ -163,15 +164,18 @@ def _resolved(target: Path) -> Path:
         raise OutputError("the output folder cannot be found", where=str(target), why=str(error)) from error
 
 
-def _check_target(place: Path, *, force: bool) -> None:
-    where = str(place)
-    if len(os.fsencode(place.name)) > _LONGEST_NAME:
+def _check_name(name: str) -> None:
+    if len(os.fsencode(name)) > _LONGEST_NAME:
         raise OutputError(
             "the name of the output folder is too long",
-            where=plain_text(place.name)[:60] + "…",
-            why=f"{len(os.fsencode(place.name))} bytes; {_LONGEST_NAME} are possible",
+            where=plain_text(name)[:60] + "…",
+            why=f"{len(os.fsencode(name))} bytes; {_LONGEST_NAME} are possible",
             fix="give a shorter one with --out",
         )
+
+
+def _check_target(place: Path, *, force: bool) -> None:
+    where = str(place)
     if not place.name or Path.cwd().is_relative_to(place):
         raise OutputError(
             "the output folder would replace the folder you are in",
