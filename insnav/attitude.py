@@ -62,7 +62,7 @@ def skew(v: ArrayLike) -> FloatArray:
 
 
 def quat_multiply(p: ArrayLike, q: ArrayLike) -> FloatArray:
-    """Product of quaternions, the rotation `q` followed by `p` (Groves 2013, eq. E6.4).
+    """Product of quaternions, the rotation `q` followed by `p` (Groves 2013, appendix E.6).
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ def radii(lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
     Returns
     -------
     meridian, transverse : (...) array
-        Radius in the meridian and in the prime vertical [m] (Groves 2013, eq. 2.105, 2.106).
+        Radius in the meridian and in the prime vertical [m] (Groves 2013, section 2.4.2).
     """
     meridian, transverse = _radii(np.sin(np.asarray(lat, dtype=float)))
     return meridian, transverse

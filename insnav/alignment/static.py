@@ -126,19 +126,19 @@ def _before_departure(force: FloatArray, rate: FloatArray) -> int:
 
 
 def level(force: FloatArray) -> tuple[float, float]:
-    """Roll and pitch [rad] of a stationary body from its specific force, (3,) (Groves 2013, eq. 5.101)."""
+    """Roll and pitch [rad] of a stationary body from its specific force, (3,) (Groves 2013, section 5.6.2)."""
     x, y, z = force
     return float(np.arctan2(-y, -z)), float(np.arctan2(x, np.hypot(y, z)))
 
 
 def tilt_sd(rest: StationaryMeans, spec: ImuSpec, lat: float, height: float) -> FloatArray:
-    """Standard deviation of the level about North and East [rad], for any heading (Groves 2013, eq. 5.106)."""
+    """Standard deviation of the level about North and East [rad], for any heading (Groves 2013, section 5.6.2)."""
     g = gravity_n(lat, height)[2]
     return np.full(2, float(np.sqrt(np.max(level_bias_sd(spec.accel) ** 2 + rest.force_sd**2))) / g + 2e-6)
 
 
 def gyrocompass(rest: StationaryMeans, spec: ImuSpec, lat: float) -> tuple[float, float]:
-    """Heading and its standard deviation [rad] from the Earth's rotation (Groves 2013, eq. 5.105, 5.107).
+    """Heading and its standard deviation [rad] from the Earth's rotation (Groves 2013, section 5.6.2).
 
     The standard deviation is infinite at the poles and meaningless above about a radian.
     """

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from insnav.cli import options as opt
 from insnav.cli.console import Stages, note, result
+
+if TYPE_CHECKING:
+    from insnav.regression.baseline import Baseline
 
 SHORT_HELP = "Accuracy of this version on the corpus of drives against the baseline."
 HELP = """Accuracy of this version on the corpus of drives, against the baseline.
@@ -22,6 +25,7 @@ one that is significantly worse by 5 % or more ends with exit code 1 and its nam
 Examples:
   insnav regress                       compares with reports/baseline.json
   insnav regress --quick               a part of it, in less than a minute
+  insnav regress --power               the smallest change that each figure can show
   insnav regress --update-baseline     what later versions are compared with
   insnav regress --plot                plots over versions, and a page
   insnav regress --peers --plot        with other programs, for the README
@@ -49,6 +53,14 @@ def regress(
     workers: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Processes. [one a processor]", rich_help_panel=opt.START)
     ] = None,
+    power: Annotated[
+        bool,
+        typer.Option(
+            "--power",
+            help="Run nothing: the smallest change that each figure of the baseline can show with 80 % power.",
+            rich_help_panel=opt.RESULT,
+        ),
+    ] = False,
     update_baseline: Annotated[
         bool,
         typer.Option("--update-baseline", help="Make this version the baseline.", rich_help_panel=opt.RESULT),
@@ -96,6 +108,9 @@ def regress(
     project = file.parent.parent
     folder = out or project / "reports"
     baseline = read_baseline(folder / BASELINE_FILE)
+    if power:
+        _power(baseline, folder, as_json)
+        return
     with Stages() as stage:
         stage("navigating")
         import joblib
@@ -170,3 +185,20 @@ def regress(
         result("\n".join(regression_lines(found, comparison, baseline, rows)))
     if comparison is not None and not comparison.passed and not update_baseline:
         raise typer.Exit(1)
+
+
+def _power(baseline: Baseline | None, folder: Path, as_json: bool) -> None:
+    """Print what changes the figures of the baseline can show."""
+    from insnav.exceptions import ConfigError
+
+    if baseline is None:
+        raise ConfigError("there is no baseline", where=str(folder), fix="make one: insnav regress --update-baseline")
+    from insnav.report.page import Page
+    from insnav.report.regression.tables import power_lines, power_section
+    from insnav.report.run_json import page_facts
+
+    if as_json:
+        facts = page_facts(Page("Power of the regression", (), (power_section(baseline),)))
+        result(json.dumps(facts, indent=1, ensure_ascii=False))
+    else:
+        result("\n".join(power_lines(baseline)))

@@ -21,7 +21,7 @@ G_NORTH = 8.08e-9  # north component above the ellipsoid [1/s^2]         Groves 
 
 @njit(cache=True)
 def radii(sin_lat):  # type: ignore[no-untyped-def]
-    """Meridian and transverse radius of curvature [m] (Groves 2013, eq. 2.105, 2.106)."""
+    """Meridian and transverse radius of curvature [m] (Groves 2013, section 2.4.2)."""
     w2 = 1.0 - E2 * sin_lat * sin_lat
     transverse = A / np.sqrt(w2)
     return transverse * (1.0 - E2) / w2, transverse

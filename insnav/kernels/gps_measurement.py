@@ -53,7 +53,7 @@ def antenna(x, motion, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-un
 
     Notes
     -----
-    Lever arm: Groves (2013), eq. 14.104 to 14.114, with errors as estimate minus truth.
+    Lever arm: Groves (2013), section 14.3.1, with errors as estimate minus truth.
     """
     c = np.empty((3, 3))
     rotation(x, c)

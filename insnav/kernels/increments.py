@@ -138,7 +138,7 @@ def _integral(coefficient, channel, s):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def quaternion_rate(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
-    """Quaternion differential equation q' = 1/2 q (x) w (Groves 2013, eq. E6.38)."""
+    """Quaternion differential equation q' = 1/2 q (x) w (Groves 2013, appendix E.6)."""
     return (
         -0.5 * (q1 * x + q2 * y + q3 * z),
         0.5 * (q0 * x + q2 * z - q3 * y),
@@ -160,7 +160,7 @@ def turned(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def turn_factors(angle2):  # type: ignore[no-untyped-def]
-    """(1 - cos a) / a^2 and (a - sin a) / a^3 of the squared angle (Savage 1998, part 2, eq. 38)."""
+    """(1 - cos a) / a^2 and (a - sin a) / a^3 of the squared angle (Savage 1998, part 2)."""
     if angle2 < 0.04:
         # the seventh-order series is exact to rounding below 0.2 rad
         return (

@@ -147,7 +147,7 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, cx, cy, cz, sx, sy, sz, c, north, hold, 
 
     Notes
     -----
-    Velocity: Groves (2013) eq. 5.54 with the rotation of the navigation frame half-way (Savage 1998, part 2, eq. 15);
+    Velocity: Groves (2013) eq. 5.54 with the rotation of the navigation frame half-way (Savage 1998, part 2);
     Coriolis, transport rate and gravity at the middle of the interval, from the velocity extrapolated with the
     specific force just measured. Position: trapezoid, whose error telescopes. Attitude: quaternions of both frames.
     """

@@ -10,6 +10,9 @@ import numpy as np
 from insnav.types import FloatArray
 
 Kind = Literal["size", "ratio", "cpu"]
+FAILS_FROM = 0.05  # worsening that fails, if it is significant; of most figures
+CAUTION = 0.5  # weight of a standard deviation too large against one too small
+LIKELY = 1e-3  # of the innovations: in the logarithm a thousandth of a standard deviation, which doubled noise exceeds
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,15 +26,22 @@ class Metric:
     # another computer is no change
     floor: float
     kind: Kind = "size"  # a size is better the smaller it is, a ratio the nearer to one; CPU time has a rule of its own
+    fails_from: float = FAILS_FROM
 
-    def scored(self, value: FloatArray) -> FloatArray:
-        """Logarithm of how bad values are: smaller is better.
-
-        `value` (n,).
-        """
+    def logarithm(self, value: FloatArray) -> FloatArray:
+        """Logarithm that is compared drive by drive, floor added, (n,)."""
         if self.kind == "ratio":
-            return np.abs(np.log(np.maximum(value, 1e-6)))
+            return np.log(np.maximum(value, 1e-6))
         return np.log(value + self.floor)
+
+    def badness(self, logarithm: float) -> float:
+        """How bad a mean logarithm is, smaller is better: of a ratio its distance from one.
+
+        Too large a ratio is over-confidence and counts in full; too small a one is caution and counts half.
+        """
+        if self.kind != "ratio":
+            return logarithm
+        return logarithm if logarithm > 0.0 else -CAUTION * logarithm
 
     def typical(self, value: FloatArray) -> float:
         """Geometric mean of the values known, on which the score is built, of CPU time the median; NaN without any.
@@ -73,6 +83,8 @@ METRICS: tuple[Metric, ...] = (
     Metric("nees_attitude", "NEES / 3, attitude", "", 0.0, "ratio"),
     Metric("nis_position", "NIS / 3, position", "", 0.0, "ratio"),
     Metric("nis_velocity", "NIS / 3, velocity", "", 0.0, "ratio"),
+    Metric("innovation_position_m", "innovations by likelihood, position", "m", 1e-4, fails_from=LIKELY),
+    Metric("innovation_velocity_m_s", "innovations by likelihood, velocity", "m/s", 1e-5, fails_from=LIKELY),
     Metric("rejected_fixes", "rejected fixes", "", 1.0),
     Metric("cpu_ratio", "CPU a sample / calibration loop", "", 0.0, "cpu"),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,6 +25,8 @@ from insnav.units import DEG
 
 SLICES = 8  # of a recording, in each of which predicted and actual error are compared
 _SHORTEST = 0.2  # a last piece shorter than this share of the others belongs to the one before
+_FAR = 7.0  # NIS / 3 at the end of the gate
+_VELOCITY = (slice(3, 6), "innovation_velocity_m_s")
 _LOOP = 400  # turns of the calibration loop
 GROWTH = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0)  # times without GPS at which the error is kept [s]
 _WINDOWS = 20  # at most, in a recording
@@ -172,10 +175,24 @@ def _fixes(run: Run, edges: FloatArray) -> dict[str, FloatArray]:
         ("velocity", processed.nis_velocity, processed.used_velocity),
     ):
         known = np.isfinite(nis)
+        columns, name = (slice(0, 3), "innovation_position_m") if group == "position" else _VELOCITY
+        size = _likely_size(processed.innovation[:, columns], processed.sd[:, columns])
+        found[name] = np.array([math.exp(_mean(size[rows & np.isfinite(size)])) for rows in pieces])
         found[f"nis_{group}"] = np.array([_mean(nis[rows & used & known]) / 3.0 for rows in pieces])
         rejected += [np.count_nonzero(rows & known & ~used) for rows in pieces]
     found["rejected_fixes"] = rejected
     return found
+
+
+def _likely_size(innovation: FloatArray, sd: FloatArray) -> FloatArray:
+    """Logarithm of the innovations' size by their likelihood, per fix and component, (n,).
+
+    ``ln S + z^2 / 2 - 1/2`` of each is least, on average, for the true S: too large and too small a prediction are both
+    worse (logarithmic score: Gneiting and Raftery, J. Amer. Statist. Assoc. 102 (2007) 359-378). A fix far off counts
+    as one at the end of the gate, whether it was used or not.
+    """
+    z2 = np.minimum(np.mean((innovation / sd) ** 2, axis=1), _FAR)
+    return np.asarray(np.mean(np.log(sd), axis=1) + 0.5 * z2 - 0.5)
 
 
 def _spread(errors: TrajectoryErrors) -> FloatArray:

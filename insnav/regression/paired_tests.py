@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtr, stdtrit
+from scipy.special import nctdtrinc, stdtr, stdtrit
 
 from insnav.regression.accuracy_metrics import Metric
 from insnav.sample_statistics import CONFIDENCE, block_rows
@@ -37,7 +37,8 @@ _SEED = 20260101
 class Shift:
     """Change of one figure of merit."""
 
-    change: float  # ratio of new to old, less one; of a ratio (NEES, NIS) the factor by which it differs from one
+    # ratio of new to old, less one; of a ratio (NEES, NIS) that of the distances from one, caution at half its weight
+    change: float
     # 95 % interval of that
     low: float
     high: float
@@ -53,8 +54,9 @@ def shift(old: FloatArray, new: FloatArray, metric: Metric, *, pieces: bool) -> 
     `old`, `new` (n,): values of the same drives, or pieces, in the same order; NaN where not known.
     """
     n = min(len(old), len(new))
-    score = metric.scored(np.asarray(new[:n])) - metric.scored(np.asarray(old[:n]))
-    score = score[np.isfinite(score)]
+    then, now = metric.logarithm(np.asarray(old[:n])), metric.logarithm(np.asarray(new[:n]))
+    known = np.isfinite(then) & np.isfinite(now)
+    score = (now - then)[known]
     if not score.size:
         return Shift(float("nan"), float("nan"), float("nan"), 1.0)
     mean = float(np.mean(score))
@@ -64,7 +66,10 @@ def shift(old: FloatArray, new: FloatArray, metric: Metric, *, pieces: bool) -> 
     sure = 1.0 if mean == 0.0 else 0.0  # all the same
     p = 2.0 * float(stdtr(degrees, -abs(mean) / error)) if error > 0.0 else sure
     half = float(stdtrit(degrees, 0.5 + 0.5 * CONFIDENCE)) * error
-    return Shift(float(np.expm1(mean)), float(np.expm1(mean - half)), float(np.expm1(mean + half)), p, error, degrees)
+    before = float(np.mean(then[known]))
+    # significance is that of the logarithm itself; what it means for a ratio depends on the side of one it is on
+    worse = [metric.badness(before + mean + each) - metric.badness(before) for each in (0.0, -half, half)]
+    return Shift(float(np.expm1(worse[0])), float(np.expm1(min(worse))), float(np.expm1(max(worse))), p, error, degrees)
 
 
 def detectable(found: Shift, tests: int) -> float:
@@ -79,6 +84,25 @@ def detectable(found: Shift, tests: int) -> float:
         return found.error
     level = stdtrit(found.degrees, 1.0 - 0.5 * ALPHA / max(tests, 1))
     return float(np.expm1(found.error * (level + stdtrit(found.degrees, POWER))))
+
+
+def detectable_apart(value: FloatArray, metric: Metric, *, pieces: bool, tests: int) -> float:
+    """Smallest relative change of a figure that is found with the probability `POWER`, NaN for too few values.
+
+    The scatter is that of the drives themselves, as if both versions erred independently: an upper limit, as the same
+    seeds make most errors alike. `tests`: so many figures share the level `ALPHA`, as Holm's first step has it.
+
+    Notes
+    -----
+    The non-centrality at which Student's t exceeds its critical value so often, times ``s sqrt(2 / n)`` (Cohen,
+    "Statistical Power Analysis", 2nd ed. 1988, chapter 2).
+    """
+    logarithm = metric.logarithm(value[np.isfinite(value)])
+    if len(logarithm) < FEWEST:
+        return float("nan")
+    error, degrees = standard_error(logarithm, pieces=pieces)
+    critical = stdtrit(degrees, 1.0 - 0.5 * ALPHA / tests)
+    return float(np.expm1(nctdtrinc(degrees, 1.0 - POWER, critical) * np.sqrt(2.0) * error))
 
 
 def interval(value: FloatArray, metric: Metric, *, pieces: bool) -> tuple[float, float, float]:

@@ -14,7 +14,6 @@ from insnav.regression.run_corpus import CaseResult, Result
 from insnav.types import FloatArray
 
 Verdict = Literal["better", "same", "worse"]
-FAILS_FROM = 0.05  # worsening that fails, if it is significant
 CPU_FAILS_FROM = 3.0  # times the baseline's, in the median over five drives or more; else CPU time is only shown
 
 
@@ -111,6 +110,7 @@ def _change(case: str, metric: Metric, old: float, new: float, change: Shift, ad
     if metric.kind == "cpu":
         fails = change.low > CPU_FAILS_FROM - 1.0
         return Change(case, metric, old, new, change, 1.0, "worse" if fails else "same", fails)
-    certain = adjusted < ALPHA and abs(change.change) >= SMALLEST
+    certain = adjusted < ALPHA and abs(change.change) >= min(SMALLEST, metric.fails_from)
     verdict: Verdict = "same" if not certain else "worse" if change.change > 0.0 else "better"
-    return Change(case, metric, old, new, change, adjusted, verdict, verdict == "worse" and change.change >= FAILS_FROM)
+    fails = verdict == "worse" and change.change >= metric.fails_from
+    return Change(case, metric, old, new, change, adjusted, verdict, fails)

@@ -127,7 +127,7 @@ def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]
     dd_lat, dd_lon, dd_height = components(truth.position(tau, 2))
     meridian, transverse = radii(lat)
     s, c = np.sin(lat), np.cos(lat)
-    # d radii / d latitude: (3 k) meridian and k transverse, by differentiating Groves 2013, eq. 2.105, 2.106.
+    # d radii / d latitude: (3 k) meridian and k transverse, by differentiating Groves 2013, section 2.4.2.
     k = E2 * s * c / (1.0 - E2 * s * s)
     to_north, to_east = meridian + height, transverse + height
     v_north, v_east, v_down = to_north * d_lat, to_east * c * d_lon, -d_height

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from insnav import strapdown
+from insnav.attitude import dcm_from_rph
+from insnav.earth import gravity_n
 from insnav.regression import run_corpus as run
 from insnav.regression.baseline import Baseline, renewed
 from insnav.regression.cases import Material
@@ -39,6 +41,24 @@ gps = "rtk"
 settle = "10 s"
 seeds = 6
 quick = 6
+
+[[simulated]]
+name = "flapping fixes"
+profile = "short.toml"
+imu = "tactical"
+gps = "rtk"
+lever_arm = ["0.3 m", "0.0 m", "-2.0 m"]
+fault = ["gps-flap:0.35m@90s+60s"]
+settle = "70 s"
+seeds = 8
+
+[[simulated]]
+name = "balloon"
+profile = "balloon.toml"
+imu = "ideal.toml"
+gps = "rtk"
+settle = "70 s"
+seeds = 10
 
 [[recorded]]
 name = "far away"
@@ -73,12 +93,26 @@ segment = [
 """
 
 
+BALLOON = SHORT.replace('lat = "60 deg"', 'lat = "45 deg"\nheight = "20 km"').replace("count = 4", "count = 1")
+IDEAL = """
+name = "ideal"
+[gyro]
+bias = "0.0001 deg/h"
+random_walk = "0.0001 deg/sqrt(h)"
+[accel]
+bias = "0.2 ug"
+random_walk = "0.2 ug/sqrt(Hz)"
+"""
+
+
 @pytest.fixture(scope="session")
 def corpus_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("project") / "trajectories"
     folder.mkdir()
     (folder / "corpus.toml").write_text(CORPUS)
     (folder / "short.toml").write_text(SHORT)
+    (folder / "balloon.toml").write_text(BALLOON)
+    (folder / "ideal.toml").write_text(IDEAL)
     (folder / "sculling.toml").write_text((LIBRARY / "sculling.toml").read_text())
     return folder / "corpus.toml"
 
@@ -101,9 +135,66 @@ def baseline(result: Result) -> Baseline:
 Spoil = Callable[[str], None]
 
 
+def more_noise(material: Material) -> Material:
+    def doubled(sensor):
+        keys = ("random_walk", "bias_instability", "rate_random_walk")
+        return replace(sensor, **{key: np.sqrt(2.0) * getattr(sensor, key) for key in keys})
+
+    spec = material.spec
+    return replace(material, spec=replace(spec, gyro=doubled(spec.gyro), accel=doubled(spec.accel)))
+
+
+def worse_fixes(material: Material) -> Material:
+    gps, root = material.gps, np.sqrt(2.0)
+    return replace(material, gps=replace(gps, position_sd=root * gps.position_sd, velocity_sd=root * gps.velocity_sd))
+
+
+def other_settings(**changes) -> Callable[[Material], Material]:
+    return lambda material: replace(material, settings=replace(material.settings, **changes))
+
+
+def moved_antenna(metres: float) -> Callable[[Material], Material]:
+    def moved(material: Material) -> Material:
+        lever_b = material.settings.lever_b + np.array([metres, 0.0, 0.0])
+        return replace(material, settings=replace(material.settings, lever_b=lever_b))
+
+    return moved
+
+
+def wider_gate(material: Material) -> Material:
+    gates = replace(material.settings.gates)
+    object.__setattr__(gates, "nis_limit", 2.0 * gates.nis_limit)
+    return replace(material, settings=replace(material.settings, gates=gates))
+
+
+def gravity_without_north(material: Material) -> Material:
+    """What a mechanization without it makes of the samples, one with it makes of samples that show it too."""
+    every = material.truth.rows(slice(None, None, 50))
+    north = np.interp(material.imu.time, every.time, [gravity_n(lat, height)[0] for lat, _, height in every.lla])
+    rph = np.column_stack(
+        [np.interp(material.imu.time, material.truth.time, np.unwrap(each)) for each in material.truth.rph.T]
+    )
+    shown = dcm_from_rph(rph)[:, 0, :] * north[:, None]
+    return replace(material, imu=replace(material.imu, accel=material.imu.accel + shown))
+
+
+SPOILS: dict[str, Callable[[Material], Material]] = {
+    "gyro noise": lambda m: replace(
+        m, spec=replace(m.spec, gyro=replace(m.spec.gyro, random_walk=3.0 * m.spec.gyro.random_walk))
+    ),
+    "lever arm": moved_antenna(0.5),
+    "Q doubled": more_noise,
+    "R doubled": worse_fixes,
+    "lever arm 10 cm": moved_antenna(0.1),
+    "delay 20 ms": other_settings(delay=0.02, delay_sd=0.0),
+    "gate doubled": wider_gate,
+    "gravity north": gravity_without_north,
+}
+
+
 @pytest.fixture
 def spoil(monkeypatch: pytest.MonkeyPatch) -> Spoil:
-    """Make the filter worse: ``gyro noise``, ``lever arm`` or ``no sculling``."""
+    """Make the filter worse: one of `SPOILS`, or ``no sculling``."""
 
     def spoilt(how: str) -> None:
         if how == "no sculling":
@@ -118,12 +209,7 @@ def spoil(monkeypatch: pytest.MonkeyPatch) -> Spoil:
         measure = run.measure
 
         def worse(material: Material):
-            spec, settings = material.spec, material.settings
-            if how == "gyro noise":
-                spec = replace(spec, gyro=replace(spec.gyro, random_walk=3.0 * spec.gyro.random_walk))
-            else:
-                settings = replace(settings, lever_b=settings.lever_b + np.array([0.5, 0.0, 0.0]))
-            return measure(replace(material, spec=spec, settings=settings))
+            return measure(SPOILS[how](material))
 
         monkeypatch.setattr(run, "measure", worse)
 

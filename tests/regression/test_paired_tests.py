@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from insnav.regression.accuracy_metrics import BY_KEY, METRICS, Metric
-from insnav.regression.paired_tests import holm, interval, shift, standard_error
+from insnav.regression.paired_tests import ALPHA, POWER, detectable_apart, holm, interval, shift, standard_error
 
 SIZE = Metric("x_m", "x", "m", 0.0)
 
@@ -76,7 +76,32 @@ def test_values_below_the_floor_are_as_good_as_none():
 @pytest.mark.parametrize("metric", METRICS, ids=lambda metric: metric.key)
 def test_worse_is_worse_in_every_metric(metric: Metric):
     value = np.array([1.1, 1.3, 1.2, 1.25, 1.15])
-    assert (metric.scored(1.5 * value) > metric.scored(value)).all()
+    worse = shift(value, 1.5 * value, metric, pieces=False)
+    assert worse.change > 0.25
+    assert worse.p < 1e-6
+
+
+def test_over_confidence_is_worse_than_as_much_caution():
+    """NEES 0.5 -> 2: the same distance from one, but not the same."""
+    nees = BY_KEY["nees_velocity"]
+    scatter = np.exp(0.1 * np.random.default_rng(8).standard_normal(12))
+    for old, new, worse in ((0.5, 2.0, True), (2.0, 0.5, False), (1.0, 1.3, True), (1.0, 0.7, True)):
+        found = shift(old * scatter, new * scatter, nees, pieces=False)
+        assert found.p < 1e-6
+        assert (found.change > 0.05) is worse
+
+
+def test_the_stated_change_is_found_as_often_as_stated():
+    """Two versions that err independently: the change that `detectable_apart` names is significant in 80 % of cases."""
+    rng, drives, figures, hits, repeats = np.random.default_rng(6), 16, 50, 0, 1000
+    scatter = rng.standard_normal(drives)
+    known = np.exp(0.3 * (scatter - scatter.mean()) / scatter.std(ddof=1))  # of the true scatter
+    least = detectable_apart(known, SIZE, pieces=False, tests=figures)
+    for _ in range(repeats):
+        old, new = np.exp(0.3 * rng.standard_normal((2, drives)))
+        hits += shift(old, new * (1.0 + least), SIZE, pieces=False).p < ALPHA / figures
+    assert hits / repeats == pytest.approx(POWER, abs=0.04)
+    assert np.isnan(detectable_apart(np.ones(4), SIZE, pieces=False, tests=1))
 
 
 def test_an_interval_holds_the_typical_value_as_often_as_it_says():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -49,6 +50,13 @@ def test_the_same_version_is_the_same(result: Result, baseline: Baseline, corpus
     [
         ("gyro noise", "short drive", "velocity_rms_m_s"),
         ("lever arm", "short drive", "velocity_rms_m_s"),
+        ("Q doubled", "flapping fixes", "innovation_position_m"),
+        ("R doubled", "flapping fixes", "nis_velocity"),
+        ("lever arm 10 cm", "flapping fixes", "cep50_m"),
+        ("delay 20 ms", "flapping fixes", "innovation_velocity_m_s"),
+        ("gate doubled", "flapping fixes", "innovation_position_m"),
+        ("no sculling", "sculling", "innovation_position_m"),
+        ("gravity north", "balloon", "roll_pitch_rms_deg"),
     ],
 )
 def test_a_worse_filter_is_caught(how: str, case: str, metric: str, corpus: Corpus, baseline: Baseline, spoil: Spoil):
@@ -73,7 +81,7 @@ def test_the_command_names_what_is_worse_and_ends_with_1(
 ):
     folder, reports = tmp_path / "trajectories", tmp_path / "reports"
     shutil.copytree(corpus_file.parent, folder)
-    head, _, sculling, recorded = corpus_file.read_text().split("[[")
+    head, _, sculling, *_, recorded = corpus_file.read_text().split("[[")
     (folder / "corpus.toml").write_text("[[".join([head, sculling, recorded]))
     options = ("regress", "--corpus", folder / "corpus.toml", "--workers", 1)
     first = cli(*options, "--update-baseline", "--plot")
@@ -83,6 +91,10 @@ def test_the_command_names_what_is_worse_and_ends_with_1(
     made = {path.name for path in reports.iterdir()}
     assert {BASELINE_FILE, "history.jsonl", "accuracy.html", "accuracy.md", "accuracy_growth.png"} <= made
     before = (reports / BASELINE_FILE).read_bytes()
+    power = cli("regress", "--corpus", folder / "corpus.toml", "--power", "--json")
+    detectable = {row["metric"]: row["detectable_percent"] for row in json.loads(power.out)["power"]}
+    assert 1.0 < detectable["velocity_rms_m_s"] < 200.0
+    assert "sculling" in cli("regress", "--corpus", folder / "corpus.toml", "--power").out
     spoil("no sculling")
     done = cli(*options, "--quick")
     assert done.code == 1

@@ -19,7 +19,7 @@ def ideal_force(roll: FloatArray, pitch: FloatArray, gravity: float) -> FloatArr
     """Specific force at rest, (n, 3) [m/s^2], Forward-Right-Down axes.
 
     ``g [sin(pitch), -cos(pitch) sin(roll), -cos(pitch) cos(roll)]``: minus the third column of the transposed attitude
-    matrix times g; Groves (2013), eq. 5.98.
+    matrix times g; Groves (2013), section 5.6.2.
 
     roll, pitch (n,): [rad]; gravity: [m/s^2].
     """

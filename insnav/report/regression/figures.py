@@ -13,12 +13,12 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from scipy.special import stdtrit
 
-from insnav.regression.accuracy_metrics import METRICS, Metric
+from insnav.regression.accuracy_metrics import FAILS_FROM, METRICS, Metric
 from insnav.regression.baseline import Baseline
 from insnav.regression.evaluate import GROWTH
 from insnav.regression.history import Entry
 from insnav.regression.run_corpus import CaseResult
-from insnav.regression.verdict import FAILS_FROM, Comparison
+from insnav.regression.verdict import Comparison
 from insnav.report.colours import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, SKY, VERMILLION
 from insnav.report.style import (
     blank,

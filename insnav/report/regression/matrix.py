@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from insnav.regression.accuracy_metrics import METRICS, Metric
+from insnav.regression.accuracy_metrics import FAILS_FROM, METRICS, Metric
 from insnav.regression.baseline import Baseline
 from insnav.regression.history import Entry
 from insnav.regression.paired_tests import detectable
 from insnav.regression.peers.run_peers import PeerRow
 from insnav.regression.run_corpus import Result
-from insnav.regression.verdict import FAILS_FROM, Change, Comparison
+from insnav.regression.verdict import Change, Comparison
 from insnav.report.numbers import number
 from insnav.report.page import Cell, Matrix, Table
 from insnav.types import FloatArray

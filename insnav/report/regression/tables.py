@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
 
 from insnav.quantity import Quantity
+from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM, LIKELY
 from insnav.regression.baseline import Baseline
-from insnav.regression.paired_tests import ALPHA
+from insnav.regression.paired_tests import ALPHA, POWER, detectable_apart, interval
 from insnav.regression.peers.run_peers import LATEST, LONGEST, PeerRow
 from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import Result
-from insnav.regression.verdict import CPU_FAILS_FROM, FAILS_FROM, Change, Comparison
+from insnav.regression.verdict import CPU_FAILS_FROM, Change, Comparison
 from insnav.report.numbers import number
 from insnav.report.page import Section, section_tables
 from insnav.report.terminal import table_text
@@ -20,6 +25,16 @@ _PEER_NOTE = (
     f"RMS over the first {LONGEST:g} s of the first drive of each case (more where the heading needs it), from "
     f"{LATEST:g} s on at the latest; same samples, fixes, start and sensor figures; gtsam at the fixes alone"
 )
+UNDETECTABLE = 10.0  # a change beyond this is no statement
+OVERCONFIDENT = 1.25  # NEES / 3 whose 95 % interval begins above this
+_POWER = {
+    "north_rms_m": "N",
+    "velocity_rms_m_s": "velocity",
+    "heading_rms_deg": "heading",
+    "outage_60s_m": "60 s without GPS",
+    "nees_velocity": "NEES, velocity",
+    "innovation_position_m": "innovations",
+}
 HEADLINES = {
     "north_rms_m": "N [m]",
     "east_rms_m": "E [m]",
@@ -82,6 +97,62 @@ def change_rows(changes: Sequence[Change]) -> tuple[tuple[Quantity, ...], ...]:
     )
 
 
+def power_section(baseline: Baseline) -> Section:
+    """Smallest change of each figure that is found in `POWER` of all cases, by the scatter of the drives."""
+    tests = sum(key != "cpu_ratio" for case in baseline.cases.values() for key in case.values)
+    rows = []
+    for name, case in baseline.cases.items():
+        for key, values in case.values.items():
+            if key == "cpu_ratio" or key not in BY_KEY:
+                continue
+            known = values[np.isfinite(values)]
+            least = detectable_apart(known, BY_KEY[key], pieces=case.pieces, tests=tests)
+            rows.append(
+                (
+                    Quantity("case", name),
+                    Quantity("metric", key, meaning=BY_KEY[key].label),
+                    Quantity("drives", known.size, meaning="pieces" if case.pieces else "drives"),
+                    Quantity("detectable", least if least <= UNDETECTABLE else None, "%"),
+                )
+            )
+    return Section(
+        "power",
+        f"Smallest change of each figure that is found in {100 * POWER:g} % of all cases",
+        rows=tuple(rows),
+        note="by the scatter of the drives, as if both versions erred independently on them: an upper limit, as the "
+        f"same seeds make most errors alike; –: more than tenfold; level {ALPHA:g} over all figures together",
+    )
+
+
+def power_lines(baseline: Baseline) -> list[str]:
+    """The power of every case in a few columns, and where the baseline itself is over-confident."""
+    section = power_section(baseline)
+    found: dict[str, dict[str, Any]] = {}
+    for case, metric, _, least in section.rows:
+        found.setdefault(str(case.value), {})[str(metric.value)] = least.value
+    rows = tuple(
+        (
+            Quantity("case", name),
+            *(Quantity(key, values.get(key), "%", meaning=label) for key, label in _POWER.items()),
+        )
+        for name, values in found.items()
+    )
+    return [*_text(replace(section, rows=rows)), "", *overconfident(baseline)]
+
+
+def overconfident(baseline: Baseline) -> list[str]:
+    """Say which cases of the baseline state errors smaller than they are: what is compared with them is no standard."""
+    found = []
+    for name, case in baseline.cases.items():
+        for key in ("nees_position", "nees_velocity", "nees_attitude"):
+            if key not in case.values:
+                continue
+            middle, low, _ = interval(case.values[key], BY_KEY[key], pieces=case.pieces)
+            if low > OVERCONFIDENT:
+                found.append(f"note    {name}: {BY_KEY[key].label} {number(middle)} in the baseline: over-confident")
+    return found
+
+
 def peer_section(peers: Sequence[PeerRow]) -> Section:
     """Other programs on the same drives, in one table."""
     rows = tuple(
@@ -111,6 +182,7 @@ def regression_lines(
     for name in ("better", "worse"):
         chosen = [change for change in comparison.changes if change.verdict == name and not change.fails]
         lines += [f"{name:<8}{change_text(change)}" for change in chosen]
+    lines += overconfident(baseline)
     lines += [f"apart   {name}: {why}" for name, why in comparison.apart.items()]
     lines += [f"BROKEN  {name}: {why}" for name, why in comparison.broken.items()]
     lines += [f"FAILS   {change_text(change)}" for change in comparison.failing]
@@ -136,8 +208,9 @@ def rules() -> tuple[str, ...]:
         "A figure is compared drive by drive, by the logarithm of new over old: Student's t over the seeds of a "
         "simulated case, a standard error by moving-block bootstrap over the pieces of a recorded drive.",
         f"Holm's correction holds the probability of any false call over all figures of all cases to {ALPHA:g}.",
-        f"Better and worse are significant changes of 1 % and more; {100 * FAILS_FROM:g} % worse fails.",
+        f"Better and worse are significant changes of 1 % and more; {100 * FAILS_FROM:g} % worse fails, of the "
+        f"likelihood of the innovations {100 * LIKELY:g} %.",
         "CPU time is that of a sample over that of a turn of a fixed loop. It is noisy: it fails only from "
         f"{CPU_FAILS_FROM:g} times the baseline's on, in the median over five drives or more of a case.",
-        "NEES and NIS are compared by their factor to one, either way.",
+        "NEES and NIS are better the nearer they are to one; caution (below) counts half of over-confidence (above).",
     )
