@@ -80,6 +80,8 @@ def test_intervals_of_mean_squares_hold(kind: str, independent: int, overlap: in
     print(f"{100.0 * held / runs:.0f} % hold the truth")
     # 90 % where they hold least, and 3 sd of what 150 runs can tell
     assert held / runs > 0.9 - 3.0 * np.sqrt(0.9 * 0.1 / runs)
+    if kind == "normal" and overlap > 1:  # where blocks alone hold 88 to 91 %
+        assert held / runs > 0.95
 
 
 def test_too_few_windows_have_no_interval():
