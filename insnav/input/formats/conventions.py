@@ -47,7 +47,7 @@ def damaged(source: Source, kind: str, fix: str = "copy it again, or cut it wher
     """Make an `InputError` of whatever a library raises over a file."""
     try:
         yield
-    except (InsnavError, ImportError, MemoryError):
+    except (InsnavError, ImportError):
         raise
     except Exception as error:
         why = plain_text(f"{type(error).__name__}: {error}")[:200]

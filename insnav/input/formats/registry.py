@@ -107,7 +107,9 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
     found = " and ".join(sorted({key.partition(":")[0].upper() for key in tables}))
     format_name = next((table.format for table in tables.values()), "file")
     fix = "give the file with IMU data first, and this one with --gps" if part == "imu" and "gps" in tables else ""
-    raise InputError(f"the file holds no {kind} data", where=where, why=f"it is a {format_name} with {found}", fix=fix)
+    lacking = [note for table in tables.values() for note in table.notes if note.startswith("no samples")]
+    why = "; ".join([f"{format_name}: it has {found}", *lacking[:1]])
+    raise InputError(f"the file holds no {kind} data", where=where, why=why, fix=fix)
 
 
 def suffixes() -> tuple[str, ...]:

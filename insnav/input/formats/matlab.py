@@ -1,0 +1,152 @@
+"""MATLAB ``.mat`` files, version 5 and 7.3: structures as NaveGo has them, arrays as PSINS has them.
+
+NaveGo: ``imu.t, imu.wb [rad/s], imu.fb [m/s^2]``; ``gnss.t, lat, lon [rad], h, vel, stdm, stdv``; ``ref`` with roll,
+pitch, yaw [rad]. PSINS: ``imu`` (n, 7): increments of angle [rad] and velocity [m/s] and time, axes Right, Forward, Up;
+``gps`` (n, 4): latitude, longitude [rad], height, time, or (n, 7) with velocity East, North, Up before them; ``avp``.
+
+References
+----------
+Gonzalez, R., NaveGo 1.4, navego_*.m; Yan, G., PSINS toolbox, imuplot.m, gpsplot.m, avpset.m.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.formats.conventions import ACCEL, GYRO, damaged, deviations, triad
+from insnav.input.formats.source import Source
+from insnav.input.formats.table import Table, column_table
+from insnav.plain_text import plain_text
+from insnav.types import FloatArray
+from insnav.units import DEG
+
+name = "MATLAB file"
+suffixes = (".mat",)
+extra = "mat"
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_Tree = dict[str, Any]  # arrays of numbers by name, and structures of them
+_DTHETA = ("dtheta_x_rad", "dtheta_y_rad", "dtheta_z_rad")
+_DVEL = ("dvel_x_m_s", "dvel_y_m_s", "dvel_z_m_s")
+
+
+def recognise(source: Source) -> bool:
+    """See `insnav.input.formats.registry.Format`."""
+    head = source.head
+    return head.startswith(b"MATLAB 5.0") or head.startswith(b"MATLAB 7.3") or head.startswith(_HDF5)
+
+
+def read(source: Source) -> Mapping[str, Table]:
+    """See `insnav.input.formats.registry.Format`."""
+    old = source.head.startswith(b"MATLAB 5.0")
+    kind = "MATLAB file" if old else "MATLAB 7.3 or HDF5 file"
+    with damaged(source, kind, "save it again: save('drive.mat', '-v7')"):
+        tree = _version_5(source) if old else _version_7(source)
+    tables: dict[str, Table] = {}
+    with damaged(source, "MATLAB file", "check that all fields of a structure have the same length"):
+        for key, value in _structures(tree):
+            part, table = _table(source, key, value)
+            if table is not None:
+                tables.setdefault(part, table)
+    if not tables:
+        raise InputError(
+            "the MATLAB file holds nothing that is known",
+            where=source.name,
+            why=f"variables: {plain_text(', '.join(tree)[:200]) or 'none'}",
+            fix="save structures as NaveGo has them, arrays as PSINS has them, or a table with writetable as CSV",
+        )
+    return tables
+
+
+def _version_5(source: Source) -> _Tree:
+    from scipy.io import loadmat
+
+    found = loadmat(io.BytesIO(source.data[:]), squeeze_me=True, struct_as_record=False)
+    return {key: _plain(value) for key, value in found.items() if not key.startswith("__")}
+
+
+def _plain(value: Any) -> Any:
+    names = getattr(value, "_fieldnames", None)
+    return value if names is None else {key: _plain(getattr(value, key)) for key in names}
+
+
+def _version_7(source: Source) -> _Tree:
+    import h5py
+
+    def of(group: Any) -> _Tree:
+        return {
+            key: of(each) if isinstance(each, h5py.Group) else np.squeeze(np.asarray(each).T)
+            for key, each in group.items()
+            if not key.startswith("#")
+        }
+
+    with h5py.File(io.BytesIO(source.data[:]), "r") as file:
+        return of(file)
+
+
+def _structures(tree: _Tree) -> list[tuple[str, Any]]:
+    """Variables by name; those of the file itself come as one structure, too."""
+    return [*tree.items(), ("", {key: value for key, value in tree.items() if not isinstance(value, dict)})]
+
+
+def _table(source: Source, key: str, value: Any) -> tuple[str, Table | None]:
+    if isinstance(value, dict):
+        numbers = {each: np.asarray(v, dtype=np.float64) for each, v in value.items() if _is_numbers(v)}
+        return _navego(source, key, numbers) if "t" in numbers else ("", None)
+    if _is_numbers(value) and np.ndim(value) == 2:
+        return _psins(source, key, np.asarray(value, dtype=np.float64))
+    return "", None
+
+
+def _is_numbers(value: Any) -> bool:
+    return getattr(value, "dtype", np.dtype("O")).kind in "fiu"
+
+
+def _navego(source: Source, key: str, data: Mapping[str, FloatArray]) -> tuple[str, Table | None]:
+    time = np.atleast_1d(data["t"])
+    n = len(time)
+    note = (f"structure {plain_text(key)} of NaveGo: angles in rad",)
+    if {"wb", "fb"} <= set(data) and data["wb"].shape == data["fb"].shape == (n, 3):
+        columns = {"time_s": time, **triad(GYRO, data["wb"]), **triad(ACCEL, data["fb"])}
+        return "imu", column_table(source, columns, note, axes="FRD")
+    if not {"lat", "lon", "h"} <= set(data) or any(data[each].shape != (n,) for each in ("lat", "lon", "h")):
+        return "", None
+    columns = {"time_s": time, "lat_deg": data["lat"] / DEG, "lon_deg": data["lon"] / DEG, "height_m": data["h"]}
+    if data.get("vel", np.empty(0)).shape == (n, 3):
+        columns |= triad(("vn_m_s", "ve_m_s", "vd_m_s"), data["vel"])
+    for name, header in (("stdm", "sd_{}_m"), ("stdv", "sd_v{}_m_s")):
+        if data.get(name, np.empty(0)).shape == (3,):
+            columns |= deviations(np.tile(np.abs(data[name]), (n, 1)), header)
+    attitude = [data.get(each, np.empty(0)) for each in ("roll", "pitch", "yaw")]
+    if all(each.shape == (n,) for each in attitude):
+        columns |= triad(("roll_deg", "pitch_deg", "heading_deg"), np.column_stack(attitude) / DEG)
+        return "reference", column_table(source, columns, note)
+    return "gps", column_table(source, columns, note)
+
+
+def _psins(source: Source, key: str, rows: FloatArray) -> tuple[str, Table | None]:
+    """Arrays by their names, time in the last column."""
+    width, time = rows.shape[1], rows[:, -1]
+    note = (f"array {plain_text(key)} of PSINS, time last, axes Right, Forward, Up",)
+    if re.match(r"imu", key, re.I) and width == 7:
+        columns = {"time_s": time, **triad(_DTHETA, rows[:, :3]), **triad(_DVEL, rows[:, 3:6])}
+        return "imu", column_table(source, columns, note, axes="RFU")
+    if re.match(r"gps|gnss", key, re.I) and width in (4, 7):
+        place = rows[:, width - 4 : width - 1] / [DEG, DEG, 1.0]
+        columns = {"time_s": time, **triad(("lat_deg", "lon_deg", "height_m"), place)}
+        if width == 7:
+            columns |= triad(("vn_m_s", "ve_m_s", "vd_m_s"), rows[:, [1, 0, 2]] * [1.0, 1.0, -1.0])
+        return "gps", column_table(source, columns, note)
+    if re.match(r"avp", key, re.I) and width == 10:
+        columns = {"time_s": time, **triad(("lat_deg", "lon_deg", "height_m"), rows[:, 6:9] / [DEG, DEG, 1.0])}
+        columns |= triad(("vn_m_s", "ve_m_s", "vd_m_s"), rows[:, [4, 3, 5]] * [1.0, 1.0, -1.0])
+        columns |= {"roll_deg": rows[:, 1] / DEG, "pitch_deg": rows[:, 0] / DEG}
+        columns["heading_deg"] = (-rows[:, 2] / DEG) % 360.0  # yaw there turns from North to West
+        return "reference", column_table(source, columns, note)
+    return "", None
