@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+import insnav
+from insnav.report.run_json import page_facts
 from tests.cli.conftest import Cli
 
 
@@ -15,6 +17,8 @@ def test_a_requirement_at_rest(cli: Cli, tmp_path: Path) -> None:
     assert shown.code == 0, shown.err
     facts = json.loads(shown.out)
     assert facts["requirement"]["error_m"] == 1.0
+    same = page_facts(insnav.require("1 m", "60 s", runs=0).page())  # a notebook gives the same numbers
+    assert {key: facts[key] for key in ("allocation", "parts")} == {key: same[key] for key in ("allocation", "parts")}
     row = next(each for each in facts["allocation"] if each["family"] == "gyro bias")
     assert row["alone_deg_h"] == pytest.approx(0.239, rel=5e-3)
     assert (tmp_path / "r" / "report.html").is_file()

@@ -22,6 +22,7 @@ def draw_allocation(study: RequirementStudy) -> Figure:
     shares = [share for share in study.allocation.shares if np.isfinite(share.alone)]
     figure = blank(8.3, 1.3 + 0.28 * len(shares), f"Allocation: {study.required.text}", study.motion)
     axes = figure.subplots()
+    figure.subplots_adjust(left=0.2)  # the names of the errors
     place = np.arange(len(shares))
     part = np.array([share.size / share.alone for share in shares])
     colours = [ORANGE if share.given else GREY if share.capped else BLUE for share in shares]

@@ -60,8 +60,10 @@ def page(result: Result[RequirementStudy]) -> Page:
 
 
 def frame(result: Result[RequirementStudy]) -> pd.DataFrame:
-    """Give the allocation as a table."""
-    return rows_frame(_rows(result.found))
+    """Give the real IMUs as a table, or the allocation where none were evaluated."""
+    study = result.found
+    parts = tuple(_part(study, each) for each in study.candidates)
+    return rows_frame(parts or _rows(study))
 
 
 def _met(study: RequirementStudy, kind: str) -> list[str]:
