@@ -14,6 +14,7 @@ from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.filter import FilterSettings, error_model
 from insnav.filter.gps_delay import REACH, delay_of
 from insnav.filter.prepare import DELAY_SD, Prepared, prepare
+from insnav.report.run.warnings import run_warnings
 from insnav.types import FloatArray
 from tests.filter import drives
 
@@ -102,6 +103,9 @@ def test_the_solution_follows_the_time_of_the_fixes(plain, delay):
     assert found.run.gps_delay == pytest.approx(delay, abs=0.010)
     assert abs(found.run.gps_delay - delay) < 3.0 * found.run.gps_delay_sd
     np.testing.assert_allclose(rms(found), rms(plain), atol=0.03)
+    (said,) = run_warnings(found)
+    assert f"--gps-delay {found.run.gps_delay:.3f}" in said
+    assert run_warnings(plain) == ()
     assert found.run.solution.time[0] == pytest.approx(plain.run.solution.time[0] + delay, abs=0.2)
 
 

@@ -12,6 +12,7 @@ HOLDS = 0.95  # share of errors inside 3 sd that needs no word
 _MOST = 0.5  # share of rejected positions of a filter that is lost ...
 _LOST, _LOST_RESETS = 0.2, 3  # ... or after so many resets
 _MANY = 0.1  # share of rejected fixes that wants an explanation
+_LATE = 0.1  # delay of the fixes that receivers and loggers do not make by themselves [s]
 _LARGEST_SCALE = 0.05  # scale factor error [-]: consumer MEMS sensors are sold with at most 0.03
 
 
@@ -25,6 +26,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
         *overconfident[:1],
         *_diverged(found.run),
         *_impossible_scale(found.run),
+        *_late(found.run),
     )
 
 
@@ -61,6 +63,17 @@ def _many_rejected(run: Run) -> list[str]:
         return []
     causes = "is a heading, lever arm, axis, clock or standard deviation wrong?"
     return [f"many fixes were rejected, {' and '.join(groups)}: {causes} See innovations and events"]
+
+
+def _late(run: Run) -> list[str]:
+    """Clocks of samples and fixes so far apart that the time of the solution is a question."""
+    delay = run.gps_delay
+    if run.gps_delay_sd == 0.0 or abs(delay) < _LATE:  # as given, or small
+        return []
+    return [
+        f"the fixes are {abs(delay):.3f} s {'late' if delay > 0.0 else 'early'} against the samples: the solution has "
+        f"the time of the fixes; where that of the samples is right, give --gps-delay {delay:.3f}"
+    ]
 
 
 def _overconfident(name: str, errors: TrajectoryErrors | None) -> list[str]:
