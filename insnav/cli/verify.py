@@ -23,6 +23,7 @@ Examples:
   insnav verify --peer                       with the integrator of python-ins
   insnav verify --json | jq .failed
   insnav verify --markdown > certificate.md
+  insnav verify --faults                     what faults in data and machines may do, and what holds it
 \b
 Ends with exit code 1 if a limit is exceeded.
 """
@@ -32,6 +33,10 @@ def verify(
     peer: Annotated[
         bool,
         typer.Option("--peer", help="Compare with python-ins, if it is installed.", rich_help_panel=opt.START),
+    ] = False,
+    faults: Annotated[
+        bool,
+        typer.Option("--faults", help="Print the fault matrix instead.", rich_help_panel=opt.START),
     ] = False,
     out: opt.Out = Path("certificate"),
     force: opt.Force = False,
@@ -46,6 +51,9 @@ def verify(
 
     if as_json and markdown:
         raise ConfigError("JSON and Markdown cannot both be printed", where="--json --markdown", fix="leave out one")
+    if faults:
+        _print_faults(as_json=as_json)
+        return
     with RunFolder(out, force=force) as folder, Stages() as stage:
         stage("certifying")
         from insnav.certificate.certify import certify
@@ -67,3 +75,12 @@ def verify(
     if found.failed:
         note(f"{len(found.failed)} of {len(found.checks)} checks failed")
         raise typer.Exit(1)
+
+
+def _print_faults(*, as_json: bool) -> None:
+    import json
+
+    from insnav.certificate.faults import fault_matrix, matrix_facts, matrix_lines
+
+    rows = fault_matrix()
+    result(json.dumps(matrix_facts(rows), indent=1) if as_json else "\n".join(matrix_lines(rows)))

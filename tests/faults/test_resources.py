@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import io
+import pickle
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import insnav
 import insnav.input.formats.source as source
+from insnav.certificate.faults import fault_matrix
 from insnav.exceptions import InputError, OutputError
+from insnav.input import read_gps
 from insnav.input.formats.registry import open_table
 from insnav.output.folder import RunFolder
 
@@ -62,3 +66,43 @@ def test_n30_without_a_compiler_it_is_only_slower(monkeypatch, capsys):
     monkeypatch.setattr(errorstate, "propagate", lambda: None)
     data_options._say_if_compiling()
     assert "interpreted" in capsys.readouterr().err
+
+
+def test_f14_entities_of_a_gpx_file_are_not_expanded(tmp_path: Path):
+    entity = "lol"
+    lines = ['<!ENTITY e0 "lol">']
+    for level in range(1, 10):
+        lines.append(f'<!ENTITY e{level} "' + f"&e{level - 1};" * 10 + '">')
+        entity = f"&e{level};"
+    point = '<trkpt lat="1" lon="2"><ele>{}</ele><time>2020-01-01T00:00:0{}Z</time></trkpt>'
+    track = "".join(point.format(entity, second) for second in range(5))
+    path = tmp_path / "bomb.gpx"
+    head = f'<?xml version="1.0"?><!DOCTYPE gpx [{"".join(lines)}]>'
+    gpx = f'<gpx version="1.1" xmlns="http://www.topografix.com/GPX/1/1"><trk><trkseg>{track}</trkseg></trk></gpx>'
+    path.write_text(head + gpx, encoding="utf-8")
+    fixes = read_gps(path).data  # the entities, 3 GB when expanded, are no number and stay what they are
+    assert fixes.time.shape == (5,)
+    assert not np.any(fixes.lla[:, 2])
+
+
+def test_f15_nothing_is_unpickled(tmp_path: Path):
+    for path in Path(insnav.__file__).parent.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        assert "import pickle" not in text, path
+        assert "allow_pickle=True" not in text, path
+        assert text.count("np.load(") == text.count("allow_pickle=False"), path
+    (tmp_path / "imu.csv").write_bytes(pickle.dumps({"a": 1}, protocol=4))
+    with pytest.raises(InputError, match="pickle"):
+        open_table(tmp_path / "imu.csv")
+
+
+def test_the_matrix_names_every_fault_and_tests_that_exist():
+    rows = fault_matrix()
+    wanted = [f"{kind}{number}" for kind, last in (("N", 30), ("F", 18), ("P", 11)) for number in range(1, last + 1)]
+    assert [row.key for row in rows] == wanted
+    for row in rows:
+        file, _, name = row.test.partition("::")
+        assert row.state in {"met", "partly", "open"}
+        assert bool(row.test) or row.state == "open"
+        if row.test:
+            assert not name or f"def {name}(" in (Path(__file__).parents[2] / file).read_text(encoding="utf-8"), row.key

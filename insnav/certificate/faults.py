@@ -1,0 +1,52 @@
+"""The fault matrix: what recordings, files and machines do wrong, what must not come of it, and how that is known."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import asdict, dataclass
+from importlib.resources import files
+from typing import Literal
+
+
+@dataclass(frozen=True, slots=True)
+class FaultRow:
+    """One fault, and the test that holds its limit."""
+
+    key: str  # such as ``N1``: N navigation and sensors, F files, P process
+    fault: str
+    bar: str  # what must hold
+    measured: str
+    test: str  # file, or file and function; empty if there is none
+    state: Literal["met", "partly", "open"]  # partly: the test is weaker than the limit
+    reason: str = ""  # why the limit, or what is expected, was changed
+
+
+def fault_matrix() -> tuple[FaultRow, ...]:
+    """Every row of the matrix."""
+    text = files("insnav.certificate").joinpath("faults.toml").read_text(encoding="utf-8")
+    return tuple(FaultRow(key, **row) for key, row in tomllib.loads(text).items())
+
+
+def matrix_lines(rows: tuple[FaultRow, ...]) -> list[str]:
+    """The matrix as text: a line of state and fault, and what was measured below."""
+    lines = []
+    for row in rows:
+        lines.append(f"{row.key:<4} {row.state:<7} {row.fault}")
+        lines += [
+            f"{'':<12} {name}: {text}"
+            for name, text in (
+                ("limit", row.bar),
+                ("measured", row.measured),
+                ("test", row.test),
+                ("changed", row.reason),
+            )
+            if text
+        ]
+    count = {state: sum(row.state == state for row in rows) for state in ("met", "partly", "open")}
+    lines.append(f"{len(rows)} faults: {count['met']} met, {count['partly']} in part, {count['open']} open")
+    return lines
+
+
+def matrix_facts(rows: tuple[FaultRow, ...]) -> list[dict[str, str]]:
+    """The matrix, JSON-ready."""
+    return [asdict(row) for row in rows]
