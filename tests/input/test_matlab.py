@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import random
+import struct
 
 import h5py
 import numpy as np
@@ -113,6 +114,14 @@ def test_damaged_files_are_read_or_refused(save, version):
     rng, data = random.Random(3), version(navego())
     for _ in range(12):
         read_all(save(damaged(data, rng)))
+
+
+def test_arrays_that_do_not_fit_into_the_file_are_refused(save):
+    data = version_5(navego())
+    structure = struct.pack("<IIII", 5, 8, 1, 1)  # dimensions of a structure
+    assert structure in data
+    with pytest.raises(InputError, match="larger than what is written"):
+        read_imu(save(data.replace(structure, struct.pack("<IIII", 5, 8, 1, 1 << 30), 1)))
 
 
 @real

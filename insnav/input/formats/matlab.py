@@ -12,9 +12,11 @@ Gonzalez, R., NaveGo 1.4, navego_*.m; Yan, G., PSINS toolbox, imuplot.m, gpsplot
 from __future__ import annotations
 
 import io
+import math
 import re
+import struct
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,10 +28,14 @@ from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 from insnav.units import DEG
 
+if TYPE_CHECKING:
+    import mmap
+
 name = "MATLAB file"
 suffixes = (".mat",)
 extra = "mat"
 
+_INT32, _MATRIX, _COMPRESSED = 5, 14, 15  # kinds of elements (MAT-File Format, table 1-1)
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _Tree = dict[str, Any]  # arrays of numbers by name, and structures of them
 _DTHETA = ("dtheta_x_rad", "dtheta_y_rad", "dtheta_z_rad")
@@ -49,7 +55,8 @@ def read(source: Source) -> Mapping[str, Table]:
     with damaged(source, kind, "save it again: save('drive.mat', '-v7')"):
         tree = _version_5(source) if old else _version_7(source)
     tables: dict[str, Table] = {}
-    with damaged(source, "MATLAB file", "check that all fields of a structure have the same length"):
+    fix = "check that all fields of a structure have the same length"
+    with damaged(source, "MATLAB file", fix), np.errstate(all="ignore"):  # what is too large is refused when it is used
         for key, value in _structures(tree):
             part, table = _table(source, key, value)
             if table is not None:
@@ -67,8 +74,31 @@ def read(source: Source) -> Mapping[str, Table]:
 def _version_5(source: Source) -> _Tree:
     from scipy.io import loadmat
 
+    if not _sound(source.data, 128, len(source.data)):
+        raise ValueError("an array is larger than what is written of it")
     found = loadmat(io.BytesIO(source.data[:]), squeeze_me=True, struct_as_record=False)
     return {key: _plain(value) for key, value in found.items() if not key.startswith("__")}
+
+
+def _sound(data: bytes | mmap.mmap, start: int, end: int) -> bool:
+    """Whether the arrays in a part of a file fit into it: scipy does not come back from some that do not."""
+    while start + 8 <= end:
+        kind, size = struct.unpack("<II", data[start : start + 8])
+        if kind >> 16:  # a small element, with its content in its head
+            start += 8
+            continue
+        first, last = start + 8, start + 8 + size
+        if last > end:
+            return False
+        if kind == _MATRIX and size:
+            dims_kind, dims_size = struct.unpack("<II", (data[first + 16 : first + 24] + bytes(8))[:8])
+            dims = data[first + 24 : first + 24 + dims_size]
+            if dims_kind != _INT32 or dims_size > 32 or len(dims) % 4 or not _sound(data, first, last):
+                return False
+            if math.prod(struct.unpack(f"<{len(dims) // 4}I", dims)) > size:
+                return False
+        start = last if kind == _COMPRESSED else first + (size + 7) // 8 * 8
+    return True
 
 
 def _plain(value: Any) -> Any:
