@@ -5,8 +5,8 @@ ground, and the size of its horizontal specific force with that of the accelerat
 over the whole of both records, by their correlation at every lag, computed by fast Fourier transform with the samples
 that are there (masked normalised correlation: Padfield, "Masked object registration in the Fourier domain", IEEE Trans.
 Image Processing 21 (2012) 2706-2718); then refined by least squares, whose standard deviation allows for residuals
-that are alike within blocks of the record (Liang and Zeger, Biometrika 73 (1986) 13-22), and for what lever arm and
-levelling leave.
+that are alike within blocks of the record (Liang and Zeger, Biometrika 73 (1986) 13-22), for what lever arm and
+levelling leave, and for what turns and accelerations differ by.
 """
 
 from __future__ import annotations
@@ -205,7 +205,7 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
     offsets = np.arange(lag - FINE, lag + FINE, 0.05)
     likelihood = [_likelihood(*residuals(offset)) for offset in offsets]
     at = float(offsets[int(np.argmax(likelihood))])
-    sd, step = np.inf, 1e-2
+    sd, apart, step = np.inf, 0.0, 1e-2
     for _ in range(20):
         left, weight, r = residuals(at)
         slope = (residuals(at + step)[0] - residuals(at - step)[0]) / (2.0 * step)
@@ -217,11 +217,14 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
         gradient = np.sum(weighted * left, axis=0)
         blocks = [float(np.sum(part)) for part in np.array_split(gradient, BLOCKS)]
         sd = float(np.sqrt(np.sum(np.square(blocks)) * BLOCKS / (BLOCKS - 1.0))) / power
+        each = np.sum(weighted * slope, axis=1)
+        alone = -np.sum(weighted * left, axis=1) / np.where(each > 0.0, each, np.inf)  # by each kind
+        apart = float(np.abs(alone[0] - alone[1])) if (each > 0.0).all() else 0.0
         at += float(np.clip(change, -0.2, 0.2))
         if abs(change) < 1e-4:
             break
     common = min(float(gps.time[-1]), float(imu.time[-1]) + at) - max(float(gps.time[0]), float(imu.time[0]) + at)
-    return ClockOffset(at, float(np.hypot(sd, SYSTEMATIC)), float(r[0]), float(r[1]), common)
+    return ClockOffset(at, float(np.linalg.norm([sd, SYSTEMATIC, 0.5 * apart])), float(r[0]), float(r[1]), common)
 
 
 def _likelihood(left: FloatArray, weight: FloatArray, r: FloatArray) -> float:
