@@ -42,24 +42,6 @@ settle = "10 s"
 seeds = 6
 quick = 6
 
-[[simulated]]
-name = "flapping fixes"
-profile = "short.toml"
-imu = "tactical"
-gps = "rtk"
-lever_arm = ["0.3 m", "0.0 m", "-2.0 m"]
-fault = ["gps-flap:0.35m@90s+60s"]
-settle = "70 s"
-seeds = 8
-
-[[simulated]]
-name = "balloon"
-profile = "balloon.toml"
-imu = "ideal.toml"
-gps = "rtk"
-settle = "70 s"
-seeds = 10
-
 [[recorded]]
 name = "far away"
 data = "not_here"
@@ -93,6 +75,26 @@ segment = [
 """
 
 
+# drives on which every deterioration of `SPOILS` shows
+DETERIORATIONS = """
+[[simulated]]
+name = "flapping fixes"
+profile = "short.toml"
+imu = "tactical"
+gps = "rtk"
+lever_arm = ["0.3 m", "0.0 m", "-2.0 m"]
+fault = ["gps-flap:0.35m@90s+60s"]
+settle = "70 s"
+seeds = 8
+
+[[simulated]]
+name = "balloon"
+profile = "balloon.toml"
+imu = "ideal.toml"
+gps = "rtk"
+settle = "70 s"
+seeds = 10
+"""
 BALLOON = SHORT.replace('lat = "60 deg"', 'lat = "45 deg"\nheight = "20 km"').replace("count = 4", "count = 1")
 IDEAL = """
 name = "ideal"
@@ -110,6 +112,7 @@ def corpus_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("project") / "trajectories"
     folder.mkdir()
     (folder / "corpus.toml").write_text(CORPUS)
+    (folder / "deteriorations.toml").write_text(DETERIORATIONS)
     (folder / "short.toml").write_text(SHORT)
     (folder / "balloon.toml").write_text(BALLOON)
     (folder / "ideal.toml").write_text(IDEAL)
@@ -120,6 +123,16 @@ def corpus_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def corpus(corpus_file: Path) -> Corpus:
     return load_corpus(corpus_file)
+
+
+@pytest.fixture(scope="session")
+def deteriorations(corpus_file: Path) -> Corpus:
+    return load_corpus(corpus_file.parent / "deteriorations.toml")
+
+
+@pytest.fixture(scope="session")
+def before(deteriorations: Corpus) -> Baseline:
+    return renewed(None, run_corpus(deteriorations, NOWHERE), THEN)
 
 
 @pytest.fixture(scope="session")
