@@ -21,6 +21,7 @@ from insnav.kernels.alignment import level_history
 from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray, GpsData
 
+COARSE = 0.5  # to which the best lag of the correlation tells the offset, at least [s]
 STEP = 0.1  # of the grid on which records are compared [s]
 SPAN = 1.0  # over which turns and changes of velocity are taken, at least [s]
 LEVELLING = 30.0  # time constant with which gravity is found; longer than accelerations last [s]
@@ -59,17 +60,18 @@ class _Track:
     known: BoolArray  # (n,)
 
 
-def find_clock_offset(parts: Intervals, gps: GpsData) -> ClockOffset | None:
+def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> ClockOffset | None:
     """Offset of the clocks; None if the records do not show one beyond doubt.
 
-    `parts`: samples as intervals; `gps`: fixes with standard deviations.
+    `parts`: samples as intervals; `gps`: fixes with standard deviations; `worth`: smaller offsets are not looked at
+    closely, None [s].
     """
     imu, track = _of_imu(parts), _of_gps(gps)
     if track is None or len(imu.time) < 10:
         return None
     span = max(SPAN, 2.0 * float(np.median(np.diff(track.time))))
     lag = _best_lag(_rates(imu, span), _rates(track, span))
-    return None if lag is None else _refined(imu, track, lag, span)
+    return None if lag is None or abs(lag) < worth - COARSE else _refined(imu, track, lag, span)
 
 
 def _of_imu(parts: Intervals) -> _Track:

@@ -43,7 +43,7 @@ def on_one_clock(
             notes.append(f"{offset:+.0f} s added to the IMU times: {why}")
     if offset:
         imu, logs = _moved(imu, logs, offset)
-    found = None if given is not None else clock_offset(imu.data, gps.data)
+    found = None if given is not None else clock_offset(imu.data, gps.data, worth=WORTH)
     if found is not None and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
         apart = overlap(imu.data, gps.data) == 0.0
         raise InputError(
@@ -70,10 +70,10 @@ def _check_gyro_unit(imu: Reading[ImuData], gps: GpsData) -> None:
             )
 
 
-def clock_offset(imu: ImuData, gps: GpsData) -> ClockOffset | None:
+def clock_offset(imu: ImuData, gps: GpsData, *, worth: float = 0.0) -> ClockOffset | None:
     """How far the clock of the IMU is behind that of the positions, by the motion; None if it does not tell."""
     fixes = with_sd(gps)[0]
-    found = find_clock_offset(intervals(imu), fixes)
+    found = find_clock_offset(intervals(imu), fixes, worth=worth)
     if found is None:
         return None
     lag, sd = velocity_lag(fixes)
