@@ -115,8 +115,9 @@ def test_gps_that_is_refused(name, tmp_path, plain):
 def _refused(load, hint):
     with pytest.raises(InsnavError) as caught:
         load()
-    assert hint in str(caught.value)
-    assert caught.value.fix
+    error = caught.value
+    assert hint in f"{error.what}; {error.why}; {error.fix}"
+    assert error.fix
 
 
 def test_most_are_understood():
