@@ -169,7 +169,7 @@ def _car(n: int = 400) -> tuple[types.ImuData, types.GpsData, types.Trajectory]:
     imu = types.ImuData(time, gyro, accel, temperature=20.0 + rng.random(n), odometer=10.0 + rng.random(n))
     at, m = time[::10], n // 10
     lla = np.deg2rad([48.0, 11.0, 0.0]) + np.column_stack([1e-6 * at, 1e-6 * at, 500.0 + rng.random(m)])
-    v_n = 10.0 + rng.random((m, 3))
+    v_n = [6.4, 4.3, 0.0] + 0.1 * rng.random((m, 3))  # as the positions move
     sd = 0.5 + rng.random((m, 3))
     gps = types.GpsData(at, lla, v_n, sd, 0.1 * sd, np.full(m, 4), np.linspace(0.1, 0.2, m))
     rph = np.column_stack([0.01 * rng.random((m, 2)), np.linspace(0.1, 0.2, m)])

@@ -71,7 +71,7 @@ def test_an_exception_leaves_no_trace(tmp_path, error):
 
 def test_an_existing_folder_needs_force_and_is_then_replaced_whole(tmp_path):
     target = make(tmp_path / "run", text="old\n")
-    with pytest.raises(OutputError, match="--force"):
+    with pytest.raises(OutputError, match="force"):
         make(target)
     assert (target / "solution.csv").read_text() == "old\n"
     with RunFolder(target, force=True) as folder:
@@ -157,7 +157,7 @@ def test_what_a_killed_run_left_is_cleaned_by_the_next(tmp_path):
 
 def test_an_old_result_caught_between_two_renames_comes_back(tmp_path):
     make(tmp_path / "run", text="old\n").rename(tmp_path / f".run.old-{dead_pid()}")
-    with pytest.raises(OutputError, match="--force"):
+    with pytest.raises(OutputError, match="force"):
         make(tmp_path / "run")
     assert (tmp_path / "run" / "solution.csv").read_text() == "old\n"
 
@@ -189,7 +189,7 @@ def test_killed_at_any_step_the_next_run_finds_the_old_result_complete(tmp_path,
     target = make(tmp_path / "run", text="old\n")
     done = subprocess.run([sys.executable, "-c", KILLED, str(target), step], check=False)
     assert done.returncode == -signal.SIGKILL
-    with pytest.raises(OutputError, match="--force"):  # the next run cleans up, then refuses
+    with pytest.raises(OutputError, match="force"):  # the next run cleans up, then refuses
         make(target)
     verify_folder(target)
     assert (target / "solution.csv").read_text() == "old\n"
@@ -239,7 +239,7 @@ def test_a_target_that_appears_meanwhile_is_kept(tmp_path):
     with RunFolder(tmp_path / "run", force=False) as folder:
         (tmp_path / "run").mkdir()
         (tmp_path / "run" / "theirs.txt").write_text("x")
-        with pytest.raises(OutputError, match="--force"):
+        with pytest.raises(OutputError, match="force"):
             folder.commit(FACTS)
     assert (tmp_path / "run" / "theirs.txt").exists()
     assert leftovers(tmp_path) == []
