@@ -23,7 +23,7 @@ _HEADINGS = {
 RULES = (
     "One standard deviation. A tolerance or maximum of a bias, scale factor or angle is read as 2 sd; typical, RMS and "
     "1 sd figures and noise densities as they stand; the lowest point of an Allan deviation over 0.664.",
-    "Turn-on bias and in-run bias are kept apart. Correlation times of filter settings are not taken over: 1 h for all.",
+    "Turn-on bias and in-run bias are kept apart. Correlation times of filter settings are not taken over: 1 h.",
     f"Of several documents the first of these counts: {', '.join(PROVENANCE)}; of several such the largest figure. An "
     "in-run bias given as a standard deviation comes before the lowest point of an Allan deviation.",
 )
