@@ -169,12 +169,12 @@ def test_steps_temperature_and_ramps_are_pointed_out():
     assert "gyro y drifts" not in said
 
 
-def test_vibration_is_pointed_out_and_widens_the_intervals():
+def test_vibration_of_a_changing_frequency_is_pointed_out_and_widens_the_intervals():
     n = 100_000
     rest = at_rest(n, 0.01)
     rng = np.random.default_rng(12)
     gyro = np.column_stack([noise(rng, n, 0.01, N=1e-3) for _ in range(3)])
-    gyro[:, 1] += 4e-3 * np.sin(2.0 * np.pi * 1.3 * rest.time)
+    gyro[:, 1] += 4e-3 * np.sin(2.0 * np.pi * (1.2 + 0.1 * rest.time / rest.time[-1]) * rest.time)
     found = static_noise(ImuData(rest.time, gyro, rest.accel))
     assert any(text.startswith("gyro y: noise model fits the Allan deviation within") for text in found.warnings)
     still, shaken = found.models[0], found.models[1]

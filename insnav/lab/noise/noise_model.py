@@ -2,7 +2,8 @@
 
 ``sigma^2 = 3 Q^2 / tau^2 + N^2 / tau + (2 ln 2 / pi) B^2 + K^2 tau / 3 + R^2 tau^2 / 2`` (IEEE Std 952-1997, annex C).
 A first-order Gauss-Markov process may stand in the place of the bias instability B: most bias models of filters and
-simulations are one, and its Allan variance rises and falls again where B's is flat.
+simulations are one, and its Allan variance rises and falls again where B's is flat. Sinusoidal noise is found in the
+samples and taken off before (`insnav.lab.noise.sinusoids`).
 
 The variances at different times come from the same samples and are strongly correlated: the squares of the
 coefficients are fitted by generalised least squares, with the covariance that the model itself gives
@@ -21,6 +22,7 @@ from scipy.stats import chi2
 
 from insnav.lab.noise.allan import AllanDeviation
 from insnav.lab.noise.allan_confidence import chi_square_interval, covariance, freedom
+from insnav.lab.noise.sinusoids import Sinusoid
 from insnav.types import BoolArray, FloatArray, IntArray
 
 NAMES = ("Q", "N", "B", "K", "GM", "R")  # Gauss-Markov before R: the first five are random
@@ -61,6 +63,7 @@ class NoiseModel:
     freedom: FloatArray  # (k,) equivalent degrees of freedom of each estimate
     low: FloatArray  # (k,) 95 % intervals of the measured Allan deviations
     high: FloatArray
+    sinusoids: tuple[Sinusoid, ...] = ()  # steady lines, strongest first; they are part of `variance`
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +121,12 @@ def evaluated(model: NoiseModel, allan: AllanDeviation, column: int, confidence:
     squares = np.array([model.coefficients[n].value ** 2 if n in model.coefficients else 0.0 for n in NAMES])
     time = model.correlation_time
     variance = basis(allan.tau, time if math.isfinite(time) else 1.0) @ squares
-    own = covariance(allan.factors, allan.n, allan.interval, squares[:5], time, diagonal=True)
-    degrees = np.maximum(freedom(variance, np.diag(own)), FEWEST_FREEDOM)
+    spread = np.diag(covariance(allan.factors, allan.n, allan.interval, squares[:5], time, diagonal=True)).copy()
+    for line in model.sinusoids:  # each is as uncertain as its amplitude
+        lines = line.variance(allan.tau, allan.interval)
+        variance = variance + lines
+        spread += (2.0 * line.amplitude_sd / line.amplitude * lines) ** 2
+    degrees = np.maximum(freedom(variance, spread), FEWEST_FREEDOM)
     low, high = chi_square_interval(allan.deviation[:, column], degrees, confidence)
     return replace(model, variance=variance, freedom=degrees, low=low, high=high)
 

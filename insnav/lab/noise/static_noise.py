@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -23,6 +23,7 @@ from insnav.lab.noise.allan import (
 )
 from insnav.lab.noise.noise_model import NoiseModel, evaluated, fit_noise
 from insnav.lab.noise.noise_spec import Floor, floor_of, imu_spec, temperature_correlation, white_of_steps
+from insnav.lab.noise.sinusoids import SEEN, Sinusoid, find_sinusoids
 from insnav.types import FloatArray, ImuData
 from insnav.units import DEG, DEG_PER_SQRT_H, M_S_PER_SQRT_H
 
@@ -39,7 +40,8 @@ class SignalNoise:
 
     allan: AllanDeviation  # a column for each signal
     models: tuple[NoiseModel | None, ...]  # one for each, at the times of `allan`; None for one that never changes
-    fitted: AllanDeviation  # at the times to which the models are fitted: they do not depend on those of `allan`
+    # without the sinusoids, at the times to which the models are fitted: they do not depend on those of `allan`
+    fitted: AllanDeviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,11 +74,38 @@ def signal_noise(
     factors, every = averaging_factors(len(values), interval, taus), averaging_factors(len(values), interval)
     allan = allan_deviation(values, interval, factors, workers)
     fitted = allan if np.array_equal(every, factors) else allan_deviation(values, interval, every, workers)
+    quiet = silent(values)
+    lines = [() if still else _seen(values[:, i], fitted, i) for i, still in enumerate(quiet)]
+    fitted = _without(values, lines, fitted, workers)
     models: list[NoiseModel | None] = []
-    for column, quiet in enumerate(silent(values)):
+    for column, still in enumerate(quiet):
         progress(column / values.shape[1])
-        models.append(None if quiet else evaluated(fit_noise(fitted, column), allan, column))
+        model = None if still else replace(fit_noise(fitted, column), sinusoids=lines[column])
+        models.append(None if model is None else evaluated(model, allan, column))
     return SignalNoise(allan, tuple(models), fitted)
+
+
+def _seen(values: FloatArray, allan: AllanDeviation, column: int) -> tuple[Sinusoid, ...]:
+    """Lines of a signal that its Allan deviation shows."""
+    variance = SEEN * allan.deviation[:, column] ** 2
+    found = find_sinusoids(values, allan.interval)
+    return tuple(line for line in found if np.any(line.variance(allan.tau, allan.interval) > variance))
+
+
+def _without(
+    values: FloatArray, lines: Sequence[tuple[Sinusoid, ...]], allan: AllanDeviation, workers: int | None
+) -> AllanDeviation:
+    """Deviations of what the lines of each signal leave."""
+    shaken = [column for column, each in enumerate(lines) if each]
+    if not shaken:
+        return allan
+    left, time = values[:, shaken], allan.interval * np.arange(len(values))
+    for place, column in enumerate(shaken):
+        for line in lines[column]:
+            left[:, place] -= line.at(time)
+    deviation = allan.deviation.copy()
+    deviation[:, shaken] = allan_deviation(left, allan.interval, allan.factors, workers).deviation
+    return replace(allan, deviation=deviation)
 
 
 def static_noise(
@@ -95,10 +124,12 @@ def static_noise(
     record = even_record(imu)
     _refuse_motion(record)
     found = signal_noise(record.values, record.interval, taus, workers=workers, progress=progress)
-    at_fit = tuple(None if m is None else evaluated(m, found.fitted, i) for i, m in enumerate(found.models))
+    at_fit = tuple(
+        None if m is None else evaluated(replace(m, sinusoids=()), found.fitted, i) for i, m in enumerate(found.models)
+    )
     floors = tuple(None if m is None else floor_of(found.fitted, i, m) for i, m in enumerate(at_fit))
     spec, notes = imu_spec(found.fitted, at_fit, name, source)
-    warnings = (*record.notes, *_of_record(imu, record), *_of_models(at_fit, floors, record))
+    warnings = (*record.notes, *_of_record(imu, record), *_of_models(found.models, floors, record))
     return StaticNoise(record, found.allan, found.models, floors, spec, notes, warnings)
 
 
@@ -169,9 +200,16 @@ def _of_models(
                 f"{AXES[i]}: noise model fits the Allan deviation within {0.5 * model.misfit:.0%} (vibration, a filter "
                 "in the sensor or temperature); intervals of coefficients include it"
             )
+        if model.sinusoids:
+            lines = ", ".join(f"{_size(each.amplitude, i)} at {each.frequency:.4g} Hz" for each in model.sinusoids)
+            warnings.append(f"{AXES[i]}: sinusoidal noise (vibration, mains) of {lines}; imu.toml is without it")
         if "R" in model.coefficients:
             warnings.append(f"{AXES[i]} drifts steadily (rate ramp): warming up, mostly; filters ignore it")
     return warnings
+
+
+def _size(value: float, column: int) -> str:
+    return f"{value / DEG:.3g} deg/s" if column < 3 else f"{value:.3g} m/s^2"
 
 
 def _random_walk(value: float, column: int) -> str:

@@ -39,6 +39,8 @@ ASSUMPTIONS = (
     "(Greenhall and Riley 2003)",
     "fit by generalised least squares with the correlation between averaging times that the noise itself makes, up to "
     "a sixth of the record; no term is negative, and one that lowers chi-square by less than 6.63 (1 %) is left out",
+    "sinusoidal noise: steady lines that stand out of the spectrum and make 5 % of an Allan variance; floor, fit and "
+    "imu.toml are of what they leave (IEEE Std 952-1997 annex C)",
     "bias instability is B (a flat floor, 0.664 B) or a Gauss-Markov process, whichever is likelier",
 )
 
@@ -128,6 +130,12 @@ def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
     ]
     if np.isfinite(model.correlation_time):
         items.append(Quantity("correlation_time", model.correlation_time, "s", model.correlation_time_sd))
+    for i, line in enumerate(model.sinusoids, start=1):
+        size = "deg/h" if gyro else "ug"
+        items += [
+            Quantity(f"sinusoid_{i}", line.amplitude, size, line.amplitude_sd, meaning=f"sinusoid {i}, amplitude"),
+            Quantity(f"sinusoid_{i}_frequency", line.frequency, "Hz", line.frequency_sd, meaning=f"sinusoid {i} at"),
+        ]
     items += [
         Quantity("floor", floor.value, "deg/h" if gyro else "ug", meaning="lowest deviation"),
         Quantity("floor_tau", floor.tau, "s", meaning="at averaging time"),
