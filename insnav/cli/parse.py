@@ -102,6 +102,12 @@ def weights(text: str | None, option: str) -> dict[str, float] | None:
     return None if pairs is None else {name: positive_numbers(value, option)[0] for name, value in pairs.items()}
 
 
+def named_numbers(text: str | None, option: str, example: str) -> dict[str, float] | None:
+    """Name to a number, ``x2=-0.01,z1=0.02``."""
+    pairs = columns(text, option)
+    return None if pairs is None else {name: numbers(v, option, 1, example)[0].item() for name, v in pairs.items()}
+
+
 def configuration(options: dict[str, Any]) -> dict[str, Any]:
     """Options as the user gave them, for run.json; those that do not change its content are left out."""
     kept = {name: value for name, value in options.items() if name not in ("out", "force", "as_json", "workers")}

@@ -54,6 +54,8 @@ class BenchOptions:
     name: str = ""  # what was calibrated
     # smallest and largest rate of a rate table to use [deg/s]; default all that are linear
     keep: tuple[float, float] | None = None
+    # of pieces of a sweep's compensation, instead of those found, "x2" the second of gyro x [deg/s]
+    intercepts: Mapping[str, float] | None = None
     counts: bool = False  # a multi-position record is in raw counts or volts
     six: bool = False  # it consists of six positions and three turns
     # first and last plus one sample of each of these, or a file of them; default found

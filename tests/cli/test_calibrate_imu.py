@@ -11,6 +11,7 @@ import pytest
 from insnav.imu import corrupt, load_calibration
 from insnav.output.folder import verify_folder
 from insnav.types import ImuData
+from insnav.units import DEG
 from tests.cli.conftest import QUICK, Cli
 from tests.lab.sweeps import asymmetric, cubic, gyros, straight, write
 
@@ -66,6 +67,28 @@ def test_run_takes_the_file_with_its_pieces(bench: Path, drive: Path, cli: Cli) 
         assert shown.code == 0, shown.err
         ends.append(np.genfromtxt("run/solution.csv", delimiter=",", skip_header=1)[-1, :7])
     np.testing.assert_allclose(ends[1], ends[0], rtol=1e-6, atol=1e-3)
+
+
+def test_an_intercept_set_by_hand_and_its_effect(bench: Path, cli: Cli) -> None:
+    assert cli("calibrate", "imu", *FILES, "--json", "--out", "plain").code == 0
+    plain = load_calibration("plain/calibration.toml").gyro_map
+    assert plain is not None
+    assert plain.x is not None
+    rate, error = plain.x.rate[:2], plain.x.error[:2]
+    given = float(error[0] - np.diff(error)[0] / np.diff(rate)[0] * rate[0]) / DEG + 0.02
+    shown = cli("calibrate", "imu", *FILES, "--intercept", f"x1={given}", "--out", "hand")
+    assert shown.code == 0, shown.err
+    assert "Set by hand" in shown.out
+    assert "--intercept x1 makes the error of the rate in that piece larger" in " ".join(shown.out.split())
+    change = json.loads(Path("hand/run.json").read_text())["adjusted"]["x1"]
+    assert change["given_deg_s"] - change["found_deg_s"] == pytest.approx(0.02, abs=1e-6)
+    assert change["after_deg_s"] > change["before_deg_s"]
+    hand = load_calibration("hand/calibration.toml").gyro_map
+    assert hand is not None
+    assert hand.x is not None
+    np.testing.assert_allclose(hand.x.rate_error(2.0 * rate[:1]) - plain.x.rate_error(2.0 * rate[:1]), 0.02 * DEG)
+    for text in ("y1=0", "x1=up", "x1", "x1=1e9"):
+        assert cli("calibrate", "imu", *FILES, "--intercept", text, "--out", "no").code == 2, text
 
 
 def test_json_is_the_same_as_the_file(bench: Path, cli: Cli) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.exceptions import InputError
+from insnav.exceptions import ConfigError, InputError
 from insnav.imu import calibration_to_toml, correct, load_calibration
 from insnav.lab.rate_sweep.method import SweepCalibration, calibrate_sweeps, sweep_errors
 from insnav.lab.rate_sweep.records import read_sweeps
@@ -205,3 +205,47 @@ def test_files_that_lack_something_are_refused(tmp_path: Path, header: str, expe
 def test_two_files_are_not_three_sweeps(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="2 files"):
         read_sweeps([tmp_path / "a.csv"] * 2)
+
+
+def test_an_intercept_set_by_hand_moves_one_piece_and_leaves_its_neighbours() -> None:
+    sensor = Gyros(np.eye(3), np.zeros(3), (broken, straight, straight))
+    plain, fitted = solve(sensor, np.random.default_rng(3)), solve(sensor, np.random.default_rng(3))
+    item = plain.pieces[0]
+    assert item is not None
+    for piece in range(item.slope.size):
+        given = float(item.intercept[piece]) / DEG + 0.02
+        rate = table(RATES)
+        output = sensor.show(rate, NOISE, np.random.default_rng(3)) * DEG
+        found = calibrate_sweeps(
+            rate * DEG, output, np.full(rate.shape, NOISE * DEG), raw=False, intercepts={f"x{piece + 1}": given}
+        )
+        moved = found.pieces[0]
+        assert moved is not None
+        np.testing.assert_allclose(moved.slope, item.slope, rtol=1e-9)
+        expected = item.intercept / DEG + 0.02 * (np.arange(item.slope.size) == piece)
+        np.testing.assert_allclose(moved.intercept / DEG, expected, atol=1e-9)
+        (change,) = found.adjusted
+        assert change.after > change.before  # the fitted one is the best of all
+        assert np.sqrt(change.after**2 - change.before**2) / DEG == pytest.approx(0.02, rel=0.35)
+        # what is left changes by as much in the piece, and by nothing far from it
+        off = (found.error_map - fitted.error_map)[:, 0] / DEG
+        measured = found.corrected[:, 0]
+        own = np.searchsorted(moved.knot[1:-1], measured) == np.searchsorted(item.knot[1:-1], measured)
+        inside = own & (np.searchsorted(moved.knot[1:-1], measured) == piece)
+        np.testing.assert_allclose(off[inside], -0.02, atol=1e-9)
+        np.testing.assert_allclose(off[own & ~inside], 0.0, atol=1e-9)
+        np.testing.assert_array_equal(found.matrix, plain.matrix)
+
+
+def test_intercepts_of_no_piece_and_past_the_neighbours_are_refused() -> None:
+    sensor = Gyros(np.eye(3), np.zeros(3), (broken, straight, straight))
+    rate = table(RATES)
+    output = sensor.show(rate, NOISE, np.random.default_rng(3)) * DEG
+    for name, value, expected in (
+        ("y1", 0.0, "gyro y has no pieces"),
+        ("x9", 0.0, "there is no piece"),
+        ("2x", 0.0, "there is no piece"),
+        ("x2", 500.0, "past its neighbours"),
+    ):
+        with pytest.raises(ConfigError, match=expected):
+            calibrate_sweeps(rate * DEG, output, np.full(rate.shape, 0.0), raw=False, intercepts={name: value})

@@ -68,7 +68,7 @@ def find_sinusoids(values: FloatArray, interval: float) -> tuple[Sinusoid, ...]:
     around = _around(np.abs(spectrum) ** 2)
     bins = np.arange(spectrum.size)
     free = (bins >= FEWEST_CYCLES) & (bins < spectrum.size - 1 - MAIN_LOBE) & (around > 0.0)
-    limit = -math.log(FALSE_ALARM / max(np.count_nonzero(free), 1))
+    limit = -math.log(FALSE_ALARM / max(int(np.count_nonzero(free)), 1))
     found: list[Sinusoid] = []
     strongest = 0.0
     for _ in range(4 * MOST):

@@ -99,7 +99,7 @@ def _without(
     shaken = [column for column, each in enumerate(lines) if each]
     if not shaken:
         return allan
-    left, time = values[:, shaken], allan.interval * np.arange(len(values))
+    left, time = values[:, shaken], np.arange(len(values), dtype=np.float64) * allan.interval
     for place, column in enumerate(shaken):
         for line in lines[column]:
             left[:, place] -= line.at(time)

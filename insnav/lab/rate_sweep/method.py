@@ -7,7 +7,8 @@ taken off. The pieces meet, so the whole is continuous, and every k is far below
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,6 +34,20 @@ ROUNDING = 1e-9  # errors of such a share of the largest rate are those of arith
 
 
 @dataclass(frozen=True, slots=True)
+class Adjusted:
+    """One piece whose intercept was set by hand."""
+
+    gyro: int
+    piece: int  # from 0
+    # intercept as fitted and as set [rad/s]
+    found: float
+    given: float
+    # root mean square error of the dwells in the piece with each of them; NaN without a dwell [rad/s]
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, slots=True)
 class SweepCalibration:
     """What sweeps about three axes show."""
 
@@ -53,6 +68,7 @@ class SweepCalibration:
     error_matrix: FloatArray
     error_map: FloatArray
     warnings: tuple[str, ...]
+    adjusted: tuple[Adjusted, ...] = ()  # by hand
 
     @property
     def corrected(self) -> FloatArray:
@@ -61,15 +77,23 @@ class SweepCalibration:
 
 
 def calibrate_sweeps(
-    rate: FloatArray, output: FloatArray, sd: FloatArray, *, raw: bool, where: str = ""
+    rate: FloatArray,
+    output: FloatArray,
+    sd: FloatArray,
+    *,
+    raw: bool,
+    where: str = "",
+    intercepts: Mapping[str, float] | None = None,
 ) -> SweepCalibration:
     """Calibrate three gyros.
 
     `rate` (n, 3): rates of the table about x, y, z [rad/s]; one row a dwell; `output` (n, 3): mean outputs of gyros x,
     y, z [rad/s, or volts or counts]; `sd` (n, 3): standard deviations of these means, zero where not known; `raw`:
-    whether the outputs are in volts or counts.
-    Raises: InputError: an axis without a sweep, too few rates, gyros that do not follow the rate about their axis or
-    are not in the unit of their columns, or an error so steep that it cannot be undone.
+    whether the outputs are in volts or counts; `intercepts`: of pieces, instead of those found, ``{"x2": 0.01}`` the
+    second of gyro x [deg/s].
+    Raises: ConfigError: an intercept of no piece, or one that takes it past its neighbours; InputError: an axis without
+    a sweep, too few rates, gyros that do not follow the rate about their axis or are not in the unit of their columns,
+    or an error so steep that it cannot be undone.
     """
     own = tuple(_alone(rate, axis) for axis in range(3))
     warnings = check_rates(rate, own, where)
@@ -99,6 +123,10 @@ def calibrate_sweeps(
         fits = _fits(bent, output, used, names)
         pieces = _all_pieces(rate, output, used, fits, names)
     matrix, bias, after = _matrix_errors(rate, output, used, fits)
+    adjusted: list[Adjusted] = []
+    for name, value in (intercepts or {}).items():
+        pieces, change = _adjust(pieces, name, value * DEG, rate, np.where(_complete(used)[:, None], after, np.nan))
+        adjusted.append(change)
     final = after.copy()
     for i, item in enumerate(pieces):
         if item is not None:
@@ -119,7 +147,52 @@ def calibrate_sweeps(
         error_matrix=after,
         error_map=final,
         warnings=(*warnings, *shifted_zeros(after, own)),
+        adjusted=tuple(adjusted),
     )
+
+
+def _adjust(
+    pieces: tuple[Pieces | None, ...], name: str, value: float, rate: FloatArray, error: FloatArray
+) -> tuple[tuple[Pieces | None, ...], Adjusted]:
+    """Set one intercept, and what this changes.
+
+    name: gyro and number of the piece; value: intercept [rad/s]; rate (n, 3): of the table; error (n, 3): of the rate
+    by the matrix, NaN where not used [rad/s].
+    """
+    parts = re.fullmatch(r"([xyz])([1-9][0-9]?)", name)
+    count = [0 if item is None else item.slope.size for item in pieces]
+    if parts is None or int(parts[2]) > count["xyz".index(parts[1])]:
+        raise ConfigError(
+            f"there is no piece {name!r}",
+            where="--intercept",
+            why=", ".join(
+                f"gyro {axis} has {number or 'no'} pieces" for axis, number in zip("xyz", count, strict=True)
+            ),
+            fix="write gyro and number of the piece as the report has them, such as x2=0.01 [deg/s]",
+        )
+    gyro, piece = "xyz".index(parts[1]), int(parts[2]) - 1
+    item = pieces[gyro]
+    assert item is not None
+    free = np.isfinite(error[:, gyro])
+    true, left = rate[free, gyro], error[free, gyro]
+    different, mean, _ = _means(true, left)
+    try:
+        moved = item.with_intercept(piece, value, different + mean)
+    except ConfigError as problem:
+        raise ConfigError(
+            problem.what,
+            where=f"--intercept {name}",
+            why=f"it was {item.intercept[piece] / DEG:.4f} deg/s, the pieces beside it no longer meet it in order",
+            fix="give a value nearer to that",
+        ) from None
+    measured_rate = true + left
+    inside = np.searchsorted(moved.knot[1:-1], measured_rate) == piece
+    sizes = [
+        float(np.sqrt(np.mean((left - line.at(measured_rate))[inside] ** 2))) if inside.any() else np.nan
+        for line in (item, moved)
+    ]
+    change = Adjusted(gyro, piece, float(item.intercept[piece]), value, *sizes)
+    return tuple(moved if i == gyro else each for i, each in enumerate(pieces)), change
 
 
 def read(files: Sequence[str | Path | Table], how: BenchOptions) -> SweepRecord:
@@ -129,7 +202,9 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> SweepRecord:
 
 def fit(record: SweepRecord, how: BenchOptions) -> Calibration[SweepRecord, SweepCalibration]:
     """Fit matrix, bias and the error over the rate; see `calibrate_sweeps`."""
-    found = calibrate_sweeps(record.rate, record.output, record.sd, raw=record.raw, where=record.name)
+    found = calibrate_sweeps(
+        record.rate, record.output, record.sd, raw=record.raw, where=record.name, intercepts=how.intercepts
+    )
     errors, sd = sweep_errors(found, record.unit, how.name)
     fits = {f"gyro {axis}": each for axis, each in zip("xyz", found.fits, strict=True)}
     saturated = [f"{len(found.dropped)} rates were left out, at which a gyro is saturated"] * bool(found.dropped)
@@ -142,8 +217,18 @@ def fit(record: SweepRecord, how: BenchOptions) -> Calibration[SweepRecord, Swee
         record,
         found,
         how,
-        (*saturated, *record.warnings, *found.warnings, *condition_warnings(fits)),
+        (*saturated, *record.warnings, *found.warnings, *_worse(found), *condition_warnings(fits)),
     )
+
+
+def _worse(found: SweepCalibration) -> list[str]:
+    """Intercepts set by hand that do harm."""
+    return [
+        f"--intercept {'xyz'[each.gyro]}{each.piece + 1} makes the error of the rate in that piece larger: "
+        f"{each.before / DEG:.3g} -> {each.after / DEG:.3g} deg/s"
+        for each in found.adjusted
+        if each.after > each.before
+    ]
 
 
 def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[ImuErrors, CalibrationSd]:
@@ -232,11 +317,9 @@ def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
 
     The dwells of the other sweeps all are at zero, so the error at rest weighs most.
     """
-    different, which = np.unique(rate, return_inverse=True)
+    different, mean, count = _means(rate, error)
     if different.size < FEWEST_FOR_MAP or np.abs(error).max() < ROUNDING * np.abs(rate).max():
         return None
-    count = np.bincount(which).astype(np.float64)
-    mean = np.bincount(which, error) / count
     found = fit_pieces(different + mean, mean, count)
     if found.straight:
         return None
@@ -250,3 +333,10 @@ def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
             fix="the gyro is saturated or broken, or the rates of the table are not what the file states",
         ) from None
     return found
+
+
+def _means(rate: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Different rates, the mean error at each, and of how many dwells; rate, error (n,): [rad/s]."""
+    different, which = np.unique(rate, return_inverse=True)
+    count = np.bincount(which).astype(np.float64)
+    return different, np.bincount(which, error) / count, count

@@ -7,10 +7,11 @@ forward selection of hinges of J. H. Friedman, Multivariate Adaptive Regression 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from insnav.exceptions import ConfigError
 from insnav.types import FloatArray, IntArray
 
 MOST = 12  # pieces
@@ -47,6 +48,40 @@ class Pieces:
     def slope(self) -> FloatArray:
         """Of each piece, (k - 1,)."""
         return np.diff(self.value) / np.diff(self.knot)
+
+    @property
+    def intercept(self) -> FloatArray:
+        """Of each piece, (k - 1,)."""
+        return np.asarray(self.value[:-1] - self.slope * self.knot[:-1])
+
+    def with_intercept(self, piece: int, intercept: float, x: FloatArray) -> Pieces:
+        """Move one piece up or down; its neighbours stay the lines they are and meet it at other borders.
+
+        piece: from 0; intercept: new one; x (n,): of the points. Raises ConfigError: it meets them nowhere between.
+        """
+        shift = intercept - self.intercept[piece]
+        last = self.knot.size - 1
+        knot, kept = self.knot.copy(), np.zeros((last + 1, last + 1))
+        for border in range(last + 1):
+            fixed = border - 1 if border > 0 and (border - 1 != piece or border == last) else min(border, last - 1)
+            if border in (piece, piece + 1) and 0 < border < last:
+                with np.errstate(divide="ignore"):
+                    knot[border] -= shift / (self.slope[piece] - self.slope[fixed])
+            share = (knot[border] - self.knot[fixed]) / (self.knot[fixed + 1] - self.knot[fixed])
+            kept[border, fixed : fixed + 2] = 1.0 - share, share
+        if not (np.isfinite(knot).all() and (np.diff(knot) > 0.0).all()):
+            raise ConfigError("that intercept takes a piece past its neighbours", why="they no longer meet in order")
+        value = kept @ self.value
+        ends = [border for border in (0, last) if border in (piece, piece + 1)]
+        value[ends] += shift
+        moved = Pieces(knot, value, kept @ self.covariance @ kept.T, self.residual, self.left_out, self.sigma)
+        change = moved.at(x) - self.at(x)
+        return replace(moved, residual=self.residual - change, left_out=self.left_out - change)
+
+    def at(self, x: FloatArray) -> FloatArray:
+        """Line at x (n,), the outer pieces continued."""
+        piece = np.searchsorted(self.knot[1:-1], x)
+        return np.asarray(self.intercept[piece] + self.slope[piece] * x)
 
 
 def fit_pieces(x: FloatArray, y: FloatArray, weight: FloatArray | None = None) -> Pieces:

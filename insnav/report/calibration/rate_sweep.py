@@ -43,6 +43,7 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
             Section("parameters", "Output = B rate + b", calibration.parameters, note=_pieces_note(found)),
             _errors(found, stages),
             *_pieces(found),
+            *_adjusted(found),
             quality_section(fits, unit, settings, scale),
             corrected_section(calibration),
             impact_section(calibration),
@@ -140,12 +141,29 @@ def _errors(found: SweepCalibration, stages: Sequence[float]) -> Section:
     )
 
 
+def _adjusted(found: SweepCalibration) -> tuple[Section, ...]:
+    """Intercepts set by hand, and what they change."""
+    rows = tuple(
+        (
+            Quantity("piece", f"{AXES[each.gyro]}{each.piece + 1}"),
+            Quantity("found", each.found, "deg/s", meaning="b' found", decimals=4),
+            Quantity("given", each.given, "deg/s", meaning="b' given", decimals=4),
+            Quantity("before", each.before, "deg/s", meaning="error in the piece, RMS, before"),
+            Quantity("after", each.after, "deg/s"),
+        )
+        for each in found.adjusted
+    )
+    note = "the piece is moved, its neighbours stay and meet it at other borders; every other table is with it"
+    return (Section("adjusted", "Set by hand", rows=rows, note=note, keyed=True),) if rows else ()
+
+
 def _pieces(found: SweepCalibration) -> tuple[Section, ...]:
     """Pieces of the compensation as lines, and in JSON the errors at their ends."""
     known = {axis: item for axis, item in zip(AXES, found.pieces, strict=True) if item is not None}
     rows = tuple(
         (
             Quantity("gyro", axis),
+            Quantity("piece", i + 1),
             Quantity("from", float(item.knot[i]), "deg/s", decimals=2),
             Quantity("to", float(item.knot[i + 1]), "deg/s", decimals=2),
             Quantity("k", float(slope), "ppm", sd=float(item.slope_sd[i])),
