@@ -249,3 +249,16 @@ def test_intercepts_of_no_piece_and_past_the_neighbours_are_refused() -> None:
     ):
         with pytest.raises(ConfigError, match=expected):
             calibrate_sweeps(rate * DEG, output, np.full(rate.shape, 0.0), raw=False, intercepts={name: value})
+
+
+def test_the_room_of_an_intercept_ends_where_the_borders_meet() -> None:
+    item = solve(Gyros(np.eye(3), np.zeros(3), (broken, straight, straight)), np.random.default_rng(3)).pieces[0]
+    assert item is not None
+    at = np.zeros(item.residual.size)
+    for piece in range(item.slope.size):
+        own = item.intercept[piece]
+        for end in item.room(piece):
+            if np.isfinite(end):
+                assert item.with_intercept(piece, own + 0.999 * (end - own), at).knot.size == item.knot.size
+                with pytest.raises(ConfigError):
+                    item.with_intercept(piece, own + 1.001 * (end - own), at)

@@ -179,11 +179,12 @@ def _adjust(
     try:
         moved = item.with_intercept(piece, value, different + mean)
     except ConfigError as problem:
+        low, high = item.room(piece)
         raise ConfigError(
             problem.what,
             where=f"--intercept {name}",
             why=f"it was {item.intercept[piece] / DEG:.4f} deg/s, the pieces beside it no longer meet it in order",
-            fix="give a value nearer to that",
+            fix=f"give a value between {low / DEG:.4f} and {high / DEG:.4f} deg/s",
         ) from None
     measured_rate = true + left
     inside = np.searchsorted(moved.knot[1:-1], measured_rate) == piece

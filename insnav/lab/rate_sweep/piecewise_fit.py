@@ -54,6 +54,18 @@ class Pieces:
         """Of each piece, (k - 1,)."""
         return np.asarray(self.value[:-1] - self.slope * self.knot[:-1])
 
+    def room(self, piece: int) -> tuple[float, float]:
+        """Intercepts between which a piece, from 0, meets its neighbours in order."""
+        move = np.zeros(self.knot.size)  # of the borders for a unit of the intercept
+        for border, other in ((piece, piece - 1), (piece + 1, piece + 1)):
+            if 0 < border < self.knot.size - 1:
+                move[border] = -1.0 / (self.slope[piece] - self.slope[other])
+        with np.errstate(divide="ignore"):
+            limit = -np.diff(self.knot) / np.diff(move)
+        room = limit[np.isfinite(limit)]
+        own = float(self.intercept[piece])
+        return own + max(room[room < 0.0], default=-np.inf), own + min(room[room > 0.0], default=np.inf)
+
     def with_intercept(self, piece: int, intercept: float, x: FloatArray) -> Pieces:
         """Move one piece up or down; its neighbours stay the lines they are and meet it at other borders.
 
