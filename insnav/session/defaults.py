@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from insnav.alignment import find_stationary
-from insnav.errors.budget.from_windows import WindowSettings
 from insnav.errors.outage.window_reference import is_stationary, stationary_fixes
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings
@@ -24,7 +23,6 @@ from insnav.types import GpsData, ImuData, SensorLog, Trajectory
 
 SHORTEST_REST = 5.0  # shorter ones do not show the noise of an IMU [s]
 BENCH_SD = (0.01, 0.005)  # how well a place that is not left is known [m], [m/s]
-WINDOWS = WindowSettings(replicas=20, workers=2)
 LEVER_SD = 1.0  # of each component of a lever arm that was not given: antenna and IMU are on one vehicle [m]
 REFERENCE_SD = (0.05, None)  # of reference positions; velocities count only if theirs is given [m], [m/s]
 

@@ -14,15 +14,10 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
 import numpy as np
 
 from insnav.alignment import find_stationary
-from insnav.errors.budget.from_windows import WindowSettings, recorded_budget
-from insnav.errors.budget.study import BudgetStudy
 from insnav.errors.evaluated_run import EvaluatedRun, evaluate_run, fixed_epochs
 from insnav.errors.metrics import at_point
 from insnav.errors.outage.gnss_outage import LENGTHS, outages
-from insnav.errors.outage.statistics import outage_growth
-from insnav.errors.outage.study import OutageStudy
 from insnav.errors.outage.window_reference import WindowReference, reference_from_trajectory
-from insnav.errors.requirement.study import RequirementStudy
 from insnav.errors.short_duration_errors import short_windows
 from insnav.exceptions import AlignmentError, ConfigError
 from insnav.filter import FilterSettings
@@ -37,19 +32,22 @@ from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
 from insnav.result import Result
 from insnav.session import defaults
-from insnav.session.budget import BudgetOptions, BudgetSettings, budget_of_windows
 from insnav.session.checked_inputs import one_of, options_of, reference_point, reference_sd
 from insnav.session.clock import on_one_clock
 from insnav.session.inputs import Inputs
 from insnav.session.mounted import as_mounted
 from insnav.session.read import Readings, read
-from insnav.session.requirement import Moving, RequirementOptions, requirement_of, settings_of, study_of
-from insnav.simulate.truth_from_track import truth_from_track
 from insnav.strapdown import intervals
 from insnav.types import Event, FloatArray, GpsData, ImuData, Trajectory
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # what takes long to import is imported where it is used: a run needs no budget
+    from insnav.errors.budget.from_windows import WindowSettings
+    from insnav.errors.budget.study import BudgetStudy
+    from insnav.errors.outage.study import OutageStudy
+    from insnav.errors.requirement.study import RequirementStudy
+    from insnav.session.budget import BudgetOptions, BudgetSettings
     from insnav.session.read import Given
+    from insnav.session.requirement import RequirementOptions
 
 SHORT_REST = 10.0  # so long may steady motion look like rest [s]
 
@@ -323,6 +321,9 @@ class Drive:
         ConfigError, InputError, AlignmentError
             Windows that make no sense, or data that cannot be navigated.
         """
+        from insnav.errors.outage.statistics import outage_growth
+        from insnav.errors.outage.study import OutageStudy
+
         lengths = [float(length) for length in np.ravel(lengths)]
         ready, spec = self.prepared_with_noise()
         if aiding != "off":
@@ -372,12 +373,17 @@ class Drive:
         ConfigError, InputError, AlignmentError
             Windows that make no sense, or data that cannot be navigated.
         """
+        from insnav.errors.budget.from_windows import WindowSettings, recorded_budget
+        from insnav.session.budget import BudgetOptions, BudgetSettings, budget_of_windows
+
         for name in options:
             one_of("budget", name, tuple(BudgetOptions.__annotations__))
         settings = replace(settings or BudgetSettings(), **options)
         ready, spec = self.prepared_with_noise()
         reference = None if self.gps is None or self.reference is None else self._window_reference(self.reference)
-        chosen = replace(windows or defaults.WINDOWS, length=float(max(settings.times)), seed=settings.seed)
+        chosen = replace(
+            windows or WindowSettings(replicas=20, workers=2), length=float(max(settings.times)), seed=settings.seed
+        )
         recorded = recorded_budget(ready, spec, reference, chosen, progress)
         given = self.readings.inputs.get("imu_model") is not None
         said = () if given else (f"IMU file: none was given; {self.imu_spec.name}: {self.imu_chosen}",)
@@ -414,6 +420,9 @@ class Drive:
         ConfigError, InputError, AlignmentError
             A requirement that makes no sense, or data that cannot be navigated.
         """
+        from insnav.session.requirement import Moving, requirement_of, settings_of, study_of
+        from insnav.simulate.truth_from_track import truth_from_track
+
         settings = settings_of(options)
         required = requirement_of(error, after, settings)
         run = self.navigate().found.run
