@@ -30,9 +30,11 @@ def arrow_table(columns: Mapping[str, Any]) -> pa.Table:
 
 
 def _arrow_array(values: Any) -> Any:
+    # by builder and from the buffer: pyarrow.array imports pandas, which takes longer than writing the file
     if not isinstance(values, np.ndarray):
-        return pa.array(values, pa.string())
-    # from the buffer: pyarrow's way from an array imports pandas, which takes longer than writing the file
+        texts = pa.lib.StringBuilder()
+        texts.append_values(values)
+        return texts.finish()
     values = np.ascontiguousarray(values)
     known = np.isfinite(values)
     bitmap = None if known.all() else pa.py_buffer(np.packbits(known, bitorder="little"))

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from insnav.errors.short_duration_errors import ShortWindow, size_at
 from insnav.quantity import Quantity
 from insnav.report.page import FigureSpec, Section, one_each
-from insnav.report.run.figures.short_duration import draw_short
 from insnav.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 TIMES = (10.0, 30.0, 60.0)  # since the start of a window [s]
 _ROWS = (
@@ -48,10 +52,18 @@ def short_section(windows: Sequence[ShortWindow]) -> Section:
         parts=(one_each("", title, after, "time", note),),
         figures=(
             FigureSpec(
-                "short_mechanization", "Short-duration mechanization against the full one", lambda: draw_short(windows)
+                "short_mechanization",
+                "Short-duration mechanization against the full one",
+                partial(_draw, windows),
             ),
         ),
     )
+
+
+def _draw(windows: Sequence[ShortWindow]) -> Figure:
+    from insnav.report.run.figures.short_duration import draw_short  # matplotlib is imported only where it draws
+
+    return draw_short(windows)
 
 
 def short_columns(windows: Sequence[ShortWindow]) -> dict[str, FloatArray]:
