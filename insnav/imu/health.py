@@ -38,12 +38,14 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
     if imu.time.shape[0] < 2 * STUCK:
         return imu, []
     scale = sample_intervals(imu)[:, None] if imu.sampling == "increment" else 1.0
-    values = np.hstack([imu.gyro / scale, imu.accel / scale])
+    values = np.empty((imu.time.shape[0], 6))
+    np.divide(imu.gyro, scale, out=values[:, :3])
+    np.divide(imu.accel, scale, out=values[:, 3:])
     events: list[Event] = []
-    spikes = _spikes(values)
-    if spikes.any():
-        values = values.copy()
-        for row, axis in zip(*np.nonzero(spikes), strict=True):
+    change = _changes(values)
+    spikes = _spikes(values, change)
+    if spikes[0].size:
+        for row, axis in zip(*spikes, strict=True):
             mean = 0.5 * (values[row - 1, axis] + values[row + 1, axis])
             unit, limit = ("rad/s", SPIKE_GYRO) if axis < 3 else ("m/s^2", SPIKE_ACCEL)
             events.append(
@@ -57,19 +59,18 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
                 )
             )
             values[row, axis] = mean
-    change = np.abs(np.diff(values, axis=0))
+        change = _changes(values)
     # of the samples as they are: divided by intervals, equal increments would differ in their last digits
-    same = np.hstack([np.diff(imu.gyro, axis=0), np.diff(imu.accel, axis=0)]) == 0.0
-    quiet = change <= 1e-9 * np.abs(values).max(axis=0)
+    same = np.hstack([imu.gyro[1:] == imu.gyro[:-1], imu.accel[1:] == imu.accel[:-1]])
+    repeats = (same[1:] & same[:-1]).any(axis=0)  # most axes never show a value three times: there is no row to judge
+    quiet = change <= 1e-9 * np.maximum(values.max(axis=0), -values.min(axis=0))
     _refuse_constant(values, quiet)
     activity = _Activity.of(change, max(STUCK, int(np.ceil(STUCK_TIME / np.median(np.diff(imu.time))))))
     lost = np.zeros(imu.time.shape[0], dtype=np.bool_)
     found = []
-    for axis in range(6):
+    for axis in np.flatnonzero(repeats).tolist():
         column = values[:, axis]
         first, count = _runs(same[:, axis])
-        if not first.size:
-            continue
         largest = float(np.abs(column).max())
         step = np.abs(np.diff(column[: 1 << 16]))
         finest = float(np.min(step[step > 0.0], initial=np.inf))
@@ -83,8 +84,9 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
             (EventKind.IMU_SATURATED, first[clipped], count[clipped], f"{_AXES[axis]} at the end of its range"),
             (EventKind.IMU_STUCK, first[stuck], count[stuck], f"{_AXES[axis]} does not change"),
         ]
-    frozen = _frozen(imu.time, same, values, activity)
-    found.append((EventKind.IMU_STUCK, *frozen, "all six axes repeat the same values"))
+    if repeats.all():
+        frozen = _frozen(imu.time, same, values, activity)
+        found.append((EventKind.IMU_STUCK, *frozen, "all six axes repeat the same values"))
     for kind, first, count, what in found:
         for start, number in zip(first, count, strict=True):
             lost[start : start + number] = True
@@ -105,17 +107,23 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
     return replace(imu, gyro=gyro, accel=accel).rows(~lost), events
 
 
-def _spikes(values: FloatArray) -> BoolArray:
-    """Single samples far from both neighbours, which agree with each other."""
-    found = np.zeros(values.shape, dtype=np.bool_)
-    before, after = np.diff(values[:-1], axis=0), np.diff(values[1:], axis=0)
+def _changes(values: FloatArray) -> FloatArray:
+    """Size of the changes from sample to sample, (n - 1, 6)."""
+    change = np.diff(values, axis=0)
+    return np.asarray(np.abs(change, out=change))
+
+
+def _spikes(values: FloatArray, change: FloatArray) -> tuple[IntArray, IntArray]:
+    """Rows and axes of single samples far from both neighbours, which agree with each other."""
+    usual = np.median(change[: (1 << 16) - 1], axis=0)
+    limit = np.maximum(np.array([SPIKE_GYRO] * 3 + [SPIKE_ACCEL] * 3), SPIKE_FACTOR * usual)
+    far = change > limit
+    row, axis = np.nonzero(far[:-1] & far[1:])
+    before, after = values[row + 1, axis] - values[row, axis], values[row + 2, axis] - values[row + 1, axis]
     # out by about as much as back
     out = np.minimum(np.abs(before), np.abs(after))
-    back = np.abs(before + after) < 0.25 * out
-    usual = np.median(np.abs(np.diff(values[: 1 << 16], axis=0)), axis=0)
-    limit = np.maximum(np.array([SPIKE_GYRO] * 3 + [SPIKE_ACCEL] * 3), SPIKE_FACTOR * usual)
-    found[1:-1] = (before * after < 0.0) & back & (out > limit)
-    return found
+    found = (before * after < 0.0) & (np.abs(before + after) < 0.25 * out)
+    return row[found] + 1, axis[found]
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,9 +140,10 @@ class _Activity:
     @classmethod
     def of(cls, change: FloatArray, length: int) -> _Activity:
         """From the changes from sample to sample."""
-        blocks = change[: change.shape[0] // length * length].reshape(-1, length, 6)
-        square = np.asarray(np.mean(blocks**2, axis=1))
-        return cls(length, square / np.maximum(np.mean(change**2, axis=0), 1e-300))
+        squares = change**2
+        blocks = squares[: change.shape[0] // length * length].reshape(-1, length, 6)
+        square = np.asarray(np.mean(blocks, axis=1))
+        return cls(length, square / np.maximum(np.mean(squares, axis=0), 1e-300))
 
     def unusual(self, column: FloatArray, axis: int, first: IntArray, count: IntArray) -> BoolArray:
         """Rows of repeats that the sensor does not show elsewhere when the vehicle moves as it does in the row."""
