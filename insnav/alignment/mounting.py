@@ -12,7 +12,7 @@ than those given, the axes are no right-handed set.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -94,26 +94,32 @@ def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
     telling = windows.telling
     signs, mirrored = AS_GIVEN, False
     if telling.bends >= FEWEST:
-        given = best = _fit(telling, parts, still, signs, mirrored=False)[0].misfit
-        for other, reflected in itertools.product(SIGNS, (False, True)):
-            misfit = _fit(telling, parts, still, other, mirrored=reflected)[0].misfit
-            if misfit < min(best, HANDED * given):
-                signs, mirrored, best = other, reflected, misfit
+        given = best = np.inf
+        for other in SIGNS:
+            felt = _felt(telling, parts, still, other)
+            for reflected in (False, True):
+                misfit = _fit(telling, felt, other, mirrored=reflected)[0].misfit
+                if other == AS_GIVEN and not reflected:
+                    given = best = misfit
+                elif misfit < min(best, HANDED * given):
+                    signs, mirrored, best = other, reflected, misfit
     refined = _refined(telling, parts, still, signs, mirrored=mirrored)
-    found = _fit(windows, parts, refined, signs, mirrored=mirrored)[0]
+    found = _fit(windows, _felt(windows, parts, refined, signs), signs, mirrored=mirrored)[0]
     return found if found.misfit < MISFIT and found.sd < SCATTER else None
 
 
 def _refined(windows: _Windows, parts: Intervals, start: FloatArray, signs: Signs, *, mirrored: bool) -> FloatArray:
     """Gyro bias [rad/s] and how much later the samples are stamped than the velocities [s], by Gauss-Newton, (4,)."""
+
+    def fitted(at: FloatArray) -> tuple[Mounting, FloatArray]:
+        return _fit(windows, _felt(windows, parts, at, signs), signs, mirrored=mirrored)
+
     at = start.copy()
-    found, left = _fit(windows, parts, at, signs, mirrored=mirrored)
+    found, left = fitted(at)
     for _ in range(ROUNDS):
-        slope = np.column_stack(
-            [(_fit(windows, parts, at + step, signs, mirrored=mirrored)[1] - left) / step.sum() for step in NUDGE]
-        )
+        slope = np.column_stack([(fitted(at + step)[1] - left) / step.sum() for step in NUDGE])
         change = np.linalg.lstsq(slope, -left, rcond=None)[0]
-        other, other_left = _fit(windows, parts, at + change, signs, mirrored=mirrored)
+        other, other_left = fitted(at + change)
         if np.abs(change[:3]).max() > LARGEST_BIAS or other.misfit >= found.misfit:
             break
         at, found, left = at + change, other, other_left
@@ -180,22 +186,27 @@ class _Windows:
         return cls(times, changes, np.array(strength), np.array(turned), lla)._rows(np.argsort(strength)[-MOST:])
 
 
-def _fit(
-    windows: _Windows, parts: Intervals, given: FloatArray, signs: Signs, *, mirrored: bool
-) -> tuple[Mounting, FloatArray]:
-    """Mean rotation (or reflection) over the windows, with gyros of given signs, and what it leaves of each change.
+def _felt(windows: _Windows, parts: Intervals, given: FloatArray, signs: Signs) -> list[FloatArray]:
+    """Specific force, integrated between the times of each window, (k, 3) in the axes of its start [m/s].
 
     `given` (4,): gyro bias [rad/s], and delay of the samples [s].
     """
-    turned = parts if signs == AS_GIVEN else replace(parts, gyro=parts.gyro * np.array(signs, dtype=float))
-    bias, lat = given[:3] * np.array(signs), float(windows.lla[0])
-    each, felt = [], []
-    for time, change in zip(windows.times, windows.change, strict=True):
+    sign, lat = np.array(signs, dtype=float), float(windows.lla[0])
+    felt = []
+    for time in windows.times:
         shifted = np.clip(time + given[3], parts.end[0], parts.end[-1])
-        track = history(turned, shifted[0], shifted[-1], np.zeros(3), bias, lat)
+        track = history(parts, shifted[0], shifted[-1], np.zeros(3), given[:3] * sign, lat, sign)
         felt.append(np.diff(track.integral(shifted), axis=0))
-        each.append(_wahba(change.T @ felt[-1], mirrored))
-    matrices, weight = np.array(each), np.sqrt(windows.strength)
+    return felt
+
+
+def _fit(windows: _Windows, felt: list[FloatArray], signs: Signs, *, mirrored: bool) -> tuple[Mounting, FloatArray]:
+    """Mean rotation (or reflection) over the windows, and what it leaves of each change.
+
+    `felt`: by `_felt`, with gyros of these `signs`.
+    """
+    products = [change.T @ each for change, each in zip(windows.change, felt, strict=True)]
+    matrices, weight = _wahba(np.array(products), mirrored), np.sqrt(windows.strength)
     mean = _wahba(np.tensordot(weight, matrices, 1), mirrored)
     for _ in range(10):  # windows in reverse, or with wheels that slip, do not count
         away = np.maximum(np.linalg.norm(matrices - mean, axis=(1, 2)), 0.05)
@@ -216,10 +227,11 @@ def _fit(
 
 
 def _wahba(b: FloatArray, mirrored: bool) -> FloatArray:
-    """Rotation, or reflection, nearest to a sum of outer products."""
+    """Rotation, or reflection, nearest to a sum of outer products, (3, 3), or to each of many, (n, 3, 3)."""
     u, _, vt = np.linalg.svd(b)
-    sign = np.linalg.det(u) * np.linalg.det(vt) * (-1.0 if mirrored else 1.0)
-    return np.asarray(u @ np.diag([1.0, 1.0, sign]) @ vt)
+    size = np.ones(b.shape[:-1])
+    size[..., 2] = np.linalg.det(u) * np.linalg.det(vt) * (-1.0 if mirrored else 1.0)
+    return np.asarray(u @ (size[..., None] * np.eye(3)) @ vt)
 
 
 def _about_down(angle: float) -> FloatArray:
