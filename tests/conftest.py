@@ -22,6 +22,7 @@ SLOW = (
     "tests/lab/test_multi_position.py::test_the_truth_lies_within",
     "tests/lab/test_nine_position.py::test_everything_is_recovered",
     "tests/lab/test_noise_model.py",
+    "tests/lab/test_sinusoids.py::test_other_coefficients",
     "tests/physics/test_free_inertial.py",
     "tests/physics/test_platform_errors.py",
     "tests/recorded/",
