@@ -22,15 +22,19 @@ from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray, GpsData
 
 COARSE = 0.5  # to which the best lag of the correlation tells the offset, at least [s]
+STEEPEST = 1.55  # latitude, north or south, beyond which the course turns with every metre [rad]
+RADIUS = 6.37e6  # of the Earth, roughly [m]
 STEP = 0.1  # of the grid on which records are compared [s]
 SPAN = 1.0  # over which turns and changes of velocity are taken, at least [s]
 LEVELLING = 30.0  # time constant with which gravity is found; longer than accelerations last [s]
+LONG = 8.0 * LEVELLING  # records longer than that can do without their beginning [s]
 SLOW = 0.8  # below it the course of GPS velocity is noise [m/s]
 MOVES = 0.1  # RMS of what is compared, below which nothing moved [rad/s], [m/s^2]
 SHORTEST = 20.0  # records must overlap so long [s]
 SHARE = 0.3  # and by that part of the shorter one
 MEMORY = 2.0  # turns and accelerations so far apart are independent [s]
 SURE = 15.0  # log-likelihood above which a lag is no accident, among so many lags
+AS_TOLD = 0.3  # part of the best log-likelihood with which the clocks as they are are believed
 APART = 5.0  # other lags are at least so far away [s]
 BLOCKS = 12  # of the record, in which residuals may be alike
 SYSTEMATIC = 0.01  # error that lever arm and levelling leave, RMS of simulated city drives [s]
@@ -81,6 +85,8 @@ def _of_imu(parts: Intervals) -> _Track:
     level_history(parts.dt, parts.gyro * scale, parts.accel * scale, LEVELLING, turn, change)
     time = np.concatenate([[parts.end[0] - parts.dt[0]], parts.end])
     known = np.concatenate([[True], parts.gap == 0.0])
+    if time[-1] - time[0] > LONG:
+        known[: np.searchsorted(time, time[0] + LEVELLING)] = False  # until gravity is found
     return _Track(time, turn, change, known, known)
 
 
@@ -90,11 +96,18 @@ def _of_gps(gps: GpsData) -> _Track | None:
         return None
     v = speed.v_n[:, :2]
     fast = np.hypot(v[:, 0], v[:, 1]) > np.maximum(SLOW, 4.0 * speed.sd)
-    course = np.arctan2(v[:, 1], v[:, 0])
+    # North turns as the vehicle moves east, which no gyro feels: metres from a pole, that is all there is
+    lat = np.interp(speed.time, gps.time, gps.lla[:, 0])
+    north = v[:, 1] * np.tan(np.clip(lat, -STEEPEST, STEEPEST)) / RADIUS
+    turned = np.concatenate([[0.0], np.cumsum(0.5 * (north[1:] + north[:-1]) * np.diff(speed.time))])
+    course = np.arctan2(v[:, 1], v[:, 0]) - turned
+    v = np.hypot(v[:, 0], v[:, 1])[:, None] * np.column_stack([np.cos(course), np.sin(course)])
     turn = np.zeros(len(v))
     rows = np.flatnonzero(fast)
     turn[rows] = np.unwrap(course[rows])
-    return _Track(speed.time, turn, v, np.asarray(fast), np.ones(len(v), dtype=np.bool_))
+    known = np.abs(lat) < STEEPEST
+    fast &= known
+    return _Track(speed.time, turn, v, np.asarray(fast), known)
 
 
 def _rates(track: _Track, span: float) -> tuple[float, FloatArray, BoolArray]:
@@ -139,7 +152,11 @@ def _best_lag(imu: tuple[float, FloatArray, BoolArray], gps: tuple[float, FloatA
     second = float(np.max(score[~around], initial=0.0))
     if score[best] < SURE or score[best] < second + 0.5 * SURE:
         return None
-    return float(gps[0] - imu[0] + (best - (n - 1)) * STEP)
+    lags = gps[0] - imu[0] + (np.arange(n + m - 1) - (n - 1)) * STEP
+    as_told = float(np.max(score[np.abs(lags) < APART], initial=0.0))
+    if abs(lags[best]) >= APART and as_told > max(SURE, AS_TOLD * score[best]):
+        return None  # the motion repeats itself, and the clocks as they are explain it too
+    return float(lags[best])
 
 
 def _masked_correlation(x: FloatArray, mx: BoolArray, y: FloatArray, my: BoolArray) -> tuple[FloatArray, FloatArray]:

@@ -102,7 +102,8 @@ def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[fl
     quiet[1:] &= ~change
     edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(np.int8), [0]])))
     for begin, last in zip(edges[::2], edges[1::2], strict=True):
-        end = begin + _before_departure(force.mean(axis=1)[begin:last], mean_w[begin:last])
+        # without fixes a step of a sensor looks like a soft departure
+        end = last if slow is None else begin + _before_departure(force.mean(axis=1)[begin:last], mean_w[begin:last])
         start = float(parts.end[begin * size] - parts.dt[begin * size])
         stop = float(parts.end[end * size - 1])
         if stop - start >= SHORTEST:

@@ -34,6 +34,7 @@ FINE = 0.04  # steps about the best of these; the rest is a parabola [s]
 LONGEST = 900.0  # of the record that is looked at [s]
 SPAN = 20.0  # of a window: longer, gyro drift counts; shorter, little is left beside the parabola [s]
 FEWEST, MOST = 8, 40  # fixes of a window
+FEWEST_WINDOWS = 6  # fewer may agree by accident
 WINDOWS = 40  # of these at most, those with the largest changes of velocity
 HEADING_SD = 5.0 * DEG  # of the heading of a window, that of the filter [rad]
 LEVER_SD = 0.3  # a lever arm that is given may be so far off here: it only widens the interval [m]
@@ -46,7 +47,9 @@ def delay_of(ready: Prepared) -> tuple[float, float]:
     """Delay of the fixes and its standard deviation [s]; the latter is infinite where nothing tells it."""
     ready = ready.longest_part()
     short = ready.imu.rows(ready.imu.time <= ready.initial.time + LONGEST)
-    settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0)
+    # a late fix looks false in every bend, and a reset would open heading and biases, which the windows need
+    gates = replace(ready.settings.gates, reset_after=np.inf)
+    settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0, gates=gates)
     navigator = replace(ready, settings=settings).navigator()
     try:
         feed(navigator, short)
@@ -58,7 +61,7 @@ def delay_of(ready: Prepared) -> tuple[float, float]:
     windows = [
         _Window(parts, gps.rows(rows), epochs, ready.settings.velocity_lag) for rows in _lively(gps, epochs, short.time)
     ]
-    if not windows:
+    if len(windows) < FEWEST_WINDOWS:
         return 0.0, np.inf
     lever_b, lever_sd = ready.settings.lever_b, max(ready.settings.lever_sd, LEVER_SD)
     grid = np.arange(-REACH, REACH + 0.5 * GRID, GRID)

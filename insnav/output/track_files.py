@@ -58,7 +58,7 @@ class Track:
                 "the times of this run have no date",
                 where="--week",
                 why=f"they begin at {self.trajectory.time[0]:.3f} s, and the fixes do not say of which week",
-                fix="give the GPS week: --week 2381; or export to csv, geojson, kml or tum, which need none",
+                fix="give the week of the drive with --week; or export to csv, geojson, kml or tum, which need none",
             )
         return found
 

@@ -106,10 +106,17 @@ def consistency(run: Run) -> float | None:
     return float(known.mean()) / 3.0 if known.size else None
 
 
-def inside(errors: TrajectoryErrors) -> float | None:
-    """Share of position errors inside three stated standard deviations."""
-    stated: dict[str, Any] = (nees(errors) or {}).get("position") or {}
+def inside(errors: TrajectoryErrors, group: str = "position") -> float | None:
+    """Share of the errors of a group inside three stated standard deviations."""
+    stated: dict[str, Any] = (nees(errors) or {}).get(group) or {}
     return stated.get("inside_3_sd")
+
+
+def _too_sure(found: EvaluatedRun) -> list[str]:
+    """What besides the position errs more than stated."""
+    groups = ("velocity", "attitude")
+    shares = [(group, inside(each, group)) for group in groups for each in found.known_errors.values()]
+    return list(dict.fromkeys(group for group, share in shares if share is not None and share < HOLDS))
 
 
 def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
@@ -121,6 +128,8 @@ def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
         return "bad", "innovations and stated sd contradict each other"
     if warnings:
         return "attention", f"{len(warnings)} warning{'s' * (len(warnings) > 1)}"
+    if shares and (more := _too_sure(found)):
+        return "attention", f"the errors of {' and '.join(more)} are larger than stated"
     if shares:
         if (share := _covered(found)) < MOST:
             return "unknown", f"the reference covers {100.0 * share:.0f} % of the drive; there, errors are as stated"
