@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.imu.model import sample_intervals
+from insnav.imu.model import per_sample
 from insnav.types import BoolArray, Event, EventKind, FloatArray, ImuData, IntArray
 
 SPIKE_GYRO, SPIKE_ACCEL = 1.5, 9.5  # a smaller jump of one sample does no harm worth a search [rad/s], [m/s^2]
@@ -37,7 +37,7 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
     """
     if imu.time.shape[0] < 2 * STUCK:
         return imu, []
-    scale = sample_intervals(imu)[:, None] if imu.sampling == "increment" else 1.0
+    scale = per_sample(imu)
     values = np.empty((imu.time.shape[0], 6))
     np.divide(imu.gyro, scale, out=values[:, :3])
     np.divide(imu.accel, scale, out=values[:, 3:])

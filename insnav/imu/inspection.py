@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import medfilt, welch
 
 from insnav.exceptions import InputError
-from insnav.imu.model import sample_intervals
+from insnav.imu.model import per_sample
 from insnav.imu.noise_density import white_noise
 from insnav.types import BoolArray, FloatArray, ImuData
 
@@ -60,7 +60,7 @@ def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolA
 
     `rest`: start and end of a stationary part [s]; `still` (n,): samples at which the vehicle stands, all over.
     """
-    scale = sample_intervals(imu)[:, None] if imu.sampling == "increment" else 1.0
+    scale = per_sample(imu)
     values = np.hstack([imu.gyro / scale, imu.accel / scale])
     at_rest, noise = np.full(6, np.nan), np.full(6, np.nan)
     moving = np.ones(len(values), dtype=np.bool_)
@@ -76,7 +76,7 @@ def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolA
     both = moving[1:] & moving[:-1]
     step = np.diff(imu.time)
     usual = float(np.median(step))
-    raw, per_sample = np.hstack([imu.gyro, imu.accel]), usual if imu.sampling == "increment" else 1.0
+    raw, interval = np.hstack([imu.gyro, imu.accel]), usual if imu.sampling == "increment" else 1.0
     axes = tuple(
         AxisFigures(
             name,
@@ -84,7 +84,7 @@ def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolA
             float(noise[i]),
             float(np.std(change[both, i]) / np.sqrt(2.0)) if both.any() else float("nan"),
             float(np.abs(values[:, i]).max()),
-            _resolution(raw[:, i]) / per_sample,
+            _resolution(raw[:, i]) / interval,
             float(np.mean(change[:, i] == 0.0)),
         )
         for i, name in enumerate(AXES)

@@ -91,8 +91,8 @@ def sample_intervals(imu: ImuData) -> FloatArray:
     return np.concatenate(([usual], np.where(spacing > GAP * usual, usual, spacing)))
 
 
-def _bias_scale(imu: ImuData) -> FloatArray | float:
-    """Factor that brings a bias to the unit of the samples: the interval for increments."""
+def per_sample(imu: ImuData) -> FloatArray | float:
+    """Factor from a rate or a specific force to the unit of the samples: the interval for increments, (n, 1)."""
     return sample_intervals(imu)[:, None] if imu.sampling == "increment" else 1.0
 
 
@@ -107,7 +107,7 @@ def corrupt(imu: ImuData, errors: ImuErrors) -> ImuData:
     """
     if errors.gyro_terms is not None or errors.accel_terms is not None:
         return _bent(imu, errors)
-    scale = _bias_scale(imu)
+    scale = per_sample(imu)
     if errors.gyro_map is not None:
         imu = replace(imu, gyro=errors.gyro_map.inverse(imu.gyro / scale) * scale)
     gyro = imu.gyro @ errors.gyro_matrix.T + errors.gyro_bias * scale
@@ -125,7 +125,7 @@ def correct(imu: ImuData, errors: ImuErrors) -> ImuData:
     """
     if errors.gyro_terms is not None or errors.accel_terms is not None:
         return _straight(imu, errors)
-    scale = _bias_scale(imu)
+    scale = per_sample(imu)
     gyro = np.linalg.solve(errors.gyro_matrix, (imu.gyro - errors.gyro_bias * scale).T).T
     accel = np.linalg.solve(errors.accel_matrix, (imu.accel - errors.accel_bias * scale).T).T
     if errors.gyro_map is not None:

@@ -193,8 +193,8 @@ def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Pat
         found = replace(found, gps=look_at_fixes(data.gps.data))
         _of_gps(data.gps, found, patient)
     if together and drive is not None and fixes is not None and data.gps is not None:
-        mounting = find_mounting(intervals(imu), fixes)
-        found = replace(found, offset=clock_offset(imu, data.gps.data), mounting=mounting)
+        parts = intervals(imu)
+        found = replace(found, offset=clock_offset(parts, fixes), mounting=find_mounting(parts, fixes))
         found = replace(found, run=_run(drive, patient))
         _of_both(found, data, patient)
     return found

@@ -14,7 +14,7 @@ from insnav.filter.gps_noise import LAG_WORTH, velocity_lag, with_sd
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, overlap
 from insnav.session.inputs import Inputs
-from insnav.strapdown import intervals
+from insnav.strapdown import Intervals, intervals
 from insnav.types import GpsData, ImuData, SensorLog
 from insnav.units import DEG
 
@@ -43,7 +43,8 @@ def on_one_clock(
             notes.append(f"{offset:+.0f} s added to the IMU times: {why}")
     if offset:
         imu, logs = _moved(imu, logs, offset)
-    found = None if given is not None else clock_offset(imu.data, gps.data, worth=WORTH)
+    parts, fixes = intervals(imu.data), with_sd(gps.data)[0]
+    found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
     if found is not None and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
         apart = overlap(imu.data, gps.data) == 0.0
         raise InputError(
@@ -53,27 +54,29 @@ def on_one_clock(
             fix=f"say --imu-time-offset {offset + found.offset:.3f}, which is added to the times of the IMU",
         )
     check_overlap(imu.data, gps.data)
-    _check_gyro_unit(imu, gps.data)
+    _check_gyro_unit(imu.facts.path, parts, fixes)
     return imu, logs, tuple(notes)
 
 
-def _check_gyro_unit(imu: Reading[ImuData], gps: GpsData) -> None:
+def _check_gyro_unit(path: str, parts: Intervals, fixes: GpsData) -> None:
     """Refuse gyros that turn as many times as far as the course as there are degrees in a radian, or radians."""
-    scale, correlation = turn_scale(intervals(imu.data), with_sd(gps)[0])
+    scale, correlation = turn_scale(parts, fixes)
     for factor, unit in ((DEG, "deg/s"), (1.0 / DEG, "rad/s")):
         if correlation > SURE and 1.0 / FACTOR < scale / factor < FACTOR:
             raise InputError(
                 f"the gyros look like {unit}",
-                where=imu.facts.path,
+                where=path,
                 why=f"they turn {1.0 / scale:.3g} times as far as the course by GPS (r = {correlation:.2f})",
                 fix=f"say --imu-units gyro={unit}, or put the right unit into the header",
             )
 
 
-def clock_offset(imu: ImuData, gps: GpsData, *, worth: float = 0.0) -> ClockOffset | None:
-    """How far the clock of the IMU is behind that of the positions, by the motion; None if it does not tell."""
-    fixes = with_sd(gps)[0]
-    found = find_clock_offset(intervals(imu), fixes, worth=worth)
+def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> ClockOffset | None:
+    """How far the clock of the IMU is behind that of the positions; None if the motion does not tell it.
+
+    `parts`: samples as intervals; `fixes`: with standard deviations; `worth`: smaller offsets may be None too [s].
+    """
+    found = find_clock_offset(parts, fixes, worth=worth)
     if found is None:
         return None
     lag, sd = velocity_lag(fixes)

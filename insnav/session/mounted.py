@@ -36,9 +36,8 @@ def as_mounted(
     found = find_mounting(intervals(data.rows(slice(int(np.searchsorted(data.time, data.time[0] + LOOK))))), fixes)
     given = inputs.get("axes")
     if found is None:
-        if (
-            given is None and imu.facts.columns and imu.facts.axes == UPRIGHT
-        ):  # from a file, whose axes are anybody's guess
+        from_file = bool(imu.facts.columns)  # whose axes are anybody's guess
+        if given is None and from_file and imu.facts.axes == UPRIGHT:
             scale = 1.0 / float(np.median(np.diff(data.time))) if data.sampling == "increment" else 1.0
             quiet = quiet_part(data.gyro, data.accel, interval=1.0 / imu.facts.rate_hz, scale=scale)
             check_axes(quiet, None, where=imu.facts.path)

@@ -36,8 +36,8 @@ def test_errors_are_as_large_as_predicted(drives):
 @pytest.mark.parametrize("offset", [18.0, -3.4, 405_314.57, -1.44e9])
 def test_any_offset_is_found(drives, offset):
     imu, fixes = drives[0]
-    none = clock_offset(imu, fixes)
-    found = clock_offset(replace(imu, time=imu.time - offset), fixes)
+    none = clock_offset(intervals(imu), fixes)
+    found = clock_offset(intervals(replace(imu, time=imu.time - offset)), fixes)
     assert found.offset - none.offset == pytest.approx(offset, abs=5e-3)
 
 
@@ -45,22 +45,24 @@ def test_the_mounting_does_not_matter(drives):
     imu, fixes = drives[0]
     turn = dcm_from_rph([2.0, 0.7, -1.1])
     turned = replace(imu, gyro=imu.gyro @ turn.T, accel=imu.accel @ turn.T)
-    assert clock_offset(turned, fixes).offset == pytest.approx(clock_offset(imu, fixes).offset, abs=5e-3)
+    assert clock_offset(intervals(turned), fixes).offset == pytest.approx(
+        clock_offset(intervals(imu), fixes).offset, abs=5e-3
+    )
 
 
 def test_only_a_part_in_common(drives):
     imu, fixes = drives[0]
     part = imu.rows((imu.time > 150.0) & (imu.time < 260.0))
     moved = replace(part, time=part.time + 1e5)
-    assert clock_offset(moved, fixes).offset == pytest.approx(-1e5, abs=0.1)
+    assert clock_offset(intervals(moved), fixes).offset == pytest.approx(-1e5, abs=0.1)
 
 
 def test_nothing_is_found_where_nothing_moves_or_nothing_fits(drives):
     imu, fixes = drives[0]
     rest = imu.time < 55.0
-    assert clock_offset(imu.rows(rest), fixes.rows(fixes.time < 55.0)) is None
+    assert clock_offset(intervals(imu.rows(rest)), fixes.rows(fixes.time < 55.0)) is None
     backwards = replace(fixes, v_n=fixes.v_n[::-1].copy(), lla=fixes.lla[::-1].copy())
-    found = clock_offset(imu, backwards)
+    found = clock_offset(intervals(imu), backwards)
     assert found is None or found.turns < 0.9
 
 

@@ -24,16 +24,6 @@ LOGS = {
 }
 
 
-@pytest.fixture
-def save(tmp_path):
-    def write(data: bytes):
-        path = tmp_path / "drive"
-        path.write_bytes(data)
-        return path
-
-    return write
-
-
 @pytest.mark.parametrize("name", LOGS)
 def test_a_log_gives_what_was_written(save, name):
     data, start, accuracy, sd = LOGS[name]

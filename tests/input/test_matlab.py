@@ -75,16 +75,6 @@ def version_7(data: dict) -> bytes:
     return bytes(content)
 
 
-@pytest.fixture
-def save(tmp_path):
-    def write(data: bytes):
-        path = tmp_path / "drive"
-        path.write_bytes(data)
-        return path
-
-    return write
-
-
 @pytest.mark.parametrize("version", [version_5, version_7])
 @pytest.mark.parametrize("data", [navego(), psins()], ids=["NaveGo", "PSINS"])
 def test_arrays_are_read_by_their_names(save, version, data):
