@@ -58,6 +58,22 @@ class InputError(InsnavError):
     exit_code = 3
 
 
+class ClockError(InputError):
+    """Clocks of IMU and receiver that differ.
+
+    Parameters
+    ----------
+    what, where, why, fix : str
+        As of `InsnavError`.
+    offset : float
+        To be added to the times of the IMU, as the message says [s].
+    """
+
+    def __init__(self, what: str, *, where: str = "", why: str = "", fix: str = "", offset: float) -> None:
+        super().__init__(what, where=where, why=why, fix=fix)
+        self.offset = offset
+
+
 class AlignmentError(InsnavError):
     """The data do not determine an initial attitude."""
 

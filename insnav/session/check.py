@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +11,7 @@ import numpy as np
 
 from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.clock_offset import ClockOffset
-from insnav.exceptions import InsnavError
+from insnav.exceptions import ClockError, InsnavError
 from insnav.filter.fix_figures import FixFigures, look_at_fixes
 from insnav.filter.gps_noise import with_sd
 from insnav.imu.health import inspect
@@ -20,7 +19,7 @@ from insnav.imu.inspection import ImuFigures, inspect_samples
 from insnav.input import Reading
 from insnav.input.formats.registry import open_tables
 from insnav.input.interpret.columns import match_header
-from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA
+from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, Quantity
 from insnav.result import Result
 from insnav.session.clock import clock_offset
 from insnav.session.defaults import stationary_part
@@ -122,7 +121,7 @@ def _sorted(files: Iterable[str | Path], patient: _Patient) -> dict[str, str | P
     return given
 
 
-def _known(headers: Sequence[str], schema: tuple, words: str) -> bool:  # type: ignore[type-arg]
+def _known(headers: Sequence[str], schema: Sequence[Quantity], words: str) -> bool:
     count = 0
     for header in headers:
         try:
@@ -168,11 +167,10 @@ def _loaded(readings: Readings, patient: _Patient) -> Drive | None:
         try:
             return drive_of(replace(readings, inputs=patient.inputs))
         except InsnavError as error:
-            offset = re.search(r"--imu-time-offset (-?[\d.]+)", error.fix)
             patient.refused(95.0, error)
-            if offset is None or patient.inputs.get("time_offset") is not None:
+            if not isinstance(error, ClockError) or patient.inputs.get("time_offset") is not None:
                 return None
-            patient.inputs["time_offset"] = float(offset[1])
+            patient.inputs["time_offset"] = error.offset
     return None
 
 
@@ -237,8 +235,8 @@ def _of_imu(reading: Reading[ImuData], found: Checked, patient: _Patient) -> Non
             "the motion in them is not known",
             "log to a faster medium, or with a larger buffer",
         )
-    for kind, word in (("imu.unsorted", "out of order"), ("imu.duplicate", "at the time of another")):
-        some = [event for event in reading.events if event.kind == kind]
+    for kind, word in ((EventKind.IMU_UNSORTED, "out of order"), (EventKind.IMU_DUPLICATE, "at the time of another")):
+        some = [event for event in reading.events if event.kind is kind]
         if some:
             patient.mend(
                 30.0,

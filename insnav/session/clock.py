@@ -9,7 +9,7 @@ import numpy as np
 
 from insnav.alignment.clock_offset import ClockOffset, find_clock_offset
 from insnav.alignment.turn_scale import turn_scale
-from insnav.exceptions import InputError
+from insnav.exceptions import ClockError, InputError
 from insnav.filter.gps_noise import LAG_WORTH, velocity_lag, with_sd
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, overlap
@@ -46,12 +46,13 @@ def on_one_clock(
     parts, fixes = intervals(imu.data), with_sd(gps.data)[0]
     found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
     if found is not None and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
-        apart = overlap(imu.data, gps.data) == 0.0
-        raise InputError(
+        apart, offset = overlap(imu.data, gps.data) == 0.0, round(offset + found.offset, 3)
+        raise ClockError(
             "IMU and GPS have no time in common" if apart else "the clocks of IMU and GPS differ",
             where=f"{imu.facts.path}, {gps.facts.path}",
             why=f"{_spans(imu, gps)}; {evidence(found)}",
-            fix=f"say --imu-time-offset {offset + found.offset:.3f}, which is added to the times of the IMU",
+            fix=f"say --imu-time-offset {offset:.3f}, which is added to the times of the IMU",
+            offset=offset,
         )
     check_overlap(imu.data, gps.data)
     _check_gyro_unit(imu.facts.path, parts, fixes)
