@@ -18,12 +18,12 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from insnav.alignment.in_motion import velocity
 from insnav.kernels.alignment import level_history
+from insnav.kernels.earth import A
 from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray, GpsData
 
 COARSE = 0.5  # to which the best lag of the correlation tells the offset, at least [s]
 STEEPEST = 1.55  # latitude, north or south, beyond which the course turns with every metre [rad]
-RADIUS = 6.37e6  # of the Earth, roughly [m]
 STEP = 0.1  # of the grid on which records are compared [s]
 SPAN = 1.0  # over which turns and changes of velocity are taken, at least [s]
 LEVELLING = 30.0  # time constant with which gravity is found; longer than accelerations last [s]
@@ -98,7 +98,7 @@ def _of_gps(gps: GpsData) -> _Track | None:
     fast = np.hypot(v[:, 0], v[:, 1]) > np.maximum(SLOW, 4.0 * speed.sd)
     # North turns as the vehicle moves east, which no gyro feels: metres from a pole, that is all there is
     lat = np.interp(speed.time, gps.time, gps.lla[:, 0])
-    north = v[:, 1] * np.tan(np.clip(lat, -STEEPEST, STEEPEST)) / RADIUS
+    north = v[:, 1] * np.tan(np.clip(lat, -STEEPEST, STEEPEST)) / A
     turned = np.concatenate([[0.0], np.cumsum(0.5 * (north[1:] + north[:-1]) * np.diff(speed.time))])
     course = np.arctan2(v[:, 1], v[:, 0]) - turned
     v = np.hypot(v[:, 0], v[:, 1])[:, None] * np.column_stack([np.cos(course), np.sin(course)])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insnav.exceptions import ConfigError
-from insnav.input.formats.time_scales import WEEK_DAYS, leap_seconds
+from insnav.input.formats.time_scales import DAY, EPOCH, UNIX_DAYS, WEEK_DAYS, leap_seconds
 from insnav.output.folder import read_facts
 from insnav.output.solution_tables import has_smoothed, read_solution
 from insnav.output.track_files import WRITERS, Track, track_text
@@ -18,9 +18,8 @@ from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 
 Solution = Literal["smoothed", "filtered"]
-_EPOCH = np.datetime64("1980-01-06", "ns")
+_START = EPOCH.astype("datetime64[ns]")
 _UNIX_FROM = 1e9  # times beyond are Unix time [s]
-_GPS_UNIX = 315_964_800.0  # the epoch of GPS in Unix time [s]
 _WEEK = re.compile(r"seconds of (?:the )?GPS week (\d+)")
 
 
@@ -55,14 +54,14 @@ def _instants(
 ) -> tuple[NDArray[np.datetime64], NDArray[np.datetime64]] | tuple[None, None]:
     """Instants in UTC and in GPS time, of times in seconds of a GPS week or in Unix time; None if neither."""
     if time[0] > _UNIX_FROM:
-        since = time - _GPS_UNIX
-        day = np.floor(since / 86_400.0)
-        utc = _EPOCH + np.round(since * 1e6).astype(np.int64) * np.timedelta64(1, "us")
-        return utc, utc + leap_seconds(day, since - 86_400.0 * day).astype(np.int64) * np.timedelta64(1, "s")
+        since = time - UNIX_DAYS * DAY
+        day = np.floor(since / DAY)
+        utc = _START + np.round(since * 1e6).astype(np.int64) * np.timedelta64(1, "us")
+        return utc, utc + leap_seconds(day, since - DAY * day).astype(np.int64) * np.timedelta64(1, "s")
     if week is None:
         return None, None
-    gps = _EPOCH + int(week * WEEK_DAYS) * np.timedelta64(1, "D") + np.round(time * 1e9).astype(np.int64)
-    day = WEEK_DAYS * week + np.floor(time / 86_400.0)
+    gps = _START + int(week * WEEK_DAYS) * np.timedelta64(1, "D") + np.round(time * 1e9).astype(np.int64)
+    day = WEEK_DAYS * week + np.floor(time / DAY)
     # the table is in UTC: at the seconds of a leap itself it may be off by one, which a drive hardly meets
-    ahead = leap_seconds(day, time % 86_400.0 - 18.0)
+    ahead = leap_seconds(day, time % DAY - 18.0)
     return gps - ahead.astype(np.int64) * np.timedelta64(1, "s"), gps

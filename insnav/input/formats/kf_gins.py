@@ -19,6 +19,7 @@ from insnav.input.formats.delimited_text import TextCells
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import Table
 from insnav.input.formats.text_dialect import Dialect
+from insnav.input.formats.time_scales import WEEK
 from insnav.types import FloatArray
 
 name = "KF-GINS text file"
@@ -32,7 +33,6 @@ _SOLUTION = (
     "week", "time_s", "lat_deg", "lon_deg", "height_m", "vn_m_s", "ve_m_s", "vd_m_s", "roll_deg", "pitch_deg",
     "heading_deg",
 )  # fmt: skip
-_WEEK = 604_800.0
 _GRAVITY = (9.3, 10.3)  # what increments of velocity add up to each second [m/s^2]
 _ROWS = 20  # that are looked at
 
@@ -65,7 +65,7 @@ def _layout(head: bytes) -> tuple[str, tuple[str, ...]]:
     width = numbers.shape[1]
     time = numbers[:, 1 if width == 11 else 0]
     step = np.diff(time)
-    if not (step > 0.0).all() or time[0] < 0.0 or time[-1] > _WEEK:
+    if not (step > 0.0).all() or time[0] < 0.0 or time[-1] > WEEK:
         return "", ()
     if width in (7, 13) and _is_place(numbers[:, 1:4]) and _are_deviations(numbers[:, [4, 5, 6, *range(10, width)]]):
         return "gps", (*_POSITION, *_VELOCITY)[:width]

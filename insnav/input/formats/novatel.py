@@ -21,7 +21,7 @@ from insnav.input.formats.conventions import deviations
 from insnav.input.formats.messages import Bytes, as_records, joined, sound_messages, starts
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
-from insnav.input.formats.time_scales import WEEK_DAYS, seconds_of_week
+from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, seconds_of_week
 from insnav.types import FloatArray
 from insnav.units import DEG
 
@@ -231,7 +231,7 @@ def _word(key: str, word: str) -> float:
 
 def _own_time(time: FloatArray, rows: NDArray[Any]) -> FloatArray:
     """Time in the messages themselves, which is finer than that of their headers."""
-    return np.asarray(rows["second"] + np.round((time - rows["second"]) / 604_800.0) * 604_800.0, dtype=np.float64)
+    return np.asarray(rows["second"] + np.round((time - rows["second"]) / WEEK) * WEEK, dtype=np.float64)
 
 
 def _none(name: str) -> tuple[FloatArray, NDArray[Any]]:

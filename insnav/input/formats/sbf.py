@@ -21,7 +21,7 @@ from insnav.input.formats.conventions import ACCEL, GYRO, deviations, level_cova
 from insnav.input.formats.messages import Bytes, as_records, at_times, joined, sound_messages, starts
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
-from insnav.input.formats.time_scales import WEEK_DAYS, seconds_of_week
+from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, seconds_of_week
 from insnav.types import FloatArray
 from insnav.units import DEG
 
@@ -132,7 +132,7 @@ def _read_blocks(source: Source) -> tuple[dict[str, _Rows], int]:
 
 def _key(rows: _Rows) -> FloatArray:
     """Time since 1980, to join blocks by [ms]."""
-    return np.asarray(rows["week"] * 604_800_000.0 + rows["tow"], dtype=np.float64)
+    return np.asarray(rows["week"] * (1e3 * WEEK) + rows["tow"], dtype=np.float64)
 
 
 def _good(rows: _Rows, fields: tuple[str, ...], notes: list[str]) -> NDArray[np.bool_]:
@@ -223,8 +223,8 @@ def _samples(source: Source, week: float | None, notes: list[str]) -> Table | No
     (force_time, force), (time, rate) = sorted_parts[0], sorted_parts[1]
     if not len(force) or not len(rate):
         return None
-    first = week if week is not None else float(time[0] // 604_800_000.0)
-    columns = {"time_s": 1e-3 * (time - first * 604_800_000.0), **triad(GYRO, rate * DEG)}
+    first = week if week is not None else float(time[0] // (1e3 * WEEK))
+    columns = {"time_s": 1e-3 * (time - first * (1e3 * WEEK)), **triad(GYRO, rate * DEG)}
     columns |= {key: at_times(time, force_time, force[:, i]) for i, key in enumerate(ACCEL)}
     axes = up_or_down(columns[ACCEL[2]], "FLU")
     return column_table(

@@ -13,26 +13,27 @@ Scale = Literal["GPST", "UTC"]
 
 WEEK_DAYS = 7.0
 DAY = 86_400.0
-_EPOCH = np.datetime64("1980-01-06", "D")
-_UNIX_DAYS = float((_EPOCH - np.datetime64("1970-01-01", "D")).astype(np.int64))  # from 1970 to the epoch of GPS
+WEEK = WEEK_DAYS * DAY
+EPOCH = np.datetime64("1980-01-06", "D")  # of GPS time
+UNIX_DAYS = float((EPOCH - np.datetime64("1970-01-01", "D")).astype(np.int64))  # from 1970 to the epoch of GPS
 # months that began with GPS time one more second ahead of UTC (IERS Bulletin C)
 _LEAPS = """
 1981-07 1982-07 1983-07 1985-07 1988-01 1990-01 1991-01 1992-07 1993-07
 1994-07 1996-01 1997-07 1999-01 2006-01 2009-01 2012-07 2015-07 2017-01
 """
-_LEAP_DAYS = (np.array(_LEAPS.split(), dtype="datetime64[D]") - _EPOCH).astype(np.float64)
+_LEAP_DAYS = (np.array(_LEAPS.split(), dtype="datetime64[D]") - EPOCH).astype(np.float64)
 
 
 def gps_days(year: FloatArray, month: FloatArray, day: FloatArray) -> FloatArray:
     """Days of calendar dates since 6 January 1980, ``(n,)``."""
     months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
-    return np.asarray((months.astype("datetime64[D]") - _EPOCH).astype(np.float64) + day - 1.0)
+    return np.asarray((months.astype("datetime64[D]") - EPOCH).astype(np.float64) + day - 1.0)
 
 
 def unix_days(nanoseconds: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
     """Days since 6 January 1980 and seconds of them, of Unix time, ``(n,)``."""
     day, rest = np.divmod(nanoseconds, 86_400_000_000_000)
-    return day - _UNIX_DAYS, rest * 1e-9
+    return day - UNIX_DAYS, rest * 1e-9
 
 
 def leap_seconds(day: FloatArray, second: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from insnav.input.formats.conventions import ACCEL, GYRO, up_or_down
 from insnav.input.formats.messages import as_records, at_times, joined, sound_messages, starts
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
-from insnav.input.formats.time_scales import WEEK_DAYS, gps_days, leap_seconds, seconds_of_week
+from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, gps_days, leap_seconds, seconds_of_week
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG
 
@@ -218,7 +218,7 @@ def _week(rows: NDArray[Any]) -> FloatArray:
     second = 3600.0 * part["hour"] + 60.0 * part["min"] + part["sec"]
     # from the time of the week, which the date only has to tell from the others: it is rounded near midnight
     since = day * 86_400.0 + second + leap_seconds(day, second)
-    week[valid] = np.round((since - 1e-3 * part["iTOW"]) / 604_800.0)
+    week[valid] = np.round((since - 1e-3 * part["iTOW"]) / WEEK)
     return _filled(week, rows["iTOW"].astype(np.float64))
 
 
