@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from insnav.attitude import skew
 from insnav.errors.budget.covariance import disturbance, integrated, steps_of
 from insnav.errors.budget.sampled_motion import sampled
 from insnav.errors.budget.sources import BODY, SENSORS, Source
@@ -233,7 +234,7 @@ def _measured(moved: Propagation, k: int, aiding: Aiding, *, gps: bool, stop: bo
     speed = float(np.linalg.norm(v_n))
     if speed > _MOVING:
         # C_hat = (I - [phi x]) C: the velocity in body axes is off by C' (dv + phi x v)
-        by_attitude = C_nb.T @ -_cross(v_n)
+        by_attitude = C_nb.T @ -skew(v_n)
         if aiding.nhc:
             add(NHC_SD, (slice(3, 6), C_nb[:, 1]), (slice(6, 9), by_attitude[1]), (MOUNTING + 1, speed))
             add(NHC_SD, (slice(3, 6), C_nb[:, 2]), (slice(6, 9), by_attitude[2]), (MOUNTING, -speed))
@@ -246,10 +247,6 @@ def _measured(moved: Propagation, k: int, aiding: Aiding, *, gps: bool, stop: bo
         for axis in range(3):
             add(ZUPT_SD, (3 + axis, 1.0))
     return np.array(rows).reshape(len(rows), STATES), np.array(sd)
-
-
-def _cross(v: FloatArray) -> FloatArray:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
 
 def _updated(P: FloatArray, H: FloatArray, sd: FloatArray) -> FloatArray:
