@@ -58,3 +58,13 @@ def test_nonsense_ends_in_one_block(cli: Cli, tmp_path: Path, options: tuple[str
     assert said in shown.err
     assert "Traceback" not in shown.err
     assert not (tmp_path / "r").exists()
+
+
+def test_runs_refute_a_probability_and_never_prove_it(cli: Cli, tmp_path: Path) -> None:
+    shown = cli("require", "--error", "1 m", "--after", "60 s", "--runs", "400", "--out", str(tmp_path / "r"), "-v")
+    assert shown.code == 0
+    text = " ".join(shown.out.split())
+    assert "1 x the set, 400 simulated runs" in text
+    assert "%): agrees with 95 %." in text
+    assert "%): less than 95 %." in text
+    assert "meets 95" not in text

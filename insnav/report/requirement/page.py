@@ -222,7 +222,11 @@ def _verification(study: RequirementStudy) -> tuple[tuple[Quantity, ...], ...]:
             Quantity("within", each.within, meaning="within the limit"),
             Quantity("probability", each.within / each.runs, interval=each.interval, meaning="probability (95 %)"),
             Quantity("error", each.error, "m", meaning=f"{100 * study.required.probability:g} % error"),
-            Quantity("meets", each.meets(study.required.probability)),
+            Quantity(
+                "meets",
+                each.meets(study.required.probability),
+                meaning=f"agrees with {100 * study.required.probability:g} %",
+            ),
         )
         for each in study.verified
     )
@@ -262,7 +266,8 @@ def summary(study: RequirementStudy) -> tuple[str, ...]:
 
 def _verified(each: Verified, study: RequirementStudy) -> str:
     low, high = each.interval
-    verdict = "meets" if each.meets(study.required.probability) else "does not meet"
+    # runs can refute a probability, not prove it
+    verdict = "agrees with" if each.meets(study.required.probability) else "less than"
     return (
         f"{each.factor:g} x the set, {each.runs} simulated runs: {100 * each.within / each.runs:.1f} % within the "
         f"limit ({100 * low:.1f} to {100 * high:.1f} %): {verdict} {100 * study.required.probability:g} %."
