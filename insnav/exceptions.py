@@ -6,6 +6,8 @@ The command line prints one block per error and ends with `exit_code`; nothing e
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from typing import Any
 
 KEYWORDS = {"--out": "folder"}  # options whose keyword in Python has another name; `insnav.session.inputs` adds its own
 _OPTION = re.compile(r"--([a-z](?:[a-z-]*[a-z])?)\b")
@@ -24,16 +26,21 @@ class InsnavError(Exception):
         The evidence, with numbers.
     fix : str
         What the user can do about it.
+    gives : mapping, optional
+        Inputs by name, as of `insnav.load`, that the evidence says to give.
     """
 
     exit_code = 70
 
-    def __init__(self, what: str, *, where: str = "", why: str = "", fix: str = "") -> None:
+    def __init__(
+        self, what: str, *, where: str = "", why: str = "", fix: str = "", gives: Mapping[str, Any] | None = None
+    ) -> None:
         super().__init__(what)
         self.what = what
         self.where = where
         self.why = why
         self.fix = fix
+        self.gives = dict(gives or {})
 
     def __str__(self) -> str:
         parts = [self.what]
@@ -56,22 +63,6 @@ class InputError(InsnavError):
     """A data file that cannot be used."""
 
     exit_code = 3
-
-
-class ClockError(InputError):
-    """Clocks of IMU and receiver that differ.
-
-    Parameters
-    ----------
-    what, where, why, fix : str
-        As of `InsnavError`.
-    offset : float
-        To be added to the times of the IMU, as the message says [s].
-    """
-
-    def __init__(self, what: str, *, where: str = "", why: str = "", fix: str = "", offset: float) -> None:
-        super().__init__(what, where=where, why=why, fix=fix)
-        self.offset = offset
 
 
 class AlignmentError(InsnavError):

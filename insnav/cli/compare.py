@@ -77,4 +77,4 @@ def compare(
     else:
         from insnav.report.comparison.page import comparison_lines
 
-        result("\n".join(comparison_lines(found)))
+        result("\n".join([*comparison_lines(found), *outcome.notes]))

@@ -14,6 +14,8 @@ from insnav.filter.noise_identification import NoiseEstimate
 from insnav.input.readers.reading import Reading
 from insnav.types import FloatArray, GpsData, Run, Trajectory
 
+_FEW, _MOST, _SAME = 10, 0.9, 1e-10  # epochs in common, and share of them that are the same [rad]: half a millimetre
+
 
 @dataclass(frozen=True, slots=True)
 class EvaluatedRun:
@@ -27,6 +29,7 @@ class EvaluatedRun:
     # short-duration mechanization against the full one, if that was asked for
     short_duration: tuple[ShortWindow, ...] = ()
     noise: NoiseEstimate | None = None  # as found in the innovations
+    reference_is_gps: bool = False  # the reference is what the run was aided with
 
     @property
     def reference_offset(self) -> ReferenceOffset | None:
@@ -54,23 +57,35 @@ def evaluate_run(
     `lever_b` (3,): point of the reference seen from the IMU, body axes [m].
     Raises: InputError: run and reference have no time in common.
     """
-    notes = []
+    notes: list[str] = []
     errors = smoothed_errors = None
     if reference is not None:
-        good = fixed_epochs(reference)
+        good, said = fixed_epochs(reference)
+        notes += said
         errors = position_errors(done.run.solution, good, lever_b=lever_b)
         if done.run.smoothed is not None:
             smoothed_errors = position_errors(done.run.smoothed.solution, good, lever_b=lever_b)
-        left = len(reference.data.time) - len(good.time)
-        if left:
-            notes.append(f"accuracy counts reference epochs with fix = 1 only; {left} others are left out")
         offset = reference_offset(errors, done.run.solution)
         notes += offset_notes(offset) if offset is not None else []
-    return EvaluatedRun(done.run, done.gps, errors, smoothed_errors), tuple(notes)
+    same = reference is not None and done.gps is not None and _same_positions(done.gps, reference.data)
+    return EvaluatedRun(done.run, done.gps, errors, smoothed_errors, reference_is_gps=same), tuple(notes)
 
 
-def fixed_epochs(reference: Reading[Trajectory]) -> Trajectory:
-    """Epochs of a reference with fixed ambiguities; all of them where the file does not tell."""
-    if reference.fix is None or not (reference.fix == 1).any():
-        return reference.data
-    return reference.data.rows(np.asarray(reference.fix == 1))
+def _same_positions(gps: GpsData, reference: Trajectory) -> bool:
+    """Whether the epochs that fixes and reference have in common are the same positions."""
+    _, i, j = np.intersect1d(gps.time, reference.time, return_indices=True)
+    if len(i) < _FEW:
+        return False
+    apart = np.abs(gps.lla[i, :2] - reference.lla[j, :2]).max(axis=1)
+    return bool(np.mean(apart < _SAME) > _MOST)
+
+
+def fixed_epochs(reference: Reading[Trajectory]) -> tuple[Trajectory, tuple[str, ...]]:
+    """Epochs of a reference with fixed ambiguities, and what is left out; all where the file does not tell."""
+    if reference.fix is None or not (reference.fix == 1).any() or (reference.fix == 1).all():
+        return reference.data, ()
+    fixed = np.asarray(reference.fix == 1)
+    left = int(np.count_nonzero(~fixed))
+    return reference.data.rows(fixed), (
+        f"accuracy counts reference epochs with fix = 1 only; {left} others are left out",
+    )

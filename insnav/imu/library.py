@@ -148,7 +148,8 @@ def parts() -> tuple[Part, ...]:
 
 def close_names(name: str) -> str:
     """Names like one that is unknown, or where all of them are listed."""
-    close = difflib.get_close_matches(_plain(name), _files(), n=3, cutoff=0.75)
+    plain = _plain(name)
+    close = [key for key in _files() if plain and plain in key] or difflib.get_close_matches(plain, _files(), n=3)
     return ", ".join(_files()[key].stem for key in close) or "see insnav imus"
 
 

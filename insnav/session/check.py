@@ -6,20 +6,23 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.clock_offset import ClockOffset
-from insnav.exceptions import ClockError, InsnavError
+from insnav.exceptions import InputError, InsnavError
 from insnav.filter.fix_figures import FixFigures, look_at_fixes
 from insnav.filter.gps_noise import with_sd
 from insnav.imu.health import inspect
 from insnav.imu.inspection import ImuFigures, inspect_samples
-from insnav.input import Reading
+from insnav.input import Reading, ReadingFacts, read_gps
 from insnav.input.formats.registry import open_tables
 from insnav.input.interpret.columns import match_header
+from insnav.input.interpret.headerless import imu_columns, is_headerless, position_columns
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, Quantity
+from insnav.input.readers.imu import parse_units
 from insnav.result import Result
 from insnav.session.clock import clock_offset
 from insnav.session.defaults import stationary_part
@@ -31,6 +34,9 @@ from insnav.types import BoolArray, Event, EventKind, GpsData, ImuData, Run
 from insnav.units import G0
 
 TO_MEND = 3
+REFUSED, MENDED = 100.0, 90.0  # weights of what insnav run refuses, without and with the line to copy
+ATTEMPTS = 6  # with what refusals ask for
+_ALONE = "give the IMU file too"
 STANDING = 0.3  # GPS speed of a vehicle that stands [m/s]
 WORTH = {"delay": 0.05, "lever": 0.2}  # what is worth a word [s], [m]
 STEP = 0.004 * G0  # of the specific force from one rest to the next [m/s^2]
@@ -51,7 +57,7 @@ class Checked:
     """What was found in the files."""
 
     roles: Mapping[str, str]  # file to what it was taken for
-    command: str  # line to run them with
+    command: str  # line that runs them, as far as it is known
     problems: tuple[Problem, ...]  # the worst first
     imu: ImuFigures | None = None
     gps: FixFigures | None = None
@@ -59,6 +65,8 @@ class Checked:
     mounting: Mounting | None = None
     run: Run | None = None  # by the filter, if the files can be navigated
     rest: tuple[float, float] | None = None  # first stationary part [s]
+    runs: bool = False  # the line was seen to run
+    runs_as_given: bool = False  # insnav run takes the files without a further word
 
 
 @dataclass(slots=True)
@@ -68,30 +76,47 @@ class _Patient:
     inputs: Inputs
     roles: dict[str, str] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
+    refusals: int = 0
+    left_out: tuple[str, ...] = ()  # files that cannot be used with the others
 
     def mend(self, weight: float, what: str, why: str, fix: str) -> None:
         self.problems.append(Problem(weight, what, why, fix))
 
-    def refused(self, weight: float, error: InsnavError) -> None:
-        self.mend(weight, f"{error.where}: {error.what}" if error.where else error.what, error.why, error.fix)
+    def refused(self, error: InsnavError) -> bool:
+        """Note why insnav run refuses, and give what that asks for; whether that is anything new."""
+        self.refusals += 1
+        before = {**self.inputs}
+        for key, value in error.gives.items():
+            old = self.inputs.get(key)
+            old = parse_units(old) if key == "units" and isinstance(old, str) else old
+            merged = {**old, **value} if isinstance(old, Mapping) else value
+            self.inputs = cast(Inputs, {**self.inputs, key: merged})
+        known = self.inputs != before
+        if not any(error.what in each.what for each in self.problems):
+            what = f"{error.where}: {error.what}" if error.where else error.what
+            self.mend(MENDED if known else REFUSED, what, error.why, error.fix)
+        return known
 
 
 def check(files: Sequence[str | Path], inputs: Inputs) -> Result[Checked]:
     """Examine files of a recording, in any order.
 
-    Nothing is refused: what cannot be read or navigated is the first thing to mend.
+    Nothing is refused: what cannot be read or navigated is the first thing to mend. What a refusal says to give is
+    tried, and stands in the line to copy, which is given only if it was seen to run.
     """
     patient = _Patient({**inputs})
     given = _sorted(files, patient)
-    readings = _read(given, patient)
-    drive = _loaded(readings, patient) if readings is not None else None
-    data = drive.readings if drive is not None else readings
+    data, drive = _opened(given, patient)
     found = Checked(dict(patient.roles), "", ())
     if data is not None:
         found = _examined(found, data, drive, patient)
-    problems = tuple(sorted(patient.problems, key=lambda each: -each.weight))
-    found = replace(found, command=_command(given, patient.inputs), problems=problems)
     facts = {} if data is None else data.facts
+    if data is None and "gps" in given:
+        facts, found = _fixes_alone(given["gps"], found, patient)
+    problems = tuple(sorted(patient.problems, key=lambda each: -each.weight))
+    line = _command(given, patient) if "imu" in given else ""
+    as_given = found.run is not None and not patient.refusals
+    found = replace(found, command=line, runs=found.run is not None, runs_as_given=as_given, problems=problems)
     events: tuple[Event, ...] = () if data is None else data.imu.events
     return Result("check", found, facts, {}, None, () if drive is None else drive.notes, events)
 
@@ -104,14 +129,15 @@ def _sorted(files: Iterable[str | Path], patient: _Patient) -> dict[str, str | P
             tables = open_tables(each)
         except InsnavError as error:
             patient.roles[str(each)] = "not readable"
-            patient.refused(100.0, error)
+            patient.refused(error)
             continue
         kinds = {key.partition(":")[0] for key in tables}
         if "" in kinds:
-            headers = next(iter(tables.values())).headers
-            kinds = {"imu" if _known(headers, IMU_SCHEMA, "gyro accel dtheta dvel") else "gps"}
-            if headers[0] == "1":
-                kinds = {"gps" if "imu" in given else "imu"}
+            table = next(iter(tables.values()))
+            samples = _known(table.headers, IMU_SCHEMA, "gyro accel dtheta dvel")
+            if is_headerless(table.headers):
+                samples = bool(imu_columns(table)) or not ("imu" in given or position_columns(table))
+            kinds = {"imu" if samples else "gps"}
         role = "imu" if "imu" in kinds and "imu" not in given else "gps" if "gps" not in given else "reference"
         given[role] = each
         both = {"imu", "gps"} <= kinds
@@ -141,37 +167,50 @@ def _is(header: str, *keys: str) -> bool:
     return match is not None and match[0].key in keys
 
 
-def _read(given: Mapping[str, str | Path], patient: _Patient) -> Readings | None:
+def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Readings | None, Drive | None]:
+    """Readings, and the drive, of as many of the files as go together."""
     if "imu" not in given:
-        patient.mend(99.0, "no file with IMU data", "none has gyros and accelerometers", "give the IMU file too")
-        return None
-    for parts in (("gps", "reference"), ("gps",), ()):
-        try:
-            return read(
-                given["imu"],
-                given.get("gps") if "gps" in parts else None,
-                given.get("reference") if "reference" in parts else None,
-                patient.inputs,
-            )
-        except InsnavError as error:
-            if all(problem.what.find(error.what) < 0 for problem in patient.problems):
-                patient.refused(98.0, error)
-    return None
+        patient.refused(InputError("no file with IMU data", why="none has gyros and accelerometers", fix=_ALONE))
+        return None, None
+    best = None
+    for without in ((), ("reference",), ("gps", "reference")):
+        parts = {key: each for key, each in given.items() if key not in without}
+        if len(parts) + len(without) > len(given):  # there is none to leave out
+            continue
+        readings, drive = _attempt(parts, patient)
+        best = best or readings
+        if drive is not None:
+            patient.left_out = without
+            return drive.readings, drive
+        if readings is not None and "reference" not in parts:
+            break
+    return best, None
 
 
-def _loaded(readings: Readings, patient: _Patient) -> Drive | None:
-    """The drive, with the offset of the clocks that it was refused with."""
-    if readings.gps is None:
-        patient.mend(50.0, "no GPS", "no file holds positions", "give the fixes too, or see insnav align")
-    for _ in range(2):
+def _attempt(parts: Mapping[str, str | Path], patient: _Patient) -> tuple[Readings | None, Drive | None]:
+    """Read files with the inputs that refusals ask for."""
+    readings = None
+    for _ in range(ATTEMPTS):
         try:
-            return drive_of(replace(readings, inputs=patient.inputs))
+            readings = read(parts["imu"], parts.get("gps"), parts.get("reference"), patient.inputs)
+            return readings, drive_of(readings)
         except InsnavError as error:
-            patient.refused(95.0, error)
-            if not isinstance(error, ClockError) or patient.inputs.get("time_offset") is not None:
-                return None
-            patient.inputs["time_offset"] = error.offset
-    return None
+            if not patient.refused(error):
+                break
+    return readings, None
+
+
+def _fixes_alone(path: str | Path, found: Checked, patient: _Patient) -> tuple[dict[str, ReadingFacts], Checked]:
+    """Figures of a file of fixes without samples."""
+    inputs = patient.inputs
+    try:
+        reading = read_gps(path, columns=inputs.get("gps_columns"), height=inputs.get("gps_height"))
+    except InsnavError as error:
+        patient.refused(error)
+        return {}, found
+    found = replace(found, gps=look_at_fixes(reading.data))
+    _of_gps(reading, found, patient)
+    return {"gps": reading.facts}, found
 
 
 def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Patient) -> Checked:
@@ -179,6 +218,9 @@ def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Pat
     imu = data.imu.data
     fixes = None if data.gps is None else with_sd(data.gps.data)[0]
     together = drive is not None and fixes is not None
+    if drive is not None and drive.fixes is None:
+        why, fix = "no file holds positions", "give the fixes too; without any, insnav align --lat, insnav allan"
+        patient.refused(InputError("no GPS", why=why, fix=fix))
     try:
         rest = stationary_part(imu, fixes if together else None, data.inputs)
     except InsnavError:
@@ -211,7 +253,7 @@ def _faults(imu: ImuData, patient: _Patient) -> None:
     try:
         events = inspect(imu)[1]
     except InsnavError as error:
-        patient.refused(90.0, error)
+        patient.refused(error)
         return
     kinds = (
         (EventKind.IMU_SATURATED, 70.0, "clipped samples", "take a larger range or a softer mount"),
@@ -336,10 +378,14 @@ def _of_gps(reading: Reading[GpsData], found: Checked, patient: _Patient) -> Non
 def _run(drive: Drive, patient: _Patient) -> Run | None:
     """One pass of the filter."""
     try:
-        return drive.navigate(smooth=False, aiding="off", output_interval=1.0).found.run
+        found = drive.navigate(smooth=False, aiding="off", output_interval=1.0).found
     except InsnavError as error:
-        patient.refused(85.0, error)
+        patient.refused(error)
         return None
+    if found.reference_is_gps:
+        what, why = "reference and fixes are the same data", "their positions are equal"
+        patient.mend(40.0, what, why, "give another reference; errors against this one say nothing of the accuracy")
+    return found.run
 
 
 def _of_both(found: Checked, data: Readings, patient: _Patient) -> None:
@@ -369,24 +415,23 @@ def _of_both(found: Checked, data: Readings, patient: _Patient) -> None:
         patient.mend(26.0 if seen else 10.0, "the lever arm was not given", why, "measure it: --lever-arm F,R,D")
 
 
-def _command(given: Mapping[str, str | Path], inputs: Inputs) -> str:
+def _command(given: Mapping[str, str | Path], patient: _Patient) -> str:
     """Line that runs the files."""
-    if "imu" not in given:
-        return ""
-    words = ["insnav", "run" if "gps" in given else "align", str(given["imu"])]
+    words = ["insnav", "run", str(given["imu"])]
     if given.get("gps", given["imu"]) != given["imu"]:
         words += ["--gps", str(given["gps"])]
-    if "reference" in given:
+    if "reference" in given and "reference" not in patient.left_out:
         words += ["--ref", str(given["reference"])]
-    for key, value in inputs.items():
+    for key, value in patient.inputs.items():
         if value is not None and key in INPUTS and INPUTS[key].option:
-            words += [INPUTS[key].option, _spelled(value)]
+            words += [INPUTS[key].option, _spelled(value, INPUTS[key].size)]
     return shlex.join(words)
 
 
-def _spelled(value: object) -> str:
+def _spelled(value: object, size: float) -> str:
+    """Value of an option in the unit that has this size."""
     if isinstance(value, Mapping):
         return ",".join(f"{key}={each}" for key, each in value.items())
     if isinstance(value, list | tuple | np.ndarray):
         return ",".join(f"{each:g}" for each in value)
-    return f"{value:.3f}" if isinstance(value, float) else str(value)
+    return f"{value / size:.3f}" if isinstance(value, float) else str(value)

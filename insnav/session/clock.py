@@ -9,7 +9,7 @@ import numpy as np
 
 from insnav.alignment.clock_offset import ClockOffset, find_clock_offset
 from insnav.alignment.turn_scale import turn_scale
-from insnav.exceptions import ClockError, InputError
+from insnav.exceptions import InputError
 from insnav.filter.gps_noise import LAG_WORTH, velocity_lag, with_sd
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, overlap
@@ -47,12 +47,12 @@ def on_one_clock(
     found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
     if found is not None and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
         apart, offset = overlap(imu.data, gps.data) == 0.0, round(offset + found.offset, 3)
-        raise ClockError(
+        raise InputError(
             "IMU and GPS have no time in common" if apart else "the clocks of IMU and GPS differ",
             where=f"{imu.facts.path}, {gps.facts.path}",
             why=f"{_spans(imu, gps)}; {evidence(found)}",
             fix=f"say --imu-time-offset {offset:.3f}, which is added to the times of the IMU",
-            offset=offset,
+            gives={"time_offset": offset},
         )
     check_overlap(imu.data, gps.data)
     _check_gyro_unit(imu.facts.path, parts, fixes)
@@ -69,6 +69,7 @@ def _check_gyro_unit(path: str, parts: Intervals, fixes: GpsData) -> None:
                 where=path,
                 why=f"they turn {1.0 / scale:.3g} times as far as the course by GPS (r = {correlation:.2f})",
                 fix=f"say --imu-units gyro={unit}, or put the right unit into the header",
+                gives={"units": {"gyro": unit}},
             )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Unpack
 import numpy as np
 
 from insnav.errors.comparison import Comparison, Solution, compare_solutions
-from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.evaluated_run import EvaluatedRun, fixed_epochs
 from insnav.output.contents import FACTS_FILE, read_facts
 from insnav.output.solution_tables import has_smoothed, read_solution
 from insnav.plain_text import plain_text
@@ -50,9 +50,10 @@ def compare(
     inputs = checked(inputs)
     reference = read_ref(ref, inputs)
     solutions = [each for number, run in enumerate(runs, start=1) for each in _solutions(run, number)]
-    found = compare_solutions(solutions, reference.data, reference_point(inputs, reference.data))
+    fixed, notes = fixed_epochs(reference)
+    found = compare_solutions(solutions, fixed, reference_point(inputs, reference.data))
     names = [str(run) for run in runs if not isinstance(run, Result)]
-    return Result("comparison", found, {"reference": reference.facts}, options_of(inputs, runs=names))
+    return Result("comparison", found, {"reference": reference.facts}, options_of(inputs, runs=names), notes=notes)
 
 
 def _solutions(run: Result[EvaluatedRun] | str | Path, number: int) -> Iterator[Solution]:

@@ -497,7 +497,7 @@ class Drive:
     def _window_reference(self, reference: Reading[Trajectory]) -> WindowReference:
         """The reference as what free-inertial windows are compared with."""
         position_sd, velocity_sd = reference_sd(self.readings.inputs) or defaults.REFERENCE_SD
-        data = fixed_epochs(reference)
+        data, _ = fixed_epochs(reference)
         if velocity_sd is None:
             data = replace(data, v_n=np.full_like(data.v_n, np.nan))
         return reference_from_trajectory(

@@ -164,6 +164,7 @@ def _named(columns: Literal["columns", "gps_columns", "ref_columns"]) -> Iterato
     except InsnavError as error:
         error.where = re.sub(r"^columns\b", columns, error.where)
         error.fix = error.fix.replace("--columns", f"--{columns.replace('_', '-')}")
+        error.gives = {columns if key == "columns" else key: value for key, value in error.gives.items()}
         raise
 
 

@@ -188,7 +188,7 @@ def test_it_is_a_reference_too_and_no_imu_file(tmp_path):
     assert len(read_reference(path).data.time) == len(TOW)
     with pytest.raises(InputError) as caught:
         read_imu(path)
-    assert "--gps or --ref" in caught.value.fix
+    assert "--gps" in caught.value.fix
 
 
 def changed(old: str, new: str, layout: str = "llh") -> str:

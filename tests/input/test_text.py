@@ -11,6 +11,8 @@ import pytest
 
 from insnav.exceptions import InputError
 from insnav.input import read_imu
+from insnav.input.formats import delimited_text
+from insnav.input.formats.text_dialect import Dialect
 from insnav.types import EventKind
 from tests.input.files import IMU_HEADER, as_text, rolling, write
 
@@ -259,3 +261,14 @@ def test_reading_needs_neither_pandas_nor_matplotlib(tmp_path):
         "sys.exit(any(m in sys.modules for m in ('pandas', 'matplotlib')))"
     )
     assert subprocess.run([sys.executable, "-c", code, str(path)], check=False).returncode == 0
+
+
+def test_arrow_has_let_go_of_the_data_when_a_file_was_read():
+    """Its thread needs the interpreter to let go: a process that ends by then is aborted."""
+    good = b"".join(b"%d,1.0,2.0\n" % i for i in range(20_000))
+    dialect = Dialect(",", ".", ("a", "b", "c"), None, 0, 1)
+    for text in (good, good[:50_000] + b"\n1,2,x\n" + good):
+        held = sys.getrefcount(text)
+        for _ in range(100):
+            delimited_text._if_valid(delimited_text._read_fast, text, dialect, [0, 1, 2])
+            assert sys.getrefcount(text) == held

@@ -11,10 +11,11 @@ import pytest
 import insnav
 from insnav.filter.fix_figures import look_at_fixes
 from insnav.imu.inspection import inspect_samples
+from insnav.report.run.warnings import run_warnings
 from insnav.session.check import check
 from insnav.types import ImuData
 from tests.input.spellings.imu_files import FLU, SHORT
-from tests.input.spellings.recorded import GPS_HEADERS, IMU_HEADERS, drive, fixes, samples, table, text
+from tests.input.spellings.recorded import DEG, GPS_HEADERS, IMU_HEADERS, drive, fixes, samples, table, text
 
 
 @pytest.fixture(scope="module")
@@ -76,12 +77,46 @@ def test_what_cannot_be_read_is_the_first_to_mend(tmp_path):
     gps = table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
     found = check([bad, gps], {}).found
     assert "PNG" in found.problems[0].what
-    assert found.command == ""
+    assert not found.runs
     imu = table(tmp_path / "imu.csv", samples(IMU_HEADERS))
     alone = check([imu], {}).found
     assert alone.imu is not None
     assert any(each.what == "no GPS" for each in alone.problems)
     assert np.isclose(alone.imu.axes[5].at_rest, drive().accel[:200, 2].mean(), atol=0.05)
+
+
+def test_what_refusals_ask_for_stands_in_a_line_that_runs(tmp_path):
+    gyro = ",".join(f"w{axis} [rad/s]" for axis in "xyz")
+    imu = table(tmp_path / "imu.csv", samples(f"time_s,{gyro},fx,fy,fz", gyro=DEG))  # they are deg/s
+    exchanged = GPS_HEADERS.replace("lat_deg,lon_deg", "lon_deg,lat_deg")
+    found = check([imu, table(tmp_path / "gps.csv", fixes(exchanged))], {}).found
+    assert found.runs
+    assert not found.runs_as_given
+    assert "--imu-units gyro=deg/s" in found.command
+    assert "--gps-columns lat=lon_deg,lon=lat_deg" in found.command
+    bare = table(tmp_path / "gps.txt", fixes(GPS_HEADERS), header=False)
+    found = check([bare, table(tmp_path / "good.csv", samples(IMU_HEADERS))], {}).found
+    assert found.runs
+    assert "--gps-columns time=1,lat=2,lon=3,height=4" in found.command
+
+
+def test_a_reference_that_is_the_fixes_is_said(tmp_path):
+    imu, gps = table(tmp_path / "imu.csv", samples(IMU_HEADERS)), table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
+    result = check([imu, gps, table(tmp_path / "ref.csv", fixes(GPS_HEADERS[:34]))], {})
+    assert "same data" in result.summary()
+    found = insnav.load(imu, gps, gps).navigate(smooth=False).found
+    assert found.reference_is_gps
+    assert any("positions of the fixes" in each for each in run_warnings(found))
+    apart = fixes(GPS_HEADERS, height=text(drive().lla[:, 2] + 0.1), lat=text(drive().lla[:, 0] + 1e-7, 10))
+    other = table(tmp_path / "other.csv", apart)
+    assert not insnav.load(imu, gps, other).navigate(smooth=False).found.reference_is_gps
+
+
+def test_fixes_alone_are_examined(tmp_path):
+    found = check([table(tmp_path / "gps.csv", fixes(GPS_HEADERS))], {}).found
+    assert found.gps is not None
+    assert not found.runs
+    assert found.problems[0].what == "no file with IMU data"
 
 
 def test_page_text_and_json(tmp_path):

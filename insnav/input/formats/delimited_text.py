@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import re
-from collections.abc import Iterator, Mapping, Sequence
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -30,6 +33,8 @@ _SAMPLE_BYTES = 1 << 16
 _TAIL_BYTES = 1 << 13
 _TAIL_ROWS = 20
 _FIRST_ROWS = 20
+_LONGEST_WAIT = 1.0  # for a thread that lets go of data [s]
+T = TypeVar("T")
 
 
 def recognise(source: Source) -> bool:
@@ -62,18 +67,13 @@ class TextCells:
 
     def read(self, indices: Sequence[int]) -> Numbers:
         """See `insnav.input.formats.table.Cells`."""
-        import pyarrow as pa
-
         if self.dialect.delimiter == " ":
             text = _semicolons(self.text[self.dialect.offset :])
             return replace(self, text=text, dialect=replace(self.dialect, delimiter=";", offset=0)).read(indices)
         texts = self._texts(indices)
         plain = [i for i in indices if i not in texts]
-        try:
-            numbers = _read_fast(self.text, self.dialect, plain)
-        except pa.ArrowInvalid:
-            # Arrow does not say where it stumbled, and knows neither comments nor cut rows.
-            numbers = self._scan(plain)
+        # Arrow does not say where it stumbled, and knows neither comments nor cut rows.
+        numbers = _if_valid(_read_fast, self.text, self.dialect, plain) or self._scan(plain)
         if not numbers.cut and (cut := self._cut_number(plain, numbers.n_rows)):
             numbers = Numbers({i: c[:-1] for i, c in numbers.columns.items()}, numbers.n_rows - 1, cut)
         if texts:
@@ -92,9 +92,8 @@ class TextCells:
         """Add columns of text as the numbers that they mean."""
         import pyarrow as pa
 
-        try:
-            read = _read_texts(self.text, self.dialect, texts)
-        except pa.ArrowInvalid:
+        read = _if_valid(_read_texts, self.text, self.dialect, texts)
+        if read is None:
             rows = [split_line(text, self.dialect.delimiter) for _, text in self._rows()]
             read = {i: pa.array([row[i] if len(row) > i else "" for row in rows]) for i in texts}
         columns, forms = dict(numbers.columns), {}
@@ -164,6 +163,25 @@ class TextCells:
         if len(widths) > 3 and 0 < widths[-1] < min(widths[:-1]):
             return "the file ends without a line end, within a number that is shorter than those above it"
         return ""
+
+
+def _if_valid(
+    read: Callable[[object, Dialect, Sequence[int]], T], data: object, dialect: Dialect, indices: Sequence[int]
+) -> T | None:
+    """Read with Arrow; None if it stumbles.
+
+    Arrow reads ahead in a thread, which needs the interpreter to let go of the data: if that is just ending by then,
+    as after an error, the process aborts. So it is waited for.
+    """
+    import pyarrow as pa
+
+    held, found = sys.getrefcount(data), None
+    with contextlib.suppress(pa.ArrowInvalid):
+        found = read(data, dialect, indices)
+    until = time.monotonic() + _LONGEST_WAIT
+    while sys.getrefcount(data) > held and time.monotonic() < until:
+        time.sleep(1e-4)
+    return found
 
 
 def _read_fast(data: object, dialect: Dialect, indices: Sequence[int]) -> Numbers:

@@ -66,9 +66,8 @@ class _File:
 
 def recognise(source: Source) -> bool:
     """See `insnav.input.formats.registry.Format`."""
-    return any(_path(source, names) for names in (_GYROS, _LOCATIONS)) and any(
-        _path(source, names) for names in (_WITH_GRAVITY, _WITHOUT_GRAVITY, _LOCATIONS)
-    )
+    sensors = [_path(source, names) is not None for names in (_GYROS, (*_WITH_GRAVITY, *_WITHOUT_GRAVITY))]
+    return all(sensors) or _path(source, _LOCATIONS[:2]) is not None  # a file gps.csv may be of any folder
 
 
 def read(source: Source) -> Mapping[str, Table]:

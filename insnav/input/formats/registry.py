@@ -62,7 +62,11 @@ def open_table(path: str | Path | Table, part: str = "", topics: Collection[str]
 
 def open_tables(path: str | Path) -> Mapping[str, Table]:
     """Tables of a data file of any format, by part; see `Format.read` and `choose_table`."""
-    source = open_source(path)
+    return tables_of(open_source(path))
+
+
+def tables_of(source: Source) -> Mapping[str, Table]:
+    """Tables of a file that was opened."""
     chosen = next((each for each in formats() if each.recognise(source)), None)
     if chosen is None:
         if source.members or not source.data:
@@ -71,7 +75,7 @@ def open_tables(path: str | Path) -> Mapping[str, Table]:
         usual = f"give one of the supported formats: {', '.join(suffixes())}, also with .gz, .zip"
         raise InputError(f"the file looks like {what}", where=source.name, why="by its first bytes", fix=fix or usual)
     try:
-        return {part: replace(table, format=chosen.name) for part, table in chosen.read(source).items()}
+        return {part: replace(table, format=table.format or chosen.name) for part, table in chosen.read(source).items()}
     except ImportError as error:
         if not chosen.extra:
             raise
@@ -88,7 +92,7 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
 
     Raises: InputError: there is none; ConfigError: there are several, and none was named.
     """
-    kinds = (part, "gps", "") if part == "reference" else (part, "")
+    kinds = (part, "") if part in ("imu", "gps") else (part, "gps", "")
     for kind in kinds:
         there = {key.partition(":")[2]: table for key, table in tables.items() if key.partition(":")[0] == kind}
         named = [table for topic, table in there.items() if topic in topics]

@@ -94,7 +94,7 @@ def read(source: Source) -> Mapping[str, Table]:
     if unknown:
         notes = (*notes, f"{unknown} standard deviations of 0 are taken as unknown")
     cells = ArrayCells(tuple(found.values()), rows.line, numbers.cut)
-    return {"": Table(source.name, source.sha256, tuple(found), cells, notes=notes)}
+    return {"gps": Table(source.name, source.sha256, tuple(found), cells, notes=notes)}
 
 
 def _rows(text: bytes | mmap.mmap, zeros: int, where: str) -> tuple[str, tuple[str, ...], TextCells]:

@@ -6,6 +6,7 @@ import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.input.interpret.headerless import is_headerless
@@ -224,10 +225,11 @@ def require(
     *,
     where: str,
     hint: str = "",
+    gives: Mapping[str, Any] | None = None,
 ) -> None:
     """Refuse a file without a column for one of the keys, naming what was found and what may have been meant.
 
-    `hint` is said first about how to fix it.
+    `hint` is said first about how to fix it; `gives`: the inputs it says, for a file without a header.
     """
     keys = tuple(keys)
     missing = [q for key in keys if key not in found for q in schema if q.key == key]
@@ -240,6 +242,7 @@ def require(
             where=where,
             why=f"its first row is numbers, {len(headers)} of them",
             fix=hint or f"say which column is what, such as --columns {numbers}",
+            gives=gives,
         )
     used = {f.index for f in found.values()}
     free = [h for i, h in enumerate(headers) if h and i not in used]

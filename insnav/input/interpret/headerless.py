@@ -12,7 +12,7 @@ from insnav.types import FloatArray
 _ROWS = 50_000  # that are looked at
 _GRAVITIES = (9.8, 1.0, 1000.0)  # in m/s^2, g and mg
 _TOLERANCE = 0.05
-_LAT, _LON, _HEIGHT = 90.0, 360.0, 1e5
+_LAT, _LON, _HEIGHT, _SPAN = 90.0, 360.0, 1e5, 20.0
 
 
 def is_headerless(headers: Sequence[str]) -> bool:
@@ -45,17 +45,18 @@ def imu_columns(table: Table) -> dict[str, str]:
 
 
 def position_columns(table: Table) -> dict[str, str]:
-    """Columns of a table without a header that may hold time, latitude, longitude and height, in this order."""
+    """Columns of a table without a header that may hold time, and latitude, longitude and height in this order."""
     columns = _columns(table)
     times = [i for i, values in enumerate(columns) if _advances(values)]
-    if not times or times[0] + 3 >= len(columns):
-        return {}
-    first = times[0]
-    for key, limit, i in (("lat", _LAT, 1), ("lon", _LON, 2), ("height", _HEIGHT, 3)):
-        values = columns[first + i]
-        if not np.nanmax(np.abs(values), initial=0.0) <= limit or (key != "height" and np.ptp(values) > 20.0):
-            return {}
-    return {key: str(first + i + 1) for i, key in enumerate(("time", "lat", "lon", "height"))}
+    for at in range(times[0] + 1, len(columns) - 2) if times else ():
+        lat, lon, height = columns[at : at + 3]
+        limits = all(
+            np.nanmax(np.abs(values), initial=0.0) <= limit
+            for values, limit in ((lat, _LAT), (lon, _LON), (height, _HEIGHT))
+        )
+        if limits and max(np.ptp(lat), np.ptp(lon)) < _SPAN and not (lat == np.round(lat)).all():
+            return {"time": str(times[0] + 1), "lat": str(at + 1), "lon": str(at + 2), "height": str(at + 3)}
+    return {}
 
 
 def _columns(table: Table) -> list[FloatArray]:

@@ -25,6 +25,7 @@ def check_overlap(imu: ImuData, gps: GpsData) -> None:
         return
     spans = _spans(imu, gps)
     offset, why = likely_offset(*spans)
+    gives = {} if offset is None else {"time_offset": offset}
     if offset is not None:
         fix = f"say --imu-time-offset {offset:.0f}: {why}"
     elif why:
@@ -40,6 +41,7 @@ def check_overlap(imu: ImuData, gps: GpsData) -> None:
         "IMU and GPS have no time in common",
         why=f"IMU from {first:.3f} to {last:.3f} s, GPS from {spans[1][0]:.3f} to {spans[1][1]:.3f} s",
         fix=fix,
+        gives=gives,
     )
 
 

@@ -83,6 +83,7 @@ def find_accel_unit(
                     why=f"in the quietest stretches they read {middle:.4g}, and gravity is 9.8 m/s^2: "
                     f"that looks like {unit}",
                     fix=f"say --imu-units accel={unit}, or put the right unit into the header",
+                    gives={"units": {"accel": unit}},
                 )
             gravity = float(np.median(force))
             if abs(gravity / _GRAVITY - 1.0) > _FAR_OFF:  # a few blocks fit by chance
@@ -103,6 +104,7 @@ def find_accel_unit(
             f"the interval of {interval:.4g} s",
             fix=f"say --imu-sampling {name}, or name the columns "
             + ("gyro_x_rad_s … accel_z_m_s2" if increments else "dtheta_x_rad … dvel_z_m_s"),
+            gives={"sampling": name},
         )
     claim = f" {stated}" if stated else ""
     if float(np.linalg.norm(quiet.mean.mean(axis=0))) < _AIMLESS * float(norms.mean()):
@@ -173,6 +175,7 @@ def find_gyro_unit(
             where=where,
             why=f"{why}: that looks like {shown}",
             fix=f"say --imu-units gyro={shown}, or put the right unit into the header",
+            gives={"units": {"gyro": shown}},
         )
     unit = stated or shown or usual[0]
     if shown is None:
@@ -198,6 +201,7 @@ def check_axes(quiet: Quiet, axes: str | None, *, where: str, any_way: bool = Fa
                 where=where,
                 why=f"{reads}: z reads +9.8 m/s^2 where forward, right, down reads -9.8",
                 fix="say --imu-axes FLU (or RFU, as mounted); --imu-axes FRD if it really is upside down",
+                gives={"axes": "FLU"},
             )
         return f"{said}: {reads}; the body is upside down{', unless the drive shows other axes' * (axes is None)}"
     if direction[2] < -_LEVEL:

@@ -61,14 +61,15 @@ def read_positions(
     name = table.name
     found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)
     height_key, height_kind, height_evidence = _height(found, height)
-    hint = ""
+    hint, gives = "", {}
     if sum(header.lower().startswith(("gyro", "acc", "dtheta", "dvel")) for header in table.headers) > 3:
         hint = "this looks like inertial data: give it as the IMU file"
     if is_headerless(table.headers) and (guess := position_columns(table)):
         numbers = ",".join(f"{key}={number}" for key, number in guess.items())
-        hint = f"if time, latitude, longitude and height are in this order, say --columns {numbers}"
+        hint = f"if these are time, latitude, longitude and height, say --columns {numbers}"
+        gives = {"columns": guess}
     wanted = ("time", "lat", "lon", height_key)
-    require(found, wanted, table.headers, schema, where=name, hint=hint)
+    require(found, wanted, table.headers, schema, where=name, hint=hint, gives=gives)
     keys = [key for key in found if key not in ("height", "height_msl") or key == height_key]
     rows = read_rows(table, found, keys, kinds, slowest=_SLOWEST)
     raw = rows.columns
@@ -228,12 +229,14 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
             where=name,
             why="only so the positions move as the velocity columns say",
             fix=f"say --columns lat={found['lon'].header},lon={found['lat'].header}",
+            gives={"columns": {"lat": found["lon"].header, "lon": found["lat"].header}},
         )
     columns = [found[key] for key in ("vn", "ve", "vd", "vu", "speed") if key in found]
     if not fit.as_named:
         directions = [("vn", "ve")[i] for i in fit.order] if "vn" in found else []
         signs = " and ".join(word for word, sign in zip(("north", "east"), fit.signs, strict=True) if sign < 0)
-        fix = f"say --columns vn={found[directions[0]].header},ve={found[directions[1]].header}" if directions else ""
+        right = {key: found[other].header for key, other in zip(("vn", "ve"), directions, strict=False)}
+        fix = f"say --columns {','.join(f'{key}={header}' for key, header in right.items())}" if directions else ""
         raise InputError(
             "the velocities do not fit the positions",
             where=name,
@@ -245,6 +248,7 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
                 ]
             ),
             fix=("change the sign in the file" + (f", and {fix}" if fit.order == (1, 0) else "")) if signs else fix,
+            gives={} if signs else {"columns": right},
         )
     if fit.down < 0.0 and "vd" in found:
         header = found["vd"].header
@@ -253,6 +257,7 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
             where=name,
             why="when it is positive the heights rise: it is a velocity up",
             fix=f"say --columns vu={header}",
+            gives={"columns": {"vu": header}},
         )
     if fit.unit == "m/s":
         return 1.0, []

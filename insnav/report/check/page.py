@@ -24,8 +24,10 @@ def page(result: Result[Checked]) -> Page:
     found = result.found
     sections = [_files(found, result.inputs), *_imu(found), *_gps(found), *_both(found), _problems(found)]
     first = [f"mend {i}: {each.what} ({each.why}): {each.fix}" for i, each in enumerate(found.problems[:TO_MEND], 1)]
-    run = [f"run:  {found.command}"] if found.command else []
-    return Page("Check of a recording", (*(first or ["nothing to mend was found"]), *run), tuple(sections))
+    run = f"run:  {found.command}" if found.runs else "run:  nothing to copy before mend 1"
+    if not found.runs and found.command.count(" --"):
+        run += f"; what is known of the line: {found.command}"
+    return Page("Check of a recording", (*(first or ["nothing to mend was found"]), run), tuple(sections))
 
 
 def text(result: Result[Checked]) -> str:
@@ -38,19 +40,21 @@ def text(result: Result[Checked]) -> str:
 
 
 def _files(found: Checked, inputs: Mapping[str, ReadingFacts]) -> Section:
-    by_path = {facts.path: facts for facts in inputs.values()}
-    rows = []
+    rows: list[tuple[Quantity, ...]] = []
     for path, role in found.roles.items():
-        facts = by_path.get(path)
-        times = () if facts is None else (
-            Quantity("start", facts.start_s, "s", decimals=3),
-            Quantity("end", facts.end_s, "s", decimals=3),
-            Quantity("rate", facts.rate_hz, "Hz"),
-            Quantity("rows", facts.n_used),
-            Quantity("gaps", facts.n_gaps),
-            Quantity("longest_gap", facts.longest_gap_s, "s"),
-        )  # fmt: skip
-        rows.append((Quantity("file", path), Quantity("role", role, meaning="is"), *times))
+        mine = [each for each in inputs.values() if each.path == path or each.path.startswith(f"{path}/")]
+        for facts in mine:
+            times = (
+                Quantity("start", facts.start_s, "s", decimals=3),
+                Quantity("end", facts.end_s, "s", decimals=3),
+                Quantity("rate", facts.rate_hz, "Hz"),
+                Quantity("rows", facts.n_used),
+                Quantity("gaps", facts.n_gaps),
+                Quantity("longest_gap", facts.longest_gap_s, "s"),
+            )
+            rows.append((Quantity("file", facts.path), Quantity("role", facts.kind, meaning="is"), *times))
+        if not mine:
+            rows.append((Quantity("file", path), Quantity("role", role, meaning="is")))
     return Section("files", "Files", rows=tuple(rows))
 
 
@@ -143,7 +147,8 @@ def _problems(found: Checked) -> Section:
         (Quantity("what", each.what), Quantity("why", each.why), Quantity("fix", each.fix, meaning="mend"))
         for each in found.problems
     )
-    command = (Section("", items=(Quantity("command", found.command),), show="json"),)
+    line = (Quantity("command", found.command if found.runs else None), Quantity("runs_as_given", found.runs_as_given))
+    command = (Section("", items=line, show="json"),)
     return Section("mend", "To mend, the worst first", rows=rows, parts=command, show="page")
 
 

@@ -22,6 +22,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     overconfident = [text for name, errors in stated for text in _overconfident(name, errors)]
     return (
         *_failed(found.run),
+        *_same_data(found),
         *_many_rejected(found.run),
         *overconfident[:1],
         *_diverged(found.run),
@@ -46,6 +47,12 @@ def failure(run: Run) -> str:
 def _failed(run: Run) -> list[str]:
     why = failure(run)
     return [f"the solution is not to be used: {why}; IMU and fixes contradict each other"] if why else []
+
+
+def _same_data(found: EvaluatedRun) -> list[str]:
+    if not found.reference_is_gps:
+        return []
+    return ["the reference has the positions of the fixes: its errors say how closely the run follows them, no more"]
 
 
 def _many_rejected(run: Run) -> list[str]:
