@@ -127,7 +127,7 @@ def write_page(
     page: Page,
     metadata: Mapping[str, Any] | None = None,
     texts: Mapping[str, str] | None = None,
-    figures: FigureFiles = "page",
+    figures: FigureFiles = "png",
 ) -> Path:
     """Write figures, page, JSON and text files into a folder and put it in its place.
 
