@@ -119,7 +119,6 @@ def model_texts(plan: Plan) -> dict[str, str]:
 def plan_metadata(plan: Plan) -> dict[str, Any]:
     """Give what every simulation has first in ``run.json``: releases, options, seed and IMU model."""
     return {
-        "versions": versions(),
         "configuration": plan.configuration,
         "seed": plan.seed,
         "imu_model": {"name": IDEAL}
