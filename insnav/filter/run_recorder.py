@@ -235,7 +235,8 @@ def _smoothed(
     variance = np.zeros((time.shape[0], NAV + 3))
     first, last = apply(time, state, variance, found.time, found.after, found.before, found.covariance)
     whole = _trajectory(time + clock, state, np.arange(first, last), variance[first:last], axes_sd, delay_sd)
-    assert whole.sd is not None and filtered.sd is not None
+    assert whole.sd is not None
+    assert filtered.sd is not None
     for part in (slice(0, first), slice(last, None)):
         state[part, :6] = np.hstack([filtered.lla[part], filtered.v_n[part]])
         whole.rph[part], whole.sd[part] = filtered.rph[part], filtered.sd[part]
