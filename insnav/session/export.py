@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,7 +19,6 @@ from insnav.types import FloatArray
 Solution = Literal["smoothed", "filtered"]
 _START = EPOCH.astype("datetime64[ns]")
 _UNIX_FROM = 1e9  # times beyond are Unix time [s]
-_WEEK = re.compile(r"seconds of (?:the )?GPS week (\d+)")
 
 
 def export(folder: Path, kind: str, *, solution: Solution | None = None, week: int | None = None) -> str:
@@ -43,10 +41,9 @@ def export(folder: Path, kind: str, *, solution: Solution | None = None, week: i
 
 
 def _week(inputs: Any) -> int | None:
-    """GPS week that was noted when the files were read."""
-    texts = [text for each in inputs.values() if isinstance(each, dict) for text in each.get("evidence", ())]
-    found = next((match for text in texts if (match := _WEEK.search(str(text)))), None)
-    return int(found[1]) if found else None
+    """GPS week that was known when the files were read; the solution has the time of the fixes."""
+    found = (inputs.get(key) for key in ("gps", "reference", "imu"))
+    return next((each["gps_week"] for each in found if isinstance(each, dict) and "gps_week" in each), None)
 
 
 def _instants(

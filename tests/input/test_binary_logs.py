@@ -11,7 +11,7 @@ from insnav.input import read_gps, read_imu, read_reference
 from insnav.input.formats.registry import open_tables
 from tests.input import written_logs as logs
 from tests.input.files import G
-from tests.input.recordings import FIXES, REAL, SAMPLES, TOW, UNIX, real, same_places
+from tests.input.recordings import FIXES, REAL, SAMPLES, TOW, UNIX, Motion, real, same_places
 
 # log, start of its clock, what must be close to the truth: accelerations, velocities, deviations of positions
 LOGS = {
@@ -19,6 +19,8 @@ LOGS = {
     "dataflash": (logs.dataflash(), logs.BOOT, 1e-5, (0.3 / 2**0.5, 0.3 / 2**0.5, 0.5)),
     "dataflash text": (logs.dataflash_text(), logs.BOOT, 1e-9, (0.3 / 2**0.5, 0.3 / 2**0.5, 0.5)),
     "NovAtel": (logs.novatel(), TOW, 2e-5, (0.1, 0.2, 0.3)),
+    "NovAtel RAWIMUS": (logs.novatel(typed=False), TOW, 2e-5, (0.1, 0.2, 0.3)),
+    "NovAtel text": (logs.novatel_ascii(motion=SAMPLES), TOW, 2e-5, (0.1, 0.2, 0.3)),
     "SBF": (logs.sbf(), TOW, 1e-9, (0.1, 0.2, 0.3)),
     "SBF Cartesian": (logs.sbf(cartesian=True), TOW, 1e-9, (0.2, 0.2, 0.2)),
 }
@@ -63,6 +65,16 @@ def test_the_attitude_of_a_receiver_is_a_reference(save):
 def test_samples_of_an_unknown_imu_are_refused(save):
     with pytest.raises(InputError, match="type 200"):
         open_tables(save(logs.novatel(imu_type=200)))
+
+
+def test_an_imu_that_gravity_does_not_tell_is_refused(save):
+    class Heavy(Motion):
+        accel = 3.0 * SAMPLES.accel
+
+    data = logs.novatel(Heavy(SAMPLES.t), typed=False)
+    with pytest.raises(InputError, match="scale of the samples") as caught:
+        open_tables(save(data))
+    assert "RAWIMUS" in caught.value.why
 
 
 def test_novatel_text(save):

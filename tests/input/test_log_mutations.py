@@ -35,7 +35,10 @@ LOGS: dict[str, bytes | dict[str, bytes]] = {
     "NovAtel text": logs.novatel_ascii(FEW),
     "SBF": logs.sbf(SHORT, FEW),
     "SBF Cartesian": logs.sbf(SHORT, FEW, cartesian=True),
+    "NovAtel RAWIMUS": logs.novatel(SHORT, FEW, typed=False),
     "GPX": logs.gpx(FEW),
+    "Inertial Explorer": logs.inertial_explorer(FEW),
+    "Inertial Explorer, degrees and minutes": logs.inertial_explorer(FEW, kind="dms", attitude=False),
     "GnssLogger": logs.gnss_logger(SHORT, FEW),
 }
 CHECKED = ("NMEA", "UBX", "NovAtel", "NovAtel text", "SBF")  # by checksums: what is read is right

@@ -9,6 +9,7 @@ from insnav.exceptions import InputError
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.input.formats.registry import open_tables
 from tests.input.recordings import FIXES, REAL, SAMPLES, TOW, WEEK, real, same_places
+from tests.input.written_logs import inertial_explorer
 
 
 def kf_gins(kind: str) -> str:
@@ -123,3 +124,26 @@ def test_real_vectornav():
     assert any(event.kind == "imu.cut_row" for event in read_imu(folder / "fixedsize_vn310-imu.csv").events)
     assert len(read_gps(folder / "static_vn310-gnss.csv").data.time) == 48  # it starts without a fix
     assert "reference" in open_tables(folder / "fixedsize_vn310-gnss.csv")
+
+
+@pytest.mark.parametrize("kind", ["blanks", "commas", "dms", "utc"])
+def test_inertial_explorer(save, kind):
+    reading = read_reference(save(inertial_explorer(kind=kind).decode()))
+    data = reading.data
+    assert reading.facts.gps_week == WEEK
+    assert np.allclose(data.time, TOW + FIXES.t, atol=1e-6)
+    assert same_places(data, metres=1e-3)
+    assert np.allclose(data.v_n, FIXES.v_n, atol=1e-5)
+    assert np.allclose(np.degrees(data.rph), np.column_stack([np.tile([0.5, -1.0], (len(FIXES.t), 1)), FIXES.heading]))
+    assert np.allclose(data.sd[:, :3], [0.1, 0.2, 0.3])
+    gps = read_gps(save(inertial_explorer(kind=kind, attitude=False).decode()))
+    assert same_places(gps.data, metres=1e-3)
+    with pytest.raises(InputError, match="no IMU data"):
+        read_imu(save(inertial_explorer(kind=kind).decode()))
+
+
+@real
+def test_an_export_without_positions_says_so():
+    with pytest.raises(InputError, match="no positions") as caught:
+        read_gps(REAL / "inertial_explorer" / "ie870_trolley_plotprofile.txt")
+    assert "H-Ell" in caught.value.fix

@@ -110,8 +110,11 @@ def _novatel(number: int, t: float, body: bytes, *, short: bool = False) -> byte
     return head + body + struct.pack("<I", _crc32(head + body))
 
 
-def novatel(motion: Motion = SAMPLES, fixes: Motion = FIXES, *, imu_type: int = 32) -> bytes:
-    """OM-20000169: BESTPOS, BESTVEL, INSPVAS, and RAWIMUSX of a STIM300, whose axes are Right, Forward, Up."""
+def novatel(motion: Motion = SAMPLES, fixes: Motion = FIXES, *, imu_type: int = 32, typed: bool = True) -> bytes:
+    """OM-20000169: BESTPOS, BESTVEL, INSPVAS, and RAWIMUSX of a STIM300, whose axes are Right, Forward, Up.
+
+    `typed`: else RAWIMUS, which does not say of which IMU it is.
+    """
     parts = [(-1.0, b"<OK\r\n[COM1]")]
     for t, lla, v, heading in zip(fixes.t, fixes.lla, fixes.v_n, fixes.heading, strict=True):
         body = struct.pack("<IIddd", 0, 50, lla[0], lla[1], lla[2] - 30.0)
@@ -125,14 +128,21 @@ def novatel(motion: Motion = SAMPLES, fixes: Motion = FIXES, *, imu_type: int = 
         (wx, wy, wz), (fx, fy, fz) = (each[[1, 0, 2]] * [1, 1, -1] * 0.01 for each in (w, f))
         gyro, accel = np.radians(2.0**-21), 2.0**-22
         counts = [round(x) for x in (fz / accel, -fy / accel, fx / accel, wz / gyro, -wy / gyro, wx / gyro)]
-        body = struct.pack("<BBHdI6i", 0, imu_type, WEEK, TOW + t, 0, *counts)
-        parts.append((t, _novatel(1462, t, body, short=True)))
+        head = struct.pack("<BBHd", 0, imu_type, WEEK, TOW + t) if typed else struct.pack("<Id", WEEK, TOW + t)
+        parts.append((t, _novatel(1462 if typed else 325, t, head + struct.pack("<I6i", 0, *counts), short=True)))
     return b"".join(part for _, part in sorted(parts))
 
 
-def novatel_ascii(fixes: Motion = FIXES) -> bytes:
-    """The same as text: BESTPOSA and BESTVELA."""
+def novatel_ascii(fixes: Motion = FIXES, motion: Motion | None = None) -> bytes:
+    """The same as text: BESTPOSA and BESTVELA, and RAWIMUSA if there are samples."""
     lines = []
+    for t, w, f in zip(*((motion.t, motion.gyro, motion.accel) if motion else ((), (), ())), strict=True):
+        (wx, wy, wz), (fx, fy, fz) = (each[[1, 0, 2]] * [1, 1, -1] * 0.01 for each in (w, f))
+        gyro, accel = np.radians(2.0**-21), 2.0**-22
+        counts = [round(x) for x in (fz / accel, -fy / accel, fx / accel, wz / gyro, -wy / gyro, wx / gyro)]
+        when = f"{WEEK},{TOW + t:.3f}"
+        body = f"RAWIMUSA,{when};{WEEK},{TOW + t:.9f},000d0077,{','.join(map(str, counts))}"
+        lines.append(f"%{body}*{_crc32(body.encode()):08x}\r\n")
     for t, lla, v in zip(fixes.t, fixes.lla, fixes.v_n, strict=True):
         head = f"COM1,0,60.0,FINESTEERING,{WEEK},{TOW + t:.3f},02000000,cdba,16248"
         place = f"SOL_COMPUTED,NARROW_INT,{lla[0]:.11f},{lla[1]:.11f},{lla[2] - 30.0:.4f},30.0000,WGS84,0.1,0.2,0.3"
@@ -212,3 +222,27 @@ def gnss_logger(motion: Motion = SAMPLES, fixes: Motion = FIXES) -> bytes:
         axes = ",".join(f"Uncal{kind}{axis}{unit}" for axis in "XYZ")
         lines.append(f"# Uncal{kind},utcTimeMillis,elapsedRealtimeNanos,{axes},BiasX,BiasY,BiasZ,Accuracy")
     return "\n".join([*lines, *(part for _, part in sorted(parts)), ""]).encode()
+
+
+def inertial_explorer(fixes: Motion = FIXES, *, kind: str = "blanks", attitude: bool = True) -> bytes:
+    """OM-20000166, appendix B: a header of free text, names, units, rows, a footer; kind: blanks, commas, dms, utc."""
+    head = "\nProject:     drive\nProgram:     Inertial Explorer Version 8.70.5101\nProfile:     own\n"
+    head += "IMU to GNSS Antenna Lever Arms:\n             x=-0.275, y=-0.055, z=0.144 m (x-right, y-fwd, z-up)\n\n"
+    angle = "(+/-D M S)" if kind == "dms" else "(deg)"
+    columns = [("Week", "(weeks)"), ("UTCTime" if kind == "utc" else "GPSTime", "(sec)"), ("Q", "")]
+    columns += [("Latitude", angle), ("Longitude", angle), ("H-Ell", "(m)")]
+    columns += [(each, "(m/s)") for each in ("VEast", "VNorth", "VUp")]
+    columns += [(each, "(m)") for each in ("SDEast", "SDNorth", "SDHeight")]
+    columns += [(each, "(deg)") for each in ("Heading", "Pitch", "Roll")] * attitude
+    between = " , " if kind == "commas" else "  "
+    lines = [between.join(f"{name:>12}" for name, _ in columns), "  ".join(f"{unit:>12}" for _, unit in columns)]
+    for t, lla, v, heading in zip(fixes.t, fixes.lla, fixes.v_n, fixes.heading, strict=True):
+        place = [f"{each:.10f}" for each in lla[:2]]
+        if kind == "dms":
+            parts = [(abs(each), "-" if each < 0 else "") for each in lla[:2]]
+            place = [f"{sign}{int(each)} {int(each * 60 % 60):02d} {each * 3600 % 60:08.5f}" for each, sign in parts]
+        second = TOW + t - 18.0 * (kind == "utc")
+        cells = [str(WEEK), f"{second:.3f}", "1", *place, f"{lla[2]:.4f}", f"{v[1]:.6f}", f"{v[0]:.6f}", f"{-v[2]:.6f}"]
+        cells += ["0.2", "0.1", "0.3"] + [f"{(heading + 180.0) % 360.0 - 180.0:.9f}", "-1.0", "0.5"] * attitude
+        lines.append(between.join(cells))
+    return (head + "\n".join([*lines, "", "Footer: the end", ""])).encode()

@@ -31,8 +31,8 @@ def run(tmp_path):
         folder = tmp_path / "run"
         folder.mkdir(exist_ok=True)
         write_run_table(folder, trajectory(start))
-        notes = [f"times are seconds of GPS week {week}: UTC with 18 leap seconds added"] if week else []
-        facts = {"kind": "run", "files": {}, "input": {"gps": {"evidence": notes, "height": "ellipsoidal"}}}
+        gps = {"evidence": [], "height": "ellipsoidal"} | ({"gps_week": week} if week else {})
+        facts = {"kind": "run", "files": {}, "input": {"gps": gps}}
         (folder / "run.json").write_text(json.dumps(facts))
         return folder
 

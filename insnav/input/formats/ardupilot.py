@@ -17,12 +17,11 @@ from typing import Any
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.conventions import ACCEL, GYRO, deviations
+from insnav.input.formats.conventions import ACCEL, FIX_TYPES, GYRO, MSL_PLACE, by_accuracy, fix_table, of_course
 from insnav.input.formats.messages import as_records, gathered, joined, starts
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
 from insnav.types import FloatArray
-from insnav.units import DEG
 
 name = "ArduPilot log"
 suffixes = (".bin", ".log")
@@ -40,7 +39,6 @@ _LETTERS: dict[str, tuple[str, float]] = {
     "N": ("S16", 1.0), "Z": ("S64", 1.0), "a": ("S64", 1.0), "g": ("<f2", 1.0),
 }  # fmt: skip
 _WANTED = re.compile(r"IMU\d?|GPS\d?|GPA\d?")
-_FIXES = {2: 5.0, 3: 5.0, 4: 4.0, 5: 2.0, 6: 1.0}  # 2D, 3D, DGPS, RTK float, RTK fixed
 _GYRO, _ACCEL = ("GyrX", "GyrY", "GyrZ"), ("AccX", "AccY", "AccZ")
 _CLOCK = "times are seconds since the controller was switched on"
 _Columns = dict[str, FloatArray]
@@ -151,20 +149,15 @@ def _scaled(data: Mapping[str, Any]) -> _Columns:
 
 
 def _fixes(source: Source, data: _Columns, accuracy: _Columns) -> Table:
-    columns = {"time_s": data["time"], "lat_deg": data["Lat"], "lon_deg": data["Lng"], "height_msl_m": data["Alt"]}
+    columns = {
+        "time_s": data["time"],
+        **dict(zip(MSL_PLACE, (data[key] for key in ("Lat", "Lng", "Alt")), strict=True)),
+    }
     if all(key in data for key in ("Spd", "GCrs", "VZ")):
-        course = data["GCrs"] * DEG
-        columns |= {"vn_m_s": data["Spd"] * np.cos(course), "ve_m_s": data["Spd"] * np.sin(course)}
-        columns["vd_m_s"] = data["VZ"]
+        columns |= of_course(data["Spd"], data["GCrs"], data["VZ"])
     if all(key in accuracy for key in ("HAcc", "VAcc", "SAcc")):
-        of = {key: joined(data["time"], accuracy["time"], accuracy[key]) for key in ("HAcc", "VAcc", "SAcc")}
-        side = of["HAcc"] / np.sqrt(2.0)  # that of the horizontal distance
-        columns |= deviations(np.column_stack([side, side, of["VAcc"]]), "sd_{}_m")
-        columns |= deviations(np.column_stack([of["SAcc"] / np.sqrt(2.0)] * 3), "sd_v{}_m_s")
+        columns |= by_accuracy(
+            *(joined(data["time"], accuracy["time"], accuracy[key]) for key in ("HAcc", "VAcc", "SAcc"))
+        )
     kind = data.get("Status", np.full(len(data["time"]), 3.0))
-    good = np.isin(kind, list(_FIXES))
-    columns["fix"] = np.array([_FIXES.get(int(each), 0.0) if each == each else 0.0 for each in kind])
-    notes = [_CLOCK]
-    if not good.all():
-        notes.append(f"{int((~good).sum())} of {len(good)} messages have no fix: left out")
-    return column_table(source, {key: column[good] for key, column in columns.items()}, notes, row="GPS")
+    return fix_table(source, columns, kind, FIX_TYPES, [_CLOCK], row="GPS messages")

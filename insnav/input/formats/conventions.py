@@ -5,19 +5,30 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from insnav.attitude import dcm_from_quat
 from insnav.earth_fixed import quat_earth_from_level
 from insnav.exceptions import InputError, InsnavError
+from insnav.input.formats.messages import at_times
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Numbers, Table
+from insnav.input.formats.table import Numbers, Table, column_table
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
+from insnav.units import DEG
 
 GYRO = ("gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s")
 ACCEL = ("accel_x_m_s2", "accel_y_m_s2", "accel_z_m_s2")
+DTHETA = ("dtheta_x_rad", "dtheta_y_rad", "dtheta_z_rad")
+DVEL = ("dvel_x_m_s", "dvel_y_m_s", "dvel_z_m_s")
+PLACE, MSL_PLACE = (("lat_deg", "lon_deg", height) for height in ("height_m", "height_msl_m"))
+VELOCITY = ("vn_m_s", "ve_m_s", "vd_m_s")
+ATTITUDE = ("roll_deg", "pitch_deg", "heading_deg")
+# fix types of controllers and phones: 2D, 3D, DGPS, RTK float, RTK fixed
+FIX_TYPES = {2: 5.0, 3: 5.0, 4: 4.0, 5: 2.0, 6: 1.0}
 _LONGEST_SD = 1e4  # a larger standard deviation means that there is none [m], [m/s]
 
 
@@ -40,6 +51,50 @@ def deviations(sd: FloatArray, names: str) -> dict[str, FloatArray]:
     with np.errstate(invalid="ignore"):
         known = np.where((sd > 0.0) & (sd < _LONGEST_SD), sd, np.nan)
     return {names.format(axis): known[:, i] for i, axis in enumerate("ned")}
+
+
+def by_accuracy(horizontal: FloatArray, vertical: FloatArray, speed: FloatArray | None = None) -> dict[str, FloatArray]:
+    """Columns of standard deviations by reported accuracies ``(n,)``; that of a distance is ``sqrt(2)`` of an axis."""
+    side = horizontal / np.sqrt(2.0)
+    found = deviations(np.column_stack([side, side, vertical]), "sd_{}_m")
+    return found if speed is None else found | deviations(np.column_stack([speed / np.sqrt(2.0)] * 3), "sd_v{}_m_s")
+
+
+def of_course(speed: FloatArray, course: FloatArray, down: FloatArray) -> dict[str, FloatArray]:
+    """Velocity columns by speed [m/s], course [deg] and velocity down [m/s], ``(n,)``."""
+    angle = course * DEG
+    return triad(VELOCITY, np.column_stack([speed * np.cos(angle), speed * np.sin(angle), down]))
+
+
+def with_force(columns: dict[str, FloatArray], time: FloatArray, force: FloatArray) -> dict[str, FloatArray]:
+    """Columns of gyros, and the accelerations ``(m, 3)`` of other times ``(m,)`` between which these lie."""
+    at = columns["time_s"]
+    found = columns | {key: at_times(at, time, force[:, i]) for i, key in enumerate(ACCEL)}
+    inside = (at >= np.nanmin(time)) & (at <= np.nanmax(time))
+    return {key: np.ascontiguousarray(column[inside]) for key, column in found.items()}
+
+
+def fix_table(
+    source: Source,
+    columns: Mapping[str, FloatArray],
+    kind: NDArray[Any],
+    types: Mapping[int, float],
+    notes: Iterable[str],
+    *,
+    good: NDArray[np.bool_] | None = None,
+    row: str,
+    cut: str = "",
+    week: float | None = None,
+) -> Table:
+    """Table of fixes without those that are none.
+
+    `kind` (n,): as the format has it; `types`: fix types of the kinds that are fixes; `good` (n,): those that are.
+    """
+    fix = np.array([types.get(int(each), 0.0) if each == each else 0.0 for each in kind], dtype=np.float64)
+    kept = (fix > 0.0) if good is None else (fix > 0.0) & good
+    lost = f"{int((~kept).sum())} of {len(kept)} {row} have no fix: left out" if not kept.all() else ""
+    found = {key: np.asarray(column[kept], dtype=np.float64) for key, column in {**columns, "fix": fix}.items()}
+    return column_table(source, found, [*notes, lost], row=row, cut=cut, week=week)
 
 
 @contextmanager

@@ -99,7 +99,7 @@ class TextCells:
         columns, forms = dict(numbers.columns), {}
         for i, column in read.items():
             found = values_of(column.slice(0, numbers.n_rows), f"{self.name}: column {self.dialect.headers[i]!r}")
-            columns[i], forms[i] = found.values, (found.form, found.note)
+            columns[i], forms[i] = found.values, found
         return replace(numbers, columns=columns, texts=forms)
 
     def _rows(self) -> Iterator[tuple[int, str]]:

@@ -13,8 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.conventions import ACCEL, GYRO, RADIUS_NOTE, of_radius, up_or_down
-from insnav.input.formats.messages import at_times
+from insnav.input.formats.conventions import ACCEL, GYRO, RADIUS_NOTE, of_radius, up_or_down, with_force
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
 from insnav.plain_text import plain_text
@@ -65,9 +64,7 @@ def read(source: Source) -> Mapping[str, Table]:
     gyro, accel = samples["gyro"], samples["accel"]
     if gyro is not None and accel is not None:
         found = {"time_s": gyro[:, 0], **{key: gyro[:, i + 1] for i, key in enumerate(GYRO)}}
-        found |= {key: at_times(gyro[:, 0], accel[:, 0], accel[:, i + 1]) for i, key in enumerate(ACCEL)}
-        inside = (gyro[:, 0] >= accel[:, 0].min()) & (gyro[:, 0] <= accel[:, 0].max())
-        found = {key: column[inside] for key, column in found.items()}
+        found = with_force(found, accel[:, 0], accel[:, 1:])
         note = "times are Unix time; accelerometer interpolated to the times of the gyros"
         axes = up_or_down(found[ACCEL[2]], "RFU", "RBD")
         tables["imu"] = column_table(source, found, (note,), row="UncalGyro", axes=axes)

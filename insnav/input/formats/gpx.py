@@ -52,7 +52,7 @@ def read(source: Source) -> Mapping[str, Table]:
             fix="export the track with the times at which it was recorded",
         )
     nanoseconds = np.array([row[0] for row in rows], dtype=np.int64)
-    time, note = seconds_of_week(*unix_days(nanoseconds), "UTC")
+    time, note, week = seconds_of_week(*unix_days(nanoseconds), "UTC")
     lat, lon, height = (np.array(column) for column in list(zip(*rows, strict=True))[1:])
     notes = [note]
     if len(rows) < total:
@@ -61,7 +61,7 @@ def read(source: Source) -> Mapping[str, Table]:
         height = np.zeros(len(rows))
         notes.append("the track has no elevations: 0 m is written for them")
     columns = {"time_s": time, "lat_deg": lat, "lon_deg": lon, "height_msl_m": height}
-    return {"gps": column_table(source, columns, notes, row="point")}
+    return {"gps": column_table(source, columns, notes, row="point", week=week)}
 
 
 def _number(pattern: re.Pattern[bytes], text: bytes) -> float:

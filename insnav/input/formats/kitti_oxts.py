@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.conventions import ACCEL, GYRO, deviations, triad
+from insnav.input.formats.conventions import ACCEL, ATTITUDE, GYRO, MSL_PLACE, VELOCITY, deviations, triad
 from insnav.input.formats.source import Source, digest_of
 from insnav.input.formats.table import Table, column_table
 from insnav.plain_text import plain_text
@@ -56,14 +56,11 @@ def read(source: Source) -> Mapping[str, Table]:
             fix="copy the folder again",
         )
     whole = Source(source.name, digest_of([stamps, *epochs]))
-    place = {"time_s": time, **triad(("lat_deg", "lon_deg", "height_msl_m"), rows[:, :3])}
-    place |= {"vn_m_s": rows[:, 6], "ve_m_s": rows[:, 7], "vd_m_s": -rows[:, 10]}
+    place = {"time_s": time, **triad(MSL_PLACE, rows[:, :3])}
+    place |= triad(VELOCITY, rows[:, [6, 7, 10]] * [1.0, 1.0, -1.0])
     place |= deviations(rows[:, [23, 23, 23]] * _VERTICAL, "sd_{}_m") | deviations(rows[:, [24, 24, 24]], "sd_v{}_m_s")
-    attitude = {
-        "roll_deg": rows[:, 3] / DEG,
-        "pitch_deg": -rows[:, 4] / DEG,
-        "heading_deg": (90.0 - rows[:, 5] / DEG) % 360.0,
-    }
+    roll, pitch, yaw = rows[:, 3:6].T / DEG  # of Forward-Left-Up in East-North-Up
+    attitude = triad(ATTITUDE, np.column_stack([roll, -pitch, (90.0 - yaw) % 360.0]))
     samples = {"time_s": time, **triad(GYRO, rows[:, 17:20]), **triad(ACCEL, rows[:, 11:14])}
     clock = "times are seconds of 1970 in the time zone of the recording, which the format does not state"
     return {

@@ -21,7 +21,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.conventions import ACCEL, GYRO, damaged, deviations, triad
+from insnav.input.formats.conventions import (
+    ACCEL,
+    ATTITUDE,
+    DTHETA,
+    DVEL,
+    GYRO,
+    PLACE,
+    VELOCITY,
+    damaged,
+    deviations,
+    triad,
+)
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
 from insnav.plain_text import plain_text
@@ -38,8 +49,6 @@ extra = "mat"
 _INT32, _MATRIX, _COMPRESSED = 5, 14, 15  # kinds of elements (MAT-File Format, table 1-1)
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _Tree = dict[str, Any]  # arrays of numbers by name, and structures of them
-_DTHETA = ("dtheta_x_rad", "dtheta_y_rad", "dtheta_z_rad")
-_DVEL = ("dvel_x_m_s", "dvel_y_m_s", "dvel_z_m_s")
 
 
 def recognise(source: Source) -> bool:
@@ -147,15 +156,16 @@ def _navego(source: Source, key: str, data: Mapping[str, FloatArray]) -> tuple[s
         return "imu", column_table(source, columns, note, axes="FRD")
     if not {"lat", "lon", "h"} <= set(data) or any(data[each].shape != (n,) for each in ("lat", "lon", "h")):
         return "", None
-    columns = {"time_s": time, "lat_deg": data["lat"] / DEG, "lon_deg": data["lon"] / DEG, "height_m": data["h"]}
+    place = np.column_stack([data[each] for each in ("lat", "lon", "h")]) / [DEG, DEG, 1.0]
+    columns = {"time_s": time, **triad(PLACE, place)}
     if data.get("vel", np.empty(0)).shape == (n, 3):
-        columns |= triad(("vn_m_s", "ve_m_s", "vd_m_s"), data["vel"])
+        columns |= triad(VELOCITY, data["vel"])
     for name, header in (("stdm", "sd_{}_m"), ("stdv", "sd_v{}_m_s")):
         if data.get(name, np.empty(0)).shape == (3,):
             columns |= deviations(np.tile(np.abs(data[name]), (n, 1)), header)
     attitude = [data.get(each, np.empty(0)) for each in ("roll", "pitch", "yaw")]
     if all(each.shape == (n,) for each in attitude):
-        columns |= triad(("roll_deg", "pitch_deg", "heading_deg"), np.column_stack(attitude) / DEG)
+        columns |= triad(ATTITUDE, np.column_stack(attitude) / DEG)
         return "reference", column_table(source, columns, note)
     return "gps", column_table(source, columns, note)
 
@@ -165,18 +175,18 @@ def _psins(source: Source, key: str, rows: FloatArray) -> tuple[str, Table | Non
     width, time = rows.shape[1], rows[:, -1]
     note = (f"array {plain_text(key)} of PSINS, time last, axes Right, Forward, Up",)
     if re.match(r"imu", key, re.I) and width == 7:
-        columns = {"time_s": time, **triad(_DTHETA, rows[:, :3]), **triad(_DVEL, rows[:, 3:6])}
+        columns = {"time_s": time, **triad(DTHETA, rows[:, :3]), **triad(DVEL, rows[:, 3:6])}
         return "imu", column_table(source, columns, note, axes="RFU")
     if re.match(r"gps|gnss", key, re.I) and width in (4, 7):
         place = rows[:, width - 4 : width - 1] / [DEG, DEG, 1.0]
-        columns = {"time_s": time, **triad(("lat_deg", "lon_deg", "height_m"), place)}
+        columns = {"time_s": time, **triad(PLACE, place)}
         if width == 7:
-            columns |= triad(("vn_m_s", "ve_m_s", "vd_m_s"), rows[:, [1, 0, 2]] * [1.0, 1.0, -1.0])
+            columns |= triad(VELOCITY, rows[:, [1, 0, 2]] * [1.0, 1.0, -1.0])
         return "gps", column_table(source, columns, note)
     if re.match(r"avp", key, re.I) and width == 10:
-        columns = {"time_s": time, **triad(("lat_deg", "lon_deg", "height_m"), rows[:, 6:9] / [DEG, DEG, 1.0])}
-        columns |= triad(("vn_m_s", "ve_m_s", "vd_m_s"), rows[:, [4, 3, 5]] * [1.0, 1.0, -1.0])
-        columns |= {"roll_deg": rows[:, 1] / DEG, "pitch_deg": rows[:, 0] / DEG}
-        columns["heading_deg"] = (-rows[:, 2] / DEG) % 360.0  # yaw there turns from North to West
+        columns = {"time_s": time, **triad(PLACE, rows[:, 6:9] / [DEG, DEG, 1.0])}
+        columns |= triad(VELOCITY, rows[:, [4, 3, 5]] * [1.0, 1.0, -1.0])
+        pitch, roll, yaw = rows[:, :3].T / DEG  # yaw there turns from North to West
+        columns |= triad(ATTITUDE, np.column_stack([roll, pitch, -yaw % 360.0]))
         return "reference", column_table(source, columns, note)
     return "", None

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,21 +31,78 @@ def gathered(data: bytes | mmap.mmap, at: NDArray[np.int64], size: int) -> Bytes
     return stream[at[:, None] + np.arange(size)] if len(at) else np.empty((0, size), dtype=np.uint8)
 
 
-def sound_messages(
-    data: bytes | mmap.mmap, at: NDArray[np.int64], size: int, sound: Callable[[Bytes], NDArray[np.bool_]]
-) -> Iterator[tuple[NDArray[np.int64], Bytes]]:
-    """Places and bytes of messages whose checksum is right, in blocks, so that memory is bounded."""
-    step = max(1, _BLOCK // max(size, 1))
-    for first in range(0, len(at), step):
-        block = at[first : first + step]
-        rows = gathered(data, block, size)
-        good = sound(rows)
-        yield block[: len(rows)][good], rows[good]
+def layout(text: str, kind: str = "") -> np.dtype[Any]:
+    """Layout of a record, little-endian: ``name:type`` of each field between blanks; `kind` where it has no type."""
+    fields = (field.partition(":") for field in text.split())
+    return np.dtype([(name, f"<{own or kind}") for name, _, own in fields])
 
 
 def as_records(rows: Bytes, layout: np.dtype[Any]) -> NDArray[Any]:
     """Rows of bytes as records ``(n,)`` of a layout, which may be shorter than a row."""
     return np.ascontiguousarray(rows[:, : layout.itemsize]).view(layout)[:, 0]
+
+
+@dataclass(slots=True)
+class Messages:
+    """Sound messages of a kind."""
+
+    rows: list[Bytes] = field(default_factory=list)  # (n, size) each, by their size
+    at: list[NDArray[np.int64]] = field(default_factory=list)  # where they stand in the stream
+    damaged: int = 0
+
+    def records(self, layout: np.dtype[Any], skip: int = 0) -> tuple[NDArray[Any], NDArray[np.int64]]:
+        """Records ``(n,)`` behind a header of `skip` bytes, and their places, in the order of the stream."""
+        long = [i for i, rows in enumerate(self.rows) if rows.shape[1] >= layout.itemsize + skip]
+        found = [np.empty(0, dtype=layout), *(as_records(self.rows[i][:, skip:], layout) for i in long)]
+        at = np.concatenate([np.empty(0, dtype=np.int64), *(self.at[i] for i in long)])
+        order = np.argsort(at, kind="stable")
+        return np.concatenate(found)[order], at[order]
+
+
+@dataclass(frozen=True, slots=True)
+class Framing:
+    """How a protocol frames its messages: first bytes, number and size in the header, a checksum."""
+
+    sync: bytes
+    # where number and size stand, two bytes each, and which of their bits count
+    number: tuple[int, int]
+    size: tuple[int, int]
+    around: int  # what a whole message has besides that size
+    least: int  # size of the smallest message
+    sound: Callable[[Bytes], NDArray[np.bool_]]  # whether the checksum of whole messages (n, size) is right
+
+    def recognise(self, head: bytes) -> bool:
+        """Whether a sound message begins in the first bytes of a file."""
+        at = starts(head, self.sync)[:64]
+        sizes = self._word(np.frombuffer(head + bytes(8), dtype=np.uint8), at, self.size) + self.around
+        good = (sizes >= self.least) & (at + sizes <= len(head))
+        messages = (gathered(head, at[i : i + 1], int(sizes[i])) for i in np.flatnonzero(good))
+        return any(bool(self.sound(each)[0]) for each in messages)
+
+    def find(self, data: bytes | mmap.mmap, numbers: Collection[int]) -> dict[int, Messages]:
+        """Messages of these numbers."""
+        stream = np.frombuffer(data, dtype=np.uint8)
+        at = starts(data, self.sync)
+        at = at[at <= len(stream) - self.least]
+        kinds, sizes = self._word(stream, at, self.number), self._word(stream, at, self.size) + self.around
+        found = {number: Messages() for number in numbers}
+        for number, messages in found.items():
+            mine = kinds == number
+            for size in np.unique(sizes[mine]).tolist():
+                some = at[mine & (sizes == size)]
+                messages.damaged += len(some)
+                step = max(1, _BLOCK // max(size, 1))  # in blocks, so that memory is bounded
+                for first in range(0, len(some) if size >= self.least else 0, step):
+                    block = some[first : first + step]
+                    rows = gathered(data, block, size)
+                    good = self.sound(rows)
+                    messages.rows.append(rows[good])
+                    messages.at.append(block[: len(rows)][good])
+                    messages.damaged -= int(np.count_nonzero(good))
+        return found
+
+    def _word(self, stream: Bytes, at: NDArray[np.int64], place: tuple[int, int]) -> NDArray[np.int64]:
+        return (stream[at + place[0]] + 256 * stream[at + place[0] + 1].astype(np.int64)) & place[1]
 
 
 def joined(key: FloatArray, other: FloatArray, values: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ import numpy as np
 from insnav.exceptions import InputError
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
-from insnav.input.formats.time_scales import gps_days, seconds_of_week
+from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week
 from insnav.types import FloatArray
 
 name = "NMEA log"
@@ -56,7 +56,7 @@ def read(source: Source) -> Mapping[str, Table]:
             why=f"{log.sound} sound sentences of known kinds, {log.damaged} with a wrong checksum",
             fix="record GGA and RMC (and GST for standard deviations) while the receiver has a fix",
         )
-    time, note = log.times()
+    time, note, week = log.times()
     found = dict(zip((*_COLUMNS, *_OTHERS), values[placed].T, strict=True))
     notes = [note]
     if log.damaged:
@@ -75,7 +75,7 @@ def read(source: Source) -> Mapping[str, Table]:
     height, height_note = _height(found.pop("alt"), found.pop("separation"))
     columns = {"time_s": time[placed], "lat_deg": found.pop("lat_deg"), "lon_deg": found.pop("lon_deg"), **height}
     columns |= {key: column for key, column in found.items() if np.isfinite(column).any()}
-    return {"gps": column_table(source, columns, [*notes, height_note], row="epoch")}
+    return {"gps": column_table(source, columns, [*notes, height_note], row="epoch", week=week)}
 
 
 def _sentences(source: Source, log: _Log) -> Iterator[list[str]]:
@@ -153,14 +153,15 @@ class _Log:
     def _hdt(self, epoch: dict[str, float], words: list[str]) -> None:
         epoch["heading_deg"] = _number(words[1])
 
-    def times(self) -> tuple[FloatArray, str]:
+    def times(self) -> GpsTime:
         """Times of the epochs [s], and what they are."""
         clock = np.array([epoch["time"] for epoch in self.epochs])
         date = np.array([epoch.get("date", np.nan) for epoch in self.epochs])
         turns = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -_HALF_DAY)))
         known = np.isfinite(date)
         if not known.any():
-            return clock + 86_400.0 * turns, "times are seconds of the UTC day: no sentence has a date (RMC, ZDA)"
+            said = "times are seconds of the UTC day: no sentence has a date (RMC, ZDA)"
+            return GpsTime(clock + 86_400.0 * turns, said, None)
         # days of epochs without a date: counted on from the last one that has one, back from the first
         last = np.maximum.accumulate(np.where(known, np.arange(len(clock)), -1))
         last[last < 0] = int(np.flatnonzero(known)[0])

@@ -10,15 +10,25 @@ from __future__ import annotations
 import re
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from insnav.exceptions import InputError
-from insnav.input.formats.conventions import deviations
-from insnav.input.formats.messages import Bytes, as_records, joined, sound_messages, starts
+from insnav.input.formats.conventions import (
+    ATTITUDE,
+    DTHETA,
+    DVEL,
+    PLACE,
+    VELOCITY,
+    deviations,
+    fix_table,
+    of_course,
+    triad,
+)
+from insnav.input.formats.messages import Bytes, Framing, joined, layout
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
 from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, seconds_of_week
@@ -29,42 +39,35 @@ name = "NovAtel log"
 suffixes = (".gps", ".gpb")
 extra = ""
 
-_LONG, _SHORT = b"\xaa\x44\x12", b"\xaa\x44\x13"
+_LONG, _SHORT = b"\xaa\x44\x12\x1c", b"\xaa\x44\x13"
 _ASCII = re.compile(rb"[#%]([A-Z0-9]{4,16}A),([^;*\r\n]{1,200});([^*\r\n]{1,600})\*([0-9a-fA-F]{8})")
 
 
-def _layout(text: str) -> np.dtype[Any]:
-    return np.dtype([(part.split(":")[0], f"<{part.split(':')[1]}") for part in text.split()])
-
-
-_BESTPOS = "status:u4 kind:u4 lat:f8 lon:f8 height:f8 undulation:f4 datum:u4 sd_n:f4 sd_e:f4 sd_d:f4"
-_BESTVEL = "status:u4 kind:u4 latency:f4 age:f4 speed:f8 course:f8 up:f8"
+_BESTPOS = layout("status:u4 kind:u4 lat:f8 lon:f8 height:f8 undulation:f4 datum:u4 sd_n:f4 sd_e:f4 sd_d:f4")
+_BESTVEL = layout("status:u4 kind:u4 latency:f4 age:f4 speed:f8 course:f8 up:f8")
 _PVA = "vn:f8 ve:f8 vu:f8 roll:f8 pitch:f8 heading:f8"
-_INSPVA = f"week:u4 second:f8 lat:f8 lon:f8 height:f8 {_PVA} status:u4"
-_INSPVAX = f"status:u4 kind:u4 lat:f8 lon:f8 height:f8 undulation:f4 {_PVA} sd_n:f4 sd_e:f4 sd_d:f4"
-_RAWIMUX = "info:u1 type:u1 week:u2 second:f8 status:u4 az:i4 ay:i4 ax:i4 gz:i4 gy:i4 gx:i4"
+_INSPVA = layout(f"week:u4 second:f8 lat:f8 lon:f8 height:f8 {_PVA} status:u4")
+_INSPVAX = layout(f"status:u4 kind:u4 lat:f8 lon:f8 height:f8 undulation:f4 {_PVA} sd_n:f4 sd_e:f4 sd_d:f4")
+_COUNTS = "flags:u4 az:i4 ay:i4 ax:i4 gz:i4 gy:i4 gx:i4"
+_RAWIMU = layout(f"week:u4 second:f8 {_COUNTS}")
+_RAWIMUX = layout(f"info:u1 type:u1 week:u2 second:f8 {_COUNTS}")
 # number -> name, what is read of it
 _LOGS: dict[int, tuple[str, np.dtype[Any]]] = {
-    1429: ("BESTGNSSPOS", _layout(_BESTPOS)),
-    42: ("BESTPOS", _layout(_BESTPOS)),
-    1430: ("BESTGNSSVEL", _layout(_BESTVEL)),
-    99: ("BESTVEL", _layout(_BESTVEL)),
-    507: ("INSPVA", _layout(_INSPVA)),
-    508: ("INSPVAS", _layout(_INSPVA)),
-    1465: ("INSPVAX", _layout(_INSPVAX)),
-    1461: ("RAWIMUX", _layout(_RAWIMUX)),
-    1462: ("RAWIMUSX", _layout(_RAWIMUX)),
+    1429: ("BESTGNSSPOS", _BESTPOS),
+    42: ("BESTPOS", _BESTPOS),
+    1430: ("BESTGNSSVEL", _BESTVEL),
+    99: ("BESTVEL", _BESTVEL),
+    507: ("INSPVA", _INSPVA),
+    508: ("INSPVAS", _INSPVA),
+    1465: ("INSPVAX", _INSPVAX),
+    268: ("RAWIMU", _RAWIMU),
+    325: ("RAWIMUS", _RAWIMU),
+    1461: ("RAWIMUX", _RAWIMUX),
+    1462: ("RAWIMUSX", _RAWIMUX),
 }
-_ASCII_LOGS = {f"{name}A": number for number, (name, _) in _LOGS.items() if number in (42, 1429, 99, 1430, 507, 508)}
-# logs of samples that cannot be used, and why
-_USELESS = {
-    268: "RAWIMU does not say which IMU it is of",
-    325: "RAWIMUS does not say which IMU it is of",
-    812: "CORRIMUDATA has gravity and Earth rate taken off",
-    813: "CORRIMUDATAS has gravity and Earth rate taken off",
-    1362: "IMURATECORRIMUS has gravity and Earth rate taken off",
-    2264: "CORRIMUS has gravity and Earth rate taken off",
-}
+_ASCII_LOGS = {f"{name}A": number for number, (name, _) in _LOGS.items() if name != "INSPVAX"}
+# logs of samples that cannot be used
+_CORRECTED = {812: "CORRIMUDATA", 813: "CORRIMUDATAS", 1362: "IMURATECORRIMUS", 2264: "CORRIMUS"}
 _FT = 0.3048
 # type of IMU -> name, scale of increments of angle [rad] and of velocity [m/s]; table "Raw IMU Scale Factors"
 _SCALES = {
@@ -92,58 +95,42 @@ _INS_GOOD = (3, 6, 7)
 _BAD = 255.0
 
 
-@dataclass(slots=True)
-class _Log:
-    """Messages of one kind: time by their headers, and what they hold."""
-
-    week: list[FloatArray] = field(default_factory=list)
-    second: list[FloatArray] = field(default_factory=list)
-    rows: list[NDArray[Any]] = field(default_factory=list)
-
-    def add(self, week: Any, second: Any, rows: NDArray[Any]) -> None:
-        self.week.append(np.asarray(week, dtype=np.float64))
-        self.second.append(np.asarray(second, dtype=np.float64))
-        self.rows.append(rows)
+_GRAVITY, _TOLERANCE = 9.8, 0.05  # what increments of velocity add up to each second [m/s^2], and how closely
 
 
 def recognise(source: Source) -> bool:
     """See `insnav.input.formats.registry.Format`."""
     head = source.head
-    long = any(head[at + 3 : at + 4] == b"\x1c" for at in starts(head, _LONG)[:64].tolist())
-    short = [head[at : at + 16 + head[at + 3]] for at in starts(head, _SHORT)[:64].tolist() if at + 3 < len(head)]
-    return long or any(map(_crc, short)) or bool(_ASCII.search(head))
+    return _LONG in head or _FRAMINGS[1][0].recognise(head) or bool(_ASCII.search(head))
 
 
 def read(source: Source) -> Mapping[str, Table]:
     """See `insnav.input.formats.registry.Format`."""
-    logs, damaged, useless = _messages(source)
+    logs, week, damaged, useless = _messages(source)
     notes = [f"{damaged} messages with a wrong checksum left out"] if damaged else []
+    notes += [f"times are seconds of GPS week {week:.0f}"] if logs else []
     tables: dict[str, Table] = {}
     for position, velocity in (("BESTGNSSPOS", "BESTGNSSVEL"), ("BESTPOS", "BESTVEL")):
         if position in logs and "gps" not in tables:
-            tables["gps"] = _fixes(source, logs[position], logs.get(velocity, _none("BESTVEL")), notes)
+            none = (np.empty(0), np.empty(0, dtype=_BESTVEL))
+            tables["gps"] = _fixes(source, logs[position], logs.get(velocity, none), notes)
     for name in ("INSPVAX", "INSPVA", "INSPVAS"):
         if name in logs and "reference" not in tables:
             tables["reference"] = _reference(source, logs[name], notes)
-    for name in ("RAWIMUX", "RAWIMUSX"):
+    for name in ("RAWIMU", "RAWIMUS", "RAWIMUX", "RAWIMUSX"):
         if name in logs:
-            tables["imu"] = _samples(source, logs[name], notes)
+            tables["imu"] = _samples(source, logs[name], name, notes)
     if "imu" not in tables and useless:
-        why = "; ".join(sorted(useless))
-        tables = {key: _with_note(table, f"no samples: {why}; log RAWIMUSXB") for key, table in tables.items()}
+        why = f"no samples: {', '.join(useless)} has gravity and Earth rate taken off; log RAWIMUSXB"
+        tables = {key: replace(table, notes=(*table.notes, why)) for key, table in tables.items()}
     if not tables:
         raise InputError(
             "the NovAtel log holds neither positions nor samples that can be used",
             where=source.name,
-            why="; ".join(sorted(useless)) or f"no message of a kind that is read; {damaged} have a wrong checksum",
+            why=", ".join(useless) or f"no message of a kind that is read; {damaged} have a wrong checksum",
             fix="log BESTGNSSPOSB, BESTGNSSVELB ontime and RAWIMUSXB onnew",
         )
-    return tables
-
-
-def _crc(message: bytes) -> bool:
-    """Whether the last four bytes are the CRC of those before."""
-    return len(message) > 4 and _crc32(message[:-4]) == int.from_bytes(message[-4:], "little")
+    return {key: replace(table, week=week) for key, table in tables.items()}
 
 
 def _crc32(body: bytes) -> int:
@@ -151,56 +138,45 @@ def _crc32(body: bytes) -> int:
 
 
 def _sound(rows: Bytes) -> NDArray[np.bool_]:
-    return np.array([_crc(row.tobytes()) for row in rows], dtype=np.bool_)
+    """Whether the last four bytes of whole messages (n, size) are the CRC of those before."""
+    messages = (row.tobytes() for row in rows)
+    return np.array([_crc32(each[:-4]) == int.from_bytes(each[-4:], "little") for each in messages], dtype=np.bool_)
 
 
-def _messages(source: Source) -> tuple[dict[str, tuple[FloatArray, NDArray[Any]]], int, set[str]]:
-    """Times [s of the week of the first] and contents of each log; how many are damaged; samples without use."""
-    found: dict[str, _Log] = {}
+# how messages with long and short header are framed, size of the header, and where the time stands in it
+_FRAMINGS = (
+    (Framing(_LONG, number=(4, 0xFFFF), size=(8, 0xFFFF), around=32, least=32, sound=_sound), 28, 14),
+    (Framing(_SHORT, number=(4, 0xFFFF), size=(3, 0xFF), around=16, least=16, sound=_sound), 12, 6),
+)
+_WHEN = layout("week:u2 ms:u4")
+
+
+def _messages(source: Source) -> tuple[dict[str, Any], float, int, list[str]]:
+    """Times and contents of each log; week from whose start times count; how many are damaged; samples without use."""
+    parts: dict[str, list[tuple[Any, Any, Any]]] = {}
     damaged, useless = 0, set[str]()
-    for number, week, second, body, bad in _binary(source):
-        damaged += bad
-        if number in _USELESS:
-            useless.add(_USELESS[number])
-        elif number in _LOGS and body.shape[1] >= _LOGS[number][1].itemsize and len(body):
-            name, layout = _LOGS[number]
-            found.setdefault(name, _Log()).add(week, second, as_records(body, layout))
-    for number, when, row in _ascii(source):
-        found.setdefault(_LOGS[number][0], _Log()).add([when[0]], [when[1]], row)
+    for framing, header, when_at in _FRAMINGS:
+        for number, messages in framing.find(source.data, [*_LOGS, *_CORRECTED]).items():
+            damaged += messages.damaged
+            if number in _CORRECTED:
+                useless |= {_CORRECTED[number]} if messages.rows else set()
+                continue
+            name, kind = _LOGS[number]
+            when, at = messages.records(_WHEN, when_at)
+            rows, of = messages.records(kind, header)
+            when = when[np.isin(at, of)]
+            if len(rows):
+                parts.setdefault(name, []).append((when["week"].astype(float), 1e-3 * when["ms"], rows))
+    for number, (week, second), row in _ascii(source):
+        parts.setdefault(_LOGS[number][0], []).append(([week], [second], row))
+    first = min((float(part[0][0]) for each in parts.values() for part in each), default=0.0)
     logs = {}
-    first = min((float(log.week[0][0]) for log in found.values()), default=0.0)
-    for name, log in found.items():
-        time, _ = seconds_of_week(WEEK_DAYS * np.concatenate(log.week), np.concatenate(log.second), week=first)
+    for name, each in parts.items():
+        weeks, seconds, rows = (np.concatenate(column) for column in zip(*each, strict=True))
+        time = seconds_of_week(WEEK_DAYS * weeks, seconds, week=first).time
         order = np.argsort(time, kind="stable")
-        logs[name] = (time[order], np.concatenate(log.rows)[order])
-    return logs, damaged, useless
-
-
-def _binary(source: Source) -> Iterator[tuple[int, FloatArray, FloatArray, Bytes, int]]:
-    """Number, week, second and contents of messages of one kind and size, and how many of them are damaged."""
-    data = source.data
-    stream = np.frombuffer(data, dtype=np.uint8)
-    for sync, header, place in ((_LONG, 28, (4, 8, 14)), (_SHORT, 12, (4, 3, 6))):
-        at = starts(data, sync)
-        at = at[at <= len(stream) - header - 4]
-        if header == 28:
-            at = at[stream[at + 3] == header]
-        kind = stream[at + place[0]] + 256 * stream[at + place[0] + 1].astype(np.int64)
-        size = stream[at + place[1]].astype(np.int64)
-        if header == 28:
-            size += 256 * stream[at + place[1] + 1].astype(np.int64)
-        for number in set(kind.tolist()) & {*_LOGS, *_USELESS}:
-            for length in np.unique(size[kind == number]).tolist():
-                mine = at[(kind == number) & (size == length)]
-                good = 0
-                for _, rows in sound_messages(data, mine, header + length + 4, _sound):
-                    good += len(rows)
-                    times = np.ascontiguousarray(rows[:, place[2] : place[2] + 6])
-                    week = times[:, :2].copy().view("<u2")[:, 0].astype(np.float64)
-                    second = 1e-3 * times[:, 2:].copy().view("<u4")[:, 0]
-                    yield number, week, second, rows[:, header:-4], 0
-                if good < len(mine):
-                    yield number, np.empty(0), np.empty(0), np.empty((0, 0), np.uint8), len(mine) - good
+        logs[name] = (time[order], rows[order])
+    return logs, first, damaged, sorted(useless)
 
 
 def _ascii(source: Source) -> Iterator[tuple[int, tuple[float, float], NDArray[Any]]]:
@@ -226,6 +202,8 @@ def _ascii(source: Source) -> Iterator[tuple[int, tuple[float, float], NDArray[A
 def _word(key: str, word: str) -> float:
     if key == "status":
         return _STATUS_WORDS.get(word, _BAD)
+    if key in ("flags", "info"):
+        return 0
     return _KIND_WORDS.get(word, 0) if key == "kind" else float(word)
 
 
@@ -234,84 +212,62 @@ def _own_time(time: FloatArray, rows: NDArray[Any]) -> FloatArray:
     return np.asarray(rows["second"] + np.round((time - rows["second"]) / WEEK) * WEEK, dtype=np.float64)
 
 
-def _none(name: str) -> tuple[FloatArray, NDArray[Any]]:
-    layout = next(each for key, each in _LOGS.values() if key == name)
-    return np.empty(0), np.empty(0, dtype=layout)
-
-
-def _with_note(table: Table, note: str) -> Table:
-    return replace(table, notes=(*table.notes, note))
-
-
 def _fixes(source: Source, position: Any, velocity: Any, notes: list[str]) -> Table:
     time, rows = position
-    good = (rows["status"] == 0) & np.isin(rows["kind"], list(_KINDS))
-    columns = {
-        "time_s": time,
-        "lat_deg": rows["lat"],
-        "lon_deg": rows["lon"],
-        "height_m": rows["height"] + rows["undulation"].astype(np.float64),
-        **deviations(np.column_stack([rows["sd_n"], rows["sd_e"], rows["sd_d"]]).astype(np.float64), "sd_{}_m"),
-    }
+    height = rows["height"] + rows["undulation"].astype(np.float64)
+    columns = {"time_s": time, **triad(PLACE, np.column_stack([rows["lat"], rows["lon"], height]))}
+    columns |= deviations(np.column_stack([rows["sd_n"], rows["sd_e"], rows["sd_d"]]).astype(np.float64), "sd_{}_m")
     v_time, v_rows = velocity
     sure = v_rows["status"] == 0
     v_time, v_rows = v_time[sure], v_rows[sure]
     if len(v_time):
-        course = v_rows["course"] * DEG
-        v = np.column_stack([v_rows["speed"] * np.cos(course), v_rows["speed"] * np.sin(course), -v_rows["up"]])
+        v = of_course(v_rows["speed"], v_rows["course"], -v_rows["up"])
         # of the same epoch, which is written a little before the log of the other
-        v = joined(np.round(time, 3), np.round(v_time, 3), v)
-        columns |= {f"v{axis}_m_s": v[:, i] for i, axis in enumerate("ned")}
+        columns |= {key: joined(np.round(time, 3), np.round(v_time, 3), each) for key, each in v.items()}
         latency = float(np.median(v_rows["latency"]))
         if latency > 0.0:
             notes = [*notes, f"velocities are {latency:.3g} s older than the positions, as the log says"]
-    columns["fix"] = np.array([_KINDS.get(int(each), 0.0) for each in rows["kind"]])
     if np.isin(rows["kind"], [kind for word, kind in _KIND_WORDS.items() if "INS" in word]).any():
         notes = [*notes, "positions are fused with the receiver's own IMU: their errors are correlated in time"]
-    if not good.all():
-        notes = [*notes, f"{int((~good).sum())} of {len(good)} positions are none: left out"]
-    kept = {key: np.asarray(column[good], dtype=np.float64) for key, column in columns.items()}
-    return column_table(source, kept, ["times are seconds of the GPS week", *notes], row="position")
+    return fix_table(source, columns, rows["kind"], _KINDS, notes, good=rows["status"] == 0, row="position")
 
 
 def _reference(source: Source, log: Any, notes: list[str]) -> Table:
     time, rows = log
     good = np.isin(rows["status"], _INS_GOOD)
     names = rows.dtype.names or ()
-    geoid = rows["undulation"].astype(np.float64) if "undulation" in names else 0.0
-    columns = {
-        "time_s": _own_time(time, rows) if "second" in names else time,
-        "lat_deg": rows["lat"],
-        "lon_deg": rows["lon"],
-        "height_m": rows["height"] + geoid,  # that of INSPVA is ellipsoidal, that of INSPVAX above the geoid
-        "vn_m_s": rows["vn"],
-        "ve_m_s": rows["ve"],
-        "vd_m_s": -rows["vu"],
-        "roll_deg": rows["roll"],
-        "pitch_deg": rows["pitch"],
-        "heading_deg": rows["heading"] % 360.0,
-    }
+    # the height of INSPVA is ellipsoidal, that of INSPVAX above the geoid
+    height = rows["height"] + (rows["undulation"].astype(np.float64) if "undulation" in names else 0.0)
+    columns = {"time_s": _own_time(time, rows) if "second" in names else time}
+    columns |= triad(PLACE, np.column_stack([rows["lat"], rows["lon"], height]))
+    columns |= triad(VELOCITY, np.column_stack([rows["vn"], rows["ve"], -rows["vu"]]))
+    columns |= triad(ATTITUDE, np.column_stack([rows["roll"], rows["pitch"], rows["heading"] % 360.0]))
     kept = {key: np.asarray(column[good], dtype=np.float64) for key, column in columns.items()}
     return column_table(source, kept, ["the receiver's own fusion with its IMU", *notes], row="solution")
 
 
-def _samples(source: Source, log: Any, notes: list[str]) -> Table:
+def _samples(source: Source, log: Any, name: str, notes: list[str]) -> Table:
     time, rows = log
-    kinds = np.unique(rows["type"]).tolist()
-    if len(kinds) != 1 or kinds[0] not in _SCALES:
+    time = _own_time(time, rows)
+    counts = np.column_stack([rows[key].astype(np.float64) for key in ("gx", "gy", "gz", "ax", "ay", "az")])
+    counts *= [1.0, -1.0, 1.0, 1.0, -1.0, 1.0]  # y is written with the other sign
+    if "type" in (rows.dtype.names or ()):
+        found = [_SCALES.get(each, each) for each in np.unique(rows["type"]).tolist()]
+        why = f"IMU of type {', '.join(map(str, np.unique(rows['type'])))}"
+    else:  # only one kind of IMU reads gravity at rest, turns and brakes of a drive do not change that
+        span = float(np.ptp(time)) if len(time) > 1 else 0.0
+        per_second = np.linalg.norm(counts[1:, 3:], axis=1).sum() / span if span > 0.0 else np.nan
+        found = [each for each in _SCALES.values() if abs(per_second * each[2] / _GRAVITY - 1.0) < _TOLERANCE]
+        why = f"{name} does not say which IMU it is of, and {per_second:.3g} counts of velocity a second are of none"
+        notes = [*notes, f"{name} does not say which IMU it is of: told by gravity"]
+    if len(found) != 1 or not isinstance(found[0], tuple):
         known = ", ".join(f"{key} {each[0]}" for key, each in _SCALES.items())
         raise InputError(
             "the scale of the samples is not known",
             where=source.name,
-            why=f"IMU of type {', '.join(map(str, kinds))}; known are {known}",
-            fix="export the samples as CSV with their units",
+            why=f"{why}; known are {known}",
+            fix="log RAWIMUSXB, or export the samples as CSV with their units",
         )
-    kind, angle, speed = _SCALES[kinds[0]]
-    names = ("dtheta_x_rad", "dtheta_y_rad", "dtheta_z_rad", "dvel_x_m_s", "dvel_y_m_s", "dvel_z_m_s")
-    values = [rows[key].astype(np.float64) for key in ("gx", "gy", "gz", "ax", "ay", "az")]
-    signs = (angle, -angle, angle, speed, -speed, speed)  # y is written with the other sign
-    columns = {
-        "time_s": _own_time(time, rows),
-        **{key: unit * value for key, unit, value in zip(names, signs, values, strict=True)},
-    }
-    return column_table(source, columns, [f"increments of a {kind}", *notes], row="RAWIMUX", axes="RFU")
+    kind, angle, speed = found[0]
+    columns = {"time_s": time, **triad(DTHETA, counts[:, :3] * angle), **triad(DVEL, counts[:, 3:] * speed)}
+    return column_table(source, columns, [f"increments of a {kind}", *notes], row=name, axes="RFU")

@@ -91,6 +91,6 @@ class _ParquetCells:
             raise _damaged(self.source, error) from error
         texts = {}
         for i in stamps:
-            columns[i], note = seconds_of_stamps(arrow.column(schema.names[i]))
-            texts[i] = ("date and time", note)
+            texts[i] = seconds_of_stamps(arrow.column(schema.names[i]))
+            columns[i] = texts[i].values
         return Numbers(columns, arrow.num_rows, texts=texts)

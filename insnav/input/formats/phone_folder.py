@@ -17,7 +17,16 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.input.formats import delimited_text
-from insnav.input.formats.conventions import ACCEL, GYRO, RADIUS_NOTE, TextColumns, of_radius, text_columns, up_or_down
+from insnav.input.formats.conventions import (
+    ACCEL,
+    GYRO,
+    RADIUS_NOTE,
+    TextColumns,
+    of_radius,
+    text_columns,
+    up_or_down,
+    with_force,
+)
 from insnav.input.formats.messages import at_times
 from insnav.input.formats.source import Source, digest_of
 from insnav.input.formats.table import Table, column_table
@@ -154,10 +163,8 @@ def _samples(source: Source, gyro: _File, force: _File, gravity_path: str) -> Ta
         values = values + np.column_stack([at_times(force.time, gravity.time, part[:, i]) for i in range(3)])
     rates = _vector(gyro)
     columns = {"time_s": gyro.time, **dict(zip(GYRO, rates.T, strict=True))}
-    columns |= {key: at_times(gyro.time, force.time, values[:, i]) for i, key in enumerate(ACCEL)}
-    inside = (gyro.time >= np.nanmin(force.time)) & (gyro.time <= np.nanmax(force.time))
+    columns = with_force(columns, force.time, values)
     whole = Source(source.name, digest_of(used))
-    columns = {key: np.ascontiguousarray(column[inside]) for key, column in columns.items()}
     axes = up_or_down(columns[ACCEL[2]], "RFU", "RBD")
     return column_table(whole, columns, notes, cut=gyro.text.cut or force.text.cut, axes=axes)
 

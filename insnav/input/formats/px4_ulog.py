@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.conventions import ACCEL, GYRO, deviations
+from insnav.input.formats.conventions import ACCEL, FIX_TYPES, GYRO, by_accuracy, fix_table
 from insnav.input.formats.messages import as_records, gathered
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
@@ -30,7 +30,6 @@ suffixes = (".ulg",)
 extra = ""
 
 _GPS = ("vehicle_gps_position", "sensor_gps")
-_FIXES = {2: 5.0, 3: 5.0, 4: 4.0, 5: 2.0, 6: 1.0}  # 2D, 3D, DGPS, RTK float, RTK fixed
 # newer names first, and their unit
 _PLACE = {
     "lat_deg": (("latitude_deg", 1.0), ("lat", 1e-7)),
@@ -159,8 +158,6 @@ def _layout(fields: str) -> np.dtype[Any] | None:
 
 
 def _fixes(source: Source, data: Mapping[str, FloatArray], notes: tuple[str, ...]) -> Table:
-    kind = data["fix_type"]
-    good = np.isin(kind, list(_FIXES))
     columns = {"time_s": 1e-6 * data.get("timestamp_sample", data["timestamp"])}
     if not (columns["time_s"] > 0.0).all():  # an early driver does not fill it
         columns["time_s"] = 1e-6 * data["timestamp"]
@@ -173,12 +170,6 @@ def _fixes(source: Source, data: Mapping[str, FloatArray], notes: tuple[str, ...
     elif "height_m" in columns:
         columns.pop("height_msl_m", None)
     columns |= {f"v{axis}_m_s": data[f"vel_{axis}_m_s"] for axis in "ned"}
-    if "vel_ned_valid" in data:
-        good &= data["vel_ned_valid"] > 0.0
-    side = data["eph"] / np.sqrt(2.0)  # that of the horizontal distance
-    columns |= deviations(np.column_stack([side, side, data["epv"]]), "sd_{}_m")
-    columns |= deviations(np.column_stack([data["s_variance_m_s"] / np.sqrt(2.0)] * 3), "sd_v{}_m_s")
-    columns["fix"] = np.array([_FIXES.get(int(each), 0.0) for each in kind])
-    if not good.all():
-        notes = (*notes, f"{int((~good).sum())} of {len(good)} messages have no fix: left out")
-    return column_table(source, {key: column[good] for key, column in columns.items()}, notes, row="message")
+    columns |= by_accuracy(data["eph"], data["epv"], data["s_variance_m_s"])
+    good = data["vel_ned_valid"] > 0.0 if "vel_ned_valid" in data else None
+    return fix_table(source, columns, data["fix_type"], FIX_TYPES, notes, good=good, row="messages")

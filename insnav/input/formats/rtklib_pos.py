@@ -23,7 +23,7 @@ from insnav.input.formats.delimited_text import TextCells
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.formats.text_dialect import Dialect
-from insnav.input.formats.time_scales import gps_days, seconds_of_week
+from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week
 from insnav.plain_text import plain_text
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG
@@ -70,7 +70,8 @@ def read(source: Source) -> Mapping[str, Table]:
     scale, columns, rows = _rows(text, zeros, source.name)
     numbers = rows.read(range(len(rows.dialect.headers)))
     data = dict(zip(rows.dialect.headers, numbers.columns.values(), strict=True))
-    time, notes = _time(data, scale, rows)
+    time, note, week = _time(data, scale, rows)
+    notes: tuple[str, ...] = (note,)
     found = {"time_s": time}
     axes = _LAYOUTS[columns[0], columns[1], columns[2]]
     turn: FloatArray | None = None
@@ -94,7 +95,7 @@ def read(source: Source) -> Mapping[str, Table]:
     if unknown:
         notes = (*notes, f"{unknown} standard deviations of 0 are taken as unknown")
     cells = ArrayCells(tuple(found.values()), rows.line, numbers.cut)
-    return {"gps": Table(source.name, source.sha256, tuple(found), cells, notes=notes)}
+    return {"gps": Table(source.name, source.sha256, tuple(found), cells, notes=notes, week=week)}
 
 
 def _rows(text: bytes | mmap.mmap, zeros: int, where: str) -> tuple[str, tuple[str, ...], TextCells]:
@@ -132,8 +133,8 @@ def _rows(text: bytes | mmap.mmap, zeros: int, where: str) -> tuple[str, tuple[s
     return scale, tuple(columns), TextCells(where, text[:].translate(_BLANKS), dialect, zeros)
 
 
-def _time(data: Mapping[str, FloatArray], scale: str, rows: TextCells) -> tuple[FloatArray, tuple[str, ...]]:
-    """Seconds of the GPS week of the first row, and what was done to get them."""
+def _time(data: Mapping[str, FloatArray], scale: str, rows: TextCells) -> GpsTime:
+    """Seconds of the GPS week of the first row."""
     keys = _CALENDAR if "year" in data else ("week", "tow")
     for key in keys:
         low, high = _RANGES[key]
@@ -143,10 +144,10 @@ def _time(data: Mapping[str, FloatArray], scale: str, rows: TextCells) -> tuple[
         second = 3600.0 * data["hour"] + 60.0 * data["minute"] + data["second"]
     else:
         day, second = 7.0 * data["week"], data["tow"]
-    time, note = seconds_of_week(day, second - _ZONES[scale], "GPST" if scale == "GPST" else "UTC")
+    time, note, week = seconds_of_week(day, second - _ZONES[scale], "GPST" if scale == "GPST" else "UTC")
     if note and _ZONES[scale]:
         note = f"{note.replace('UTC', scale)} and {_ZONES[scale] / 3600.0:.0f} h subtracted"
-    return time, (note,)
+    return GpsTime(time, note, week)
 
 
 def _degrees(data: Mapping[str, FloatArray], column: str) -> FloatArray:

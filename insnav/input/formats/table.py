@@ -12,6 +12,7 @@ from insnav.types import FloatArray
 
 if TYPE_CHECKING:
     from insnav.input.formats.source import Source
+    from insnav.input.formats.text_values import TextValues
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +22,7 @@ class Numbers:
     columns: dict[int, FloatArray]  # (n,) by index of the column; NaN for an empty cell
     n_rows: int  # number of rows
     cut: str = ""  # why a last row was left out; empty if none was
-    # columns that were text: by index their form, as in `insnav.input.formats.text_values`, and what was assumed
-    texts: Mapping[int, tuple[str, str]] = field(default_factory=dict)
+    texts: Mapping[int, TextValues] = field(default_factory=dict)  # columns that were text, by index
 
 
 class Cells(Protocol):
@@ -65,6 +65,7 @@ class Table:
     units: tuple[str, ...] | None = None  # row of units under the header
     notes: tuple[str, ...] = ()  # what the format says about the data, such as the time scale
     format: str = ""  # name of the format it was read from
+    week: float | None = None  # GPS week from whose start the times count, if that is known
     axes: str = ""  # where the sensor's x, y, z point by the definition of the format; empty if it has none
 
     def place(self, row: int, index: int | None = None) -> str:
@@ -81,14 +82,16 @@ def column_table(
     row: str = "row",
     cut: str = "",
     axes: str = "",
+    week: float | None = None,
 ) -> Table:
     """Table of columns ``(n,)`` by canonical name, as formats make it that convert a file as a whole.
 
-    `row`: what stands in the file for a row, such as ``NAV-PVT``; `cut`: why a last one was left out.
+    `row`: what stands in the file for a row, such as ``NAV-PVT``; `cut`: why a last one was left out; `axes`, `week`:
+    see `Table`.
     """
     cells = ArrayCells(tuple(columns.values()), lambda number: f"{row} {number + 1}", cut)
     named = tuple(note for note in notes if note)
-    return Table(source.name, source.sha256, tuple(columns), cells, notes=named, axes=axes)
+    return Table(source.name, source.sha256, tuple(columns), cells, notes=named, axes=axes, week=week)
 
 
 def arrow_floats(part: Any) -> FloatArray:

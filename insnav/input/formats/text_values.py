@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.time_scales import Scale, gps_days, seconds_of_week, unix_days
+from insnav.input.formats.time_scales import GpsTime, Scale, gps_days, seconds_of_week, unix_days
 from insnav.types import FloatArray
 
 _TIME = (
@@ -48,6 +48,7 @@ class TextValues(NamedTuple):
     values: FloatArray  # (n,) seconds, days, degrees or signs; NaN for an empty cell
     form: str  # ``date and time``, ``time of day``, ``date``, ``angle`` or ``hemisphere``
     note: str = ""  # what was assumed
+    week: float | None = None  # GPS week from whose start the seconds count
 
 
 def form_of(cell: str) -> str:
@@ -91,29 +92,30 @@ def values_of(texts: Any, where: str) -> TextValues:
     if form == "date":
         return TextValues(np.where(valid, day, np.nan), form)
     rows = np.flatnonzero(valid)
-    time, note = seconds_of_week(day[rows], second[rows], _scale(parts))
+    time, note, week = seconds_of_week(day[rows], second[rows], _scale(parts))
     values = np.full(len(empty), np.nan)
     values[rows] = time
-    return TextValues(values, form, f"{note}{_clock_note(parts, first)}")
+    return TextValues(values, form, f"{note}{_clock_note(parts, first)}", week)
 
 
-def seconds_of_stamps(stamps: Any) -> tuple[FloatArray, str]:
-    """Seconds of the GPS week of an Arrow array of timestamps, UTC, and what was assumed."""
+def seconds_of_stamps(stamps: Any) -> TextValues:
+    """Seconds of the GPS week of an Arrow array of timestamps, UTC."""
     import pyarrow as pa
 
     known = np.asarray(stamps.is_valid().to_numpy(), dtype=np.bool_)
     whole = stamps.cast(pa.timestamp("ns", stamps.type.tz)).cast(pa.int64()).fill_null(0).to_numpy()
     time = np.full(len(known), np.nan)
-    time[known], note = seconds_of_week(*unix_days(whole[known]), "UTC")
-    return time, note if stamps.type.tz else f"{note}; they name no zone and are taken as UTC"
+    time[known], note, week = seconds_of_week(*unix_days(whole[known]), "UTC")
+    zone = "" if stamps.type.tz else "; they name no zone and are taken as UTC"
+    return TextValues(time, "date and time", f"{note}{zone}", week)
 
 
-def with_date(day: FloatArray, second: FloatArray) -> tuple[FloatArray, str]:
+def with_date(day: FloatArray, second: FloatArray) -> GpsTime:
     """Seconds of the GPS week of dates and times of day, UTC, that stand in two columns ``(n,)``."""
     rows = np.isfinite(day) & np.isfinite(second)
     time = np.full(len(day), np.nan)
-    time[rows], note = seconds_of_week(day[rows], second[rows], "UTC")
-    return time, note
+    time[rows], note, week = seconds_of_week(day[rows], second[rows], "UTC")
+    return GpsTime(time, note, week)
 
 
 def _refuse_others(other: Sequence[bool] | Any, texts: Any, first: str, where: str) -> None:

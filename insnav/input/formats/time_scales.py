@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,19 +41,27 @@ def leap_seconds(day: FloatArray, second: FloatArray) -> FloatArray:
     return np.searchsorted(_LEAP_DAYS, day + np.floor(second / DAY), side="right").astype(np.float64)
 
 
+class GpsTime(NamedTuple):
+    """Times of receivers."""
+
+    time: FloatArray  # (n,) since the start of a GPS week [s]
+    note: str  # what was done to get them
+    week: float | None  # that week, if it is known
+
+
 def seconds_of_week(
     day: FloatArray, second: FloatArray, scale: Scale = "GPST", *, week: float | None = None
-) -> tuple[FloatArray, str]:
-    """Seconds of the GPS week of the first row, or of a given one, and what was done to get them.
+) -> GpsTime:
+    """Seconds of the GPS week of the first row, or of a given one.
 
     `day`, `second` (n,): days since 6 January 1980, for weeks seven times their number, and seconds from there.
     """
     if not len(day):
-        return day, ""
+        return GpsTime(day, "", week)
     leap = leap_seconds(day, second) if scale == "UTC" else np.zeros(len(day))
     if week is None:
         week = float(np.floor((day[0] + (second + leap)[0] / DAY) / WEEK_DAYS))
     note = f"times are seconds of GPS week {week:.0f}"
     if scale == "UTC":
         note += f": UTC with {leap[0]:.0f} leap seconds added"
-    return (day - WEEK_DAYS * week) * DAY + second + leap, note
+    return GpsTime((day - WEEK_DAYS * week) * DAY + second + leap, note, week)

@@ -9,75 +9,54 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from insnav.exceptions import InputError
 from insnav.input.formats import nmea
-from insnav.input.formats.conventions import ACCEL, GYRO, up_or_down
-from insnav.input.formats.messages import as_records, at_times, joined, sound_messages, starts
+from insnav.input.formats.conventions import ACCEL, GYRO, fix_table, up_or_down
+from insnav.input.formats.messages import Framing, Messages, at_times, joined, layout
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
-from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, gps_days, leap_seconds, seconds_of_week
+from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, GpsTime, gps_days, leap_seconds, seconds_of_week
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG
-
-if TYPE_CHECKING:
-    import mmap
 
 name = "u-blox log"
 suffixes = (".ubx",)
 extra = ""
 
-_DATE = "year <u2, month u1, day u1, hour u1, min u1, sec u1"
-_PLACE = "lon <i4, lat <i4, height <i4, hMSL <i4, hAcc <u4, vAcc <u4"
-_SPEED = "velN <i4, velE <i4, velD <i4, gSpeed <i4"
-
-
-def _layout(text: str) -> np.dtype[Any]:
-    return np.dtype([(part.split()[0], part.split()[1]) for part in text.split(", ")])
-
-
-_COVARIANCES = ", ".join(
-    f"{kind}{pair} <f4" for kind in ("pos", "vel") for pair in ("NN", "NE", "ND", "EE", "ED", "DD")
-)
-# class and number, and the parts of the message that are read
-_LAYOUTS: dict[str, tuple[bytes, np.dtype[Any]]] = {
-    "PVT": (
-        b"\x01\x07",
-        _layout(
-            f"iTOW <u4, {_DATE}, valid u1, tAcc <u4, nano <i4, fixType u1, flags u1, flags2 u1, numSV u1, "
-            f"{_PLACE}, {_SPEED}, headMot <i4, sAcc <u4"
-        ),
-    ),
+_DATE = "year:u2 month:u1 day:u1 hour:u1 min:u1 sec:u1"
+_PLACE = "lon:i4 lat:i4 height:i4 hMSL:i4 hAcc:u4 vAcc:u4"
+_SPEED = "velN:i4 velE:i4 velD:i4 gSpeed:i4"
+_STATE = "tAcc:u4 nano:i4 fixType:u1 flags:u1 flags2:u1 numSV:u1"
+_COVARIANCES = " ".join(f"{kind}{pair}:f4" for kind in ("pos", "vel") for pair in ("NN", "NE", "ND", "EE", "ED", "DD"))
+# class and number of the message as one number, and the parts of it that are read
+_LAYOUTS: dict[str, tuple[int, np.dtype[Any]]] = {
+    "PVT": (0x0701, layout(f"iTOW:u4 {_DATE} valid:u1 {_STATE} {_PLACE} {_SPEED} headMot:i4 sAcc:u4")),
     "PVAT": (
-        b"\x01\x17",
-        _layout(
-            f"iTOW <u4, version u1, valid u1, {_DATE}, r0 u1, r1 <u2, tAcc <u4, nano <i4, fixType u1, flags u1, "
-            f"flags2 u1, numSV u1, {_PLACE}, {_SPEED}, sAcc <u4, roll <i4, pitch <i4, heading <i4"
+        0x1701,
+        layout(
+            f"iTOW:u4 version:u1 valid:u1 {_DATE} r0:u1 r1:u2 {_STATE} {_PLACE} {_SPEED} sAcc:u4 roll:i4 pitch:i4 "
+            "heading:i4"
         ),
     ),
-    "POSLLH": (b"\x01\x02", _layout(f"iTOW <u4, {_PLACE}")),
+    "POSLLH": (0x0201, layout(f"iTOW:u4 {_PLACE}")),
     "HPPOSLLH": (
-        b"\x01\x14",
-        _layout(
-            "version u1, r0 u1, r1 u1, flags u1, iTOW <u4, lon <i4, lat <i4, height <i4, hMSL <i4, "
-            "lonHp i1, latHp i1, heightHp i1, hMSLHp i1, hAcc <u4, vAcc <u4"
+        0x1401,
+        layout(
+            "version:u1 r0:u1 r1:u1 flags:u1 iTOW:u4 lon:i4 lat:i4 height:i4 hMSL:i4 lonHp:i1 latHp:i1 heightHp:i1 "
+            "hMSLHp:i1 hAcc:u4 vAcc:u4"
         ),
     ),
-    "VELNED": (
-        b"\x01\x12",
-        _layout("iTOW <u4, velN <i4, velE <i4, velD <i4, speed <u4, gSpeed <u4, heading <i4, sAcc <u4"),
-    ),
-    "COV": (
-        b"\x01\x36",
-        _layout(f"iTOW <u4, version u1, posValid u1, velValid u1, r0 u1, r1 <u4, r2 <u4, {_COVARIANCES}"),
-    ),
-    "SOL": (b"\x01\x06", _layout("iTOW <u4, fTOW <i4, week <i2, fixType u1, flags u1")),
-    "TIMEGPS": (b"\x01\x20", _layout("iTOW <u4, fTOW <i4, week <i2, leapS i1, valid u1")),
+    "VELNED": (0x1201, layout("iTOW:u4 velN:i4 velE:i4 velD:i4 speed:u4 gSpeed:u4 heading:i4 sAcc:u4")),
+    "COV": (0x3601, layout(f"iTOW:u4 version:u1 posValid:u1 velValid:u1 r0:u1 r1:u4 r2:u4 {_COVARIANCES}")),
+    "SOL": (0x0601, layout("iTOW:u4 fTOW:i4 week:i2 fixType:u1 flags:u1")),
+    "TIMEGPS": (0x2001, layout("iTOW:u4 fTOW:i4 week:i2 leapS:i1 valid:u1")),
 }
+_MEAS, _RAW = 0x0210, 0x0310
 _GYRO_TYPES, _ACCEL_TYPES, _TEMPERATURE = (14, 13, 5), (16, 17, 18), 12  # x, y, z
 _SCALES = {**dict.fromkeys(_GYRO_TYPES, DEG / 4096.0), **dict.fromkeys(_ACCEL_TYPES, 1.0 / 1024.0), _TEMPERATURE: 0.01}
 _NO_FIX = (0, 1, 5)  # none, dead reckoning only, time only
@@ -92,7 +71,6 @@ class _Found:
 
     rows: NDArray[Any]  # (n,) records
     at: NDArray[np.int64]  # (n,) where they stand in the stream
-    damaged: int = 0
 
     @property
     def key(self) -> FloatArray:
@@ -103,19 +81,20 @@ class _Found:
 def recognise(source: Source) -> bool:
     """See `insnav.input.formats.registry.Format`."""
     head = source.head
-    return any(
-        len(frame := head[at : at + 6]) == 6
-        and len(body := head[at + 2 : at + 8 + int.from_bytes(frame[4:6], "little")]) >= 6
-        and (at + 8 + int.from_bytes(frame[4:6], "little") > len(head) > 8 > at or bool(_sound(_row(body))[0]))
-        for at in starts(head, b"\xb5b")[:64].tolist()
+    return _FRAMING.recognise(head) or (
+        # a first message that is longer than what is looked at
+        len(head) > 8 and head.startswith(b"\xb5b") and 8 + int.from_bytes(head[4:6], "little") > len(head)
     )
 
 
 def read(source: Source) -> Mapping[str, Table]:
     """See `insnav.input.formats.registry.Format`."""
-    found = {key: _find(source.data, *of_kind) for key, of_kind in _LAYOUTS.items()}
+    messages = _FRAMING.find(source.data, [*(number for number, _ in _LAYOUTS.values()), _MEAS, _RAW])
+    found = {key: _Found(*messages[number].records(each, _HEAD)) for key, (number, each) in _LAYOUTS.items()}
     notes = [
-        f"{each.damaged} damaged NAV-{key} messages left out (checksum)" for key, each in found.items() if each.damaged
+        f"{damaged} damaged NAV-{key} messages left out (checksum)"
+        for key, (number, _) in _LAYOUTS.items()
+        if (damaged := messages[number].damaged)
     ]
     tables: dict[str, Table] = {}
     clock = _Clock()
@@ -124,7 +103,7 @@ def read(source: Source) -> Mapping[str, Table]:
         tables["gps"], clock = _fixes(source, found, base, notes)
     elif nmea.recognise(source):
         tables |= nmea.read(source)
-    samples = _samples(source, clock)
+    samples = _samples(source, messages, clock)
     if samples is not None:
         tables["imu"] = samples
     if not tables:
@@ -143,10 +122,7 @@ class _Clock:
 
     time: FloatArray = field(default_factory=lambda: np.empty(0))
     at: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-
-
-def _row(body: bytes) -> NDArray[np.uint8]:
-    return np.frombuffer(b"\xb5b" + body, dtype=np.uint8)[None]
+    week: float | None = None
 
 
 def _sound(rows: NDArray[np.uint8]) -> BoolArray:
@@ -157,26 +133,8 @@ def _sound(rows: NDArray[np.uint8]) -> BoolArray:
     return np.asarray((first == rows[:, -2]) & (second == rows[:, -1]))
 
 
-def _by_size(data: bytes | mmap.mmap, kind: bytes) -> list[tuple[int, NDArray[np.int64]]]:
-    at = starts(data, b"\xb5b" + kind)
-    at = at[at <= len(data) - 8]
-    stream = np.frombuffer(data, dtype=np.uint8)
-    size = stream[at + 4] + 256 * stream[at + 5].astype(np.int64)
-    return [(int(each), at[size == each]) for each in np.unique(size)]
-
-
-def _find(data: bytes | mmap.mmap, kind: bytes, layout: np.dtype[Any]) -> _Found:
-    rows, places, damaged = [np.empty(0, dtype=layout)], [np.empty(0, dtype=np.int64)], 0
-    for size, at in _by_size(data, kind):
-        if size < layout.itemsize:
-            continue
-        good = 0
-        for where, block in sound_messages(data, at, size + 8, _sound):
-            rows.append(as_records(block[:, 6:], layout))
-            places.append(where)
-            good += len(where)
-        damaged += len(at) - good
-    return _Found(np.concatenate(rows), np.concatenate(places), damaged)
+_HEAD = 6
+_FRAMING = Framing(b"\xb5b", number=(2, 0xFFFF), size=(4, 0xFFFF), around=_HEAD + 2, least=_HEAD + 2, sound=_sound)
 
 
 def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[str]) -> tuple[Table, _Clock]:
@@ -184,8 +142,10 @@ def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[s
     rows, key = main.rows, main.key
     names = rows.dtype.names or ()
     week = _week(rows) if "year" in names else _joined_week(key, found)
-    time, said = seconds_of_week(WEEK_DAYS * week, 1e-3 * key) if np.isfinite(week).all() else (1e-3 * key, "")
-    notes = [said or "times are seconds of the GPS week; no message says which week", *notes]
+    time, said, first = GpsTime(1e-3 * key, "times are seconds of the GPS week; no message says which week", None)
+    if np.isfinite(week).all():
+        time, said, first = seconds_of_week(WEEK_DAYS * week, 1e-3 * key)
+    notes = [said, *notes]
     columns = {"time_s": time, **_position(rows)}
     hp = found["HPPOSLLH"]
     if base != "HPPOSLLH" and len(hp.rows):
@@ -202,11 +162,10 @@ def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[s
     kind, flags = _quality(rows, key, found)
     usable = (flags & 1 == 1) & ~np.isin(kind, _NO_FIX)
     carrier = (flags.astype(np.int64) >> 6) & 3 if base in ("PVT", "PVAT") else np.zeros(len(key), dtype=np.int64)
-    columns["fix"] = np.select([carrier == 2, carrier == 1, flags & 2 == 2], [1.0, 2.0, 4.0], 5.0)
-    if (~usable).any():
-        notes.append(f"{int((~usable).sum())} of {len(key)} epochs have no fix: left out")
-    kept = {column: values[usable] for column, values in columns.items()}
-    return column_table(source, kept, notes, row=f"NAV-{base}"), _Clock(time, main.at)
+    kinds = np.select([carrier == 2, carrier == 1, flags & 2 == 2], [1, 2, 4], 5)
+    types = {each: float(each) for each in (1, 2, 4, 5)}
+    table = fix_table(source, columns, kinds, types, notes, good=usable, row=f"NAV-{base}", week=first)
+    return table, _Clock(time, main.at, first)
 
 
 def _week(rows: NDArray[Any]) -> FloatArray:
@@ -293,39 +252,38 @@ def _quality(rows: NDArray[Any], key: FloatArray, found: Mapping[str, _Found]) -
     return np.where(usable, kind, 3.0), np.where(usable, flags, 1.0).astype(np.int64)
 
 
-def _samples(source: Source, clock: _Clock) -> Table | None:
+def _samples(source: Source, messages: Mapping[int, Messages], clock: _Clock) -> Table | None:
     """Samples of the IMU in ESF-MEAS, else ESF-RAW, on the clock of the fixes."""
-    for kind, label in ((b"\x10\x02", "ESF-MEAS"), (b"\x10\x03", "ESF-RAW")):
-        tag, value, sensor, at = _measurements(source.data, raw=label == "ESF-RAW", kind=kind)
+    for number, label in ((_MEAS, "ESF-MEAS"), (_RAW, "ESF-RAW")):
+        tag, value, sensor, at = _measurements(messages[number], raw=label == "ESF-RAW")
         columns, tags, places = _sensors(tag, value, sensor, at)
         if columns:
             time, note = _sensor_time(tags, places, clock, raw=label == "ESF-RAW")
             axes = up_or_down(columns[ACCEL[2]], "FLU")
-            return column_table(source, {"time_s": time, **columns}, (note,), row=label, axes=axes)
+            return column_table(source, {"time_s": time, **columns}, (note,), row=label, axes=axes, week=clock.week)
     return None
 
 
-def _measurements(data: bytes | mmap.mmap, *, raw: bool, kind: bytes) -> tuple[Any, Any, Any, Any]:
+def _measurements(messages: Messages, *, raw: bool) -> tuple[Any, Any, Any, Any]:
     """Time tag, value, sensor and place of every measurement, (n,)."""
     parts: list[tuple[Any, ...]] = []
-    for size, at in _by_size(data, kind):
-        if size < 12:
+    for where, block in zip(messages.at, messages.rows, strict=True):
+        body = block[:, _HEAD:-2]
+        if body.shape[1] < 12:
             continue
-        for where, block in sound_messages(data, at, size + 8, _sound):
-            body = block[:, 6:-2]
-            words = np.ascontiguousarray(body[:, : size // 4 * 4]).view("<u4").astype(np.int64)
-            if raw:
-                values, tags = words[:, 1:-1:2], words[:, 2::2]
-                there = np.ones(values.shape, dtype=bool)
-            else:
-                count = words[:, 1] >> 11 & 31
-                values = words[:, 2:]
-                there = np.arange(values.shape[1]) < count[:, None]
-                tags = np.broadcast_to(words[:, :1], values.shape)
-            number = values & 0xFFFFFF
-            signed = number - ((number >> 23) << 24)
-            places = np.broadcast_to(where[:, None], values.shape)
-            parts.append((tags[there], signed[there], (values >> 24 & (255 if raw else 63))[there], places[there]))
+        words = np.ascontiguousarray(body[:, : body.shape[1] // 4 * 4]).view("<u4").astype(np.int64)
+        if raw:
+            values, tags = words[:, 1:-1:2], words[:, 2::2]
+            there = np.ones(values.shape, dtype=bool)
+        else:
+            count = words[:, 1] >> 11 & 31
+            values = words[:, 2:]
+            there = np.arange(values.shape[1]) < count[:, None]
+            tags = np.broadcast_to(words[:, :1], values.shape)
+        number = values & 0xFFFFFF
+        signed = number - ((number >> 23) << 24)
+        places = np.broadcast_to(where[:, None], values.shape)
+        parts.append((tags[there], signed[there], (values >> 24 & (255 if raw else 63))[there], places[there]))
     if not parts:
         return (np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.int64))
     tag, value, sensor, at = (np.concatenate(each) for each in zip(*parts, strict=True))

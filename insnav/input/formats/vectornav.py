@@ -12,10 +12,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from insnav.input.formats import delimited_text
-from insnav.input.formats.conventions import ACCEL, GYRO, TextColumns, deviations, text_columns
+from insnav.input.formats.conventions import ACCEL, GYRO, VELOCITY, TextColumns, deviations, fix_table, text_columns
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
-from insnav.input.formats.time_scales import WEEK_DAYS, seconds_of_week
+from insnav.input.formats.time_scales import WEEK_DAYS, GpsTime, seconds_of_week
 from insnav.types import FloatArray
 
 name = "VectorNav CSV"
@@ -70,58 +70,56 @@ def read(source: Source) -> Mapping[str, Table]:
     ]
     kinds = (_TIMES, _TEMPERATURE, _PLACE, _OTHERS, _INS, *samples)
     text = text_columns(table, (header for kind in kinds for header in kind.values()))
-    time, notes = _time(text.named(_TIMES))
+    time, notes, week = _time(text.named(_TIMES))
     tables: dict[str, Table] = {}
     columns = next((found for kind in samples if len(found := text.named(kind)) == 6), None)
     if columns is not None:
         columns = {"time_s": time, **columns, **text.named(_TEMPERATURE)}
-        tables["imu"] = column_table(source, columns, notes, cut=text.cut, axes="FRD")
+        tables["imu"] = column_table(source, columns, (notes,), cut=text.cut, axes="FRD", week=week)
     place = text.named(_PLACE)
     if len(place) == len(_PLACE):
-        tables["gps"] = _fixes(source, place, text, (time, notes))
+        tables["gps"] = _fixes(source, place, text, GpsTime(time, notes, week))
     solution = text.named(_INS)
     if len(solution) == len(_INS) and (solution["lat_deg"] != 0.0).any():
         solution["heading_deg"] = solution["heading_deg"] % 360.0
-        notes = (*notes, "the unit's own solution")
-        tables["reference"] = column_table(source, {"time_s": time, **solution}, notes, cut=text.cut)
+        own = (notes, "the unit's own solution")
+        tables["reference"] = column_table(source, {"time_s": time, **solution}, own, cut=text.cut, week=week)
     return tables or {"": table}
 
 
-def _time(clock: Mapping[str, FloatArray]) -> tuple[FloatArray, tuple[str, ...]]:
+def _time(clock: Mapping[str, FloatArray]) -> GpsTime:
     """Seconds of the GPS week, else since the start of the unit."""
     if "tow" in clock and "week" in clock and np.nanmax(clock["week"], initial=0.0) > 0.0:
         return _of_week(clock["week"], clock["tow"])
     if "tow_s" in clock and np.isfinite(clock["tow_s"]).any():
-        return clock["tow_s"], ("times are seconds of the GPS week",)
+        return GpsTime(clock["tow_s"], "times are seconds of the GPS week", None)
     if "boot" in clock:
-        return clock["boot"] * 1e-9, ("times are seconds since the unit was switched on: it had no GPS time",)
-    return np.full(len(next(iter(clock.values()), ())), np.nan), ()
+        said = "times are seconds since the unit was switched on: it had no GPS time"
+        return GpsTime(clock["boot"] * 1e-9, said, None)
+    return GpsTime(np.full(len(next(iter(clock.values()), ())), np.nan), "", None)
 
 
-def _of_week(week: FloatArray, tow: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+def _of_week(week: FloatArray, tow: FloatArray) -> GpsTime:
     known = np.isfinite(week) & (week > 0.0) & np.isfinite(tow)
     first = float(week[known][0]) if known.any() else 0.0
-    time, note = seconds_of_week(WEEK_DAYS * np.where(known, week, first), tow * 1e-9, week=first)
-    return np.where(known, time, np.nan), (note,)
+    time, note, _ = seconds_of_week(WEEK_DAYS * np.where(known, week, first), tow * 1e-9, week=first)
+    return GpsTime(np.where(known, time, np.nan), note, first)
 
 
-def _fixes(
-    source: Source, place: dict[str, FloatArray], text: TextColumns, clock: tuple[FloatArray, tuple[str, ...]]
-) -> Table:
+def _fixes(source: Source, place: dict[str, FloatArray], text: TextColumns, clock: GpsTime) -> Table:
     """Fixes at their own times; rows without a fix are left out, as are those that repeat one."""
     others = text.named(_OTHERS)
-    week, tow = others.get("fix_week"), others.get("fix_tow")
-    time, notes = _of_week(week, tow) if week is not None and tow is not None else clock
-    columns = {"time_s": time, **place}
-    columns |= {key: others[key] for key in ("vn_m_s", "ve_m_s", "vd_m_s") if key in others}
+    if "fix_week" in others and "fix_tow" in others:
+        clock = _of_week(others["fix_week"], others["fix_tow"])
+    columns = {"time_s": clock.time, **place}
+    columns |= {key: others[key] for key in VELOCITY if key in others}
     if all(f"sd_{axis}" in others for axis in "ned"):
         columns |= deviations(np.column_stack([others[f"sd_{axis}"] for axis in "ned"]), "sd_{}_m")
     if "sd_v" in others:
         columns |= deviations(np.column_stack([others["sd_v"]] * 3), "sd_v{}_m_s")
-    kind = others.get("kind", np.full(len(time), 3.0))
-    good = np.isin(kind, list(_FIXES)) & np.isfinite(time)
-    columns["fix"] = np.array([_FIXES.get(int(each), 0.0) if each == each else 0.0 for each in kind])
-    fresh = np.concatenate(([True], np.diff(time) != 0.0)) if len(time) else good
-    if not good.all():
-        notes = (*notes, f"{int((~good).sum())} of {len(good)} rows have no fix: left out")
-    return column_table(source, {key: column[good & fresh] for key, column in columns.items()}, notes, cut=text.cut)
+    kind = others.get("kind", np.full(len(clock.time), 3.0))
+    fresh = np.concatenate(([True], np.diff(clock.time) != 0.0))[: len(kind)]  # rows between fixes repeat the last one
+    good = np.isfinite(clock.time[fresh])
+    columns = {key: column[fresh] for key, column in columns.items()}
+    notes = [clock.note]
+    return fix_table(source, columns, kind[fresh], _FIXES, notes, good=good, row="rows", cut=text.cut, week=clock.week)

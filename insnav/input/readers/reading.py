@@ -34,13 +34,14 @@ class ReadingFacts:
     sampling: Sampling | None = None
     stamp: Stamp | None = None
     height: str = ""  # ``ellipsoidal`` or ``msl`` (GPS and reference)
+    gps_week: int | None = None  # from whose start the times count, if that is known
 
     def as_dict(self) -> dict[str, Any]:
         """Give the facts in a form ready for JSON."""
         facts = {each.name: getattr(self, each.name) for each in fields(self)}
         facts |= {"columns": dict(self.columns), "evidence": list(self.evidence)}
-        optional = ("axes", "sampling", "stamp", "height")
-        return {name: value for name, value in facts.items() if value or name not in optional}
+        optional = ("axes", "sampling", "stamp", "height", "gps_week")
+        return {name: value for name, value in facts.items() if value not in ("", None) or name not in optional}
 
     @classmethod
     def from_dict(cls, facts: Mapping[str, Any]) -> ReadingFacts:

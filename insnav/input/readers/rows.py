@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.input.formats.table import Table
-from insnav.input.formats.text_values import with_date
+from insnav.input.formats.text_values import TextValues, with_date
 from insnav.input.interpret.clean import Cleaned, Kinds, clean, cut_event
 from insnav.input.interpret.columns import Found
 from insnav.input.interpret.physics import clock_digits, find_time_unit
@@ -33,7 +33,7 @@ class Rows:
     # unit of the time in the file, and how it was found
     time_unit: str
     time_evidence: str
-    texts: Mapping[str, tuple[str, str]] = field(default_factory=dict)  # columns that were text, as in `Numbers`
+    week: float | None = None  # GPS week from whose start the times count
 
     def clean(self, bad: BoolArray | None = None, action: str = "not a finite number") -> Cleaned:
         """Rows in order without the bad ones ``(n,)``: by default those with a value that is not finite."""
@@ -77,6 +77,7 @@ class Rows:
             sampling=sampling,
             stamp=stamp,
             height=height,
+            gps_week=None if self.week is None else int(self.week),
         )
         return Reading(data, events, facts)
 
@@ -103,11 +104,11 @@ def read_rows(
     forms = {key: numbers.texts[found[key].index] for key in columns if found[key].index in numbers.texts}
     _refuse_texts(forms, found, table)
     day, fraction = columns.pop("date", None), columns.pop("time_fraction", None)
-    unit, evidence = "s", ""
+    unit, evidence, week = "s", "", table.week
     if "time" in forms:
-        form, evidence = forms["time"]
-        if form == "time of day" and day is not None and "date" in forms:
-            columns["time"], evidence = with_date(day, columns["time"])
+        evidence, week = forms["time"].note, forms["time"].week
+        if forms["time"].form == "time of day" and day is not None and "date" in forms:
+            columns["time"], evidence, week = with_date(day, columns["time"])
         if fraction is not None:
             columns["time"] = columns["time"] + fraction * found["time_fraction"].factor
     elif fraction is not None:
@@ -119,7 +120,7 @@ def read_rows(
         stated = time_unit or found["time"].unit
         unit, evidence = find_time_unit(columns["time"], stated, slowest=slowest, where=table.name)
         columns["time"] = columns["time"] * ALL_UNITS[unit][1]
-    return Rows(table, kinds, columns, numbers.n_rows, numbers.cut, unit, evidence, forms)
+    return Rows(table, kinds, columns, numbers.n_rows, numbers.cut, unit, evidence, week)
 
 
 _FORMS = {
@@ -130,9 +131,9 @@ _FORMS = {
 }
 
 
-def _refuse_texts(forms: Mapping[str, tuple[str, str]], found: Mapping[str, Found], table: Table) -> None:
+def _refuse_texts(forms: Mapping[str, TextValues], found: Mapping[str, Found], table: Table) -> None:
     """Refuse texts where they cannot stand: a date in a column of rates."""
-    for key, (form, _) in forms.items():
+    for key, (_, form, *_) in forms.items():
         if form not in _FORMS.get(key, ()):
             raise InputError(
                 f"column {found[key].header!r} holds text, not numbers",

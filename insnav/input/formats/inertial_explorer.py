@@ -1,0 +1,113 @@
+"""Text exports of Inertial Explorer and GrafNav: a solution, with attitude as reference, without as fixes.
+
+The profile of an export chooses its columns; two lines name them and their units, below a header of free text.
+
+References
+----------
+NovAtel Waypoint Software User Manual, OM-20000166, appendix B (output variables; body axes Right, Forward, Up).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.formats.conventions import ATTITUDE, VELOCITY, deviations
+from insnav.input.formats.delimited_text import TextCells
+from insnav.input.formats.source import Source, text_of
+from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.text_dialect import Dialect
+from insnav.input.formats.time_scales import WEEK_DAYS, GpsTime, Scale, seconds_of_week
+from insnav.plain_text import plain_text
+from insnav.types import FloatArray
+
+name = "Inertial Explorer export"
+suffixes = ()
+extra = ""
+
+_PROGRAM = re.compile(rb"^Program:[ \t]*(?:Inertial Explorer|GrafNav|GrafNet)", re.M)
+_HEADER = re.compile(rb"^([^\n]*\b(?:GPS|Corr|UTC)Time?\b[^\n]*)\n([^\n]*\([^\n]*)\n", re.M)
+_FIRST, _BEHIND = re.compile(rb"^[ \t]*[-+\d]", re.M), re.compile(rb"^[ \t]*(?:[^-+\d\s]|\r?$)", re.M)
+# columns by what they are, in small letters without signs
+_NAMES: dict[str, tuple[str, ...]] = {
+    "week": ("week",), "tow": ("gpstime", "gpstim", "corrtime", "corrtim"), "utc": ("utctime", "utctim"),
+    "lat_deg": ("latitude",), "lon_deg": ("longitude",), "height_m": ("hell",), "height_msl_m": ("hmsl", "hort"),
+    "vn_m_s": ("vnorth",), "ve_m_s": ("veast",), "vu": ("vup",),
+    "roll_deg": ("roll",), "pitch_deg": ("pitch",), "heading_deg": ("heading",),
+    "sd_n": ("sdnorth",), "sd_e": ("sdeast",), "sd_d": ("sdheight", "sdup"),
+    "sd_vn": ("sdvn", "sdvnorth"), "sd_ve": ("sdve", "sdveast"), "sd_vd": ("sdvh", "sdvup", "sdvu"),
+}  # fmt: skip
+
+
+def recognise(source: Source) -> bool:
+    """See `insnav.input.formats.registry.Format`."""
+    return _PROGRAM.search(source.head) is not None
+
+
+def read(source: Source) -> Mapping[str, Table]:
+    """See `insnav.input.formats.registry.Format`."""
+    data, cut = _columns(source)
+    height = next((key for key in ("height_m", "height_msl_m") if key in data), "")
+    if not height or not {"lat_deg", "lon_deg"} <= data.keys() or not data.keys() & {"tow", "utc"}:
+        raise InputError(
+            "the export has no positions",
+            where=source.name,
+            why=f"of what is read its profile has: {', '.join(data) or 'nothing'}",
+            fix="export with a profile of Week, GPSTime, Latitude, Longitude (decimal degrees), H-Ell, VNorth, VEast, "
+            "VUp, Roll, Pitch, Heading and their SD",
+        )
+    time, note, week = _time(data)
+    columns = {"time_s": time, **{key: data[key] for key in ("lat_deg", "lon_deg", height)}}
+    if {"vn_m_s", "ve_m_s", "vu"} <= data.keys():
+        columns |= {"vn_m_s": data["vn_m_s"], "ve_m_s": data["ve_m_s"], VELOCITY[2]: -data["vu"]}
+    for keys, header in ((("sd_n", "sd_e", "sd_d"), "sd_{}_m"), (("sd_vn", "sd_ve", "sd_vd"), "sd_v{}_m_s")):
+        if set(keys) <= data.keys():
+            columns |= deviations(np.column_stack([data[key] for key in keys]), header)
+    part = "gps"
+    if set(ATTITUDE) <= data.keys():
+        part = "reference"
+        columns |= {key: data[key] for key in ATTITUDE} | {ATTITUDE[2]: data[ATTITUDE[2]] % 360.0}
+    return {part: column_table(source, columns, (note,), row="epoch", cut=cut, week=week)}
+
+
+def _columns(source: Source) -> tuple[dict[str, FloatArray], str]:
+    """Columns of the export by what they are, and why a last row was left out."""
+    text, zeros = text_of(source)
+    header = _HEADER.search(text)
+    first = None if header is None else _FIRST.search(text, header.end())
+    if header is None or first is None:
+        why = "there is no line that names GPSTime, with units below it and rows behind"
+        raise InputError("the export has no table", where=source.name, why=why, fix="export it again")
+    delimiter = "," if b"," in header[1] else " "
+    words = plain_text(header[1].decode("latin-1"))
+    names = [re.sub(r"\W", "", each).lower() for each in words.split("," if delimiter == "," else None)]
+    if b"D M S" in header[2]:
+        if delimiter == ",":
+            fix = "export Latitude and Longitude in decimal degrees"
+            raise InputError("the angles are degrees, minutes, seconds", where=source.name, fix=fix)
+        thirds = {"latitude": ["latitude", "lat1", "lat2"], "longitude": ["longitude", "lon1", "lon2"]}
+        names = [each for word in names for each in thirds.get(word, [word])]
+    behind = _BEHIND.search(text, first.start())
+    offset, end = first.start(), len(text) if behind is None else behind.start()
+    dialect = Dialect(delimiter, ".", tuple(names), None, offset, text[:offset].count(b"\n") + 1)
+    places = {key: names.index(each) for key, known in _NAMES.items() for each in known if each in names}
+    minutes: dict[str, int] = {each: names.index(each) for each in ("lat1", "lat2", "lon1", "lon2") if each in names}
+    indices = sorted({*places.values(), *minutes.values()})
+    numbers = TextCells(source.name, text[:end], dialect, zeros).read(indices)
+    data = {key: numbers.columns[index] for key, index in places.items()}
+    for key, part in (("lat_deg", "lat"), ("lon_deg", "lon")):
+        if key in data and f"{part}1" in minutes:
+            one, two = (numbers.columns[minutes[f"{part}{i}"]] for i in (1, 2))
+            data[key] = data[key] + np.copysign(one / 60.0 + two / 3600.0, data[key])
+    return data, numbers.cut
+
+
+def _time(data: Mapping[str, FloatArray]) -> GpsTime:
+    scale: Scale = "GPST" if "tow" in data else "UTC"
+    second = data["tow" if "tow" in data else "utc"]
+    if "week" in data and np.isfinite(data["week"]).all() and (np.abs(data["week"]) < 1e4).all():
+        return seconds_of_week(WEEK_DAYS * data["week"], second, scale)
+    return GpsTime(second, f"times are seconds of the GPS week in {scale}, which the export does not name", None)
