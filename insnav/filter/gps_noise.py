@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy  # its parts load themselves when they are used
 
 from insnav.earth import ned_offset
 from insnav.types import BoolArray, FloatArray, GpsData
@@ -40,7 +40,7 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
         return 0.0, np.inf
     step = np.diff(t)
     gone = ned_offset(gps.lla[usable][1:], gps.lla[usable][:-1])[:, :2]  # fix by fix: the track may be long
-    position = CubicSpline(t, np.vstack([np.zeros(2), np.cumsum(gone, axis=0)]))
+    position = scipy.interpolate.CubicSpline(t, np.vstack([np.zeros(2), np.cumsum(gone, axis=0)]))
     even: BoolArray = np.asarray(np.abs(step / np.median(step) - 1.0) < 0.1)
     inside: BoolArray = np.zeros(t.shape[0], dtype=bool)
     inside[3:-2] = np.asarray(np.lib.stride_tricks.sliding_window_view(even, 5).all(axis=1), dtype=bool)

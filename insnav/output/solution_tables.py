@@ -14,7 +14,6 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
-import pyarrow.parquet
 
 from insnav.exceptions import InputError
 from insnav.output.columns import Decimals, arrow_table, rounded, write_csv
@@ -98,7 +97,7 @@ def read_run_table(folder: Path, kind: type[T], name: str = "") -> T:
             fix="give a folder that `insnav run` has written",
         )
     try:
-        table = pa.csv.read_csv(path) if path.suffix == ".csv" else pa.parquet.read_table(path)
+        table = pa.csv.read_csv(path) if path.suffix == ".csv" else _parquet().read_table(path)
         return kind(**{field: _field(table, field, names) for field, names in kind.COLUMNS.items()})
     except (pa.ArrowException, OSError, KeyError, ValueError, TypeError) as error:
         raise InputError(
@@ -152,5 +151,11 @@ def _write(path: Path, columns: Mapping[str, Any]) -> Path:
             write_csv(table, stream)
         else:
             # Numbers that never repeat gain nothing from a dictionary or from minima and maxima.
-            pa.parquet.write_table(table, stream, use_dictionary=False, write_statistics=False, compression="snappy")
+            _parquet().write_table(table, stream, use_dictionary=False, write_statistics=False, compression="snappy")
     return path
+
+
+def _parquet() -> Any:
+    from pyarrow import parquet  # its file systems take longer to import than a table to write
+
+    return parquet

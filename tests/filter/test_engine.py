@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -122,3 +125,16 @@ def test_the_covariance_handed_in_is_not_changed():
     engine.replace_covariance(replacement)
     engine.update(z, h, r, 0.0)
     np.testing.assert_array_equal(replacement, np.eye(N))
+
+
+def test_filterpy_is_loaded_without_scipy_stats_until_a_function_needs_it():
+    code = (
+        "import sys\nfrom insnav.filter.engine import KalmanFilter\n"
+        "assert not {'scipy.stats', 'scipy.ndimage', 'filterpy.stats'} & set(sys.modules)\n"
+        "kalman = KalmanFilter(1, 1)\nkalman.H[:] = 1.0\nkalman.update(2.0)\n"
+        "assert 'scipy.stats' not in sys.modules\nprint(kalman.log_likelihood)\n"
+        "import filterpy.stats\nprint(filterpy.stats.logpdf(2.0, 0.0, 2.0))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    found, expected = done.stdout.split()
+    assert float(found) == float(expected)

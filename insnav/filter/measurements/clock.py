@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import fftconvolve
+import scipy  # its parts load themselves when they are used
 
 from insnav.types import BoolArray, FloatArray
 
@@ -32,7 +32,7 @@ def clock_offset(time: FloatArray, speed: FloatArray, log_time: FloatArray, log_
 
     def sums(x: FloatArray, y: FloatArray) -> FloatArray:
         """Sum of ``x[i] y[i + k]`` for every shift k, from ``1 - x.size`` on."""
-        return np.asarray(fftconvolve(y, x[::-1]))
+        return np.asarray(scipy.signal.fftconvolve(y, x[::-1]))
 
     # centred correlation of the rows that both have, at every shift at once
     n = sums(known_a, known_b)
