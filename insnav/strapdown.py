@@ -15,6 +15,7 @@ import numpy as np
 from insnav.attitude import quat_from_rph, rph_from_quat
 from insnav.earth import near_pole
 from insnav.exceptions import ConfigError, InputError
+from insnav.kernels import alignment as _alignment
 from insnav.kernels import increments as _increments
 from insnav.kernels import mechanization as _mechanization
 from insnav.kernels import simple_integrators as _study
@@ -25,6 +26,7 @@ _STUDY = {"euler": _study.EULER, "rotvec": _study.ROTVEC, "rk4": _study.RK4}
 
 TIME_TOLERANCE = 1e-6  # times closer than this are the same [s]
 LOST_WINDOW = 5  # steps on either side that are looked at to tell lost samples from jitter
+JOINED = 0.04  # a vehicle shakes faster, but does not turn [s]
 GAP = 1.5  # an interval this many times the nominal one has lost samples
 
 
@@ -150,6 +152,19 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
         scale = np.where(gap > 0.0, dt, 1.0)[:, None] if imu.sampling == "increment" else dt[:, None]
         gyro, accel = gyro * scale, accel * scale
     return Intervals(end, dt, gyro, accel, segment, gap, instant)
+
+
+def joined(parts: Intervals) -> Intervals:
+    """Successive intervals of a segment joined to ones of about `JOINED`, for what needs no high rate."""
+    count = max(1, round(JOINED / float(np.median(parts.dt[: 1 << 16]))))
+    out = np.empty((parts.end.shape[0], 9))
+    rows = _alignment.joined(
+        parts.end, parts.dt, parts.gyro, parts.accel, parts.segment, parts.gap, parts.instant, count, out
+    )
+    out = out[:rows]
+    gyro, accel = np.ascontiguousarray(out[:, 2:5]), np.ascontiguousarray(out[:, 5:8])
+    segment = np.cumsum(np.diff(out[:, 8], prepend=out[:1, 8]) != 0.0)
+    return Intervals(out[:, 0].copy(), out[:, 1].copy(), gyro, accel, segment, out[:, 8].copy(), instant=False)
 
 
 def split(parts: Intervals, times: FloatArray, first: int, last: int) -> tuple[IntArray, FloatArray, FloatArray]:

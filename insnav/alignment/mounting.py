@@ -17,11 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.alignment.align import stationary_of
-from insnav.alignment.in_motion import SLOWEST, Velocity, history, velocity
+from insnav.alignment.in_motion import SLOWEST, Velocity, velocity
 from insnav.alignment.static import summarize
 from insnav.attitude import quat_from_dcm, rph_from_quat, wrap_pi
-from insnav.earth import gravity_n
-from insnav.strapdown import Intervals
+from insnav.earth import earth_rate_n, gravity_n
+from insnav.kernels.alignment import felt_changes
+from insnav.strapdown import Intervals, joined
 from insnav.types import FloatArray, GpsData, IntArray
 
 WINDOW = 8.0  # longer, gyro drift counts; shorter, there are too few changes of velocity [s]
@@ -91,7 +92,7 @@ def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
         return None
     rest = stationary_of(parts, gps)
     still = np.append(summarize(parts, *rest).rate if rest is not None else np.zeros(3), 0.0)
-    telling = windows.telling
+    parts, telling = joined(parts), windows.telling
     signs, mirrored = AS_GIVEN, False
     if telling.bends >= FEWEST:
         given = best = np.inf
@@ -130,8 +131,8 @@ def _refined(windows: _Windows, parts: Intervals, start: FloatArray, signs: Sign
 class _Windows:
     """Spans of a drive with accelerations, by GPS."""
 
-    times: list[FloatArray]  # of GPS velocities
-    change: list[FloatArray]  # (k, 3) change of velocity less gravity between them, forward, right, down [m/s]
+    times: FloatArray  # (w, k + 1) of GPS velocities [s]
+    change: FloatArray  # (w, k, 3) change of velocity less gravity between them, forward, right, down [m/s]
     strength: FloatArray  # sum of squared horizontal changes
     turned: FloatArray  # change of the course from its start to its end [rad]
     lla: FloatArray  # of the first fix
@@ -149,8 +150,7 @@ class _Windows:
         return int((np.abs(self.turned) > TURN).sum())
 
     def _rows(self, rows: IntArray) -> _Windows:
-        times, change = [self.times[k] for k in rows], [self.change[k] for k in rows]
-        return _Windows(times, change, self.strength[rows], self.turned[rows], self.lla)
+        return _Windows(self.times[rows], self.change[rows], self.strength[rows], self.turned[rows], self.lla)
 
     @classmethod
     def of(cls, parts: Intervals, speed: Velocity, lla: FloatArray) -> _Windows | None:
@@ -183,30 +183,31 @@ class _Windows:
             turned.append(float(wrap_pi(np.arctan2(v[-1, 1], v[-1, 0]) - course)))
         if len(times) < FEWEST:
             return None
-        return cls(times, changes, np.array(strength), np.array(turned), lla)._rows(np.argsort(strength)[-MOST:])
+        every = cls(np.array(times), np.array(changes), np.array(strength), np.array(turned), lla)
+        return every._rows(np.argsort(strength)[-MOST:])
 
 
-def _felt(windows: _Windows, parts: Intervals, given: FloatArray, signs: Signs) -> list[FloatArray]:
-    """Specific force, integrated between the times of each window, (k, 3) in the axes of its start [m/s].
+def _felt(windows: _Windows, parts: Intervals, given: FloatArray, signs: Signs) -> FloatArray:
+    """Specific force, integrated between the times of each window, (w, k, 3) in the axes of its start [m/s].
 
     `given` (4,): gyro bias [rad/s], and delay of the samples [s].
     """
     sign, lat = np.array(signs, dtype=float), float(windows.lla[0])
-    felt = []
-    for time in windows.times:
-        shifted = np.clip(time + given[3], parts.end[0], parts.end[-1])
-        track = history(parts, shifted[0], shifted[-1], np.zeros(3), given[:3] * sign, lat, sign)
-        felt.append(np.diff(track.integral(shifted), axis=0))
+    shifted = np.clip(windows.times + given[3], parts.end[0] - parts.dt[0], parts.end[-1])
+    felt = np.empty_like(windows.change)
+    felt_changes(
+        parts.end, parts.dt, parts.gyro, parts.accel, sign, given[:3] * sign, earth_rate_n(lat), shifted, felt
+    )
     return felt
 
 
-def _fit(windows: _Windows, felt: list[FloatArray], signs: Signs, *, mirrored: bool) -> tuple[Mounting, FloatArray]:
+def _fit(windows: _Windows, felt: FloatArray, signs: Signs, *, mirrored: bool) -> tuple[Mounting, FloatArray]:
     """Mean rotation (or reflection) over the windows, and what it leaves of each change.
 
     `felt`: by `_felt`, with gyros of these `signs`.
     """
-    products = [change.T @ each for change, each in zip(windows.change, felt, strict=True)]
-    matrices, weight = _wahba(np.array(products), mirrored), np.sqrt(windows.strength)
+    matrices = _wahba(np.swapaxes(windows.change, 1, 2) @ felt, mirrored)
+    weight = np.sqrt(windows.strength)
     mean = _wahba(np.tensordot(weight, matrices, 1), mirrored)
     for _ in range(10):  # windows in reverse, or with wheels that slip, do not count
         away = np.maximum(np.linalg.norm(matrices - mean, axis=(1, 2)), 0.05)
@@ -216,14 +217,12 @@ def _fit(windows: _Windows, felt: list[FloatArray], signs: Signs, *, mirrored: b
     off = np.asarray(wrap_pi(yaw - np.arctan2(mean[1, axis], mean[0, axis])))
     apart = np.linalg.norm(matrices - mean, axis=(1, 2)) / np.sqrt(8.0)
     scatter = 1.4826 * float(np.median(2.0 * np.arcsin(np.minimum(apart, 1.0))))  # of an aircraft: banks, too
-    left = [
-        (change - u @ (_about_down(-angle) @ matrix).T) / np.sqrt(power)
-        for change, u, matrix, angle, power in zip(windows.change, felt, matrices, off, windows.strength, strict=True)
-    ]
-    squares = np.minimum([float(np.sum(each**2)) for each in left], 1.0)
+    turned = np.array([_about_down(-angle) for angle in off]) @ matrices
+    left = (windows.change - felt @ np.swapaxes(turned, 1, 2)) / weight[:, None, None]
+    squares = np.minimum(np.sum(left**2, axis=(1, 2)), 1.0)
     sd = max(SURE_SD, 1.25 * scatter / np.sqrt(len(left)))
     mounting = Mounting(mean, sd, len(left), float(np.sqrt(np.mean(squares))), signs, mirrored)
-    return mounting, np.concatenate([np.clip(each, -1.0, 1.0).ravel() for each in left])
+    return mounting, np.clip(left, -1.0, 1.0).ravel()
 
 
 def _wahba(b: FloatArray, mirrored: bool) -> FloatArray:

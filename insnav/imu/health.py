@@ -12,6 +12,7 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.imu.model import per_sample
+from insnav.kernels.health import glance
 from insnav.types import BoolArray, Event, EventKind, FloatArray, ImuData, IntArray
 
 SPIKE_GYRO, SPIKE_ACCEL = 1.5, 9.5  # a smaller jump of one sample does no harm worth a search [rad/s], [m/s^2]
@@ -26,6 +27,7 @@ UNUSUAL = 0.01  # share of comparable blocks that may be as still as a stuck sen
 STEPS = 4.0  # resolution steps that a sensor must usually change by: else its repeats are its resolution or a dead band
 IN_MOTION = 0.25  # activity, in parts of the median of the record, above which the other axes feel motion
 LONGEST = 3  # rows of repeats that do not count as usual: a fault is a few long ones
+CONSTANT = 1e-9  # a smaller change, in parts of the largest value, is none
 BY_CHANCE = 1e-6  # expected number of rows that long in the record, as often as values repeat elsewhere
 _AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")
 
@@ -38,6 +40,8 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
     if imu.time.shape[0] < 2 * STUCK:
         return imu, []
     scale = per_sample(imu)
+    if _plain(imu, scale):
+        return imu, []
     values = np.empty((imu.time.shape[0], 6))
     np.divide(imu.gyro, scale, out=values[:, :3])
     np.divide(imu.accel, scale, out=values[:, 3:])
@@ -63,7 +67,7 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
     # of the samples as they are: divided by intervals, equal increments would differ in their last digits
     same = np.hstack([imu.gyro[1:] == imu.gyro[:-1], imu.accel[1:] == imu.accel[:-1]])
     repeats = (same[1:] & same[:-1]).any(axis=0)  # most axes never show a value three times: there is no row to judge
-    quiet = change <= 1e-9 * np.maximum(values.max(axis=0), -values.min(axis=0))
+    quiet = change <= CONSTANT * np.maximum(values.max(axis=0), -values.min(axis=0))
     _refuse_constant(values, quiet)
     activity = _Activity.of(change, max(STUCK, int(np.ceil(STUCK_TIME / np.median(np.diff(imu.time))))))
     lost = np.zeros(imu.time.shape[0], dtype=np.bool_)
@@ -107,6 +111,21 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
     return replace(imu, gyro=gyro, accel=accel).rows(~lost), events
 
 
+def _plain(imu: ImuData, scale: FloatArray | float) -> bool:
+    """Whether no change of the samples can be a spike, none comes three times in a row, and every axis changes."""
+    head = slice(1 << 16)
+    some = np.hstack([imu.gyro[head], imu.accel[head]]) / (scale if isinstance(scale, float) else scale[head])
+    each = np.ravel(np.broadcast_to(scale, (imu.time.shape[0], 1)))
+    largest, change, far, thrice = glance(imu.gyro, imu.accel, each, _far(_changes(some)))
+    return not (far.any() or thrice.any() or (change <= CONSTANT * largest).any())
+
+
+def _far(change: FloatArray) -> FloatArray:
+    """Changes from sample to sample beyond which a sample may be a spike, by axis."""
+    usual = np.median(change[: (1 << 16) - 1], axis=0)
+    return np.maximum(np.array([SPIKE_GYRO] * 3 + [SPIKE_ACCEL] * 3), SPIKE_FACTOR * usual)
+
+
 def _changes(values: FloatArray) -> FloatArray:
     """Size of the changes from sample to sample, (n - 1, 6)."""
     change = np.diff(values, axis=0)
@@ -115,9 +134,7 @@ def _changes(values: FloatArray) -> FloatArray:
 
 def _spikes(values: FloatArray, change: FloatArray) -> tuple[IntArray, IntArray]:
     """Rows and axes of single samples far from both neighbours, which agree with each other."""
-    usual = np.median(change[: (1 << 16) - 1], axis=0)
-    limit = np.maximum(np.array([SPIKE_GYRO] * 3 + [SPIKE_ACCEL] * 3), SPIKE_FACTOR * usual)
-    far = change > limit
+    far = change > _far(change)
     row, axis = np.nonzero(far[:-1] & far[1:])
     before, after = values[row + 1, axis] - values[row, axis], values[row + 2, axis] - values[row + 1, axis]
     # out by about as much as back
@@ -238,8 +255,8 @@ def _length(time: FloatArray, first: IntArray, count: IntArray) -> FloatArray:
 
 def _others_vary(quiet: BoolArray, axis: int, first: IntArray, count: IntArray) -> BoolArray:
     """Whether some other axis changes in most of each row: else it is a rest of sensors without noise, not a fault."""
-    others = np.asarray(np.delete(quiet, axis, axis=1).sum(axis=1) == 5)
-    return np.array([others[a : a + n - 1].mean() < 0.5 for a, n in zip(first, count, strict=True)], dtype=np.bool_)
+    still = np.concatenate([[0], np.cumsum(quiet.sum(axis=1) - quiet[:, axis] == 5)])
+    return np.asarray(still[first + count - 1] - still[first] < 0.5 * (count - 1))
 
 
 def _runs(same: BoolArray) -> tuple[IntArray, IntArray]:

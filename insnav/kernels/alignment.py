@@ -54,6 +54,72 @@ def gyro_history(q, w_ie_n, dt, dtheta, dvel, q_out, u_out):  # type: ignore[no-
 
 
 @njit(cache=True)
+def joined(end, dt, gyro, accel, segment, gap, instant, count, out):  # type: ignore[no-untyped-def]
+    """Join each `count` successive intervals of a segment to one; see `insnav.strapdown.joined`.
+
+    The rotation vector grows by its own second-order term (Bortz, IEEE Trans. AES 7 (1971) 61-66), and the specific
+    force is that in the axes of the middle. `out` (m, 9): end, length, angles, velocities, gap.
+
+    Returns: number of rows filled.
+    """
+    rows, inside, last = 0, 0, -1
+    for k in range(end.shape[0]):
+        if dt[k] == 0.0:
+            continue
+        scale = dt[k] if instant else 1.0
+        x, y, z = gyro[k, 0] * scale, gyro[k, 1] * scale, gyro[k, 2] * scale
+        fx, fy, fz = accel[k, 0] * scale, accel[k, 1] * scale, accel[k, 2] * scale
+        if inside == count or segment[k] != last:
+            rows, inside, last = rows + 1, 0, segment[k]
+            for i in range(1, 8):
+                out[rows - 1, i] = 0.0
+        inside += 1
+        row = out[rows - 1]
+        a, b, c = row[2], row[3], row[4]
+        # what was felt before is seen from axes that turn on, by half of each rotation in the end
+        px, py, pz = row[5], row[6], row[7]
+        row[2] = a + x + 0.5 * (b * z - c * y)
+        row[3] = b + y + 0.5 * (c * x - a * z)
+        row[4] = c + z + 0.5 * (a * y - b * x)
+        row[5] = px + fx + 0.5 * (b * fz - c * fy) - 0.5 * (y * pz - z * py)
+        row[6] = py + fy + 0.5 * (c * fx - a * fz) - 0.5 * (z * px - x * pz)
+        row[7] = pz + fz + 0.5 * (a * fy - b * fx) - 0.5 * (x * py - y * px)
+        row[0], row[1], row[8] = end[k], row[1] + dt[k], gap[k]
+    return rows
+
+
+@njit(cache=True)
+def felt_changes(end, dt, gyro, accel, turn, bias, w_ie_n, times, out):  # type: ignore[no-untyped-def]
+    """Specific force integrated between the times of windows, (w, m + 1) [s], in the axes of the start of each.
+
+    Intervals without the instantaneous form; `turn` (3,): signs of the gyros; `out` (w, m, 3) [m/s].
+    """
+    level, u = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+    for w in range(times.shape[0]):
+        first = np.searchsorted(end, times[w, 0] + 1e-6, side="right")
+        n = min(np.searchsorted(end, times[w, -1] - 1e-6) + 1, end.shape[0]) - first
+        span, angles, forces = dt[first : first + n].copy(), np.empty((n, 3)), np.empty((n, 3))
+        span[0] = min(end[first] - times[w, 0], dt[first])  # the window begins inside of it
+        for k in range(n):
+            part = span[k] / dt[first + k]
+            for i in range(3):
+                angles[k, i] = part * gyro[first + k, i] * turn[i] - bias[i] * span[k]
+                forces[k, i] = part * accel[first + k, i]
+        attitude, integral = np.empty((n + 1, 4)), np.empty((n + 1, 3))
+        gyro_history(level, w_ie_n, span, angles, forces, attitude, integral)
+        k = 0
+        for m in range(times.shape[1]):
+            while k < n - 1 and end[first + k] < times[w, m]:
+                k += 1
+            share = min(max(1.0 - (end[first + k] - times[w, m]) / span[k], 0.0), 1.0)
+            for i in range(3):
+                here = integral[k, i] + share * (integral[k + 1, i] - integral[k, i])
+                if m > 0:
+                    out[w, m - 1, i] = here - u[i]
+                u[i] = here
+
+
+@njit(cache=True)
 def level_history(dt, dtheta, dvel, time_constant, turn, change):  # type: ignore[no-untyped-def]
     """Turn about the vertical and horizontal specific force, integrated, without knowing how the IMU is mounted.
 
@@ -62,7 +128,7 @@ def level_history(dt, dtheta, dvel, time_constant, turn, change):  # type: ignor
     [rad] and `change` (n + 1, 2) [m/s] are integrals from zero.
     """
     d, h = np.zeros(3), np.zeros(3)
-    for k in range(min(dt.shape[0], 200)):  # a start; the constant draws it in
+    for k in range(min(dt.shape[0], 25)):  # a start; the constant draws it in
         for i in range(3):
             d[i] -= dvel[k, i]
     size = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)

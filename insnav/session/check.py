@@ -29,7 +29,7 @@ from insnav.session.defaults import stationary_part
 from insnav.session.drive import Drive, drive_of
 from insnav.session.inputs import INPUTS, Inputs
 from insnav.session.read import Readings, read
-from insnav.strapdown import intervals
+from insnav.strapdown import intervals, joined
 from insnav.types import BoolArray, Event, EventKind, GpsData, ImuData, Run
 from insnav.units import G0
 
@@ -234,7 +234,7 @@ def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Pat
         _of_gps(data.gps, found, patient)
     if together and drive is not None and fixes is not None and data.gps is not None:
         parts = intervals(imu)
-        found = replace(found, offset=clock_offset(parts, fixes), mounting=find_mounting(parts, fixes))
+        found = replace(found, offset=clock_offset(joined(parts), fixes), mounting=find_mounting(parts, fixes))
         found = replace(found, run=_run(drive, patient))
         _of_both(found, data, patient)
     return found

@@ -14,7 +14,7 @@ from insnav.filter.gps_noise import LAG_WORTH, velocity_lag, with_sd
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, overlap
 from insnav.session.inputs import Inputs
-from insnav.strapdown import Intervals, intervals
+from insnav.strapdown import Intervals, intervals, joined
 from insnav.types import GpsData, ImuData, SensorLog
 from insnav.units import DEG
 
@@ -43,7 +43,7 @@ def on_one_clock(
             notes.append(f"{offset:+.0f} s added to the IMU times: {why}")
     if offset:
         imu, logs = _moved(imu, logs, offset)
-    parts, fixes = intervals(imu.data), with_sd(gps.data)[0]
+    parts, fixes = joined(intervals(imu.data)), with_sd(gps.data)[0]
     found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
     if found is not None and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
         apart, offset = overlap(imu.data, gps.data) == 0.0, round(offset + found.offset, 3)
