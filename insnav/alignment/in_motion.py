@@ -67,20 +67,12 @@ def velocity(gps: GpsData) -> Velocity:
     return Velocity(0.5 * (gps.time[i] + gps.time[j]), moved, sd)
 
 
-def history(
-    parts: Intervals,
-    start: float,
-    end: float,
-    rph: FloatArray,
-    bias: FloatArray,
-    lat: float,
-    signs: FloatArray | float = 1.0,
-) -> History:
-    """Integrate gyros, of other `signs` (3,) than given, and specific force from `rph` at `start` to `end`."""
+def history(parts: Intervals, start: float, end: float, rph: FloatArray, bias: FloatArray, lat: float) -> History:
+    """Integrate gyros and specific force from `rph` at `start` to `end`."""
     first, last = np.searchsorted(parts.end, [start + 1e-6, end], side="right")
     dt = parts.dt[first:last]
     scale = dt[:, None] if parts.instant else 1.0
-    dtheta = parts.gyro[first:last] * (scale * signs) - bias * dt[:, None]
+    dtheta = parts.gyro[first:last] * scale - bias * dt[:, None]
     n = dt.shape[0]
     q, u = np.empty((n + 1, 4)), np.empty((n + 1, 3))
     gyro_history(quat_from_rph(rph), earth_rate_n(lat), dt, dtheta, parts.accel[first:last] * scale, q, u)

@@ -195,9 +195,7 @@ def _felt(windows: _Windows, parts: Intervals, given: FloatArray, signs: Signs) 
     sign, lat = np.array(signs, dtype=float), float(windows.lla[0])
     shifted = np.clip(windows.times + given[3], parts.end[0] - parts.dt[0], parts.end[-1])
     felt = np.empty_like(windows.change)
-    felt_changes(
-        parts.end, parts.dt, parts.gyro, parts.accel, sign, given[:3] * sign, earth_rate_n(lat), shifted, felt
-    )
+    felt_changes(parts.end, parts.dt, parts.gyro, parts.accel, sign, given[:3] * sign, earth_rate_n(lat), shifted, felt)
     return felt
 
 

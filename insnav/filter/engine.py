@@ -34,7 +34,7 @@ class _Later(ModuleType):
 
 
 def _kalman_filter() -> Any:
-    """filterpy's class, without the parts of the package that it does not need."""
+    """Filterpy's class, without the parts of the package that it does not need."""
     later = {name: _Later(name) for name in UNUSED if name not in sys.modules}
     sys.modules.update(later)
     try:

@@ -122,6 +122,8 @@ def _by_reported(x: FloatArray, y: FloatArray, scale: FloatArray, white_only: fl
     best = np.inf, 0.0, 0.0
     for time in TIMES[TIMES >= SHORTEST_REPORTED]:
         fading = np.exp(-x / time)  # white + (1 - white) (1 - fading) + slope x
-        (white, _), rest = scipy.optimize.nnls(np.column_stack([fading, x]) * scale[:, None], (y - 1.0 + fading) * scale)
+        (white, _), rest = scipy.optimize.nnls(
+            np.column_stack([fading, x]) * scale[:, None], (y - 1.0 + fading) * scale
+        )
         best = min(best, (float(rest), 1.0 - float(white), float(time)))
     return (best[1], best[2]) if best[0] <= MISFIT * white_only else (0.0, 0.0)

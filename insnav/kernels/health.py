@@ -8,7 +8,7 @@ from numba import njit
 
 @njit(cache=True)
 def glance(gyro, accel, scale, limit):  # type: ignore[no-untyped-def]
-    """Largest value and change of each axis, (6,), whether two changes in a row exceed `limit`, and any value comes thrice.
+    """Largest value and change of each axis, (6,), whether two changes in a row exceed `limit`, any value comes thrice.
 
     `gyro`, `accel` (n, 3), divided by `scale` (n,) for values and changes, but not for what comes thrice.
     """
