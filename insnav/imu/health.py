@@ -123,7 +123,7 @@ def _plain(imu: ImuData, scale: FloatArray | float) -> bool:
 def _far(change: FloatArray) -> FloatArray:
     """Changes from sample to sample beyond which a sample may be a spike, by axis."""
     usual = np.median(change[: (1 << 16) - 1], axis=0)
-    return np.maximum(np.array([SPIKE_GYRO] * 3 + [SPIKE_ACCEL] * 3), SPIKE_FACTOR * usual)
+    return np.asarray(np.maximum(np.array([SPIKE_GYRO] * 3 + [SPIKE_ACCEL] * 3), SPIKE_FACTOR * usual))
 
 
 def _changes(values: FloatArray) -> FloatArray:
