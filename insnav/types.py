@@ -267,6 +267,7 @@ class EventKind(StrEnum):
     DEWEIGHTED_POSITION = "deweighted.position"
     DEWEIGHTED_VELOCITY = "deweighted.velocity"
     PART = "filter.part"
+    CONTRADICTION = "filter.contradiction"
     RESET = "filter.reset"
     REPAIR = "filter.repair"
     DIVERGED = "filter.diverged"

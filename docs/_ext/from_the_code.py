@@ -2,7 +2,7 @@
 
 ``equation``: a numbered equation with its source and the tests that check it; a test that is not there is a warning,
 and so an error of the build. ``equation-table``: all of them. ``commands``: the help of every command. ``messages``:
-every error that insnav can raise, with cause and remedy.
+every error that insnav can raise, with cause and remedy. ``run-json``: the keys of ``run.json``, by its schema.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import ast
 import html
 import io
+import json
 import re
 from collections.abc import Iterator
 from contextlib import redirect_stdout
@@ -167,6 +168,36 @@ class Messages(SphinxDirective):
         return found
 
 
+class RunJson(SphinxDirective):
+    """Every key of ``run.json``, from its schema."""
+
+    def run(self) -> list[nodes.Node]:
+        """Read the schema."""
+        schema = json.loads((ROOT / "insnav" / "report" / "run.schema.json").read_text(encoding="utf-8"))
+        keys = {**schema["properties"], **schema["then"]["properties"]}
+        rows = [
+            row
+            for key, rule in keys.items()
+            for row in self._rows(
+                key, {**schema["properties"].get(key, {}), **(rule if rule is not True else {})}, schema["$defs"]
+            )
+        ]
+        return [table(("key", "what"), rows, (40, 60))]
+
+    def _rows(self, key: str, rule: dict[str, Any], known: dict[str, Any]) -> Iterator[tuple[nodes.Node, ...]]:
+        said = rule.get("description", "")
+        while "properties" not in rule and ("$ref" in rule or "anyOf" in rule or rule.get("type") == "array"):
+            inner = rule["items"] if "items" in rule else rule.get("anyOf", [rule])[0]
+            rule = known[inner["$ref"].rpartition("/")[2]] if "$ref" in inner else inner
+            said = said or rule.get("description", "")
+        below = rule.get("properties", {})
+        names = ", ".join(below)
+        yield (
+            nodes.paragraph("", "", nodes.literal("", key)),
+            nodes.paragraph("", " ".join(filter(None, (said, names and f"Keys: {names}.")))),
+        )
+
+
 def _said(call: ast.Call) -> tuple[str, str, str, str] | None:
     """Kind, what, why and fix of a raised error of insnav; names stand for what is only known when it happens."""
     kind = ast.unparse(call.func)
@@ -223,5 +254,6 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("equation-table", EquationTable)
     app.add_directive("commands", Commands)
     app.add_directive("messages", Messages)
+    app.add_directive("run-json", RunJson)
     app.connect("doctree-resolved", fill_tables)
     return {"parallel_read_safe": False, "parallel_write_safe": True}

@@ -238,12 +238,11 @@ def _explain(data: Data, end: str, time: float, rest: dict[str, float], how: tup
         from insnav.errors.diagnosis.end_of_run import explain_end
         from insnav.imu import load_imu
         from insnav.report.budget.end_of_run import end_page
-        from insnav.report.run_json import versions
         from insnav.report.save import write_page
 
         imu = data.inputs.get("imu_model")
         gravity = rest.get("gravity") or gravity_of(at_rest(1.0, **rest))
         axes = explain_end(time, given[:2], given[2:], *sd)
         page = end_page(axes, time, gravity, sd, None if imu is None else load_imu(str(imu)))
-        where = write_page(folder, page, {"versions": versions(), "configuration": data.options})
+        where = write_page(folder, page, {"configuration": data.options})
     result_page(where, page, out, as_json=as_json, more=())

@@ -221,7 +221,6 @@ def platform(
             from insnav.output.kml import write_kml
             from insnav.output.solution_tables import write_events, write_run_table
             from insnav.report.platform.page import platform_page, torquing_columns
-            from insnav.report.run_json import versions
             from insnav.report.save import write_page
 
             reading, reference = record.force, record.reference
@@ -231,7 +230,7 @@ def platform(
             )
             readings = {key: each.as_dict() for key, each in record.facts.items()}
             page = platform_page(study)
-            metadata = {"versions": versions(), "configuration": configuration, "input": readings}
+            metadata = {"configuration": configuration, "input": readings}
             write_run_table(folder.directory, study.run.solution)
             write_table(folder.path("torquing.csv"), torquing_columns(study.run))
             write_events(folder.directory, reading.events)
@@ -248,12 +247,11 @@ def _demonstrate(out: Path, force: bool) -> tuple[Path, Page]:
         note("a day at rest, two hours of a holding pattern: some seconds")
         stage("navigating")
         from insnav.report.platform.demonstration import demonstration
-        from insnav.report.run_json import versions
         from insnav.report.save import write_page
 
         page = demonstration()
         stage("writing")
-        return write_page(folder, page, {"versions": versions()}), page
+        return write_page(folder, page), page
 
 
 def _errors(misalignment: str, gyro_drift: str, accel_bias: str) -> PlatformErrors:

@@ -43,7 +43,6 @@ def tune(
         from insnav.imu import to_toml
         from insnav.report.page import Page
         from insnav.report.run.quantities import noise_section
-        from insnav.report.run_json import versions
         from insnav.report.save import write_page
         from insnav.session.tuning import tune as tuned
 
@@ -52,6 +51,6 @@ def tune(
         stage("writing")
         summary = f"{len(loaded)} drives raise the log-likelihood by {found.gain:.0f} over the prior."
         page = Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),))
-        metadata = {"kind": "tune", "versions": versions(), "configuration": data.options}
+        metadata = {"kind": "tune", "configuration": data.options}
         where = write_page(folder, page, metadata, {"imu.toml": to_toml(found.spec)})
     result_page(where, page, out, as_json=as_json, more=("imu.toml",))

@@ -63,11 +63,10 @@ def verify(
         found = certify(peers, lambda fraction: stage("certifying", fraction))
         stage("writing")
         from insnav.report.certificate.page import certificate_markdown, certificate_page
-        from insnav.report.run_json import versions
         from insnav.report.save import write_page
 
         page = certificate_page(found)
-        where = write_page(folder, page, {"versions": versions()})
+        where = write_page(folder, page)
     if markdown:
         result(certificate_markdown(found))
     else:

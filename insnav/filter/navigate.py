@@ -104,9 +104,14 @@ def navigate_prepared(
     found = _decided(ready, _run(ready, progress))
     run = found.run
     on_time = ready.gps.time - ready.settings.delay
-    events = (*ready.faults, *run.events, *_outside(on_time, ready.initial.time, float(ready.imu.time[-1])))
+    events = (
+        *ready.faults,
+        *found.events,
+        *run.events,
+        *_outside(on_time, ready.initial.time, float(ready.imu.time[-1])),
+    )
     run = replace(run, events=events, gps_delay=run.gps_delay + ready.clock)
-    return Navigated(run, ready.gps, (*found.notes, *ready.notes))
+    return Navigated(run, ready.gps, ready.notes)
 
 
 def _decided(ready: Prepared, first: Run) -> Reconciled:

@@ -24,6 +24,8 @@ from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import SmoothedErrors
 from insnav.filter.state_layout import first_state
+from insnav.kernels.dynamics import NAV
+from insnav.kernels.errorstate import at_fix_time
 from insnav.kernels.gps_measurement import Assessment, Fix, Predicted, assess
 from insnav.kernels.increments import LOOKAHEAD
 from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData, Increments, Run
@@ -249,18 +251,16 @@ class Navigator:
     def _show(self, time: float, out: Record.Rows) -> None:
         """Put the state after an epoch's measurements into the row of the solution at its time, if there is one."""
         if out.used and out.time[out.used - 1] >= time - strapdown.TIME_TOLERANCE:
-            p = self._estimate.covariance
-            out.state[out.used - 1] = self._estimate.x
+            p = np.empty((NAV, NAV))
+            at_fix_time(self._estimate.covariance, self._estimate.x, p)
+            out.state[out.used - 1, :10] = self._estimate.x
             out.delay[out.used - 1] = self._estimate.delay
             variance = out.variance[out.used - 1]
-            variance[:9] = p.diagonal()[:9]
+            variance[:NAV] = p.diagonal()
             variance[9], variance[10], variance[11] = p[6, 7], p[6, 8], p[7, 8]
 
     def _note_fix(self, time: float, nis: tuple[float, float], use: list[bool]) -> None:
-        estimate = self._estimate
-        self._record.fix(
-            time, self._z, self._sd, nis, use, estimate.x, estimate.correction, estimate.covariance, estimate.delay
-        )
+        self._record.fix(time, self._z, self._sd, nis, use, self._estimate)
 
     def _assess(self, row: int) -> tuple[float, float, float, float]:
         """Innovation of a fix, its covariance, NIS of position and velocity, and their lengths."""

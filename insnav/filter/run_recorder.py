@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from insnav.attitude import dcm_from_quat
 from insnav.exceptions import InputError
 from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import SmoothedErrors
 from insnav.filter.state_layout import layout
 from insnav.kernels.dynamics import NAV
-from insnav.kernels.errorstate import SENSOR, STATES, feed_back, move_along
+from insnav.kernels.errorstate import SENSOR, STATES, at_fix_time, feed_back, move_along
 from insnav.kernels.output import solution
 from insnav.kernels.smoother import apply
 from insnav.types import (
@@ -24,11 +26,15 @@ from insnav.types import (
     EventKind,
     FloatArray,
     Innovations,
+    IntArray,
     Run,
     SensorErrors,
     Smoothed,
     Trajectory,
 )
+
+if TYPE_CHECKING:
+    from insnav.filter.estimate import Estimate
 
 CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long: time-correlated errors of fixes average out [s]
 # Mean NIS, by its expectation, beyond which the filter has diverged. A mean far below one is no divergence: stationary,
@@ -56,13 +62,13 @@ class Record:
         self._count = 0
         self._time, self._innovation, self._sd = np.empty(fixes), np.empty((fixes, 6)), np.empty((fixes, 6))
         self._nis, self._use = np.empty((fixes, 2)), np.zeros((fixes, 2), dtype=bool)
-        self._state, self._covariance = np.empty((fixes, 10)), np.empty((fixes, 9, 9))
+        self._state, self._covariance = np.empty((fixes, 16)), np.empty((fixes, NAV, NAV))
         self._delays = np.empty(fixes)
         self._sensor, self._sensor_sd = np.empty((fixes, 12)), np.empty((fixes, 12))
 
     def reserve(self, rows: int) -> Rows:
         """Room for at most `rows` outputs."""
-        return Record.Rows(np.empty(rows), np.empty((rows, 10)), np.empty((rows, 12)), np.empty(rows))
+        return Record.Rows(np.empty(rows), np.empty((rows, 16)), np.empty((rows, 12)), np.empty(rows))
 
     def keep(self, rows: Rows) -> None:
         """Take over the filled part of a block's outputs."""
@@ -88,17 +94,15 @@ class Record:
         sd: FloatArray,
         nis: tuple[float, float],
         use: list[bool],
-        x: FloatArray,
-        correction: FloatArray,
-        p: FloatArray,
-        delay: float,
+        estimate: Estimate,
     ) -> None:
         """Note the innovation of a fix, as predicted minus measured, and the state after it."""
         i = self._count
         self._time[i] = time
         self._innovation[i], self._sd[i], self._nis[i], self._use[i] = predicted, sd, nis, use
-        self._state[i], self._covariance[i], self._delays[i] = x, p[:9, :9], delay
-        self._sensor[i], self._sensor_sd[i] = correction, p.diagonal()[9:STATES]
+        self._state[i, :10], self._state[i, 10:], self._delays[i] = estimate.x, estimate.motion, estimate.delay
+        at_fix_time(estimate.covariance, estimate.x, self._covariance[i])
+        self._sensor[i], self._sensor_sd[i] = estimate.correction, estimate.covariance.diagonal()[NAV:STATES]
         self._count += 1
 
     def finish(
@@ -121,7 +125,7 @@ class Record:
             )
         time = np.concatenate([row[0] for row in self._rows])
         state = np.concatenate([row[1] for row in self._rows])
-        known = np.concatenate([row[2] for row in self._rows])
+        known = np.flatnonzero(np.concatenate([row[2] for row in self._rows]))
         variance = np.concatenate([row[3] for row in self._rows])
         delays = np.concatenate([row[4] for row in self._rows])
         self._rows.clear()
@@ -137,14 +141,18 @@ class Record:
         self._events += _divergence(innovations)
         # an offset that was estimated, not given, is attributed to the IMU clock: GPS time is the better one
         clock = delay if settings.delay_sd > 0 else 0.0
+        delay_sd = float(np.sqrt(covariance[STATES, STATES])) if at.delay >= 0 else 0.0
         unmoved = state.copy() if found is not None else None
         if clock != 0.0:  # the offset as estimated at the time has put the state elsewhere along its velocity
             move_along(state, clock - delays)
             move_along(self._state[:n], clock - self._delays[:n])
-        filtered = _trajectory(time + clock, state, known, variance, axes_sd)
+        filtered = _trajectory(time + clock, state, known, variance, axes_sd, delay_sd)
+        self._covariance[:n] += _squared(_moved(self._state[:n], delay_sd))
         smoothed = None
         if found is not None and unmoved is not None:
-            smoothed = _smoothed(time, unmoved, filtered, found, axes_sd, clock)
+            rows = np.searchsorted(self._time[:n], found.time[found.used] - 1e-6)
+            moved = _moved(self._state[rows], delay_sd)
+            smoothed = _smoothed(time, unmoved, filtered, found, axes_sd, delay_sd, clock, moved)
         return Run(
             solution=filtered,
             innovations=innovations,
@@ -155,7 +163,7 @@ class Record:
                 self._time[:n] + clock,
                 self._state[:n, :3],
                 self._state[:n, 3:6],
-                self._state[:n, 6:],
+                self._state[:n, 6:10],
                 self._covariance[:n],
             ),
             gps_delay=settings.delay + delay,
@@ -173,16 +181,39 @@ def _aiding_use(name: str, unit: str, rows: FloatArray) -> AidingUse:
     return AidingUse(name, rows.shape[0], int((~used).sum()), float(np.sqrt(square)), nis, unit)
 
 
+def _moved(state: FloatArray, delay_sd: float) -> FloatArray:
+    """What the error of the clock makes of velocity and attitude in a state with its motion (n, 16), (n, 9).
+
+    Their own errors hardly know of it: gyros and accelerometers turn and push in the time of the samples.
+    """
+    moved = np.zeros((state.shape[0], NAV))
+    moved[:, 3:6] = -delay_sd * state[:, 13:]
+    moved[:, 6:] = delay_sd * np.einsum("nij,nj->ni", dcm_from_quat(state[:, 6:10]), state[:, 10:13])
+    return moved
+
+
+def _squared(error: FloatArray) -> FloatArray:
+    return error[:, :, None] * error[:, None]
+
+
 def _trajectory(
-    time: FloatArray, state: FloatArray, known: BoolArray, variance: FloatArray, axes_sd: FloatArray
+    time: FloatArray,
+    state: FloatArray,
+    known: IntArray,
+    variance: FloatArray,
+    axes_sd: FloatArray,
+    delay_sd: float,
 ) -> Trajectory:
     """States, and variances of the `known` ones, to a trajectory with roll, pitch, heading and standard deviations.
 
     Misalignment is no state of the filter but noise, which averages out as the misalignment does not: no attitude is
     better than the axes of the sensors.
     """
-    rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], 9))
-    solution(time, state, np.flatnonzero(known), variance, rph, sd)
+    rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], NAV))
+    moved = _moved(state[known], delay_sd)
+    variance[:, 3:NAV] += moved[:, 3:] ** 2
+    variance[:, NAV:] += moved[:, [6, 6, 7]] * moved[:, [7, 8, 8]]
+    solution(time, state, known, variance, rph, sd)
     sd[:, 6:] = np.maximum(sd[:, 6:], axes_sd)
     return Trajectory(time, state[:, :3], state[:, 3:6], rph, sd)
 
@@ -193,23 +224,34 @@ def _smoothed(
     filtered: Trajectory,
     found: SmoothedErrors,
     axes_sd: FloatArray,
+    delay_sd: float,
     clock: float,
+    moved: FloatArray,
 ) -> Smoothed:
-    """Correct the filter's states by the smoothed errors; before the first and after the last epoch they stay."""
+    """Correct the filter's states by the smoothed errors; before the first and after the last epoch they stay.
+
+    `moved` (m, 9): see `_moved`, at the epochs with a fix that was used.
+    """
     variance = np.zeros((time.shape[0], NAV + 3))
     first, last = apply(time, state, variance, found.time, found.after, found.before, found.covariance)
-    rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], 9))
-    solution(time, state, np.arange(first, last), variance[first:last], rph, sd)
-    sd[:, 6:] = np.maximum(sd[:, 6:], axes_sd)
+    whole = _trajectory(time + clock, state, np.arange(first, last), variance[first:last], axes_sd, delay_sd)
+    assert whole.sd is not None
+    assert filtered.sd is not None
     for part in (slice(0, first), slice(last, None)):
-        rph[part], sd[part] = filtered.rph[part], filtered.sd[part] if filtered.sd is not None else np.nan
-        state[part, :3], state[part, 3:6] = filtered.lla[part], filtered.v_n[part]
+        state[part, :6] = np.hstack([filtered.lla[part], filtered.v_n[part]])
+        whole.rph[part], whole.sd[part] = filtered.rph[part], filtered.sd[part]
     at, error = found.state[found.used].copy(), found.after[found.used]
     for row, wrong in zip(at, error, strict=True):
         feed_back(row, np.zeros(SENSOR), wrong)
     return Smoothed(
-        Trajectory(time + clock, state[:, :3], state[:, 3:6], rph, sd),
-        Epochs(found.time[found.used] + clock, at[:, :3], at[:, 3:6], at[:, 6:], found.covariance[found.used]),
+        whole,
+        Epochs(
+            found.time[found.used] + clock,
+            at[:, :3],
+            at[:, 3:6],
+            at[:, 6:],
+            found.covariance[found.used] + _squared(moved),
+        ),
         SensorErrors(
             found.time[found.used] + clock,
             found.correction[found.used] - error[:, NAV:],

@@ -27,7 +27,7 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.filter.gates import Gates, Trust
 from insnav.filter.parts import LONGEST_GAP
 from insnav.filter.settings import FilterSettings
-from insnav.types import BoolArray, EventKind, FloatArray, GpsData, IntArray, Run
+from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData, IntArray, Run
 
 OPEN = Gates(max_sd=np.inf, max_speed=np.inf, probability=1.0, reset_after=np.inf)  # no gate: the weights decide
 PASSES = 5
@@ -66,8 +66,7 @@ class Reconciled:
     """What the whole record says of the fixes."""
 
     run: Run  # the first run if nothing contradicted it, else that with the weights found
-    trust: Trust | None = None  # weights of the fixes, if any were needed
-    notes: tuple[str, ...] = ()  # which fixes were found false
+    events: tuple[Event, ...] = ()  # which fixes were found false, or that it cannot be told
 
 
 def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> Residuals:
@@ -118,7 +117,8 @@ def reconcile(
         decided, reason = _decide(first, gps, settings, again, scale, annealed=annealed)
         if decided is not None:
             return decided
-    return Reconciled(first, None, (f"{reason}; the decisions of the filter stand (events.csv)",))
+    told = f"{reason}; the decisions of the filter stand (events.csv)"
+    return Reconciled(first, (_event(float(first.innovations.time[0]), float("nan"), "", told),))
 
 
 def _decide(
@@ -161,7 +161,7 @@ def _decide(
     run = again(_weighted(gps, *weights), trust, OPEN_START if false[: _before(gps, first)].any() else 0.0)
     if _diverged(run) > _diverged(first):
         return None, "fixes and IMU contradict each other, and leaving fixes out makes it worse"
-    return Reconciled(run, trust, tuple(_notes(gps, trust))), ""
+    return Reconciled(run, tuple(_told(gps, trust))), ""
 
 
 def _diverged(run: Run) -> int:
@@ -220,7 +220,12 @@ def _stretches(time: FloatArray, chosen: BoolArray) -> list[tuple[float, float]]
     return [(float(time[start]), float(time[stop - 1])) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _notes(gps: GpsData, trust: Trust) -> list[str]:
+def _event(time: float, size: float, unit: str, told: str) -> Event:
+    return Event(time, EventKind.CONTRADICTION, size, float("nan"), unit, told)
+
+
+def _told(gps: GpsData, trust: Trust) -> list[Event]:
+    """What was found false, as a warning each."""
     found = []
     for name, false, size, unit in (
         ("position", trust.false_position, trust.position_residual, "m"),
@@ -232,8 +237,7 @@ def _notes(gps: GpsData, trust: Trust) -> list[str]:
                 for start, stop in _stretches(gps.time, false)
             ]
             listed = ", ".join(spans[:3]) + (f" and {len(spans) - 3} more" if len(spans) > 3 else "")
-            found.append(
-                f"{int(false.sum())} {name} fixes contradict the whole record by up to "
-                f"{float(np.nanmax(size[false])):.3g} {unit} and were not used: {listed}"
-            )
-    return found or ["filter and smoother contradicted each other: navigated again without gates, no fix left out"]
+            largest = float(np.nanmax(size[false]))
+            told = f"{int(false.sum())} {name} fixes contradict the whole record by up to {largest:.3g} {unit} and "
+            found.append(_event(float(gps.time[false][0]), largest, unit, f"{told}were not used: {listed}"))
+    return found

@@ -73,7 +73,7 @@ class Outputs(NamedTuple):
 
     grid: np.ndarray  # (3,) next output time, output interval (0: every interval), origin of the grid [s]
     time: np.ndarray  # (m,) [s]
-    state: np.ndarray  # (m, 10)
+    state: np.ndarray  # (m, 16) state, and motion as in `Carried`
     variance: np.ndarray  # (m, 12)
 
 
@@ -196,13 +196,35 @@ def _substep(x, sums, noise, decay, phi, q, work):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def predicted_variance(phi, p, q, row, out):  # type: ignore[no-untyped-def]
-    """Variances of the navigation errors and covariances of attitude N-E, N-D, E-D of ``phi p phi' + q``, (12,)."""
+def at_fix_time(p, x, out):  # type: ignore[no-untyped-def]
+    """Covariance (9, 9) in the time of the fixes of a covariance `p` (n, n) in that of the samples, state `x` (10,).
+
+    The delay error takes the position along the velocity: ``dp - v dd`` is what the fixes see.
+    """
+    out[:] = p[:NAV, :NAV]
+    if p.shape[0] > STATES:
+        for i in range(3):
+            for j in range(NAV):
+                out[i, j] -= x[3 + i] * p[STATES, j]
+        for i in range(NAV):
+            both = p[i, STATES] - (x[3 + i] * p[STATES, STATES] if i < 3 else 0.0)
+            for j in range(3):
+                out[i, j] -= both * x[3 + j]
+
+
+@njit(cache=True)
+def predicted_variance(phi, p, q, x, row, out):  # type: ignore[no-untyped-def]
+    """Variances of the navigation errors, the position as in `at_fix_time`, and covariances of attitude N-E, N-D, E-D.
+
+    (12,), of ``phi p phi' + q``.
+    """
     np.dot(phi[:NAV], p, row)
     for i in range(NAV):
         total = q[i, i]
         for j in range(STATES):
             total += row[i, j] * phi[i, j]
+        if i < 3 and p.shape[0] > STATES:
+            total += x[3 + i] * (x[3 + i] * p[STATES, STATES] - 2.0 * row[i, STATES])
         out[i] = total
     for pair in range(3):
         i, m = (6, 7) if pair == 0 else ((6, 8) if pair == 1 else (7, 8))
@@ -319,10 +341,10 @@ def propagate(first, last, close, samples, carried, model, moments, out, rows, w
             _substep(x, sums, noise, decay, phi, q, work)
         if wanted:
             out_time[rows] = time[k]
-            for i in range(10):
-                out_state[rows, i] = x[i]
+            out_state[rows, :10] = x
+            out_state[rows, 10:] = motion
             if ends:
-                predicted_variance(phi, p, q, row, out_variance[rows])
+                predicted_variance(phi, p, q, x, row, out_variance[rows])
             else:
                 out_variance[rows, 0] = -1.0
             rows += 1

@@ -34,7 +34,7 @@ def solution(time, state, known, variance, rph, sd):  # type: ignore[no-untyped-
     ----------
     time : (n,) array
         [s]
-    state : (n, 10) array
+    state : (n, 16) array
         See `insnav.kernels.mechanization`.
     known : (m,) array of int
         Rows whose variances were computed, in order.

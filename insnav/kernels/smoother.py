@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from insnav.kernels.dynamics import NAV
-from insnav.kernels.errorstate import SENSOR, STATES, feed_back
+from insnav.kernels.errorstate import SENSOR, STATES, at_fix_time, feed_back
 from insnav.kernels.gps_measurement import inverse
 
 # columns of a row of the history
@@ -93,7 +93,7 @@ def backward(history, n, adjoint, information, after, before, covariance, varian
     after, before : (m, 21) array
         Filled with the smoothed error of the filter's state after, and before, the measurement of each epoch.
     covariance : (m, 9, 9) array
-        Filled with the covariance of smoothed position, velocity and attitude.
+        Filled with the covariance of smoothed position, velocity and attitude, as in `at_fix_time`.
     variance : (m, 12) array
         Filled with the variances of the smoothed sensor errors.
     innovations : (m, 25) array
@@ -160,9 +160,7 @@ def backward(history, n, adjoint, information, after, before, covariance, varian
         removed = np.dot(p, np.dot(information, p))
         for i in range(STATES):
             before[k, i] = error[i]
-        for i in range(NAV):
-            for j in range(NAV):
-                covariance[k, i, j] = p[i, j] - 0.5 * (removed[i, j] + removed[j, i])
+        at_fix_time(p - 0.5 * (removed + removed.T), row[STATE:CORRECTION], covariance[k])
         for i in range(SENSOR):
             variance[k, i] = p[NAV + i, NAV + i] - removed[NAV + i, NAV + i]
         _compare(row, n, p, removed, error, innovations[k])
@@ -211,7 +209,7 @@ def apply(time, state, variance, epoch, after, before, covariance):  # type: ign
     ----------
     time : (n,) array
         Times of the states [s].
-    state : (n, 10) array
+    state : (n, 16) array
         Filter's states, after the measurement where there was one; changed in place.
     variance : (n, 12) array
         Filled from the first to the last epoch: variances of position, velocity, attitude error, then covariances of

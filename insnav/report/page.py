@@ -106,6 +106,7 @@ class Section:
     # below its tables: on the page where it has no panels, as files where they are asked for
     figures: tuple[FigureSpec, ...] = ()
     panels: tuple[Drawing, ...] = ()  # interactive drawings, above its tables on the page
+    columns: int = 1  # of panels side by side, where the page is wide
     parts: tuple[Section, ...] = ()  # what it consists of
     note: str = ""  # how to read it
     show: Show = "all"  # everywhere; on the page and in JSON; in JSON only
@@ -169,6 +170,18 @@ def one_each(key: str, title: str, items: Mapping[str, Sequence[Quantity]], firs
     unknown = tuple(Section("", items=(Quantity(name, None),), show="json") for name, own in items.items() if not own)
     rows = tuple((Quantity("name", name, meaning=first), *own) for name, own in items.items() if own)
     return Section(key, title, rows=rows, parts=unknown, note=note, keyed=True)
+
+
+def drawn(name: str, caption: str, drawings: Sequence[Drawing], note: str = "", *, columns: int = 1) -> Section:
+    """Drawings that are panels on the page and one figure for papers, of panels side by side in so many columns."""
+
+    def draw() -> Figure:
+        from insnav.report.panel_figures import draw_drawings  # matplotlib, only where a figure is asked for
+
+        return draw_drawings(drawings, caption, note, columns=columns)
+
+    figures = (FigureSpec(name, caption, draw),) if drawings else ()
+    return Section("", panels=tuple(drawings), figures=figures, columns=columns)
 
 
 def _with_parts(section: Section) -> tuple[Section, ...]:

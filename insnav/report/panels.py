@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from insnav.plain_text import plain_text
-from insnav.report.series import envelope, robust_limits, thinned
+from insnav.report.series import Clock, envelope, robust_limits, thinned
 from insnav.types import FloatArray
 
 LINE_BINS = 1000  # a line keeps the smallest and largest value of so many stretches
@@ -26,14 +26,15 @@ Kind = Literal["line", "dashed", "thin", "points", "crosses", "band", "bars"]
 class Curve:
     """One line, band, cloud of points or set of bars. Curves of one name are one entry of the legend."""
 
-    name: str
+    name: str  # empty: not in the legend
     x: FloatArray  # (n,); of bars: their right ends
     y: FloatArray  # (n,); of a band: its upper edge; of bars: the row of each, 0 at the top
     colour: str  # "#RRGGBB", those of `insnav.report.colours`; the dark page lightens them
     kind: Kind = "line"
     low: FloatArray | None = None  # (n,) lower edge of a band, left ends of bars
     mode: str = ""  # of the switch of the page under which it is shown, such as "filtered"; empty: always
-    text: tuple[str, ...] = ()  # of points and bars: what is shown when they are pointed at
+    # of points and bars: what is shown when they are pointed at; of a thin line: what stands beside its start
+    text: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +51,7 @@ class Panel:
     log_x: bool = False
     log_y: bool = False
     limits: tuple[float, float] | None = None  # of the vertical axis; by the curves, without outliers, if none
+    least: float = 0.0  # smallest height of the view: what is constant is drawn as a line, not as its rounding
     levels: tuple[tuple[float, str], ...] = ()  # horizontal lines with their names: gates
     spans: tuple[tuple[float, float], ...] = ()  # shaded stretches of the horizontal axis
     rows: tuple[str, ...] = ()  # names of the rows of bars or of events, from the top
@@ -80,10 +82,39 @@ class Track:
     fixes: FloatArray | None = None  # (k, 2) measured positions, east and north [m]
     spans: tuple[tuple[float, float], ...] = ()  # stretches of `time` to mark: outages
     note: str = ""
+    behind: tuple[Curve, ...] = ()  # lines below the track, east and north [m]: other solutions, a backdrop
     height: int = 420  # [px]
 
 
 Drawing = Panel | Track
+
+
+def over_time(
+    time: FloatArray,
+    rows: Sequence[tuple[str, str, Sequence[tuple[str, FloatArray, str]], float]],
+    note: str = "",
+    link: str = "time",
+) -> tuple[Panel, ...]:
+    """Draw lines over time, panels over one another.
+
+    `time` (n,) [s]; `rows`: for each panel title, label of its axis, lines (name, values (n,), colour), and the
+    smallest height of its view; `note`: on the first.
+    """
+    clock = Clock.of(time)
+    at = clock(time)
+    return tuple(
+        Panel(
+            f"{link}_{title}".lower().replace(" ", "_"),
+            title,
+            label,
+            clock.label,
+            tuple(Curve(name, at, values, colour) for name, values, colour in lines),
+            link,
+            "" if i else note,
+            least=least,
+        )
+        for i, (title, label, lines, least) in enumerate(rows)
+    )
 
 
 def panel_data(drawing: Drawing) -> dict[str, Any]:
@@ -116,24 +147,25 @@ def _panel(panel: Panel) -> dict[str, Any]:
     }
 
 
+def limits_of(panel: Panel, mode: str) -> tuple[float, float] | None:
+    """Limits of the vertical axis under a position of the switch; none if there is nothing to see."""
+    own = [each for each in panel.curves if each.mode in ("", mode)]
+    return panel.limits or _robust(own, panel.log_y, panel.least)
+
+
 def _limits(panel: Panel) -> Mapping[str, list[float]]:
     """Limits of the vertical axis under each position of the switch."""
-    found = {}
-    for mode in modes([panel]) or ("",):
-        own = [each for each in panel.curves if each.mode in ("", mode)]
-        limits = panel.limits or _robust(own, panel.log_y)
-        if limits is not None:
-            found[mode] = [float(each) for each in limits]
-    return found
+    known = {mode: limits_of(panel, mode) for mode in modes([panel]) or ("",)}
+    return {mode: [float(each) for each in limits] for mode, limits in known.items() if limits is not None}
 
 
-def _robust(curves: Sequence[Curve], logarithmic: bool) -> tuple[float, float] | None:
+def _robust(curves: Sequence[Curve], logarithmic: bool, least: float) -> tuple[float, float] | None:
     values = [each.y for each in curves if each.kind != "band"]
     bands = [edge for each in curves if each.kind == "band" for edge in (each.y, each.low) if edge is not None]
     # a band that is wide for a short time, such as at the start, does not set the limits
     values += [np.percentile(known, (5.0, 95.0)) for each in bands if (known := each[np.isfinite(each)]).size]
     if not logarithmic:
-        return robust_limits(values)
+        return robust_limits(values, least)
     found = robust_limits([np.log10(each[each > 0.0]) for each in values], least=1.0)
     return None if found is None else (10.0 ** found[0], 10.0 ** found[1])
 
@@ -168,6 +200,7 @@ def _track(track: Track) -> dict[str, Any]:
         "north": packed(track.north[rows]),
         "time": packed(track.time[rows]),
         "fixes": [packed(fixes[:, 0]), packed(fixes[:, 1])],
+        "behind": [_curve(each) for each in track.behind],
         "shades": [
             {
                 "name": plain_text(each.name),

@@ -19,6 +19,8 @@ import numpy as np
 from insnav import __version__
 from insnav.report.page import Page, Section
 
+# of ``run.schema.json``: the first number changes when a key goes or changes its meaning, the second when keys come
+SCHEMA = "1.0"
 _VERSIONS_OF = ("numpy", "scipy", "numba", "filterpy", "pyarrow", "matplotlib")
 
 

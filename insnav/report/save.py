@@ -22,7 +22,7 @@ from insnav.output.solution_tables import TableFormat
 from insnav.report.html import page_html
 from insnav.report.page import FigureSpec, Page
 from insnav.report.provenance import provenance
-from insnav.report.run_json import json_ready, page_facts, versions
+from insnav.report.run_json import SCHEMA, json_ready, page_facts, versions
 from insnav.report.terminal import page_text
 from insnav.result import Result
 
@@ -90,7 +90,7 @@ def save_result(
     return write_page(
         folder,
         page_of(result),
-        {"kind": result.kind, "versions": versions()},
+        {"kind": result.kind},
         figures=figures,
     )
 
@@ -127,7 +127,7 @@ def write_page(
     page: Page,
     metadata: Mapping[str, Any] | None = None,
     texts: Mapping[str, str] | None = None,
-    figures: FigureFiles = "page",
+    figures: FigureFiles = "png",
 ) -> Path:
     """Write figures, page, JSON and text files into a folder and put it in its place.
 
@@ -146,7 +146,7 @@ def write_page(
         files = _drawn(folder, page.embedded if figures == "page" else page.figures, figures)
         html = page_html(page, {each.name: files[each.name] for each in page.embedded})
         folder.path("report.html").write_text(html, encoding="utf-8", newline="\n")
-    return folder.commit({**json_ready(metadata or {}), **page_facts(page)})
+    return folder.commit({"schema": SCHEMA, "versions": versions(), **json_ready(metadata or {}), **page_facts(page)})
 
 
 def _drawn(folder: RunFolder, figures: Sequence[FigureSpec], file_format: FigureFiles) -> dict[str, Path]:

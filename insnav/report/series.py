@@ -91,3 +91,10 @@ def robust_limits(values: Iterable[FloatArray], least: float = 0.0) -> tuple[flo
     margin = 0.06 * (high - low)
     half = max(0.5 * (high - low) + margin, 0.5 * least, 1e-12 * max(abs(low), abs(high)), 1e-12)
     return 0.5 * (low + high) - half, 0.5 * (low + high) + half
+
+
+def wrapped(heading: FloatArray) -> FloatArray:
+    """Headings (n,) [deg] within 0..360, broken at north."""
+    found = heading % 360.0
+    found[1:][np.abs(np.diff(found)) > 180.0] = np.nan
+    return found

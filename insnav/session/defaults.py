@@ -8,7 +8,6 @@ from insnav.alignment import find_stationary
 from insnav.errors.outage.window_reference import is_stationary, stationary_fixes
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings
-from insnav.filter.fix_consistency import confusion
 from insnav.filter.gps_noise import FIXED, with_sd
 from insnav.filter.prepare import DELAY_SD, first_stationary
 from insnav.imu import identify, load_imu
@@ -16,6 +15,7 @@ from insnav.imu.imu_file import part_of
 from insnav.imu.library import completed
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
+from insnav.input.interpret.velocities import fit_velocities
 from insnav.session.checked_inputs import vector
 from insnav.session.inputs import Inputs
 from insnav.strapdown import intervals
@@ -86,12 +86,12 @@ def complete_fixes(
 
 def refuse_confused(gps: Reading[GpsData]) -> None:
     """Refuse fixes whose velocities contradict their positions in a way that has a name."""
-    what, why = confusion(gps.data)
-    if what:
+    fit = fit_velocities(gps.data.time, gps.data.lla, gps.data.v_n)
+    if fit is not None and fit.confusion:
         raise InputError(
-            f"positions and velocities of the fixes contradict each other: it looks as if {what}",
+            f"positions and velocities of the fixes contradict each other: it looks as if {fit.confusion}",
             where=gps.facts.path,
-            why=why,
+            why="displacements between fixes fit their velocities only so",
             fix="name the right columns and units with --gps-columns, or mend the file",
         )
 

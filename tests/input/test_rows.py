@@ -80,6 +80,21 @@ def test_a_clock_set_back_is_refused_naming_the_row(tmp_path, at, back):
     assert caught.value.where.endswith(f"imu.csv:{at + 2}")
 
 
+def test_a_clock_set_back_a_little_in_a_long_file_is_refused_too(tmp_path):
+    """The rows of the second that comes twice are few, and yet nothing came late."""
+    rows = np.tile(ROWS, (20, 1))
+    rows[:, 0] = ROWS[0, 0] + 0.01 * np.arange(len(rows))
+    rows[:, 1:] += 1e-3 * np.sin(np.arange(len(rows)))[:, None]
+    rows[5000:, 0] -= 1.003
+    with pytest.raises(InputError, match="jumps back") as caught:
+        _read(tmp_path, rows)
+    assert caught.value.where.endswith("imu.csv:5002")
+
+
+def test_a_block_of_rows_twice_is_no_clock_set_back(tmp_path):
+    _same(_read(tmp_path, np.vstack([ROWS[:500], ROWS[495:]])), ROWS)
+
+
 def test_equal_rows_are_dropped_and_counted(tmp_path):
     rows = np.insert(ROWS, [50, 50, 700], ROWS[[49, 49, 699]], axis=0)
     reading = _read(tmp_path, rows)

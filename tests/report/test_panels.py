@@ -6,12 +6,16 @@ import base64
 import hashlib
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from insnav.report.html import page_fragment, page_html
+from insnav.report.panel_figures import draw_drawings
 from insnav.report.panels import LINE_BINS, modes, panel_data
 from insnav.report.series import robust_limits
+from insnav.report.style import drawing
 from tests.report import drawn
 
 
@@ -69,3 +73,27 @@ def test_verdict_first_then_warnings_then_figures_of_merit() -> None:
     ]
     assert order == sorted(order)
     assert "panels-data" not in page_fragment(drawn.page())
+
+
+def test_the_same_panels_are_a_figure_for_papers(tmp_path) -> None:
+    _, error, nis, parts = drawn.panels()
+    with drawing():
+        figure = draw_drawings((error, nis, parts), "All", "a note")
+        figure.savefig(tmp_path / "all.png")
+        (track,) = draw_drawings(drawn.panels()[:1], "Track").axes[:1]
+    first, second, third = figure.axes
+    line = max((each for each in first.lines if each.get_label() == "north"), key=lambda each: len(each.get_xdata()))
+    assert line.get_ydata().max() == pytest.approx(0.05, rel=1e-3)  # smoothed: the first position of the switch
+    assert (first.get_ylabel(), first.get_xlabel()) == ("error [m]", "time [s]")
+    assert second.get_yscale() == "log"
+    assert "gate (16.3)" in second.get_legend_handles_labels()[1]
+    assert [each.get_text() for each in third.get_yticklabels()] == ["gyro bias", "heading"]
+    assert [bar.get_width() for bar in third.patches] == [60.0, 40.0]
+    assert third.get_ylim()[0] > third.get_ylim()[1]  # the first row at the top
+    assert track.get_aspect() == 1.0
+    filtered = replace(error, curves=tuple(each for each in error.curves if each.mode == "filtered"))
+    with drawing():
+        (axes,) = draw_drawings((filtered,), "One").axes
+    (mark,) = (each for each in axes.lines if each.get_marker() == "^")
+    assert mark.get_xdata()[0] == pytest.approx(drawn.SPIKE * 3600.0 / 20000.0)
+    assert max(axes.get_ylim()) < 0.6

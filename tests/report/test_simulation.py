@@ -13,8 +13,10 @@ from insnav.errors.ensemble import FIGURES, ensemble, epochs
 from insnav.imu import load_calibration, load_imu
 from insnav.input import Reading, ReadingFacts
 from insnav.output.folder import RunFolder, verify_folder
+from insnav.report.panel_figures import draw_drawings
 from insnav.report.simulation.ensemble import correlation_notes, ensemble_lines, write_runs
-from insnav.report.simulation.ensemble_figures import draw_ensemble, draw_nees
+from insnav.report.simulation.ensemble_panels import ensemble_panels, nees_panels
+from insnav.report.simulation.motion_panels import motion_panels, simulated_track, sketch_panel, track_length
 from insnav.report.simulation.page import (
     in_folder,
     plan_key,
@@ -23,7 +25,6 @@ from insnav.report.simulation.page import (
     shown_lines,
     write_recording,
 )
-from insnav.report.simulation.profile_figures import draw_motion, draw_simulated_track, draw_sketch, track_length
 from insnav.report.style import drawing
 from insnav.session.simulation import Motion, Plan
 from insnav.simulate import circle, corrupt_imu, gps_from_truth, imu_from_truth, reference, straight
@@ -79,31 +80,27 @@ def runs_of(truth, count: int = 4) -> Runs:
 def test_every_motion_can_be_drawn(truth, tmp_path):
     time, motion = seen(truth)
     with drawing():
-        for figure in (
-            draw_simulated_track(time, motion, "any"),
-            draw_motion(time, motion, "any"),
-            draw_sketch(time, motion, "any", "to see"),
+        for drawings in (
+            (simulated_track(time, motion),),
+            motion_panels(time, motion),
+            (sketch_panel(time, motion, "any"),),
         ):
-            figure.savefig(tmp_path / "figure.png")
+            draw_drawings(drawings, "any").savefig(tmp_path / "figure.png")
     assert len(time) <= 20_001
     assert time[0] == truth.start
 
 
 def test_motion_is_drawn_in_the_units_of_its_labels():
     time, motion = seen(ROUND)
-    with drawing():
-        figure = draw_motion(time, motion, "round")
-    by_label = {axes.get_ylabel(): axes for axes in figure.axes}
+    by_label = {panel.y_label: [curve.y for curve in panel.curves] for panel in motion_panels(time, motion)}
     assert set(by_label) == {
         "speed [m/s]", "height [m]", "tilt [deg]", "heading [deg]", "rate [deg/s]", "force [m/s²]",
     }  # fmt: skip
-    assert by_label["speed [m/s]"].lines[0].get_ydata().max() == pytest.approx(20.0, rel=1e-3)
+    assert by_label["speed [m/s]"][0].max() == pytest.approx(20.0, rel=1e-3)
     bank = np.degrees(np.arctan2(20.0 * 0.2, 9.81))
-    assert by_label["tilt [deg]"].lines[0].get_ydata()[0] == pytest.approx(bank, abs=0.05)
-    assert by_label["rate [deg/s]"].lines[2].get_ydata()[0] == pytest.approx(
-        np.degrees(0.2) * np.cos(np.radians(bank)), abs=0.05
-    )
-    heading = by_label["heading [deg]"].lines[0].get_ydata()
+    assert by_label["tilt [deg]"][0][0] == pytest.approx(bank, abs=0.05)
+    assert by_label["rate [deg/s]"][2][0] == pytest.approx(np.degrees(0.2) * np.cos(np.radians(bank)), abs=0.05)
+    heading = by_label["heading [deg]"][0]
     assert np.nanmax(heading) <= 360.0
 
 
@@ -119,7 +116,6 @@ def test_a_recording_leaves_everything_behind(tmp_path):
     facts = json.loads((where / "run.json").read_text())
     assert set(facts["files"]) == {
         "imu.csv", "gps.csv", "ref.csv", "imu.toml", "profile.toml", "sensor_realisation.toml", "report.html",
-        "figures/track.png", "figures/motion.png",
     }  # fmt: skip
     assert facts["motion"]["start_lat_deg"] == pytest.approx(48.0)
     assert facts["motion"]["max_specific_force_m_s2"][2] > 9.8
@@ -187,16 +183,13 @@ def test_runs_leave_a_row_each_and_a_row_each_second(tmp_path):
 
 def test_the_band_of_the_figure_is_about_the_stated_sd():
     found = ensemble(runs_of(TOWN), TOWN)
-    with drawing():
-        figure, other = draw_ensemble(found, 4), draw_nees(found)
-    assert len(figure.axes) == 9
-    assert len(other.axes) == 3
-    lines = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines}
-    np.testing.assert_allclose(lines["stated sd"], 0.2, rtol=1e-9)
-    (band,) = figure.axes[0].collections
-    edges = band.get_paths()[0].vertices[:, 1]
-    assert edges.min() == pytest.approx(0.2 * np.sqrt(0.4844 / 4), rel=1e-3)  # chi-square of 4, 2.5 % and 97.5 %
-    assert edges.max() == pytest.approx(0.2 * np.sqrt(11.1433 / 4), rel=1e-3)
+    panels = ensemble_panels(found)
+    assert len(panels) == 9
+    assert len(nees_panels(found)) == 3
+    band, stated, _ = panels[0].curves
+    np.testing.assert_allclose(stated.y, 0.2, rtol=1e-9)
+    assert band.low.min() == pytest.approx(0.2 * np.sqrt(0.4844 / 4), rel=1e-3)  # chi-square of 4, 2.5 % and 97.5 %
+    assert band.y.max() == pytest.approx(0.2 * np.sqrt(11.1433 / 4), rel=1e-3)
 
 
 def test_the_same_ensemble_gives_the_same_bytes(tmp_path):

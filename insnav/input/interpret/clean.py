@@ -172,7 +172,7 @@ def _ordered(
     late = time < latest
     n_late = int(np.count_nonzero(late))
     if n_late:
-        _refuse_disorder(time, late, n_late, rows, place)
+        _refuse_disorder(columns, late, rows, place)
         at = int(np.flatnonzero(late)[0])
         worst = float((latest - time).max())
         events.append(
@@ -230,14 +230,24 @@ def _tolerated(n: int) -> float:
 
 
 def _refuse_disorder(
-    time: FloatArray, late: BoolArray, n_late: int, rows: IntArray, place: Callable[[int], str]
+    columns: Mapping[str, FloatArray], late: BoolArray, rows: IntArray, place: Callable[[int], str]
 ) -> None:
     """Refuse a clock that was set back, and a file in disorder."""
+    time, n_late = columns["time"], int(np.count_nonzero(late))
     back = np.flatnonzero(np.diff(time) < 0.0) + 1
     worst = int(back[np.argmin(time[back] - time[back - 1])])
-    tail = bool(late[worst:].all())
+    length = len(time) - worst if late[worst:].all() else int(np.argmin(late[worst:]))
+    tail = worst + length == len(time)
+    # times that were there already, with other values: not rows that come late, and not the same rows again
+    again = time[:worst] >= time[worst]
+    again[again] = time[:worst][again] <= time[worst + length - 1]
+    twice = length > 1 and 2 * np.count_nonzero(again) >= length and bool((np.diff(time[worst:][:length]) > 0.0).all())
+    twice = twice and not all(
+        np.isin(column[worst:][:length], column[:worst][again]).mean() > 0.5 or key == "time"
+        for key, column in columns.items()
+    )
     tolerated = _tolerated(len(time))
-    if (tail and len(time) - worst >= _RESET_ROWS) or (n_late > tolerated >= len(back)):
+    if twice or (tail and length >= _RESET_ROWS) or (n_late > tolerated >= len(back)):
         raise InputError(
             "the time jumps back",
             where=place(int(rows[worst])),

@@ -223,6 +223,8 @@ _MORE_UNITS: dict[str, tuple[str, float]] = {
     "ft/s^2": ("acceleration", 0.3048),
     "mm/s": ("velocity", 1e-3),
     "knot": ("velocity", 1852.0 / 3600.0),
+    "mph": ("velocity", 0.44704),
+    "ft/s": ("velocity", 0.3048),
     "g*s": ("velocity", G0),
     "ft": ("length", 0.3048),
     "degC": ("temperature", 1.0),

@@ -6,14 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from insnav.input.interpret.schema import ALL_UNITS
 from insnav.types import FloatArray
 
 SPAN = 2.0  # moves are taken over so long: the noise of positions counts less, turns little [s]
 _FEWEST = 5  # moves that can tell
 _FIRM = 3.0  # a move is firm if it is so many times the scatter of the positions
 _SLOWEST = 1.0  # slower ones tell nothing [m/s]
-_FITS, _WRONG = 0.2, 0.5  # relative difference of move and velocity, median, that fits and that does not
-_UNITS = {"m/s": 1.0, "km/h": 1.0 / 3.6, "knot": 1852.0 / 3600.0, "cm/s": 1e-2, "mm/s": 1e-3, "ft/s": 0.3048}
+# relative difference of move and velocity, median, that fits and that does not; another reading leaves far less of it
+_FITS, _WRONG, _BETTER = 0.2, 0.35, 0.35
+_UNITS = {unit: ALL_UNITS[unit][1] for unit in ("m/s", "km/h", "knot", "cm/s", "mm/s", "ft/s", "mph")}
+_RISES = 6.0  # standard deviations of the slope of climb by vertical velocity, for its sign
 _RADIANS = 180.0 / np.pi
 _EARTH_RADIUS = 6.37e6  # a rough one will do [m]
 
@@ -26,7 +29,7 @@ class Fit:
     signs: tuple[float, float]
     unit: str  # unit of all three
     ratio: float  # how many times as far as in m/s the positions move
-    down: float  # sign of the third column; 0 if the heights do not tell
+    upward: bool = False  # the third column is a velocity up, not down
     radians: bool = False  # the positions are radians, not degrees
     exchanged: bool = False  # latitudes are longitudes
 
@@ -34,6 +37,26 @@ class Fit:
     def as_named(self) -> bool:
         """Whether the columns are north and east in this order, with these signs."""
         return self.order == (0, 1) and self.signs == (1.0, 1.0)
+
+    @property
+    def confusion(self) -> str:
+        """What is confused in data taken as they are named; empty if nothing is."""
+        if self.radians:
+            return "the positions are in radians, read as degrees"
+        if self.exchanged:
+            return "latitude and longitude are exchanged"
+        if not self.as_named:
+            return f"the velocities are others than their names say: {self.renamed}"
+        if self.unit != "m/s":
+            return f"the velocities are in {self.unit}"
+        return "the vertical velocity is up, read as down" if self.upward else ""
+
+    @property
+    def renamed(self) -> str:
+        """How order and signs of the horizontal columns differ from their names."""
+        signs = " and ".join(word for word, sign in zip(("north", "east"), self.signs, strict=True) if sign < 0)
+        both = (self.order == (1, 0), "north and east are exchanged"), (signs, f"the sign of {signs} is changed")
+        return " and ".join(text for chosen, text in both if chosen)
 
 
 def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | None:
@@ -57,7 +80,7 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     start, stop = start[near], stop[near]
     if start.size < _FEWEST:
         return None
-    span = t[stop] - t[start]
+    span, overlap = t[stop] - t[start], float(np.median(stop - start))
     moved, said = path[stop] - path[start], gone[stop] - gone[start]
     level = np.linalg.norm(said[:, :2], axis=1)
     firm = np.linalg.norm(moved[:, :2], axis=1) > np.maximum(_SLOWEST * span, _FIRM * _scatter(path[:, :2]))
@@ -65,7 +88,7 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     if fast.sum() >= _FEWEST:
         times = level[fast] / np.maximum(np.linalg.norm(moved[fast, :2], axis=1), 1e-9)
         if 0.7 < float(np.median(times)) / _RADIANS < 1.4:
-            return Fit((0, 1), (1.0, 1.0), "m/s", 1.0, 0.0, radians=True)
+            return Fit((0, 1), (1.0, 1.0), "m/s", 1.0, radians=True)
     if np.count_nonzero(firm) < _FEWEST:
         return None
     moved, said = moved[firm], said[firm]
@@ -76,8 +99,9 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
         return float(np.median(np.linalg.norm(apart, axis=1) / size))
 
     ratio = float(np.median(size / np.maximum(np.linalg.norm(said[:, :2], axis=1), 1e-9)))
-    if difference((0, 1), (1.0, 1.0), 1.0) < _WRONG:
-        return Fit((0, 1), (1.0, 1.0), "m/s", ratio, _down(moved[:, 2], said[:, 2]))
+    given = difference((0, 1), (1.0, 1.0), 1.0)
+    if given < _WRONG:
+        return Fit((0, 1), (1.0, 1.0), "m/s", ratio, _upward(moved[:, 2], said[:, 2], overlap))
     orders: tuple[tuple[int, int], ...] = ((0, 1), (1, 0))
     across = np.column_stack([lla[known, 1], lla[known, 0] * np.cos(lla[known[0], 1])]) * _EARTH_RADIUS
     other = (across[stop] - across[start])[firm]
@@ -90,11 +114,11 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     size_other = np.maximum(np.linalg.norm(other, axis=1), 1e-9)
     exchanged = float(np.median(np.linalg.norm(other - said[:, :2], axis=1) / size_other))
     if exchanged < min(_FITS, best[0]):
-        return Fit((0, 1), (1.0, 1.0), "m/s", ratio, 0.0, exchanged=True)
-    if best[0] > _FITS:
+        return Fit((0, 1), (1.0, 1.0), "m/s", ratio, exchanged=True)
+    if best[0] > min(_FITS, _BETTER * given):
         return None
     factor = _UNITS[best[3]]
-    return Fit(best[1], (best[2][0], best[2][1]), best[3], ratio, _down(moved[:, 2], said[:, 2] * factor))
+    return Fit(best[1], (best[2][0], best[2][1]), best[3], ratio, _upward(moved[:, 2], said[:, 2] * factor, overlap))
 
 
 def _scatter(path: FloatArray) -> float:
@@ -104,14 +128,11 @@ def _scatter(path: FloatArray) -> float:
     return float(1.4826 * np.median(np.abs(np.diff(path, n=3, axis=0))) / np.sqrt(20.0))
 
 
-def _down(moved: FloatArray, said: FloatArray) -> float:
-    """Sign with which the third velocity fits the heights; 0 if neither does."""
-    total = float(np.sum(said**2))
-    known = np.isfinite(said)
-    if not known.all() or total < 1e-3 * len(said) or float(np.sum(moved**2)) == 0.0:
-        return 0.0
-    correlation = float(np.sum(moved * said)) / np.sqrt(total * float(np.sum(moved**2)))
-    slope = float(np.sum(moved * said)) / total
-    if abs(correlation) < 0.7 or not 0.5 < abs(slope) < 2.0:
-        return 0.0
-    return float(np.sign(correlation))
+def _upward(moved: FloatArray, said: FloatArray, overlap: float) -> bool:
+    """Whether heights rise where the third velocity is positive; `overlap`: moves that begin before one ends."""
+    power = float(np.sum(said**2))
+    if not power > 0.0:  # nor where one is not known
+        return False
+    slope = float(np.sum(moved * said)) / power
+    scatter = float(np.std(moved - slope * said)) * np.sqrt(overlap)
+    return slope < -0.5 and slope < -_RISES * scatter / np.sqrt(power)

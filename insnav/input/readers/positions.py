@@ -234,23 +234,17 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
     columns = [found[key] for key in ("vn", "ve", "vd", "vu", "speed") if key in found]
     if not fit.as_named:
         directions = [("vn", "ve")[i] for i in fit.order] if "vn" in found else []
-        signs = " and ".join(word for word, sign in zip(("north", "east"), fit.signs, strict=True) if sign < 0)
+        mirrored = -1.0 in fit.signs
         right = {key: found[other].header for key, other in zip(("vn", "ve"), directions, strict=False)}
         fix = f"say --columns {','.join(f'{key}={header}' for key, header in right.items())}" if directions else ""
         raise InputError(
             "the velocities do not fit the positions",
             where=name,
-            why="the positions move as they say if "
-            + " and ".join(
-                [
-                    *(["north and east are exchanged"] if fit.order == (1, 0) else []),
-                    *([f"the sign of {signs} is changed"] if signs else []),
-                ]
-            ),
-            fix=("change the sign in the file" + (f", and {fix}" if fit.order == (1, 0) else "")) if signs else fix,
-            gives={} if signs else {"columns": right},
+            why=f"the positions move as they say if {fit.renamed}",
+            fix=("change the sign in the file" + (f", and {fix}" if fit.order == (1, 0) else "")) if mirrored else fix,
+            gives={} if mirrored else {"columns": right},
         )
-    if fit.down < 0.0 and "vd" in found:
+    if fit.upward and "vd" in found:
         header = found["vd"].header
         raise InputError(
             f"the sign of {header!r} does not fit the heights",

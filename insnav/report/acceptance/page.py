@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -12,10 +11,10 @@ from insnav.lab.acceptance.figures_of_merit import BENCH_UNIT, Spread
 from insnav.lab.bench_data.records import SI, BenchRecord
 from insnav.lab.calibration import condition_warnings
 from insnav.quantity import Quantity
-from insnav.report.acceptance.figures import draw_stability
+from insnav.report.acceptance.panels import stability_panels
 from insnav.report.calibration.common import quality_rows, residuals_section
-from insnav.report.calibration.figures import Series, draw_residuals
-from insnav.report.page import FigureSpec, Page, Section, by_warnings
+from insnav.report.calibration.panels import Series, residual_panels
+from insnav.report.page import Page, Section, by_warnings, cell, drawn
 from insnav.units import DEG, G0, UNITS
 
 FINE = 0.01 * DEG  # a gyro whose biases are all below is shown in deg/h [rad/s]
@@ -48,23 +47,28 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
     at_rest = f", {found.length:.6g} s at rest" if found.length else ""
     names = ", ".join(item.axis for item in found.sensors)
     warnings = (*found.warnings, *condition_warnings(fits))
+    merits = _merits(found.sensors, units)
     return Page(
         "Acceptance of gyros and accelerometers",
         (f"{names}{at_rest}; {', '.join(record.table.name for record in files)}", *left_out),
         (
+            *_drawn(found, units),
             Section(
                 "sensors",
                 parts=tuple(part for item in found.sensors for part in _sensor(item, units[item.axis.split()[0]])),
             ),
             residuals_section([row for item in steps for row in _quality(item)]),
             Section("", items=(Quantity("left_out", left_out),), show="json"),
-            Section("", figures=_figures(found, units)),
         ),
         warnings,
         ASSUMPTIONS,
         found.notes,
+        merits=merits,
+        merits_note="the largest of the axes",
         verdict=by_warnings(
-            f"Figures of {names}{at_rest}.", warnings, ("unknown", "measured; no limit was given to hold them against")
+            _sentence(merits) or f"Figures of {names}{at_rest}.",
+            warnings,
+            ("unknown", "measured; no limit was given to hold them against"),
         ),
     )
 
@@ -157,6 +161,26 @@ def _spread(spread: Spread, unit: str) -> tuple[Quantity, ...]:
     )
 
 
+def _merits(items: Sequence[Accepted], units: Mapping[str, str]) -> tuple[Quantity, ...]:
+    """Largest bias, stability and repeatability of all gyros, of all accelerometers."""
+    found = []
+    for sensor, unit in units.items():
+        own = [item for item in items if item.axis.startswith(sensor)]
+        sizes = {
+            "bias": [abs(item.scale.bias) for item in own if item.scale is not None],
+            "bias stability": [each.spread.sd for item in own for each in item.stability[1:2]],
+            "bias repeatability": [item.repeatability.sd for item in own if item.repeatability is not None],
+        }
+        for name, values in sizes.items():
+            if values:
+                found.append(Quantity(f"{sensor}_{name}", max(values), unit, meaning=f"{sensor}, {name}"))
+    return tuple(found)
+
+
+def _sentence(merits: Sequence[Quantity]) -> str:
+    return f"Largest of the axes: {'; '.join(f'{q.label} {cell(q)} {q.shown_unit}' for q in merits)}." if merits else ""
+
+
 def _units(items: Sequence[Accepted]) -> dict[str, str]:
     """Units that suit the largest figure of all gyros, of all accelerometers."""
     largest = dict.fromkeys(_SENSORS, 0.0)
@@ -170,29 +194,23 @@ def _units(items: Sequence[Accepted]) -> dict[str, str]:
     return {"gyro": gyro, "accel": "ug" if largest["accel"] < 0.01 * G0 else "mg"}
 
 
-def _figures(found: Acceptance, units: Mapping[str, str]) -> tuple[FigureSpec, ...]:
-    figures = []
+def _drawn(found: Acceptance, units: Mapping[str, str]) -> list[Section]:
+    sections = []
+    at_rest = [(item.axis, item.stability, units[item.axis.split()[0]]) for item in found.sensors if item.stability]
+    if at_rest:
+        sections.append(drawn("stability", "Acceptance: bias at rest", stability_panels(at_rest)))
     for sensor, title in _SENSORS.items():
         series = [_residuals(item) for item in found.sensors if item.scale is not None and item.axis.startswith(sensor)]
         if series:
             label = f"{'rate' if sensor == 'gyro' else 'specific force'} set [{BENCH_UNIT[sensor][0]}]"
-            draw = partial(draw_residuals, series, label, f"Acceptance: output of the {title} minus the straight line")
-            figures.append(FigureSpec(f"residuals_{sensor}", "Residuals of the straight lines", draw))
-    at_rest = [
-        (item.axis, item.stability, (unit, UNITS[unit][1]))
-        for item in found.sensors
-        for unit in (units[item.axis.split()[0]],)
-        if item.stability
-    ]
-    if at_rest:
-        caption = "Means of the parts of the record at rest"
-        figures.append(FigureSpec("stability", caption, partial(draw_stability, at_rest)))
-    return tuple(figures)
+            panels = residual_panels(series, label, f"residuals_{sensor}")
+            sections.append(drawn(f"residuals_{sensor}", f"Output of the {title} minus the straight line", panels))
+    return sections
 
 
 def _residuals(item: Accepted) -> Series:
     assert item.scale is not None
     table = item.scale.table
     zero, slope = table.fit.value[:2]
-    label = f"{item.axis} residual [{_output_unit(item)}]"
-    return Series(label, table.rate, table.output - zero - slope * table.rate, table.used, table.fit.sigma)
+    residual = table.output - zero - slope * table.rate
+    return Series(item.axis, _output_unit(item), table.rate, residual, table.used, table.fit.sigma)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,10 +13,10 @@ from insnav.lab.multi_position.method import Found
 from insnav.lab.multi_position.six_positions import POSITIONS, TURN_SD, TURNS, SixPositions
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import corrected_section, impact_section
-from insnav.report.calibration.multi_position_figures import draw_poses, draw_six_positions
+from insnav.report.calibration.panels import poses_panels, positions_panels
 from insnav.report.calibration.triad import g_section, triad_section
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.page import Page, Section, drawn
 from insnav.sample_statistics import rms
 from insnav.types import ImuData
 from insnav.units import DEG, G0
@@ -39,6 +39,7 @@ def multi_position_page(calibration: Calibration[Reading[ImuData], Found]) -> Pa
         f"Multi-position calibration: {calibration.record.facts.path}",
         own.summary,
         (
+            own.drawn,
             triad_section("accel", "Accelerometers", found.accel, found.counts),
             triad_section("gyro", "Gyros", found.gyro, found.counts),
             g_section(found.g_sensitivity, found.g_sensitivity_sd, found.counts),
@@ -48,10 +49,17 @@ def multi_position_page(calibration: Calibration[Reading[ImuData], Found]) -> Pa
             impact_section(calibration, without),
             own.every,
             Section("", items=(Quantity("gravity", found.g, "m/s^2"), *own.items), show="json"),
-            Section("", figures=(own.figure,)),
         ),
         calibration.warnings,
-        (
+        merits=(
+            *(
+                replace(each, value=rms(np.asarray(each.value, np.float64)), meaning=f"gravity error, {each.label}")
+                for each in gravity
+            ),
+            *own.merits,
+        ),
+        merits_note="RMS over the positions; left out: by a calibration that has not seen the position",
+        assumptions=(
             *own.assumptions,
             f"Gravity is {found.g:.5f} m/s^2; accelerometer scale factors are as good as that.",
             "A positive output is a positive specific force (an axis pointing up) and a positive rate.",
@@ -68,8 +76,9 @@ class _Own:
     quality: Section
     every: Section
     items: tuple[Quantity, ...]
-    figure: FigureSpec
+    drawn: Section
     assumptions: tuple[str, ...]
+    merits: tuple[Quantity, ...]
 
 
 def _of_poses(found: PosesCalibration) -> _Own:
@@ -89,12 +98,20 @@ def _of_poses(found: PosesCalibration) -> _Own:
             Quantity("poses", np.array([[pose.start, pose.end] for pose in found.poses]), "s"),
             Quantity("rest_limit_sd", found.factor),
         ),
-        FigureSpec("poses", "Gravity in every pose, and turns between them", lambda: draw_poses(found)),
+        drawn("poses", "Gravity in every pose, and turns between them", poses_panels(found)),
         (
             "Body x is the sensitive axis of accelerometer x; body y lies in the plane of x and y.",
             "Standard deviations come from the scatter of the residuals, "
             f"{len(found.poses) - 9} degrees of freedom for the accelerometers.",
             "Method: Tedaldi, Pretto, Menegatti (ICRA 2014), plus g-sensitivity from the stationary spans.",
+        ),
+        tuple(
+            Quantity(f"turn_{name}", rms(values[found.turn_used]), "deg", meaning=f"error of turn, {name}")
+            for name, values in (
+                ("before", found.turn_before),
+                ("after", found.turn_after),
+                ("left out", found.turn_left_out),
+            )
         ),
     )
 
@@ -107,22 +124,23 @@ def _of_six_positions(found: SixPositions) -> _Own:
         _turns(found),
         every,
         (Quantity("position_tilt", found.tilt, "mrad"), Quantity("turn", found.angle, "deg")),
-        FigureSpec("positions", "Gravity in the six positions", lambda: draw_six_positions(found)),
+        drawn("positions", "Gravity in the six positions", positions_panels(found)),
         (
             f"Turns are by {found.angle / DEG:g} deg within {TURN_SD / DEG:g} deg (1 sd), to either side.",
             "Axes are those of the housing, as well as it stood: off the diagonal that is the uncertainty.",
             "Method: Ferraris, Grimaldi, Parvis (1995).",
         ),
+        (Quantity("position_tilt", found.tilt, "mrad", meaning="positions off by, 1 sd"),),
     )
 
 
 def _poses_summary(found: PosesCalibration) -> tuple[str, ...]:
     used = found.turn_used
     return (
-        f"{len(found.poses)} poses and {int(np.count_nonzero(used))} turns; stationary where the accelerometers "
-        f"scatter less than {found.factor:g} times as in the quietest tenth.",
         f"{_gravity_text(found)}; turns miss the next pose by {number(rms(found.turn_before[used]) / DEG)} deg "
         f"before, {number(rms(found.turn_after[used]) / DEG)} deg after.",
+        f"{len(found.poses)} poses and {int(np.count_nonzero(used))} turns; stationary where the accelerometers "
+        f"scatter less than {found.factor:g} times as in the quietest tenth.",
     )
 
 
@@ -135,9 +153,9 @@ def _six_summary(found: SixPositions) -> tuple[str, ...]:
     place = int(np.argmax(np.abs(found.norm_after)))
     worst = float(np.abs(found.norm_after[place]))
     return (
-        f"Six positions and three turns by {found.angle / DEG:g} deg.",
         f"{_gravity_text(found)}, worst {number(worst / _MG)} mg in position {POSITIONS[place]}; positions are off by "
         f"{number(found.tilt / _MRAD)} mrad (1 sd).",
+        f"Six positions and three turns by {found.angle / DEG:g} deg.",
     )
 
 

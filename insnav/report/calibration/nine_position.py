@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from insnav.lab.calibration import Calibration
 from insnav.lab.nine_position.method import AXIS, SENSORS, NinePositions, NineRecord
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import corrected_section, impact_section, quality_section
-from insnav.report.calibration.figures import Series, draw_residuals
+from insnav.report.calibration.panels import Series, residual_panels
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.page import Page, Section, drawn
+from insnav.report.panels import Panel
 from insnav.units import DEG, UG
 
 _MG = 1e3 * UG
@@ -43,9 +43,6 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
             Quantity("positions", "all that are tilted"),
         ),
     )
-    figure = FigureSpec(
-        "residuals", "What the linear model of each accelerometer leaves", lambda: _draw(found, len(places))
-    )
     return Page(
         "Nine positions of three dual-axis modules",
         (
@@ -54,6 +51,7 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
             f"Scatter of one accelerometer value {number(found.sigma / _MG, 2)} mg, {found.dof} degrees of freedom.",
         ),
         (
+            drawn("residuals", "Nine positions: accelerometers minus the linear model", _panels(found, len(places))),
             Section("parameters", "Bias of each accelerometer", biases, note=_methods(found)),
             Section("parameters", "Accelerometer triad, each axis the mean of its two accelerometers", accel),
             Section(
@@ -67,10 +65,10 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
             corrected_section(calibration),
             impact_section(calibration),
             Section("", items=details, show="json"),
-            Section("", figures=(figure,)),
         ),
         calibration.warnings,
-        (
+        merits_note="x_ay: the accelerometer of module x that points along y",
+        assumptions=(
             "Valid to first order in the misalignments; errors of second order are up to about "
             f"{number(1e3 * found.second_order, 2)} mrad here and are in the intervals.",
             "The positions are symmetric in ± roll and ± pitch, and exact; their errors are in the residuals.",
@@ -82,10 +80,11 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
     )
 
 
-def _draw(found: NinePositions, places: int) -> Figure:
+def _panels(found: NinePositions, places: int) -> tuple[Panel, ...]:
     series = [
         Series(
-            f"{'xyz'[axis]} [mg]",
+            f"both accelerometers {'xyz'[axis]}",
+            "mg",
             np.repeat(np.arange(1.0, places + 1.0), 2),
             np.column_stack([found.fits[i].residual / _MG for i in np.flatnonzero(axis == AXIS)]).ravel(),
             np.ones(2 * places, dtype=np.bool_),
@@ -93,12 +92,7 @@ def _draw(found: NinePositions, places: int) -> Figure:
         )
         for axis in range(3)
     ]
-    return draw_residuals(
-        series,
-        "position, in the order of the file",
-        "Nine positions: accelerometers minus the linear model",
-        "two accelerometers an axis",
-    )
+    return residual_panels(series, "position, in the order of the file")
 
 
 def _methods(found: NinePositions) -> str:

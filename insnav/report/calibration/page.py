@@ -21,6 +21,7 @@ _PAGES = {
     "poses": "multi_position.multi_position_page",
     "rotor": "rotor_inertia.rotor_page",
 }
+_MERITS = 6
 _NAMES = {
     "gyro": "gyro rate table",
     "accel": "accelerometer tumble",
@@ -45,8 +46,10 @@ def calibration_page(calibration: Calibration[Any, Any]) -> Page:
     page = cast(Page, report(calibration))
     if not page.summary:
         return page
-    verdict = by_warnings(page.summary[0], page.warnings, ("good", "no warning from the fits"))
-    return replace(page, verdict=verdict, summary=page.summary[1:])
+    sentence = page.summary[0][0].upper() + page.summary[0][1:]
+    verdict = by_warnings(sentence, page.warnings, ("good", "no warning from the fits"))
+    merits = page.merits or tuple(replace(each, interval=None) for each in calibration.parameters[:_MERITS])
+    return replace(page, verdict=verdict, summary=page.summary[1:], merits=merits)
 
 
 def calibration_metadata(calibration: Calibration[Any, Any]) -> dict[str, Any]:

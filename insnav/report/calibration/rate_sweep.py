@@ -11,9 +11,9 @@ from insnav.lab.rate_sweep.method import SweepCalibration
 from insnav.lab.rate_sweep.records import SweepRecord
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import corrected_section, impact_section, quality_section
-from insnav.report.calibration.rate_sweep_figures import draw_sweeps
+from insnav.report.calibration.panels import sweep_panels
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.page import Page, Section, drawn
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray
 from insnav.units import DEG
@@ -27,11 +27,6 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
     unit, scale = (record.unit, 1.0) if record.raw else ("deg/s", 1.0 / DEG)
     stages = (rms(found.error_line), rms(found.error_matrix), rms(found.error_map))
     settings = {name: _settings(found.rate[found.used[:, i]]) for i, name in enumerate(fits)}
-    figure = FigureSpec(
-        "rate_errors",
-        "What matrix and bias leave, the pieces through it, and what these leave",
-        lambda: draw_sweeps(found),
-    )
     return Page(
         "Three gyros swept over rates about three axes",
         (
@@ -40,6 +35,7 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
             *_dropped(found),
         ),
         (
+            drawn("rate_errors", "Rate sweeps: error of each gyro", sweep_panels(found), columns=2),
             Section("parameters", "Output = B rate + b", calibration.parameters, note=_pieces_note(found)),
             _errors(found, stages),
             *_pieces(found),
@@ -48,7 +44,6 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
             corrected_section(calibration),
             impact_section(calibration),
             _details(found),
-            Section("", figures=(figure,)),
         ),
         calibration.warnings,
         (

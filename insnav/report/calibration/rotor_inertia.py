@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from matplotlib.figure import Figure
-
 from insnav.lab.bench_data.bench_tables import BenchTable
 from insnav.lab.calibration import Calibration, fitted
 from insnav.lab.rotor_inertia import Inertia, Inertias
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import quality_rows, residuals_section
-from insnav.report.calibration.figures import draw_line
+from insnav.report.calibration.panels import line_panels
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.page import Page, Section, drawn
+from insnav.report.panels import Panel
 
 UNIT, _KEY_UNIT = "kg m²", "kg m^2"
 _CAPTION = "Measured points, the lines fitted to them, and what these leave"
@@ -62,11 +61,11 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
             text,
         ),
         (
+            drawn("lines", "Moment of inertia of a rotor", _panels(fall, precession), _CAPTION, columns=2),
             Section("parameters", "Moment of inertia", calibration.parameters),
             *_powers(precession),
             residuals_section(quality),
             Section("", items=agreement, parts=(Section("given", items=given),), show="json"),
-            Section("", figures=(FigureSpec("lines", _CAPTION, lambda: _draw(fall, precession)),)),
         ),
         warnings,
         (
@@ -86,14 +85,11 @@ def _powers(precession: Inertia) -> tuple[Section, ...]:
     return (Section("powers", "Precession rate as a power of torque and spin", items, note="by theory 1 and -1"),)
 
 
-def _draw(fall: Inertia, precession: Inertia) -> Figure:
-    return draw_line(
+def _panels(fall: Inertia, precession: Inertia) -> tuple[Panel, ...]:
+    return line_panels(
         [
             ("squared time of fall [s²]", fall.x, fall.y, float(fall.fit.value[0])),
             ("rotor rate [rad/s]", precession.x, precession.y, float(precession.fit.value[0])),
         ],
         ("height [m]", "precession period [s]"),
-        "Moment of inertia of a rotor: falling weight, and precession",
-        f"I = {number(fall.value, 4)} ± {number(fall.sd, 2)} and {number(precession.value, 4)} ± "
-        f"{number(precession.sd, 2)} {UNIT}; lines through the origin, residuals below",
     )

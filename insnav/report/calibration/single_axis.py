@@ -12,9 +12,10 @@ from insnav.lab.single_axis.records import Record
 from insnav.lab.single_axis.tumble import Tumble, harmonics
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import impact_section, quality_section
-from insnav.report.calibration.figures import Series, draw_residuals
+from insnav.report.calibration.panels import Series, residual_panels
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.page import Page, Section, drawn
+from insnav.report.panels import Panel
 from insnav.units import DEG
 
 
@@ -41,15 +42,15 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
     )
     return Page(
         "Gyros on a rate table",
-        (*_summary(calibration.parameters), *lines),
+        (*_summary(calibration.parameters, len(fits)), *lines),
         (
+            drawn("residuals", "Rate table: output minus the straight line", _rate_panels(found, unit)),
             Section("parameters", "Output = U0 + K rate", calibration.parameters, note=_IN_BRACKETS),
             _senses(found, unit),
             quality_section(fits, unit, settings),
             _dwells(calibration.record, tuple(fits)),
             impact_section(calibration),
             Section("dropped", rows=left_out, show="json"),
-            Section("", figures=(_rate_figure(found, unit, len(lines)),)),
         ),
         calibration.warnings,
         (
@@ -66,7 +67,8 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
     settings = {name: [f"{angle / DEG:.4g} deg" for angle in item.angle] for name, item in found.items()}
     series = [
         Series(
-            f"{name} residual [{unit}]",
+            name,
+            unit,
             item.angle / DEG,
             item.fit.residual,
             np.ones(item.angle.size, dtype=np.bool_),
@@ -74,23 +76,19 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
         )
         for name, item in found.items()
     ]
-    figure = FigureSpec(
-        "residuals",
-        "Residuals of the fit",
-        lambda: draw_residuals(series, "angle of the input axis [deg]", "Tumble test: output minus the model"),
-    )
+    panels = residual_panels(series, "angle of the input axis [deg]")
     note = f"ai = sin, ao = cos of the angle, in g; {_IN_BRACKETS}"
     return Page(
         "Accelerometers tumbled in gravity",
-        _summary(calibration.parameters),
+        _summary(calibration.parameters, len(fits)),
         (
+            drawn("residuals", "Tumble test: output minus the model", panels),
             Section("parameters", "Output = K0 + K1 ai + K2 ai² + K3 ai ao", calibration.parameters, note=note),
             *_harmonics(found, unit),
             quality_section(fits, unit, settings),
             _dwells(calibration.record, tuple(fits)),
             impact_section(calibration),
             Section("", items=(Quantity("gravity", gravity, "m/s^2"),), show="json"),
-            Section("", figures=(figure,)),
         ),
         calibration.warnings,
         (
@@ -145,8 +143,11 @@ def _harmonics(found: dict[str, Tumble], unit: str) -> tuple[Section, Section]:
 _IN_BRACKETS = "± 1 sd; in brackets the 95 % interval"
 
 
-def _summary(items: Sequence[Quantity]) -> tuple[str, ...]:
-    return tuple(f"{p.label} {_short(p.scaled(p.value))} ± {number(p.scaled(p.sd), 2)} {p.shown_unit}" for p in items)
+def _summary(items: Sequence[Quantity], sensors: int) -> tuple[str, ...]:
+    """Parameters in words, a line a sensor."""
+    texts = [f"{p.label} {_short(p.scaled(p.value))} ± {number(p.scaled(p.sd), 2)} {p.shown_unit}" for p in items]
+    own = len(texts) // sensors
+    return tuple("; ".join(texts[i : i + own]) for i in range(0, len(texts), own))
 
 
 def _short(value: float) -> str:
@@ -155,10 +156,11 @@ def _short(value: float) -> str:
     return number(value, 4) if size < 0.1 or size >= 1000.0 else f"{value:.4f}"
 
 
-def _rate_figure(found: dict[str, RateTable], unit: str, left_out: int) -> FigureSpec:
+def _rate_panels(found: dict[str, RateTable], unit: str) -> tuple[Panel, ...]:
     series = [
         Series(
-            f"{name} residual [{unit}]",
+            name,
+            unit,
             item.rate,
             item.output - (item.fit.value[0] + item.fit.value[1] * item.rate),
             item.used,
@@ -166,13 +168,7 @@ def _rate_figure(found: dict[str, RateTable], unit: str, left_out: int) -> Figur
         )
         for name, item in found.items()
     ]
-    note = f"{left_out} left out, for the reasons in the report; far from zero the scale is logarithmic"
-    title = "Rate table: output minus the straight line"
-    return FigureSpec(
-        "residuals",
-        "Residuals of the fit; crosses were left out",
-        lambda: draw_residuals(series, "rate [deg/s]", title, note if left_out else ""),
-    )
+    return residual_panels(series, "rate [deg/s]")
 
 
 def _senses(found: dict[str, RateTable], unit: str) -> Section:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial, reduce
+from functools import reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +16,7 @@ from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
 from insnav.report.comparison.panels import comparison_panels
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Light, Page, Section, Verdict, section_tables
+from insnav.report.page import Light, Page, Section, Verdict, drawn, section_tables
 from insnav.report.terminal import table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
@@ -25,7 +25,6 @@ from insnav.units import UNITS
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
 _MERITS = 6  # solutions that are named before the table
 _INSIDE = 0.95  # share of the errors inside 3 sd from which the stated sd holds
@@ -51,18 +50,17 @@ _NOTE = (
 def page(result: Result[Comparison]) -> Page:
     """Lay out a comparison."""
     found = result.found
-    figures = (
-        FigureSpec("horizontal_error", "Horizontal error over time", partial(_draw, "draw_comparison", found)),
-        FigureSpec(
-            "error_distribution", "Distribution of the horizontal error", partial(_draw, "draw_distributions", found)
-        ),
+    over_time, shares = comparison_panels(found)
+    drawings = (
+        drawn("horizontal_error", "Horizontal error over time", (over_time,), "dashed: smoothed"),
+        drawn("error_distribution", "Distribution of the horizontal error", (shares,), "dashed: smoothed"),
     )
     runs = {each.run for each in found.compared}
     count = len(found.compared[0].errors.time)
     return Page(
         f"{len(runs)} run{'s' * (len(runs) > 1)} against {result.inputs['reference'].path}",
         (f"{count} epochs of the reference that every run covers are compared.",),
-        (_section(found), Section("", panels=comparison_panels(found), figures=figures, show="page")),
+        (_section(found), Section("", parts=drawings, show="page")),
         verdict=_verdict(found),
         merits=tuple(
             Quantity(f"rms_{place}", rms(errors.horizontal), "m", meaning=f"{name}, horizontal RMS")
@@ -90,13 +88,6 @@ def _verdict(found: Comparison) -> Verdict:
     return Verdict(
         light, f"{100.0 * share:.0f} % of the errors of {best} inside 3 sd: its stated sd {holds}", f"{text}."
     )
-
-
-def _draw(name: str, found: Comparison) -> Figure:
-    from insnav.report.comparison import figures  # matplotlib is imported only where a figure is asked for
-
-    drawn: Figure = getattr(figures, name)(found)
-    return drawn
 
 
 def write_files(result: Result[Comparison], folder: RunFolder, table_format: TableFormat) -> None:

@@ -9,10 +9,10 @@ from insnav.lab.drift.rate_smoothing import P0
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import quality_section
-from insnav.report.drift.figures import draw_drift
+from insnav.report.drift.panels import drift_panels
 from insnav.report.noise.page import noise_quantity
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Page, Section, by_warnings
+from insnav.report.page import Page, Section, by_warnings, drawn
 from insnav.units import DEG
 
 _TERMS = {
@@ -41,25 +41,35 @@ def drift_page(found: DriftStudy, name: str) -> Page:
     record, gyros = found.record, found.gyros
     fits = {f"gyro {each.model.axis}": each.model.fit for each in gyros}
     times = [f"{each:g} s" for each in record.time]
-    figure = FigureSpec(
-        "drift", "Random part, Allan deviation and rate ramp before and after", lambda: draw_drift(found)
-    )
     warnings = (*found.warnings, *condition_warnings(fits))
     return Page(
         f"Drift of the gyros of {name}",
         (
             f"{record.time.size} samples at {1.0 / record.interval:.6g} Hz, "
             f"the first {gyros[0].rest.stop * record.interval:g} s at rest",
-            *(text for each in gyros for text in _conclusions(each)),
+            *[text for each in gyros for text in _conclusions(each)][1:],
         ),
         (
-            Section("gyros", parts=tuple(_gyro(each) for each in gyros), figures=(figure,)),
+            drawn("drift", f"Drift of gyros before and after: {name}", drift_panels(found), columns=3),
+            Section("gyros", parts=tuple(_gyro(each) for each in gyros)),
             quality_section(fits, "rad/s", dict.fromkeys(fits, times)),
         ),
         warnings,
         ASSUMPTIONS,
         found.notes,
+        merits=_merits(gyros[0]),
+        merits_note=f"gyro {gyros[0].model.axis}; Allan deviations at the shortest averaging time",
         verdict=by_warnings(_conclusions(gyros[0])[0], warnings, ("good", "no warning from the fits")),
+    )
+
+
+def _merits(each: GyroDrift) -> tuple[Quantity, ...]:
+    curves = {"measured": each.measured, "corrected": each.corrected, "smoothed": each.smoothed}
+    return (
+        *(Quantity(name, float(x.deviation[0]), "deg/h", meaning=f"deviation, {name}") for name, x in curves.items()),
+        Quantity("time_constant", each.smoother.time_constant, "s", meaning="time constant of the filter"),
+        Quantity("lag", each.smoother.lag, "s", meaning="lag of a ramp"),
+        Quantity("helps_until", each.helped_until, "s", meaning="smoothing helps up to"),
     )
 
 

@@ -11,8 +11,8 @@ from insnav.lab.noise.noise_model import NoiseModel
 from insnav.lab.noise.static_noise import StaticNoise
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity, key_suffix
-from insnav.report.noise.figures import draw_allan
-from insnav.report.page import FigureSpec, Page, Section, by_warnings, cell
+from insnav.report.noise.panels import NOTE, allan_panels
+from insnav.report.page import Page, Section, by_warnings, cell, drawn
 from insnav.types import FloatArray
 from insnav.units import M_S_PER_SQRT_H, UG, UNITS
 
@@ -65,11 +65,6 @@ def noise_quantity(
 def noise_page(found: StaticNoise, name: str) -> Page:
     """Report the noise of a static record."""
     record, tau = found.record, found.allan.tau
-    figure = FigureSpec(
-        "allan",
-        "Overlapping Allan deviation, fitted models and 95 % intervals",
-        lambda: draw_allan(found.allan, found.models, f"Allan deviation of {name}"),
-    )
     axes = [_axis(found, column) for column in range(6)]
     return Page(
         f"Noise of {name}",
@@ -78,12 +73,13 @@ def noise_page(found: StaticNoise, name: str) -> Page:
             f"{tau[-1]:.4g} s",
         ),
         (
+            drawn("allan", f"Allan deviation of {name}", allan_panels(found.allan, found.models), NOTE),
             Section(
                 "",
                 items=(Quantity("length", record.length, "s"), Quantity("interval", record.interval, "s")),
                 show="json",
             ),
-            Section("axes", parts=tuple(part for parts in axes for part in parts), figures=(figure,)),
+            Section("axes", parts=tuple(part for parts in axes for part in parts)),
             Section("deviations", "Allan deviation", rows=_deviations(found)),
             _filter_figures(found),
         ),
@@ -92,6 +88,7 @@ def noise_page(found: StaticNoise, name: str) -> Page:
         found.notes,
         verdict=by_warnings(_sentence(found), found.warnings, ("good", "noise models follow the Allan deviation")),
         merits=tuple(_merits(found)),
+        merits_note="medians of the three axes; N, B, K: IEEE Std 952",
     )
 
 
@@ -113,9 +110,13 @@ def _merits(found: StaticNoise) -> list[Quantity]:
 
 
 def _sentence(found: StaticNoise) -> str:
-    """Noise of gyros and accelerometers in one sentence."""
-    texts = [f"{each.label} {cell(each)} {each.shown_unit}" for each in _merits(found)]
-    return f"Median of the axes: {'; '.join(texts)}." if texts else "No axis shows noise that can be told."
+    """Random walk and bias instability of gyros and accelerometers in one sentence."""
+    texts = []
+    for sensor, gyro in (("gyros", True), ("accelerometers", False)):
+        known = [each for each in (_sizes(found, term, gyro=gyro) for term in ("N", "B")) if each is not None]
+        words = " and ".join(f"{each.label.split(', ')[1]} {cell(each)} {each.shown_unit}" for each in known)
+        texts += [f"{sensor}: {words}"] if known else []
+    return f"{'; '.join(texts).capitalize()}." if texts else "No axis shows noise that can be told."
 
 
 def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:

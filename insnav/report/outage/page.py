@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -17,14 +16,13 @@ from insnav.output.solution_tables import TableFormat, read_run_table, write_run
 from insnav.quantity import Quantity
 from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
-from insnav.report.outage.panels import outage_panels
+from insnav.report.outage.panels import NOTE, outage_panels
 from insnav.report.outage.quantities import INTERVALS, common_text, corrected, corrected_text
-from insnav.report.page import FigureSpec, Light, Page, Section, Verdict
+from insnav.report.page import Light, Page, Section, Verdict, drawn
 from insnav.result import Result
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.figure import Figure
 
 _INSIDE, _FEW_INSIDE = 0.95, 0.8  # shares inside 3 sd from which the stated sd is right, or at least not far off
 _COMPONENTS = {
@@ -45,12 +43,8 @@ def page(result: Result[OutageStudy]) -> Page:
     first, *others = (table for component in _COMPONENTS if (table := _table(component, study.growth)).rows)
     inside = ", ".join(f"{100.0 * each.inside_at_end:.0f} % of {each.length:g} s" for each in study.growth)
     common = tuple(line for line in (common_text(each) for each in study.growth) if line)
-    drawn = Section(
-        "",
-        panels=outage_panels(study.windows, study.growth),
-        figures=(FigureSpec("outages", "Error over the time without GPS", partial(_draw, study)),),
-        show="page",
-    )
+    title = f"Error without GPS against {study.reference}"
+    growing = drawn("outages", title, outage_panels(study.windows, study.growth), NOTE)
     return Page(
         f"GNSS outage test: {name}, {len(study.windows)} windows",
         (f"Against {study.reference}. Inside 3 sd (north, east, down): {inside}.",),
@@ -58,7 +52,7 @@ def page(result: Result[OutageStudy]) -> Page:
             Section("", items=(Quantity("reference", study.reference),), show="json"),
             Section("outages", rows=rows, show="json"),
             first,
-            drawn,
+            growing,
             *(replace(table, folded=not table.title.startswith("Smoothed horizontal")) for table in others),
         ),
         warnings=common,
@@ -73,12 +67,6 @@ def page(result: Result[OutageStudy]) -> Page:
             INTERVALS,
         ),
     )
-
-
-def _draw(study: OutageStudy) -> Figure:
-    from insnav.report.outage.figures import draw_outages  # matplotlib is imported only where a figure is asked for
-
-    return draw_outages(study.windows, study.growth, study.reference)
 
 
 def _verdict(study: OutageStudy) -> Verdict:

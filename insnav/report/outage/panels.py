@@ -14,6 +14,7 @@ from insnav.report.panels import Curve, Panel
 from insnav.types import FloatArray
 
 _POINTS = 24  # times at which the windows are summed up
+NOTE = "errors of the reference in all lines"
 _WINDOWS = 80  # drawn one by one
 
 
@@ -56,7 +57,7 @@ def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns:
         "time without GPS [s]",
         tuple(curves),
         link="outage",
-        note="errors of the reference in all lines",
+        note=NOTE,
         log_x=True,
         log_y=True,
         limits=(max(0.3 * least, 1e-4), 2.0 * float(np.nanmax(high))),

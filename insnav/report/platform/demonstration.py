@@ -18,10 +18,9 @@ from insnav.errors.platform_errors import (
 from insnav.errors.schuler import StaticErrors, static_errors
 from insnav.gimbal import INTEGRATORS, PlatformErrors, integral
 from insnav.quantity import Quantity
-from insnav.report.page import FigureSpec, Page, Section
-from insnav.report.platform.figures import draw_platform_and_strapdown
-from insnav.report.platform.integrator_figures import draw_convergence, draw_flight_errors, draw_line
+from insnav.report.page import Page, Section, Verdict, drawn
 from insnav.report.platform.page import periods_section
+from insnav.report.platform.panels import both_panels, convergence_panel, flight_panels, straight_panels
 from insnav.simulate import circle, straight
 from insnav.units import DEG, DEG_PER_H, UG
 
@@ -35,6 +34,7 @@ ERRORS = PlatformErrors(
     drift=np.array([0.01, 0.01, 0.01]) * DEG_PER_H,
     bias=np.array([50.0, 50.0, 0.0]) * UG,
 )
+_NEAR = 0.01  # of the closed form
 _ERRORS_TEXT = "heading error 1 arcmin, drifts of 0.01 deg/h, accelerometer biases of 50 ug"
 _MOTION = f"circles at {SPEED:g} m/s, {ROUND / 60:g} min a turn, latitude 45°"
 
@@ -51,30 +51,29 @@ def demonstration() -> Page:
         "platform": float(np.hypot(*turning.platform[-1, :2])),
         "strapdown": float(np.hypot(*turning.strapdown[-1, :2])),
     }
-    at_rest, in_turns = "a day at rest, latitude 45°", "The same errors in a turning vehicle"
-    figures = (
-        FigureSpec("line", "Integrating y = 2x", draw_line),
-        FigureSpec("sine", "Order of convergence on y = sin t", lambda: draw_convergence(orders)),
-        FigureSpec("flight", "Integrators against truth on a flight", lambda: draw_flight_errors(flight, _MOTION)),
-        FigureSpec("day", "A day at rest", lambda: draw_platform_and_strapdown(rest, theory, at_rest, _ERRORS_TEXT)),
-        FigureSpec("pattern", in_turns, lambda: draw_platform_and_strapdown(turning, None, _MOTION, _ERRORS_TEXT)),
+    apart = float(np.abs(rest.platform[:, :2] - theory.position).max() / np.abs(theory.position).max())
+    at_rest, in_turns = "A day at rest, latitude 45°", "The same errors in a turning vehicle"
+    drawings = (
+        drawn("pattern", in_turns, both_panels(turning, None, "pattern", _MOTION), _ERRORS_TEXT),
+        drawn("day", at_rest, both_panels(rest, theory, "day", "a day at rest"), _ERRORS_TEXT),
+        drawn("flight", "Integrators against truth on a flight", flight_panels(flight, _MOTION)),
+        drawn("line", "Integrating y = 2x in six steps", straight_panels(), columns=2),
+        drawn("sine", "Order of convergence on y = sin t", (convergence_panel(orders),)),
     )
     records = {"platform": rest.platform[:, :2], "strapdown": rest.strapdown[:, :2]}
     return Page(
         "The north-pointing platform: integrators and errors",
         (
-            f"In {DAY / 3600:g} h at rest a platform and a strapdown navigator with the same errors come to the same, "
-            "as theory says. In a turning vehicle they do not: the strapdown sensors turn with it, and their errors "
-            f"average out. After {PATTERN / 3600:g} h of circles the position error of the platform is "
-            f"{ends['platform'] / 1000:.2f} km, that of the strapdown navigator {ends['strapdown'] / 1000:.2f} km.",
+            f"In {DAY / 3600:g} h at rest both with the same errors come to the same, as theory says. In a turning "
+            "vehicle they do not: the strapdown sensors turn with it, and their errors average out.",
         ),
         (
+            *drawings,
             _known(orders),
             _flown(flight),
             *_day(rest, theory),
             periods_section(records, rest.time, LAT, 0.0),
             Section("pattern_end", items=tuple(Quantity(name, end, "m") for name, end in ends.items()), show="json"),
-            Section("", figures=figures),
         ),
         assumptions=(
             f"Errors: {_ERRORS_TEXT}; along north, east, down on the platform, along forward, right, down in the "
@@ -82,6 +81,20 @@ def demonstration() -> Page:
             "fourth is Runge-Kutta of fourth order, the specific force half-way from a polynomial through the six "
             "samples around it: on smooth motion 16 times better than steps over two samples.",
             "The closed form is exact to first order in the errors; what is left is their square.",
+        ),
+        merits=(
+            *(
+                Quantity(name, end, "m", meaning=f"{name} after {PATTERN / 3600:g} h of circles")
+                for name, end in ends.items()
+            ),
+            Quantity("apart", 100.0 * apart, "", meaning="platform and closed form at rest apart [%]", digits=2),
+            *(Quantity(each.integrator, each.order, meaning=f"order of {each.integrator}") for each in orders[1:]),
+        ),
+        verdict=Verdict(
+            "good" if apart < _NEAR else "bad",
+            f"at rest the platform is within {100.0 * apart:.2g} % of the closed form",
+            f"After {PATTERN / 3600:g} h of circles the position error of the platform is "
+            f"{ends['platform'] / 1000:.2f} km, that of the strapdown navigator {ends['strapdown'] / 1000:.2f} km.",
         ),
     )
 

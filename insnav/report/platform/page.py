@@ -12,14 +12,15 @@ from insnav.errors.platform_errors import AGAINST, PlatformStudy
 from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods
 from insnav.gimbal import DAMPING_TIME, Integrator, PlatformRun, torquing_rates
 from insnav.quantity import Quantity
-from insnav.report.page import FigureSpec, Page, Section, Verdict
-from insnav.report.platform.figures import (
-    draw_platform_errors,
-    draw_platform_track,
-    draw_platform_velocity,
-    draw_torquing,
+from insnav.report.page import Page, Section, Verdict, drawn
+from insnav.report.platform.panels import (
+    difference_panels,
+    platform_error_panels,
+    platform_track,
+    platform_velocity,
+    speed_of,
+    torquing_panels,
 )
-from insnav.report.platform.integrator_figures import draw_differences, speed_of
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H, UNITS
 
@@ -43,12 +44,14 @@ def platform_page(study: PlatformStudy) -> Page:
         f"North-pointing platform: {study.name}",
         (f"Integrator {study.chosen}, vertical channel {run.vertical}.",),
         (
+            *_drawn(study, theory, differences),
             Section("", items=(Quantity("integrator", study.chosen), Quantity("vertical", run.vertical)), show="json"),
             Section("end", "At the end", rows=tuple(_state(*each) for each in study.runs.items()), keyed=True),
             _differences(differences, to_reference=study.reference is not None),
             *(_errors(study, theory) if study.errors.any else ()),
-            Section("", figures=_figures(study, theory, differences)),
         ),
+        merits=_state(study.chosen, run)[1:],
+        merits_note="at the end",
         assumptions=_assumptions(study),
         notes=study.notes,
         verdict=Verdict(
@@ -61,21 +64,20 @@ def platform_page(study: PlatformStudy) -> Page:
     )
 
 
-def _figures(
+def _drawn(
     study: PlatformStudy, theory: StaticErrors | None, differences: Mapping[Integrator, TrajectoryErrors]
-) -> tuple[FigureSpec, ...]:
+) -> tuple[Section, ...]:
     run = study.run
     against = "the reference" if study.reference is not None else "fourth order"
-    figures = (
-        FigureSpec("track", "Track", lambda: draw_platform_track(run, study.reference)),
-        FigureSpec("velocity", "Velocity", lambda: draw_platform_velocity(run)),
-        FigureSpec("torquing", "Torquing rates", lambda: draw_torquing(run)),
-        FigureSpec("integrators", "Difference between the integrators", lambda: draw_differences(differences, against)),
+    sections = (
+        drawn("track", "Track of a north-pointing platform", (platform_track(run, study.reference),)),
+        drawn("velocity", "Velocity computed on the platform", platform_velocity(run)),
+        drawn("torquing", "Commanded torquing rates", torquing_panels(run)),
+        drawn("integrators", "Difference between the integrators", difference_panels(differences, against)),
     )
     if not study.errors.any:
-        return figures
-    caption = "Impact of the platform's errors"
-    return (*figures, FigureSpec("errors", caption, lambda: draw_platform_errors(run, theory)))
+        return sections
+    return (*sections, drawn("errors", "Impact of the platform's errors", platform_error_panels(run, theory)))
 
 
 def _state(name: Integrator, run: PlatformRun) -> tuple[Quantity, ...]:

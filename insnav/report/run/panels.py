@@ -13,7 +13,7 @@ from insnav.errors.gps_gaps import outages
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.panels import Curve, Panel, Shade, Track
-from insnav.report.series import Clock, broken_at_gaps
+from insnav.report.series import Clock, broken_at_gaps, wrapped
 from insnav.types import BoolArray, EventKind, FloatArray, Run
 from insnav.units import DEG, DEG_PER_H, G0
 
@@ -190,9 +190,7 @@ def _motion(found: EvaluatedRun, axis: _Axis) -> list[Panel]:
         speeds.append(Curve("solution", time, columns[:, 0], BLUE, mode=mode))
         heights.append(Curve("solution", time, columns[:, 1], BLUE, mode=mode))
         tilts += [Curve(n, time, columns[:, 2 + k], AXIS_COLOURS[k], mode=mode) for k, n in enumerate(_RPH[:2])]
-        heading = columns[:, 4] % 360.0
-        heading[1:][np.abs(np.diff(heading)) > 180.0] = np.nan
-        headings.append(Curve("heading", time, heading, BLUE, mode=mode))
+        headings.append(Curve("heading", time, wrapped(columns[:, 4]), BLUE, mode=mode))
     if gps is not None:
         at = axis.clock(gps.time)
         speeds.insert(0, Curve("GPS", at, np.linalg.norm(gps.v_n, axis=1), GREY, "points"))

@@ -6,13 +6,14 @@ import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors, nees
-from insnav.types import EventKind, Run
+from insnav.types import Event, EventKind, Run
 
 HOLDS = 0.95  # share of errors inside 3 sd that needs no word
 _MOST = 0.5  # share of rejected positions of a filter that is lost ...
 _LOST, _LOST_RESETS = 0.2, 3  # ... or after so many resets
 _MANY = 0.1  # share of rejected fixes that wants an explanation
 _LATE = 0.1  # delay of the fixes that receivers and loggers do not make by themselves [s]
+_LONG_GAP = 1.0  # of samples [s]: a car turns and brakes in it
 _LARGEST_SCALE = 0.05  # scale factor error [-]: consumer MEMS sensors are sold with at most 0.03
 
 
@@ -23,11 +24,13 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     return (
         *_failed(found.run),
         *_same_data(found),
+        *_contradictions(found.run),
         *_many_rejected(found.run),
         *overconfident[:1],
         *_diverged(found.run),
         *_impossible_scale(found.run),
         *_late(found.run),
+        *_samples_lost(found.run),
     )
 
 
@@ -55,9 +58,43 @@ def _same_data(found: EvaluatedRun) -> list[str]:
     return ["the reference has the positions of the fixes: its errors say how closely the run follows them, no more"]
 
 
+def _contradictions(run: Run) -> list[str]:
+    """Fixes and samples that cannot both be right, and what was done about it."""
+    found = [event.action for event in run.events if event.kind == EventKind.CONTRADICTION]
+    resets = [event for event in run.events if event.kind == EventKind.RESET]
+    if resets:
+        first = resets[0]
+        found.append(
+            f"the filter was reset to the fixes {_times(len(resets))}, first at {first.time:.1f} s by "
+            f"{first.value:.3g} m, after every position had been rejected for {first.limit:g} s"
+        )
+    return found
+
+
+def _samples_lost(run: Run) -> list[str]:
+    """Samples that were no measurement, or missing for long: nothing but the uncertainty knows what happened there."""
+    lost: dict[str, list[Event]] = {}
+    for event in run.events:
+        if event.kind in (EventKind.IMU_STUCK, EventKind.IMU_SATURATED):
+            lost.setdefault(event.action.partition(":")[0], []).append(event)
+        elif event.kind == EventKind.IMU_GAP and event.value > _LONG_GAP:
+            lost.setdefault("samples are missing", []).append(event)
+    return [
+        f"{what}: {_times(len(found))}, {sum(event.value for event in found):.3g} s in all, first at "
+        f"{found[0].time:.1f} s; bridged like a data gap"
+        for what, found in lost.items()
+    ]
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
+
+
 def _many_rejected(run: Run) -> list[str]:
-    """So many fixes rejected that the fixes are hardly to blame."""
+    """So many fixes rejected that the fixes are hardly to blame, and nothing that names them."""
     fixes = run.innovations
+    if any(event.kind in (EventKind.GATE_RECORD_POSITION, EventKind.GATE_RECORD_VELOCITY) for event in run.events):
+        return []
     groups = []
     for name, columns, used in (
         ("position", slice(0, 3), fixes.used_position),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,15 +13,15 @@ from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity, key_suffix
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.page import Light, Page, Section, Verdict, drawn
 from insnav.report.save import write_page
-from insnav.report.simulation.ensemble_figures import draw_ensemble, draw_nees
+from insnav.report.simulation.ensemble_panels import ensemble_panels, nees_panels
 from insnav.report.simulation.page import (
     correlated_share,
     entry,
     model_name,
     model_texts,
-    motion_figures,
+    motion_drawings,
     motion_lines,
     motion_section,
     plan_metadata,
@@ -81,11 +81,10 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     inside_text = ", ".join(
         f"{name} {number(nees[name])} ({100.0 * part:.0f} %)" for name, part in zip(nees, share, strict=False)
     )
-    figures = [
-        FigureSpec("ensemble", "RMS error and stated sd over time", lambda: draw_ensemble(found, len(runs.number)))
-    ]
+    count = len(runs.number)
+    drawings = [drawn("ensemble", f"RMS error and stated sd of {count} runs", ensemble_panels(found), columns=3)]
     if len(found.nees):
-        figures.append(FigureSpec("nees", "Normalised error squared over time", lambda: draw_nees(found)))
+        drawings.append(drawn("nees", "Normalised error squared at the fixes", nees_panels(found)))
     return Page(
         f"{len(runs.number)} simulated runs of {plan.motion.name}",
         (
@@ -105,15 +104,38 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
             *(entry("failed", text) for text in failed),
         ),
         (
+            *drawings,
             Section("ensemble", "Consistency and rejections", items, parts=(_failures(runs), _errors(found))),
             motion_section(plan, time, motion),
             sensor_section(plan),
-            Section("", figures=tuple(figures)),
-            motion_figures(plan, time, motion),
+            *motion_drawings(plan, time, motion),
         ),
         failed,
         ("every run has an IMU, noise and fixes of its own; the motion is the same in all",),
+        verdict=_verdict(plan, horizontal, nees, failed),
+        merits=(
+            Quantity("mean", float(horizontal.mean()), "m", meaning="horizontal RMS, mean of the runs"),
+            Quantity("worst", float(horizontal.max()), "m", meaning="horizontal RMS, worst run"),
+            *(Quantity(f"nees_{name}", value, meaning=f"NEES per axis, {name}") for name, value in nees.items()),
+            Quantity("rejected", f"{rejected} of {positions}", meaning="fixes rejected"),
+        ),
     )
+
+
+def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], failed: Sequence[str]) -> Verdict:
+    """Say how large the errors are, and whether the stated sd explains them."""
+    sentence = (
+        f"{len(horizontal)} runs of {plan.motion.name} with {model_name(plan.imu)} IMU: horizontal error "
+        f"{number(float(horizontal.mean()))} m RMS in the mean, {number(float(horizontal.max()))} m in the worst."
+    )
+    if failed:
+        return Verdict("bad", f"{len(failed)} runs failed: {failed[0]}", sentence)
+    if not nees:
+        return Verdict("unknown", "there was no fix to hold the stated sd against", sentence)
+    name, worst = max(nees.items(), key=lambda each: each[1])
+    light: Light = "attention" if worst > _TOO_GOOD else "good"
+    words = "the stated sd is too small" if light == "attention" else "the stated sd holds"
+    return Verdict(light, f"normalised error squared of {name} {number(worst)}, 1 if right: {words}", sentence)
 
 
 def ensemble_lines(page: Page, out: Path) -> list[str]:

@@ -7,7 +7,7 @@ import json
 import math
 import shlex
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,16 +22,11 @@ from insnav.output.data_files import write_data
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Page, Section, Verdict
+from insnav.report.page import Page, Section, Verdict, drawn
 from insnav.report.provenance import imu_model
 from insnav.report.run_json import json_ready, section_facts, versions
 from insnav.report.save import write_page
-from insnav.report.simulation.profile_figures import (
-    draw_motion,
-    draw_simulated_track,
-    draw_sketch,
-    track_length,
-)
+from insnav.report.simulation.motion_panels import motion_panels, simulated_track, sketch_panel, track_length
 from insnav.session.simulation import IDEAL, Plan
 from insnav.simulate.recording import Recording, times
 from insnav.simulate.truth import Kinematics, Truth
@@ -39,8 +34,6 @@ from insnav.types import FloatArray
 from insnav.units import DEG
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from insnav.simulate.gps_errors import GpsSpec
     from insnav.simulate.motion import MotionProfile
     from insnav.simulate.truth_from_track import Residual
@@ -67,7 +60,7 @@ def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Pat
     if made.realisation is not None:
         texts["sensor_realisation.toml"] = calibration_to_toml(made.realisation.errors)
     page = recording_page(plan, made)
-    return write_page(folder, page, plan_metadata(plan), texts), page
+    return write_page(folder, page, plan_metadata(plan), texts, figures="page"), page
 
 
 def recording_page(plan: Plan, made: Recording) -> Page:
@@ -81,6 +74,7 @@ def recording_page(plan: Plan, made: Recording) -> Page:
         Quantity("lever_arm", made.lever_b, "m"),
         Quantity("command", command),
     )
+    moved = motion_section(plan, time, motion)
     realisation = () if made.realisation is None else (_realisation(made.realisation.errors),)
     return Page(
         f"Simulated recording of {plan.motion.name}",
@@ -92,12 +86,13 @@ def recording_page(plan: Plan, made: Recording) -> Page:
             entry("next", command),
         ),
         (
-            motion_section(plan, time, motion),
+            *motion_drawings(plan, time, motion),
+            moved,
             *realisation,
             sensor_section(plan, *counts),
-            motion_figures(plan, time, motion),
         ),
         assumptions=_assumptions(plan),
+        merits=(*moved.items[:3], *counts[:2], sensor_section(plan).items[0]),
         verdict=Verdict(
             "good",
             "the exact motion is in ref.csv",
@@ -124,7 +119,6 @@ def model_texts(plan: Plan) -> dict[str, str]:
 def plan_metadata(plan: Plan) -> dict[str, Any]:
     """Give what every simulation has first in ``run.json``: releases, options, seed and IMU model."""
     return {
-        "versions": versions(),
         "configuration": plan.configuration,
         "seed": plan.seed,
         "imu_model": {"name": IDEAL}
@@ -179,10 +173,6 @@ def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile]) -> Path
 
     `folder`: entered, not committed.
     """
-
-    def draw(profile: MotionProfile) -> Figure:
-        return draw_sketch(*seen(profile.truth(0)), profile.name, profile.purpose)
-
     rows = tuple(
         (
             Quantity("name", each.name),
@@ -191,8 +181,17 @@ def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile]) -> Path
         )
         for each in profiles
     )
-    figures = tuple(FigureSpec(each.name, each.purpose, partial(draw, each)) for each in profiles)
-    return write_page(folder, Page("Motion profiles", (), (Section("profiles", rows=rows, figures=figures),)))
+    sketches = tuple(_sketch(each) for each in profiles)
+    return write_page(folder, Page("Motion profiles", (), (Section("profiles", rows=rows), *sketches)))
+
+
+def _sketch(profile: MotionProfile) -> Section:
+    """Track and speed of a profile."""
+    time, motion = seen(profile.truth(0))
+    track = drawn(profile.name, profile.purpose, (simulated_track(time, motion, f"track_{profile.name}"),))
+    both = (*track.panels, sketch_panel(time, motion, profile.name))
+    title = f"{profile.name}: {profile.purpose}"
+    return replace(track, title=title, panels=both, columns=2, show="page")
 
 
 def seen(truth: Truth) -> tuple[FloatArray, Kinematics]:
@@ -321,14 +320,12 @@ def _replica(apart: Residual) -> Section:
     return Section("replica", "Simulated replica minus its track", items, parts=parts)
 
 
-def motion_figures(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
-    """Figures of the motion."""
-    return Section(
-        "",
-        figures=(
-            FigureSpec("track", "Track", lambda: draw_simulated_track(time, motion, plan.motion.name)),
-            FigureSpec("motion", "What ideal sensors measure", lambda: draw_motion(time, motion, plan.motion.name)),
-        ),
+def motion_drawings(plan: Plan, time: FloatArray, motion: Kinematics) -> tuple[Section, Section]:
+    """Draw the motion: from above, and over time."""
+    name = plan.motion.name
+    return (
+        drawn("track", f"Simulated motion {name}", (simulated_track(time, motion),)),
+        drawn("motion", f"Simulated motion {name}: what ideal sensors measure", motion_panels(time, motion)),
     )
 
 

@@ -32,6 +32,18 @@ const extent = values => {
   for (const each of values) if (Number.isFinite(each)) { low = Math.min(low, each); high = Math.max(high, each); }
   return [low, high];
 };
+const decades = (start, end, most) => { // ticks of a logarithmic axis: 1, 2, 5 of each power of ten, or powers only
+  const low = Math.floor(Math.log10(start)), high = Math.ceil(Math.log10(end)), every = Math.ceil((high - low) / most) || 1, ticks = [];
+  const inside = value => value >= start * 0.999 && value <= end * 1.001;
+  for (const steps of [[1, 2, 5], [1]]) {
+    ticks.length = 0;
+    for (let power = low; power <= high; power += steps.length > 1 ? 1 : every) for (const step of steps) ticks.push(Number(`${step}e${power}`));
+    const seen = ticks.filter(inside);
+    if (seen.length <= most && seen.length) return seen;
+  }
+  return ticks.filter(inside);
+};
+const plain = value => value >= 1e5 || value < 1e-4 ? value.toExponential(0) : String(value);
 const nearest = (values, wanted) => { // of sorted values
   let a = 0, b = values.length - 1;
   while (b - a > 1) { const middle = (a + b) >> 1; if (values[middle] < wanted) a = middle; else b = middle; }
@@ -115,6 +127,8 @@ class Panel extends Drawing {
       axis.ticker = new Bokeh.FixedTicker({ticks: this.rows.map((_, i) => i)});
       axis.major_label_overrides = new Map(this.rows.map((name, i) => [i, name]));
     }
+    this.logs = [[this.logX, [...figure.xaxis][0], [...figure.xgrid][0], this.x], [this.logY, [...figure.yaxis][0], [...figure.ygrid][0], this.y]]
+      .filter(([log]) => log).map(([, axis, grid, range]) => ({axis, range, ticker: axis.ticker = grid.ticker = new Bokeh.FixedTicker({ticks: []})}));
     for (const [start, end] of this.spans) {
       const box = new Bokeh.BoxAnnotation({left: start, right: end, fill_alpha: 0.16, line_color: null, level: "underlay"});
       this.paint(box, "fill_color", "#E69F00");
@@ -138,6 +152,7 @@ class Panel extends Drawing {
       follow(this.linked, this.at);
     });
     for (const side of ["start", "end"]) this.x.properties[side].change.connect(() => this.zoomed());
+    figure.properties.inner_width.change.connect(() => this.ticks());
   }
   glyph(figure, curve) {
     const source = new Bokeh.ColumnDataSource({data: {x: curve.x, y: curve.y, ...(curve.low ? {low: curve.low} : {})}});
@@ -154,7 +169,12 @@ class Panel extends Drawing {
     const made = make[curve.kind]();
     for (const part of ["band", "bars", "points"].includes(curve.kind) ? ["fill_color"] : ["line_color"]) this.paint(made.glyph, part, curve.colour);
     curve.renderer = made;
-    curve.entry = this.entry(curve.name, curve.colour, true);
+    if (curve.kind === "thin" && curve.text) { // the name of a line that stands beside it
+      const label = new Bokeh.Label({x: curve.x[0], y: curve.y[0], text: curve.text[0], text_font_size: "11px", text_align: "right", text_baseline: "middle"});
+      this.paint(label, "text_color", curve.colour);
+      figure.add_layout(label);
+    }
+    curve.entry = curve.name ? this.entry(curve.name, curve.colour, true) : {off: false, value: null};
   }
   entry(name, colour, toggles = false) { // one for all curves of a name
     this.entries ??= new Map();
@@ -193,7 +213,15 @@ class Panel extends Drawing {
     zoom(this.linked, this.x.start, this.x.end);
     this.follow(this.linked.at);
   }
-  fit() { // the vertical axis: robust limits of all, or everything that is in view once it is zoomed
+  ticks() {
+    for (const {axis, range, ticker} of this.logs) {
+      const ticks = decades(range.start, range.end, range === this.x ? Math.max(3, this.frame.width / 70) : Math.max(3, this.height / 28));
+      axis.major_label_overrides = new Map(ticks.map(value => [value, plain(value)]));
+      ticker.ticks = ticks;
+    }
+  }
+  fit() { this.limit(); this.ticks(); }
+  limit() { // the vertical axis: robust limits of all, or everything that is in view once it is zoomed
     if (this.rows.length) return;
     const [start, end] = [this.x.start, this.x.end], whole = this.linked?.whole ?? this.whole;
     const zoomed = start > whole[0] + 1e-6 * (whole[1] - whole[0]) || end < whole[1] - 1e-6 * (whole[1] - whole[0]);
@@ -273,6 +301,11 @@ class Track extends Drawing {
       tools: [new Bokeh.BoxZoomTool({match_aspect: true})],
     });
     const x = {field: "x"}, y = {field: "y"};
+    for (const curve of this.behind) {
+      for (const key of ["x", "y"]) curve[key] = floats(curve[key]);
+      const line = figure.line(x, y, {source: new Bokeh.ColumnDataSource({data: {x: curve.x, y: curve.y}}), line_width: curve.kind === "thin" ? 1 : 3});
+      this.paint(line.glyph, "line_color", curve.colour);
+    }
     const fixes = figure.scatter(x, y, {source: new Bokeh.ColumnDataSource({data: {x: this.fixes[0], y: this.fixes[1]}}), size: 3, line_color: null});
     this.paint(fixes.glyph, "fill_color", "#8A8A8A");
     const lost = {xs: [], ys: []};
@@ -299,7 +332,8 @@ class Track extends Drawing {
     for (const side of ["inner_width", "inner_height"]) figure.properties[side].change.connect(() => { if (!this.touched) this.all(); });
   }
   all() { // everything in view, a metre east as long as a metre north
-    const {width, height} = this.frame, [west, east] = extent(this.east), [south, north] = extent(this.north);
+    const {width, height} = this.frame, wide = this.behind.filter(each => each.kind !== "thin");
+    const [west, east] = extent([...this.east, ...wide.flatMap(each => [...each.x])]), [south, north] = extent([...this.north, ...wide.flatMap(each => [...each.y])]);
     if (!(width > 0 && height > 0)) return;
     const metres = 1.12 * Math.max((east - west) / width, (north - south) / height, 4 / width);
     this.metres = metres;
@@ -330,6 +364,7 @@ class Track extends Drawing {
     if (shades.length) this.colour(shades[this.shade]);
     const key = (colour, text) => { const label = element("label", "", this.legend); element("i", "", label).style.setProperty("--swatch", shown(colour)); element("span", "", label, text); };
     key("#009E73", "start"); key("#000000", "end");
+    for (const [name, colour] of new Map(this.behind.filter(each => each.name).map(each => [each.name, each.colour]))) key(colour, name);
     if (this.fixes[0].length) key("#8A8A8A", "GPS fix");
     if (this.spans.length) key("#E69F00", "no GPS used");
   }

@@ -19,8 +19,8 @@ from insnav.report.style import (
 )
 from insnav.types import FloatArray, GpsData, Run, Trajectory
 
-_NOTE = "band: ±3 sd of the solution; fixes as received, at the antenna"
 _MOST_TURNS = 1.5  # a heading that turns more than this is drawn within 0..360 deg
+_NOTE = "band: ±3 sd of the solution; fixes as received, at the antenna"
 
 
 def draw_height(run: Run, gps: GpsData | None) -> Figure:

@@ -1,0 +1,32 @@
+"""
+Monte Carlo against covariance
+==============================
+
+A budget has a linear column, the covariance, and one of simulated runs of the full navigator. Where the linear model
+holds, they agree within the band of so many runs.
+"""
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import insnav
+from insnav.session.budget import BudgetSettings, budget_of_motion, motion_of
+
+settings = BudgetSettings(times=(10.0, 20.0, 30.0, 40.0, 50.0, 60.0), runs=200, seed=1)
+result = budget_of_motion(insnav.load_imu("tactical"), motion_of("city", None, settings), settings)
+figure = result.plot("budget")
+
+# %%
+# All sources together, and the 95 % band that 200 runs have around the truth.
+
+budget = result.found.budget
+ratio = budget.simulated.total[budget.chosen, :3] / budget.covariance.total[budget.chosen, :3]
+figure, axes = plt.subplots()
+axes.plot(budget.time[budget.chosen], ratio, "o-", label=["north", "east", "down"])
+axes.axhspan(*budget.simulated.band, alpha=0.15, color="0.5", label="band of the runs")
+axes.axhline(1.0, color="0.6", lw=0.8)
+axes.set_xlabel("time without GPS [s]")
+axes.set_ylabel("simulated / covariance")
+axes.set_title("Position error of a tactical IMU in a town: 200 runs")
+axes.legend()
+print(f"largest difference {100 * np.abs(ratio - 1.0).max():.1f} %")

@@ -1,0 +1,140 @@
+"""The panels and maps of a page as figures for papers: matplotlib for what ``templates/panels.js`` draws."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+
+from insnav.report.colours import BLUE, GREY, ORANGE, VERMILLION
+from insnav.report.map_drawing import finish_map, map_figure
+from insnav.report.panels import Curve, Drawing, Panel, Track, limits_of, modes
+from insnav.report.series import envelope, thinned
+from insnav.report.style import blank, legend_above, logarithmic
+from insnav.types import FloatArray
+
+_PIXELS = 108.0  # of a panel on the page that are an inch here
+_BESIDE = 62  # letters of title and legend that share a line over a panel of full width
+_STYLES: dict[str, dict[str, Any]] = {
+    "line": {"linewidth": 1.3},
+    "dashed": {"linewidth": 1.2, "linestyle": "--"},
+    "thin": {"linewidth": 0.5, "alpha": 0.5},
+    "points": {"linestyle": "", "marker": ".", "markersize": 5.0},
+    "crosses": {"linestyle": "", "marker": "x", "markersize": 5.0},
+}
+_WHERE_FEW = 40  # points of a cloud that are drawn large
+
+
+def draw_drawings(drawings: Sequence[Drawing], title: str, note: str = "", *, columns: int = 1) -> Figure:
+    """Draw one map, or panels below one another; `columns`: of panels."""
+    if isinstance(drawings[0], Track):
+        return _draw_track(drawings[0], title, note)
+    panels = [each for each in drawings if isinstance(each, Panel)]
+    rows = -(-len(panels) // columns)
+    tall = [max(each.height for each in panels[columns * i : columns * (i + 1)]) / _PIXELS for i in range(rows)]
+    shared = len({(each.link, each.x_label) for each in panels}) == 1 and bool(panels[0].link)
+    figure = blank(8.4 if columns == 1 else 11.4, 1.5 + sum(tall) + (0.0 if shared else 0.4 * (rows - 1)), title, note)
+    grid = {"hspace": 0.3 if shared else 0.55, "wspace": 0.26, "height_ratios": tall}
+    every = figure.subplots(rows, columns, squeeze=False, sharex="col" if shared else "none", gridspec_kw=grid)
+    if any(each.rows for each in panels):
+        longest = max(len(name) for each in panels for name in each.rows)
+        figure.subplots_adjust(left=min(0.45, (0.3 + 0.075 * longest) / figure.get_figwidth()))
+    mode = next(iter(modes(panels)), "")
+    for i, axes in enumerate(every.flat):
+        if i >= len(panels):
+            axes.set_axis_off()
+            continue
+        _draw_panel(axes, panels[i], mode, heading=len(panels) > 1, letters=_BESIDE // columns)
+        if not shared or i + columns >= len(panels):
+            axes.set_xlabel(panels[i].x_label)
+            axes.tick_params(labelbottom=True)
+    return figure
+
+
+def _draw_panel(axes: Axes, panel: Panel, mode: str, *, heading: bool, letters: int) -> None:
+    """Draw what a panel shows under one position of the switch; `letters`: that title and legend may share."""
+    low, high = (-0.6, len(panel.rows) - 0.4) if panel.rows else limits_of(panel, mode) or (0.0, 1.0)
+    for axis, log in ((axes.xaxis, panel.log_x), (axes.yaxis, panel.log_y)):
+        if log:
+            (axes.set_xscale if axis is axes.xaxis else axes.set_yscale)("log")
+            logarithmic(axis)
+    for start, end in panel.spans:
+        axes.axvspan(start, end, color=ORANGE, alpha=0.18, linewidth=0.0, zorder=0.5)
+    for curve in panel.curves:
+        if curve.mode in ("", mode) and len(curve.x):
+            _draw_curve(axes, curve, low, high)
+    for value, name in panel.levels:
+        axes.axhline(value, color=VERMILLION, linewidth=1.0, linestyle="--", label=name)
+    if panel.rows:
+        axes.set_yticks(range(len(panel.rows)), panel.rows)
+        low, high = high, low  # the first row stands at the top
+    axes.set_ylim(low, high)
+    axes.set_ylabel(panel.y_label)
+    entries = dict.fromkeys(axes.get_legend_handles_labels()[1])
+    if heading:
+        axes.set_title(panel.title)
+    if len(entries) > 1 or (entries and panel.levels):
+        beside = len(panel.title) * heading + sum(len(each) + 5 for each in entries) < 1.6 * letters
+        legend_above(axes, lift=1.0 if beside else 1.0 + 21.6 / panel.height)
+
+
+def _draw_curve(axes: Axes, curve: Curve, low: float, high: float) -> None:
+    """Draw one curve; what lies beyond the limits is marked at the edge."""
+    if curve.kind == "band" and curve.low is not None:
+        x, bottom, top = envelope(curve.x, curve.low, curve.y)
+        axes.fill_between(x, bottom, top, color=curve.colour, alpha=0.2, linewidth=0.0, label=_label(curve))
+        return
+    if curve.kind == "bars" and curve.low is not None:
+        axes.barh(curve.y, curve.x - curve.low, 0.7, curve.low, color=curve.colour, label=_label(curve))
+        return
+    style = _STYLES[curve.kind]
+    if curve.kind == "points" and len(curve.x) <= _WHERE_FEW:
+        style = style | {"marker": "o", "markersize": 4.0}
+    axes.plot(*thinned(curve.x, curve.y), color=curve.colour, label=_label(curve), **style)
+    if curve.kind == "thin" and curve.text:
+        axes.annotate(curve.text[0], (curve.x[0], curve.y[0]), fontsize=7, color=curve.colour, ha="right", va="center")
+    for beyond, edge, marker in ((curve.y > high, high, "^"), (curve.y < low, low, "v")):
+        if beyond.any():
+            at = curve.x[beyond]
+            axes.plot(
+                at, np.full(len(at), edge), marker, color=curve.colour, markersize=5.0, clip_on=False, label="beyond"
+            )
+
+
+def _label(curve: Curve) -> str:
+    return curve.name or "_"
+
+
+def _draw_track(track: Track, title: str, note: str) -> Figure:
+    """Draw a map, its track in the colours of the first shade."""
+    behind = [np.column_stack((each.x, each.y)) for each in track.behind if each.kind != "thin"]
+    every = np.concatenate([np.column_stack((track.east, track.north)), *behind])
+    shade = track.shades[0] if track.shades and not track.shades[0].classes else None
+    figure, axes = map_figure(every[:, 0], every[:, 1], title, note, beside=0.85 if shade else 0.0)
+    for curve in track.behind:
+        width = 0.8 if curve.kind == "thin" else 2.6
+        axes.plot(curve.x, curve.y, color=curve.colour, label=_label(curve), linewidth=width)
+    if track.fixes is not None and len(track.fixes):
+        axes.plot(*track.fixes.T, ".", color=GREY, markersize=3.0, label="GPS fix", zorder=1.8)
+    if shade is None:
+        axes.plot(track.east, track.north, color=BLUE, linewidth=1.4, label="solution")
+    else:
+        pieces = _pieces(track, shade.values)
+        axes.add_collection(pieces)
+        figure.colorbar(pieces, ax=axes, label=shade.name, fraction=0.05, pad=0.02)
+    finish_map(axes, np.column_stack((track.north, track.east)))
+    return figure
+
+
+def _pieces(track: Track, values: FloatArray) -> LineCollection:
+    """Cut a track into pieces, coloured by a value (n,)."""
+    points = np.column_stack((track.east, track.north))
+    pieces = LineCollection(
+        list(np.stack((points[:-1], points[1:]), axis=1)), cmap="cividis", linewidth=2.2, capstyle="round", zorder=2
+    )
+    pieces.set_array(0.5 * (values[:-1] + values[1:]))
+    return pieces

@@ -1,0 +1,90 @@
+"""The manual and the code agree: examples run, commands have the options they are shown with, links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+from typer.main import get_command
+
+import insnav
+from insnav.cli import app
+from tests.cli.conftest import ROOT
+
+PAGES = sorted(p for p in (ROOT / "docs").rglob("*.md") if "auto_gallery" not in p.parts)
+DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / ".github").glob("*.md")), *PAGES]
+FENCED = re.compile(r"^```(\S*)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\(([^)\s]+)\)|^```\{(?:image|include)\} (\S+)", re.MULTILINE)
+
+
+def blocks(page: Path, language: str) -> Iterator[str]:
+    yield from (text for name, text in FENCED.findall(page.read_text(encoding="utf-8")) if name == language)
+
+
+def named(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+def anchors(page: Path) -> set[str]:
+    """Names of the headings, as the hosts of such files make them."""
+    heads = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).strip().replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("page", DOCUMENTS, ids=named)
+def test_every_link_leads_somewhere(page: Path):
+    for link in ("".join(found) for found in LINK.findall(page.read_text(encoding="utf-8"))):
+        if re.match(r"[a-z]+:", link):
+            continue
+        path, _, anchor = unquote(link).partition("#")
+        target = (page.parent / path).resolve() if path else page
+        if "auto_gallery" in target.parts:  # made by the build, from this
+            target = ROOT / "docs" / "gallery" / "README.txt"
+        assert target.exists() or target.with_suffix(".md").exists(), f"{link} in {named(page)}"
+        if anchor:
+            assert anchor in anchors(target), f"{link} in {named(page)}"
+
+
+@pytest.mark.parametrize("page", [page for page in DOCUMENTS if any(blocks(page, "sh"))], ids=named)
+def test_every_command_has_the_options_it_is_shown_with(page: Path):
+    for block in blocks(page, "sh"):
+        for line in block.replace("\\\n", " ").splitlines():
+            for part in re.split(r"&&|;|\|", line.split(" #")[0]):
+                words = shlex.split(part)
+                if words and words[0] == "insnav" and len(words) > 1:
+                    understood(words[1:])
+
+
+def understood(words: list[str]) -> None:
+    """The words of a command line are a command, its options and as many arguments as it takes."""
+    command = get_command(app)
+    while hasattr(command, "commands"):
+        assert words[0] in command.commands, f"there is no command {words[0]}"
+        command, words = command.commands[words[0]], words[1:]
+    with command.make_context("insnav", [], resilient_parsing=True) as context:
+        context.resilient_parsing = False  # which was for making it without arguments: an unknown option is an error
+        command.make_parser(context).parse_args(list(words))
+
+
+@pytest.fixture
+def sample(files: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    for name in ("imu.csv", "gps.csv", "ref.csv"):
+        (tmp_path / name).symlink_to(files / name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if any(blocks(page, "python"))], ids=named)
+def test_every_example_runs(page: Path, sample: Path):
+    namespace: dict[str, object] = {}
+    for text in blocks(page, "python"):
+        exec(compile(text, named(page), "exec"), namespace)
+
+
+def test_every_public_name_has_an_example():
+    shown = "\n".join(text for page in PAGES for text in blocks(page, "python"))
+    assert not [name for name in insnav.__all__ if f"insnav.{name}" not in shown]
