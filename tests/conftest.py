@@ -31,6 +31,7 @@ SLOW = (
     "tests/regression/test_verdicts.py",
     "tests/report/test_simulation.py",
     "tests/simulate/test_montecarlo.py",
+    "tests/test_engine.py",
 )
 
 

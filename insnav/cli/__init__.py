@@ -85,7 +85,7 @@ app.add_typer(calibrate.app, name="calibrate", help=calibrate.HELP, short_help=c
 # options of earlier versions, which went by private words
 COMPLETE = "_INSNAV_COMPLETE"
 QUIET, VERBOSE = {"-q", "--quiet"}, {"-v", "--verbose"}
-RENAMED = {"--twins": "--replicas", "--raw": "--uncalibrated"}
+RENAMED = {"--twins": "--replicas", "--raw": "--uncalibrated", "--workers": "--engine"}
 
 
 def _version(value: bool) -> None:
@@ -111,7 +111,8 @@ def main() -> None:
     words = list(itertools.takewhile(lambda text: text != "--", sys.argv[1:]))  # these may stand anywhere before it
     debug = "--debug" in words
     console.level = -1 if QUIET & set(words) else 1 if VERBOSE & set(words) else 0
-    arguments = [RENAMED.get(text, text) for text in words if text not in {"--debug", *QUIET, *VERBOSE}]
+    renamed = {} if "allan" in words else RENAMED  # whose workers are threads
+    arguments = [renamed.get(text, text) for text in words if text not in {"--debug", *QUIET, *VERBOSE}]
     arguments += sys.argv[1 + len(words) :]
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

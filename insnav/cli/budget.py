@@ -91,7 +91,7 @@ def budget(
     replicas: Annotated[
         int, typer.Option(metavar="N", min=0, help="Simulated replicas of the drive.", rich_help_panel=WINDOWS)
     ] = 20,
-    workers: Annotated[int, typer.Option(metavar="N", help="Processes.", rich_help_panel=WINDOWS)] = 2,
+    engine: opt.Engine = "processes",
     deflection: Annotated[
         float,
         typer.Option(
@@ -177,7 +177,6 @@ def budget(
     for value, name in ((first, "--first"), (spacing, "--spacing"), (begin, "--begin")):
         if value is not None:
             parse.finite(value, name, largest=1e6)
-    parse.at_least_one(workers, "--workers", "processes")
     wanted = parse.positive_numbers(times, "--times")
     hold = None if height is None else height is Vertical.held
     slope = parse.not_negative(deflection, "--deflection", largest=3600.0) * UNITS["arcsec"][1]
@@ -195,7 +194,7 @@ def budget(
                 start=start.value,
                 uncalibrated=uncalibrated,
                 replicas=replicas,
-                workers=workers,
+                workers=engine,
             )
             outcome = data.load(stage).budget(settings, windows=windows, progress=progress)
         else:

@@ -33,7 +33,7 @@ _FILE_HELP = {
     "gps": "GPS fixes. [those in the IMU file]",
     "ref": "Reference trajectory, of position and as much else as it has.",
 }
-_UNRECORDED = ("out", "force", "as_json", "workers")  # these do not change what is found
+_UNRECORDED = ("out", "force", "as_json", "engine")  # these do not change what is found
 _NOTHING_NEW = re.compile(r"(time|positions) in \w+|.*: as stated")
 _FIRST_WORD = re.compile(r"^[a-z_-]+(?=[:,]|$)")
 _READER_OPTION = re.compile(r"imu-[a-z]+")

@@ -35,6 +35,24 @@ class AidingWhen(StrEnum):
     off = "off"
 
 
+def _engine(text: str) -> str:
+    from insnav.engine import engine_of
+
+    engine_of(text)
+    return text
+
+
+Engine = Annotated[
+    str,
+    typer.Option(
+        "--engine",
+        metavar="WHERE",
+        callback=_engine,
+        help="Where to compute: processes (one a processor), processes:N, dask (local workers), dask:ADDRESS of a "
+        "scheduler.",
+        rich_help_panel=RESULT,
+    ),
+]
 Out = Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=RESULT)]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing result of insnav.", rich_help_panel=RESULT)]
 Json = Annotated[bool, typer.Option("--json", help="Print run.json instead of a summary.", rich_help_panel=RESULT)]

@@ -43,7 +43,7 @@ def outage(
         float | None,
         typer.Option(metavar="S", help="From one window to the next, s. [so that 60 fit]", rich_help_panel=opt.START),
     ] = None,
-    workers: Annotated[int, typer.Option(metavar="N", help="Processes.", rich_help_panel=opt.RESULT)] = 2,
+    engine: opt.Engine = "processes",
     out: opt.Out = Path("outage"),
     force: opt.Force = False,
     as_json: opt.Json = False,
@@ -57,14 +57,13 @@ def outage(
     for value, option in ((first, "--first"), (spacing, "--spacing")):
         if value is not None:
             parse.finite(value, option, largest=1e5)
-    parse.at_least_one(workers, "--workers", "processes")
     with RunFolder(out, force=force) as folder, Stages() as stage:
         outcome = data.load(stage).outage(
             lengths=wanted,
             first=first,
             spacing=spacing,
             aiding=aiding.value,
-            workers=workers,
+            workers=engine,
             progress=lambda fraction: stage("navigating", fraction),
         )
         stage("writing")

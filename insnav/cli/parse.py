@@ -110,7 +110,9 @@ def named_numbers(text: str | None, option: str, example: str) -> dict[str, floa
 
 def configuration(options: dict[str, Any]) -> dict[str, Any]:
     """Options as the user gave them, for run.json; those that do not change its content are left out."""
-    kept = {name: value for name, value in options.items() if name not in ("out", "force", "as_json", "workers")}
+    kept = {
+        name: value for name, value in options.items() if name not in ("out", "force", "as_json", "workers", "engine")
+    }
     return {name: str(value) if isinstance(value, Path | StrEnum) else value for name, value in kept.items()}
 
 

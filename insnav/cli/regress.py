@@ -50,9 +50,7 @@ def regress(
         ),
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Only some cases.", rich_help_panel=opt.START)] = False,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Processes. [one a processor]", rich_help_panel=opt.START)
-    ] = None,
+    engine: opt.Engine = "processes",
     power: Annotated[
         bool,
         typer.Option(
@@ -113,17 +111,14 @@ def regress(
         return
     with Stages() as stage:
         stage("navigating")
-        import joblib
-
         from insnav.regression.run_corpus import run_corpus
 
         recorded = data or project.parent / "shared" / "data"
-        processes = workers or joblib.cpu_count()
         found = run_corpus(
             drives,
             recorded,
             quick=quick,
-            workers=processes,
+            workers=engine,
             progress=lambda fraction: stage("navigating", fraction),
         )
         stage("comparing")
@@ -145,7 +140,7 @@ def regress(
             stage("peers")
             from insnav.regression.peers.run_peers import run_peers
 
-            rows = run_peers(drives, recorded, workers=processes, progress=lambda fraction: stage("peers", fraction))
+            rows = run_peers(drives, recorded, workers=engine, progress=lambda fraction: stage("peers", fraction))
         if published:
             stage("published")
             from insnav.regression.published.replicas import (

@@ -40,7 +40,7 @@ A fault is VERB[:SIZE][@TIME[+LENGTH]], times since the first sample: gps-spike,
 gps-flap, gps-latency, gps-sd, gps-duplicate, gps-shuffle; imu-gap, imu-nan, imu-clip, imu-stuck, imu-spike, imu-units,
 imu-axes, imu-reverse, imu-duplicate.
 
-The same options give the same bytes, for any number of workers. A stopped series of runs goes on with --resume.
+The same options give the same bytes, for any engine. A stopped series of runs goes on with --resume.
 """
 MOTION, RUNS = "Motion", "Many runs"
 
@@ -119,9 +119,7 @@ def simulate(
         int | None,
         typer.Option(metavar="N", min=1, help="Write the files of run N of --runs.", rich_help_panel=RUNS),
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="Processes. [one a processor]", rich_help_panel=RUNS)
-    ] = None,
+    engine: opt.Engine = "processes",
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with a series that was stopped.", rich_help_panel=RUNS)
     ] = False,
@@ -176,7 +174,7 @@ def simulate(
             quiet_figures()
             where, page = write_recording(folder, plan, made)
         else:
-            where, page = _many(folder, plan, runs, workers or _processors(), resume, stage)
+            where, page = _many(folder, plan, runs, engine, resume, stage)
     if as_json:
         result_facts(where)
         return
@@ -221,13 +219,7 @@ def _temperatures(text: str) -> tuple[float, float]:
     return values[0], values[-1]
 
 
-def _processors() -> int:
-    import joblib
-
-    return int(joblib.cpu_count())
-
-
-def _many(folder: RunFolder, plan: Plan, runs: int, workers: int, resume: bool, stage: Stages) -> tuple[Path, Page]:
+def _many(folder: RunFolder, plan: Plan, runs: int, engine: str, resume: bool, stage: Stages) -> tuple[Path, Page]:
     from insnav.cli.signals import Stopped
     from insnav.errors.ensemble import navigated_recording
     from insnav.report.simulation.ensemble import write_runs
@@ -251,7 +243,7 @@ def _many(folder: RunFolder, plan: Plan, runs: int, workers: int, resume: bool, 
             task,
             runs,
             plan.seed,
-            workers=workers,
+            workers=engine,
             progress=lambda fraction: stage("navigating", fraction),
             checkpoint=checkpoint,
         )

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from insnav.exceptions import ConfigError, InsnavError
+from insnav.engine import Workers, every
+from insnav.exceptions import InsnavError
 from insnav.regression.cases import Source, source_of
 from insnav.regression.corpus import Corpus, RecordedCase, SimulatedCase
 from insnav.regression.evaluate import Measured, joined, measure
-from insnav.simulate.montecarlo import IDLE, run_seed, serve
+from insnav.simulate.montecarlo import run_seed
 
 AnyCase = SimulatedCase | RecordedCase
 SERIES = 8  # seed of all seeds
@@ -64,7 +64,7 @@ def run_corpus(
     data: Path,
     *,
     quick: bool = False,
-    workers: int = 1,
+    workers: Workers = 1,
     series: int = SERIES,
     progress: Callable[[float], None] | None = None,
 ) -> Result:
@@ -72,8 +72,6 @@ def run_corpus(
 
     Raises: ConfigError: no worker, or a profile or model that a case names is wrong.
     """
-    if workers < 1:
-        raise ConfigError(f"{workers} processes cannot work", where="--workers", fix="give 1 or more")
     skipped: dict[str, str] = {}
     jobs: list[tuple[AnyCase, int]] = []
     for case in corpus.cases:
@@ -85,7 +83,8 @@ def run_corpus(
             skipped[case.name] = "not part of a quick run"
         jobs += [(case, number) for number in range(1, count + 1)]
     outcomes: dict[str, list[_Outcome]] = {}
-    for done, ((case, _), outcome) in enumerate(zip(jobs, _work(jobs, data, series, workers), strict=True), start=1):
+    made = every(_attempt, jobs, workers, (data, series))
+    for done, ((case, _), outcome) in enumerate(zip(jobs, made, strict=True), start=1):
         outcomes.setdefault(case.name, []).append(outcome)
         if progress is not None:
             progress(done / len(jobs))
@@ -103,25 +102,11 @@ def _case(case: AnyCase, outcomes: list[_Outcome]) -> CaseResult:
     return CaseResult(outcomes[0].digest, pieces, measured, failures, outcomes[0].files)
 
 
-def _work(jobs: list[tuple[AnyCase, int]], data: Path, series: int, workers: int) -> Iterator[_Outcome]:
-    """Outcome of each job, in order."""
-    if workers == 1 or len(jobs) < 2:
-        for case, number in jobs:
-            yield _attempt(case, number, data, series)
-        return
-    from joblib import Parallel, delayed, parallel_config
-
-    with parallel_config(backend="loky", inner_max_num_threads=1):
-        pool = Parallel(
-            n_jobs=workers, return_as="generator", idle_worker_timeout=IDLE, initializer=serve, initargs=(os.getpid(),)
-        )
-        yield from pool(delayed(_attempt)(case, number, data, series) for case, number in jobs)
-
-
 _made: dict[str, Source] = {}  # of the case this process is at
 
 
-def _attempt(case: AnyCase, number: int, data: Path, series: int) -> _Outcome:
+def _attempt(data: Path, series: int, job: tuple[AnyCase, int]) -> _Outcome:
+    case, number = job
     key = f"{case.folder} {case.name} {case!r}"
     if key not in _made:
         _made.clear()

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
 import numpy as np
 
 from insnav.alignment import find_stationary
+from insnav.engine import Workers
 from insnav.errors.evaluated_run import EvaluatedRun, evaluate_run, fixed_epochs
 from insnav.errors.metrics import at_point
 from insnav.errors.outage.gnss_outage import LENGTHS, outages
@@ -292,7 +293,7 @@ class Drive:
         first: float | None = None,
         spacing: float | None = None,
         aiding: AidingChoice = "auto",
-        workers: int = 2,
+        workers: Workers = 2,
         progress: Callable[[float], None] | None = None,
     ) -> Result[OutageStudy]:
         """Simulate GNSS outages all over the drive.
@@ -307,8 +308,8 @@ class Drive:
             From one to the next [s]; by default so that about sixty fit.
         aiding : {"auto", "on", "off"}
             Use other aiding in the windows: auto and on do, off does not.
-        workers : int
-            Processes.
+        workers : int or str
+            Processes, or an engine: ``processes:4``, ``dask:ADDRESS``.
         progress : callable, optional
             Called with the fraction done.
 

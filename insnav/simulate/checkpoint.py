@@ -6,24 +6,42 @@ import contextlib
 import json
 import os
 import zipfile
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from insnav.exceptions import ConfigError, OutputError
 from insnav.types import FloatArray, IntArray
 
+_ARRAYS = ("number", "seed", "figures", "total")
+
 
 @dataclass(frozen=True, slots=True)
-class Progress:
-    """What is known of a series after its first `done` runs."""
+class Failure:
+    """A run that ended in an error: its number, its seed, and why."""
 
-    done: int  # runs that have ended, well or not
-    number: IntArray  # (n,) numbers of those that ended well
-    figures: FloatArray  # (n, k) what each of them came to
+    number: int
+    seed: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Runs:
+    """What a series of runs came to, so far."""
+
+    # (n,) number, from 1, and seed of the runs that ended well
+    number: IntArray
+    seed: IntArray
+    figures: FloatArray  # (n, k) their figures
     total: FloatArray  # sum of their series
-    failures: tuple[tuple[int, str], ...]  # number and reason of the others
+    failures: tuple[Failure, ...]  # the others
+
+    @property
+    def done(self) -> int:
+        """Runs that have ended, well or not."""
+        return len(self.number) + len(self.failures)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +51,7 @@ class Checkpoint:
     path: Path
     key: str
 
-    def save(self, progress: Progress) -> None:
+    def save(self, runs: Runs) -> None:
         """Replace the file in one step: whatever stops the program, it is as it was or complete."""
         aside = self.path.with_name(f"{self.path.name}.new")
         try:
@@ -41,11 +59,8 @@ class Checkpoint:
                 np.savez(
                     file,
                     key=np.array(self.key),
-                    done=np.array(progress.done),
-                    number=progress.number,
-                    figures=progress.figures,
-                    total=progress.total,
-                    failures=np.array(json.dumps(progress.failures)),
+                    failures=np.array(json.dumps([astuple(each) for each in runs.failures])),
+                    **{name: getattr(runs, name) for name in _ARRAYS},
                 )
                 file.flush()
                 os.fsync(file.fileno())
@@ -58,20 +73,15 @@ class Checkpoint:
                 fix="make room or choose another folder with --out",
             ) from error
 
-    def load(self) -> Progress | None:
+    def load(self) -> Runs | None:
         """Read the file; None if there is none. A file of other runs, or of another program, is refused."""
         try:
             # opened here: numpy leaves a file open that turns out to be none of its own
             with self.path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
                 held = {name: file[name] for name in file.files}
             key, failures = str(held["key"]), json.loads(str(held["failures"]))
-            found = Progress(
-                int(held["done"]),
-                held["number"],
-                held["figures"],
-                held["total"],
-                tuple((int(number), str(reason)) for number, reason in failures),
-            )
+            arrays: Any = {name: held[name] for name in _ARRAYS}
+            found = Runs(**arrays, failures=tuple(Failure(*each) for each in failures))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:

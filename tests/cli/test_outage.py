@@ -14,7 +14,7 @@ QUICK = ("outage", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", "--leng
 
 
 def test_folder_and_table(drive: Path, cli: Cli):
-    shown = cli(*QUICK, "--workers", "1", "--aiding", "off")
+    shown = cli(*QUICK, "--engine", "1", "--aiding", "off")
     assert shown.code == 0, shown.err
     verify_folder(Path("outage"))
     facts = read_facts(Path("outage"))
@@ -26,7 +26,7 @@ def test_folder_and_table(drive: Path, cli: Cli):
 
 
 def test_json_is_that_of_the_folder(drive: Path, cli: Cli):
-    shown = cli(*QUICK, "--json", "--workers", "1")
+    shown = cli(*QUICK, "--json", "--engine", "1")
     assert json.loads(shown.out) == read_facts(Path("outage"))
 
 
@@ -37,7 +37,7 @@ def test_json_is_that_of_the_folder(drive: Path, cli: Cli):
         (("--lengths", "0"), 2, "above zero"),
         (("--lengths", "4000"), 3, "too short for windows"),
         (("--spacing", "-3"), 2, "above zero"),
-        (("--workers", "0"), 2, "--workers"),
+        (("--engine", "0"), 2, "--engine"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(drive: Path, cli: Cli, options: tuple[str, ...], code: int, words: str):

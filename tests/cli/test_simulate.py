@@ -123,7 +123,7 @@ def test_where_nothing_tells_the_heading_the_printed_command_does(here: Path, cl
 
 def test_errors_are_of_the_size_that_the_filter_states(here: Path, cli: Cli):
     models = ("--imu", "automotive", "--gps", "white.toml")
-    shown = cli("simulate", MOTION, *models, "--runs", 16, "--rate", 50, "--workers", 1)
+    shown = cli("simulate", MOTION, *models, "--runs", 16, "--rate", 50, "--engine", 1)
     assert shown.code == 0, shown.err
     found = read_facts(here / "sim")["ensemble"]
     print(found["nees_per_axis"], found["nees_inside_band"])
@@ -290,7 +290,7 @@ def test_what_cannot_be_is_refused(here: Path, cli: Cli, options: tuple[str, ...
 
 def test_many_runs_give_the_same_bytes_for_any_number_of_workers(here: Path, cli: Cli):
     for workers in (1, 2):
-        shown = cli("simulate", *QUICK, "--runs", 5, "--workers", workers, "--out", f"by{workers}")
+        shown = cli("simulate", *QUICK, "--runs", 5, "--engine", workers, "--out", f"by{workers}")
         assert shown.code == 0, shown.err
     assert digests(here / "by1") == digests(here / "by2")
     assert not list(here.glob(".*"))
@@ -304,7 +304,7 @@ def test_many_runs_give_the_same_bytes_for_any_number_of_workers(here: Path, cli
 
 
 def test_one_run_of_many_can_be_had_alone(here: Path, cli: Cli):
-    assert cli("simulate", *QUICK, "--runs", 3, "--workers", 1, "--out", "all").code == 0
+    assert cli("simulate", *QUICK, "--runs", 3, "--engine", 1, "--out", "all").code == 0
     assert cli("simulate", *QUICK, "--run", 3).code == 0
     table = rows(here / "all" / "runs.csv")
     assert read_facts(here / "sim")["seed"] == int(table[2]["seed"])
@@ -319,7 +319,7 @@ def test_one_run_of_many_can_be_had_alone(here: Path, cli: Cli):
 @posix
 @pytest.mark.parametrize(("number", "workers"), [(signal.SIGINT, "1"), (signal.SIGTERM, "2")])
 def test_a_stopped_series_is_kept_for_the_same_command(here: Path, cli: Cli, number: signal.Signals, workers: str):
-    more = (*QUICK, "--runs", "4000", "--workers", workers)
+    more = (*QUICK, "--runs", "4000", "--engine", workers)
     process = subprocess.Popen([*COMMAND, *more], stderr=subprocess.PIPE, text=True, env=environment())
     give_up = time.monotonic() + 120.0
     while not list(here.glob(".sim.unfinished")):
@@ -338,7 +338,7 @@ def test_a_stopped_series_is_kept_for_the_same_command(here: Path, cli: Cli, num
 
 
 def test_a_series_that_ended_early_is_gone_on_with(here: Path, cli: Cli, monkeypatch: pytest.MonkeyPatch):
-    options = ("simulate", *QUICK, "--runs", 5, "--workers", 1)
+    options = ("simulate", *QUICK, "--runs", 5, "--engine", 1)
     assert cli(*options, "--out", "whole").code == 0
     from insnav.errors import ensemble
 
@@ -367,7 +367,7 @@ def test_a_series_stopped_while_it_is_written_is_kept_too(here: Path, cli: Cli, 
     def stopped(*_: object) -> None:
         raise Stopped(signal.SIGINT)
 
-    options = ("simulate", *QUICK, "--runs", 2, "--workers", 1)
+    options = ("simulate", *QUICK, "--runs", 2, "--engine", 1)
     with monkeypatch.context() as patch:
         patch.setattr(ensemble, "write_runs", stopped)
         shown = cli(*options)
@@ -388,7 +388,7 @@ def test_a_run_that_fails_is_named(here: Path, cli: Cli, monkeypatch: pytest.Mon
         return whole(*arguments)
 
     monkeypatch.setattr(ensemble, "reduced", failing)
-    shown = cli("simulate", *QUICK, "--runs", 3, "--workers", 1)
+    shown = cli("simulate", *QUICK, "--runs", 3, "--engine", 1)
     assert shown.code == 0, shown.err
     assert "run 2 (seed " in shown.out
     assert "made to fail" in shown.out

@@ -96,7 +96,7 @@ def test_the_command_names_what_is_worse_and_ends_with_1(
     shutil.copytree(corpus_file.parent, folder)
     head, _, sculling, *_, recorded = corpus_file.read_text().split("[[")
     (folder / "corpus.toml").write_text("[[".join([head, sculling, recorded]))
-    options = ("regress", "--corpus", folder / "corpus.toml", "--workers", 1)
+    options = ("regress", "--corpus", folder / "corpus.toml", "--engine", 1)
     first = cli(*options, "--update-baseline", "--plot")
     assert first.code == 0, first.err
     assert "no baseline" in first.out

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
+from insnav.engine import Workers
 from insnav.errors.diagnosis.causes import Diagnosis, diagnose
 from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit, fit_sensors
 from insnav.errors.diagnosis.error_regression import Regression, regression
@@ -38,7 +39,7 @@ class WindowSettings:
     uncalibrated: bool = False  # also windows with the turn-on errors of the sensors in full
     replicas: int = 0  # how many simulated replicas; none with zero
     seed: int = 0  # of the replicas
-    workers: int = 1  # processes
+    workers: Workers = 1  # processes or engine of the replicas
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from scipy.stats import t as student
 
 from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import lla_offset
+from insnav.engine import Workers
 from insnav.errors.outage.free_inertial import Windows, free_windows
 from insnav.errors.outage.statistics import growth
 from insnav.errors.outage.window_reference import WindowReference
@@ -150,7 +151,7 @@ def replicas(
     count: int,
     *,
     seed: int = 0,
-    workers: int = 1,
+    workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Replicas, ...]:
     """Simulate replicas and find where the recorded windows of each kind lie among them.

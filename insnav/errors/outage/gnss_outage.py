@@ -6,12 +6,13 @@ aiding goes on. The fixes after it are given back for a while, so that the smoot
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from insnav.attitude import rph_from_quat, wrap_pi
+from insnav.engine import Workers, every
 from insnav.errors.outage.window_start import navigated_drive
 from insnav.errors.outage.windows import comparison_only, part_of, valid, window_starts
 from insnav.exceptions import ConfigError
@@ -54,7 +55,7 @@ def outages(
     first: float | None = None,
     spacing: float | None = None,
     reference: GpsData | Callable[[FloatArray], GpsData] | None = None,
-    workers: int = 1,
+    workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> list[Outage]:
     """Simulate GNSS outages all over a drive.
@@ -88,16 +89,9 @@ def outages(
         for state in drive.states
         if state.time + length <= min(end, ready.unbroken_until(state.time)) + 1e-6
     ]
-    results: Iterable[Outage | None]
-    if workers == 1:
-        results = (_window(ready, reference, course, *task) for task in tasks)
-    else:
-        from joblib import Parallel, delayed
-
-        results = Parallel(n_jobs=workers, return_as="generator")(
-            delayed(_window)(part_of(ready, state, length + RECOVERY), reference, course, state, length)
-            for state, length in tasks
-        )
+    # what a window needs of the drive, for its process
+    jobs = [(part_of(ready, state, length + RECOVERY), state, length) for state, length in tasks]
+    results = every(_window, jobs, workers, (reference, course))
     found = []
     for number, window in enumerate(results, start=1):
         if window is not None and window.elapsed.size:
@@ -107,10 +101,9 @@ def outages(
     return found
 
 
-def _window(
-    ready: Prepared, reference: GpsData | None, course: FloatArray, state: FilterState, length: float
-) -> Outage | None:
-    """Navigate one window and what follows it."""
+def _window(reference: GpsData | None, course: FloatArray, job: tuple[Prepared, FilterState, float]) -> Outage | None:
+    """Navigate one window and what follows it, on its part of the drive."""
+    ready, state, length = job
     delay = ready.settings.delay
     start, stop = state.time + delay, state.time + delay + length
     gps = _fixes(ready.gps, reference, start, stop, stop + RECOVERY)
@@ -119,9 +112,8 @@ def _window(
         return None
     # no longer output than needed: only the epochs count
     settings = replace(ready.settings, output_interval=1.0, smooth=True)
-    part = part_of(ready, state, length + RECOVERY)
     navigator = Navigator(state, ready.model, gps, ready.alignment, ready.nominal, settings)
-    feed(navigator, part.imu)
+    feed(navigator, ready.imu)
     found = navigator.smoothed_errors()
     at = np.searchsorted(found.time, gps.time[inside] - delay - 1e-6)
     at = at[at < found.time.shape[0]]

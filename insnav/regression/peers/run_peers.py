@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from insnav.engine import Workers, every
 from insnav.exceptions import AlignmentError, InsnavError
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import Prepared, prepare
@@ -48,26 +49,24 @@ def installed() -> dict[str, Callable[[Task], PeerRun]]:
 
 
 def run_peers(
-    corpus: Corpus, data: Path, *, workers: int = 1, progress: Callable[[float], None] | None = None
+    corpus: Corpus, data: Path, *, workers: Workers = 1, progress: Callable[[float], None] | None = None
 ) -> list[PeerRow]:
     """Give the first drive of every case, its first part, to insnav and to every peer.
 
     `data`: folder of recorded data; cases without theirs are left out.
     """
-    from joblib import Parallel, delayed
-
     cases = [case for case in corpus.cases if not isinstance(case, RecordedCase) or (data / case.data).is_dir()]
     rows: list[PeerRow] = []
-    pool = Parallel(n_jobs=workers, return_as="generator")
-    for done, part in enumerate(pool(delayed(_compared)(case, data) for case in cases), start=1):
+    for done, part in enumerate(every(_compared, [(case, data) for case in cases], workers), start=1):
         rows += part
         if progress is not None:
             progress(done / len(cases))
     return rows
 
 
-def _compared(case: AnyCase, data: Path) -> list[PeerRow]:
-    """Every program on one case."""
+def _compared(of: tuple[AnyCase, Path]) -> list[PeerRow]:
+    """Every program on one case, with the folder of recorded data."""
+    case, data = of
     whole = source_of(case, data).material(run_seed(SERIES, 1))
     rows = []
     try:

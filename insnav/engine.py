@@ -1,0 +1,310 @@
+"""One task for many jobs, on processes of this machine or on a Dask cluster: the same results in the same order.
+
+joblib hands the jobs out; what is here says where to, and what becomes of a job that fails or whose process dies.
+Workers are processes: much of a run is Python, and the compiled kernels keep the interpreter's lock.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import pickle
+import re
+import signal
+import sys
+import threading
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any, TypeVar
+
+from insnav.exceptions import ConfigError, DivergenceError, InputError, InsnavError, OutputError
+
+J = TypeVar("J")
+T = TypeVar("T")
+Workers = int | str  # a number of processes, or an engine: ``processes:4``, ``dask:tcp://10.0.0.1:8786``
+
+IDLE = 10.0  # workers without work end after this [s]
+CONNECT = 10.0  # a scheduler and its workers answer within this [s]
+_FORM = re.compile(r"processes(?::(?P<count>\d+))?|dask(?::(?P<address>.+))?|(?P<number>\d+)")
+_log = logging.getLogger(__name__)
+_KINDS = {each.exit_code: each for each in (DivergenceError, ConfigError, InputError, OutputError)}
+_one_at_a_time = threading.RLock()  # threads of a Dask worker share what is kept from job to job
+
+
+@dataclass(frozen=True, slots=True)
+class Engine:
+    """Where jobs are worked at."""
+
+    processes: int = 1  # of this machine; with one, everything happens in this process
+    dask: str | None = None  # address of a Dask scheduler; empty: a cluster of local workers; None: no Dask
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """A job that ended in an error."""
+
+    # as of `InsnavError`
+    what: str
+    where: str = ""
+    why: str = ""
+    fix: str = ""
+    exit_code: int = 70
+
+    @property
+    def reason(self) -> str:
+        """What and why, in one line."""
+        return "; ".join(text for text in (self.what, self.why) if text)
+
+    def error(self) -> InsnavError:
+        """The error again, to be raised."""
+        kind = _KINDS.get(self.exit_code, InsnavError)
+        return kind(self.what, where=self.where, why=self.why, fix=self.fix)
+
+
+def engine_of(workers: Workers) -> Engine:
+    """Engine of a number of processes or a text: ``processes[:N]``, ``dask[:ADDRESS]``.
+
+    Raises: ConfigError: none of these, or no process.
+    """
+    form = _FORM.fullmatch(str(workers).strip())
+    if form is None:
+        raise ConfigError(
+            f"{workers!r} is not an engine", where="--engine", fix="write processes, processes:4, dask or dask:ADDRESS"
+        )
+    if "dask" in form[0]:
+        _need_dask()
+        return Engine(_processors(), form["address"] or "")
+    count = form["count"] or form["number"]
+    if count is not None and int(count) < 1:
+        raise ConfigError(f"{int(count)} processes cannot work", where="--engine", fix="give 1 or more")
+    return Engine(_processors() if count is None else int(count))
+
+
+def each(
+    function: Callable[..., T], jobs: Sequence[J], workers: Workers = 1, shared: tuple[Any, ...] = ()
+) -> Generator[T | Failed]:
+    """Outcome of ``function(*shared, job)`` for every job, in their order, whoever works at them.
+
+    `function`: of a module, as it must be found there by the workers; `shared`: sent to each of them once.
+    Yields: what the function returned; `Failed` if it raised, or its process died twice. Jobs that were under way in a
+    process that died, by lack of memory for one, are repeated one at a time: the one that dies again is to blame.
+    """
+    engine = engine_of(workers)
+    if engine.dask is None and (engine.processes == 1 or len(jobs) < 2):
+        for job in jobs:
+            yield _attempt(function, *shared, job)
+        return
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    died: tuple[type[BaseException], ...] = (TerminatedWorkerError,)
+    if engine.dask is not None:
+        from distributed.scheduler import KilledWorker
+
+        died = (*died, KilledWorker)
+    with _pool(engine, len(jobs), shared) as pool:
+        following = alone_until = 0
+        while following < len(jobs):
+            alone = following < alone_until
+            handed = _Handed(range(following, following + 1 if alone else len(jobs)))
+            try:
+                with closing(pool(_attempt, function, *shared, jobs=(jobs[i] for i in handed))) as outcomes:
+                    for outcome in outcomes:
+                        following += 1
+                        yield outcome
+            except died as error:
+                if alone:
+                    following += 1
+                    yield Failed("its process died", why=str(error).split(". ")[0], fix="see whether memory suffices")
+                else:
+                    alone_until = handed.last + 1
+                    _log.warning("insnav: a process died; jobs %d to %d are repeated", following + 1, alone_until)
+
+
+def every(
+    function: Callable[..., T], jobs: Sequence[J], workers: Workers = 1, shared: tuple[Any, ...] = ()
+) -> Generator[T]:
+    """Result of every job as `each` has them; the first that fails is raised."""
+    with closing(each(function, jobs, workers, shared)) as outcomes:
+        for outcome in outcomes:
+            if isinstance(outcome, Failed):
+                raise outcome.error()
+            yield outcome
+
+
+class _Handed:
+    """Numbers of the jobs handed out so far."""
+
+    def __init__(self, numbers: range) -> None:
+        self._numbers = numbers
+        self.last = numbers.start
+
+    def __iter__(self) -> Iterator[int]:
+        for number in self._numbers:
+            self.last = number
+            yield number
+
+
+def _attempt(function: Callable[..., T], *arguments: Any) -> T | Failed:
+    try:
+        with _one_at_a_time:
+            return function(*arguments)
+    except InsnavError as error:
+        return Failed(error.what, error.where, error.why, error.fix, error.exit_code)
+    except Exception as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        return Failed(f"{type(error).__name__}: {error}", why=f"{Path(last.filename).name}:{last.lineno}")
+
+
+Pool = Callable[..., Generator[Any]]
+
+
+@contextmanager
+def _pool(engine: Engine, jobs: int, shared: tuple[Any, ...]) -> Iterator[Pool]:
+    """What works at jobs: called with a function, its first arguments and the jobs, yields results in order."""
+    from joblib import Parallel, delayed, parallel_config
+
+    def work(config: dict[str, Any], how: dict[str, Any], *call: Any, jobs: Iterator[Any]) -> Generator[Any]:
+        function, *first = call
+        with parallel_config(**config):
+            results = Parallel(return_as="generator", **how)(delayed(function)(*first, job) for job in jobs)
+            try:
+                for result in results:  # noqa: UP028 - `yield from` would close it, with its warning, before us
+                    yield result
+            finally:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # that some results will not be used: so it was meant
+                    results.close()
+
+    if engine.dask is None:
+        config = {"backend": "loky", "inner_max_num_threads": 1, "n_jobs": min(engine.processes, jobs)}
+        how = {"idle_worker_timeout": IDLE, "initializer": _serve, "initargs": (os.getpid(),)}
+        yield partial(work, config, how)
+        return
+    with _client(engine, jobs) as client:
+        yield partial(work, {"backend": _dask_backend(client, shared)}, {})
+
+
+def _serve(parent: int) -> None:
+    """Set up a worker: Ctrl-C is for the first process to decide about, and nobody works on when that is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def dask_setup(worker: object) -> None:
+    """Set up a local Dask worker, whose name for this function is not ours."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
+
+
+def _processors() -> int:
+    import joblib
+
+    return int(joblib.cpu_count())
+
+
+def _need_dask() -> None:
+    try:
+        import distributed  # noqa: F401
+    except ImportError as error:
+        raise ConfigError(
+            "the engine dask needs packages that are not installed",
+            where="--engine",
+            why=str(error),
+            fix="pip install 'insnav[cluster]'",
+        ) from error
+
+
+@contextmanager
+def _client(engine: Engine, jobs: int) -> Iterator[Any]:
+    """Client of the scheduler at an address, whose workers have this version of insnav; or of local workers."""
+    dask: Any = import_module("dask")
+    distributed: Any = import_module("distributed")
+    if not engine.dask:
+        how: dict[str, Any] = {"threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.CRITICAL}
+        how["preload"] = __name__  # `dask_setup` here
+        with (
+            dask.config.set({"distributed.scheduler.allowed-failures": 0}),  # the job is repeated from here
+            distributed.LocalCluster(n_workers=min(engine.processes, jobs), **how) as cluster,
+            distributed.Client(cluster) as client,
+            _undisturbed(),
+        ):
+            yield client
+        return
+    try:
+        client = distributed.Client(engine.dask, timeout=CONNECT)
+        client.wait_for_workers(1, timeout=CONNECT)
+        versions: dict[str, str] = client.run(_version)
+    except (OSError, TimeoutError, ValueError, ImportError) as error:
+        raise ConfigError(
+            "there is no Dask cluster at this address, or it has no workers",
+            where=f"--engine dask:{engine.dask}",
+            why=str(error),
+            fix="start dask scheduler and dask worker there, with insnav installed",
+        ) from error
+    with client, _undisturbed():
+        others = {worker: version for worker, version in versions.items() if version != _version()}
+        if others:
+            worker, version = next(iter(others.items()))
+            raise ConfigError(
+                "a worker has another version of insnav",
+                where=worker,
+                why=f"{version} there, {_version()} here: results would not be the same",
+                fix="install the same version on all machines",
+            )
+        yield client
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Once somebody asks to stop, let what is open be closed without being asked again."""
+    try:
+        yield
+    except BaseException as error:
+        if not isinstance(error, Exception | GeneratorExit) and threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, signal.SIG_IGN)
+        raise
+
+
+def _version() -> str:
+    return str(sys.modules["insnav"].__version__)
+
+
+def _dask_backend(client: Any, shared: tuple[Any, ...]) -> Any:
+    """Backend of joblib for a client, with what the jobs share as results that the cluster can make again."""
+    from joblib._dask import DaskDistributedBackend  # what its documentation names ``backend="dask"``
+
+    class Backend(DaskDistributedBackend):  # type: ignore[misc]
+        """As it is, but it says when a worker died, for which joblib would wait for ever, and never works here."""
+
+        def effective_n_jobs(self, n_jobs: int) -> int:
+            return max(2, int(super().effective_n_jobs(n_jobs)))  # with one joblib takes this process
+
+        def submit(self, func: Any, callback: Any = None) -> Any:
+            future = super().submit(func, callback)
+            future.add_done_callback(lambda done: done.exception() is None or callback(done.exception()))
+            return future
+
+        def retrieve_result_callback(self, out: Any) -> Any:
+            if isinstance(out, BaseException):
+                raise out
+            return super().retrieve_result_callback(out)
+
+    backend = Backend(client=client)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that it is large: it is sent once, and computed again where it is lost
+        made = [client.submit(pickle.loads, pickle.dumps(each), pure=False) for each in shared]
+    backend.data_futures = {id(each): future for each, future in zip(shared, made, strict=True)}
+    return backend

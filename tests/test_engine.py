@@ -1,0 +1,114 @@
+"""One engine for many jobs: the same bytes wherever they are worked at, and a worker that dies loses none of them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insnav import engine
+from insnav.engine import Engine, Failed, each, engine_of, every
+from insnav.exceptions import ConfigError, InputError, InsnavError
+from insnav.simulate.montecarlo import monte_carlo
+from tests.simulate.test_montecarlo import SEED, TASK, same
+
+distributed = pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[str]:
+    """Engine of a cluster of two local workers over TCP."""
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as made:
+        assert made.scheduler_address.startswith("tcp://")
+        yield f"dask:{made.scheduler_address}"
+
+
+@pytest.fixture(params=["1", "processes:2", "cluster"])
+def workers(request: pytest.FixtureRequest) -> str:
+    return str(request.getfixturevalue("cluster") if request.param == "cluster" else request.param)
+
+
+def squared(offset: np.ndarray, job: int) -> float:
+    if job == 3:
+        raise InputError("the clocks differ", why="by 18 s", fix="say so", gives={"time_offset": 18.0})
+    if job == 5:
+        raise ValueError("five")
+    return float(offset[job] + job**2)
+
+
+def test_results_come_in_order_and_failures_keep_their_reason(workers: str):
+    found = list(each(squared, range(8), workers, (np.arange(300_000.0),)))
+    assert [found[i] for i in (0, 1, 2, 4, 6, 7)] == [0.0, 2.0, 6.0, 20.0, 42.0, 56.0]
+    assert found[3] == Failed("the clocks differ", why="by 18 s", fix="say so", exit_code=InputError.exit_code)
+    assert found[5].exit_code == InsnavError.exit_code
+    assert found[5].reason.startswith("ValueError: five; test_engine.py:")
+    with pytest.raises(InputError, match="the clocks differ"):
+        list(every(squared, range(8), workers, (np.arange(300_000.0),)))
+
+
+def test_monte_carlo_has_the_same_bytes_on_every_engine(workers: str):
+    assert same(monte_carlo(TASK, 12, SEED, workers=workers), monte_carlo(TASK, 12, SEED))
+
+
+def slow(folder: Path, job: int) -> int:
+    (folder / str(os.getpid())).touch()
+    time.sleep(0.1)
+    return job
+
+
+@pytest.mark.parametrize("workers", ["processes:2", "cluster"])
+def test_jobs_of_a_worker_that_is_killed_are_repeated(
+    workers: str, tmp_path: Path, request: pytest.FixtureRequest, caplog: pytest.LogCaptureFixture
+):
+    chosen = request.getfixturevalue("cluster") if workers == "cluster" else workers
+    found = []
+    for outcome in each(slow, range(16), chosen, (tmp_path,)):
+        found.append(outcome)
+        if len(found) == 4:
+            pids = {int(each.name) for each in tmp_path.iterdir()} - {os.getpid()}
+            os.kill(max(pids), signal.SIGKILL)
+    assert found == list(range(16))
+    assert workers == "cluster" or "a process died; jobs" in caplog.text  # a scheduler has its own log
+
+
+def deadly(job: int) -> int:
+    if job == 2:
+        os._exit(3)
+    return job
+
+
+def test_a_job_that_kills_its_process_again_is_named_and_the_others_are_kept():
+    found = list(each(deadly, range(6), "dask"))  # of processes see test_montecarlo
+    assert [found[i] for i in (0, 1, 3, 4, 5)] == [0, 1, 3, 4, 5]
+    assert found[2].what == "its process died"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [(3, Engine(3)), ("4", Engine(4)), ("processes:2", Engine(2)), ("processes", Engine(7)), ("dask", Engine(7, ""))],
+)
+def test_engines_by_name(text: str | int, expected: Engine, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(engine, "_processors", lambda: 7)
+    assert engine_of(text) == expected
+    assert engine_of("dask:tcp://host:8786").dask == "tcp://host:8786"
+
+
+@pytest.mark.parametrize("text", ["", "threads", "processes:0", "0", "processes:x", "dask:", "-1"])
+def test_what_is_no_engine_is_refused(text: str):
+    with pytest.raises(ConfigError) as error:
+        engine_of(text)
+    assert error.value.where == "--engine"
+
+
+def test_a_cluster_that_is_not_there_or_not_the_same_is_refused(cluster: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(engine, "CONNECT", 0.3)
+    with pytest.raises(ConfigError, match="no Dask cluster"):
+        list(each(slow, range(3), "dask:tcp://127.0.0.1:9"))
+    monkeypatch.setattr("insnav.__version__", "9.9")
+    with pytest.raises(ConfigError, match="another version"):
+        list(each(slow, range(3), cluster))
