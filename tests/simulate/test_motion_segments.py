@@ -200,6 +200,62 @@ def test_a_slide_comes_back_without_turning_round(tmp_path):
     assert m.at.v_n[:, 0].min() == pytest.approx(-1.0, rel=1e-5)
 
 
+LIMITS = 'speed = "0.5 m/s", acceleration = "1 m/s^2", rate = "30 deg/s", ramp = "60 deg/s/s"'
+
+
+def attitude(m: Motion) -> Rotation:
+    return Rotation.from_euler("ZYX", m.at.rph[:, ::-1])
+
+
+def test_axes_in_a_straight_line_start_and_stop_together_within_their_limits(tmp_path):
+    """Four axes: what each has done is the same share at any time, and one of them is at its limit."""
+    lines = [
+        f'linear: x = "0.4 m", y = "-0.3 m", pitch = "50 deg", yaw = "-80 deg", {LIMITS}',
+        'static: duration = "1 s"',
+    ]
+    m = motion(profile(tmp_path, *lines, vehicle="slide"), 0.002)
+    yaw, pitch, roll = attitude(m).as_euler("ZYX").T
+    shares = np.column_stack([m.ned[:, 0] / 0.4, m.ned[:, 1] / -0.3, pitch / np.radians(50), yaw / np.radians(-80)])
+    np.testing.assert_allclose(shares - shares[:, :1], 0.0, atol=2e-7)
+    np.testing.assert_allclose(roll, 0.0, atol=1e-9)
+    np.testing.assert_allclose(shares[-1], 1.0, atol=1e-6)
+    rate = np.abs(np.gradient(yaw, m.time))
+    assert np.degrees(rate.max()) == pytest.approx(30.0, rel=1e-4)
+    assert np.degrees(np.abs(np.gradient(rate, m.time)).max()) == pytest.approx(60.0, rel=5e-3)
+    assert np.abs(m.at.v_n[:, :2]).max() < 0.5
+
+
+def test_a_table_keeps_its_axes_from_move_to_move(tmp_path):
+    """Roll, then pitch: about the axis of the table, not that of the body that has rolled; and any number of turns."""
+    lines = [
+        f'linear: roll = "90 deg", {LIMITS}',
+        f'linear: pitch = "30 deg", {LIMITS}',
+        f'linear: yaw = "800 deg", {LIMITS}',
+    ]
+    m = motion(profile(tmp_path, *lines, vehicle="slide"))
+    np.testing.assert_allclose(attitude(m)[-1].as_euler("ZYX", degrees=True), [80.0, 30.0, 90.0], atol=1e-5)
+
+
+@pytest.mark.parametrize("angle", [360.0, -90.0])
+def test_a_slide_goes_round_a_circle(tmp_path, angle):
+    line = f'circular: axes = ["x", "y"], radius = "0.2 m", angle = "{angle} deg", start = "90 deg", {LIMITS}'
+    m = motion(profile(tmp_path, line, vehicle="slide"), 0.002)
+    np.testing.assert_allclose(np.linalg.norm(m.ned[:, :2] - [0.0, -0.2], axis=1), 0.2, atol=1e-6)
+    end = np.radians(90.0 + angle)
+    np.testing.assert_allclose(m.ned[-1, :2], [0.2 * np.cos(end), 0.2 * np.sin(end) - 0.2], atol=1e-6)
+    whole = np.linalg.norm(np.gradient(m.at.v_n, m.time, axis=0), axis=1)
+    assert 0.9 < whole.max() < 1.005  # along and across together
+    assert np.linalg.norm(m.at.v_n, axis=1).max() < 0.5
+
+
+def test_a_table_goes_round_a_circle_of_two_axes(tmp_path):
+    line = f'circular: axes = ["roll", "pitch"], radius = "20 deg", {LIMITS}'
+    m = motion(profile(tmp_path, line, vehicle="slide"))
+    yaw, pitch, roll = attitude(m).as_euler("ZYX", degrees=True).T
+    np.testing.assert_allclose(np.hypot(roll + 20.0, pitch), 20.0, atol=1e-5)
+    np.testing.assert_allclose(yaw, 0.0, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("axis", "vector"), [('"y"', [0, 1, 0]), ('"-z"', [0, 0, -1]), ("[1, 1, 1]", [0.57735027, 0.57735027, 0.57735027])]
 )

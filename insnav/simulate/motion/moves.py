@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
+from insnav.attitude import quat_conjugate, quat_from_rph, quat_multiply, rotvec_from_quat
 from insnav.simulate.motion.smooth_steps import BUMP_AREA, STEEPEST, Rise, bump, step
 from insnav.types import FloatArray
 
@@ -27,6 +28,8 @@ class State:
 
     speed: float = 0.0  # Forward [m/s]
     heading: float = 0.0  # not wrapped [rad]
+    # of a table on a slide: roll, pitch, yaw, each axis carried by the next [rad]; None where a spin took the body away
+    table: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +149,78 @@ def spin(state: State, axis: FloatArray, angle: float, rate: float, acceleration
     def body(t: FloatArray) -> FloatArray:
         return np.asarray(rise(t)[:, None] * axis)
 
-    return Move(rise.duration, state, state, body=body, frequency=rise.frequency)
+    return Move(rise.duration, state, replace(state, table=None), body=body, frequency=rise.frequency)
+
+
+AXES = ("x", "y", "roll", "pitch", "yaw")  # of a slide, forward and to the right [m], and of the table on it [rad]
+_SMALL_TURN = 0.01  # of an axis of a table, to see how it stands in the body [rad]
+_BOTH = 0.96  # along and across a circle at once, so much of the largest acceleration each stays within it
+
+
+def linear(state: State, change: FloatArray, rate: FloatArray, acceleration: FloatArray) -> Move:
+    """Move all axes by `change` in a straight line, so that the slowest of them sets the pace.
+
+    `change`, `rate`, `acceleration` (5,): by `AXES`, with the largest rate and acceleration of each.
+    """
+    size = np.abs(change)[change != 0.0]
+    pace, gain = (float(np.min(limit[change != 0.0] / size)) for limit in (rate, acceleration))
+    rise = Rise(1.0, pace, STEEPEST * pace / gain)
+    return _carried(state, rise, lambda s: s[:, None] * change, lambda s: np.tile(change, (len(s), 1)))
+
+
+def circular(
+    state: State, pair: tuple[int, int], radius: float, angles: tuple[float, float], limits: tuple[float, float]
+) -> Move:
+    """Move two axes round a circle.
+
+    `pair`: which of `AXES`; `radius`: in their unit; `angles`: direction of the start seen from the middle, and angle
+    to go [rad]; `limits`: largest rate and acceleration along the circle and to its middle.
+    """
+    start, angle = angles
+    gain = _BOTH * limits[1] / radius
+    pace = min(limits[0] / radius, math.sqrt(gain))
+    first, second = radius * np.eye(len(AXES))[list(pair)]
+
+    def way(s: FloatArray) -> FloatArray:
+        cos, sin = np.cos(start + s) - math.cos(start), np.sin(start + s) - math.sin(start)
+        return np.asarray(cos[:, None] * first + sin[:, None] * second)
+
+    def slope(s: FloatArray) -> FloatArray:
+        return np.asarray(np.cos(start + s)[:, None] * second - np.sin(start + s)[:, None] * first)
+
+    return _carried(state, Rise(angle, pace, STEEPEST * pace / gain), way, slope)
+
+
+def _carried(state: State, rise: Rise, way: Course, slope: Course) -> Move:
+    """Move slide and table along a way over a parameter that rises: its offsets and their derivative, (n, 5)."""
+    turned = np.abs(way(np.linspace(0.0, rise.total, _FINE))[:, 2:]).max(axis=0)
+    table = np.array(state.table or (0.0, 0.0, 0.0))
+    back = quat_conjugate(quat_from_rph(table[None]))
+
+    def rotation(angles: FloatArray) -> FloatArray:
+        return rotvec_from_quat(quat_multiply(np.tile(back, (len(angles), 1)), quat_from_rph(table + angles)))
+
+    def body(t: FloatArray) -> FloatArray:
+        angles = way(rise(t))[:, 2:]
+        if np.count_nonzero(turned) > 1:
+            return rotation(angles)
+        axes = rotation(_SMALL_TURN * np.eye(3)) / _SMALL_TURN  # one alone keeps its direction, also round and round
+        return np.asarray(angles @ axes)
+
+    def along(axis: int) -> Course:
+        return lambda t: slope(rise(t))[:, axis] * rise.slope(t)
+
+    to = table + way(np.array([rise.total]))[0, 2:]
+    end = replace(state, table=tuple(to.tolist())) if turned.any() else state
+    return Move(
+        rise.duration,
+        state,
+        end,
+        speed=along(0),
+        right=along(1),
+        body=body if turned.any() else None,
+        frequency=rise.frequency,
+    )
 
 
 def coning(state: State, angle: float, frequency: float, duration: float) -> Move:

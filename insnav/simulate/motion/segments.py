@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, PlainValidator, model_validator
 from pydantic_core import PydanticCustomError
 
-from insnav.config_file import Axes, Table, scalar, signed_scalar
+from insnav.config_file import Axes, Table, quantity, scalar, signed_scalar
 from insnav.simulate.motion import moves
 from insnav.simulate.motion.kinds import FASTEST_SPIN, HIGHEST, Kind
 from insnav.simulate.motion.moves import Move, State
@@ -320,6 +320,81 @@ class Sculling(Coning):
         return [moves.sculling(state, self.angle, self.acceleration, self.frequency, self.duration)]
 
 
+class _Planned(Segment):
+    """Moves of a slide (m) and of the table on it (deg), with the largest speed and acceleration of their axes."""
+
+    speed: Speed = 1.0
+    acceleration: Acceleration = None
+    rate: Rate = math.radians(60.0)
+    ramp: Annotated[float, scalar("rate ramp")] = math.radians(120.0)
+
+    above_zero = ("speed", "acceleration", "rate", "ramp")
+
+    def limits(self, state: State, vehicle: Kind, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Largest rates and accelerations, (5,) by `moves.AXES`; `turned` (3,): by how much the table turns [rad]."""
+        _still(state, vehicle)
+        acceleration = vehicle.acceleration if self.acceleration is None else self.acceleration
+        if state.speed != 0.0:
+            raise Impossible("an interpolated move starts from rest")
+        if acceleration > HIGHEST or self.speed > vehicle.speed or self.rate > FASTEST_SPIN:
+            most = f"{HIGHEST:.4g} m/s^2, {vehicle.speed:.3g} m/s, {math.degrees(FASTEST_SPIN):.4g} deg/s"
+            raise Impossible(f"faster than a {vehicle.name} can: {most}")
+        if turned.any() and state.table is None:
+            raise Impossible(
+                "where a spin has turned the body the axes of a table are not known: move the table before"
+            )
+        if np.count_nonzero(turned) > 1 and turned.sum() >= math.pi:
+            raise Impossible("several axes of a table turn by less than 180 deg together: give the turn in parts")
+        return np.repeat([self.speed, self.rate], [2, 3]), np.repeat([acceleration, self.ramp], [2, 3])
+
+
+class Linear(_Planned):
+    """All axes in a straight line, together from rest to rest."""
+
+    x: SignedLength = 0.0
+    y: SignedLength = 0.0
+    roll: Angle = 0.0
+    pitch: Angle = 0.0
+    yaw: Angle = 0.0
+
+    @model_validator(mode="after")
+    def _moves(self) -> Self:
+        if not any(getattr(self, name) for name in moves.AXES):
+            raise _wrong(f"needs one or more of {', '.join(moves.AXES)} that is not zero")
+        return self
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """See `Segment`."""
+        change = np.array([getattr(self, name) for name in moves.AXES])
+        return [moves.linear(state, change, *self.limits(state, vehicle, np.abs(change[2:])))]
+
+
+class Circular(_Planned):
+    """Two axes round a circle, from rest to rest."""
+
+    axes: Annotated[list[Literal["x", "y", "roll", "pitch", "yaw"]], Field(min_length=2, max_length=2)]
+    radius: str
+    angle: Angle = 2.0 * math.pi
+    start: Angle = 0.0
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        pair = sorted(moves.AXES.index(name) for name in self.axes)
+        if pair[0] == pair[1] or pair[0] < 2 <= pair[1]:
+            raise _wrong("axes are two of a slide (x, y) or two of a table (roll, pitch, yaw)")
+        if not self.angle or not quantity(self.radius, "length" if pair[1] < 2 else "angle", signed=False) > 0.0:
+            raise _wrong("radius and angle must not be zero")
+        return self
+
+    def moves(self, state: State, vehicle: Kind) -> list[Move]:
+        """See `Segment`."""
+        first, second = (moves.AXES.index(name) for name in self.axes)
+        radius = quantity(self.radius, "length" if first < 2 else "angle", signed=False)
+        reach = 2.0 * radius * np.isin(np.arange(2, 5), (first, second))  # no farther from the start than that
+        rate, acceleration = (float(each[first]) for each in self.limits(state, vehicle, reach))
+        return [moves.circular(state, (first, second), radius, (self.start, self.angle), (rate, acceleration))]
+
+
 def _still(state: State, vehicle: Kind) -> None:
     if vehicle.name != "slide":
         raise Impossible(f'the body of a {vehicle.name} does not turn by itself: vehicle = "slide" can')
@@ -345,6 +420,8 @@ SEGMENTS: dict[str, type[Segment]] = {
     "helix": Helix,
     "lane_change": LaneChange,
     "slide": Slide,
+    "linear": Linear,
+    "circular": Circular,
     "spin": Spin,
     "coning": Coning,
     "sculling": Sculling,

@@ -72,6 +72,12 @@ class Rise:
         """Of an oscillation as sharp as the ramps, each three quarters of its period; 0 if there are none [Hz]."""
         return 0.75 / self.ramp if self.total and self.ramp else 0.0
 
+    def slope(self, t: FloatArray) -> FloatArray:
+        """Rate of change at times ``(n,)`` since the beginning [s]."""
+        if not self.total:
+            return np.zeros_like(t)
+        return np.asarray(self.rate * (step(t / self.ramp) - step((t - self.duration + self.ramp) / self.ramp)))
+
     def __call__(self, t: FloatArray) -> FloatArray:
         """Change since the beginning at times ``(n,)`` since then [s]."""
         if not self.total:
