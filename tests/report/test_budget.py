@@ -25,6 +25,7 @@ from insnav.report.run_json import page_facts
 from insnav.report.style import drawing
 from insnav.report.terminal import page_text
 from insnav.result import Result
+from insnav.units import UNITS
 from tests.errors.budget.imus import plain, whole
 
 
@@ -49,6 +50,17 @@ def cells(table, name: str) -> dict[str, str]:
 
 def texts(figure: Figure) -> list[str]:
     return [text.get_text() for axes in figure.axes for text in axes.texts]
+
+
+def test_the_frame_is_of_numbers_with_their_units(found):
+    frame = Result("budget", BudgetStudy(found)).to_frame().set_index("source")
+    assert frame["share_percent"].sum() == pytest.approx(100.0)
+    bias = max(source.sd for source in found.sources if source.family == "accel bias")
+    assert frame.loc["accel bias", "size_largest"] * UNITS[frame.loc["accel bias", "size_unit"]][1] == pytest.approx(
+        bias
+    )
+    numbers = ("analytic_m", "covariance_m", "simulated_m", "down_m", "halved_saves_m", "size_least", "size_largest")
+    assert all(frame[name].dtype == np.float64 for name in numbers)
 
 
 def test_columns_are_the_errors_at_the_times(found):

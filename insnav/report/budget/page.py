@@ -31,6 +31,7 @@ from insnav.report.budget.quantities import (
     positions_section,
     states_section,
 )
+from insnav.report.budget.terms import extent
 from insnav.report.budget.windows import (
     windows_assumptions,
     windows_figures,
@@ -137,8 +138,17 @@ def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: Ta
 
 
 def frame(result: Result[BudgetStudy]) -> pd.DataFrame:
-    """Give the contributions to the horizontal error as a table."""
-    return rows_frame(contributions_rows(result.found.budget))
+    """Give the contributions to the horizontal error as a table, in numbers."""
+    budget, rows = result.found.budget, []
+    for row in contributions_rows(budget):
+        least, most, unit = extent(budget, str(row[0].value))
+        sizes = Quantity("size_least", least), Quantity("size_largest", most), Quantity("size_unit", unit)
+        rows.append((*(_in_metres(each) for each in row if each.key != "size"), *sizes))
+    return rows_frame(rows)
+
+
+def _in_metres(each: Quantity) -> Quantity:
+    return each if each.unit or isinstance(each.value, str) else replace(each, unit="m")
 
 
 def summary(budget: Budget) -> tuple[str, ...]:

@@ -178,7 +178,7 @@ def contributions_rows(budget: Budget) -> list[tuple[Quantity, ...]]:
             Quantity("growth", growth(budget, budget.families[k]), meaning="grows with"),
             *(Quantity(name, float(horizontal(way.parts[last, k]))) for name, way in ways.items()),
             Quantity("down", float(budget.covariance.parts[last, k, 2])),
-            Quantity("share", f"{100.0 * part[k]:.1f} %", meaning="of the variance"),
+            Quantity("share", float(part[k]), "%", meaning="of the variance", decimals=1),
             Quantity("halved_saves", float(gain[k]), meaning="half of it saves"),
         )
         for k in ranked(budget)

@@ -24,14 +24,18 @@ def effect(family: str) -> str:
     return _OTHERS[family][2] if family in _OTHERS else term_of(family).text
 
 
+def extent(budget: Budget, family: str) -> tuple[float, float, str]:
+    """Least and largest axis of a family in its field unit, and that unit."""
+    values = [source.sd for source in budget.sources if source.family == family and source.sd > 0.0]
+    unit = _OTHERS[family][0] if family in _OTHERS else term_of(family).unit
+    return min(values) / UNITS[unit][1], max(values) / UNITS[unit][1], unit
+
+
 def size(budget: Budget, family: str) -> str:
     """Size of a family in a field unit, from the least to the largest axis if they differ."""
-    values = sorted({source.sd for source in budget.sources if source.family == family and source.sd > 0.0})
-    unit = _OTHERS[family][0] if family in _OTHERS else term_of(family).unit
-    factor = UNITS[unit][1]
-    shown = [f"{float(f'{value / factor:.3g}'):g}" for value in values]
-    text = shown[0] if shown[0] == shown[-1] else f"{shown[0]} to {shown[-1]}"
-    return f"{text} {unit}"
+    *ends, unit = extent(budget, family)
+    shown = dict.fromkeys(f"{float(f'{value:.3g}'):g}" for value in ends)
+    return f"{' to '.join(shown)} {unit}"
 
 
 def growth(budget: Budget, family: str) -> str:
