@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
-from insnav.lab.nine_position.method import NinePositions, calibrate_nine
+from insnav.lab.calibration import BenchOptions
+from insnav.lab.nine_position.method import AXIS, SENSORS, NinePositions, calibrate_nine, fit, read
 from insnav.lab.nine_position.table_positions import ideal_force
 from tests.lab.modules import NINE, UPRIGHT, G, Modules, make
 
@@ -140,3 +142,64 @@ def test_columns_that_are_not_what_they_are_called_are_refused(spoil: Callable[[
     values = make(rng, 0.01, 0.01).measure(NINE, 0.001, rng)
     with pytest.raises(InputError, match="does not show the specific force along"):
         calibrate_nine(*NINE.T, spoil(values), G)
+
+
+K = np.array([0.21, 0.19, -0.2, 0.205, 0.198, 0.202])  # [V/(m/s^2)], one of them mounted upside down
+ZERO = np.array([2.5, 2.45, 2.52, 2.48, 2.5, 2.51])
+GYRO_BIAS = np.radians([0.5, -0.3, 0.1])
+FELT = np.radians([[0.1, 0.02, 0.0], [0.0, 0.05, -0.03], [0.01, 0.0, 0.08]]) / 9.80665
+
+
+def volts(modules: Modules, positions: np.ndarray, noise: float, rng: np.random.Generator, tmp_path: Path) -> Path:
+    """Twelve channels of nine positions: angles, six voltages, three rates (and as many positions as are wanted)."""
+    forces = modules.measure(positions, noise, rng)
+    ideal = ideal_force(*positions.T, G)
+    rates = GYRO_BIAS + ideal @ FELT.T + np.radians(0.01) * rng.normal(size=(len(positions), 3))
+    names = [f"{name}_v" for name in SENSORS] + [f"gyro_{a}_deg_s" for a in "xyz"]
+    rows = np.column_stack((np.degrees(positions), ZERO + K * forces, np.degrees(rates)))
+    np.savetxt(tmp_path / "v.csv", rows, "%.12g", ",", header=",".join(["roll_deg", "pitch_deg", *names]), comments="")
+    return tmp_path / "v.csv"
+
+
+def test_bias_voltage_is_the_mean_of_the_extremes(tmp_path: Path) -> None:
+    """``(V_max + V_min) / 2`` of each accelerometer over positions that have it up and down."""
+    rng = np.random.default_rng(11)
+    positions = np.vstack((NINE, UPRIGHT))
+    path = volts(make(rng, 0.004, 0.003, 0.0), positions, 0.001, rng, tmp_path)
+    found = fit(read([path], BenchOptions(gravity=G)), BenchOptions(gravity=G))
+    output = np.loadtxt(path, delimiter=",", skiprows=1)[:, 2:8]
+    mean = 0.5 * (output.max(axis=0) + output.min(axis=0))
+    biases = [next(each for each in found.parameters if each.key == f"{name}_bias") for name in SENSORS]
+    np.testing.assert_allclose([each.value for each in biases], mean, atol=1e-9)
+    assert {each.unit for each in biases} == {"V"}
+    np.testing.assert_array_equal(found.errors.accel_bias, 0.0)
+
+
+def test_volts_and_gyros_are_recovered_within_their_intervals(tmp_path: Path) -> None:
+    rng = np.random.default_rng(12)
+    inside = []
+    for _ in range(40):
+        modules = make(rng, 0.002, 0.0, 0.0)
+        path = volts(modules, NINE, 0.005, rng, tmp_path)
+        found = fit(read([path], BenchOptions(gravity=G)), BenchOptions(gravity=G))
+        value = {each.key: each for each in found.parameters}
+        own = np.diag(modules.accel[:, AXIS])  # what each senses along its axis
+        truth = {f"{name}_bias": zero for name, zero in zip(SENSORS, ZERO, strict=True)}
+        truth |= {f"{name}_scale_factor": k * s * 9.80665 for name, k, s in zip(SENSORS, K, own, strict=True)}
+        truth |= {f"gyro_{a}_bias": bias for a, bias in zip("xyz", GYRO_BIAS, strict=True)}
+        truth |= {f"gyro_{a}_feels_{b}": FELT[i, j] for i, a in enumerate("xyz") for j, b in enumerate("xyz")}
+        inside.append([value[key].interval[0] < true < value[key].interval[1] for key, true in truth.items()])
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.03)
+    assert np.mean(inside, axis=0).min() > 0.8
+    np.testing.assert_allclose(found.errors.gyro_bias, GYRO_BIAS, atol=1e-3)
+    np.testing.assert_allclose(found.errors.gyro_terms.g_sensitivity, FELT, atol=1e-4)
+
+
+def test_a_dead_channel_is_refused(tmp_path: Path) -> None:
+    rng = np.random.default_rng(13)
+    path = volts(make(rng, 0.004, 0.003, 0.0), NINE, 0.001, rng, tmp_path)
+    rows = np.loadtxt(path, delimiter=",", skiprows=1)
+    rows[:, 5] = 2.5 + 1e-5 * rng.normal(size=len(rows))
+    np.savetxt(path, rows, "%.12g", ",", header=path.read_text().splitlines()[0], comments="")
+    with pytest.raises(InputError, match="y_ax does not follow gravity"):
+        fit(read([path], BenchOptions(gravity=G)), BenchOptions(gravity=G))

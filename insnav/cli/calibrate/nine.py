@@ -14,9 +14,11 @@ SHORT_HELP = "Three dual-axis modules in nine positions, gyro misalignment witho
 HELP = """Accelerometers, and the misalignment of gyros without any rotation, from nine positions of a position table.
 
 For three modules, each one gyro and the two accelerometers across its axis. The file holds roll_deg, pitch_deg and
-x_ay_g, x_az_g, y_az_g, y_ax_g, z_ax_g, z_ay_g (module, then axis; also in m/s2, mg): one row a position, or all its
-samples in successive rows. Positions: level; ± about x; ± about y; the four combinations; angles of 20 to 75 deg.
-Upright ones (180, ± 90 deg) may be added: biases then come from the two extremes of each axis.
+x_ay_g, x_az_g, y_az_g, y_ax_g, z_ax_g, z_ay_g (module, then axis; also in m/s2, mg, or the outputs in V, mV, LSB,
+which give each a bias voltage and a scale factor): one row a position, or all its samples in successive rows. Gyros
+recorded at rest, gyro_x_deg_s or gyro_x_v …, give their bias and g-sensitivity. Positions: level; ± about x; ± about
+y; the four combinations; angles of 20 to 75 deg. Upright ones (180, ± 90 deg) may be added: biases then come from the
+two extremes of each axis.
 
 \b
 Examples:

@@ -13,47 +13,58 @@ that order, the difference of two squares, cancels over positions that are symme
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.imu.higher_order import ErrorTerms
 from insnav.imu.model import ImuErrors
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity as Column
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
-from insnav.lab.bench_data.dwells import Dwells, dwell_warnings, reduce_dwells
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, condition_warnings, measured
+from insnav.lab.bench_data.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, common_unit, condition_warnings, measured
 from insnav.lab.least_squares import LEVEL, Fit, coverage_factor, linear_fit
 from insnav.lab.nine_position.table_positions import OPPOSITE, check_positions, ideal_force, opposite_pairs
 from insnav.quantity import Quantity
 from insnav.types import FloatArray, IntArray
-from insnav.units import UG
+from insnav.units import DEG, G0, UG
 
 SCHEMA = (
     Column("roll", "roll_deg", "angle", "deg", ("roll", "gamma", "rotationx")),
     Column("pitch", "pitch_deg", "angle", "deg", ("pitch", "theta", "rotationy")),
     *(
-        Column(f"{m}_a{a}", f"{m}_a{a}_m_s2", "acceleration", "m/s^2", (f"{m}a{a}", f"{m}accel{a}", f"{m}modulea{a}"))
+        Column(f"{m}_a{a}{key}", f"{m}_a{a}_{suffix}", kind, unit, (f"{m}a{a}", f"{m}accel{a}", f"{m}modulea{a}"))
         for m, a in ("xy", "xz", "yz", "yx", "zx", "zy")
+        for key, suffix, kind, unit in (("", "m_s2", "acceleration", "m/s^2"), ("_raw", "v", "signal", "V"))
+    ),
+    *(
+        Column(f"gyro_{m}{key}", f"gyro_{m}_{suffix}", kind, unit, (f"gyro{m}", f"gyr{m}", f"{m}gyro"))
+        for m in "xyz"
+        for key, suffix, kind, unit in (("", "deg_s", "rate", "deg/s"), ("_raw", "v", "signal", "V"))
     ),
 )
 SENSORS = ("x_ay", "x_az", "y_az", "y_ax", "z_ax", "z_ay")
+GYROS = ("gyro_x", "gyro_y", "gyro_z")
 AXIS = np.array([1, 2, 2, 0, 0, 1])  # of each sensor
 PRODUCTS = ((0, 1), (2, 3), (4, 5))  # the two sensors of each module
 TRIAD = ((3, 4), (0, 5), (1, 2))  # the two sensors of each axis
 SECOND_ORDER = 2.0  # covers 95 % of the errors of second order in simulations of three common sets of positions
+WEAKEST = 0.01  # of the largest scale factor of six accelerometers, what a dead one stays below
 MOST_SENSITIVE, MOST_CROSSED = 0.2, 0.2  # farther from 1, or from 0, the columns are not what they are stated to be
 
 
 @dataclass(frozen=True, slots=True)
 class NineRecord:
-    """The table of positions as read, and one mean a position: roll and pitch [rad], accelerometers [m/s^2]."""
+    """The table of positions as read, and one mean a position: roll and pitch [rad], outputs."""
 
     table: BenchTable
-    dwells: Dwells
+    dwells: Dwells  # accelerometers in `unit`, then gyros, if there are any, in `gyro_unit`
+    unit: str  # m/s^2, or of a raw output
+    gyro_unit: str  # rad/s, or of a raw output; empty without gyros
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,52 +233,123 @@ def _jacobian(function: Callable[[FloatArray], FloatArray], at: FloatArray, step
 def read(files: Sequence[str | Path | Table], how: BenchOptions) -> NineRecord:
     """Read the table of positions.
 
-    files: one, with ``roll_deg``, ``pitch_deg`` and, in any unit of acceleration, ``x_ay`` to ``z_ay``: module,
-    then axis. One row a position, or all its samples in successive rows; how: columns. Raises InputError: the file
-    cannot be used.
+    files: one, with ``roll_deg``, ``pitch_deg`` and, in any unit of acceleration or in volts, ``x_ay`` to ``z_ay``:
+    module, then axis; and gyros at rest, ``gyro_x`` to ``gyro_z``, if they were recorded. One row a position, or all
+    its samples in successive rows; how: columns. Raises InputError: the file cannot be used.
     """
-    table = read_bench(files[0], SCHEMA, ("roll", "pitch", *SENSORS), columns=how.columns)
-    settings, samples = table.stack("roll", "pitch"), table.stack(*SENSORS)
-    return NineRecord(table, reduce_dwells(settings, samples, np.inf, table.get("time"), where=table.name))
+    raw = {sensor: f"{sensor}_raw" for sensor in SENSORS}
+    table = read_bench(files[0], SCHEMA, ("roll", "pitch", *SENSORS), columns=how.columns, alternatives=raw)
+    unit, accel = _outputs(table, SENSORS, "m/s^2")
+    some = any(f"{name}{end}" in table.columns for name in GYROS for end in ("", "_raw"))
+    gyro_unit, gyro = _outputs(table, GYROS, "rad/s") if some else ("", accel[:, :0])
+    settings, time = table.stack("roll", "pitch"), table.get("time")
+    parts = [
+        reduce_dwells(settings, values, default_limit(each), time, where=table.name)
+        for values, each in ((accel, unit), (gyro, gyro_unit or unit))
+    ]
+    value, sd, dropped = (np.hstack([getattr(part, name) for part in parts]) for name in ("value", "sd", "dropped"))
+    return NineRecord(table, replace(parts[0], value=value, sd=sd, dropped=dropped), unit, gyro_unit)
+
+
+def _outputs(table: BenchTable, names: Sequence[str], unit: str) -> tuple[str, FloatArray]:
+    """Unit of some outputs, that given or a raw one, and their columns, (n, k)."""
+    keys = [name if name in table.columns else f"{name}_raw" for name in names]
+    missing = [name for name, key in zip(names, keys, strict=True) if key not in table.columns]
+    if missing:
+        raise InputError(
+            f"column {', '.join(missing)} is missing", where=table.name, fix="give all three gyros, or none"
+        )
+    raw = [(key, table.units[key] if key.endswith("_raw") else unit) for key in keys]
+    return common_unit(raw), table.stack(*keys)
 
 
 def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePositions]:
     """Calibrate the modules; see `calibrate_nine`."""
     table, dwells = record.table, record.dwells
     roll, pitch = dwells.setting.T
-    found = calibrate_nine(roll, pitch, dwells.value, how.gravity, where=table.name)
+    output, rates = dwells.value[:, :6], dwells.value[:, 6:]
+    force = ideal_force(roll, pitch, how.gravity)
+    scale, zero = np.ones(6), np.zeros(6)
+    if record.unit != "m/s^2":  # each output first becomes a force by its own line; what is left is as of any sensor
+        lines = _affine(force, output, table.name)
+        scale = np.array([line.value[axis] for line, axis in zip(lines, AXIS, strict=True)])
+        zero = np.array([line.value[3] for line in lines])
+        if not np.abs(scale).min() > WEAKEST * np.abs(scale).max():
+            weak = SENSORS[int(np.argmin(np.abs(scale)))]
+            raise InputError(f"{weak} does not follow gravity", where=table.name, fix="check its column and its wire")
+    found = calibrate_nine(roll, pitch, (output - zero) / scale, how.gravity, where=table.name)
     fits = dict(zip(SENSORS, found.fits, strict=True))
+    gyros = _gyros_at_rest(force, rates, table.name)
+    errors = ImuErrors(
+        gyro_matrix=found.gyro_matrix,
+        accel_bias=found.accel_bias if record.unit == "m/s^2" else np.zeros(3),
+        accel_matrix=found.accel_matrix,
+        name=how.name,
+    )
+    sd = CalibrationSd(
+        gyro_matrix=found.gyro_matrix_sd, accel_bias=found.accel_bias_sd, accel_matrix=found.accel_matrix_sd
+    )
+    if record.gyro_unit == "rad/s":
+        value, spread = (np.array([getattr(line, name) for line in gyros.values()]) for name in ("value", "sd"))
+        errors = replace(errors, gyro_bias=value[:, 0], gyro_terms=ErrorTerms(g_sensitivity=value[:, 1:]))
+        sd = replace(sd, gyro_bias=spread[:, 0], g_sensitivity=spread[:, 1:])
     return Calibration(
         "nine",
-        ImuErrors(
-            gyro_matrix=found.gyro_matrix,
-            accel_bias=found.accel_bias,
-            accel_matrix=found.accel_matrix,
-            name=how.name,
-        ),
-        CalibrationSd(
-            gyro_matrix=found.gyro_matrix_sd, accel_bias=found.accel_bias_sd, accel_matrix=found.accel_matrix_sd
-        ),
-        _parameters(found),
+        errors,
+        sd,
+        (*_parameters(found, record.unit, zero, scale), *_gyro_parameters(gyros, record.gyro_unit)),
         fits,
         record,
         found,
         how,
         (
             *found.warnings,
-            *dwell_warnings(dwells, SENSORS, table.get("temperature")),
+            *dwell_warnings(dwells, (*SENSORS, *GYROS)[: dwells.value.shape[1]], table.get("temperature")),
             *condition_warnings(fits),
         ),
     )
 
 
-def _parameters(found: NinePositions) -> tuple[Quantity, ...]:
-    """Bias of each accelerometer, scale factors and misalignments of their triad, misalignments of the gyros."""
+def _gyros_at_rest(force: FloatArray, rates: FloatArray, where: str) -> dict[str, Fit]:
+    """Output of each gyro at rest against the specific force: its bias, and what goes with x, y, z."""
+    design = np.column_stack((np.ones(len(force)), force))
+    names = ("bias", "g-sensitivity to x", "to y", "to z")
+    return {
+        name: linear_fit(design, column, names, where=f"{where}, {name}")
+        for name, column in zip(GYROS, rates.T, strict=False)
+    }
+
+
+def _gyro_parameters(gyros: Mapping[str, Fit], unit: str) -> tuple[Quantity, ...]:
+    """Bias and g-sensitivity of each gyro, in deg/s and deg/s/g or in the unit of its output and that per g."""
+    shown, factor = ("deg/s", DEG) if unit == "rad/s" else (unit, 1.0)
+    kinds = (("bias", shown, 1.0), *((f"feels {axis}", f"{shown}/g", G0) for axis in "xyz"))
+    items = []
+    for name, line in gyros.items():
+        for (what, own, per), *row in zip(kinds, line.value, line.sd, line.half_width(), strict=True):
+            value, *spread = (float(each) * per / factor for each in row)
+            items.append(measured(f"{name} {what}", value, own, *spread))
+    return tuple(items)
+
+
+def _parameters(found: NinePositions, unit: str, zero: FloatArray, scale: FloatArray) -> tuple[Quantity, ...]:
+    """Bias of each accelerometer, scale factors and misalignments of their triad, misalignments of the gyros.
+
+    `unit`: of the outputs, `zero`, `scale` (6,) of each, [unit], [unit/(m/s^2)]. Raw ones have a scale factor of their
+    own beside their bias.
+    """
     items = []
     half = found.half_width(found.bias_sd, first_order=False)
-    for sensor, *values in zip(SENSORS, found.bias, found.bias_sd, half, strict=True):
-        bias, sd, width = (value / (1e3 * UG) for value in values)
-        items.append(measured(f"{sensor} bias", bias, "mg", sd, width))
+    shown, factor = ("mg", 1e3 * UG) if unit == "m/s^2" else (unit, 1.0)
+    for sensor, z, k, *values in zip(SENSORS, zero, scale, found.bias, found.bias_sd, half, strict=True):
+        bias, sd, width = (abs(k) * value / factor for value in values)
+        items.append(measured(f"{sensor} bias", z + np.sign(k) * bias, shown, sd, width))
+    if unit != "m/s^2":
+        for sensor, axis, line, k in zip(SENSORS, AXIS, found.fits, scale, strict=True):
+            value, *spread = (
+                G0 * float(each) for each in (k, *(abs(k) * e[axis] for e in (line.sd, line.half_width())))
+            )
+            items.append(measured(f"{sensor} scale factor", value, f"{unit}/g", *spread))
     half = found.half_width(found.accel_matrix_sd, first_order=False)
     own = [("accel", i, i) for i in range(3)]
     crossed = [(sensor, i, j) for sensor in ("accel", "gyro") for i in range(3) for j in range(3) if i != j]
@@ -277,7 +359,7 @@ def _parameters(found: NinePositions) -> tuple[Quantity, ...]:
         "gyro": (found.gyro_matrix, found.gyro_matrix_sd, gyro_half),
     }
     for sensor, i, j in (*own, *crossed):
-        name, scale, unit = ("scale factor error", 1e6, "ppm") if i == j else (f"senses {'xyz'[j]}", 1e3, "mrad")
-        value, sd, width = (scale * float(matrix[i, j]) for matrix in of[sensor])
-        items.append(measured(f"{sensor} {'xyz'[i]} {name}", value, unit, sd, width))
+        name, per, shown = ("scale factor error", 1e6, "ppm") if i == j else (f"senses {'xyz'[j]}", 1e3, "mrad")
+        value, *spread = (per * float(matrix[i, j]) for matrix in of[sensor])
+        items.append(measured(f"{sensor} {'xyz'[i]} {name}", value, shown, *spread))
     return tuple(items)

@@ -15,13 +15,24 @@ from insnav.report.panels import Panel
 from insnav.units import DEG, UG
 
 _MG = 1e3 * UG
+_RAW = (
+    "Every output first became a specific force, by bias and scale factor as printed; calibration.toml is of these "
+    "forces, each axis the mean of its two accelerometers.",
+)
+_AT_REST = (
+    "The gyros turn with the Earth, 15 deg/h in a direction that the positions hardly average: it is in their bias.",
+)
 
 
 def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
     """Report three dual-axis modules."""
     found, fits = calibration.detail, calibration.fits
-    # in the order of the method: six biases, three scale factors and six misalignments of the triad, six of the gyros
-    biases, accel, gyro = (calibration.parameters[rows] for rows in (slice(6), slice(6, 15), slice(15, None)))
+    # in the order of the method: each accelerometer, the triad, misalignments of the gyros, and the gyros at rest
+    own = slice(6 if calibration.record.unit == "m/s^2" else 12)
+    ends = (own.stop, own.stop + 9, own.stop + 15)
+    each = (own, slice(ends[0], ends[1]), slice(ends[1], ends[2]), slice(ends[2], None))
+    biases, accel, gyro, at_rest = (calibration.parameters[rows] for rows in each)
+    raw = calibration.record.unit != "m/s^2"
     places = [f"roll {roll:.4g}, pitch {pitch:.4g} deg" for roll, pitch in calibration.record.dwells.setting / DEG]
     largest = 1e3 * float(np.abs(found.gyro_matrix - np.eye(3)).max())
     left = 1e3 * float(found.half_width(found.gyro_matrix_sd, first_order=True).max())
@@ -52,7 +63,9 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
         ),
         (
             drawn("residuals", "Nine positions: accelerometers minus the linear model", _panels(found, len(places))),
-            Section("parameters", "Bias of each accelerometer", biases, note=_methods(found)),
+            Section(
+                "parameters", f"Bias{' and scale factor' * raw} of each accelerometer", biases, note=_methods(found)
+            ),
             Section("parameters", "Accelerometer triad, each axis the mean of its two accelerometers", accel),
             Section(
                 "parameters",
@@ -60,6 +73,7 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
                 gyro,
                 note="1 sd of noise; the interval adds what the first order leaves out",
             ),
+            Section("parameters", "Gyros at rest: bias, and what they feel of the specific force", at_rest),
             Section("", "Pseudo-inverses", rows=inverses),
             quality_section(fits, "m/s^2", dict.fromkeys(SENSORS, places)),
             corrected_section(calibration),
@@ -69,12 +83,15 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
         calibration.warnings,
         merits_note="x_ay: the accelerometer of module x that points along y",
         assumptions=(
+            *(_RAW * raw),
+            *(_AT_REST * bool(at_rest)),
             "Valid to first order in the misalignments; errors of second order are up to about "
             f"{number(1e3 * found.second_order, 2)} mrad here and are in the intervals.",
             "The positions are symmetric in ± roll and ± pitch, and exact; their errors are in the residuals.",
             "Gyro and accelerometers of a module turn together.",
             f"The diagonal of M_G ({', '.join(f'{v:.5f}' for v in found.gyro_diagonal)}) carries the scale of the "
-            "accelerometers, not of the gyros: each row is divided by it. Gyro bias and scale factor stay unknown.",
+            "accelerometers, not of the gyros: each row is divided by it. Gyro scale factors stay unknown, and biases "
+            "without the outputs of the gyros.",
             "M_G is the sensitivity of the gyros: its inverse corrects, itself it would double the error.",
         ),
     )
