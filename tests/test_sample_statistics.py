@@ -84,6 +84,27 @@ def test_intervals_of_mean_squares_hold(kind: str, independent: int, overlap: in
         assert held / runs > 0.95
 
 
+@pytest.mark.parametrize(("independent", "overlap"), [(6, 1), (15, 4), (50, 1)])
+def test_an_error_common_to_a_drive_counts_as_one_window(independent: int, overlap: int):
+    """Half of the variance on two axes is that of the drive; the intervals are to hold the variance of all."""
+    rng = np.random.default_rng(3)
+    count, drives = independent * overlap, 300
+    white = np.cumsum(rng.standard_normal((count + overlap, drives, 2)), axis=0)
+    own = (white[overlap:] - white[:-overlap]) / np.sqrt(overlap)
+    error = np.sqrt(0.5) * (own + rng.standard_normal((1, drives, 2)))
+    start, once = np.arange(count) / overlap, np.ones((1, count))
+    square, middle = (error**2).sum(axis=-1), (means(error, once)[0] ** 2).sum(axis=-1)
+    n = effective_count(start, 1.0)
+    common = np.clip((middle / square.mean(axis=0) - 1.0 / n) / (1.0 - 1.0 / n), 0.0, 1.0)
+    held = []
+    for share in (common, 0.0):
+        low, high = mean_square_interval(start, 1.0, square, np.full(drives, 2.0), share)
+        held.append(float(np.mean((low <= 2.0) & (high >= 2.0))))
+    print(f"{100.0 * held[0]:.0f} % hold the truth, {100.0 * held[1]:.0f} % as if windows were independent")
+    assert held[0] > 0.85
+    assert held[0] > held[1] + 0.02
+
+
 def test_too_few_windows_have_no_interval():
     start = np.arange(0.0, 60.0 * (FEWEST - 1.5), 10.0)
     low, high = interval(start, 60.0, lambda w: means(np.ones((len(start), 1)), w))

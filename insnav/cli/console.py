@@ -19,7 +19,7 @@ from insnav.cli import signals
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from insnav.report.page import Page
+    from insnav.report.page import Page, Show
 
 DELAY = 1.0  # work shorter than this shows no progress bar [s]
 WIDTH = 110  # largest of a line of the log
@@ -85,8 +85,9 @@ def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Ite
         return
     from insnav.report.terminal import page_text
 
-    names = ", ".join([*more, "report.html", "figures", "run.json"])
-    result(f"{page_text(page, terminal_width())}\n\nfiles       {out}: {names}")
+    names = ", ".join([*more, *(name for name in ("report.html", "figures", "run.json") if (folder / name).exists())])
+    shown: tuple[Show, ...] = ("all", "page") if level > 0 else ("all",)
+    result(coloured(f"{page_text(page, terminal_width(), shown)}\n\nfiles       {out}: {names}"))
 
 
 def terminal_width() -> int | None:

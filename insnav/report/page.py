@@ -206,7 +206,7 @@ def section_tables(section: Section, shown: Sequence[Show] = ("all",)) -> list[T
 
 
 def _rows_table(section: Section) -> Table:
-    """Rows as cells; a unit that a whole column shares stands in its heading, others in the cells."""
+    """Rows as cells; a unit that a whole column shares stands in its heading unless in the title, others in cells."""
     found = [{each.key: each for whole in row for each in members(whole)} for row in section.rows]
     columns = list(dict.fromkeys(key for row in found for key in row))
     headings, shared = [], {}
@@ -214,7 +214,8 @@ def _rows_table(section: Section) -> Table:
         units = {row[key].shown_unit for row in found if key in row}
         first = next(row[key] for row in found if key in row)
         shared[key] = len(units) == 1
-        headings.append(f"{first.label}{_bracket(first)}" if shared[key] else first.label)
+        bracket = _bracket(first).strip()
+        headings.append(f"{first.label} {bracket}" if shared[key] and bracket not in section.title else first.label)
     cells = tuple(tuple(_cell_in_row(row.get(key), with_unit=not shared[key]) for key in columns) for row in found)
     return Table(section.title, tuple(headings), cells, section.note)
 

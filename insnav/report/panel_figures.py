@@ -97,6 +97,8 @@ def _draw_curve(axes: Axes, curve: Curve, low: float, high: float) -> None:
     axes.plot(*thinned(curve.x, curve.y), color=curve.colour, label=_label(curve), **style)
     if curve.kind == "thin" and curve.text:
         axes.annotate(curve.text[0], (curve.x[0], curve.y[0]), fontsize=7, color=curve.colour, ha="right", va="center")
+    if curve.kind == "thin":
+        return
     for beyond, edge, marker in ((curve.y > high, high, "^"), (curve.y < low, low, "v")):
         if beyond.any():
             at = curve.x[beyond]

@@ -13,6 +13,7 @@ from insnav.errors.outage.study import OutageStudy
 from insnav.report.numbers import number
 from insnav.report.page import Page, section_tables
 from insnav.report.run_json import page_facts
+from insnav.report.terminal import table_text
 from insnav.result import Result, open_result
 from tests.errors.outage.test_statistics import outage_windows
 
@@ -34,11 +35,14 @@ def test_the_light_is_that_of_the_stated_sd(sd: float, light: str):
 
 
 def test_raw_and_corrected_stand_side_by_side():
-    (table,) = (t for s in page_of(reference_sd=2.0).sections for t in section_tables(s) if t.title.startswith("Vert"))
+    page = page_of(reference_sd=2.0)
+    (table,) = (t for s in page.sections for t in section_tables(s, ("all", "page")) if t.title.startswith("Vert"))
+    assert table.title == "Vertical error [m]; reference 2.00 m, 1 sd"
     row = dict(zip(table.columns, table.rows[-1], strict=True))
-    assert float(row["RMS [m]"]) ** 2 - float(row["ref. sd [m]"]) ** 2 == pytest.approx(
-        float(row["RMS corrected (95 %) [m]"].split()[0]) ** 2, rel=0.02
-    )
+    assert float(row["RMS"]) ** 2 - 2.0**2 == pytest.approx(float(row["corrected (95 %)"].split()[0]) ** 2, rel=0.02)
+    assert "as measured" in page.verdict.sentence
+    assert "without that of the reference" in page.verdict.sentence
+    assert all(len(line) <= 80 for table in section_tables(page.sections[3]) for line in table_text(table).splitlines())
     facts = page_facts(page_of(reference_sd=2.0))["outages"][-1]["vertical_m"]
     assert facts["rms"] > facts["rms_corrected"] > facts["rms_corrected_low"]
 

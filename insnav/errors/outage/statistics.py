@@ -37,8 +37,8 @@ class Growth:
     # which has as large a mean square itself
     corrected: FloatArray
     reference: FloatArray  # (k, q) RMS standard deviation of the reference
-    # (k, q) 95 % confidence interval of `corrected` for windows of this drive; ``NaN`` if the effective sample size is
-    # too small, zero where it reaches below the noise of the reference
+    # (k, q) 95 % confidence interval of `corrected`, errors common to all windows counted as one; ``NaN`` if the
+    # effective sample size is too small, zero where it reaches below the noise of the reference
     low: FloatArray
     high: FloatArray
     # (k, q) 95 % quantile and largest of the size of the errors, those of the reference in them
@@ -47,8 +47,8 @@ class Growth:
     predicted: FloatArray  # (k, q) RMS predicted standard deviation
     # (k, q) share of the errors within 3 sd of prediction and reference together [-]; of several axes their mean
     inside: FloatArray
-    # (k, q) share of the mean square that is common to all windows, by the mean of their errors, beyond chance [-]:
-    # another drive has another such error, which `low` and `high` do not hold
+    # (k, q) share of the mean square that is common to all windows, by the mean of their errors, beyond chance [-], of
+    # the horizontal error along north and east or along and across the track: another drive has another such error
     common: FloatArray
 
     @property
@@ -190,8 +190,13 @@ def _summed(
     per_axis = [means(each**2, once)[0] for each in error]
     axes = np.stack([each.sum(axis=-1) ** 2 / np.maximum((each**2).sum(axis=-1), 1e-300) for each in per_axis], -1)
     middle = [(means(each, once)[0] ** 2).sum(axis=-1) for each in error]
-    beyond = (np.stack(middle, axis=-1) - square / effective) / max(1.0 - 1.0 / effective, 1e-9)
-    low, high = (each - taken_off for each in mean_square_interval(start, length, size**2, axes))
+    if "along" in names:
+        at = [names.index(each) for each in ("horizontal", "along", "cross")]
+        middle[at[0]] = np.maximum(middle[at[0]], middle[at[1]] + middle[at[2]])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        beyond = (np.stack(middle, axis=-1) - square / effective) / max(1.0 - 1.0 / effective, 1e-9) / square
+    common = np.clip(np.where(effective > 1.0, beyond, np.nan), 0.0, 1.0)
+    low, high = (each - taken_off for each in mean_square_interval(start, length, size**2, axes, common))
     left = square - taken_off
     with np.errstate(divide="ignore", invalid="ignore"):
         return Growth(
@@ -209,7 +214,7 @@ def _summed(
             _quantile(size, 1.0),
             np.sqrt(mean(variance)),
             mean(inside),
-            np.clip(np.where(effective > 1.0, beyond / square, np.nan), 0.0, 1.0),
+            common,
         )
 
 

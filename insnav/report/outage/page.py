@@ -20,11 +20,14 @@ from insnav.report.outage.panels import NOTE, outage_panels
 from insnav.report.outage.quantities import INTERVALS, common_text, corrected, corrected_text
 from insnav.report.page import Light, Page, Section, Verdict, drawn
 from insnav.result import Result
+from insnav.sample_statistics import rms
+from insnav.units import UNITS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _INSIDE, _FEW_INSIDE = 0.95, 0.8  # shares inside 3 sd from which the stated sd is right, or at least not far off
+_SAME = 0.98  # of an RMS error: so much of it left without the reference is the same in words
 _COMPONENTS = {
     "horizontal": "m",
     "vertical": "m",
@@ -41,27 +44,29 @@ def page(result: Result[OutageStudy]) -> Page:
     name = Path(result.inputs["imu"].path).name if "imu" in result.inputs else "a drive"
     rows = tuple(_row(each) for each in study.growth)
     first, *others = (table for component in _COMPONENTS if (table := _table(component, study.growth)).rows)
-    inside = ", ".join(f"{100.0 * each.inside_at_end:.0f} % of {each.length:g} s" for each in study.growth)
+    inside = list(dict.fromkeys(f"{100.0 * each.inside_at_end:.0f}" for each in study.growth))
+    lengths = ", ".join(f"{each.length:g}" for each in study.growth)
     common = tuple(line for line in (common_text(each) for each in study.growth) if line)
     title = f"Error without GPS against {study.reference}"
     growing = drawn("outages", title, outage_panels(study.windows, study.growth), NOTE)
     return Page(
         f"GNSS outage test: {name}, {len(study.windows)} windows",
-        (f"Against {study.reference}. Inside 3 sd (north, east, down): {inside}.",),
+        (f"Inside 3 sd (north, east, down): {' to '.join(inside[:: max(len(inside) - 1, 1)])} % after {lengths} s.",),
         (
             Section("", items=(Quantity("reference", study.reference),), show="json"),
             Section("outages", rows=rows, show="json"),
-            first,
             growing,
-            *(replace(table, folded=not table.title.startswith("Smoothed horizontal")) for table in others),
+            first,
+            *(table if _seen(table) else replace(table, folded=True, show="page") for table in others),
         ),
         warnings=common,
         verdict=_verdict(study),
         merits=_merits(study.growth[-1]),
+        merits_note=f"After {study.growth[-1].length:g} s, as measured: the error of {study.reference} is in it.",
         assumptions=(
             "Each window starts from the filter at its first epoch, with all fixes before and none within.",
-            "RMS, 95 % and max are of the difference to the reference, whose own errors are in all three; RMS "
-            "corrected: its variance subtracted. Against noisy fixes the largest of many is mostly their noise.",
+            "RMS, 95 % and max: difference to the reference, whose own errors are in all three, and make most of the "
+            "largest against noisy fixes; corrected: RMS with the variance of the reference subtracted.",
             "Smoothed: at the epoch of each window where the sd of the smoothed position is largest.",
             "Heading is compared with that smoothed from all fixes, so it is not independent.",
             INTERVALS,
@@ -69,13 +74,15 @@ def page(result: Result[OutageStudy]) -> Page:
     )
 
 
+def _seen(table: Section) -> bool:
+    """Whether a table stands on the first screen, and in the terminal."""
+    return table.title.startswith("Smoothed horizontal")
+
+
 def _verdict(study: OutageStudy) -> Verdict:
     """Say how large errors become in the longest outages, and whether the stated sd can be relied on."""
     found = study.growth[-1]
     i, smoothed = found.column("horizontal"), found.column("smoothed horizontal")
-    sizes = [
-        (float(each.corrected[-1, k]), float(each.low[-1, k]), float(each.high[-1, k])) for each, k in _both(found)
-    ]
     least = min(study.growth, key=lambda each: each.inside_at_end)
     share = f"{100.0 * least.inside_at_end:.0f} % of the errors after {least.length:g} s are inside 3 sd"
     light, words = (
@@ -85,18 +92,19 @@ def _verdict(study: OutageStudy) -> Verdict:
         if least.inside_at_end >= _FEW_INSIDE
         else ("bad", "the stated sd is far too small")
     )
+    raw, left = float(found.rms[-1, i]), float(found.corrected[-1, i])
     text = (
-        f"After {found.length:g} s without GPS: horizontal error {corrected_text(*sizes[0])}, 95 % "
-        f"{number(float(found.p95[-1, i]))} m, predicted {number(float(found.predicted[-1, i]))} m"
+        f"After {found.length:g} s without GPS: horizontal error {number(raw)} m RMS, 95 % {number(found.p95[-1, i])} m"
     )
+    if not left > _SAME * raw:
+        text += (
+            f" as measured, {corrected_text(left, float(found.low[-1, i]), float(found.high[-1, i]))} without that of "
+            "the reference"
+        )
+    text += f"; predicted {number(float(found.predicted[-1, i]))} m"
     if np.isfinite(found.rms[-1, smoothed]):
-        text += f"; smoothed {corrected_text(*sizes[1])}"
+        text += f"; smoothed {number(float(found.rms[-1, smoothed]))} m RMS"
     return Verdict(cast(Light, light), f"{share}: {words}", f"{text}.")
-
-
-def _both(found: Growth) -> list[tuple[Growth, int]]:
-    """Columns of the horizontal error, filtered and smoothed."""
-    return [(found, found.column(name)) for name in ("horizontal", "smoothed horizontal")]
 
 
 def _merits(found: Growth) -> tuple[Quantity, ...]:
@@ -154,16 +162,18 @@ def _table(component: str, growth: Sequence[Growth]) -> Section:
                 ("rms", "RMS", found.rms),
                 ("p95", "95 %", found.p95),
                 ("max", "max", found.largest),
-                ("reference", "ref. sd", found.reference),
             )
         )
-        predicted = Quantity("predicted", float(found.predicted[-1, i]), unit, meaning="predicted sd")
-        length = Quantity("length", found.length, "s", meaning="without GPS", digits=2)
+        predicted = Quantity("predicted", float(found.predicted[-1, i]), unit)
+        length = Quantity("length", f"{found.length:g} s", meaning="after")
         rows.append((length, Quantity("windows", found.count), *measured, corrected(found, i, unit), predicted))
-    known = any(np.isfinite(found.rms[-1, found.column(component)]) for found in growth)
-    where = "where predicted largest" if component.startswith("smoothed") else "at the end of the outage"
-    title = f"{component.capitalize()} error {where}: as measured | corrected for the reference"
-    return Section("", title, rows=tuple(rows) if known else ())
+    known = [found.rms[-1, found.column(component)] for found in growth]
+    reference = rms([found.reference[-1, found.column(component)] for found in growth]) / UNITS[unit][1]
+    head = f"{component.capitalize()} error [{unit}]"
+    if component.startswith("smoothed"):
+        head += " where predicted largest"
+    own = f"; reference {number(reference)} {unit}, 1 sd" if reference > 0.0 else ""
+    return Section("", f"{head}{own}", rows=tuple(rows) if np.isfinite(known).any() else ())
 
 
 def write_files(result: Result[OutageStudy], folder: RunFolder, table_format: TableFormat) -> None:

@@ -48,7 +48,7 @@ def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns:
     if len(known):
         texts = tuple(f"smoothed, {length:g} s: {number(value)} m RMS corrected" for length, value in known)
         curves.append(Curve("smoothed, RMS corrected", known[:, 0], known[:, 1], VERMILLION, "crosses", text=texts))
-    values = np.concatenate([rms, predicted])
+    values = np.concatenate([rms, predicted, known[:, 1]] if len(known) else [rms, predicted])
     least = float(np.nanmin(values[values > 0.0])) if (values > 0.0).any() else 1e-3
     return Panel(
         f"outage_{name}",

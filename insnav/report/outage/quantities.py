@@ -11,18 +11,19 @@ from insnav.units import UNITS
 
 BELOW = "below reference noise"
 INTERVALS = (
-    "Intervals are 95 % confidence intervals of windows of this drive; in simulations they hold in 90 to 99 % of the "
-    "cases, by the number of windows, their overlap and the kind of errors. An error common to all windows is not in "
-    "them: another drive has another."
+    "Intervals: RMS error of drives like this one, 95 % intended. In simulations they hold it in 90 to 99 % of cases "
+    "where windows differ by chance, in 85 to 97 % where half of the variance is common to all windows of a drive: "
+    "that part counts as one window."
 )
 _SHARED = 0.25  # share of the mean square that is common to all windows, from which it is said
 
 
-def corrected(found: Growth, i: int, unit: str = "m", meaning: str = "RMS corrected (95 %)") -> Quantity:
+def corrected(found: Growth, i: int, unit: str = "m", meaning: str = "corrected (95 %)") -> Quantity:
     """RMS error without the reference at the last time, with its interval; in words where nothing is left."""
     low, high = float(found.low[-1, i]), float(found.high[-1, i])
     if found.below_noise[-1, i]:
-        return Quantity("rms_corrected", below_noise(high / UNITS[unit][1]), unit, meaning=meaning)
+        text = below_noise(high / UNITS[unit][1]).replace(" reference", "")  # in a table of 80 columns
+        return Quantity("rms_corrected", text, unit, meaning=meaning)
     return Quantity("rms_corrected", float(found.corrected[-1, i]), unit, interval=(low, high), meaning=meaning)
 
 
@@ -45,5 +46,5 @@ def common_text(found: Growth) -> str:
         return ""
     return (
         f"{100.0 * share:.0f} % of the mean square horizontal error after {found.length:g} s is common to all windows "
-        "of this drive: expect another drive to differ by more than the interval."
+        "of this drive and counts as one of them: the interval is wide, as another drive has another such error."
     )

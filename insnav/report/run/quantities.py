@@ -172,7 +172,7 @@ def _fixes(run: Run) -> Section:
         "GPS: time offset and lever arm",
         (
             Quantity("delay", run.gps_delay, "s", sd=run.gps_delay_sd),
-            Quantity("lever_arm", run.lever_b, "m", sd=run.lever_sd),
+            Quantity("lever_arm", run.lever_b, "m", sd=run.lever_sd, mark=_taken(run)),
             Quantity("rejected_for", {why: kinds[kind] for kind, why in _REASONS.items() if kinds[kind]}),
         ),
         parts=(one_each("", "GPS fixes", groups, "GPS", "NIS per axis is 1 if fixes and filter agree"),),
@@ -330,3 +330,8 @@ def _ratio(value: float | None, by: float | None) -> float | None:
 
 def _mean(values: FloatArray) -> float | None:
     return float(np.mean(values)) if values.size else None
+
+
+def _taken(run: Run) -> str:
+    """Say that a lever arm was neither given nor estimated."""
+    return "" if np.any(run.lever_b) or np.any(run.lever_sd > 0.0) else "(not estimated: taken as zero)"

@@ -50,12 +50,17 @@ def run_line(result: Result[EvaluatedRun]) -> str:
     if len(run.solution.time) == 0:
         return "The solution is empty."
     distance, _ = distance_and_time(run.solution)
-    lost = outages(run)
+    time = run.solution.time
+    spans = outages(run)
+    lost = [(start, end) for start, end in spans if start > time[0] and end < time[-1]]
     parts = [f"{duration_text(float(np.ptp(run.solution.time)))}, {distance_text(distance)}"]
     parts += [_rate(name, result.inputs[name]) for name in ("imu", "gps") if name in result.inputs]
     if lost:
         longest = duration_text(max(end - start for start, end in lost))
         parts.append(f"{len(lost)} GPS outages, longest {longest}" if lost[1:] else f"GPS outage of {longest}")
+    ends = {"before the first fix": (0, time[0]), "after the last fix": (1, time[-1])}
+    for words, (side, edge) in ends.items():
+        parts += [f"{duration_text(end - start)} {words}" for start, end in spans if (start, end)[side] == edge]
     return "; ".join(parts) + "."
 
 

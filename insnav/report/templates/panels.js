@@ -112,8 +112,8 @@ class Panel extends Drawing {
     for (const curve of this.curves) for (const key of ["x", "y", "low"]) if (curve[key] !== undefined) curve[key] = floats(curve[key]);
     const bars = this.curves.some(curve => curve.kind === "bars");
     const [low, high] = extent(this.curves.flatMap(curve => [...extent(curve.x), ...(bars && curve.low ? extent(curve.low) : [])]));
-    const margin = this.logX ? 0 : 0.01 * (high - low || 1);
-    this.whole = [low - margin, high + margin];
+    const margin = 0.01 * (high - low || 1), factor = (high / low) ** 0.01;
+    this.whole = this.logX ? [low / factor, high * factor] : [low - margin, high + margin];
     this.x = new Bokeh.Range1d({start: this.whole[0], end: this.whole[1]});
     if (this.linked) this.linked.whole = [Math.min(this.linked.whole[0], this.whole[0]), Math.max(this.linked.whole[1], this.whole[1])];
     const y = this.rows.length ? {start: this.rows.length - 0.4, end: -0.6} : {start: 0, end: 1};
@@ -241,7 +241,7 @@ class Panel extends Drawing {
     }
     this.y.setv({start: limits[0], end: limits[1]});
     const marks = {x: [], y: [], a: [], c: []};
-    for (const curve of this.curves.filter(each => this.visible(each) && each.kind !== "band")) {
+    for (const curve of this.curves.filter(each => this.visible(each) && !["band", "thin"].includes(each.kind))) {
       for (let i = 0; i < curve.x.length && marks.x.length < 2000; i++) {
         const up = curve.y[i] > limits[1];
         if ((!up && !(curve.y[i] < limits[0])) || curve.x[i] < start || curve.x[i] > end) continue;
