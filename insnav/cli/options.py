@@ -55,6 +55,12 @@ Engine = Annotated[
 ]
 Out = Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=RESULT)]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing result of insnav.", rich_help_panel=RESULT)]
+Backdrop = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="Lines behind the track of the page: GeoJSON, such as streets.", rich_help_panel=RESULT
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print run.json instead of a summary.", rich_help_panel=RESULT)]
 AidingOption = Annotated[
     AidingWhen,

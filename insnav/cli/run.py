@@ -116,6 +116,7 @@ def run(
             rich_help_panel=opt.RESULT,
         ),
     ] = Figures.page,
+    backdrop: opt.Backdrop = None,
     fail_above: Annotated[
         float | None,
         typer.Option(
@@ -147,6 +148,10 @@ def run(
 
         quiet_figures()
         outcome = replace(outcome, options=data.options)
+        if backdrop is not None:
+            from insnav.report.run.backdrop import read_backdrop
+
+            outcome = replace(outcome, found=replace(outcome.found, backdrop=read_backdrop(backdrop)))
         where = save_result(outcome, folder, figures=figures.value, table_format=format.value)
     if as_json:
         result_facts(where)

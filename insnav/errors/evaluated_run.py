@@ -30,6 +30,7 @@ class EvaluatedRun:
     short_duration: tuple[ShortWindow, ...] = ()
     noise: NoiseEstimate | None = None  # as found in the innovations
     reference_is_gps: bool = False  # the reference is what the run was aided with
+    backdrop: FloatArray | None = None  # (n, 2) latitude and longitude of lines behind the map, NaN between them [rad]
 
     @property
     def reference_offset(self) -> ReferenceOffset | None:

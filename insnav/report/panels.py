@@ -200,7 +200,7 @@ def _track(track: Track) -> dict[str, Any]:
         "north": packed(track.north[rows]),
         "time": packed(track.time[rows]),
         "fixes": [packed(fixes[:, 0]), packed(fixes[:, 1])],
-        "behind": [_curve(each) for each in track.behind],
+        "behind": [_behind(each) for each in track.behind],
         "shades": [
             {
                 "name": plain_text(each.name),
@@ -211,6 +211,13 @@ def _track(track: Track) -> dict[str, Any]:
             for each in track.shades
         ],
     }
+
+
+def _behind(line: Curve) -> dict[str, Any]:
+    """Give a line of a map: every point of a backdrop, some of a whole drive."""
+    step = 1 if line.kind == "thin" else max(1, -(-len(line.x) // (2 * LINE_BINS)))
+    points = {"x": packed(line.x[::step]), "y": packed(line.y[::step])}
+    return {"name": plain_text(line.name), "kind": line.kind, "colour": line.colour, **points}
 
 
 def _finite_pairs(spans: Sequence[tuple[float, float]]) -> list[list[float]]:

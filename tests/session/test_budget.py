@@ -12,6 +12,7 @@ import pytest
 from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings
 from insnav.exceptions import ConfigError, InputError
 from insnav.output.folder import read_facts, verify_folder
+from insnav.result import open_result
 from insnav.session.drive import load
 
 WINDOWS = WindowSettings(spacing=15.0)
@@ -44,6 +45,12 @@ def test_from_files_to_a_folder(drive: Path):
     facts = read_facts(Path("budget"))["recorded_windows"]
     assert facts["calibrated"]["times_s"] == [10.0, 20.0]
     assert facts["uncalibrated"]["windows"] == facts["calibrated"]["windows"] > 3
+    again = open_result("budget")
+    assert again.summary() == result.summary()
+    assert (
+        read_facts(again.save("again", figures="none"))["recorded_windows"]
+        == read_facts(Path("budget"))["recorded_windows"]
+    )
     for name in ("recorded_growth", "recorded_causes", "recorded_regression", "uncalibrated_growth"):
         assert Path(f"budget/figures/{name}.png").stat().st_size > 10_000
 

@@ -12,8 +12,12 @@ from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.laws import SHORT
 from insnav.errors.budget.study import BudgetStudy
 from insnav.errors.requirement.field_factor import TEXT as FIELD_FACTOR
+from insnav.imu.imu_file import to_toml
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
+from insnav.output.stored import FILE as FOUND
+from insnav.output.stored import read_stored as read_found
+from insnav.output.stored import store
 from insnav.quantity import Quantity
 from insnav.report.budget.contributions import ranked, shares
 from insnav.report.budget.headline import (
@@ -48,6 +52,9 @@ from insnav.units import DEG
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+
+__all__ = ["frame", "page", "read_found", "write_files"]
 
 
 def page(result: Result[BudgetStudy]) -> Page:
@@ -127,12 +134,15 @@ def _back(result: Result[BudgetStudy]) -> Figure:
 
 
 def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write ``budget.pdf``, two pages.
+    """Write ``budget.pdf``, two pages, the IMU model, and everything that was found, to be read again.
 
     `folder`: entered, not committed; `table_format` {"csv", "parquet"}: not used: a budget has no tables of its own.
     """
     from insnav.report.style import drawing, save_pages
 
+    store(result.found, folder.path(FOUND))
+    if result.imu_model is not None:
+        folder.path("imu.toml").write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
     with drawing():
         save_pages((_front(result), _back(result)), folder.path("budget.pdf"))
 

@@ -16,6 +16,8 @@ from insnav.output.kml import write_kml
 from insnav.output.solution_tables import TableFormat, write_events, write_run_table
 from insnav.report.page import FigureSpec, Page, Section
 from insnav.report.run.assumptions import run_assumptions
+from insnav.report.run.backdrop import FILE as BACKDROP
+from insnav.report.run.backdrop import write_backdrop
 from insnav.report.run.brief import brief_lines
 from insnav.report.run.panels import run_panels
 from insnav.report.run.quantities import run_sections
@@ -115,6 +117,8 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: T
         folder.path("imu.toml").write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
     write_events(place, result.events or run.events)
     write_kml(place, run.solution, Path(result.inputs["imu"].path).name if "imu" in result.inputs else "track")
+    if found.backdrop is not None:
+        write_backdrop(found.backdrop, folder.path(BACKDROP))
     if found.short_duration:
         write_table(folder.path("short.csv"), short_columns(found.short_duration))
 

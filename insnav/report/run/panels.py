@@ -246,6 +246,11 @@ def _track(found: EvaluatedRun, axis: _Axis) -> Track:
         at, nis = run.innovations.time[known], run.innovations.nis_position[known]
         shades.append(Shade("NIS of position [-]", nis[_nearest(at, time)]))
     fixes = None if gps is None else ned_offset(gps.lla, origin)[:, [1, 0]]
+    behind: tuple[Curve, ...] = ()
+    if found.backdrop is not None:
+        level = np.column_stack((found.backdrop, np.full(len(found.backdrop), origin[2])))
+        north, east, _ = ned_offset(level, origin).T
+        behind = (Curve("backdrop", east, north, GREY, "thin"),)
     lat, lon = origin[:2] / DEG
     note = f"start at latitude {lat:.5f}°, longitude {lon:.5f}°; point at the track to see the time"
     return Track(
@@ -259,6 +264,7 @@ def _track(found: EvaluatedRun, axis: _Axis) -> Track:
         fixes,
         axis.spans,
         note,
+        behind,
     )
 
 

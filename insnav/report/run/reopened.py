@@ -13,6 +13,8 @@ from insnav.errors.metrics import TrajectoryErrors
 from insnav.exceptions import InputError
 from insnav.output.folder import read_facts
 from insnav.output.solution_tables import has_smoothed, read_events, read_run_table, read_solution
+from insnav.report.run.backdrop import FILE as BACKDROP
+from insnav.report.run.backdrop import read_backdrop
 from insnav.types import (
     AidingUse,
     Alignment,
@@ -66,7 +68,8 @@ def read_found(folder: Path) -> EvaluatedRun:
         for name in ("errors", "smoothed_errors")
     )
     gps = read_run_table(folder, GpsData) if any(folder.glob("fixes.*")) else None
-    return EvaluatedRun(run, gps, errors, smoothed_errors)
+    backdrop = read_backdrop(folder / BACKDROP) if (folder / BACKDROP).is_file() else None
+    return EvaluatedRun(run, gps, errors, smoothed_errors, backdrop=backdrop)
 
 
 def _alignment(facts: Mapping[str, Any]) -> Alignment:

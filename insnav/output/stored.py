@@ -1,0 +1,74 @@
+"""A result as one file and back: dataclasses of this package by their fields, arrays as they are, nothing that runs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, cast
+from zipfile import BadZipFile
+
+import numpy as np
+
+from insnav.exceptions import InputError
+
+FILE = "found.npz"
+_STRUCTURE = "structure"
+
+
+def store(found: object, file: Path) -> None:
+    """Write what was found; an array that stands in several places is written once."""
+    arrays: dict[int, np.ndarray] = {}
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            arrays.setdefault(id(value), value)
+            return {"array": list(arrays).index(id(value))}
+        if is_dataclass(value):
+            kind = type(value)
+            own = {each.name: plain(getattr(value, each.name)) for each in fields(value) if each.init}
+            return {"class": f"{kind.__module__}:{kind.__qualname__}", "fields": own}
+        if isinstance(value, Mapping):
+            return {"mapping": [[plain(key), plain(each)] for key, each in value.items()]}
+        if isinstance(value, tuple | list):
+            return {type(value).__name__: [plain(each) for each in value]}
+        return value.item() if isinstance(value, np.generic) else value
+
+    structure = json.dumps(plain(found)).encode()
+    content = {f"array_{i}": array for i, array in enumerate(arrays.values())}
+    np.savez_compressed(file, **{_STRUCTURE: np.frombuffer(structure, np.uint8)}, **content)  # type: ignore[arg-type]
+
+
+def read_stored(folder: Path) -> Any:
+    """Read what was found from its folder.
+
+    Raises: InputError: the file is missing, damaged, or of another version.
+    """
+    file = folder / FILE
+    try:
+        with file.open("rb") as stream, np.load(stream, allow_pickle=False) as content:
+            return _restored(json.loads(content[_STRUCTURE].tobytes()), content)
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, ImportError, EOFError, BadZipFile) as error:
+        raise InputError(
+            "the result cannot be read again", where=str(file), why=str(error), fix="make it again with this version"
+        ) from error
+
+
+def _restored(value: Any, content: Mapping[str, np.ndarray]) -> Any:
+    if not isinstance(value, dict):
+        return value
+    if "array" in value:
+        return content[f"array_{value['array']}"]
+    if "mapping" in value:
+        return {_restored(key, content): _restored(each, content) for key, each in value["mapping"]}
+    for kind in (tuple, list):
+        if kind.__name__ in value:
+            return kind(_restored(each, content) for each in value[kind.__name__])
+    module, name = value["class"].split(":")
+    found: Any = getattr(import_module(module), name) if module.startswith("insnav.") else None
+    if not is_dataclass(found):
+        raise ValueError(f"{value['class']} is no result of insnav")
+    make = cast(Callable[..., Any], found)
+    return make(**{key: _restored(each, content) for key, each in value["fields"].items()})
