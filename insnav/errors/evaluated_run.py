@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,6 +63,7 @@ def evaluate_run(
     if reference is not None:
         good, said = fixed_epochs(reference)
         notes += said
+        good = _held(good, done.run.solution.time)
         errors = position_errors(done.run.solution, good, lever_b=lever_b)
         if done.run.smoothed is not None:
             smoothed_errors = position_errors(done.run.smoothed.solution, good, lever_b=lever_b)
@@ -70,6 +71,15 @@ def evaluate_run(
         notes += offset_notes(offset) if offset is not None else []
     same = reference is not None and done.gps is not None and _same_positions(done.gps, reference.data)
     return EvaluatedRun(done.run, done.gps, errors, smoothed_errors, reference_is_gps=same), tuple(notes)
+
+
+def _held(reference: Trajectory, time: FloatArray) -> Trajectory:
+    """Reference; of a place that never moves, such as a bench, also where it has no rows, at these times ``(n,)``."""
+    inside = (reference.time >= time[0]) & (reference.time <= time[-1]) if len(time) else np.ones(1, dtype=np.bool_)
+    rests = len(reference.time) > 1 and not np.any(np.ptp(reference.lla, axis=0)) and not np.any(reference.v_n)
+    if inside.any() or not rests or reference.time[0] > time[0] or reference.time[-1] < time[-1]:
+        return reference
+    return replace(reference.rows(np.zeros(len(time), dtype=np.int64)), time=time)
 
 
 def _same_positions(gps: GpsData, reference: Trajectory) -> bool:

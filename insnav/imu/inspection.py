@@ -19,6 +19,7 @@ LOWEST = 5.0  # below are the vehicle's own motions [Hz]
 PROMINENT = 20.0  # power of a line against its neighbourhood
 NEIGHBOURS = 41  # frequencies that are its neighbourhood
 PEAKS = 3
+JOLT = 5.0  # times the usual change from second to second
 JITTER_GAP = 1.5  # longer intervals, by the median, are missing samples
 
 
@@ -53,6 +54,7 @@ class ImuFigures:
     jitter: float  # standard deviation of the intervals, missing samples apart [s]
     missing: int  # intervals with samples missing
     gravity_steps: tuple[float, float]  # largest step of the specific force between rests [m/s^2], and its time [s]
+    jolt: tuple[float, float]  # the same from one second of the first rest to the next, if it stands out
 
 
 def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolArray | None = None) -> ImuFigures:
@@ -62,7 +64,7 @@ def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolA
     """
     scale = per_sample(imu)
     values = np.hstack([imu.gyro / scale, imu.accel / scale])
-    at_rest, noise = np.full(6, np.nan), np.full(6, np.nan)
+    at_rest, noise, inside = np.full(6, np.nan), np.full(6, np.nan), np.zeros(len(values), dtype=np.bool_)
     moving = np.ones(len(values), dtype=np.bool_)
     if rest is not None:
         inside = (imu.time >= rest[0]) & (imu.time <= rest[1])
@@ -96,6 +98,7 @@ def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolA
         float(np.std(step[whole])),
         int(np.count_nonzero(~whole)),
         (0.0, float("nan")) if still is None else _gravity_step(imu.time, values[:, 3:], still),
+        (0.0, float("nan")) if rest is None else _jolt(imu.time[inside], values[inside, 3:], usual),
     )
 
 
@@ -126,6 +129,17 @@ def _peaks(force: FloatArray, rate: float) -> tuple[VibrationPeak, ...]:
             rms = float(np.sqrt(np.sum(power[near, i]) * (frequency[1] - frequency[0])))
             found.append(VibrationPeak(axis, float(frequency[row]), rms))
     return tuple(sorted(found, key=lambda each: -each.rms)[:PEAKS])
+
+
+def _jolt(time: FloatArray, force: FloatArray, interval: float) -> tuple[float, float]:
+    """Largest change of the specific force from one second to the next [m/s^2], and when [s]; zero if it is usual."""
+    n = max(1, round(1.0 / interval))
+    seconds = force[: len(force) // n * n].reshape(-1, n, 3).mean(axis=1)
+    change = np.linalg.norm(np.diff(seconds, axis=0), axis=1)
+    if len(change) < 3 or not change.max() > JOLT * np.median(change):
+        return 0.0, float("nan")
+    row = int(np.argmax(change))
+    return float(change[row]), float(time[(row + 1) * n])
 
 
 def _gravity_step(time: FloatArray, force: FloatArray, still: BoolArray) -> tuple[float, float]:

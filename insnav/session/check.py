@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import cast
@@ -16,7 +16,7 @@ from insnav.exceptions import InputError, InsnavError
 from insnav.filter.fix_figures import FixFigures, look_at_fixes
 from insnav.filter.gps_noise import with_sd
 from insnav.imu.health import inspect
-from insnav.imu.inspection import ImuFigures, inspect_samples
+from insnav.imu.inspection import JOLT, ImuFigures, inspect_samples
 from insnav.input import Reading, ReadingFacts, read_gps
 from insnav.input.formats.registry import open_tables
 from insnav.input.interpret.columns import match_header
@@ -77,7 +77,7 @@ class _Patient:
     roles: dict[str, str] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
     refusals: int = 0
-    left_out: tuple[str, ...] = ()  # files that cannot be used with the others
+    parts: Mapping[str, str | Path] = field(default_factory=dict)  # files that go together
 
     def mend(self, weight: float, what: str, why: str, fix: str) -> None:
         self.problems.append(Problem(weight, what, why, fix))
@@ -114,7 +114,7 @@ def check(files: Sequence[str | Path], inputs: Inputs) -> Result[Checked]:
     if data is None and "gps" in given:
         facts, found = _fixes_alone(given["gps"], found, patient)
     problems = tuple(sorted(patient.problems, key=lambda each: -each.weight))
-    line = _command(given, patient) if "imu" in given else ""
+    line = _command(patient) if "imu" in given else ""
     as_given = found.run is not None and not patient.refusals
     found = replace(found, command=line, runs=found.run is not None, runs_as_given=as_given, problems=problems)
     events: tuple[Event, ...] = () if data is None else data.imu.events
@@ -173,18 +173,25 @@ def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Reading
         patient.refused(InputError("no file with IMU data", why="none has gyros and accelerometers", fix=_ALONE))
         return None, None
     best = None
-    for without in ((), ("reference",), ("gps", "reference")):
-        parts = {key: each for key, each in given.items() if key not in without}
-        if len(parts) + len(without) > len(given):  # there is none to leave out
-            continue
+    for parts in _ways(given):
         readings, drive = _attempt(parts, patient)
         best = best or readings
-        if drive is not None:
-            patient.left_out = without
-            return drive.readings, drive
-        if readings is not None and "reference" not in parts:
-            break
+        patient.parts = parts
+        if drive is not None or (readings is not None and readings.gps is not None and "reference" not in parts):
+            return readings, drive
     return best, None
+
+
+def _ways(given: Mapping[str, str | Path]) -> Iterator[dict[str, str | Path]]:
+    """All files; without the reference; the fixes as the place of a bench; the samples alone."""
+    imu, gps = given["imu"], given.get("gps")
+    yield {**given}
+    if "reference" in given:
+        yield {key: each for key, each in given.items() if key != "reference"}
+    elif gps is not None and gps != imu:
+        yield {"imu": imu, "reference": gps}
+    if gps is not None and gps != imu:
+        yield {"imu": imu}
 
 
 def _attempt(parts: Mapping[str, str | Path], patient: _Patient) -> tuple[Readings | None, Drive | None]:
@@ -235,7 +242,9 @@ def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Pat
     if together and drive is not None and fixes is not None and data.gps is not None:
         parts = intervals(imu)
         found = replace(found, offset=clock_offset(joined(parts), fixes), mounting=find_mounting(parts, fixes))
+    if drive is not None and drive.fixes is not None:
         found = replace(found, run=_run(drive, patient))
+    if together:
         _of_both(found, data, patient)
     return found
 
@@ -315,6 +324,13 @@ def _of_imu(reading: Reading[ImuData], found: Checked, patient: _Patient) -> Non
             f"the specific force at rest steps by {1e3 * figures.gravity_steps[0] / G0:+.1f} mg",
             f"between two stops, at {figures.gravity_steps[1]:.1f} s",
             "look for a knock, a change of temperature or a loose mount",
+        )
+    if figures.jolt[0] > STEP:
+        patient.mend(
+            34.0,
+            f"at rest the specific force changes by {1e3 * figures.jolt[0] / G0:.1f} mg from one second to the next",
+            f"at {figures.jolt[1]:.1f} s, {JOLT:g} times the usual or more",
+            "look for a knock or a loose mount; align from a quieter part: --static FROM:TO",
         )
     if found.rest is None:
         patient.mend(15.0, "no rest was found", "bias and noise at rest are not known", "stand still for 20 s first")
@@ -415,13 +431,14 @@ def _of_both(found: Checked, data: Readings, patient: _Patient) -> None:
         patient.mend(26.0 if seen else 10.0, "the lever arm was not given", why, "measure it: --lever-arm F,R,D")
 
 
-def _command(given: Mapping[str, str | Path], patient: _Patient) -> str:
+def _command(patient: _Patient) -> str:
     """Line that runs the files."""
-    words = ["insnav", "run", str(given["imu"])]
-    if given.get("gps", given["imu"]) != given["imu"]:
-        words += ["--gps", str(given["gps"])]
-    if "reference" in given and "reference" not in patient.left_out:
-        words += ["--ref", str(given["reference"])]
+    parts = patient.parts
+    words = ["insnav", "run", str(parts["imu"])]
+    if parts.get("gps", parts["imu"]) != parts["imu"]:
+        words += ["--gps", str(parts["gps"])]
+    if "reference" in parts:
+        words += ["--ref", str(parts["reference"])]
     for key, value in patient.inputs.items():
         if value is not None and key in INPUTS and INPUTS[key].option:
             words += [INPUTS[key].option, _spelled(value, INPUTS[key].size)]

@@ -20,7 +20,7 @@ from insnav.errors.metrics import at_point
 from insnav.errors.outage.gnss_outage import LENGTHS, outages
 from insnav.errors.outage.window_reference import WindowReference, reference_from_trajectory
 from insnav.errors.short_duration_errors import short_windows
-from insnav.exceptions import AlignmentError, ConfigError
+from insnav.exceptions import AlignmentError, ConfigError, InputError
 from insnav.filter import FilterSettings
 from insnav.filter.fine_alignment import FineAlignment, fine_alignment
 from insnav.filter.gps_delay import on_time
@@ -50,6 +50,7 @@ if TYPE_CHECKING:  # what takes long to import is imported where it is used: a r
     from insnav.session.read import Given
     from insnav.session.requirement import RequirementOptions
 
+SLOWEST = 2.5  # rate of an IMU that can be navigated [Hz]
 SHORT_REST = 10.0  # so long may steady motion look like rest [s]
 
 
@@ -97,6 +98,13 @@ def drive_of(readings: Readings) -> Drive:
     """
     inputs = readings.inputs
     given_model = defaults.given_imu(inputs.get("imu_model"))
+    if readings.imu.facts.rate_hz < SLOWEST:
+        raise InputError(
+            "the samples of the IMU are too far apart to be navigated",
+            where=readings.imu.facts.path,
+            why=f"{1.0 / readings.imu.facts.rate_hz:.3g} s; the turns in between are not known",
+            fix="export the sensors at their full rate (50 Hz or more), not merged to that of the fixes",
+        )
     imu, sensor_logs, clocks = on_one_clock(readings.imu, readings.gps, readings.logs, inputs)
     readings, samples = replace(readings, imu=imu, logs=sensor_logs), imu.data
     fixes, assumed = defaults.complete_fixes(samples, readings.gps, readings.reference, inputs)

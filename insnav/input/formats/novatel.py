@@ -259,7 +259,7 @@ def _samples(source: Source, log: Any, name: str, notes: list[str]) -> Table:
         per_second = np.linalg.norm(counts[1:, 3:], axis=1).sum() / span if span > 0.0 else np.nan
         found = [each for each in _SCALES.values() if abs(per_second * each[2] / _GRAVITY - 1.0) < _TOLERANCE]
         why = f"{name} does not say which IMU it is of, and {per_second:.3g} counts of velocity a second are of none"
-        notes = [*notes, f"{name} does not say which IMU it is of: told by gravity"]
+        notes = [*notes, f"{name} does not say which IMU it is of: found from gravity"]
     if len(found) != 1 or not isinstance(found[0], tuple):
         known = ", ".join(f"{key} {each[0]}" for key, each in _SCALES.items())
         raise InputError(

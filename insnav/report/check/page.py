@@ -15,6 +15,7 @@ from insnav.report.page import Page, Section
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.session.check import TO_MEND, Checked
+from insnav.types import Run
 
 _UNITS = {"gyro": ("deg/s", "deg/sqrt(h)"), "accel": ("m/s^2", "m/s/sqrt(h)")}
 
@@ -88,6 +89,10 @@ def _imu(found: Checked) -> tuple[Section, ...]:
         Quantity("rest", None if found.rest is None else np.array(found.rest), "s", meaning="first rest", decimals=1),
         Quantity("rest_step", step or None, "mg", meaning="largest step of the specific force between stops"),
         Quantity("rest_step_time", time, "s", meaning="at", decimals=1),
+        Quantity(
+            "jolt", found.imu.jolt[0] or None, "mg", meaning="largest step between seconds of the first rest"
+        ),
+        Quantity("jolt_time", found.imu.jolt[1], "s", meaning="at", decimals=1),
     )
     return (Section("imu", "IMU", items=items, parts=(*parts, Section("vibration", "Vibration: lines", rows=peaks))),)
 
@@ -137,9 +142,15 @@ def _both(found: Checked) -> tuple[Section, ...]:
     if found.run is not None:
         items += [
             Quantity("delay", found.run.gps_delay, "s", sd=found.run.gps_delay_sd, meaning="GPS delay by the filter"),
-            Quantity("lever_arm", found.run.lever_b, "m", sd=found.run.lever_sd, meaning="lever arm by the filter"),
+            *_lever_arm(found.run),
         ]
     return (Section("together", "IMU and GPS together", items=tuple(items)),) if items else ()
+
+
+def _lever_arm(run: Run) -> tuple[Quantity, ...]:
+    if not np.any(run.lever_sd):
+        return (Quantity("lever_arm", None, "m", meaning="lever arm by the filter (not estimated)"),)
+    return (Quantity("lever_arm", run.lever_b, "m", sd=run.lever_sd, meaning="lever arm by the filter"),)
 
 
 def _problems(found: Checked) -> Section:
