@@ -11,11 +11,11 @@ import typer
 from insnav.cli import options as opt
 from insnav.cli.console import result
 
-SHORT_HELP = "A run as GPX, KML, GeoJSON, TUM, EuRoC, RTKLIB .pos, NMEA or CSV."
+SHORT_HELP = "A run as GPX, KML, GeoJSON, TUM, EuRoC, RTKLIB .pos, NMEA, ROS bag or CSV."
 HELP = """A run in the format of another program.
 
-Writes the smoothed solution if the run has one. GPX, .pos and NMEA need dates: they are known where the fixes had a GPS
-week (NMEA, u-blox, RTKLIB …) or the times are Unix time; else give --week.
+Writes the smoothed solution if the run has one. GPX, .pos, NMEA and bags need dates: they are known where the fixes had
+a GPS week (NMEA, u-blox, RTKLIB …) or the times are Unix time; else give --week.
 
 \b
 Examples:
@@ -35,6 +35,7 @@ class Kind(StrEnum):
     euroc = "euroc"
     pos = "pos"
     nmea = "nmea"
+    bag = "bag"
     csv = "csv"
 
 
@@ -67,9 +68,9 @@ def export(
     path = out or Path(f"track.{_SUFFIXES.get(to, to.value)}")
     if path.exists() and not force:
         raise OutputError("the file exists already", where=str(path), fix="give another name with --out, or --force")
-    text = export_run(run, to.value, solution="filtered" if filtered else None, week=week)
+    content = export_run(run, to.value, solution="filtered" if filtered else None, week=week)
     try:
-        path.write_text(text, encoding="utf-8", newline="")
+        path.write_bytes(content)
     except OSError as error:
         raise OutputError("the file cannot be written", where=str(path), why=error.strerror or str(error)) from error
     result(f"files       {path}")

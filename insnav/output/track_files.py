@@ -1,6 +1,6 @@
-"""A trajectory in the formats of other programs: GPX, KML, GeoJSON, TUM, EuRoC, RTKLIB .pos, NMEA, CSV.
+"""A trajectory in the formats of other programs: GPX, KML, GeoJSON, TUM, EuRoC, RTKLIB .pos, NMEA, ROS bag, CSV.
 
-Times are what the format wants: UTC in GPX, GeoJSON, NMEA and CSV, GPS time in .pos, nanoseconds in EuRoC.
+Times are what the format wants: UTC in GPX, GeoJSON, NMEA, bags and CSV, GPS time in .pos, nanoseconds in EuRoC.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from insnav.exceptions import ConfigError
 from insnav.output.kml import kml_text
+from insnav.output.ros import bag
 from insnav.output.tum import tangent_poses, tum_files
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray, Trajectory
@@ -187,14 +188,9 @@ def csv(track: Track) -> str:
     return "\n".join([*lines, ""])
 
 
-WRITERS: dict[str, Callable[[Track], str]] = {
-    each.__name__: each for each in (gpx, kml, geojson, tum, euroc, pos, nmea, csv)
+WRITERS: dict[str, Callable[[Track], str | bytes]] = {
+    each.__name__: each for each in (gpx, kml, geojson, tum, euroc, pos, nmea, bag, csv)
 }
-
-
-def track_text(kind: str, track: Track) -> str:
-    """Text of a trajectory in a format, one of `WRITERS`."""
-    return WRITERS[kind](track)
 
 
 def _minutes(angle: float, digits: int) -> str:

@@ -12,7 +12,7 @@ from insnav.exceptions import ConfigError
 from insnav.input.formats.time_scales import DAY, EPOCH, UNIX_DAYS, WEEK_DAYS, leap_seconds
 from insnav.output.folder import read_facts
 from insnav.output.solution_tables import has_smoothed, read_solution
-from insnav.output.track_files import WRITERS, Track, track_text
+from insnav.output.track_files import WRITERS, Track
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 
@@ -21,8 +21,8 @@ _START = EPOCH.astype("datetime64[ns]")
 _UNIX_FROM = 1e9  # times beyond are Unix time [s]
 
 
-def export(folder: Path, kind: str, *, solution: Solution | None = None, week: int | None = None) -> str:
-    """Text of a run in another format.
+def export(folder: Path, kind: str, *, solution: Solution | None = None, week: int | None = None) -> bytes:
+    """Content of a run in another format.
 
     `folder`: of a run; `kind`: one of `insnav.output.track_files.WRITERS`; `solution`: default smoothed if there is
     one; `week`: GPS week of its first epoch, where neither fixes nor times tell it.
@@ -37,7 +37,8 @@ def export(folder: Path, kind: str, *, solution: Solution | None = None, week: i
     gps = inputs.get("gps", {}) if isinstance(inputs, dict) else {}
     utc, gps_time = _instants(trajectory.time, _week(inputs) if week is None else week)
     name = f"{plain_text(folder.resolve().name)}, {'smoothed' if smoothed else 'filtered'}"
-    return track_text(kind, Track(trajectory, name, utc, gps_time, gps.get("height") or "ellipsoidal"))
+    written = WRITERS[kind](Track(trajectory, name, utc, gps_time, gps.get("height") or "ellipsoidal"))
+    return written if isinstance(written, bytes) else written.encode()
 
 
 def _week(inputs: Any) -> int | None:

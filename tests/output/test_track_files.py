@@ -42,7 +42,7 @@ def run(tmp_path):
 @pytest.mark.parametrize("kind", ["gpx", "pos", "nmea"])
 def test_what_was_written_is_read_again(run, tmp_path, kind):
     path = tmp_path / "track"
-    path.write_text(export(run(), kind), newline="")
+    path.write_bytes(export(run(), kind))
     data = read_gps(path).data
     assert np.allclose(data.time, TOW + MOTION.t, atol=2e-6)
     assert same_places(data, MOTION, 1e-3)
@@ -59,7 +59,7 @@ def test_what_was_written_is_read_again(run, tmp_path, kind):
 
 def test_csv_is_a_reference(run, tmp_path):
     path = tmp_path / "track.csv"
-    path.write_text(export(run(), "csv"))
+    path.write_bytes(export(run(), "csv"))
     data = read_reference(path).data
     assert same_places(data, MOTION, 1e-4)
     assert np.allclose(data.rph[:, 2], np.radians(MOTION.heading))
@@ -70,7 +70,7 @@ def test_evo_reads_poses(run, tmp_path, kind):
     from evo.tools import file_interface
 
     path = tmp_path / "track"
-    path.write_text(export(run(), kind))
+    path.write_bytes(export(run(), kind))
     reader = {"tum": file_interface.read_tum_trajectory_file, "euroc": file_interface.read_euroc_csv_trajectory}[kind]
     poses = reader(str(path))
     start = UNIX if kind == "euroc" else TOW
@@ -86,19 +86,19 @@ def test_geojson_and_kml(run):
     (lon, lat, height) = line["geometry"]["coordinates"][0][0]
     assert np.allclose((lat, lon, height), MOTION.lla[0], atol=1e-6)
     assert line["properties"]["times"][0] == "2025-08-27T11:59:42.012345Z"
-    assert "<coordinates>151.5" in export(run(), "kml")
+    assert b"<coordinates>151.5" in export(run(), "kml")
 
 
 def test_unix_times_need_no_week(run, tmp_path):
     path = tmp_path / "track"
-    path.write_text(export(run(start=UNIX, week=None), "pos"))
+    path.write_bytes(export(run(start=UNIX, week=None), "pos"))
     assert np.allclose(read_gps(path).data.time, TOW + MOTION.t, atol=2e-6)
 
 
 def test_formats_with_dates_ask_for_the_week(run):
     folder = run(start=5.0, week=None)
     for kind in WRITERS:
-        if kind in ("gpx", "pos", "nmea"):
+        if kind in ("gpx", "pos", "nmea", "bag"):
             with pytest.raises(ConfigError, match="week"):
                 export(folder, kind)
             assert export(folder, kind, week=WEEK)
@@ -106,3 +106,27 @@ def test_formats_with_dates_ask_for_the_week(run):
             assert export(folder, kind)
     with pytest.raises(ConfigError, match="known are gpx"):
         export(folder, "shp")
+
+
+def test_a_bag_is_read_again_by_rosbags_and_here(run, tmp_path):
+    from rosbags.highlevel import AnyReader
+
+    path = tmp_path / "track.bag"
+    path.write_bytes(export(run(), "bag"))
+    gps, reference = read_gps(path).data, read_reference(path).data
+    assert np.allclose(gps.time, UNIX + MOTION.t, atol=2e-6)
+    assert same_places(gps, MOTION, 1e-3)
+    assert np.allclose(gps.v_n, MOTION.v_n, atol=1e-6)
+    assert np.allclose(gps.position_sd, SD[:, :3])
+    assert same_places(reference, MOTION, 2e-3)
+    assert np.allclose(reference.v_n, MOTION.v_n, atol=1e-5)
+    rph = trajectory(TOW).rph
+    assert np.allclose(np.degrees(np.angle(np.exp(1j * (reference.rph - rph)))), 0.0, atol=1e-4)
+    with AnyReader([path]) as reader:
+        messages = [
+            reader.deserialize(raw, each.msgtype) for each, _, raw in reader.messages() if each.topic == "/odom"
+        ]
+    assert len(messages) == len(MOTION.t)
+    assert messages[0].child_frame_id == "base_link"
+    v = messages[0].twist.twist.linear
+    assert np.allclose([v.x, v.y, v.z], [np.linalg.norm(MOTION.v_n[0]), 0.0, 0.0], atol=0.2)

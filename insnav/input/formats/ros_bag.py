@@ -9,20 +9,34 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from insnav.attitude import dcm_from_quat, quat_from_dcm, rph_from_quat
+from insnav.earth_fixed import earth_from_lla, lla_from_earth, quat_earth_from_level
 from insnav.exceptions import InputError
-from insnav.input.formats.conventions import ACCEL, GYRO, damaged, deviations, triad, up_or_down
+from insnav.input.formats.conventions import (
+    ACCEL,
+    ATTITUDE,
+    GYRO,
+    PLACE,
+    VELOCITY,
+    damaged,
+    deviations,
+    fix_table,
+    triad,
+    up_or_down,
+)
 from insnav.input.formats.messages import joined
 from insnav.input.formats.source import Source, digest_of, on_disk
 from insnav.input.formats.table import Table, column_table
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
+from insnav.units import DEG
 
 name = "ROS bag"
 suffixes = (".bag", ".db3", ".mcap")
@@ -30,15 +44,18 @@ extra = "ros"
 
 _MAGIC = {b"#ROSBAG V2.0": ".bag", b"SQLite format 3": ".db3", b"\x89MCAP0\r\n": ".mcap"}
 _BLOCK = 20_000  # messages decoded together
+_FLU = np.array([1.0, -1.0, -1.0])
+_FEW, _APART = 10, 1.0  # fixes that place odometry on Earth, and how far it may be from them [m]
 _STATUS = {0: 5.0, 1: 4.0, 2: 4.0}  # NavSatStatus -> fix type; covariances tell how good a differential fix is
 
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """Message behind its header: how many numbers, and whether the status of a fix stands before them."""
+    """Message behind its header: how many numbers, and whether the status of a fix, or a name, stands before them."""
 
     numbers: int
     status: bool = False
+    name: bool = False
 
 
 _KINDS = {
@@ -46,6 +63,7 @@ _KINDS = {
     "sensor_msgs/msg/NavSatFix": _Kind(12, status=True),
     "geometry_msgs/msg/TwistStamped": _Kind(6),
     "geometry_msgs/msg/TwistWithCovarianceStamped": _Kind(42),
+    "nav_msgs/msg/Odometry": _Kind(85, name=True),
 }
 
 
@@ -112,6 +130,13 @@ def read(source: Source) -> Mapping[str, Table]:
         elif topic.kind.endswith("NavSatFix"):
             notes = [f"topic {plain_text(key)}", lost]
             tables[f"gps:{plain_text(key)}"] = _fixes(source, topic.table(), velocities, notes)
+    fixes = next((table for part, table in tables.items() if part.startswith("gps:")), None)
+    for key, topic in topics.items() if fixes is not None else ():
+        if topic.kind.endswith("Odometry") and fixes is not None:
+            reference, said = _laid_on(source, topic.table(), fixes, plain_text(key))
+            if reference is not None:
+                tables[f"reference:{plain_text(key)}"] = reference
+            tables = {part: replace(each, notes=(*each.notes, said)) for part, each in tables.items()}
     if not tables:
         raise InputError(
             "the bag holds neither sensor_msgs/Imu nor sensor_msgs/NavSatFix",
@@ -155,9 +180,9 @@ def _decoded(data: NDArray[np.uint8], kind: _Kind, ros2: bool) -> FloatArray:
     if data.shape[1] < 24 or (ros2 and (data[:, :2] != [0, 1]).any()):
         return found
     words = np.ascontiguousarray(data[:, 4:16]).view("<u4").astype(np.int64)
-    for length in np.unique(words[:, 2]).tolist():
-        mine = np.flatnonzero(words[:, 2] == length)
-        status_at = 16 + length  # a byte, and two for what satellites there are
+    groups = _behind_text(data, [(np.arange(len(data)), 12)], ros2)
+    for mine, status_at in _behind_text(data, groups, ros2) if kind.name else groups:
+        # a byte, and two for what satellites there are
         numbers_at = status_at + (3 if kind.status else 0)
         if ros2:  # aligned to the size of each number, counted from behind the first four bytes
             behind = status_at - 4
@@ -171,6 +196,20 @@ def _decoded(data: NDArray[np.uint8], kind: _Kind, ros2: bool) -> FloatArray:
         if kind.status:
             found[mine, 2] = data[mine, status_at].view(np.int8)
             found[mine, 3] = data[mine, end]
+    return found
+
+
+def _behind_text(
+    data: NDArray[np.uint8], groups: list[tuple[NDArray[np.int64], int]], ros2: bool
+) -> list[tuple[NDArray[np.int64], int]]:
+    """Rows of messages and where they go on behind a text that stands there, those of one length together."""
+    found = []
+    for rows, at in groups:
+        at = 4 + (at - 1) // 4 * 4 if ros2 else at
+        if at + 4 > data.shape[1]:
+            continue
+        lengths = np.ascontiguousarray(data[rows, at : at + 4]).view("<u4")[:, 0].astype(np.int64)
+        found += [(rows[lengths == each], at + 4 + each) for each in np.unique(lengths).tolist()]
     return found
 
 
@@ -192,11 +231,7 @@ def _samples(source: Source, table: FloatArray, notes: list[str]) -> Table:
 
 
 def _fixes(source: Source, table: FloatArray, velocities: Mapping[str, FloatArray], notes: list[str]) -> Table:
-    good = np.isin(table[:, 2], list(_STATUS))
-    if not good.all():
-        notes.append(f"{int((~good).sum())} of {len(good)} messages have no fix: left out")
-    table = table[good]
-    columns = {"time_s": _times(table, notes), **triad(("lat_deg", "lon_deg", "height_m"), table[:, 4:7])}
+    columns = {"time_s": _times(table, notes), **triad(PLACE, table[:, 4:7])}
     known = table[:, 3] > 0.0
     if known.any():
         with np.errstate(invalid="ignore"):  # rows are East, North, Up
@@ -204,11 +239,47 @@ def _fixes(source: Source, table: FloatArray, velocities: Mapping[str, FloatArra
         columns |= deviations(sd, "sd_{}_m")
         if (table[known, 3] == 1.0).any():
             notes.append("standard deviations are approximations by the driver (covariance type 1)")
-    columns["fix"] = np.array([_STATUS[int(each)] for each in table[:, 2]])
     for key, speeds in velocities.items():
         v = joined(table[:, 0], speeds[:, 0], speeds[:, 4:7])
         if np.isfinite(v[:, 0]).sum() > 0.9 * len(v):
-            columns |= triad(("vn_m_s", "ve_m_s", "vd_m_s"), v[:, [1, 0, 2]] * [1.0, 1.0, -1.0])
+            columns |= triad(VELOCITY, v[:, [1, 0, 2]] * [1.0, 1.0, -1.0])
             notes.append(f"velocity East, North, Up from {plain_text(key)}, which has the times of the fixes")
             break
-    return column_table(source, columns, notes, row="message")
+    return fix_table(source, columns, table[:, 2], _STATUS, notes, row="messages")
+
+
+def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tuple[Table | None, str]:
+    """Odometry as a reference, and a note: its plane is turned and moved to the fixes, as it has no place on Earth.
+
+    None if it drifts away from them, as that of wheels does: then it is no reference.
+    """
+    time, lat, lon, height = fixes.cells.read(range(4)).columns.values()
+    origin = np.array([[lat[0] * DEG, lon[0] * DEG, height[0]]])
+    to_earth = dcm_from_quat(quat_earth_from_level(origin))[0]
+    there = (earth_from_lla(np.column_stack([lat * DEG, lon * DEG, height])) - earth_from_lla(origin)) @ to_earth
+    order = np.argsort(table[:, 0], kind="stable")
+    stamp, numbers = table[order, 0], table[order, 4:]
+    inside = (time >= stamp[0]) & (time <= stamp[-1])
+    if inside.sum() < _FEW or not np.isfinite(numbers).all():
+        return None, f"Odometry of {topic} is not used: it has too little in common with the fixes"
+    own = np.column_stack([np.interp(time[inside], stamp, numbers[:, i]) for i in range(3)])
+    east, plane = there[inside, 1] + 1j * there[inside, 0], own[:, 0] + 1j * own[:, 1]
+    turn = np.angle(np.sum(np.conj(plane - plane.mean()) * (east - east.mean())))
+    shift = east.mean() - np.exp(1j * turn) * plane.mean()
+    apart = float(np.sqrt(np.mean(np.abs(np.exp(1j * turn) * plane + shift - east) ** 2)))
+    if apart > _APART:
+        return None, f"Odometry of {topic} is not used: it is {apart:.2g} m RMS from the fixes however it is turned"
+    place = np.exp(1j * turn) * (numbers[:, 0] + 1j * numbers[:, 1]) + shift
+    down = there[inside, 2].mean() + own[:, 2].mean() - numbers[:, 2]
+    lla = lla_from_earth(earth_from_lla(origin) + np.column_stack([place.imag, place.real, down]) @ to_earth.T)
+    columns = {"time_s": stamp, **triad(PLACE, lla / [DEG, DEG, 1.0])}
+    if (np.abs(np.linalg.norm(numbers[:, 3:7], axis=1) - 1.0) < 0.1).all():
+        c, s = np.cos(turn), np.sin(turn)
+        to_ned = np.array([[s, c, 0.0], [c, -s, 0.0], [0.0, 0.0, -1.0]])  # turned; East, North, Up exchanged
+        level = np.swapaxes(dcm_from_quat(quat_earth_from_level(lla)), 1, 2) @ to_earth
+        c_nb = level @ to_ned @ dcm_from_quat(numbers[:, [6, 3, 4, 5]]) @ np.diag(_FLU)
+        rph = rph_from_quat(quat_from_dcm(c_nb)) / DEG
+        columns |= triad(VELOCITY, np.einsum("nij,nj->ni", c_nb, numbers[:, 43:46] * _FLU))
+        columns |= triad(ATTITUDE, np.column_stack([rph[:, :2], rph[:, 2] % 360.0]))
+    said = f"Odometry of {topic} turned by {-turn / DEG:.1f} deg and moved to the fixes: {apart:.2g} m RMS from them"
+    return column_table(source, columns, (said,), row="message"), said

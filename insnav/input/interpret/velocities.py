@@ -16,6 +16,7 @@ _SLOWEST = 1.0  # slower ones tell nothing [m/s]
 # relative difference of move and velocity, median, that fits and that does not; another reading leaves far less of it
 _FITS, _WRONG, _BETTER = 0.2, 0.35, 0.35
 _UNITS = {unit: ALL_UNITS[unit][1] for unit in ("m/s", "km/h", "knot", "cm/s", "mm/s", "ft/s", "mph")}
+_LEAST_CLIMB = 0.01  # moves in height that tell which way is up [m]
 _RISES = 6.0  # standard deviations of the slope of climb by vertical velocity, for its sign
 _RADIANS = 180.0 / np.pi
 _EARTH_RADIUS = 6.37e6  # a rough one will do [m]
@@ -131,7 +132,7 @@ def _scatter(path: FloatArray) -> float:
 def _upward(moved: FloatArray, said: FloatArray, overlap: float) -> bool:
     """Whether heights rise where the third velocity is positive; `overlap`: moves that begin before one ends."""
     power = float(np.sum(said**2))
-    if not power > 0.0:  # nor where one is not known
+    if not power > len(said) * _LEAST_CLIMB**2:  # nor where one is not known
         return False
     slope = float(np.sum(moved * said)) / power
     scatter = float(np.std(moved - slope * said)) * np.sqrt(overlap)

@@ -89,9 +89,7 @@ def _imu(found: Checked) -> tuple[Section, ...]:
         Quantity("rest", None if found.rest is None else np.array(found.rest), "s", meaning="first rest", decimals=1),
         Quantity("rest_step", step or None, "mg", meaning="largest step of the specific force between stops"),
         Quantity("rest_step_time", time, "s", meaning="at", decimals=1),
-        Quantity(
-            "jolt", found.imu.jolt[0] or None, "mg", meaning="largest step between seconds of the first rest"
-        ),
+        Quantity("jolt", found.imu.jolt[0] or None, "mg", meaning="largest step between seconds of the first rest"),
         Quantity("jolt_time", found.imu.jolt[1], "s", meaning="at", decimals=1),
     )
     return (Section("imu", "IMU", items=items, parts=(*parts, Section("vibration", "Vibration: lines", rows=peaks))),)
