@@ -178,7 +178,7 @@ def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Reading
         best = best or readings
         patient.parts = parts
         if drive is not None or (readings is not None and readings.gps is not None and "reference" not in parts):
-            return readings, drive
+            return readings if drive is None else drive.readings, drive
     return best, None
 
 

@@ -16,16 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from insnav.exceptions import InputError
 from insnav.input.formats.conventions import ACCEL, FIX_TYPES, GYRO, MSL_PLACE, by_accuracy, fix_table, of_course
 from insnav.input.formats.messages import as_records, gathered, joined, starts
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.table import Table, column_table, nothing
 from insnav.types import FloatArray
 
 name = "ArduPilot log"
 suffixes = (".bin", ".log")
-extra = ""
 
 _SYNC = b"\xa3\x95"
 _FMT = np.dtype(
@@ -66,11 +64,11 @@ def read(source: Source) -> Mapping[str, Table]:
             tables["gps"] = _fixes(source, data, accuracies.get(number, {}))
             break
     if not tables:
-        raise InputError(
+        raise nothing(
+            source,
             "the ArduPilot log holds neither IMU nor GPS messages",
-            where=source.name,
-            why=f"kinds of messages that were looked for and found: {', '.join(sorted(messages)) or 'none'}",
-            fix="log them: LOG_BITMASK with IMU and GPS",
+            f"kinds of messages that were looked for and found: {', '.join(sorted(messages)) or 'none'}",
+            "log them: LOG_BITMASK with IMU and GPS",
         )
     return tables
 

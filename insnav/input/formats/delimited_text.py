@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 name = "delimited text"
 suffixes = (".csv", ".txt")
-extra = ""
 
 _BLOCK_BYTES = 1 << 20
 _SAMPLE_BYTES = 1 << 16

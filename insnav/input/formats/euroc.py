@@ -16,8 +16,6 @@ from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
 
 name = "EuRoC folder"
-suffixes = ()
-extra = ""
 
 _AXES = ("x", "y", "z")
 _HEADERS = dict(zip(GYRO, (f"w_RS_S_{axis} [rad s^-1]" for axis in _AXES), strict=True))

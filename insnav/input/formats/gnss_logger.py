@@ -15,13 +15,11 @@ import numpy as np
 from insnav.exceptions import InputError
 from insnav.input.formats.conventions import ACCEL, GYRO, RADIUS_NOTE, of_radius, up_or_down, with_force
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.table import Table, column_table, nothing
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 
 name = "Android GnssLogger file"
-suffixes = ()
-extra = ""
 
 _HEADER = re.compile(rb"^#[ \t]*(Fix|UncalAccel|UncalGyro|Accel|Gyro),(.*?)[ \t]*\r?$", re.M)
 _LINE = re.compile(rb"^(Fix|UncalAccel|UncalGyro|Accel|Gyro),(.*?)\r?$", re.M)
@@ -71,11 +69,11 @@ def read(source: Source) -> Mapping[str, Table]:
     if lines.get("Fix"):
         tables["gps"] = _fixes(source, columns.get("Fix", []), lines["Fix"])
     if not tables:
-        raise InputError(
+        raise nothing(
+            source,
             "the GnssLogger file holds no Fix lines",
-            where=source.name,
-            why=f"kinds of lines: {', '.join(lines) or 'none that are read'}",
-            fix="switch location fixes on in the logger; Raw measurements must be solved first",
+            f"kinds of lines: {', '.join(lines) or 'none that are read'}",
+            "switch location fixes on in the logger; Raw measurements must be solved first",
         )
     return tables
 

@@ -19,7 +19,6 @@ from insnav.input.formats.time_scales import seconds_of_week, unix_days
 
 name = "GPX track"
 suffixes = (".gpx",)
-extra = ""
 
 _POINT = re.compile(
     rb"<(?:\w+:)?trkpt\b([^>]*?)(?:/>|>(.*?)</(?:\w+:)?trkpt>)", re.S

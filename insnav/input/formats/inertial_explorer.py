@@ -25,8 +25,6 @@ from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 
 name = "Inertial Explorer export"
-suffixes = ()
-extra = ""
 
 _PROGRAM = re.compile(rb"^Program:[ \t]*(?:Inertial Explorer|GrafNav|GrafNet)", re.M)
 _HEADER = re.compile(rb"^([^\n]*\b(?:GPS|Corr|UTC)Time?\b[^\n]*)\n([^\n]*\([^\n]*)\n", re.M)

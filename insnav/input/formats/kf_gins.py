@@ -23,8 +23,6 @@ from insnav.input.formats.time_scales import WEEK
 from insnav.types import FloatArray
 
 name = "KF-GINS text file"
-suffixes = ()
-extra = ""
 
 _POSITION = ("time_s", "lat_deg", "lon_deg", "height_m", "sd_n_m", "sd_e_m", "sd_d_m")
 _VELOCITY = ("vn_m_s", "ve_m_s", "vd_m_s", "sd_vn_m_s", "sd_ve_m_s", "sd_vd_m_s")

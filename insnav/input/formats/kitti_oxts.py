@@ -21,8 +21,6 @@ from insnav.types import FloatArray
 from insnav.units import DEG
 
 name = "KITTI oxts folder"
-suffixes = ()
-extra = ""
 
 _EPOCH = re.compile(r"^(?P<folder>(?:.*/)?)data/\d{10}\.txt$")
 _TIME = re.compile(rb"^(\d{4}-\d\d-\d\d) (\d\d:\d\d:\d\d(?:\.\d{1,9})?)\s*$", re.M)

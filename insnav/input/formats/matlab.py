@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from insnav.exceptions import InputError
 from insnav.input.formats.conventions import (
     ACCEL,
     ATTITUDE,
@@ -34,7 +33,7 @@ from insnav.input.formats.conventions import (
     triad,
 )
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.table import Table, column_table, nothing
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 from insnav.units import DEG
@@ -71,11 +70,11 @@ def read(source: Source) -> Mapping[str, Table]:
             if table is not None:
                 tables.setdefault(part, table)
     if not tables:
-        raise InputError(
+        raise nothing(
+            source,
             "the MATLAB file holds nothing that is known",
-            where=source.name,
-            why=f"variables: {plain_text(', '.join(tree)[:200]) or 'none'}",
-            fix="save structures as NaveGo has them, arrays as PSINS has them, or a table with writetable as CSV",
+            f"variables: {plain_text(', '.join(tree)[:200]) or 'none'}",
+            "save structures as NaveGo has them, arrays as PSINS has them, or a table with writetable as CSV",
         )
     return tables
 

@@ -24,7 +24,6 @@ from insnav.types import FloatArray
 
 name = "NMEA log"
 suffixes = (".nmea",)
-extra = ""
 
 _SENTENCE = re.compile(rb"\$([A-Z]{2}(?:GGA|GNS|RMC|VTG|GST|ZDA|HDT),[^$*\r\n]{0,120})\*([0-9A-Fa-f]{2})")
 _ANY = re.compile(rb"\$([A-Z]{2,4}[A-Z]{3}|P[A-Z]{3}\w*),[^$*\r\n]{0,120}\*[0-9A-Fa-f]{2}")

@@ -30,14 +30,13 @@ from insnav.input.formats.conventions import (
 )
 from insnav.input.formats.messages import Bytes, Framing, joined, layout
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.table import Table, column_table, nothing
 from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, seconds_of_week
 from insnav.types import FloatArray
 from insnav.units import DEG
 
 name = "NovAtel log"
 suffixes = (".gps", ".gpb")
-extra = ""
 
 _LONG, _SHORT = b"\xaa\x44\x12\x1c", b"\xaa\x44\x13"
 _ASCII = re.compile(rb"[#%]([A-Z0-9]{4,16}A),([^;*\r\n]{1,200});([^*\r\n]{1,600})\*([0-9a-fA-F]{8})")
@@ -124,11 +123,11 @@ def read(source: Source) -> Mapping[str, Table]:
         why = f"no samples: {', '.join(useless)} has gravity and Earth rate taken off; log RAWIMUSXB"
         tables = {key: replace(table, notes=(*table.notes, why)) for key, table in tables.items()}
     if not tables:
-        raise InputError(
+        raise nothing(
+            source,
             "the NovAtel log holds neither positions nor samples that can be used",
-            where=source.name,
-            why=", ".join(useless) or f"no message of a kind that is read; {damaged} have a wrong checksum",
-            fix="log BESTGNSSPOSB, BESTGNSSVELB ontime and RAWIMUSXB onnew",
+            ", ".join(useless) or f"no message of a kind that is read; {damaged} have a wrong checksum",
+            "log BESTGNSSPOSB, BESTGNSSVELB ontime and RAWIMUSXB onnew",
         )
     return {key: replace(table, week=week) for key, table in tables.items()}
 

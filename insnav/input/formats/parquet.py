@@ -16,7 +16,6 @@ from insnav.plain_text import plain_text
 
 name = "parquet"
 suffixes = (".parquet", ".pq")
-extra = ""
 
 
 def recognise(source: Source) -> bool:

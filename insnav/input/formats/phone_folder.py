@@ -29,12 +29,10 @@ from insnav.input.formats.conventions import (
 )
 from insnav.input.formats.messages import at_times
 from insnav.input.formats.source import Source, digest_of
-from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.table import Table, column_table, nothing
 from insnav.types import FloatArray
 
 name = "phone recording"
-suffixes = ()
-extra = ""
 
 _AXES = ("x", "y", "z")
 # files by what they hold, the most useful first; in small letters without blanks
@@ -93,11 +91,11 @@ def read(source: Source) -> Mapping[str, Table]:
     if "location" in files:
         tables["gps"] = _fixes(source, files["location"])
     if not tables:
-        raise InputError(
+        raise nothing(
+            source,
             "the phone recording is not complete",
-            where=source.name,
-            why=f"files: {', '.join(sorted(source.members))[:200]}",
-            fix="record accelerometer (with gravity), gyroscope and location",
+            f"files: {', '.join(sorted(source.members))[:200]}",
+            "record accelerometer (with gravity), gyroscope and location",
         )
     return tables
 

@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from insnav.exceptions import InputError
 from insnav.input.formats.conventions import ACCEL, FIX_TYPES, GYRO, by_accuracy, fix_table
 from insnav.input.formats.messages import as_records, gathered
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.table import Table, column_table, nothing
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
 
 name = "PX4 ULog"
 suffixes = (".ulg",)
-extra = ""
 
 _GPS = ("vehicle_gps_position", "sensor_gps")
 # newer names first, and their unit
@@ -74,11 +72,11 @@ def read(source: Source) -> Mapping[str, Table]:
         others = f"receiver {receivers[0][0]}[{receivers[0][1]}]; others are not used" if receivers[1:] else ""
         tables["gps"] = _fixes(source, found[receivers[0]], (*notes, others))
     if not tables:
-        raise InputError(
+        raise nothing(
+            source,
             "the ULog file holds neither sensor_combined nor vehicle_gps_position",
-            where=source.name,
-            why=f"it has: {plain_text(', '.join(sorted(set(log.names()))[:12]) or 'no messages')}",
-            fix="log them with the profile 'default' (SDLOG_PROFILE)",
+            f"it has: {plain_text(', '.join(sorted(set(log.names()))[:12]) or 'no messages')}",
+            "log them with the profile 'default' (SDLOG_PROFILE)",
         )
     return tables
 

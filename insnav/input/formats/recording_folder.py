@@ -9,8 +9,6 @@ from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table
 
 name = "folder of a recording"
-suffixes = ()
-extra = ""
 
 _NAMES = {"imu": "imu", "gps": "gps", "gnss": "gps", "ref": "reference", "reference": "reference"}
 

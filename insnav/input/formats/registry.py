@@ -22,8 +22,10 @@ class Format(Protocol):
     """What a module of this package is if it reads a format: a new format is one file."""
 
     name: str  # of the format, for people
-    suffixes: tuple[str, ...]  # usual endings of file names, for help and messages: content decides
-    extra: str  # the optional dependencies it needs, as in ``pip install insnav[extra]``; empty for none
+    # where it has them: usual endings of file names, for help and messages, as content decides; and the optional
+    # dependencies it needs, as in ``pip install insnav[extra]``
+    suffixes: tuple[str, ...]
+    extra: str
 
     def recognise(self, source: Source) -> bool:
         """Whether a file is of this format, by its first 16 KiB (`head`); a folder, by the names of its `members`."""
@@ -77,13 +79,14 @@ def tables_of(source: Source) -> Mapping[str, Table]:
     try:
         return {part: replace(table, format=table.format or chosen.name) for part, table in chosen.read(source).items()}
     except ImportError as error:
-        if not chosen.extra:
+        extra = getattr(chosen, "extra", "")
+        if not extra:
             raise
         raise ConfigError(
             f"reading a {chosen.name} needs a package that is not installed",
             where=source.name,
             why=plain_text(error),
-            fix=f"pip install 'insnav[{chosen.extra}]'",
+            fix=f"pip install 'insnav[{extra}]'",
         ) from error
 
 
@@ -118,7 +121,7 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
 
 def suffixes() -> tuple[str, ...]:
     """Usual endings of the names of the files that can be read, without compression."""
-    return tuple(sorted(suffix for each in formats() for suffix in each.suffixes))
+    return tuple(sorted(suffix for each in formats() for suffix in getattr(each, "suffixes", ())))
 
 
 def _folder(folder: Source) -> InputError:

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from insnav.attitude import dcm_from_quat, quat_from_dcm, rph_from_quat
 from insnav.earth_fixed import earth_from_lla, lla_from_earth, quat_earth_from_level
-from insnav.exceptions import InputError
 from insnav.input.formats.conventions import (
     ACCEL,
     ATTITUDE,
@@ -33,7 +32,7 @@ from insnav.input.formats.conventions import (
 )
 from insnav.input.formats.messages import joined
 from insnav.input.formats.source import Source, digest_of, on_disk
-from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.table import Table, column_table, nothing
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 from insnav.units import DEG
@@ -138,11 +137,11 @@ def read(source: Source) -> Mapping[str, Table]:
                 tables[f"reference:{plain_text(key)}"] = reference
             tables = {part: replace(each, notes=(*each.notes, said)) for part, each in tables.items()}
     if not tables:
-        raise InputError(
+        raise nothing(
+            source,
             "the bag holds neither sensor_msgs/Imu nor sensor_msgs/NavSatFix",
-            where=source.name,
-            why=f"topics: {plain_text(', '.join(sorted(others)[:12]) or 'none')}",
-            fix="record these topics, or republish the driver's own messages as these",
+            f"topics: {plain_text(', '.join(sorted(others)[:12]) or 'none')}",
+            "record these topics, or republish the driver's own messages as these",
         )
     return tables
 

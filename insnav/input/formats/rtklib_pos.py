@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 name = "RTKLIB solution"
 suffixes = (".pos",)
-extra = ""
 
 _HEADER = re.compile(rb"""^%[ \t]*(\w+)[ \t,;]+((?:latitude|x-ecef|e-baseline)\(.*?)[ \t]*\r?$""", re.M)
 _HEADERLESS = re.compile(rb"\A\s*\d{4}/\d\d/\d\d[ \t,;]+\d\d:\d\d:\d\d(\.\d+)?([ \t,;]+[-+.\d]+){13,}[ \t]*\r?$", re.M)

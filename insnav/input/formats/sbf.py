@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from insnav.attitude import dcm_from_quat
 from insnav.earth_fixed import lla_from_earth, quat_earth_from_level
-from insnav.exceptions import InputError
 from insnav.input.formats.conventions import (
     ACCEL,
     GYRO,
@@ -31,14 +30,13 @@ from insnav.input.formats.conventions import (
 )
 from insnav.input.formats.messages import Bytes, Framing, as_records, joined, layout
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.table import Table, column_table, nothing
 from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, seconds_of_week
 from insnav.types import FloatArray
 from insnav.units import DEG
 
 name = "Septentrio SBF log"
 suffixes = (".sbf",)
-extra = ""
 
 _UNKNOWN = -1e10  # a value that is not known is -2e10
 _HEADER = "sync:u2 crc:u2 id:u2 length:u2 tow:u4 week:u2"
@@ -78,11 +76,11 @@ def read(source: Source) -> Mapping[str, Table]:
     if samples is not None:
         tables["imu"] = samples
     if not tables:
-        raise InputError(
+        raise nothing(
+            source,
             "the SBF log holds neither positions nor samples",
-            where=source.name,
-            why=f"there is no sound PVTGeodetic, PVTCartesian or ExtSensorMeas block; {damaged} damaged ones",
-            fix="log PVTGeodetic, PosCovGeodetic, VelCovGeodetic; raw measurements must be solved first, as by RTKLIB",
+            f"there is no sound PVTGeodetic, PVTCartesian or ExtSensorMeas block; {damaged} damaged ones",
+            "log PVTGeodetic, PosCovGeodetic, VelCovGeodetic; raw measurements must be solved first, as by RTKLIB",
         )
     return tables
 

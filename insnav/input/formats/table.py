@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from insnav.exceptions import InputError
 from insnav.types import FloatArray
 
 if TYPE_CHECKING:
@@ -72,6 +73,11 @@ class Table:
         """``file:line:column`` of a cell; rows are counted from 0."""
         column = "" if index is None else f":{self.headers[index]}"
         return f"{self.name}:{self.cells.line(row)}{column}"
+
+
+def nothing(source: Source, what: str, why: str, fix: str) -> InputError:
+    """Error of a file that holds nothing of use."""
+    return InputError(what, where=source.name, why=why, fix=fix)
 
 
 def column_table(

@@ -25,11 +25,7 @@ _DATES = (
     r"(?P<first>\d{1,2})/(?P<then>\d{1,2})/(?P<year>\d{4})",
 )
 _BETWEEN = r"(?:[ ]+|[ ]?[Tt_,][ ]?)"
-_FORMS = (
-    *(f"^{date}{_BETWEEN}{_TIME}$" for date in _DATES),
-    f"^{_TIME}$",
-    *(f"^{date}$" for date in _DATES),
-)
+_FORMS = (*(f"^{date}{_BETWEEN}{_TIME}$" for date in _DATES), f"^{_TIME}$", *(f"^{date}$" for date in _DATES))
 _PATTERNS = tuple(re.compile(form) for form in _FORMS)
 _MONTHS = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"]
 _ANGLE = re.compile(

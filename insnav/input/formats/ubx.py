@@ -19,14 +19,13 @@ from insnav.input.formats import nmea
 from insnav.input.formats.conventions import ACCEL, GYRO, fix_table, up_or_down
 from insnav.input.formats.messages import Framing, Messages, at_times, joined, layout
 from insnav.input.formats.source import Source
-from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.table import Table, column_table, nothing
 from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, GpsTime, gps_days, leap_seconds, seconds_of_week
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG
 
 name = "u-blox log"
 suffixes = (".ubx",)
-extra = ""
 
 _DATE = "year:u2 month:u1 day:u1 hour:u1 min:u1 sec:u1"
 _PLACE = "lon:i4 lat:i4 height:i4 hMSL:i4 hAcc:u4 vAcc:u4"
@@ -107,11 +106,11 @@ def read(source: Source) -> Mapping[str, Table]:
     if samples is not None:
         tables["imu"] = samples
     if not tables:
-        raise InputError(
+        raise nothing(
+            source,
             "the u-blox log holds neither positions nor samples",
-            where=source.name,
-            why="there is no sound NAV-PVT, NAV-PVAT, NAV-HPPOSLLH, NAV-POSLLH, ESF-MEAS or ESF-RAW message",
-            fix="enable UBX-NAV-PVT in the receiver; raw measurements (RXM-RAWX) must be solved first, as by RTKLIB",
+            "there is no sound NAV-PVT, NAV-PVAT, NAV-HPPOSLLH, NAV-POSLLH, ESF-MEAS or ESF-RAW message",
+            "enable UBX-NAV-PVT in the receiver; raw measurements (RXM-RAWX) must be solved first, as by RTKLIB",
         )
     return tables
 

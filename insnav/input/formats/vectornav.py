@@ -19,8 +19,6 @@ from insnav.input.formats.time_scales import WEEK_DAYS, GpsTime, seconds_of_week
 from insnav.types import FloatArray
 
 name = "VectorNav CSV"
-suffixes = ()
-extra = ""
 
 _AXES, _NED = ("X", "Y", "Z"), ("N", "E", "D")
 _TIMES = {"tow": "Time::GpsTow [ns]", "week": "Time::GpsWeek", "tow_s": "GpsTow [s]", "boot": "Time::TimeStartup [ns]"}

@@ -202,10 +202,7 @@ def _ordered(
                 why=f"{differing} of {len(time)} {kinds.rows} have the time of the one before them",
                 fix="write the time with more digits, or name the right time column: --columns time=HEADER",
             )
-        for mask, text in (
-            (same, "identical to the one before"),
-            (again & ~same, "at the time of the one before"),
-        ):
+        for mask, text in ((same, "identical to the one before"), (again & ~same, "at the time of the one before")):
             count = int(np.count_nonzero(mask))
             if count:
                 at = int(np.flatnonzero(mask)[0])

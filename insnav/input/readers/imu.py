@@ -190,11 +190,7 @@ def _split(units: str) -> list[list[str]]:
 
 
 def _choose(
-    found: dict[str, Found],
-    sampling: Sampling | None,
-    given: dict[str, str],
-    table: Table,
-    schema: Sequence[Quantity],
+    found: dict[str, Found], sampling: Sampling | None, given: dict[str, str], table: Table, schema: Sequence[Quantity]
 ) -> bool:
     """Whether to read increments; makes sure that all columns are there."""
     dims = {ALL_UNITS[given[key]][0] for key in ("gyro", "accel") if key in given}

@@ -114,11 +114,7 @@ def _height(found: Mapping[str, Found], height: Height | None) -> tuple[str, str
         why = "as given" if height else "assumed; else --gps-height msl"
         return key, kind, f"heights are above the ellipsoid ({why})"
     why = "as given" if height else "by the column's name"
-    return (
-        key,
-        kind,
-        f"heights are above mean sea level ({why}): used as they are, and so are those of the result",
-    )
+    return (key, kind, f"heights are above mean sea level ({why}): used as they are, and so are those of the result")
 
 
 def _no_position(raw: dict[str, FloatArray]) -> BoolArray:
@@ -209,10 +205,7 @@ def _angles(lla: FloatArray, fit: Fit | None, found: Mapping[str, Found], name: 
     if fit is not None:
         return 1.0, "positions in deg: they move as fast as the velocity columns say"
     raise InputError(
-        "the positions may be degrees or radians",
-        where=name,
-        why="all lie near (0, 0), and no velocity tells",
-        fix=fix,
+        "the positions may be degrees or radians", where=name, why="all lie near (0, 0), and no velocity tells", fix=fix
     )
 
 
