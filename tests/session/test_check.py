@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 import insnav
+from insnav.errors.evaluated_run import _held
+from insnav.exceptions import InputError
 from insnav.filter.fix_figures import look_at_fixes
 from insnav.imu.inspection import inspect_samples
 from insnav.report.run.warnings import run_warnings
 from insnav.session.check import check
-from insnav.types import ImuData
+from insnav.types import ImuData, Trajectory
 from tests.input.spellings.imu_files import FLU, SHORT
 from tests.input.spellings.recorded import DEG, GPS_HEADERS, IMU_HEADERS, drive, fixes, samples, table, text
 
@@ -36,6 +38,37 @@ def test_vibration_quantisation_and_repeats_are_seen():
     assert [each.resolution for each in found.axes[:3]] == pytest.approx([0.02] * 3, rel=1e-6)
     assert found.axes[3].resolution == 0.0
     assert found.axes[0].repeated == pytest.approx(np.mean(np.diff(gyro[:, 0]) == 0.0))
+
+
+def test_a_knock_at_rest_is_seen():
+    rng = np.random.default_rng(1)
+    t = np.arange(10_000) / 100.0
+    accel = rng.normal(0.0, 0.01, (len(t), 3)) + np.array([0.0, 0.0, -9.8])
+    still = inspect_samples(ImuData(t, np.zeros((len(t), 3)), accel), (0.0, 100.0))
+    assert still.jolt[0] == 0.0
+    accel[(t >= 40.0) & (t < 41.0), 1] += 0.05
+    found = inspect_samples(ImuData(t, np.zeros((len(t), 3)), accel), (0.0, 100.0)).jolt
+    assert found[0] == pytest.approx(0.05, rel=0.1)
+    assert found[1] in (40.0, 41.0)
+
+
+def test_two_rows_of_a_place_are_a_reference_between_them():
+    row = np.array([[0.6, 1.9, 380.0]])
+    ends = Trajectory(np.array([0.0, 100.0]), np.tile(row, (2, 1)), np.zeros((2, 3)), np.full((2, 3), np.nan))
+    times = np.arange(1.0, 99.0)
+    held = _held(ends, times)
+    assert np.array_equal(held.time, times)
+    assert np.array_equal(held.lla, np.tile(row, (98, 1)))
+    moved = replace(ends, lla=np.vstack([row, row + 1e-6]))
+    for other in (moved, replace(ends, time=ends.time + 50.0)):
+        assert _held(other, times) is other
+
+
+def test_samples_too_far_apart_are_refused(tmp_path):
+    gps = table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
+    rows = [(name, cells[::50]) for name, cells in samples(IMU_HEADERS)]
+    with pytest.raises(InputError, match="too far apart"):
+        insnav.load(table(tmp_path / "slow.csv", rows), gps)
 
 
 def test_fixes_that_contradict_themselves_are_counted(made):
