@@ -16,7 +16,7 @@ from insnav.imu.inspection import inspect_samples
 from insnav.report.run.warnings import run_warnings
 from insnav.session.check import check
 from insnav.types import ImuData, Trajectory
-from tests.input.spellings.imu_files import FLU, SHORT
+from tests.input.spellings.imu_files import FLU, SHORT, iso
 from tests.input.spellings.recorded import DEG, GPS_HEADERS, IMU_HEADERS, drive, fixes, samples, table, text
 
 
@@ -67,8 +67,10 @@ def test_two_rows_of_a_place_are_a_reference_between_them():
 def test_samples_too_far_apart_are_refused(tmp_path):
     gps = table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
     rows = [(name, cells[::50]) for name, cells in samples(IMU_HEADERS)]
-    with pytest.raises(InputError, match="too far apart"):
+    with pytest.raises(InputError, match="too far apart"):  # the header may be wrong
         insnav.load(table(tmp_path / "slow.csv", rows), gps)
+    with pytest.raises(InputError, match="too far apart to be navigated"):
+        insnav.load(table(tmp_path / "dated.csv", [("time", iso()(drive().t[::50])), *rows[1:]]), gps)
 
 
 def test_fixes_that_contradict_themselves_are_counted(made):

@@ -254,7 +254,8 @@ def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, wher
                 f"the time is not in {stated}",
                 where=where,
                 why=f"it steps by {step:.6g}{like}",
-                fix=f"put the right unit into the header, such as time_{guess or 'ms'}",
+                fix=f"put the right unit into the header, such as time_{guess or 'ms'}; if it is right, the rows are "
+                "too far apart: export the log at its full rate",
             )
         return stated, f"time in {stated}"
     if guess is None:
