@@ -43,18 +43,16 @@ class StationaryMeans:
     force_sd: FloatArray
 
 
-def rates(parts: Intervals) -> tuple[FloatArray, FloatArray]:
+def rates(parts: Intervals, rows: slice = slice(None)) -> tuple[FloatArray, FloatArray]:
     """Angular rate and specific force of each interval, (n, 3) each."""
     if parts.instant:
-        return parts.gyro, parts.accel
-    return parts.gyro / parts.dt[:, None], parts.accel / parts.dt[:, None]
+        return parts.gyro[rows], parts.accel[rows]
+    return parts.gyro[rows] / parts.dt[rows, None], parts.accel[rows] / parts.dt[rows, None]
 
 
 def summarize(parts: Intervals, start: float, end: float) -> StationaryMeans:
     """Means over the intervals that end in (start, end]."""
-    rate, force = rates(parts)
-    first, last = np.searchsorted(parts.end, [start, end], side="right")
-    rate, force = rate[first:last], force[first:last]
+    rate, force = rates(parts, slice(*np.searchsorted(parts.end, [start, end], side="right")))
     if rate.shape[0] < FEWEST:
         raise AlignmentError(
             "the static interval holds too few samples",

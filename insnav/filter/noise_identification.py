@@ -41,7 +41,9 @@ CLEAN = 0.9973
 ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
 LARGEST_STEP = 1.5  # of a round, in logarithms
-ENOUGH = 0.3  # smaller gains of the log-likelihood end the search: an interval of 95 % is two wide
+ENOUGH = 0.6  # smaller gains of the log-likelihood end the search: an interval of 95 % is two wide
+NEAR = 3.0  # smaller ones end the first steps
+FAR = 5.0  # after a larger one the derivatives serve another step
 OBSERVABLE = 0.8  # a figure is observable if the drive narrows its interval to this part of the prior's
 FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told
 WHITE_AGAIN = 20.0  # so much log-likelihood the figures of the IMU may make up for if fixes are white after all
@@ -306,27 +308,35 @@ class _Posterior:
         """Innovations, their variances, and the cost of a set of figures."""
         parts = [drive.normalised(at) for drive in self.drives]
         e, s = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
-        off = np.where(np.isfinite(at), at - self.middle, 0.0)
-        cost = cost_of(e, s) + 0.5 * float(np.sum(self.weight(at) * off**2))
-        return e, s, cost + sum(drive.bias_seen(at) for drive in self.drives)
+        return e, s, cost_of(e, s) + self._before(at)
 
-    def climb(self, at: FloatArray, free: BoolArray) -> _Top:
-        """Fisher scoring on the free figures, with Levenberg's damping."""
+    def _before(self, at: FloatArray) -> float:
+        """What the cost of a set of figures is without any innovation."""
+        off = np.where(np.isfinite(at), at - self.middle, 0.0)
+        return 0.5 * float(np.sum(self.weight(at) * off**2)) + sum(drive.bias_seen(at) for drive in self.drives)
+
+    def climb(self, at: FloatArray, free: BoolArray, settled: float = ENOUGH) -> _Top:
+        """Fisher scoring on the free figures, with Levenberg's damping.
+
+        In a round the derivatives of the innovations are those of its start, as long as steps with them gain enough.
+        """
         e, s, cost = self.innovations(at)
         rows, damping = np.flatnonzero(free), 1e-3
+        steps = STEP * np.eye(at.size)[rows]
         for _ in range(ROUNDS):
-            far = np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0)
             by_e, by_s, slope = np.empty((rows.size, e.size)), np.empty((rows.size, e.size)), np.empty(rows.size)
-            for i, row in enumerate(rows):
-                there = at.copy()
-                there[row] += STEP
-                e1, s1, cost1 = self.innovations(there)
-                slope[i] = (cost1 - cost) / STEP
-                by_e[i] = (e1 - e) / STEP / np.sqrt(s * far)
-                by_s[i] = (s1 - s) / STEP / (np.sqrt(2.0) * s)
-            fisher = by_e @ by_e.T + by_s @ by_s.T + np.diag(self.weight(at)[rows])
-            gained = 0.0
-            while damping < 1e4:
+            for i, step in enumerate(steps):
+                e1, s1, cost1 = self.innovations(at + step)
+                by_e[i], by_s[i], slope[i] = (e1 - e) / STEP, (s1 - s) / STEP / s, (cost1 - cost) / STEP
+            clean = by_e / np.sqrt(s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0))
+            fisher = clean @ clean.T + 0.5 * by_s @ by_s.T + np.diag(self.weight(at)[rows])
+            start, gained = cost, np.inf
+            while gained > FAR and damping < 1e4:
+                if start != cost:
+                    u, before = e / np.sqrt(s), self._before(at)
+                    pull = np.clip(u, -HUBER, HUBER)
+                    slope = by_e @ (pull / np.sqrt(s)) + 0.5 * by_s @ (CLEAN - pull * u)
+                    slope += np.array([self._before(at + step) - before for step in steps]) / STEP
                 move = -np.linalg.solve(fisher + damping * np.diag(np.diag(fisher)), slope)
                 move *= min(1.0, LARGEST_STEP / float(np.max(np.abs(move))))
                 there = at.copy()
@@ -336,9 +346,11 @@ class _Posterior:
                     gained = cost - cost1
                     at, e, s, cost = there, e1, s1, cost1
                     damping = max(1e-6, 0.1 * damping)
+                elif start == cost:
+                    damping = 10.0 * max(damping, 1e-3)
+                else:
                     break
-                damping = 10.0 * max(damping, 1e-3)
-            if gained < ENOUGH:
+            if start - cost < settled:
                 break
         covariance = np.diag(1.0 / self.weight(at))
         covariance[np.ix_(rows, rows)] = np.linalg.inv(fisher)
@@ -356,9 +368,9 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
         there = posterior.middle.copy()
         there[-2:] = np.log(share / (1.0 - share)), np.log(time)
         starts.append(there)
-    first = min(starts[1:], key=lambda at: posterior.innovations(at)[2])
     every = np.ones(white.shape[0], dtype=bool)
-    first = _Posterior([drive.beginning(SHORT) for drive in drives]).climb(first, every).at
+    short = _Posterior([drive.beginning(SHORT) for drive in drives])
+    first = short.climb(min(starts[1:], key=lambda at: short.innovations(at)[2]), every, NEAR).at
     top = posterior.climb(first, every)
     only_white = top.at.copy()
     only_white[-2:] = -np.inf, posterior.middle[-1]

@@ -166,7 +166,7 @@ def tape(history, n, noise, decay, bridged):  # type: ignore[no-untyped-def]
     return span, kind, phi, white, bridge, z, h, fed, correction, restart
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
 def innovations(  # type: ignore[no-untyped-def]
     run,
     nominal_decay,
@@ -217,36 +217,32 @@ def innovations(  # type: ignore[no-untyped-def]
     mean, p = start[0].copy(), start[1].copy()
     n = mean.shape[0]
     w, fade = np.zeros((NAV, n)), np.ones(n)
-    ph, moved = np.zeros(n), np.zeros(n)
-    last = np.zeros(SENSOR)
+    own, carried = np.zeros((NAV, STATES)), np.zeros((NAV, NAV))
+    ph, moved = np.zeros(n), np.zeros(NAV)
+    last, pace, usual = np.zeros(SENSOR), np.ones(SENSOR), -1.0
     count = 0
     for k in range(span.shape[0]):
         dt = span[k]
         if dt > 0.0:
-            for j in range(SENSOR):
-                fade[NAV + j] = np.exp(-dt * decay[j])
-            if lasting >= 0:
-                for j in range(3):
-                    fade[lasting + j] = np.exp(-dt / lasting_time)
+            if dt != usual:
+                usual = dt
+                for j in range(SENSOR):
+                    fade[NAV + j], pace[j] = np.exp(-dt * decay[j]), np.exp(-dt * nominal_decay[j])
+                if lasting >= 0:
+                    for j in range(3):
+                        fade[lasting + j] = np.exp(-dt / lasting_time)
             f = phi[k]
+            np.dot(f, p[:STATES], w)
+            own[:] = w[:, :STATES]
+            np.dot(own, f.T, carried)
             for i in range(NAV):
-                row = w[i]
-                row[:] = 0.0
-                total = 0.0
+                moved[i] = 0.0
                 for a in range(STATES):
-                    share = f[i, a]
-                    if share != 0.0:
-                        source = p[a]
-                        for j in range(n):
-                            row[j] += share * source[j]
-                        total += share * mean[a]
-                moved[i] = total
+                    moved[i] += f[i, a] * mean[a]
             for i in range(NAV):
                 mean[i] = moved[i]
                 for j in range(i + 1):
-                    total = 0.0
-                    for a in range(STATES):
-                        total += w[i, a] * f[j, a]
+                    total = carried[i, j]
                     for g in range(GROUPS):
                         total += density[g] * white[k, g, i, j]
                     p[i, j] = total
@@ -269,8 +265,7 @@ def innovations(  # type: ignore[no-untyped-def]
             for j in range(SENSOR):
                 p[NAV + j, NAV + j] += dt * driving[j]
                 # the nominal run let its correction decay at its own pace
-                pace = np.exp(-dt * nominal_decay[j])
-                mean[NAV + j] = fade[NAV + j] * mean[NAV + j] + (pace - fade[NAV + j]) * last[j]
+                mean[NAV + j] = fade[NAV + j] * mean[NAV + j] + (pace[j] - fade[NAV + j]) * last[j]
             if lasting >= 0:
                 for j in range(3):
                     at = lasting + j
