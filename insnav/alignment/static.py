@@ -29,6 +29,7 @@ PUSHED = 0.2  # change of mean specific force from window to window that is a mo
 # A soft departure changes them by less, but for longer: means so many robust standard deviations, or so much [m/s^2],
 # [rad/s], from those of the rest, for so long [s]. An IMU that is quieter sees it earlier.
 DEPARTED, DEPARTED_ACCEL, DEPARTED_GYRO, DEPARTED_TIME = 6.0, 1e-3, 1e-5, 2.0
+CONTRADICTED = 5.0  # a mean rate so many sd from the Earth's rotation has a bias that the IMU model does not have
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,13 +140,28 @@ def tilt_sd(rest: StationaryMeans, spec: ImuSpec, lat: float, height: float) -> 
 def gyrocompass(rest: StationaryMeans, spec: ImuSpec, lat: float) -> tuple[float, float]:
     """Heading and its standard deviation [rad] from the Earth's rotation (Groves 2013, section 5.6.2).
 
-    The standard deviation is infinite at the poles and meaningless above about a radian.
+    The standard deviation is infinite at the poles and meaningless above about a radian. The bias across the heading
+    is not seen: where the others contradict the IMU model it is taken as twice theirs (3 sd hold 98.6 % of equal ones).
     """
-    roll, pitch = level(rest.force)
-    w = dcm_from_rph(np.array([roll, pitch, 0.0])) @ rest.rate
-    walk = spec.gyro.random_walk**2 / (rest.end - rest.start)
-    sd = float(np.sqrt(np.max(gyro_bias_sd(spec.gyro) ** 2 + walk + rest.rate_sd**2)))
+    w = _levelled_rate(rest)
+    sd = max(_rate_sd(rest, spec), 2.0 * unexplained_rate(rest, spec, lat))
     return float(wrap_two_pi(np.arctan2(-w[1], w[0]))), sd / (OMEGA_EARTH * max(np.cos(lat), 1e-9))
+
+
+def unexplained_rate(rest: StationaryMeans, spec: ImuSpec, lat: float) -> float:
+    """By how much [rad/s] the levelled rate differs from the Earth's; zero where the IMU model explains it."""
+    w, earth = _levelled_rate(rest), earth_rate_n(lat)
+    misfit = float(np.hypot(np.hypot(w[0], w[1]) - earth[0], w[2] - earth[2]))
+    return misfit if misfit > CONTRADICTED * _rate_sd(rest, spec) else 0.0
+
+
+def _levelled_rate(rest: StationaryMeans) -> FloatArray:
+    return dcm_from_rph(np.array([*level(rest.force), 0.0])) @ rest.rate
+
+
+def _rate_sd(rest: StationaryMeans, spec: ImuSpec) -> float:
+    walk = spec.gyro.random_walk**2 / (rest.end - rest.start)
+    return float(np.sqrt(np.max(gyro_bias_sd(spec.gyro) ** 2 + walk + rest.rate_sd**2)))
 
 
 def latitude_from_sensors(rest: StationaryMeans) -> float:

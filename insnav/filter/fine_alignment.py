@@ -8,7 +8,7 @@ import numpy as np
 
 from insnav import strapdown
 from insnav.alignment import align_static
-from insnav.alignment.static import latitude_from_sensors, summarize
+from insnav.alignment.static import latitude_from_sensors, summarize, unexplained_rate
 from insnav.exceptions import AlignmentError
 from insnav.filter.error_model import error_model, initial_state
 from insnav.filter.navigator import Navigator
@@ -26,7 +26,7 @@ class FineAlignment:
     """Alignment of a stationary record."""
 
     coarse: Alignment  # from the means of the whole record
-    fine: Alignment | None  # by the filter, at the end of the record; None where the heading is unknown
+    fine: Alignment | None  # by the filter, at the end of the record; None where gyros do not show the Earth's rotation
     sensor_latitude: float  # latitude from the sensors alone [rad]
     latitude: float  # latitude as given [rad]
 
@@ -54,8 +54,9 @@ def fine_alignment(
     parts = strapdown.intervals(imu)
     begin, end = float(parts.end[0] - parts.dt[0]), float(parts.end[-1])
     coarse = align_static(parts, spec, float(lla[0]), float(lla[2]), (begin, end), heading)
-    latitude = latitude_from_sensors(summarize(parts, begin, end))
-    if not np.isfinite(coarse.sd[2]):
+    means = summarize(parts, begin, end)
+    latitude = latitude_from_sensors(means)
+    if not np.isfinite(coarse.sd[2]) or unexplained_rate(means, spec, float(lla[0])) > 0.0:
         return FineAlignment(coarse, None, latitude, float(lla[0]))
     # the filter takes its start from the first part only, so that it does not see the same data twice
     first = min(end, begin + max(COARSE_TIME, COARSE_SHARE * (end - begin)))

@@ -158,6 +158,17 @@ def test_misaligned_accelerometers_make_the_level_less_sure():
     assert 0.85 < rms < 1.15  # 200 numbers: one sd of scatter is 0.05
 
 
+def test_gyros_that_contradict_the_rotation_of_the_earth_give_no_sure_heading():
+    """Biases in an IMU whose model has none, as one from a static record has none: no heading, or an unsure one."""
+    truth, stated = straight(PLACE, 0.0, 1.0, 120.0, start=7.0), navigation_grade(0.0)
+    for bias, finds in ((0.5, True), (30.0, False)):
+        for seed in range(10):
+            imu = corrupt_imu(perfect(truth, 20.0), navigation_grade(bias), seed).imu
+            found = align_static(intervals(imu), stated, PLACE[0], PLACE[2], (7.0, 127.0))
+            assert finds or not np.isfinite(found.sd[2])
+            assert abs(error(found, truth)[2]) < 3 * found.sd[2] or not finds
+
+
 @pytest.mark.parametrize("lat_deg", [-60.0, -20.0, 0.0, 70.0])
 def test_gyrocompass_works_on_either_hemisphere(lat_deg):
     place = np.array([lat_deg * DEG, 1.0, 0.0])

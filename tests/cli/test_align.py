@@ -48,6 +48,16 @@ def test_a_heading_that_cannot_be_found_is_not_made_up(at_rest: Path, cli: Cli):
     assert facts["fine"] is None
 
 
+def test_a_latitude_that_the_gyros_contradict_is_warned_of(at_rest: Path, cli: Cli):
+    shown = cli("align", "static.csv", "--lat", AT_REST["lat"] - 10, "--imu", "navigation")
+    assert "the gyros contradict the latitude" in shown.out
+    facts = read_facts(Path("alignment"))
+    assert facts["fine"] is None
+    assert facts["warnings"]
+    heading, sd = facts["coarse"]["heading_deg"], facts["coarse"]["heading_sd_deg"]
+    assert sd is None or (sd > 5.0 and heading == pytest.approx(AT_REST["heading"], abs=3 * sd))
+
+
 def test_a_given_heading_is_taken_over(at_rest: Path, cli: Cli):
     shown = cli("align", "static.csv", *HERE, "--imu", "automotive", "--heading", "92", "--static", "100:400", "--json")
     facts = json.loads(shown.out)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from insnav.alignment.static import CONTRADICTED
 from insnav.earth import OMEGA_EARTH
 from insnav.filter.fine_alignment import FineAlignment
 from insnav.imu.specification import ImuSpec, gyro_bias_sd
@@ -30,9 +31,10 @@ def page(result: Result[FineAlignment]) -> Page:
     found = result.found
     sd = None if result.imu_model is None else _latitude_sd(result.imu_model[0])
     steps = {"coarse": found.coarse, "fine": found.fine}
+    contradiction = None if sd is None else _contradiction(found, sd)
     return Page(
         "Alignment",
-        _summary(found, sd),
+        (*_summary(found, sd), *([] if contradiction is None else [_entry("warning", contradiction)])),
         (
             *(
                 Section("", items=(Quantity(name, None),), show="json")
@@ -50,12 +52,20 @@ def page(result: Result[FineAlignment]) -> Page:
                 show="page",
             ),
         ),
+        () if contradiction is None else (contradiction,),
     )
 
 
 def _latitude_sd(spec: ImuSpec) -> float:
     """Tilt of the measured Earth rate by the gyro bias, at most a right angle [rad]."""
     return min(float(np.max(gyro_bias_sd(spec.gyro))) / OMEGA_EARTH, 0.5 * np.pi)
+
+
+def _contradiction(found: FineAlignment, sd: float) -> str | None:
+    """Say that the sensors do not show the latitude given, of which `sd` [rad] is the uncertainty."""
+    if abs(found.sensor_latitude - found.latitude) < CONTRADICTED * sd:
+        return None
+    return "the gyros contradict the latitude: it is wrong, or their biases exceed the IMU model (turn-on bias?)"
 
 
 def _summary(found: FineAlignment, sd: float | None) -> tuple[str, ...]:
