@@ -75,47 +75,12 @@ segment = [
 """
 
 
-# drives on which every deterioration of `SPOILS` shows
-DETERIORATIONS = """
-[[simulated]]
-name = "flapping fixes"
-profile = "short.toml"
-imu = "tactical"
-gps = "rtk"
-lever_arm = ["0.3 m", "0.0 m", "-2.0 m"]
-fault = ["gps-flap:0.35m@90s+60s"]
-settle = "70 s"
-seeds = 8
-
-[[simulated]]
-name = "balloon"
-profile = "balloon.toml"
-imu = "ideal.toml"
-gps = "rtk"
-settle = "70 s"
-seeds = 10
-"""
-BALLOON = SHORT.replace('lat = "60 deg"', 'lat = "45 deg"\nheight = "20 km"').replace("count = 4", "count = 1")
-IDEAL = """
-name = "ideal"
-[gyro]
-bias = "0.0001 deg/h"
-random_walk = "0.0001 deg/sqrt(h)"
-[accel]
-bias = "0.2 ug"
-random_walk = "0.2 ug/sqrt(Hz)"
-"""
-
-
 @pytest.fixture(scope="session")
 def corpus_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("project") / "trajectories"
     folder.mkdir()
     (folder / "corpus.toml").write_text(CORPUS)
-    (folder / "deteriorations.toml").write_text(DETERIORATIONS)
     (folder / "short.toml").write_text(SHORT)
-    (folder / "balloon.toml").write_text(BALLOON)
-    (folder / "ideal.toml").write_text(IDEAL)
     (folder / "sculling.toml").write_text((LIBRARY / "sculling.toml").read_text())
     return folder / "corpus.toml"
 
@@ -126,8 +91,11 @@ def corpus(corpus_file: Path) -> Corpus:
 
 
 @pytest.fixture(scope="session")
-def deteriorations(corpus_file: Path) -> Corpus:
-    return load_corpus(corpus_file.parent / "deteriorations.toml")
+def deteriorations() -> Corpus:
+    """The short drives of the corpus, on which every deterioration of `SPOILS` shows."""
+    every = load_corpus(LIBRARY / "corpus.toml")
+    short = [case for case in every.simulated if case.name in ("flapping fixes", "balloon")]
+    return every.model_copy(update={"simulated": short, "recorded": []})
 
 
 @pytest.fixture(scope="session")
