@@ -51,7 +51,7 @@ OPEN_START = 3000.0  # standard deviation of a first position that may be false 
 
 @dataclass(frozen=True, slots=True)
 class Residuals:
-    """Fixes minus smoothed track at the antenna."""
+    """Fixes minus smoothed track, both at the antenna."""
 
     # (n, 3) North, East, Down [m], [m/s]; ``NaN`` where the fix has none or lies outside the track
     position: FloatArray
@@ -76,9 +76,11 @@ def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> Residuals:
     assert track.sd is not None
     time = gps.time - settings.delay
     after, lla = _between(track.time, track.lla, time)
-    _, v_n = _between(track.time, track.v_n, time - settings.velocity_lag)
-    antenna = lla_offset(lla, (dcm_from_rph(track.rph[after]) @ run.lever_b[:, None])[:, :, 0])
-    position, velocity = ned_offset(gps.lla, antenna), gps.v_n - v_n
+    late, v_n = _between(track.time, track.v_n, time - settings.velocity_lag)
+    antenna = lla_offset(lla, dcm_from_rph(track.rph[after]) @ run.lever_b)
+    turned = dcm_from_rph(track.rph[late]) - dcm_from_rph(track.rph[late - 1])  # the antenna swings about the IMU
+    swing = turned @ run.lever_b / (track.time[late] - track.time[late - 1])[:, None]
+    position, velocity = ned_offset(gps.lla, antenna), gps.v_n - v_n - swing
     outside = (time < track.time[0] - ENDS) | (time > track.time[-1] + ENDS)
     near = np.minimum(time - track.time[after - 1], track.time[after] - time) <= ENDS
     outside |= (track.time[after] - track.time[after - 1] > LONGEST_GAP) & ~near

@@ -26,7 +26,8 @@ ENOUGH = 10  # comparable blocks that can tell what is usual
 UNUSUAL = 0.01  # share of comparable blocks that may be as still as a stuck sensor
 STEPS = 4.0  # resolution steps that a sensor must usually change by: else its repeats are its resolution or a dead band
 IN_MOTION = 0.25  # activity, in parts of the median of the record, above which the other axes feel motion
-LONGEST = 3  # rows of repeats that do not count as usual: a fault is a few long ones
+LONGEST = 3  # rows of repeats that do not count as usual: a fault is a few long ones ...
+OFTEN, FAR_LONGER = 200, 4.0  # ... or up to so many that are all so many times longer than the next
 CONSTANT = 1e-9  # a smaller change, in parts of the largest value, is none
 BY_CHANCE = 1e-6  # expected number of rows that long in the record, as often as values repeat elsewhere
 _AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")
@@ -169,7 +170,7 @@ class _Activity:
             return found
         others = np.delete(self.square, axis, axis=1).mean(axis=1)
         usual = np.ones(others.size, dtype=np.bool_)
-        for row in np.argsort(count)[-LONGEST:]:
+        for row in _longest(count):
             usual[self._blocks(first[row], count[row])] = False
         spread, resolution = self._range(column), _resolution(column, column[first])
         moving = IN_MOTION * float(np.median(others))
@@ -202,10 +203,18 @@ def _resolution(column: FloatArray, held: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(held - wide[place], wide[place + 2] - held))
 
 
+def _longest(count: IntArray) -> IntArray:
+    """Rows of repeats that may be a fault: the longest few, or all before the lengths drop; coarse steps make many."""
+    order = np.argsort(count)[::-1]
+    lengths = np.append(count[order], CLIPPED - 1)[: OFTEN + 1]
+    drops = np.flatnonzero(lengths[:-1] >= FAR_LONGER * lengths[1:])
+    return order[: max(LONGEST, int(drops[0]) + 1 if drops.size else 0)]
+
+
 def _no_chance(same: BoolArray, first: IntArray, count: IntArray) -> BoolArray:
     """Rows of equal samples longer than the steps of the sensor explain, by how often a row goes on elsewhere."""
     elsewhere = np.array(same)
-    for row in np.argsort(count)[-LONGEST:]:  # a fault is a few long rows; coarse steps make many
+    for row in _longest(count):
         if count[row] >= STUCK:
             elsewhere[first[row] : first[row] + count[row] - 1] = False
     alike = float(elsewhere.mean())

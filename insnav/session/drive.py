@@ -25,6 +25,7 @@ from insnav.filter import FilterSettings
 from insnav.filter.fine_alignment import FineAlignment, fine_alignment
 from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
+from insnav.filter.lever_check import lever_contradicted
 from insnav.filter.navigate import AidingChoice, aided, navigate_prepared
 from insnav.filter.noise_identification import identify_noise, with_noise
 from insnav.filter.prepare import Prepared, Start, prepare
@@ -275,7 +276,8 @@ class Drive:
         ready, spec = self.prepared_with_noise(states)
         ready = replace(ready, settings=replace(ready.settings, smooth=smooth, output_interval=output_interval))
         done = navigate_prepared(ready, spec, aiding=aiding, progress=progress)
-        events = self._events(done.run.events)
+        given = self.readings.inputs.get("lever_arm") is not None and not ready.settings.lever_sd
+        events = self._events((*(lever_contradicted(ready) if given else ()), *done.run.events))
         done = replace(done, run=replace(done.run, events=events))
         point = None if self.reference is None else reference_point(self.readings.inputs, self.reference.data)
         found, notes = evaluate_run(done, self.reference, done.run.lever_b if point is None else point)

@@ -194,13 +194,16 @@ def _turned(imu: ImuData, rph_deg: tuple[float, float, float]) -> ImuData:
 
 
 def _lever(data: Data, forward: float) -> tuple[ImuData, GpsData]:
-    """An antenna so far ahead of where it was, by the course."""
-    gps = data.gps
-    lla = gps.lla
-    north, east, _ = (np.gradient(column, gps.time) for column in ned_offset(lla, lla[:1]).T)
-    ahead = np.column_stack([north, east, np.zeros_like(north)])
-    ahead /= np.maximum(np.linalg.norm(ahead, axis=1), 2.0)[:, None]
-    return data.imu, replace(gps, lla=lla_offset(lla, forward * ahead))
+    """An antenna so far ahead of where it was; without exact motion nothing changes."""
+    gps, truth = data.gps, data.truth
+    if truth is None:
+        return data.imu, gps
+    ahead = dcm_from_rph(truth.rph)[:, :, 0] * forward
+    moved, faster = (
+        np.column_stack([np.interp(gps.time, truth.time, column) for column in each.T])
+        for each in (ahead, np.gradient(ahead, truth.time, axis=0))
+    )
+    return data.imu, replace(gps, lla=lla_offset(gps.lla, moved), v_n=gps.v_n + faster)
 
 
 def _shifted(seconds: float) -> Callable[[Data], tuple[ImuData, GpsData]]:

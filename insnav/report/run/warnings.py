@@ -6,12 +6,13 @@ import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors, nees
-from insnav.types import Event, EventKind, Run
+from insnav.types import BoolArray, Event, EventKind, FloatArray, Run
 
 HOLDS = 0.95  # share of errors inside 3 sd that needs no word
 _MOST = 0.5  # share of rejected positions of a filter that is lost ...
 _LOST, _LOST_RESETS = 0.2, 3  # ... or after so many resets
 _MANY = 0.1  # share of rejected fixes that wants an explanation
+_ROW, _ROW_TIME = 3, 1.9  # rejected fixes in a row, and over so long [s], that are more than chance
 _LATE = 0.1  # delay of the fixes that receivers and loggers do not make by themselves [s]
 _LONG_GAP = 1.0  # of samples [s]: a car turns and brakes in it
 _LARGEST_SCALE = 0.05  # scale factor error [-]: consumer MEMS sensors are sold with at most 0.03
@@ -95,7 +96,7 @@ def _many_rejected(run: Run) -> list[str]:
     fixes = run.innovations
     if any(event.kind in (EventKind.GATE_RECORD_POSITION, EventKind.GATE_RECORD_VELOCITY) for event in run.events):
         return []
-    groups = []
+    groups, rows = [], []
     for name, columns, used in (
         ("position", slice(0, 3), fixes.used_position),
         ("velocity", slice(3, 6), fixes.used_velocity),
@@ -103,10 +104,23 @@ def _many_rejected(run: Run) -> list[str]:
         processed = np.isfinite(fixes.innovation[:, columns]).any(axis=1)
         if processed.any() and (share := float(np.mean(~used[processed]))) > _MANY:
             groups.append(f"{100.0 * share:.0f} % of {name}")
+        rows += [(name, *row) for row in _rows(fixes.time[processed], ~used[processed])]
     if not groups:
-        return []
+        longest = max(rows, key=lambda row: row[2] - row[1], default=None)
+        if longest is None:
+            return []
+        name, start, stop = longest
+        more = f", and in {len(rows) - 1} shorter stretches" * (len(rows) > 1)
+        return [f"every {name} from {start:.1f} to {stop:.1f} s was rejected{more}: false fixes, or samples that are"]
     causes = "is a heading, lever arm, axis, clock or standard deviation wrong?"
     return [f"many fixes were rejected, {' and '.join(groups)}: {causes} See innovations and events"]
+
+
+def _rows(time: FloatArray, rejected: BoolArray) -> list[tuple[float, float]]:
+    """First and last time of each unbroken row of rejected fixes that is long enough to be told."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], rejected.astype(np.int8), [0]])))
+    rows = zip(edges[::2], edges[1::2] - 1, strict=True)
+    return [(float(time[a]), float(time[b])) for a, b in rows if b - a + 1 >= _ROW and time[b] - time[a] >= _ROW_TIME]
 
 
 def _late(run: Run) -> list[str]:
