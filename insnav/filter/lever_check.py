@@ -12,7 +12,7 @@ from insnav.types import Event, EventKind
 
 LOOK = 600.0  # so much of a drive tells it [s]
 OPENED = 2.0  # standard deviation of each component in the pass that looks for it [m]
-WRONG, SURE = 0.7, 6.0  # smallest error that is said [m], and in standard deviations of what was found
+WRONG, SURE = 0.4, 6.0  # smallest error that is said [m], and in standard deviations of what was found
 
 
 def lever_contradicted(ready: Prepared) -> tuple[Event, ...]:

@@ -196,11 +196,16 @@ class _Activity:
 
 
 def _resolution(column: FloatArray, held: FloatArray) -> FloatArray:
-    """Distance from each value to the nearest other one of the record: a step, or the edge of a dead band."""
+    """Distance from each value to the nearest other one of the record: a step, or the edge of a dead band.
+
+    No less than the changes are: a sensor that reports only what changed by more than a limit holds any value.
+    """
+    change = np.abs(np.diff(column[: 1 << 16]))
+    least = float(np.quantile(change[change > 0.0], UNUSUAL)) if change.any() else 0.0
     levels = np.unique(column)
     place = np.searchsorted(levels, held)
     wide = np.concatenate([[-np.inf], levels, [np.inf]])
-    return np.asarray(np.minimum(held - wide[place], wide[place + 2] - held))
+    return np.asarray(np.maximum(np.minimum(held - wide[place], wide[place + 2] - held), least))
 
 
 def _longest(count: IntArray) -> IntArray:

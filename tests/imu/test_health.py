@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -138,6 +139,28 @@ def test_a_coarse_sensor_that_is_stuck_in_motion_is_found(axis, seconds):
     (event,) = inspect(bad)[1]
     assert event.kind is EventKind.IMU_STUCK
     assert event.value >= seconds - 0.02
+
+
+@pytest.mark.parametrize("times", [4, 9])
+def test_an_axis_that_sticks_again_and_again_is_found_each_time(times):
+    data = rests_between_turns(3)
+    gyro = data.gyro.copy()
+    begins = np.linspace(0.1, 0.9, times) * data.time[-1]
+    for begin in begins:
+        rows = (data.time >= begin) & (data.time < begin + 2.0)
+        gyro[rows, 2] = gyro[np.argmax(rows), 2]
+    _, events = inspect(replace(data, gyro=gyro))
+    assert [event.kind for event in events] == [EventKind.IMU_STUCK] * times
+    np.testing.assert_allclose([event.time for event in events], begins, atol=0.1)
+
+
+@pytest.mark.parametrize("least", [0.002, 0.01, 0.05])
+def test_gyros_that_report_only_what_changed_are_no_fault(least):
+    data = rests_between_turns(4)
+    held = data.gyro.copy()
+    for before, now in pairwise(held):
+        now[:] = np.where(np.abs(now - before) < least, before, now)
+    assert not [event for event in inspect(replace(data, gyro=held))[1] if event.kind is EventKind.IMU_STUCK]
 
 
 def test_an_axis_that_never_changes_is_refused_by_name(imu):
