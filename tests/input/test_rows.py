@@ -201,3 +201,13 @@ def test_rows_of_a_gps_file_are_cleaned_alike(tmp_path):
     expected = [EventKind.GPS_UNSORTED, EventKind.GPS_NAN, EventKind.GPS_GAP, EventKind.GPS_CUT_ROW]
     assert _kinds(reading) == expected
     assert reading.facts.n_used == 48
+
+
+@pytest.mark.parametrize("row", [0, 150, -1])
+def test_a_row_of_another_week_is_left_out(tmp_path, row):
+    rows = rolling(400)
+    rows[row, 0] += 604_800.0
+    reading = read_imu(write(tmp_path / "imu.csv", rows, IMU_HEADER))
+    assert len(reading.data.time) == 399
+    assert reading.facts.n_gaps == 0
+    assert any("more than a day from all others" in event.action for event in reading.events)

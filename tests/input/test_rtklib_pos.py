@@ -210,6 +210,7 @@ REFUSED = {
         "not possible in column 'x-ecef(m)'",
     ),
     "month 13": (changed("2018/12/", "2018/13/"), "13 is not possible in column 'month'"),
+    "31 February": (changed("2018/12/19", "2019/02/31"), "31 is not possible in column 'day'"),
     "text": (changed(" 2 11 ", " fix 11 "), "'fix' is not a number"),
     "a cell too many": (changed(" 2 11 ", " 2 2 11 "), "cells where the header has"),
 }

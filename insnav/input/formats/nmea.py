@@ -188,7 +188,7 @@ def _time_of_day(word: str) -> float:
 
 
 def _day(year: int, month: int, day: int) -> float:
-    if not (1980 <= year < 2200 and 1 <= month <= 12 and 1 <= day <= 31):
+    if not 1980 <= year < 2200:
         return float("nan")
     return float(gps_days(np.array([year]), np.array([month]), np.array([float(day)]))[0])
 

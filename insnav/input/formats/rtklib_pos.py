@@ -140,6 +140,7 @@ def _time(data: Mapping[str, FloatArray], scale: str, rows: TextCells) -> GpsTim
         _refuse(~((data[key] >= low) & (data[key] <= high)), data[key], key, f"it is {low} .. {high}", rows)
     if "year" in data:
         day = gps_days(data["year"], data["month"], data["day"])
+        _refuse(np.isnan(day), data["day"], "day", "the month has no such day", rows)
         second = 3600.0 * data["hour"] + 60.0 * data["minute"] + data["second"]
     else:
         day, second = 7.0 * data["week"], data["tow"]

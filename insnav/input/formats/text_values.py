@@ -177,7 +177,8 @@ def _days(parts: dict[str, Any], valid: Any, where: str) -> FloatArray:
         month = _numbers(pc.if_else(pc.is_valid(place), pc.cast(pc.add(pc.fill_null(place, 0), 1), pa.string()), names))
         day = _numbers(parts["day"], "1")
     year = _numbers(parts["year"], "1980")
-    wrong = valid & ~((month >= 1) & (month <= 12) & (day >= 1) & (day <= 31))
+    found = gps_days(year, month, day)
+    wrong = valid & np.isnan(found)
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
         raise InputError(
@@ -186,7 +187,7 @@ def _days(parts: dict[str, Any], valid: Any, where: str) -> FloatArray:
             why=f"row {row + 1} of numbers: day {day[row]:.0f}, month {month[row]:.0f}",
             fix="write dates as year-month-day, such as 2025-08-28",
         )
-    return gps_days(year, month, day)
+    return found
 
 
 def _scale(parts: dict[str, Any]) -> Scale:

@@ -25,9 +25,11 @@ _LEAP_DAYS = (np.array(_LEAPS.split(), dtype="datetime64[D]") - EPOCH).astype(np
 
 
 def gps_days(year: FloatArray, month: FloatArray, day: FloatArray) -> FloatArray:
-    """Days of calendar dates since 6 January 1980, ``(n,)``."""
+    """Days of calendar dates since 6 January 1980, ``(n,)``; NaN for dates that there are not, such as 31 February."""
     months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
-    return np.asarray((months.astype("datetime64[D]") - EPOCH).astype(np.float64) + day - 1.0)
+    first, after = (each.astype("datetime64[D]") for each in (months, months + 1))
+    there = (month >= 1) & (month <= 12) & (day >= 1) & (day <= (after - first).astype(np.float64))
+    return np.where(there, (first - EPOCH).astype(np.float64) + day - 1.0, np.nan)
 
 
 def unix_days(nanoseconds: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:

@@ -13,6 +13,7 @@ from insnav.types import BoolArray, Event, FloatArray, IntArray
 MAX_UNSORTED = 0.01  # fraction of rows that may be out of order
 _RESET_ROWS = 5  # so many rows at the end, all before what came earlier, are a clock that was set back
 _MAX_SHARED = 0.1  # fraction of rows that may differ and yet share their time with another one
+_DAY, _FEW_STRAY = 86_400.0, 3  # [s], rows
 _MIN_INTERVAL = 1e-9  # shorter ones count as none [s]
 
 
@@ -68,8 +69,11 @@ def clean(
     events: list[Event] = []
     notes: list[str] = []
     kept = dict(columns)
+    stray = _stray(kept["time"]) & ~bad
+    for mask, action in ((bad, bad_action), (stray, "more than a day from all others")):
+        events += _run_events(kept["time"], mask, kinds, action) if mask.any() else []
+    bad = bad | stray
     if bad.any():
-        events += _run_events(kept["time"], bad, kinds, bad_action)
         good = ~bad
         kept = {key: column[good] for key, column in kept.items()}
         if len(kept["time"]) < kinds.min_rows:
@@ -122,6 +126,20 @@ def runs(mask: BoolArray) -> list[tuple[int, int]]:
     """First index and length of every run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
     return [(int(a), int(b - a)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _stray(time: FloatArray) -> BoolArray:
+    """Rows whose time is that of another day or week, where they are few and all others are of one day.
+
+    A clock that starts anew with the week stays within it.
+    """
+    none = np.zeros(len(time), dtype=np.bool_)
+    known = np.isfinite(time)
+    if not known.any() or (time[known].min() >= 0.0 and time[known].max() <= 7.0 * _DAY):
+        return none
+    far = known & (np.abs(time - np.median(time[known])) > _DAY)
+    few = 0 < np.count_nonzero(far) <= min(_FEW_STRAY, 0.1 * len(time))
+    return np.asarray(far) if few and float(np.ptp(time[known & ~far])) < _DAY else none
 
 
 def _too_few(used: int, read: int, kinds: Kinds, name: str) -> InputError:
