@@ -153,7 +153,7 @@ def _best_lag(imu: tuple[float, FloatArray, BoolArray], gps: tuple[float, FloatA
     if score[best] < SURE or score[best] < second + 0.5 * SURE:
         return None
     lags = gps[0] - imu[0] + (np.arange(n + m - 1) - (n - 1)) * STEP
-    as_told = float(np.max(score[np.abs(lags) < APART], initial=0.0))
+    as_told = float(np.max(score[(np.abs(lags) < APART) & ~around], initial=0.0))
     if abs(lags[best]) >= APART and as_told > max(SURE, AS_TOLD * score[best]):
         return None  # the motion repeats itself, and the clocks as they are explain it too
     return float(lags[best])

@@ -216,6 +216,11 @@ def _table(given: Given | Table) -> str | Path | Table:
             why=f"their shapes are {', '.join(str(each.shape) for each in arrays)}",
             fix="give (time, lla) of shapes (n,), (n, 3) in s, deg, deg, m; or GpsData, Trajectory, a data frame",
         )
+    angles = np.abs(arrays[1][:, :2])
+    if np.nanmax(angles[:, 0], initial=0.0) < 0.5 * np.pi and np.nanmax(angles[:, 1], initial=0.0) < 2.0 * np.pi:
+        why = "all are small; arrays are (time, lla) with latitude and longitude in degrees"
+        fix = "give degrees: numpy.degrees; of a place so near (0, 0), a data frame with lat_deg, lon_deg, height_m"
+        raise ConfigError("these positions look like radians", why=why, fix=fix)
     return named_columns(("time_s", "lat", "lon", "height_m"), np.column_stack(arrays))
 
 

@@ -33,7 +33,7 @@ def test_errors_are_as_large_as_predicted(drives):
     assert 0.1 < np.sqrt(np.mean(ratios**2)) < 2.5
 
 
-@pytest.mark.parametrize("offset", [18.0, -3.4, 405_314.57, -1.44e9])
+@pytest.mark.parametrize("offset", [18.0, -3.4, 5.02, 6.0, -5.5, 405_314.57, -1.44e9])
 def test_any_offset_is_found(drives, offset):
     imu, fixes = drives[0]
     none = clock_offset(intervals(imu), fixes)

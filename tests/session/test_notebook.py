@@ -129,6 +129,13 @@ def test_arrays_without_times_need_a_rate() -> None:
         insnav.load(rest)
 
 
+def test_positions_in_radians_are_refused_as_such() -> None:
+    lla = np.column_stack([np.full(50, 0.84), np.linspace(0.15, 0.151, 50), np.full(50, 400.0)])
+    rest = (np.zeros((500, 3)), np.tile([0.0, 0.0, -9.81], (500, 1)))
+    with pytest.raises(ConfigError, match="look like radians"):
+        insnav.load(rest, (np.arange(50) * 0.1, lla), rate=100.0)
+
+
 @pytest.mark.parametrize(
     ("inputs", "error", "words"),
     [
