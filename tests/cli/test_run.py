@@ -89,7 +89,18 @@ def test_json_alone_is_on_standard_output_and_is_that_of_the_folder(drive: Path,
     facts = json.loads(shown.out)
     assert shown.out == Path("run/run.json").read_text(encoding="utf-8")
     assert list(facts) == [
-        *("kind", "versions", "accuracy", "reference_offset", "smoothed", "solution", "fixes", "aiding", "outages"),
+        *(
+            "schema",
+            "versions",
+            "kind",
+            "accuracy",
+            "reference_offset",
+            "smoothed",
+            "solution",
+            "fixes",
+            "aiding",
+            "outages",
+        ),
         *("sensor_errors", "alignment", "events", "input", "imu_model", "configuration"),
         *("verdict", "summary", "warnings", "notes", "assumptions", "files"),
     ]
