@@ -99,7 +99,7 @@ def each(
     engine = engine_of(workers)
     if engine.dask is None and (engine.processes == 1 or len(jobs) < 2):
         for job in jobs:
-            yield _attempt(function, *shared, job)
+            yield attempt(function, *shared, job)
         return
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
@@ -114,7 +114,7 @@ def each(
             alone = following < alone_until
             handed = _Handed(range(following, following + 1 if alone else len(jobs)))
             try:
-                with closing(pool(_attempt, function, *shared, jobs=(jobs[i] for i in handed))) as outcomes:
+                with closing(pool(attempt, function, *shared, jobs=(jobs[i] for i in handed))) as outcomes:
                     for outcome in outcomes:
                         following += 1
                         yield outcome
@@ -151,7 +151,8 @@ class _Handed:
             yield number
 
 
-def _attempt(function: Callable[..., T], *arguments: Any) -> T | Failed:
+def attempt(function: Callable[..., T], *arguments: Any) -> T | Failed:
+    """What a function returns, or the error it raises."""
     try:
         with _one_at_a_time:
             return function(*arguments)

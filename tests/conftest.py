@@ -8,6 +8,7 @@ SLOW = (
     "tests/alignment/test_robust_start.py",
     "tests/bench/",
     "tests/certificate/test_certify.py",
+    "tests/cli/test_batch.py::test_a_batch_that_was_stopped",
     "tests/cli/test_demo.py",
     "tests/cli/test_process.py::test_work_of_more_than_a_second",
     "tests/cli/test_readme.py",

@@ -16,6 +16,7 @@ from insnav.cli import (
     acceptance,
     align,
     allan,
+    batch,
     budget,
     calibrate,
     check,
@@ -59,6 +60,7 @@ app = typer.Typer(
 )
 for _module, _command in (
     (run, run.run),
+    (batch, batch.batch),
     (check, check.check),
     (demo, demo.demo),
     (align, align.align),
@@ -78,7 +80,9 @@ for _module, _command in (
     (verify, verify.verify),
     (regress, regress.regress),
 ):
-    app.command(_command.__name__, cls=GroupedCommand, help=_module.HELP, short_help=_module.SHORT_HELP)(_command)
+    _settings = getattr(_module, "SETTINGS", None)
+    _words = {"help": _module.HELP, "short_help": _module.SHORT_HELP}
+    app.command(_command.__name__, cls=GroupedCommand, context_settings=_settings, **_words)(_command)
 app.add_typer(calibrate.app, name="calibrate", help=calibrate.HELP, short_help=calibrate.SHORT_HELP)
 
 

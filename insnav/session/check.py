@@ -19,9 +19,10 @@ from insnav.imu.health import inspect
 from insnav.imu.inspection import JOLT, ImuFigures, inspect_samples
 from insnav.input import Reading, ReadingFacts, read_gps
 from insnav.input.formats.registry import open_tables
+from insnav.input.formats.table import Table
 from insnav.input.interpret.columns import match_header
 from insnav.input.interpret.headerless import imu_columns, is_headerless, position_columns
-from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, Quantity
+from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity
 from insnav.input.readers.imu import parse_units
 from insnav.result import Result
 from insnav.session.clock import clock_offset
@@ -131,13 +132,7 @@ def _sorted(files: Iterable[str | Path], patient: _Patient) -> dict[str, str | P
             patient.roles[str(each)] = "not readable"
             patient.refused(error)
             continue
-        kinds = {key.partition(":")[0] for key in tables}
-        if "" in kinds:
-            table = next(iter(tables.values()))
-            samples = _known(table.headers, IMU_SCHEMA, "gyro accel dtheta dvel")
-            if is_headerless(table.headers):
-                samples = bool(imu_columns(table)) or not ("imu" in given or position_columns(table))
-            kinds = {"imu" if samples else "gps"}
+        kinds = kinds_of(tables, imu_known="imu" in given)
         role = "imu" if "imu" in kinds and "imu" not in given else "gps" if "gps" not in given else "reference"
         given[role] = each
         both = {"imu", "gps"} <= kinds
@@ -145,6 +140,19 @@ def _sorted(files: Iterable[str | Path], patient: _Patient) -> dict[str, str | P
         if both:
             given.setdefault("gps", each)
     return given
+
+
+def kinds_of(tables: Mapping[str, Table], *, imu_known: bool = False) -> set[str]:
+    """What a file holds, of ``imu``, ``gps`` and ``reference``: as its format says, or by its headers."""
+    kinds = {key.partition(":")[0] for key in tables}
+    if "" not in kinds:
+        return kinds
+    table = next(iter(tables.values()))
+    samples = _known(table.headers, IMU_SCHEMA, "gyro accel dtheta dvel")
+    if is_headerless(table.headers):
+        samples = bool(imu_columns(table)) or not (imu_known or position_columns(table))
+    attitude = _known(table.headers, REFERENCE_SCHEMA, "lat roll pitch")
+    return {"imu" if samples else "reference" if attitude else "gps"}
 
 
 def _known(headers: Sequence[str], schema: Sequence[Quantity], words: str) -> bool:

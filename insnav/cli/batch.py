@@ -1,0 +1,187 @@
+"""``insnav batch``: many drives with one command, each as ``insnav run`` navigates it."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from insnav.cli import console
+from insnav.cli import options as opt
+from insnav.cli.console import Stages, error_block, note, quiet_figures, result_page
+from insnav.exceptions import ConfigError, InsnavError
+
+if TYPE_CHECKING:
+    from insnav.fleet.batch import Drive
+
+SHORT_HELP = "Navigate many drives with one command: one row a drive, and a page of the fleet."
+HELP = """Navigate many drives with one command.
+
+DRIVES is a folder: every log of IMU and GPS below it, and every IMU file with the fixes and the reference beside it
+(one of each in a folder, or names that differ only in imu, gps, ref) is a drive; the folder above names the vehicle.
+Or it is a TOML file with a table [[drive]] for each: file, gps, ref, name, vehicle, and options of insnav run by their
+names. Options of insnav run behind DRIVES are for all drives.
+
+Each drive has its run folder below FOLDER/drives. fleet.csv has a row for each; report.html has outliers first, what
+failed and why, and the noise found in each vehicle. The same command again goes on where it was stopped: drives that
+are finished are not navigated again unless their files, options or insnav changed. Ends with exit code 1 if drives
+failed or are not to be relied on.
+
+\b
+Examples:
+  insnav batch recordings
+  insnav batch recordings --out monday --imu mems.toml --lever-arm 0.8,-0.3,-1.2
+  insnav batch drives.toml --engine processes:8 --figures none
+  insnav batch drives.toml --engine dask:tcp://10.0.0.1:8786
+\b
+  [[drive]]
+  file = "monday/imu.csv"
+  gps = "monday/gps.csv"
+  vehicle = "van 7"
+  lever-arm = [0.8, -0.3, -1.2]
+"""
+SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # those of run go on to it
+_SHOWN = 20  # drives in the terminal
+_UNSAFE = re.compile(r"[^\w.+-]+")
+
+
+def batch(
+    context: typer.Context,
+    drives: Annotated[
+        Path, typer.Argument(metavar="DRIVES", help="Folder of recordings, or drives.toml.", rich_help_panel=opt.FILES)
+    ],
+    out: opt.Out = Path("fleet"),
+    again: Annotated[
+        bool, typer.Option("--again", help="Navigate finished drives again, too.", rich_help_panel=opt.RESULT)
+    ] = False,
+    engine: opt.Engine = "processes",
+    as_json: opt.Json = False,
+) -> None:
+    """Navigate many drives."""
+    from insnav.cli.signals import Stopped
+
+    if str(drives).startswith("-"):
+        raise ConfigError("the drives come first", where=str(drives), fix="insnav batch DRIVES OPTIONS")
+    common = _absolute(context.args, Path())
+    _parsed(["imu.csv", *common], "options for all drives")
+    with Stages() as stage:
+        stage("finding")
+        from insnav.fleet.batch import batch as navigated
+        from insnav.fleet.batch import check_folder
+        from insnav.fleet.page import write_fleet
+        from insnav.fleet.recordings import find_drives
+
+        quiet_figures()
+        folder = out.resolve()
+        check_folder(folder)
+        left: list[str] = []
+        found = _read(drives) if drives.suffix.lower() == ".toml" else None
+        if found is None:
+            found, left = find_drives(drives, folder, engine)
+        found = [replace(each, arguments=(each.arguments[0], *common, *each.arguments[1:])) for each in found]
+        try:
+            made = navigated(
+                run_drive,
+                found,
+                folder,
+                again=again,
+                workers=engine,
+                progress=lambda done: stage(f"{done} of {len(found)}", done / len(found)),
+            )
+        except Stopped:
+            note("the drives that are finished are kept: the same command again goes on")
+            raise
+        stage("writing")
+        page = write_fleet(folder, made, left, {"drives": str(drives), "run": list(common)})
+    more = max(len(made) - _SHOWN, 0)
+    shown = replace(page.sections[0], rows=page.sections[0].rows[:_SHOWN])
+    names = ("drives", f"fleet.csv ({more} drives more)" if more else "fleet.csv")
+    result_page(folder, replace(page, sections=(shown, *page.sections[1:])), out, as_json=as_json, more=names)
+    if page.verdict is not None and page.verdict.light == "bad":
+        error_block(page.verdict.reason, (("fix", "see the reasons above; insnav check FILES says what to mend"),))
+        raise typer.Exit(1)
+
+
+def run_drive(arguments: Sequence[str]) -> None:
+    """Navigate one drive as ``insnav run`` does, without a word; what it refuses, or ends with, is raised."""
+    from insnav.cli import _run
+    from insnav.cli.data_options import as_option
+
+    level, console.level = console.level, -1
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said):
+            code = _run(["run", *arguments])
+    except InsnavError as error:
+        error.where = as_option(error.where)
+        raise
+    finally:
+        console.level = level
+    if code:
+        what, *details = said.getvalue().removeprefix("insnav: error: ").splitlines() or [f"exit code {code}"]
+        ended = InsnavError(what, why=" ".join(" ".join(details).split()).removeprefix("why: "))
+        ended.exit_code = code
+        raise ended
+
+
+def _read(path: Path) -> list[Drive]:
+    """Drives of a TOML file; its paths are from its folder."""
+    from insnav.config_file import read_toml
+    from insnav.fleet.batch import Drive
+
+    content = read_toml(path)
+    tables = content.get("drive")
+    if content.keys() != {"drive"} or not isinstance(tables, list) or not tables:
+        why = f"found: {', '.join(content) or 'nothing'}"
+        raise ConfigError("there are no drives", where=str(path), why=why, fix="write a table [[drive]] for each")
+    drives = []
+    for number, table in enumerate(tables, start=1):
+        where = f"{path}: drive {number}"
+        if not isinstance(table, dict) or "file" not in table:
+            raise ConfigError("a drive has no IMU file", where=where, fix='give file = "FILE"')
+        words = [word for key, value in table.items() for word in _words(key, value)]
+        file, *options = _absolute([str(table["file"]), *words], path.parent)
+        _parsed([file, *options], where)
+        name = _UNSAFE.sub("_", str(table.get("name") or Path(file).parent.name)).strip("._") or f"drive{number}"
+        file = str((path.parent / file).absolute())
+        drives.append(Drive(name, str(table.get("vehicle", "")), (file, *options)))
+    return drives
+
+
+def _words(key: str, value: Any) -> list[str]:
+    """One key of a table as it stands on the command line."""
+    option = f"--{key.replace('_', '-')}"
+    if key in ("file", "name", "vehicle"):
+        return []
+    if isinstance(value, bool):
+        return [option if value else option.replace("--", "--no-", 1)]
+    if isinstance(value, dict):
+        value = [f"{name}={header}" for name, header in value.items()]
+    return [option, ",".join(map(str, value)) if isinstance(value, list) else str(value)]
+
+
+def _absolute(words: Sequence[str], folder: Path) -> list[str]:
+    """Names of files, wherever a worker is."""
+    return [str((folder / word).absolute()) if (folder / word).is_file() else word for word in words]
+
+
+def _parsed(arguments: list[str], where: str) -> None:
+    """Refuse options that insnav run does not take, before the first drive."""
+    from typer.main import get_command
+
+    from insnav.cli import app
+
+    command: Any = get_command(app)
+    try:
+        command.commands["run"].make_context("insnav run", list(arguments))
+    except Exception as error:
+        if not hasattr(error, "format_message"):
+            raise
+        fix = "see insnav run --help"
+        raise ConfigError(str(error.format_message()).rstrip("."), where=where, fix=fix) from None

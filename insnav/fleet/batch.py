@@ -1,0 +1,158 @@
+"""Many drives, each navigated into a run folder of its own, whatever becomes of the others, and gone on with."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from insnav import __version__
+from insnav.engine import Failed, Workers, attempt, each
+from insnav.exceptions import ConfigError, InputError, OutputError
+from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts
+
+DRIVES = "drives"  # folder of the run folders, within that of the fleet
+_OWN = {DRIVES, FACTS_FILE, "report.html", "fleet.csv"}  # what a fleet folder holds
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """One drive of a fleet."""
+
+    name: str  # of its run folder
+    vehicle: str
+    arguments: tuple[str, ...]  # of ``insnav run``, paths absolute, without --out
+    unclear: str = ""  # files of which it is not clear which are this drive
+
+
+@dataclass(frozen=True, slots=True)
+class Navigated:
+    """What became of one drive."""
+
+    name: str
+    vehicle: str
+    digest: str  # of its files, its options and this version
+    seconds: float  # that it took [s]
+    failed: Failed | None = None
+    facts: Mapping[str, Any] | None = None  # ``run.json`` of its folder, if there is one
+    kept: bool = False  # it was finished already
+
+
+@dataclass(frozen=True, slots=True)
+class _How:
+    """What all drives have in common."""
+
+    run: Callable[[Sequence[str]], None]
+    place: Path  # of the run folders
+    again: bool
+
+
+def batch(
+    run: Callable[[Sequence[str]], None],
+    drives: Sequence[Drive],
+    folder: Path,
+    *,
+    again: bool = False,
+    workers: Workers = "processes",
+    progress: Callable[[int], None] | None = None,
+) -> list[Navigated]:
+    """Navigate drives into run folders below `folder`; those that are finished are not navigated again.
+
+    `run`: navigates by arguments of ``insnav run``; of a module, as workers must find it; `again`: also drives whose
+    files, options and version are as they were; `progress`: called with the number of drives done.
+    Raises: ConfigError: two drives of one name; OutputError: `folder` holds something else, or cannot be written.
+    """
+    several = [name for name, count in Counter(each.name.lower() for each in drives).items() if count > 1]
+    if several:
+        files = ", ".join(each.arguments[0] for each in drives if each.name.lower() == several[0])
+        raise ConfigError(f"two drives have the name {several[0]!r}", where=files, fix="give each a name of its own")
+    check_folder(folder)
+    try:
+        (folder / DRIVES).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise OutputError("cannot write a fleet", where=str(folder), why=why, fix="give another --out") from error
+    how = _How(run, folder / DRIVES, again)
+    done: list[Navigated] = []
+    for drive, outcome in zip(drives, each(_navigated, drives, workers, (how,)), strict=True):
+        if isinstance(outcome, Failed):  # its process died
+            outcome = Navigated(drive.name, drive.vehicle, "", 0.0, outcome)
+        done.append(_with_facts(outcome, how.place))
+        if progress is not None:
+            progress(len(done))
+    return done
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder that holds something else than a fleet.
+
+    Raises: OutputError.
+    """
+    held = {each.name for each in folder.iterdir() if not each.name.startswith(".")} if folder.is_dir() else set()
+    if held - _OWN or (held and DRIVES not in held):
+        why = ", ".join(sorted(held - _OWN)[:3]) or f"it has no {DRIVES}"
+        what = "the folder holds something else than a fleet"
+        raise OutputError(what, where=str(folder), why=why, fix="give another --out")
+
+
+def _navigated(how: _How, drive: Drive) -> Navigated:
+    """Navigate one drive, unless it is finished, and note what became of it."""
+    note, key = how.place / f"{drive.name}.json", _digest(drive)
+    finished = None if how.again else _read_note(note, key)
+    if finished is not None and (finished.failed is not None or (how.place / drive.name / FACTS_FILE).is_file()):
+        return replace(finished, kept=True)
+    begin = time.monotonic()
+    outcome = attempt(_run, how, drive)
+    failed = outcome if isinstance(outcome, Failed) else None
+    found = Navigated(drive.name, drive.vehicle, key, round(time.monotonic() - begin, 3), failed)
+    aside = note.with_name(f".{note.name}.{os.getpid()}")
+    aside.write_text(json.dumps(asdict(found), indent=1), encoding="utf-8")
+    aside.replace(note)
+    return found
+
+
+def _run(how: _How, drive: Drive) -> None:
+    if drive.unclear:
+        raise InputError(
+            "it is not clear which files are one drive",
+            where=drive.arguments[0],
+            why=f"found: {drive.unclear}",
+            fix="give each drive a folder, or names such as monday_imu.csv and monday_gps.csv, or a drives.toml",
+        )
+    how.run([*drive.arguments, "--out", str(how.place / drive.name), "--force"])
+
+
+def _digest(drive: Drive) -> str:
+    """Key of everything the run folder of a drive depends on."""
+    digest = hashlib.sha256(json.dumps([__version__, asdict(drive)]).encode())
+    for argument in drive.arguments:
+        path = Path(argument)
+        try:
+            if path.is_absolute() and path.exists():
+                files = files_in(path) if path.is_dir() else {"": path}
+                digest.update("".join(f"{name} {file_sha256(file)}" for name, file in files.items()).encode())
+        except OSError as error:
+            digest.update(str(error).encode())
+    return digest.hexdigest()
+
+
+def _read_note(note: Path, key: str) -> Navigated | None:
+    try:
+        known = json.loads(note.read_text(encoding="utf-8"))
+        found = Navigated(**{**known, "failed": None if known["failed"] is None else Failed(**known["failed"])})
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+    return found if found.digest == key else None
+
+
+def _with_facts(found: Navigated, place: Path) -> Navigated:
+    if found.failed is not None and found.failed.exit_code != 1:  # it ended without a solution; an old one may be left
+        return found
+    facts = attempt(read_facts, place / found.name)
+    return replace(found, failed=facts) if isinstance(facts, Failed) else replace(found, facts=facts)

@@ -1,0 +1,274 @@
+"""A fleet on one page: its drives, outliers first, what failed and why, and the noise found in each vehicle."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from insnav.fleet.batch import DRIVES, Navigated
+from insnav.output.folder import RunFolder
+from insnav.quantity import Quantity, quantity_of
+from insnav.report.colours import BLUE, VERMILLION
+from insnav.report.numbers import number
+from insnav.report.page import LIGHTS, Light, Page, Section, Verdict, one_each
+from insnav.report.panels import Curve, Panel
+from insnav.report.run_json import versions
+from insnav.report.save import write_page
+from insnav.types import FloatArray
+
+OUTLIER, FEWEST = 3.5, 8  # modified z-score beyond which a drive is one, and drives that make a median
+_LEAST = 0.1  # relative scatter of a fleet below which nothing stands out
+_ORDER = ("failed", "bad", "attention", "unknown", "good")
+_FILES = ("report.html", "fleet.csv", "run.json")
+# key, where it is in ``run.json``, unit of the table, label
+_FIGURES = (
+    ("duration", ("solution", "duration_s"), "s", ""),
+    ("distance", ("solution", "distance_m"), "m", ""),
+    ("horizontal_error", ("best", "all", "horizontal_m", "rms"), "m", "horizontal error RMS"),
+    ("horizontal_sd", ("smoothed", "horizontal_sd_m"), "m", "horizontal sd"),
+    ("nis_position", ("fixes", "position", "nis_mean_per_axis"), "", "NIS position"),
+    ("nis_velocity", ("fixes", "velocity", "nis_mean_per_axis"), "", "NIS velocity"),
+    ("rejected", ("fixes", "position", "share_rejected"), "%", "fixes rejected"),
+)
+_COMPARED = ("horizontal_error", "horizontal_sd", "nis_position", "nis_velocity", "rejected")
+_NONE_REJECTED = 0.01  # a share below which one is as good as another
+_NOISE = (
+    *("gyro_random_walk", "gyro_bias_instability", "accel_random_walk", "accel_bias_instability"),
+    *("gps_horizontal", "gps_vertical", "gps_velocity"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One drive in the table of a fleet."""
+
+    drive: Navigated
+    light: str  # of its run, or ``failed``
+    reason: str
+    figures: Mapping[str, float] = field(default_factory=dict)  # SI, by key; what is not known is absent
+    noise: tuple[Quantity, ...] = ()  # found in it, with 95 % intervals
+    score: float = 0.0  # largest modified z-score of its figures
+    stands_out: str = ""  # the figure it is of, beyond `OUTLIER`
+
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Cells of the table."""
+        reason = "; ".join(
+            text for text in (f"{self.stands_out} stands out" * bool(self.stands_out), self.reason) if text
+        )
+        return (
+            Quantity("drive", self.drive.name),
+            Quantity("vehicle", self.drive.vehicle),
+            Quantity("result", LIGHTS.get(self.light, "failed")),  # type: ignore[call-overload]
+            *(Quantity(key, self.figures.get(key), unit, meaning=label) for key, _, unit, label in _FIGURES),
+            Quantity("outlier", self.score or None, meaning="z-score", digits=2, mark="!" * bool(self.stands_out)),
+            Quantity("reason", reason, meaning="why"),
+        )
+
+
+def rows_of(drives: Sequence[Navigated]) -> list[Row]:
+    """Rows of drives, those that failed and outliers first."""
+    rows = [_row(each) for each in drives]
+    scores: list[dict[str, float]] = [{} for _ in rows]
+    for key in _COMPARED:
+        known = {i: row.figures[key] for i, row in enumerate(rows) if key in row.figures}
+        if key == "rejected":
+            known = {i: max(share, _NONE_REJECTED) for i, share in known.items()}
+        known = {i: value for i, value in known.items() if value > 0.0}
+        for i, score in zip(known, modified_z(np.log(list(known.values()))), strict=True):
+            scores[i][key] = float(score)
+    found = [_scored(row, score) for row, score in zip(rows, scores, strict=True)]
+    return sorted(found, key=lambda row: (_ORDER.index(row.light), not row.stands_out, -row.score, row.drive.name))
+
+
+def modified_z(values: FloatArray) -> FloatArray:
+    """How far each value (n,) lies from the median, by the median deviation; none of a few.
+
+    Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993: beyond 3.5 a value is an outlier.
+    """
+    if len(values) < FEWEST:
+        return np.zeros(len(values))
+    away = values - np.median(values)
+    return np.asarray(away / max(float(np.median(np.abs(away))) / 0.6745, _LEAST))
+
+
+def _row(drive: Navigated) -> Row:
+    if drive.facts is None:
+        return Row(drive, "failed", "" if drive.failed is None else drive.failed.reason)
+    facts = {**drive.facts, "best": (drive.facts.get("smoothed") or {}).get("accuracy") or drive.facts.get("accuracy")}
+    fixes = (facts.get("fixes") or {}).get("position") or {}
+    if fixes.get("processed"):
+        fixes["share_rejected"] = fixes["rejected"] / fixes["processed"]
+    found = {key: _at(facts, path) for key, path, _, _ in _FIGURES}
+    verdict = facts.get("verdict") or {}
+    light, reason = verdict.get("light", "unknown"), verdict.get("reason", "")
+    return Row(
+        drive,
+        light if drive.failed is None else "bad",
+        ("" if light == "good" else reason) if drive.failed is None else drive.failed.reason,
+        {key: float(value) for key, value in found.items() if isinstance(value, float | int)},
+        tuple(_noise(facts.get("noise") or {})),
+    )
+
+
+def _at(facts: Any, path: Iterable[str]) -> Any:
+    for key in path:
+        facts = facts.get(key) if isinstance(facts, Mapping) else None
+    return facts
+
+
+def _noise(facts: Mapping[str, Any]) -> Iterable[Quantity]:
+    """Noise figures of a drive that have an interval."""
+    for key, ends in facts.items():
+        name = key.replace("_interval", "")
+        found = quantity_of(name, facts.get(name))
+        if name != key and found.key in _NOISE and min(ends) > 0.0:
+            size = np.asarray(found.value) / facts[name]  # of the unit, in SI
+            yield Quantity(found.key, found.value, found.unit, interval=(float(ends[0] * size), float(ends[1] * size)))
+
+
+def _scored(row: Row, scores: Mapping[str, float]) -> Row:
+    key = max(scores, key=lambda each: abs(scores[each]), default="")
+    score = abs(scores.get(key, 0.0))
+    label = next((label for name, _, _, label in _FIGURES if name == key and score > OUTLIER), "")
+    return Row(row.drive, row.light, row.reason, row.figures, row.noise, score, label)
+
+
+def vehicle_noise(rows: Iterable[Row]) -> dict[str, list[Quantity]]:
+    """Noise found in each vehicle: means of the logarithms over its drives, weighted by their intervals.
+
+    Where drives differ more than their intervals say, the interval of the mean is as much wider (Birge, The calculation
+    of errors by the method of least squares, Physical Review 40, 1932).
+    """
+    found: dict[str, list[Quantity]] = {}
+    for row in rows:
+        if row.noise:
+            found.setdefault(row.drive.vehicle or "all", []).extend(row.noise)
+    return {
+        name: [
+            _mean([q for q in found[name] if q.key == key]) for key in _NOISE if any(q.key == key for q in found[name])
+        ]
+        for name in sorted(found)
+    }
+
+
+def _mean(values: list[Quantity]) -> Quantity:
+    """Mean of one noise figure over drives, with the interval of the mean."""
+    size = np.log([np.asarray(each.value, dtype=np.float64) for each in values])
+    sd = np.ptp(np.log([each.interval or (1.0, 1.0) for each in values]), axis=1) / (2.0 * 1.96)
+    weight = 1.0 / np.maximum(sd, 1e-6) ** 2
+    mean = float(weight @ size / weight.sum())
+    birge = float(np.sqrt(weight @ (size - mean) ** 2 / max(len(values) - 1, 1)))
+    half = 1.96 * max(birge, 1.0) / float(np.sqrt(weight.sum()))
+    interval = (float(np.exp(mean - half)), float(np.exp(mean + half)))
+    return Quantity(values[0].key, float(np.exp(mean)), values[0].unit, interval=interval)
+
+
+def fleet_page(rows: Sequence[Row], left_out: Sequence[str]) -> Page:
+    """Report a fleet; `left_out`: files that are no recordings, and why."""
+    count = {light: sum(row.light == light for row in rows) for light in _ORDER}
+    said = ", ".join(f"{n} {LIGHTS.get(light, light)}" for light, n in count.items() if n)  # type: ignore[call-overload]
+    out = sorted((row for row in rows if row.stands_out), key=lambda row: -row.score)
+    if out:
+        said += f"; {out[0].drive.name} stands out most"
+    failures = [(row.drive.name, row.drive.failed) for row in rows if row.drive.failed is not None]
+    keys = ("exit_code", "what", "where", "why", "fix")
+    medians = {
+        key: np.median(known)
+        for key in ("horizontal_error", "horizontal_sd", "nis_position")
+        if (known := [row.figures[key] for row in rows if key in row.figures])
+    }
+    kept = sum(row.drive.kept for row in rows)
+    return Page(
+        f"Fleet of {len(rows)} drives",
+        (f"Each drive has its run folder in {DRIVES}/; {kept} of {len(rows)} were finished already.",),
+        (
+            Section(
+                "drives",
+                "Drives",
+                rows=tuple(row.quantities() for row in rows),
+                panels=_panels(rows),
+                note="outliers first; z-score: the largest of error, sd, NIS and rejected fixes, against the fleet; "
+                f"! beyond {OUTLIER}",
+            ),
+            Section(
+                "failures",
+                "Drives that failed",
+                rows=tuple(
+                    (Quantity("drive", name), *(Quantity(key, getattr(each, key)) for key in keys))
+                    for name, each in failures
+                ),
+            ),
+            one_each(
+                "vehicles",
+                "Noise found in each vehicle",
+                vehicle_noise(rows),
+                "vehicle",
+                "with 95 % interval; those of GPS are factors on the stated sd",
+            ),
+        ),
+        notes=tuple(f"left out: {each}" for each in left_out),
+        verdict=_verdict(count, len(out), f"{said}."),
+        merits=(
+            Quantity("drives", len(rows)),
+            Quantity("failed", count["failed"]),
+            *(Quantity(f"median_{key}", float(value), "" if "nis" in key else "m") for key, value in medians.items()),
+        ),
+    )
+
+
+def _verdict(count: Mapping[str, int], out: int, sentence: str) -> Verdict:
+    wrong, total = count["failed"] + count["bad"], sum(count.values())
+    if wrong:
+        return Verdict("bad", f"{wrong} of {total} drives failed or are not to be relied on", sentence)
+    if count["attention"] or out:
+        return Verdict("attention", f"{count['attention']} drives have warnings, {out} stand out", sentence)
+    light: Light = "unknown" if count["unknown"] else "good"
+    return Verdict(light, "no drive failed, has a warning or stands out", sentence)
+
+
+def _panels(rows: Sequence[Row]) -> tuple[Panel, ...]:
+    """NIS against horizontal error, or sd where there is no reference, of every drive."""
+    key = "horizontal_error" if any("horizontal_error" in row.figures for row in rows) else "horizontal_sd"
+    curves = []
+    for name, colour, out in (("drive", BLUE, False), ("stands out", VERMILLION, True)):
+        own = [row for row in rows if {"nis_position", key} <= row.figures.keys() and bool(row.stands_out) == out]
+        x, y = (np.array([row.figures[which] for row in own]) for which in ("nis_position", key))
+        text = tuple(f"{row.drive.name}: NIS {number(a)}, {number(b)} m" for row, a, b in zip(own, x, y, strict=True))
+        if own:
+            curves.append(Curve(name, x, y, colour, "crosses" if out else "points", text=text))
+    if not curves:
+        return ()
+    label = f"{key.replace('_', ' ')} [m]"
+    title = "Consistency and accuracy of every drive"
+    return (Panel("fleet", title, label, "NIS per axis", tuple(curves), log_x=True, log_y=True, height=320),)
+
+
+def write_fleet(folder: Path, drives: Sequence[Navigated], left_out: Sequence[str], options: Mapping[str, Any]) -> Page:
+    """Write page, table and ``run.json`` of a fleet beside its drives, each complete or as it was."""
+    rows = rows_of(drives)
+    page = fleet_page(rows, left_out)
+    table = [_csv_row(row) for row in rows]
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(dict.fromkeys(name for row in table for name in row)), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(table)
+    metadata = {"kind": "fleet", "versions": versions(), "configuration": options}
+    with RunFolder(folder / ".summary", force=True) as place:
+        made = write_page(place, page, metadata, {"fleet.csv": text.getvalue()})
+    for name in _FILES:  # the last says that they are complete
+        (made / name).replace(folder / name)
+    made.rmdir()
+    return page
+
+
+def _csv_row(row: Row) -> dict[str, Any]:
+    known = (fact for each in row.quantities() + row.noise for fact in each.facts().items())
+    facts = {name: value for name, value in known if "_interval" not in name}
+    code = 0 if row.drive.failed is None else row.drive.failed.exit_code
+    return {**facts, "exit_code": code, "seconds": row.drive.seconds}

@@ -1,0 +1,138 @@
+"""The recordings below a folder: which files are IMU data, fixes and references, and which belong together."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from insnav.engine import Failed, Workers, each
+from insnav.exceptions import InputError
+from insnav.fleet.batch import Drive
+from insnav.input.formats.registry import open_tables
+from insnav.output.contents import FACTS_FILE, read_facts
+from insnav.session.check import kinds_of
+
+_NO_DATA = {".toml", ".json", ".md", ".yaml", ".html", ".pdf", ".png", ".svg", ".jpg", ".kml", ".tag", ".py", ".ipynb"}
+_ROLE = re.compile(r"(^|[-_. ])(imu|gps|gnss|gnns|ref|reference|truth|fixes|samples)\d*(?=$|[-_. ])", re.IGNORECASE)
+_UNSAFE = re.compile(r"[^\w.+-]+")
+_PARTS = ("imu", "gps", "ref")
+
+_Parts = dict[str, Path]  # file of each part
+
+
+def find_drives(folder: Path, without: Path, workers: Workers = 1) -> tuple[list[Drive], list[str]]:
+    """Recordings in a folder and those in it, by what insnav recognises; results of insnav are left out.
+
+    `without`: a folder not to look into.
+    Returns: the drives, named by their place; and what was left out, file and why.
+    Raises: InputError: the folder cannot be read, or holds no recording.
+    """
+    if not os.access(folder, os.R_OK | os.X_OK) or not folder.is_dir():
+        why = "it is a file" if folder.is_file() else "no permission to read" if folder.is_dir() else "no such folder"
+        raise InputError("there are no drives here", where=str(folder), why=why)
+    places = list(_places(folder.resolve(), without.resolve()))
+    drives: list[Drive] = []
+    left: list[str] = []
+    for place, roles in zip(places, each(_roles, places, workers), strict=True):
+        if isinstance(roles, Failed):
+            left.append(f"{place}: {roles.reason}")
+            continue
+        found = list(_paired(place, roles))
+        used = {path for _, parts, _ in found for path in parts.values()}
+        left += [f"{path}: {role or 'no recording'}" for path, role in roles.items() if path not in used]
+        for where, parts, unclear in found:
+            inside = where.relative_to(folder.resolve()).parts
+            files = [word for part in parts for word in (f"--{part}", str(parts[part])) if part != "imu"]
+            name = _UNSAFE.sub("_", "-".join(inside)).strip("._") or "drive"
+            vehicle = inside[0] if len(inside) > 1 else ""
+            drives.append(Drive(name, vehicle, (str(parts["imu"]), *files), unclear))
+    if not drives:
+        more = f"; left out: {left[0]}" if left else ""
+        raise InputError(
+            "there are no drives here",
+            where=str(folder),
+            why=f"none of {sum(map(len, places))} files holds IMU data{more}",
+            fix="give the folder that holds the recordings, or a drives.toml",
+        )
+    return drives, left
+
+
+def _places(folder: Path, without: Path) -> Iterator[list[Path]]:
+    """Files of every folder, itself first if it is one recording."""
+    for name, folders, files in os.walk(folder):
+        here = Path(name)
+        if here == without or _result(here):
+            folders.clear()
+            continue
+        names = sorted(each for each in files if not each.startswith(".") and Path(each).suffix.lower() not in _NO_DATA)
+        data = [here / each for each in names]
+        inner = any(_whole(here / each) for each in folders)  # formats look into the folders of a folder
+        if not inner and here != folder and _whole(here) and sorted(map(_role, data[:4])) != ["gps", "imu", "ref"]:
+            folders.clear()
+            data = [here]
+        folders[:] = sorted(each for each in folders if not each.startswith("."))
+        if data:
+            yield data
+
+
+def _result(folder: Path) -> bool:
+    """Whether insnav wrote this folder and it is no simulated recording."""
+    if not (folder / FACTS_FILE).is_file():
+        return False
+    try:
+        files = read_facts(folder)["files"]
+    except InputError:
+        return False
+    return not any(name.startswith("imu.") and not name.endswith(".toml") for name in files)
+
+
+def _whole(folder: Path) -> bool:
+    try:
+        open_tables(folder)
+    except Exception:  # whatever is wrong with its files: they are looked at one by one
+        return False
+    return True
+
+
+def _roles(files: Sequence[Path]) -> dict[Path, str]:
+    """What each file is: ``imu``, ``gps``, ``ref``, ``both``; empty if it is no recording."""
+    return {path: _role(path) for path in files}
+
+
+def _role(path: Path) -> str:
+    try:
+        kinds = kinds_of(open_tables(path))
+    except Exception:  # a file of another kind
+        return ""
+    if {"imu", "gps"} <= kinds:
+        return "both"
+    return "imu" if "imu" in kinds else "ref" if "reference" in kinds else "gps"
+
+
+def _paired(files: Sequence[Path], roles: dict[Path, str]) -> Iterator[tuple[Path, _Parts, str]]:
+    """Place, files, and what is unclear of the drives of one folder: logs of their own, and files that go together."""
+    for path in files:
+        if roles[path] == "both":
+            yield path if path.is_dir() else path.with_name(_stem(path)), {"imu": path}, ""
+    parts = {part: [path for path in files if roles[path] == part] for part in _PARTS}
+    if max(map(len, parts.values())) == 1 and parts["imu"]:
+        path = parts["imu"][0]
+        yield path if path.is_dir() else path.parent, {part: own[0] for part, own in parts.items() if own}, ""
+        return
+    named: dict[str, dict[str, list[Path]]] = defaultdict(lambda: {part: [] for part in _PARTS})
+    for part, own in parts.items():
+        for path in own:
+            named[_ROLE.sub("", _stem(path)).strip("-_. ").lower()][part].append(path)
+    for stem, group in named.items():
+        if not group["imu"]:
+            continue
+        where = group["imu"][0].with_name(stem or _stem(group["imu"][0]))
+        several = [path.name for paths in group.values() if len(paths) > 1 for path in paths]
+        yield where, {part: paths[0] for part, paths in group.items() if paths}, ", ".join(several)
+
+
+def _stem(path: Path) -> str:
+    return path.name.split(".")[0] or path.name

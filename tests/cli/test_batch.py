@@ -1,0 +1,151 @@
+"""Many drives with one command: each as `run` has it, failures kept, finished ones not navigated again."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import QUICK as RUN
+from tests.cli.conftest import ROOT, Cli
+
+QUICK = ("--imu", "automotive", "--figures", "none", "--engine", "1")
+
+
+@pytest.fixture
+def drives(drive: Path) -> Path:
+    """Folder of two vehicles: a drive in a folder, two by their names, one without fixes, and one that is broken."""
+    folder = drive.parent / "recordings"
+    (folder / "van" / "monday").mkdir(parents=True)
+    (folder / "car").mkdir()
+    for name in ("imu", "gps", "ref"):
+        shutil.copy(drive / f"{name}.csv", folder / "van" / "monday")
+    for day in ("tuesday", "friday"):
+        shutil.copy(drive / "imu.csv", folder / "car" / f"{day}_imu.csv")
+        shutil.copy(drive / "gps.csv", folder / "car" / f"gnss-{day}.csv")
+    (folder / "broken").mkdir()
+    (folder / "broken" / "imu.csv").write_text("".join((drive / "imu.csv").read_text().splitlines(True)[:40]))
+    (folder / "broken" / "gps.csv").write_text("\0\1 nothing\n")
+    (folder / "broken" / "photo.dat").write_bytes(bytes(range(256)))
+    return folder
+
+
+def table(fleet: Path) -> dict[str, dict[str, str]]:
+    with (fleet / "fleet.csv").open() as file:
+        return {row["drive"]: row for row in csv.DictReader(file)}
+
+
+def test_a_folder_of_drives(drives: Path, drive: Path, cli: Cli):
+    shown = cli("batch", drives, "--out", drives / "fleet", *QUICK)
+    assert shown.code == 1  # one failed
+    assert "1 of 4 drives failed" in shown.err
+    rows = table(drives / "fleet")
+    assert next(iter(rows)) == "broken"
+    assert rows.keys() == {"broken", "van-monday", "car-tuesday", "car-friday"}
+    assert (rows["broken"]["result"], rows["broken"]["exit_code"]) == ("failed", "2")
+    assert rows["broken"]["reason"].startswith("nothing tells where the vehicle was")
+    assert [rows[name]["vehicle"] for name in ("van-monday", "car-tuesday")] == ["van", "car"]
+    assert float(rows["van-monday"]["horizontal_error_m"]) > 0.0
+    assert rows["car-friday"]["horizontal_error_m"] == ""  # no reference
+    facts = json.loads((drives / "fleet" / "run.json").read_text())
+    assert facts["kind"] == "fleet"
+    assert [each["exit_code"] for each in facts["failures"]] == [2]
+    assert any("photo.dat" in note for note in facts["notes"])
+    assert cli("run", *RUN, "--ref", "ref.csv", "--out", "alone").code == 0  # the same run, to the byte
+    for name in ("solution.csv", "innovations.csv", "smoothed.csv"):
+        assert (drives / "fleet" / "drives" / "van-monday" / name).read_bytes() == (drive / "alone" / name).read_bytes()
+
+    again = cli("batch", drives, "--out", drives / "fleet", *QUICK)
+    assert "4 of 4 were finished already" in again.out
+    with (drives / "van" / "monday" / "gps.csv").open("a") as file:
+        file.write("\n")
+    assert "3 of 4 were finished already" in cli("batch", drives, "--out", drives / "fleet", *QUICK).out
+    other = cli("batch", drives, "--out", drives / "fleet", *QUICK, "--states", 15, "--json")
+    assert "0 of 4 were finished already" in json.loads(other.out)["summary"][0]
+
+
+def test_drives_of_a_file_with_options_of_their_own(drives: Path, cli: Cli):
+    file = drives / "drives.toml"
+    file.write_text(
+        '[[drive]]\nfile = "van/monday/imu.csv"\ngps = "van/monday/gps.csv"\nvehicle = "van 7"\nstates = 15\n'
+        "lever-arm = [0.1, 0.2, -0.3]\nsmooth = false\n"
+        '[[drive]]\nname = "off road"\nfile = "car/friday_imu.csv"\ngps = "car/gone.csv"\n'
+    )
+    assert cli("batch", file, *QUICK, "--lever-arm", "9,9,9").code == 1
+    facts = json.loads(Path("fleet/drives/monday/run.json").read_text())
+    assert facts["configuration"]["states"] == 15
+    assert facts["fixes"]["lever_arm_m"] == [0.1, 0.2, -0.3]  # its own, not that for all
+    assert not Path("fleet/drives/monday/smoothed.csv").exists()
+    rows = table(Path("fleet"))
+    assert rows["off_road"]["exit_code"] == "3"
+    assert rows["monday"]["vehicle"] == "van 7"
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("drive = 3\n", "there are no drives"),
+        ('[[drive]]\ngps = "gps.csv"\n', "no IMU file"),
+        ('[[drive]]\nfile = "imu.csv"\nlevr-arm = 1\n', "No such option: --levr-arm"),
+        ('[[drive]]\nfile = "imu.csv"\nstates = "many"\n', "states"),
+        ('[[drive]]\nfile = "a/imu.csv"\n[[drive]]\nfile = "b/../a/imu.csv"\n', "two drives have the name"),
+    ],
+)
+def test_a_file_that_cannot_be_meant_is_refused(content: str, said: str, drive: Path, cli: Cli):
+    Path("drives.toml").write_text(content)
+    shown = cli("batch", "drives.toml")
+    assert shown.code == 2
+    assert said in shown.err
+    assert "drives.toml" in shown.err or "imu.csv" in shown.err
+    assert not Path("fleet").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (("nowhere",), 3, "no such folder"),
+        (("empty",), 3, "none of 0 files"),
+        (("imu.csv",), 3, "it is a file"),
+        ((".", "--out", "."), 4, "something else than a fleet"),
+        ((".", "--out", "no/../imu.csv"), 4, "cannot write a fleet"),
+        (("--states", "15", "."), 2, "the drives come first"),
+        ((".", "--stats", "15"), 2, "No such option"),
+        ((".", "--engine", "threads"), 2, "not an engine"),
+    ],
+)
+def test_what_cannot_be_a_fleet_is_refused(words: tuple[str, ...], code: int, said: str, drive: Path, cli: Cli):
+    Path("empty").mkdir()
+    shown = cli("batch", *words)
+    assert (shown.code, said in shown.err) == (code, True), shown.err
+    assert "Traceback" not in shown.err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs signals of POSIX")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_a_batch_that_was_stopped_goes_on(number: signal.Signals, drives: Path, cli: Cli):
+    command = [sys.executable, "-m", "insnav", "batch", str(drives), *QUICK[:-1], "2"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
+    give_up = time.monotonic() + 120.0
+    while not list(Path("fleet/drives").glob("*.json")) and process.poll() is None:
+        assert time.monotonic() < give_up, "no drive was finished"
+        time.sleep(0.02)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=60)
+    assert "Traceback" not in err
+    assert "leaked" not in err or number == signal.SIGKILL
+    kept = len(list(Path("fleet/drives").glob("*.json")))
+    done = process.returncode == 1  # quicker than we are
+    assert process.returncode in (128 + number, -number) or done
+    shown = cli("batch", drives, *QUICK)
+    assert f"{4 if done else kept} of 4 were finished already" in shown.out or number == signal.SIGKILL
+    assert sorted(each.name for each in Path("fleet").iterdir()) == ["drives", "fleet.csv", "report.html", "run.json"]
+    assert not list(Path("fleet/drives").glob(".*")) or number == signal.SIGKILL  # a worker may have outlived it

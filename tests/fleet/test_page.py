@@ -1,0 +1,75 @@
+"""What stands out in a fleet, and the noise of its vehicles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insnav.engine import Failed
+from insnav.fleet.batch import Navigated
+from insnav.fleet.page import OUTLIER, fleet_page, modified_z, rows_of, vehicle_noise
+
+HALF = 1.3  # factor of the ends of the intervals
+
+
+def drive(number: int, error: float, noise: float = 0.2, *, vehicle: str = "", light: str = "good") -> Navigated:
+    facts = {
+        "verdict": {"light": light, "reason": "two warnings"},
+        "accuracy": {"all": {"horizontal_m": {"rms": error}}},
+        "fixes": {"position": {"processed": 100, "rejected": 1, "nis_mean_per_axis": 1.0 + 0.01 * number}},
+        "noise": {
+            "gyro_random_walk_deg_sqrt_h": noise,
+            "gyro_random_walk_interval_deg_sqrt_h": [noise / HALF, noise * HALF],
+            "mean_square": 1.0,
+        },
+    }
+    return Navigated(f"d{number}", vehicle, "", 1.0, None, facts)
+
+
+def test_modified_z_is_that_of_the_book():
+    # Iglewicz and Hoaglin 1993: 0.6745 (x - median) / MAD; normal numbers have a deviation of one
+    values = np.array([2.1, 2.6, 2.4, 2.5, 2.3, 2.1, 2.3, 2.6, 8.2, 8.3]) * 10.0
+    median = np.median(values)
+    mad = np.median(np.abs(values - median))
+    np.testing.assert_allclose(modified_z(values), 0.6745 * (values - median) / mad)
+    normal = modified_z(np.random.default_rng(1).normal(5.0, 2.0, 20_000))
+    assert np.std(normal) == pytest.approx(1.0, abs=0.03)
+    assert np.mean(np.abs(normal) > OUTLIER) < 2e-3
+    assert not modified_z(np.array([1.0, 1.0, 50.0])).any()  # a few have no median worth the name
+
+
+def test_failures_and_outliers_come_first():
+    rng = np.random.default_rng(2)
+    drives = [drive(n, float(np.exp(0.3 * rng.normal()))) for n in range(12)]
+    drives += [drive(12, 30.0), drive(13, 1.0, light="attention")]
+    drives.append(Navigated("lost", "", "", 1.0, Failed("no fixes", why="the file is empty", exit_code=3)))
+    rows = rows_of(drives)
+    assert [row.drive.name for row in rows[:3]] == ["lost", "d13", "d12"]
+    assert [row.drive.name for row in rows if row.stands_out] == ["d12"]
+    assert rows[2].stands_out == "horizontal error RMS"
+    page = fleet_page(rows, ["photo.dat: no recording"])
+    assert page.verdict is not None
+    assert page.verdict.light == "bad"
+    assert page.verdict.reason == "1 of 15 drives failed or are not to be relied on"
+    assert page.notes == ("left out: photo.dat: no recording",)
+
+
+def test_noise_of_a_vehicle_is_the_weighted_mean_of_its_drives():
+    rows = rows_of([drive(1, 1.0, 0.2, vehicle="van"), drive(2, 1.0, 0.21, vehicle="van"), drive(3, 1.0, 0.9)])
+    found = vehicle_noise(rows)
+    assert found.keys() == {"van", "all"}
+    (van,) = found["van"]
+    degrees = np.deg2rad(1.0) / 60.0
+    assert van.value == pytest.approx(np.sqrt(0.2 * 0.21) * degrees)
+    assert van.interval[1] / van.value == pytest.approx(HALF ** (1.0 / np.sqrt(2.0)), rel=1e-6)
+
+
+def test_the_interval_of_a_vehicle_covers_the_truth_also_where_drives_differ_more_than_stated():
+    rng = np.random.default_rng(3)
+    inside = 0
+    for _ in range(300):
+        noise = 0.2 * np.exp(0.5 * rng.normal(size=8))  # scattered by much more than the intervals of 0.13
+        ((mean,),) = vehicle_noise(rows_of([drive(n, 1.0, float(each)) for n, each in enumerate(noise)])).values()
+        low, high = mean.interval
+        inside += low < 0.2 * np.deg2rad(1.0) / 60.0 < high
+    assert 0.85 < inside / 300 < 0.98  # 0.95 of a normal mean, less for a deviation from eight drives
