@@ -185,3 +185,16 @@ def test_powerups_that_cannot_be_are_refused(tmp_path):
         acceptance([read_steps(line)], None, [good])
     with pytest.raises(InputError, match="must grow"):
         read_static(written(tmp_path / "s.csv", "time_s,gyro_x_deg_s", np.array([1.0, 0.0, 2.0]), 0.0))
+
+
+def test_a_record_of_little_more_than_one_part_has_the_moving_average_alone(tmp_path):
+    """1,000 s smoothing of a record of 1,200 s, against its definition."""
+    walk = np.cumsum(np.random.default_rng(7).normal(size=1200))
+    found = stability_of(np.arange(1200.0), walk, 1000.0)
+    moving = np.convolve(walk - walk.mean(), np.full(1000, 1e-3), mode="valid")
+    assert found.sliding == pytest.approx(np.std(moving, ddof=1), rel=1e-9)
+    assert np.isnan(found.spread.sd)
+    assert found.spread.values.size == 1
+    assert found.parts == pytest.approx(1.2)
+    file = written(tmp_path / "s.csv", "time_s,gyro_x_deg_s", np.arange(1200.0), walk)
+    assert "the moving average alone" in acceptance((), read_static(file), (), (1000.0,)).warnings[0]

@@ -125,9 +125,14 @@ def _stability(
     for length in lengths:
         each = stability_of(record.time, output, length)
         if each is None:
-            notes.append(f"{record.table.name}: the record does not hold two parts of {length:g} s")
-        else:
-            found.append(each)
+            notes.append(f"{record.table.name}: the record is no longer than a part of {length:g} s")
+            continue
+        found.append(each)
+        if each.spread.values.size < 2:
+            warnings.append(
+                f"{record.table.name}: {each.parts:.2g} parts of {length:g} s: the moving average alone, which such a "
+                "record makes too small; two parts or more, better ten, show bias stability"
+            )
     for each in found[::-1]:
         values = each.spread.values
         if values.size >= 10:  # the longest that can show a trend

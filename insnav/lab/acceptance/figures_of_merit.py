@@ -22,6 +22,7 @@ from insnav.units import DEG, G0
 BENCH_UNIT = {"gyro": ("deg/s", DEG), "accel": ("g", G0)}
 COMPLETE = 0.9  # a part with fewer of its samples is left out
 CONFIDENCE = 0.95
+ONE_PART = 1.05  # a record must be so much longer than a moving average for this to move
 LARGEST_K = 2.0  # of a sensor whose output is in the unit of what it senses
 
 
@@ -57,8 +58,9 @@ class Stability:
 
     length: float  # of a part [s]
     time: FloatArray  # (n,) middle of each part used [s]
-    spread: Spread  # of the means of the parts
+    spread: Spread  # of the means of the parts; NaN where the record holds one part only
     sliding: float  # standard deviation of the moving average over the same length [rad/s] or [m/s^2]
+    parts: float  # so many parts of this length the record holds
 
 
 def spread_of(values: FloatArray, *, where: str = "") -> Spread:
@@ -127,14 +129,15 @@ def stability_of(time: FloatArray, output: FloatArray, length: float) -> Stabili
     part = np.floor((time - time[0]) / length * (1.0 + 1e-9) + 1e-6).astype(np.int64)
     count = np.bincount(part)
     good = count >= COMPLETE * expected
-    if np.count_nonzero(good) < 2:
+    width = round(expected)
+    if not good.any() or time.size < ONE_PART * width:
         return None
     means = np.bincount(part, output)[good] / count[good]
     middle = time[0] + length * (np.flatnonzero(good) + 0.5)
-    width = round(expected)
     summed = np.cumsum(np.concatenate(([0.0], output - output.mean())))
     sliding = float(np.std((summed[width:] - summed[:-width]) / width, ddof=1))
-    return Stability(length, middle, spread_of(means), sliding)
+    spread = spread_of(means) if means.size > 1 else Spread(means, np.nan, np.nan, np.nan)
+    return Stability(length, middle, spread, sliding, time.size / expected)
 
 
 def powerup_biases(channel: Channel, powerup: FloatArray, *, where: str = "") -> FloatArray:

@@ -168,7 +168,7 @@ def _merits(items: Sequence[Accepted], units: Mapping[str, str]) -> tuple[Quanti
         own = [item for item in items if item.axis.startswith(sensor)]
         sizes = {
             "bias": [abs(item.scale.bias) for item in own if item.scale is not None],
-            "bias stability": [each.spread.sd for item in own for each in item.stability[1:2]],
+            "bias stability": [x.spread.sd for item in own for x in item.stability[1:2] if x.spread.values.size > 1],
             "bias repeatability": [item.repeatability.sd for item in own if item.repeatability is not None],
         }
         for name, values in sizes.items():
@@ -187,7 +187,7 @@ def _units(items: Sequence[Accepted]) -> dict[str, str]:
     for item in items:
         sensor = item.axis.split()[0]
         sizes = [abs(item.scale.bias)] if item.scale is not None else []
-        sizes += [each.spread.sd for each in item.stability]
+        sizes += [each.sliding for each in item.stability]
         sizes += [item.repeatability.sd] if item.repeatability is not None else []
         largest[sensor] = max(largest[sensor], *sizes, 0.0)
     gyro = "deg/h" if largest["gyro"] < FINE else "deg/s"
