@@ -95,7 +95,8 @@ def test_drift_before_and_after(bench: Path, cli: Cli) -> None:
     assert known.gyro_matrix[2, 2] == pytest.approx(1.003, abs=5e-4)
     assert known.gyro_bias[2] / DEG == pytest.approx(0.4, abs=0.03)
     assert np.genfromtxt("drift/rates.csv", delimiter=",", skip_header=1).shape == (2500, 3)
-    assert Path("drift/figures/drift.png").stat().st_size > 5000
+    for figure in ("drift", "rates"):
+        assert Path(f"drift/figures/{figure}.png").stat().st_size > 5000
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from insnav.lab.drift.allan_before_after import TAUS, drift_study, power_fit
 from insnav.lab.drift.drift_model import DriftRecord, corrected_rates, drift_errors, drift_model, variance_inflation
 from insnav.lab.drift.rate_smoothing import P0, Smoother, choose_smoother, computed_ramp, smooth
 from insnav.lab.noise.allan import AllanDeviation, allan_deviation
+from insnav.report.drift.panels import drift_panels, rate_panels
 from insnav.units import DEG, DEG_PER_SQRT_H, G0
 from tests.lab.signals import noise
 
@@ -219,3 +220,21 @@ def test_the_correction_is_the_inverse_of_the_model_that_simulations_use():
     assert expected.gyro_terms is not None
     np.testing.assert_allclose(errors.gyro_terms.bias_slope, expected.gyro_terms.bias_slope, rtol=1e-9)
     np.testing.assert_allclose(errors.gyro_terms.g_sensitivity, expected.gyro_terms.g_sensitivity, rtol=1e-8)
+
+
+def test_the_figures_of_the_experiment_have_the_series_of_the_record():
+    """Before and after on one axis over 100 s, Allan values solid and dashed at eight times, ramp, constant rate."""
+    random = mems(3)
+    study = drift_study(bench(random))
+    rest, allan, _ = drift_panels(study)[:3]
+    assert {c.name for c in rest.curves} == {"measured", "corrected", "smoothed"}
+    of = {(curve.name, curve.kind): curve for curve in allan.curves}
+    np.testing.assert_allclose(of["smoothed", "dashed"].x, TAUS)
+    assert ("measured", "line") in of
+    ramp, constant = rate_panels(study)[:2]
+    record = study.record
+    rate = record.rate[record.axes[0]]
+    for panel, rows in ((ramp, np.arange(len(rate)) >= np.argmax(rate > 0.0)), (constant, rate == rate.max())):
+        true = {curve.name: curve for curve in panel.curves}["corrected"]
+        np.testing.assert_array_equal(true.x, record.time[rows])
+        assert np.std(true.y - rate[rows] / DEG) < 0.3

@@ -9,7 +9,7 @@ from insnav.lab.drift.rate_smoothing import P0
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import quality_section
-from insnav.report.drift.panels import drift_panels
+from insnav.report.drift.panels import drift_panels, rate_panels
 from insnav.report.noise.page import noise_quantity
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, by_warnings, drawn
@@ -51,6 +51,7 @@ def drift_page(found: DriftStudy, name: str) -> Page:
         ),
         (
             drawn("drift", f"Drift of gyros before and after: {name}", drift_panels(found), columns=3),
+            drawn("rates", f"Rates on a ramp and after it: {name}", rate_panels(found), columns=2),
             Section("gyros", parts=tuple(_gyro(each) for each in gyros)),
             quality_section(fits, "rad/s", dict.fromkeys(fits, times)),
         ),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from insnav.lab.drift.allan_before_after import DriftStudy, GyroDrift
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
-from insnav.report.panels import Curve, Panel
+from insnav.report.panels import Curve, Kind, Panel
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H
 
@@ -12,6 +14,11 @@ from insnav.units import DEG, DEG_PER_H
 def drift_panels(found: DriftStudy) -> tuple[Panel, ...]:
     """Draw for each gyro the part at rest, Allan deviations, and the error on a rate ramp."""
     return tuple(panel for each in found.gyros for panel in _panels(found.record.time, each))
+
+
+def rate_panels(found: DriftStudy) -> tuple[Panel, ...]:
+    """Draw for each gyro the rate on a ramp and at the constant rate after it, before and after the filter."""
+    return tuple(panel for each in found.gyros for panel in _rates(each))
 
 
 def _panels(time: FloatArray, each: GyroDrift) -> tuple[Panel, Panel, Panel]:
@@ -26,7 +33,8 @@ def _panels(time: FloatArray, each: GyroDrift) -> tuple[Panel, Panel, Panel]:
     tau = each.measured.allan.tau
     for name, curve, shade in (("measured", each.measured, GREY), ("smoothed", each.smoothed, colour)):
         value, low, high = (x / DEG_PER_H for x in (curve.deviation, curve.low, curve.high))
-        allan += [Curve(name, tau, high, shade, "band", low), Curve(name, tau, value, shade)]
+        line: Kind = "dashed" if curve is each.smoothed else "line"
+        allan += [Curve(name, tau, high, shade, "band", low), Curve(name, tau, value, shade, line)]
         allan.append(Curve(name, tau, value, shade, "points"))
     allan.append(Curve("corrected", tau, each.corrected.deviation / DEG_PER_H, BLACK))
     # an interval of one degree of freedom has no end: it would push everything else together
@@ -62,3 +70,21 @@ def _panels(time: FloatArray, each: GyroDrift) -> tuple[Panel, Panel, Panel]:
         ),
         Panel(f"ramp_{axis}", f"{name}, {kind} ramp", "error [deg/s]", "time on the ramp [s]", (ramp,), "ramp"),
     )
+
+
+def _rates(each: GyroDrift) -> list[Panel]:
+    answer = each.recorded or each.computed
+    axis, time, colour = each.model.axis, answer.time, AXIS_COLOURS["xyz".index(each.model.axis)]
+    last = np.flatnonzero(np.abs(answer.rate - answer.rate[-1]) > 1e-6)
+    constant = slice(0 if not last.size else int(last[-1]) + 1, None)
+    start = int(np.argmax(answer.rate != 0.0))
+    seen = each.corrected_rate if answer.measured else answer.rate
+    found = []
+    for key, title, rows in (("turning", "rate ramp", slice(start, None)), ("constant", "constant rate", constant)):
+        shown = (
+            Curve("corrected" if answer.measured else "true", time[rows], seen[rows] / DEG, BLACK, "thin"),
+            Curve("smoothed", time[rows], answer.smoothed[rows] / DEG, colour),
+        )
+        if len(time[rows]) > 1 and answer.rate[-1] != 0.0:
+            found.append(Panel(f"{key}_{axis}", f"Gyro {axis}, {title}", "rate [deg/s]", "time [s]", shown, key))
+    return found
