@@ -33,6 +33,7 @@ Examples:
   insnav budget imu.csv --gps gps.csv --imu mems.toml --uncalibrated
   insnav budget imu.csv --gps gps.csv --lever-arm 0.8,-0.3,-1.2 --ref ref.csv --ref-sd 0.05,0.02
   insnav budget --end=-2.668,-8.231,-0.0803,-0.2754 --times 60 --gravity 9.7803
+  insnav budget run --end run
   insnav budget --imu mems.toml --json | jq '.budget[-1].covariance.horizontal_m'
 
 With a recorded drive, free-inertial windows are slid along it, each initialised from the filter; their errors are
@@ -132,9 +133,10 @@ def budget(
     end: Annotated[
         str | None,
         typer.Option(
-            metavar="N,E,VN,VE",
+            metavar="N,E,VN,VE|run",
             help="Instead of a budget: which tilt, bias or drift explains these errors at the end of a run that "
-            "lasted the last of --times, m and m/s; --ref-sd of the reference. [0.1,0.005]",
+            "lasted the last of --times, m and m/s; run: those of the run folder RUN since its last fix; --ref-sd of "
+            "the reference. [0.1,0.005]",
             rich_help_panel=opt.RESULT,
         ),
     ] = None,
@@ -222,9 +224,13 @@ def _explain(data: Data, end: str, time: float, rest: dict[str, float], how: tup
     from insnav.exceptions import ConfigError
     from insnav.output.folder import RunFolder
 
-    if data.imu is not None:
-        raise ConfigError("an end given by hand is of no drive", where="--end", fix="leave out the drive, or --end")
-    given = parse.numbers(end, "--end", 4, "-2.668,-8.231,-0.0803,-0.2754")
+    if (end == "run") != (data.imu is not None):
+        raise ConfigError(
+            "--end run is of a run folder, and numbers are of no drive",
+            where="--end",
+            fix="write insnav budget FOLDER --end run, or numbers without a drive",
+        )
+    given = None if end == "run" else parse.numbers(end, "--end", 4, "-2.668,-8.231,-0.0803,-0.2754")
     stated: Any = data.inputs.get("ref_sd")
     sd = (0.1, 0.005) if stated is None else tuple(stated)
     if len(sd) != 2:
@@ -234,14 +240,24 @@ def _explain(data: Data, end: str, time: float, rest: dict[str, float], how: tup
         stage("fitting")
         from insnav.errors.budget.analytic import gravity_of
         from insnav.errors.budget.sampled_motion import at_rest
-        from insnav.errors.diagnosis.end_of_run import explain_end
+        from insnav.errors.diagnosis.end_of_run import end_of_run, explain_end
         from insnav.imu import load_imu
         from insnav.report.budget.end_of_run import end_page
         from insnav.report.save import write_page
 
         imu = data.inputs.get("imu_model")
+        spec = None if imu is None else load_imu(str(imu))
+        if given is None:
+            from insnav.result import open_result
+
+            done = open_result(str(data.imu))
+            time, position, velocity = end_of_run(done.found)
+            rest["lat"] = float(done.found.run.solution.lla[-1, 0])
+            spec = spec or (None if done.imu_model is None else done.imu_model[0])
+        else:
+            position, velocity = given[:2], given[2:]
         gravity = rest.get("gravity") or gravity_of(at_rest(1.0, **rest))
-        axes = explain_end(time, given[:2], given[2:], *sd)
-        page = end_page(axes, time, gravity, sd, None if imu is None else load_imu(str(imu)))
+        axes = explain_end(time, position, velocity, *sd)
+        page = end_page(axes, time, gravity, sd, spec)
         where = write_page(folder, page, {"configuration": data.options})
     result_page(where, page, out, as_json=as_json, more=())

@@ -8,9 +8,12 @@ import numpy as np
 from scipy.stats import chi2
 
 from insnav.errors.diagnosis.growth_curves import FITS, fit_curve, position_terms, velocity_terms
+from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.exceptions import InputError
 from insnav.types import FloatArray
 
 AXES = ("north", "east")
+SHORTEST = 5.0  # without fixes, before an error has grown out of that of the last fix [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,3 +57,28 @@ def explain_end(
         power = float(v * time / p) if p != 0.0 else float("nan")
         found.append(EndAxis(axis, float(p), float(v), power, alone, 1.0 / np.sqrt(size), left, curve.terms))
     return tuple(found)
+
+
+def end_of_run(found: EvaluatedRun) -> tuple[float, FloatArray, FloatArray]:
+    """Time since the last fix of a run [s], what its position error grew by, and its velocity error, (2,) North, East.
+
+    Raises: InputError: a run without a reference of position and velocity, or that ends with fixes.
+    """
+    errors, fixes = found.errors, found.run.innovations
+    if errors is None or not np.isfinite(errors.velocity[-1, :2]).all():
+        raise InputError(
+            "the end of this run has no known error",
+            why="it has no reference, or one without velocities",
+            fix="run it with --ref, or give --end N,E,VN,VE",
+        )
+    used = fixes.time[fixes.used_position]
+    begin = float(used[-1]) if used.size else float(errors.time[0])
+    first = int(np.searchsorted(errors.time, begin - 1e-6))
+    time = float(errors.time[-1]) - begin
+    if time < SHORTEST:
+        raise InputError(
+            "this run ends with fixes",
+            why=f"the last one is {max(time, 0.0):.3g} s before the end; what a tilt or bias does shows without them",
+            fix="navigate the last minute without fixes: insnav run … with fixes up to there",
+        )
+    return time, errors.position[-1, :2] - errors.position[first, :2], errors.velocity[-1, :2]

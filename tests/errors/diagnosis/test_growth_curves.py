@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from insnav.errors.diagnosis.end_of_run import end_of_run, explain_end
 from insnav.errors.diagnosis.growth_curves import (
     about_the_curve,
     fit_curve,
     position_terms,
     velocity_terms,
 )
+from insnav.exceptions import InputError
 from insnav.units import DEG, G0
 
 TIME = np.arange(2.0, 61.0, 2.0)
@@ -109,3 +113,28 @@ def made(value: np.ndarray, velocities: bool = True):
     velocity = velocity_terms(TIME) @ value if velocities else np.full(len(TIME), np.nan)
     noise = about_the_curve(TIME, np.full(2 * len(TIME), 0.02**2), 0.0, ACCEL_NOISE, GYRO_NOISE, GRAVITY)
     return fit_curve(TIME, position_terms(TIME) @ value, velocity, noise)
+
+
+def test_the_end_of_a_run_is_what_grew_since_its_last_fix():
+    time = np.arange(0.0, 91.0)
+    since = np.maximum(time - 30.0, 0.0)
+    tilt = 0.47e-3
+    position = np.column_stack([0.3 + 0.0 * time, -0.2 - 0.5 * G0 * tilt * since**2, 0.0 * time])
+    velocity = np.column_stack([0.0 * time, -G0 * tilt * since, 0.0 * time])
+    used = SimpleNamespace(time=np.arange(1.0, 36.0), used_position=np.arange(1.0, 36.0) <= 30.0)  # the last five fail
+    errors = SimpleNamespace(time=time, position=position, velocity=velocity)
+    run = SimpleNamespace(errors=errors, run=SimpleNamespace(innovations=used))
+    length, end, speed = end_of_run(run)
+    assert length == 60.0
+    east = explain_end(length, end, speed, 0.1, 0.005)[1]
+    assert east.terms == ("t²",)
+    assert east.alone[1] / G0 == pytest.approx(-tilt, rel=1e-9)
+    with pytest.raises(InputError, match="ends with fixes"):
+        end_of_run(
+            SimpleNamespace(
+                errors=errors,
+                run=SimpleNamespace(innovations=SimpleNamespace(time=time, used_position=np.ones(91, dtype=bool))),
+            )
+        )
+    with pytest.raises(InputError, match="no known error"):
+        end_of_run(SimpleNamespace(errors=None, run=run.run))
