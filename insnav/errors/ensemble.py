@@ -144,7 +144,7 @@ def normalised(state: Epochs, truth: Truth, axes_sd: FloatArray) -> FloatArray:
     C_bn = np.swapaxes(C_nb, 1, 2)
     attitude = C_bn @ state.covariance[:, 6:9, 6:9] @ C_nb
     axis = np.arange(3)
-    attitude[:, axis, axis] = np.maximum(attitude[:, axis, axis], axes_sd**2)
+    attitude[:, axis, axis] += axes_sd**2
     parts = (
         (ned_offset(state.lla, true.lla), state.covariance[:, 0:3, 0:3]),
         (state.v_n - true.v_n, state.covariance[:, 3:6, 3:6]),

@@ -111,7 +111,7 @@ def navigate_prepared(
         *_outside(on_time, ready.initial.time, float(ready.imu.time[-1])),
     )
     run = replace(run, events=events, gps_delay=run.gps_delay + ready.clock)
-    return Navigated(run, ready.gps, ready.notes)
+    return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready)))
 
 
 def _decided(ready: Prepared, first: Run) -> Reconciled:
@@ -148,6 +148,24 @@ def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | No
     given = ready.settings.aiding or ()
     aiding = (*given, *(each for each in found if each.name not in {other.name for other in given}))
     return replace(ready, settings=replace(ready.settings, aiding=aiding), notes=(*ready.notes, *notes))
+
+
+def _axes(run: Run, ready: Prepared) -> tuple[str, ...]:
+    """A note on the part of the attitude's standard deviation that no drive makes smaller, if it is most of it."""
+    sd = (run.smoothed or run).solution.sd
+    axes = np.rad2deg(ready.model.axes_sd)
+    if sd is None or not axes.any():
+        return ()
+    middle = np.rad2deg(np.median(sd[:, 6:], axis=0))
+    own = np.sqrt(np.maximum(middle**2 - axes**2, 0.0))
+    if (own > axes).all():
+        return ()
+    by = "IMU model" if ready.noise is None else "innovations"
+    return (
+        f"attitude is that of the IMU, in which the sensors are turned by {axes.max():.2g} deg (1 sd, misalignment by "
+        f"the {by}), all along the same; without that roll and pitch are known to {own[:2].max():.2g} deg, heading to "
+        f"{own[2]:.2g} deg",
+    )
 
 
 def _longest_gap(ready: Prepared) -> float:

@@ -22,14 +22,15 @@ from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.gps_noise import OPEN_VELOCITY
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import CORRELATED, Prepared
+from insnav.filter.sensor_axes import errors_of_axes, size_of_misalignment
 from insnav.filter.state_layout import first_state, layout
-from insnav.imu.specification import ImuSpec, SensorSpec
+from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
 from insnav.kernels import noise_likelihood as kernel
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import FIX, NOISE, SOURCE, TIME
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData
-from insnav.units import UNITS
+from insnav.units import G0, UNITS
 
 LONGEST = 1800.0  # of the record that is looked at [s]
 SHORT = 600.0  # of it for the first steps, from which the rest is not far [s]
@@ -40,11 +41,13 @@ HUBER = 3.0  # innovations beyond so many standard deviations count less, so tha
 CLEAN = 0.9973
 ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
+AXES_STEP = 1e-4  # of those by misalignments [rad]
 LARGEST_STEP = 1.5  # of a round, in logarithms
 ENOUGH = 0.6  # smaller gains of the log-likelihood end the search: an interval of 95 % is two wide
 NEAR = 3.0  # smaller ones end the first steps
 FAR = 5.0  # after a larger one the derivatives serve another step
 OBSERVABLE = 0.8  # a figure is observable if the drive narrows its interval to this part of the prior's
+INTERVAL = np.array([0.0, -1.96, 1.96])  # middle and ends of 95 % of a normal distribution, in its sd
 FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told
 WHITE_AGAIN = 20.0  # so much log-likelihood the figures of the IMU may make up for if fixes are white after all
 WORTH = -4.6  # log posterior odds: time correlation is left out only where 100 to 1 against it
@@ -94,6 +97,7 @@ class NoiseEstimate:
     """What the innovations of a drive say about noise."""
 
     spec: ImuSpec  # the IMU
+    filter_spec: ImuSpec  # the same with the misalignment whose noise is that of the innovations
     position_factor: FloatArray  # (3,) of the standard deviations of positions, North, East, Down [-]
     velocity_factor: FloatArray  # (3,) of those of velocities [-]
     correlated: CorrelatedNoise | None  # time-correlated part of the position error
@@ -145,6 +149,7 @@ class InnovationLikelihood:
         fix = np.minimum(fix, gps.time.shape[0] - 1)
         self._sd = np.nan_to_num(np.hstack([gps.position_sd[fix], gps.velocity_sd[fix]]), nan=1.0)
         self._out = np.empty((2, 6 * rows.shape[0]))
+        self._axes = errors_of_axes(rows, self._tape[2], imu, ready.nominal)
         self.fixes = int(np.count_nonzero(self._offered & (self._tape[1] > 0)))
         self.parameters = self._choose(velocities=bool(np.isfinite(gps.v_n).all(axis=1).any()))
 
@@ -188,8 +193,8 @@ class InnovationLikelihood:
         velocity = np.full(3, np.exp(value.get("gps.velocity", 0.0)))
         return np.array([level, level, down]), velocity, float(share), float(np.exp(value["gps.correlation_time"]))
 
-    def normalised(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Innovations and their variances with a set of figures."""
+    def normalised(self, at: FloatArray, push: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Innovations and their variances with a set of figures; `push` (m, 9): known errors that each span adds."""
         model = error_model(self.spec(at), self._states)
         position, velocity, share, time = self.fixes_of(at)
         correlated = CorrelatedNoise(share, time, np.sqrt(share) * position * self.median_sd)
@@ -213,10 +218,18 @@ class InnovationLikelihood:
             time,
             variance,
             (mean, start.covariance),
+            np.zeros((self._offered.size, NAV)) if push is None else push,
             HUBER,
             self._out,
         )
         return self._out[0, :count].copy(), self._out[1, :count].copy()
+
+    def by_axes(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Curvature (12, 12) and slope (12,) of the log-likelihood by the misalignments [rad]."""
+        e, s = self.normalised(at)
+        by = np.array([(self.normalised(at, AXES_STEP * push)[0] - e) / AXES_STEP for push in self._axes])
+        weighted = by / (s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0))
+        return weighted @ by.T, -weighted @ e
 
     def bias_seen(self, at: FloatArray) -> float:
         """Negative log-likelihood of the gyro bias that a static alignment saw."""
@@ -387,7 +400,9 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     lasting = None
     if share > 0.0:
         lasting = CorrelatedNoise(share, time, np.sqrt(share) * position * drive.median_sd)
-    spec = drive.spec(top.at)
+    filter_spec = drive.spec(top.at)
+    sizes = _misalignment(posterior, top.at)
+    spec = _turned(drive.prior, filter_spec, sizes[0])
     spec = replace(
         spec,
         name=f"{spec.name}, as found",
@@ -396,11 +411,12 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     )
     return NoiseEstimate(
         spec,
+        filter_spec,
         position,
         velocity,
         lasting,
         tuple(
-            _figure(p, x, sd, drive.prior)
+            _figure(p, np.log(sizes) if p.key.endswith("misalignment") else x + INTERVAL * sd, drive.prior)
             for p, x, sd in zip(posterior.parameters, top.at, np.sqrt(np.diag(top.covariance)), strict=True)
         ),
         before[2] - cost,
@@ -409,9 +425,30 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     )
 
 
-def _figure(parameter: _Parameter, x: float, sd: float, spec: ImuSpec) -> NoiseFigure:
+def _misalignment(posterior: _Posterior, at: FloatArray) -> tuple[float, float, float]:
+    """Size of the misalignments by that of the prior, and its interval of 95 %."""
+    prior = posterior.drives[0].prior
+    sd = np.concatenate([np.repeat(sensor.misalignment, 2) for sensor in (prior.gyro, prior.accel)])
+    seen = [drive.by_axes(at) for drive in posterior.drives]
+    fisher, slope = np.sum([each[0] for each in seen], axis=0), np.sum([each[1] for each in seen], axis=0)
+    return size_of_misalignment(fisher, slope, sd, IMU_PRIOR["misalignment"])
+
+
+def _turned(prior: ImuSpec, found: ImuSpec, size: float) -> ImuSpec:
+    """IMU with misalignments of a size by those of the prior; what gravity makes of them stays, as a bias."""
+    gyro, accel = (size * sensor.misalignment for sensor in (prior.gyro, prior.accel))
+    bias = np.sqrt(np.maximum(level_bias(found.accel) ** 2 - (G0 * accel) ** 2, (0.1 * found.accel.bias) ** 2))
+    return replace(
+        found,
+        gyro=replace(found.gyro, misalignment=gyro),
+        accel=replace(found.accel, misalignment=accel, bias=bias),
+    )
+
+
+def _figure(parameter: _Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
+    """Figure of a parameter and of the ends of its interval of 95 %, `x` (3,)."""
     sensor, key = parameter.key.split(".")
-    values = np.array([parameter.middle, x, x - 1.96 * sd, x + 1.96 * sd])
+    values = np.concatenate([[parameter.middle], x])
     unit = ""
     if key == "share":
         values = LARGEST_SHARE / (1.0 + np.exp(-values))
@@ -422,7 +459,7 @@ def _figure(parameter: _Parameter, x: float, sd: float, spec: ImuSpec) -> NoiseF
         of_axes = getattr(spec.gyro if sensor == "gyro" else spec.accel, key)
         values = np.exp(values) * float(np.sqrt(np.mean(of_axes**2)))
         unit = UNITS_SHOWN[key][sensor == "accel"]
-    told = bool(np.isfinite(x) and sd < OBSERVABLE * parameter.sd)
+    told = bool(np.isfinite(x[0]) and np.ptp(x) < OBSERVABLE * parameter.sd * np.ptp(INTERVAL))
     prior, value, low, high = values.tolist()
     return NoiseFigure(parameter.key, unit, prior, value, low, high, told)
 
@@ -444,9 +481,8 @@ def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
 
 def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
     """The recording prepared with the noise that was found."""
-    model = error_model(found.spec, STATES if ready.model.sd[6:].any() else STATES - 6)
-    # what misalignment adds to the noise was found; the constant turn of the axes leaves no trace in innovations
-    model = replace(model, axes_sd=np.maximum(model.axes_sd, ready.model.axes_sd))
+    states = STATES if ready.model.sd[6:].any() else STATES - 6
+    model = replace(error_model(found.filter_spec, states), axes_sd=error_model(found.spec, states).axes_sd)
     gps = replace(
         ready.gps,
         position_sd=ready.gps.position_sd * found.position_factor,

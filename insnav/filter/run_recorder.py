@@ -206,15 +206,15 @@ def _trajectory(
 ) -> Trajectory:
     """States, and variances of the `known` ones, to a trajectory with roll, pitch, heading and standard deviations.
 
-    Misalignment is no state of the filter but noise, which averages out as the misalignment does not: no attitude is
-    better than the axes of the sensors.
+    Misalignment is no state of the filter but noise, which averages out as the misalignment does not: the attitude is
+    that of the IMU, in which the axes of the sensors are turned by `axes_sd`.
     """
     rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], NAV))
     moved = _moved(state[known], delay_sd)
     variance[:, 3:NAV] += moved[:, 3:] ** 2
     variance[:, NAV:] += moved[:, [6, 6, 7]] * moved[:, [7, 8, 8]]
     solution(time, state, known, variance, rph, sd)
-    sd[:, 6:] = np.maximum(sd[:, 6:], axes_sd)
+    sd[:, 6:] = np.hypot(sd[:, 6:], axes_sd)
     return Trajectory(time, state[:, :3], state[:, 3:6], rph, sd)
 
 

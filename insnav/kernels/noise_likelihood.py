@@ -178,6 +178,7 @@ def innovations(  # type: ignore[no-untyped-def]
     lasting_time,
     variance,
     start,
+    push,
     limit,
     out,
 ):
@@ -203,6 +204,8 @@ def innovations(  # type: ignore[no-untyped-def]
         White noise of the measurements.
     start : tuple of arrays
         Initial mean (n,) and covariance (n, n) of the error of the nominal run.
+    push : (m, 9) array
+        Known errors that each span adds to position, velocity and attitude.
     limit : float
         An innovation beyond so many standard deviations is de-weighted, in the manner of Huber [-].
     out : (2, 6 m) array
@@ -240,7 +243,7 @@ def innovations(  # type: ignore[no-untyped-def]
                 for a in range(STATES):
                     moved[i] += f[i, a] * mean[a]
             for i in range(NAV):
-                mean[i] = moved[i]
+                mean[i] = moved[i] + push[k, i]
                 for j in range(i + 1):
                     total = carried[i, j]
                     for g in range(GROUPS):

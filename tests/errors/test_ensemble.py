@@ -105,7 +105,8 @@ def test_attitude_is_known_no_better_than_the_axes_of_the_sensors():
     run = run_with(error, np.full(9, 1e-3))
     figure = FIGURES.index("nees_attitude")
     assert reduced(run, TRUTH, NO_AXES).figures[figure] == pytest.approx(100.0, rel=1e-3)
-    assert reduced(run, TRUTH, np.full(3, 0.01)).figures[figure] == pytest.approx(1.0, rel=1e-3)
+    both = 0.01**2 / (0.01**2 + 1e-3**2)  # variances of axes and estimate add up
+    assert reduced(run, TRUTH, np.full(3, 0.01)).figures[figure] == pytest.approx(both, rel=1e-3)
 
 
 def test_only_runs_that_navigate_count_at_a_time():
