@@ -27,6 +27,7 @@ SLOW = (
     "tests/physics/test_free_inertial.py",
     "tests/physics/test_platform_errors.py",
     "tests/recorded/",
+    "tests/cli/test_laboratory_figures.py::test_every_recorded_figure_comes_out_of_its_command",
     "tests/regression/test_peers.py",
     "tests/regression/test_published.py::test_a_replica",
     "tests/regression/test_verdicts.py",
