@@ -156,23 +156,17 @@ def kinds_of(tables: Mapping[str, Table], *, imu_known: bool = False) -> set[str
 
 
 def _known(headers: Sequence[str], schema: Sequence[Quantity], words: str) -> bool:
-    count = 0
-    for header in headers:
-        try:
-            match = match_header(header, schema)
-        except InsnavError:
-            continue
-        count += match is not None and match[0].key.partition("_")[0] in words.split()
-    gps = sum(1 for header in headers if _is(header, "lat", "lon"))
-    return count >= 3 and count > gps
+    count = sum(_key(header, schema).partition("_")[0] in words.split() for header in headers)
+    return count >= 3 and count > sum(_key(header, GPS_SCHEMA) in ("lat", "lon") for header in headers)
 
 
-def _is(header: str, *keys: str) -> bool:
+def _key(header: str, schema: Sequence[Quantity]) -> str:
+    """Quantity that a header means; empty for none."""
     try:
-        match = match_header(header, GPS_SCHEMA)
+        match = match_header(header, schema)
     except InsnavError:
-        return False
-    return match is not None and match[0].key in keys
+        return ""
+    return "" if match is None else match[0].key
 
 
 def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Readings | None, Drive | None]:

@@ -43,12 +43,10 @@ _Columns = dict[str, FloatArray]
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     return source.head.startswith(_SYNC + b"\x80") or re.match(rb"FMT, *128, *89, *FMT,", source.head) is not None
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     messages = _binary(source) if source.head.startswith(_SYNC) else _text(source)
     tables = {}
     for number, data in _instances(messages, "IMU").items():

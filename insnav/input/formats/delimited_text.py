@@ -43,7 +43,6 @@ def recognise(source: Source) -> bool:
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     text, zeros = text_of(source)
     dialect = sniff(text[:SNIFF_BYTES], whole=len(text) <= SNIFF_BYTES, where=source.name)
     cells = TextCells(source.name, text, dialect, zeros)

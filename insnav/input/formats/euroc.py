@@ -23,12 +23,10 @@ _HEADERS |= dict(zip(ACCEL, (f"a_RS_S_{axis} [m s^-2]" for axis in _AXES), stric
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     return bool(_tables(source))
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     tables = {}
     for folder, path in _tables(source).items():
         file = source.members[path]()

@@ -44,12 +44,10 @@ _TIMES = ("utcTimeMillis", "UtcTimeMillis", "UnixTimeMillis")
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     return re.search(rb"^#[ \t]*Fix,Provider,", source.head, re.M) is not None
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     columns = {
         kind.decode(): [each.strip() for each in names.decode("latin-1").split(",")]
         for kind, names in _HEADER.findall(source.head)

@@ -30,12 +30,10 @@ _TIME = re.compile(rb"<(?:\w+:)?time>\s*(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d{1
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     return re.search(rb"<(?:\w+:)?gpx[\s>]", bytes(decoded(source.head))[:4096]) is not None
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     rows: list[tuple[int, float, float, float]] = []
     total = 0
     for point in _POINT.finditer(bytes(decoded(source.data)[:])):

@@ -41,12 +41,10 @@ _NAMES: dict[str, tuple[str, ...]] = {
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     return _PROGRAM.search(source.head) is not None
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     data, cut = _columns(source)
     height = next((key for key in ("height_m", "height_msl_m") if key in data), "")
     if not height or not {"lat_deg", "lon_deg"} <= data.keys() or not data.keys() & {"tow", "utc"}:

@@ -36,12 +36,10 @@ _ROWS = 20  # that are looked at
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     return bool(_layout(source.head)[1])
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     text, zeros = text_of(source)
     part, headers = _layout(source.head)
     cells = TextCells(source.name, text, Dialect(" ", ".", headers, None, 0, 1), zeros)

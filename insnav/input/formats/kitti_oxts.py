@@ -33,12 +33,10 @@ _FROM_SOLUTION = (
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     return _folder(source) is not None
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     folder = _folder(source)
     assert folder is not None
     stamps = source.members[f"{folder}timestamps.txt"]()

@@ -51,13 +51,11 @@ _Tree = dict[str, Any]  # arrays of numbers by name, and structures of them
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     head = source.head
     return head.startswith(b"MATLAB 5.0") or head.startswith(b"MATLAB 7.3") or head.startswith(_HDF5)
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     old = source.head.startswith(b"MATLAB 5.0")
     kind = "MATLAB file" if old else "MATLAB 7.3 or HDF5 file"
     with damaged(source, kind, "save it again: save('drive.mat', '-v7')"):

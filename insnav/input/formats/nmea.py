@@ -37,12 +37,10 @@ _OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg")
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     return _ANY.search(source.head) is not None
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     log = _Log()
     for words in _sentences(source, log):
         log.take(words)

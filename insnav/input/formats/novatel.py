@@ -98,13 +98,11 @@ _GRAVITY, _TOLERANCE = 9.8, 0.05  # what increments of velocity add up to each s
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     head = source.head
     return _LONG in head or _FRAMINGS[1][0].recognise(head) or bool(_ASCII.search(head))
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     logs, week, damaged, useless = _messages(source)
     notes = [f"{damaged} messages with a wrong checksum left out"] if damaged else []
     notes += [f"times are seconds of GPS week {week:.0f}"] if logs else []

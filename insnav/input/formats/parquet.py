@@ -19,12 +19,10 @@ suffixes = (".parquet", ".pq")
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     return source.head.startswith(b"PAR1")
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     import pyarrow as pa
     from pyarrow import parquet  # only for parquet: it costs as much as reading a small file
 

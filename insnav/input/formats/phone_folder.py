@@ -72,13 +72,11 @@ class _File:
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     sensors = [_path(source, names) is not None for names in (_GYROS, (*_WITH_GRAVITY, *_WITHOUT_GRAVITY))]
     return all(sensors) or _path(source, _LOCATIONS[:2]) is not None  # a file gps.csv may be of any folder
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     files = {
         key: _open(source, path)
         for key, names in (("gyro", _GYROS), ("location", _LOCATIONS), ("linear", _WITHOUT_GRAVITY))

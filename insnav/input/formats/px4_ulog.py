@@ -52,12 +52,10 @@ _CLOCK = "times are seconds since the controller was switched on"
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     return source.head.startswith(b"ULog\x01\x12\x35")
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     log = _Log()
     notes = (_CLOCK, *log.walk(source.data))
     found = {key: data for key, layout in log.topics() if (data := log.columns(source.data, key, layout))}

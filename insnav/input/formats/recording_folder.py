@@ -14,12 +14,10 @@ _NAMES = {"imu": "imu", "gps": "gps", "gnss": "gps", "ref": "reference", "refere
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     return "imu" in _files(source)
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     from insnav.input.formats.registry import tables_of
 
     tables: dict[str, Table] = {}

@@ -102,12 +102,10 @@ class _Topic:
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     return bool(_suffix(source)) or bool(_bags(source))
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     topics: dict[str, _Topic] = {}
     others: set[str] = set()
     with damaged(source, "ROS bag", "if it was cut off or is not indexed: rosbag reindex, or ros2 bag reindex"):

@@ -58,13 +58,11 @@ _LONGEST_BASELINE = 2e6  # [m]
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     text = decoded(source.head)
     return bool(_HEADER.search(text) or _HEADERLESS.match(text))
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     text, zeros = text_of(source)
     scale, columns, rows = _rows(text, zeros, source.name)
     numbers = rows.read(range(len(rows.dialect.headers)))

@@ -57,12 +57,10 @@ _Rows = NDArray[Any]
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     return _FRAMING.recognise(source.head)
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     messages = _FRAMING.find(source.data, [*(number for number, _ in _BLOCKS.values()), _SENSORS])
     blocks = {key: messages[number].records(each)[0] for key, (number, each) in _BLOCKS.items()}
     damaged = sum(each.damaged for each in messages.values())

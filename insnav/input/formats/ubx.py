@@ -78,7 +78,6 @@ class _Found:
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     head = source.head
     return _FRAMING.recognise(head) or (
         # a first message that is longer than what is looked at
@@ -87,7 +86,6 @@ def recognise(source: Source) -> bool:
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     messages = _FRAMING.find(source.data, [*(number for number, _ in _LAYOUTS.values()), _MEAS, _RAW])
     found = {key: _Found(*messages[number].records(each, _HEAD)) for key, (number, each) in _LAYOUTS.items()}
     notes = [

@@ -54,13 +54,11 @@ _FIXES = {2: 5.0, 3: 5.0, 4: 4.0, 7: 2.0, 8: 1.0}  # 2D, 3D, SBAS, RTK float, RT
 
 
 def recognise(source: Source) -> bool:
-    """See `insnav.input.formats.registry.Format`."""
     first = source.head.split(b"\n", 1)[0]
     return b"," in first and any(word in first for word in (b"IMU::", b"GNSS1::PosLla", b"Time::TimeStartup"))
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    """See `insnav.input.formats.registry.Format`."""
     table = delimited_text.read(source)[""]
     samples = [
         dict(zip(GYRO + ACCEL, [each.format(axis) for each in pair for axis in _AXES], strict=True))

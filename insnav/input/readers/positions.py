@@ -1,4 +1,4 @@
-"""Positions and velocities from a file: what GPS and reference files have in common."""
+"""Positions and velocities from a file: fixes of a receiver, and references."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ import numpy as np
 from insnav.exceptions import InputError
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
-from insnav.input.interpret.clean import Kinds
+from insnav.input.interpret.clean import GPS_KINDS, REFERENCE_KINDS, Kinds
 from insnav.input.interpret.columns import Found, require, understand
 from insnav.input.interpret.derived import derive
 from insnav.input.interpret.headerless import is_headerless, position_columns
-from insnav.input.interpret.schema import ALL_UNITS, Quantity
+from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, REFERENCE_SCHEMA, Quantity
 from insnav.input.interpret.velocities import Fit, fit_velocities
 from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
-from insnav.types import BoolArray, FloatArray
+from insnav.types import BoolArray, FloatArray, GpsData, Trajectory
 from insnav.units import DEG
 
 Height = Literal["ellipsoidal", "msl"]
@@ -47,6 +47,36 @@ class Positions:
         return np.column_stack([self.columns.get(key, unknown) for key in keys])
 
 
+def read_gps(
+    path: str | Path | Table, *, columns: Mapping[str, str] | None = None, height: Height | None = None
+) -> Reading[GpsData]:
+    """Read fixes from a file of any supported format, standard input (``-``) or a table.
+
+    `columns`: quantity, with or without unit, to header, ``{"sd_n_m": "sigma"}``; an empty header leaves it out;
+    `height`: what the heights are; default: by the header, else ellipsoidal, and reported so.
+    Raises: InputError: the file cannot be used; ConfigError: a column is named that does not exist.
+    """
+    reading = read_positions(path, "GPS", GPS_SCHEMA, GPS_KINDS, columns=columns, height=height)
+    read = reading.data
+    heading = read.columns.get("heading")
+    heading = None if heading is None else heading % (2.0 * np.pi)
+    sd = (read.stacked(_STANDARD_DEVIATIONS[:3]), read.stacked(_STANDARD_DEVIATIONS[3:]))
+    data = GpsData(read.columns["time"], read.lla, read.v_n, *sd, reading.fix, heading)
+    return Reading(data, reading.events, reading.facts)
+
+
+def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | None = None) -> Reading[Trajectory]:
+    """Read a reference, as `read_gps`: position, and velocity and attitude as far as the file has them."""
+    reading = read_positions(path, "reference", REFERENCE_SCHEMA, REFERENCE_KINDS, columns=columns)
+    read = reading.data
+    rph = read.stacked(("roll", "pitch", "heading"))
+    rph[:, 2] %= 2.0 * np.pi
+    sd = read.stacked(_STANDARD_DEVIATIONS)
+    known = np.hstack([sd, np.full_like(rph, np.nan)]) if np.isfinite(sd).any() else None
+    data = Trajectory(read.columns["time"], read.lla, read.v_n, rph, known)
+    return Reading(data, reading.events, reading.facts, reading.fix)
+
+
 def read_positions(
     path: str | Path | Table,
     kind: str,
@@ -56,7 +86,7 @@ def read_positions(
     columns: Mapping[str, str] | None,
     height: Height | None = None,
 ) -> Reading[Positions]:
-    """Read a file of positions; see `insnav.input.read_gps`."""
+    """Read a file of positions; see `read_gps`."""
     table = open_table(path, "gps" if kind == "GPS" else "reference")
     name = table.name
     found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)
