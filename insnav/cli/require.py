@@ -6,7 +6,7 @@ import functools
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -85,6 +85,7 @@ def require(
         typer.Option(metavar="N", min=0, help="Simulated runs that verify the set.", rich_help_panel=opt.RESULT),
     ] = 500,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Random seed.", rich_help_panel=opt.RESULT)] = 1,
+    engine: opt.Engine = "processes",
     out: opt.Out = Path("require"),
     force: opt.Force = False,
     as_json: opt.Json = False,
@@ -101,14 +102,21 @@ def require(
         )
     if begin is not None:
         parse.finite(begin, "--begin", largest=1e6)
-    options = {"probability": probability, "component": component.value, "begin": begin, "runs": runs, "seed": seed}
-    weights = parse.weights(cost, "--cost")
+    options: dict[str, Any] = {
+        "workers": engine,
+        "probability": probability,
+        "component": component.value,
+        "begin": begin,
+        "runs": runs,
+        "seed": seed,
+    }
+    options |= {"cost": parse.weights(cost, "--cost")}
     with RunFolder(out, force=force) as folder, Stages() as stage:
         from insnav.session.requirement import require as required
 
         progress = functools.partial(stage, "simulating")
         if data.imu is not None:
-            outcome = data.load(stage).require(error, after, progress=progress, cost=weights, **options)  # type: ignore[arg-type]
+            outcome = data.load(stage).require(error, after, progress=progress, **options)
         else:
             stage("motion")
             model = data.inputs.get("imu_model")
@@ -118,8 +126,7 @@ def require(
                 profile=profile,
                 imu=None if model is None else str(model),
                 progress=progress,
-                cost=weights,
-                **options,  # type: ignore[arg-type]
+                **options,
             )
         stage("writing")
         from insnav.report.save import save_result

@@ -14,8 +14,7 @@ import numpy as np
 from insnav.fleet.batch import DRIVES, Navigated
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.colours import BLUE, VERMILLION
-from insnav.report.numbers import number
+from insnav.report.colours import BLUE, GREEN
 from insnav.report.page import LIGHTS, Light, Page, Section, Verdict, one_each
 from insnav.report.panels import Curve, Panel
 from insnav.report.run_json import versions
@@ -25,6 +24,7 @@ from insnav.types import FloatArray
 OUTLIER, FEWEST = 3.5, 8  # modified z-score beyond which a drive is one, and drives that make a median
 _LEAST = 0.1  # relative scatter of a fleet below which nothing stands out
 _ORDER = ("failed", "bad", "attention", "unknown", "good")
+_LABELS = {"failed": "failed", **{str(light): text for light, text in LIGHTS.items()}}
 _FILES = ("report.html", "fleet.csv", "run.json")
 # key, where it is in ``run.json``, unit of the table, label
 _FIGURES = (
@@ -64,7 +64,7 @@ class Row:
         return (
             Quantity("drive", self.drive.name),
             Quantity("vehicle", self.drive.vehicle),
-            Quantity("result", LIGHTS.get(self.light, "failed")),  # type: ignore[call-overload]
+            Quantity("result", _LABELS[self.light]),
             *(Quantity(key, self.figures.get(key), unit, meaning=label) for key, _, unit, label in _FIGURES),
             Quantity("outlier", self.score or None, meaning="z-score", digits=2, mark="!" * bool(self.stands_out)),
             Quantity("reason", reason, meaning="why"),
@@ -171,82 +171,56 @@ def _mean(values: list[Quantity]) -> Quantity:
 
 def fleet_page(rows: Sequence[Row], left_out: Sequence[str]) -> Page:
     """Report a fleet; `left_out`: files that are no recordings, and why."""
+    total = len(rows)
     count = {light: sum(row.light == light for row in rows) for light in _ORDER}
-    said = ", ".join(f"{n} {LIGHTS.get(light, light)}" for light, n in count.items() if n)  # type: ignore[call-overload]
-    out = sorted((row for row in rows if row.stands_out), key=lambda row: -row.score)
-    if out:
-        said += f"; {out[0].drive.name} stands out most"
-    failures = [(row.drive.name, row.drive.failed) for row in rows if row.drive.failed is not None]
-    keys = ("exit_code", "what", "where", "why", "fix")
-    medians = {
-        key: np.median(known)
-        for key in ("horizontal_error", "horizontal_sd", "nis_position")
-        if (known := [row.figures[key] for row in rows if key in row.figures])
-    }
+    out = max((row for row in rows if row.stands_out), key=lambda row: row.score, default=None)
+    said = ", ".join(f"{n} {_LABELS[light]}" for light, n in count.items() if n)
+    sentence = f"{said}." if out is None else f"{said}; {out.drive.name} stands out most."
+    wrong = count["failed"] + count["bad"]
+    light: Light = (
+        "bad" if wrong else "attention" if count["attention"] or out else "unknown" if count["unknown"] else "good"
+    )
+    reason = f"{wrong or 'none'} of {total} drives failed or are not to be relied on"
     kept = sum(row.drive.kept for row in rows)
+    why = ("exit_code", "what", "where", "why", "fix")
+    failed = [(row.drive.name, row.drive.failed) for row in rows if row.drive.failed is not None]
+    failures = tuple(
+        (Quantity("drive", name), *(Quantity(key, getattr(each, key)) for key in why)) for name, each in failed
+    )
+    note = (
+        f"outliers first; z-score: largest of error, sd, NIS and rejected fixes, against the fleet; ! beyond {OUTLIER}"
+    )
+    noise = "with 95 % interval; those of GPS are factors on the stated sd"
     return Page(
-        f"Fleet of {len(rows)} drives",
-        (f"Each drive has its run folder in {DRIVES}/; {kept} of {len(rows)} were finished already.",),
+        f"Fleet of {total} drives",
+        (f"Each drive has its run folder in {DRIVES}/; {kept} of {total} were finished already.",),
         (
-            Section(
-                "drives",
-                "Drives",
-                rows=tuple(row.quantities() for row in rows),
-                panels=_panels(rows),
-                note="outliers first; z-score: the largest of error, sd, NIS and rejected fixes, against the fleet; "
-                f"! beyond {OUTLIER}",
-            ),
-            Section(
-                "failures",
-                "Drives that failed",
-                rows=tuple(
-                    (Quantity("drive", name), *(Quantity(key, getattr(each, key)) for key in keys))
-                    for name, each in failures
-                ),
-            ),
-            one_each(
-                "vehicles",
-                "Noise found in each vehicle",
-                vehicle_noise(rows),
-                "vehicle",
-                "with 95 % interval; those of GPS are factors on the stated sd",
-            ),
+            Section("drives", "Drives", rows=tuple(map(Row.quantities, rows)), panels=_panels(rows), note=note),
+            Section("failures", "Drives that failed", rows=failures),
+            one_each("vehicles", "Noise found in each vehicle", vehicle_noise(rows), "vehicle", noise),
         ),
         notes=tuple(f"left out: {each}" for each in left_out),
-        verdict=_verdict(count, len(out), f"{said}."),
+        verdict=Verdict(light, reason, sentence),
         merits=(
-            Quantity("drives", len(rows)),
-            Quantity("failed", count["failed"]),
-            *(Quantity(f"median_{key}", float(value), "" if "nis" in key else "m") for key, value in medians.items()),
+            Quantity("drives", total),
+            *(Quantity(name, n, meaning=_LABELS[name]) for name, n in count.items() if n),
         ),
     )
 
 
-def _verdict(count: Mapping[str, int], out: int, sentence: str) -> Verdict:
-    wrong, total = count["failed"] + count["bad"], sum(count.values())
-    if wrong:
-        return Verdict("bad", f"{wrong} of {total} drives failed or are not to be relied on", sentence)
-    if count["attention"] or out:
-        return Verdict("attention", f"{count['attention']} drives have warnings, {out} stand out", sentence)
-    light: Light = "unknown" if count["unknown"] else "good"
-    return Verdict(light, "no drive failed, has a warning or stands out", sentence)
-
-
 def _panels(rows: Sequence[Row]) -> tuple[Panel, ...]:
-    """NIS against horizontal error, or sd where there is no reference, of every drive."""
-    key = "horizontal_error" if any("horizontal_error" in row.figures for row in rows) else "horizontal_sd"
+    """NIS of every drive, in the order of the table."""
     curves = []
-    for name, colour, out in (("drive", BLUE, False), ("stands out", VERMILLION, True)):
-        own = [row for row in rows if {"nis_position", key} <= row.figures.keys() and bool(row.stands_out) == out]
-        x, y = (np.array([row.figures[which] for row in own]) for which in ("nis_position", key))
-        text = tuple(f"{row.drive.name}: NIS {number(a)}, {number(b)} m" for row, a, b in zip(own, x, y, strict=True))
-        if own:
-            curves.append(Curve(name, x, y, colour, "crosses" if out else "points", text=text))
-    if not curves:
-        return ()
-    label = f"{key.replace('_', ' ')} [m]"
-    title = "Consistency and accuracy of every drive"
-    return (Panel("fleet", title, label, "NIS per axis", tuple(curves), log_x=True, log_y=True, height=320),)
+    for key, colour in (("nis_position", BLUE), ("nis_velocity", GREEN)):
+        known = [(place, row.figures[key], row.drive.name) for place, row in enumerate(rows, 1) if key in row.figures]
+        if known:
+            x, y, names = zip(*known, strict=True)
+            curves.append(
+                Curve(key.removeprefix("nis_"), np.array(x, float), np.array(y), colour, "crosses", text=names)
+            )
+    title, axis = "Normalised innovations (NIS)", "place in the table"
+    panel = Panel("fleet", title, "NIS per axis", axis, tuple(curves), log_y=True, levels=((1.0, "ideal"),), height=240)
+    return (panel,) if curves else ()
 
 
 def write_fleet(folder: Path, drives: Sequence[Navigated], left_out: Sequence[str], options: Mapping[str, Any]) -> Page:

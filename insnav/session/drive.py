@@ -407,6 +407,7 @@ class Drive:
         error: str | float,
         after: str | float,
         *,
+        workers: Workers = 1,
         progress: Callable[[float], None] | None = None,
         **options: Unpack[RequirementOptions],
     ) -> Result[RequirementStudy]:
@@ -417,6 +418,8 @@ class Drive:
         error, after : str or float
             Limit and time without GPS; see `insnav.require`. An IMU model that was given with the drive is that whose
             errors are given.
+        workers : int or str
+            Processes, or an engine: ``processes:4``, ``dask:ADDRESS``.
         progress : callable, optional
             Called with the fraction of the simulated runs that is done.
         **options
@@ -441,7 +444,7 @@ class Drive:
         given = self.readings.inputs.get("imu_model")
         spec = load_imu(str(given)) if isinstance(given, str | Path) else given
         motion = Moving(truth_from_track(track), f"the drive {Path(self.imu.facts.path).name}")
-        found = study_of(required, motion, spec, settings, progress)
+        found = study_of(required, motion, spec, settings, workers, progress)
         return self._result("requirement", found.found, found.options, self.notes, self._events(()))
 
     def align(self) -> Result[FineAlignment]:

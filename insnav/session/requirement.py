@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
+from insnav.engine import Workers
 from insnav.errors.budget.sampled_motion import REST, first_movement, sampled
 from insnav.errors.requirement.aided import aided_covariances, propagation
 from insnav.errors.requirement.allocation import allocate
@@ -74,6 +75,7 @@ def require(
     *,
     profile: str | None = None,
     imu: str | ImuSpec | None = None,
+    workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
     **options: Unpack[RequirementOptions],
 ) -> Result[RequirementStudy]:
@@ -89,6 +91,8 @@ def require(
         Motion: name or file of a profile; at rest by default.
     imu : str or ImuSpec, optional
         IMU whose errors are given; only the others are allocated.
+    workers : int or str
+        Processes, or an engine: ``processes:4``, ``dask:ADDRESS``.
     progress : callable, optional
         Called with the fraction of the simulated runs that is done.
     **options
@@ -110,7 +114,7 @@ def require(
     settings = settings_of(options)
     required = requirement_of(error, after, settings)
     spec = load_imu(imu) if isinstance(imu, str) else imu
-    return study_of(required, moving(profile, settings, required.after), spec, settings, progress)
+    return study_of(required, moving(profile, settings, required.after), spec, settings, workers, progress)
 
 
 def settings_of(options: RequirementOptions) -> RequirementSettings:
@@ -157,6 +161,7 @@ def study_of(
     motion: Moving,
     given: ImuSpec | None,
     settings: RequirementSettings,
+    workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> Result[RequirementStudy]:
     """Work out a requirement on a motion."""
@@ -170,10 +175,9 @@ def study_of(
     found = allocate(required, window, given=given, cost=settings.cost, hold=hold)
     verified: tuple[Verified, ...] = ()
     if settings.runs and found.feasible:
+        how: Any = {"hold": hold, "workers": workers, "progress": progress}
         verified = tuple(
-            verify(
-                required, found.spec, window, settings.runs, settings.seed, factor=factor, hold=hold, progress=progress
-            )
+            verify(required, found.spec, window, settings.runs, settings.seed, factor=factor, **how)
             for factor in (1.0, LARGER)
         )
     study = RequirementStudy(required, window.description, "" if given is None else given.name, found, hold, verified)

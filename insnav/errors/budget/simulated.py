@@ -15,6 +15,7 @@ import numpy as np
 
 from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_from_rph, quat_multiply, rotvec_from_quat
 from insnav.earth import lla_offset, ned_offset
+from insnav.engine import Workers, every
 from insnav.errors.budget.initial_covariance import STATES
 from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.sources import SENSORS, Source
@@ -25,6 +26,7 @@ from insnav.simulate.imu_errors import flicker
 from insnav.types import FloatArray, IntArray
 from insnav.units import G0
 
+_BLOCK = 500  # runs that one process makes at a time; it is started for more than these
 # terms that `sample_errors` and the compiled kernel have; all others are made sample by sample before it
 _IN_KERNEL = (
     *("bias", "bias_instability", "random_walk", "scale_factor", "misalignment", "rate_random_walk"),
@@ -57,6 +59,7 @@ def free_runs(
     deflection: float = 0.0,
     hold: bool = False,
     known: tuple[Source, ...] = (),
+    workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> Runs:
     """Navigate without aiding, many times, each time with another IMU and another start.
@@ -66,14 +69,36 @@ def free_runs(
     `insnav.errors.budget.sources.sources_of`; `known`: correlated errors of start and sensors besides those of `spec`;
     see `initial_covariance`.
     """
+    blocks = [range(first, min(first + _BLOCK, runs)) for first in range(0, runs, _BLOCK)]
+    made = []
+    for block, states in zip(
+        blocks, every(_states, blocks, workers, (spec, motion, rows, seed, deflection, hold, known)), strict=True
+    ):
+        made.append(states)
+        if progress is not None:
+            progress(block.stop / runs)
+    return Runs(motion.elapsed[rows - 1], _errors(np.concatenate(made), motion, rows))
+
+
+def _states(
+    spec: ImuSpec,
+    motion: SampledMotion,
+    rows: IntArray,
+    seed: int | tuple[int, ...],
+    deflection: float,
+    hold: bool,
+    known: tuple[Source, ...],
+    numbers: range,
+) -> FloatArray:
+    """States of some runs after the samples `rows`, (runs, m, 10)."""
     truth, inc, n = motion.truth, motion.increments, int(rows[-1])
     height, v_down = truth.lla[1 : n + 1, 2].copy(), truth.v_n[1 : n + 1, 2].copy()
     start_q = quat_from_rph(truth.rph[0])
-    states = np.empty((runs, len(rows), 10))
+    states = np.empty((len(numbers), len(rows), 10))
     base = (motion.rate[:n], motion.force[:n], inc.coning[:n], inc.sculling[:n])
     carried = np.array([source.sd * np.array(source.joint) for source in known]).reshape(len(known), STATES)
     dt, changes = motion.dt[:n], _changes(motion, n) if _late(spec) else None
-    for run in range(runs):
+    for place, run in enumerate(numbers):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,)))
         errors = sample_errors(spec, rng)
         together = rng.standard_normal(len(known)) @ carried if known else np.zeros(STATES)
@@ -93,11 +118,9 @@ def free_runs(
             height,
             v_down,
             rows,
-            states[run],
+            states[place],
         )
-        if progress is not None and run % 50 == 49:
-            progress((run + 1) / runs)
-    return Runs(motion.elapsed[rows - 1], _errors(states, motion, rows))
+    return states
 
 
 def _of_errors(errors: ImuErrors, taken_off: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from insnav.engine import Workers
 from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.simulated import free_runs
 from insnav.errors.requirement.allocation import last_sample
@@ -54,11 +55,13 @@ def verify(
     *,
     factor: float = 1.0,
     hold: bool = False,
+    workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> Verified:
     """Count the runs that stay within the limit."""
     row = np.array([last_sample(motion, required.after)])
-    made = free_runs(scaled(spec, factor), motion, row, runs, (seed, round(100 * factor)), hold=hold, progress=progress)
+    seeds, larger = (seed, round(100 * factor)), scaled(spec, factor)
+    made = free_runs(larger, motion, row, runs, seeds, hold=hold, workers=workers, progress=progress)
     error = made.error[:, 0]
     count = int(required.within(error).sum())
     size = np.linalg.norm(error[:, list(required.axes)], axis=1)

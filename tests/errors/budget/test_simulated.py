@@ -10,6 +10,7 @@ from scipy.stats import chi2, f
 
 from insnav.attitude import quat_conjugate, quat_from_rph, quat_multiply, rotvec_from_quat
 from insnav.earth import ned_offset
+from insnav.errors.budget import simulated
 from insnav.errors.budget.covariance import covariance
 from insnav.errors.budget.error_budget import budget
 from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, sampled
@@ -158,6 +159,12 @@ def test_the_first_runs_do_not_depend_on_how_many_follow(driving):
     np.testing.assert_array_equal(few, many[:3])
     other = free_runs(whole(), driving, rows, 3, 9).error
     assert np.abs(other - few).min() > 0.0
+
+
+def test_processes_make_the_same_runs(driving, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(simulated, "_BLOCK", 2)
+    one, two = (free_runs(whole(), driving, ROWS, 5, 8, workers=workers).error for workers in (1, "processes:2"))
+    assert one.tobytes() == two.tobytes()
 
 
 def test_budget_joins_the_columns(driving):
