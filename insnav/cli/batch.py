@@ -83,7 +83,7 @@ def batch(
         left: list[str] = []
         found = _read(drives) if drives.suffix.lower() == ".toml" else None
         if found is None:
-            found, left = find_drives(drives, folder, engine)
+            found, left = find_drives(drives, folder, "processes" if "dask" in engine else engine)
         found = [replace(each, arguments=(each.arguments[0], *common, *each.arguments[1:])) for each in found]
         try:
             made = navigated(

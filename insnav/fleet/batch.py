@@ -75,6 +75,8 @@ def batch(
     check_folder(folder)
     try:
         (folder / DRIVES).mkdir(parents=True, exist_ok=True)
+        (folder / DRIVES / f".{os.getpid()}").touch()
+        (folder / DRIVES / f".{os.getpid()}").unlink()
     except OSError as error:
         why = error.strerror or str(error)
         raise OutputError("cannot write a fleet", where=str(folder), why=why, fix="give another --out") from error
@@ -105,7 +107,9 @@ def _navigated(how: _How, drive: Drive) -> Navigated:
     """Navigate one drive, unless it is finished, and note what became of it."""
     note, key = how.place / f"{drive.name}.json", _digest(drive)
     finished = None if how.again else _read_note(note, key)
-    if finished is not None and (finished.failed is not None or (how.place / drive.name / FACTS_FILE).is_file()):
+    if finished is not None and (  # what could not be written, and a defect, may do now
+        (how.place / drive.name / FACTS_FILE).is_file() if finished.failed is None else finished.failed.exit_code < 4
+    ):
         return replace(finished, kept=True)
     begin = time.monotonic()
     outcome = attempt(_run, how, drive)

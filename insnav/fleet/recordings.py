@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from insnav.output.contents import FACTS_FILE, read_facts
 from insnav.session.check import kinds_of
 
 _NO_DATA = {".toml", ".json", ".md", ".yaml", ".html", ".pdf", ".png", ".svg", ".jpg", ".kml", ".tag", ".py", ".ipynb"}
+_FIX = "give the folder that holds the recordings, or a drives.toml; one drive is for insnav run"
 _ROLE = re.compile(r"(^|[-_. ])(imu|gps|gnss|gnns|ref|reference|truth|fixes|samples)\d*(?=$|[-_. ])", re.IGNORECASE)
 _UNSAFE = re.compile(r"[^\w.+-]+")
 _PARTS = ("imu", "gps", "ref")
@@ -32,21 +33,25 @@ def find_drives(folder: Path, without: Path, workers: Workers = 1) -> tuple[list
     """
     if not os.access(folder, os.R_OK | os.X_OK) or not folder.is_dir():
         why = "it is a file" if folder.is_file() else "no permission to read" if folder.is_dir() else "no such folder"
-        raise InputError("there are no drives here", where=str(folder), why=why)
-    places = list(_places(folder.resolve(), without.resolve()))
+        raise InputError("there are no drives here", where=str(folder), why=why, fix=_FIX)
     drives: list[Drive] = []
     left: list[str] = []
+    places = list(_places(folder.resolve(), without.resolve(), left))
+    names: Counter[str] = Counter()
     for place, roles in zip(places, each(_roles, places, workers), strict=True):
         if isinstance(roles, Failed):
             left.append(f"{place}: {roles.reason}")
             continue
         found = list(_paired(place, roles))
         used = {path for _, parts, _ in found for path in parts.values()}
-        left += [f"{path}: {role or 'no recording'}" for path, role in roles.items() if path not in used]
+        left += [f"{path}: {role}" for path, role in roles.items() if path not in used]
         for where, parts, unclear in found:
             inside = where.relative_to(folder.resolve()).parts
             files = [word for part in parts for word in (f"--{part}", str(parts[part])) if part != "imu"]
             name = _UNSAFE.sub("_", "-".join(inside)).strip("._") or "drive"
+            names[name.lower()] += 1
+            if names[name.lower()] > 1:
+                name = f"{name}-{names[name.lower()]}"
             vehicle = inside[0] if len(inside) > 1 else ""
             drives.append(Drive(name, vehicle, (str(parts["imu"]), *files), unclear))
     if not drives:
@@ -55,14 +60,16 @@ def find_drives(folder: Path, without: Path, workers: Workers = 1) -> tuple[list
             "there are no drives here",
             where=str(folder),
             why=f"none of {sum(map(len, places))} files holds IMU data{more}",
-            fix="give the folder that holds the recordings, or a drives.toml",
+            fix=_FIX,
         )
     return drives, left
 
 
-def _places(folder: Path, without: Path) -> Iterator[list[Path]]:
-    """Files of every folder, itself first if it is one recording."""
-    for name, folders, files in os.walk(folder):
+def _places(folder: Path, without: Path, left: list[str]) -> Iterator[list[Path]]:
+    """Files of every folder, or itself if it is one recording; `left` gets those that cannot be read."""
+    for name, folders, files in os.walk(
+        folder, onerror=lambda error: left.append(f"{error.filename}: {error.strerror}")
+    ):
         here = Path(name)
         if here == without or _result(here):
             folders.clear()
@@ -98,15 +105,15 @@ def _whole(folder: Path) -> bool:
 
 
 def _roles(files: Sequence[Path]) -> dict[Path, str]:
-    """What each file is: ``imu``, ``gps``, ``ref``, ``both``; empty if it is no recording."""
+    """What each file is: ``imu``, ``gps``, ``ref``, ``both``; else why it is no recording."""
     return {path: _role(path) for path in files}
 
 
 def _role(path: Path) -> str:
     try:
         kinds = kinds_of(open_tables(path))
-    except Exception:  # a file of another kind
-        return ""
+    except Exception as error:  # a file of another kind
+        return " ".join(str(error).split())
     if {"imu", "gps"} <= kinds:
         return "both"
     return "imu" if "imu" in kinds else "ref" if "reference" in kinds else "gps"
