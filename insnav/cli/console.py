@@ -12,7 +12,7 @@ import threading
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from insnav.cli import signals
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
     from insnav.report.page import Page, Show
+    from insnav.result import Result
 
 DELAY = 1.0  # work shorter than this shows no progress bar [s]
 WIDTH = 110  # largest of a line of the log
@@ -88,6 +89,13 @@ def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Ite
     names = ", ".join([*more, *(name for name in ("report.html", "figures", "run.json") if (folder / name).exists())])
     shown: tuple[Show, ...] = ("all", "page") if level > 0 else ("all",)
     result(coloured(f"{page_text(page, terminal_width(), shown)}\n\nfiles       {out}: {names}"))
+
+
+def brief_text(found: Result[Any]) -> str:
+    """Sum up a result: lines of 80 columns on a terminal; elsewhere nothing of a run is wrapped or cut."""
+    from insnav.report.run.page import text
+
+    return text(found, None) if found.kind == "run" and not sys.stdout.isatty() else found.summary()
 
 
 def terminal_width() -> int | None:

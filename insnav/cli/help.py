@@ -8,6 +8,7 @@ from typing import Any
 from typer.core import TyperCommand
 
 _TYPE = re.compile(r" <[^>]*>$")  # Python's type of an argument behind its name
+_TWICE = re.compile(r"(?<=\])\s+\[(default: [^]]*|[-\d.<=>x]+)\]$")  # what the text in brackets before it says better
 _WHOLE = re.compile(r"(\[default: -?\d+)\.0\]")
 
 
@@ -20,7 +21,7 @@ class GroupedCommand(TyperCommand):
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
             if record is not None:
-                name, text = _TYPE.sub("", record[0]), _WHOLE.sub(r"\1]", record[1])
+                name, text = _TYPE.sub("", record[0]), _TWICE.sub("", _WHOLE.sub(r"\1]", record[1]))
                 groups.setdefault(getattr(param, "rich_help_panel", None) or "Other", []).append((name, text))
         for title, records in groups.items():
             with formatter.section(title):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from insnav.cli import options as opt
-from insnav.cli.console import files_line, quiet_figures, result, result_facts
+from insnav.cli.console import brief_text, files_line, quiet_figures, result, result_facts
 
 if TYPE_CHECKING:
     from insnav.result import Result
@@ -72,7 +72,7 @@ def report(
     if as_json:
         result_facts(where)
     else:
-        result(f"{opened.summary()}\n{files_line(where, out)}")
+        result(f"{brief_text(opened)}\n{files_line(where, out)}")
 
 
 def _with_backdrop(opened: Result[Any], file: Path) -> Result[Any]:

@@ -133,5 +133,5 @@ def require(
 
         quiet_figures()
         outcome = replace(outcome, options=data.options)
-        where = save_result(outcome, folder)
+        where = save_result(outcome, folder, figures="png")
     result_page(where, outcome.page(), out, as_json=as_json)

@@ -12,6 +12,7 @@ from insnav.cli import console, parse
 from insnav.cli import options as opt
 from insnav.cli.console import (
     Stages,
+    brief_text,
     coloured,
     error_block,
     files_line,
@@ -160,7 +161,7 @@ def run(
             from insnav.report.terminal import page_text
 
             result(f"{page_text(outcome.page(), terminal_width(), ('all', 'page'))}\n")
-        result(coloured(f"{outcome.summary()}\n{files_line(where, out)}"))
+        result(coloured(f"{brief_text(outcome)}\n{files_line(where, out)}"))
         if outcome.found.short_duration:
             from insnav.report.page import section_tables
             from insnav.report.run.short_duration import short_section

@@ -31,7 +31,7 @@ def test_the_summary_says_what_matters(drive: Path, cli: Cli):
     assert shown.code == 0, shown.err
     lines = shown.out.splitlines()
     assert len(lines) <= 15
-    assert max(map(len, lines)) <= 80
+    assert "…" not in shown.out  # nothing is cut where it goes to a file
     assert shown.err == "" or "compiling the numerical kernels" in shown.err
     assert lines[0].startswith("imu.csv: 2.15 min")
     row = next(line for line in lines if line.strip().startswith("horizontal error RMS [m]"))

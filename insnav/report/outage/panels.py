@@ -8,7 +8,7 @@ import numpy as np
 
 from insnav.errors.outage.gnss_outage import Outage
 from insnav.errors.outage.statistics import Growth
-from insnav.report.colours import BLACK, BLUE, GREY, SKY, VERMILLION
+from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.panels import Curve, Panel
 from insnav.types import FloatArray
@@ -39,7 +39,7 @@ def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns:
     ]
     time, rms, high, predicted = over_time(chosen, columns)
     curves += [
-        Curve("95 %", time, high, SKY),
+        Curve("95 %", time, high, ORANGE),
         Curve("RMS", time, rms, BLUE),
         Curve("predicted sd, solution and reference", time, predicted, BLACK, "dashed"),
     ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,27 +23,26 @@ from insnav.errors.requirement.verification import Verified
 from insnav.quantity import Quantity
 from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Light, Page, Section, Verdict
-from insnav.report.requirement.figures import draw_allocation, draw_parts, outages_text, part_panels
+from insnav.report.page import Light, Page, Section, Verdict, drawn
+from insnav.report.requirement.panels import allocation_panel, nearest, outages_text, part_panels
 from insnav.result import Result
 from insnav.units import DEG, UNITS
 
 if TYPE_CHECKING:
     import pandas as pd
 
+_NEAR = 10  # parts of the short table
+
 
 def page(result: Result[RequirementStudy]) -> Page:
     """Lay out a requirement."""
     study = result.found
-    bars = FigureSpec(
-        "allocation", "How large each error may be, alone and in the set", partial(draw_allocation, study)
-    )
+    title = f"Allocation: {study.required.text}"
     sections = (
         Section("requirement", items=_requirement(study), show="json"),
         *_parts(study),
-        Section(
-            "allocation", "How large each error may be, 1 sd", rows=_rows(study), figures=(bars,), note=_how(study)
-        ),
+        drawn("allocation", title, (allocation_panel(study),)),
+        Section("allocation", "How large each error may be, 1 sd", rows=_rows(study), note=_how(study), folded=True),
         Section("verification", "Simulated runs of the set", rows=_verification(study)),
         *_example(study),
     )
@@ -109,22 +107,31 @@ def _answer(study: RequirementStudy) -> str:
 def _parts(study: RequirementStudy) -> tuple[Section, ...]:
     if not study.candidates:
         return ()
-    figure = FigureSpec("parts", "Error of every part over time, and the limit", partial(draw_parts, study))
     note = (
         "meets: yes, no by figures that documents give; likely, by those of the class for what is missing; open, if "
         "what is missing were better than the class. Times: when the error exceeds 1, 10, 100 m"
         + f" (– : not within {study.time[-1]:g} s). Missing: usual figures without a document, see insnav imus PART."
     )
+    near = nearest(study, _NEAR)
+    of = f", the {len(near)} of {len(study.candidates)} nearest to it" if len(near) < len(study.candidates) else ""
     return (
+        drawn("parts", f"Real IMUs: {study.required.text}", part_panels(study), outages_text(study), columns=2),
+        Section("", f"Which IMUs meet it{of}", rows=tuple(_brief(study, each) for each in near)),
         Section(
             "parts",
-            f"Which IMUs meet it, {outages_text(study)}",
+            f"All IMUs, {outages_text(study)}",
             rows=tuple(_part(study, each) for each in study.candidates),
-            figures=(figure,),
-            panels=part_panels(study),
             note=note,
+            show="page",
+            folded=True,
         ),
     )
+
+
+def _brief(study: RequirementStudy, each: Candidate) -> tuple[Quantity, ...]:
+    """What a part is, and whether it meets the requirement."""
+    wanted = ("part", "class", "alone_error", "alone_meets", "nhc_error", "nhc_meets")
+    return tuple(one for one in _part(study, each) if one.key in wanted)
 
 
 def _part(study: RequirementStudy, each: Candidate) -> tuple[Quantity, ...]:
@@ -173,11 +180,13 @@ def _example(study: RequirementStudy) -> tuple[Section, ...]:
     )
     return (
         Section("remedies", f"What helps {study.example}", rows=helps),
-        Section("elasticity", f"Which figure of {study.example} counts", rows=halves),
+        Section("elasticity", f"Which figure of {study.example} counts", rows=halves, show="page", folded=True),
         Section(
             "shapley",
             f"What is left when GPS ends, {study.example}: Shapley effects",
             rows=shares,
+            show="page",
+            folded=True,
             note="share of the variance with correlations shared fairly (Owen 2014; Song, Nelson and Staum 2016)",
         ),
     )

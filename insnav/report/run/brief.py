@@ -16,20 +16,21 @@ LINES = 14  # the command adds the files
 _WARNINGS, _ASSUMED = 3, 2  # rows of each at most; the others are on the page
 
 
-def brief_lines(page: Page, found: EvaluatedRun) -> list[str]:
+def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> list[str]:
     """Sum up a run: verdict, figures of merit of both solutions, warnings, what was assumed.
 
-    `page`: that of the run.
+    `page`: that of the run; `width`: of the lines, which may cut long texts; none: nothing is wrapped or cut.
     """
-    title = _rows(f"{page.title}: {page.summary[0]}" if page.summary else page.title, 2)
-    verdict = [] if page.verdict is None else _verdict(page.verdict)
+    title = _rows(f"{page.title}: {page.summary[0]}" if page.summary else page.title, 2, width)
+    verdict = [] if page.verdict is None else _verdict(page.verdict, width)
     table = _table(run_merits(found))
-    rest = [*_listed("warning", page.warnings, _WARNINGS), *_listed("assumed", page.assumptions, _ASSUMED)]
-    return [*title, *verdict, *table, *rest][:LINES]
+    warnings = _listed("warning", page.warnings, _WARNINGS, width)
+    assumed = _listed("assumed", page.assumptions, _ASSUMED, width)
+    return [*title, *verdict, *table, *warnings, *assumed][:LINES]
 
 
-def _verdict(verdict: Verdict) -> list[str]:
-    return _rows(f"{light_text(verdict.light)}: {verdict.reason}", 2)
+def _verdict(verdict: Verdict, width: int | None) -> list[str]:
+    return _rows(f"{light_text(verdict.light)}: {verdict.reason}", 2, width)
 
 
 def _table(merits: dict[str, tuple[Quantity, ...]]) -> list[str]:
@@ -42,17 +43,19 @@ def _table(merits: dict[str, tuple[Quantity, ...]]) -> list[str]:
     return table_text(Table("", ("", *merits), rows)).splitlines()
 
 
-def _listed(name: str, texts: Sequence[str], most: int) -> list[str]:
+def _listed(name: str, texts: Sequence[str], most: int, width: int | None) -> list[str]:
     """The first texts of some, one row each, and how many more there are."""
     of = f" (first {most} of {len(texts)})" if len(texts) > most else ""
     shown = [f"{name}{'' if i else of}: {text}" for i, text in enumerate(texts[:most])]
-    return [line for text in shown for line in _rows(text, 2 if len(texts) == 1 else 1)]
+    return [line for text in shown for line in _rows(text, 2 if len(texts) == 1 else 1, width)]
 
 
-def _rows(text: str, most: int) -> list[str]:
-    """A text in at most so many rows, the rest of it cut."""
-    rows = textwrap.wrap(plain_text(text), WIDTH, subsequent_indent="  ", break_on_hyphens=False) or [""]
+def _rows(text: str, most: int, width: int | None) -> list[str]:
+    """A text in at most so many rows, the rest of it cut; whole in one row without a width."""
+    if width is None:
+        return [plain_text(text)]
+    rows = textwrap.wrap(plain_text(text), width, subsequent_indent="  ", break_on_hyphens=False) or [""]
     if len(rows) > most:
         rows = [*rows[:most]]
-        rows[-1] = f"{rows[-1][: WIDTH - 1]}…"
+        rows[-1] = f"{rows[-1][: width - 1]}…"
     return rows

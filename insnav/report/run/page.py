@@ -25,6 +25,7 @@ from insnav.report.run.reopened import read_found as read_found
 from insnav.report.run.short_duration import short_columns
 from insnav.report.run.verdict import run_circles, run_line, run_merits, run_verdict
 from insnav.report.run.warnings import run_warnings
+from insnav.report.terminal import WIDTH
 from insnav.result import Result
 
 if TYPE_CHECKING:
@@ -62,9 +63,9 @@ def page(result: Result[EvaluatedRun]) -> Page:
     )
 
 
-def text(result: Result[EvaluatedRun]) -> str:
-    """Sum up a run in a few lines."""
-    return "\n".join(brief_lines(page(result), result.found))
+def text(result: Result[EvaluatedRun], width: int | None = WIDTH) -> str:
+    """Sum up a run in a few lines of some width."""
+    return "\n".join(brief_lines(page(result), result.found, width))
 
 
 def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:

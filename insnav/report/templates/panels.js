@@ -2,7 +2,7 @@
 "use strict";
 (() => {
 const EDGE = 12, AXIS = 62; // right of the frame, and least width left of it [px]
-const DARK = {"#0072B2": "#5AB0EE", "#000000": "#E8E8E8", "#D55E00": "#FF8A4C", "#009E73": "#35CDA0", "#8A8A8A": "#9A9A9A"};
+const DARK = {"#0072B2": "#5AB0EE", "#000000": "#E8E8E8", "#D55E00": "#FF8A4C", "#009E73": "#35CDA0", "#8A8A8A": "#9A9A9A", "#56B4E9": "#B5E0FF"};
 const RAMP = ["#440154", "#482475", "#414487", "#355f8d", "#2a788e", "#21918c", "#22a884", "#44bf70", "#7ad151", "#bddf26", "#fde725"];
 const CLASSES = ["#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#8A8A8A"];
 const dark = matchMedia("(prefers-color-scheme: dark)"), print = matchMedia("print");
