@@ -112,22 +112,38 @@ def _label(curve: Curve) -> str:
 
 
 def _draw_track(track: Track, title: str, note: str) -> Figure:
-    """Draw a map, its track in the colours of the first shade."""
-    behind = [np.column_stack((each.x, each.y)) for each in track.behind if each.kind != "thin"]
-    every = np.concatenate([np.column_stack((track.east, track.north)), *behind])
+    """Draw a map, its track in the colours of the first shade; what lies beyond it is marked at its edge."""
+    wide = [np.column_stack((each.x, each.y)) for each in track.behind if each.kind in ("line", "dashed")]
+    points = np.empty((0, 2)) if track.fixes is None else track.fixes
+    most = [np.percentile(points, (5.0, 95.0), axis=0)] if len(points) else []  # a few wild ones must not shrink it
+    every = np.concatenate([np.column_stack((track.east, track.north)), *wide, *most])
     shade = track.shades[0] if track.shades and not track.shades[0].classes else None
     figure, axes = map_figure(every[:, 0], every[:, 1], title, note, beside=0.85 if shade else 0.0)
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    axes.plot(*points.T, ".", color=GREY, markersize=3.0, label="GPS fix" if len(points) else "_", zorder=1.8)
     for curve in track.behind:
-        width = 0.8 if curve.kind == "thin" else 2.6
-        axes.plot(curve.x, curve.y, color=curve.colour, label=_label(curve), linewidth=width)
-    if track.fixes is not None and len(track.fixes):
-        axes.plot(*track.fixes.T, ".", color=GREY, markersize=3.0, label="GPS fix", zorder=1.8)
+        if curve.kind == "crosses":
+            x, y = np.clip(curve.x, left, right), np.clip(curve.y, low, high)
+            beyond = int(np.count_nonzero((x != curve.x) | (y != curve.y)))
+            name = f"{curve.name[:-1]}, {beyond} beyond the edge)" if beyond else curve.name
+            axes.plot(x, y, "x", color=curve.colour, markersize=6.0, label=name, zorder=3, clip_on=False)
+        else:
+            width = 0.8 if curve.kind == "thin" else 2.6
+            axes.plot(curve.x, curve.y, color=curve.colour, label=_label(curve), linewidth=width, zorder=1.7)
+    lost = np.zeros(len(track.time), dtype=np.bool_)
+    for start, end in track.spans:
+        lost |= (track.time >= start) & (track.time <= end)
+    if lost.any():
+        dark = np.where(lost, track.north, np.nan)
+        axes.plot(track.east, dark, color=ORANGE, linewidth=7.0, alpha=0.4, label="no fix used", zorder=1.9)
     if shade is None:
         axes.plot(track.east, track.north, color=BLUE, linewidth=1.4, label="solution")
     else:
         pieces = _pieces(track, shade.values)
         axes.add_collection(pieces)
         figure.colorbar(pieces, ax=axes, label=shade.name, fraction=0.05, pad=0.02)
+    axes.set_xlim(left, right)
+    axes.set_ylim(low, high)
     finish_map(axes, np.column_stack((track.north, track.east)))
     return figure
 

@@ -215,7 +215,7 @@ def _track(track: Track) -> dict[str, Any]:
 
 def _behind(line: Curve) -> dict[str, Any]:
     """Give a line of a map: every point of a backdrop, some of a whole drive."""
-    step = 1 if line.kind == "thin" else max(1, -(-len(line.x) // (2 * LINE_BINS)))
+    step = 1 if line.kind in ("thin", "crosses") else max(1, -(-len(line.x) // (2 * LINE_BINS)))
     points = {"x": packed(line.x[::step]), "y": packed(line.y[::step])}
     return {"name": plain_text(line.name), "kind": line.kind, "colour": line.colour, **points}
 

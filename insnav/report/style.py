@@ -1,4 +1,4 @@
-"""What all figures for papers share: type, axes over time, bands, and drawing many points quickly."""
+"""What all figures for papers share: type, margins, axes, legends, files."""
 
 from __future__ import annotations
 
@@ -8,17 +8,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
-
-from insnav.report.colours import ORANGE
-from insnav.report.series import Clock, envelope, thinned
-from insnav.types import FloatArray
 
 FigureFormat = Literal["png", "svg", "pdf"]
 
@@ -75,33 +70,6 @@ def stacked(
     return figure, [list(row) for row in axes]
 
 
-def over_time(
-    time: FloatArray,
-    rows: Sequence[tuple[str, Sequence[tuple[str, FloatArray, str]], float]],
-    title: str,
-    note: str = "",
-    *,
-    height: float = 0.0,
-) -> tuple[Figure, list[Axes]]:
-    """Draw lines over time, panels over one another.
-
-    `time` (n,) [s]; `rows` (n,): for each panel the label of its axis, its lines (name, values, colour), and the
-    smallest height of its view; `height`: of the figure [inch]; by the number of rows if zero.
-    """
-    clock = Clock.of(time)
-    figure, grid = stacked(len(rows), title, note, height=height)
-    panels = [row[0] for row in grid]
-    for panel, (label, lines, least) in zip(panels, rows, strict=True):
-        for name, values, colour in lines:
-            line(panel, clock(time), values, colour, name)
-        widened(panel, least)
-        panel.set_ylabel(label)
-        if len(lines) > 1:
-            legend_above(panel)
-    panels[-1].set_xlabel(clock.label)
-    return figure, panels
-
-
 def blank(width: float, height: float, title: str, note: str) -> Figure:
     """Start an empty figure, size in [inch], with its headline, a quieter note on how to read it, and margins."""
     figure = Figure(figsize=(width, height))
@@ -133,46 +101,6 @@ def save_pages(figures: Sequence[Figure], file: Path) -> Path:
         for figure in figures:
             pages.savefig(figure)
     return file
-
-
-def band(axes: Axes, time: FloatArray, middle: FloatArray, half: FloatArray, colour: str, label: str) -> None:
-    """Fill the band of a given half width about a line.
-
-    `time`, `middle`, `half` (n,).
-    """
-    if np.isfinite(middle + half).any():
-        x, low, high = envelope(time, middle - half, middle + half)
-        axes.fill_between(x, low, high, color=colour, alpha=0.22, linewidth=0.0, label=label)
-
-
-def line(axes: Axes, time: FloatArray, value: FloatArray, colour: str, label: str, **how: Any) -> None:
-    """Draw a line of any number of points.
-
-    `time`, `value` (n,).
-    """
-    axes.plot(*thinned(time, value), color=colour, label=label, **how)
-
-
-def widened(axes: Axes, least: float) -> None:
-    """Do not blow up rounding: what is constant is drawn as one, in a view of this least height."""
-    low, high = axes.get_ylim()
-    if high - low < least:
-        middle = 0.5 * (low + high)
-        axes.set_ylim(middle - 0.5 * least, middle + 0.5 * least)
-
-
-def shade(axes: Axes, clock: Clock, spans: Sequence[tuple[float, float]]) -> None:
-    """Shade the times without fixes, from start to end [s]."""
-    for number, (start, end) in enumerate(spans):
-        axes.axvspan(
-            clock(start),
-            clock(end),
-            color=ORANGE,
-            alpha=0.18,
-            linewidth=0.0,
-            zorder=0.5,
-            label="no fix used" if number == 0 else None,
-        )
 
 
 def logarithmic(axis: Axis) -> None:

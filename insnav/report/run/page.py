@@ -92,9 +92,11 @@ def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
 
 
 def _draw(name: str, found: EvaluatedRun) -> Figure:
-    from insnav.report.run.figures import draw_figure  # matplotlib is imported only where a figure is asked for
+    from insnav.report.panel_figures import draw_drawings  # matplotlib is imported only where a figure is asked for
+    from insnav.report.run.figures import figure_drawings
 
-    return draw_figure(name, found)
+    title, note, drawings, columns = figure_drawings(name, found)
+    return draw_drawings(drawings, title, note, columns=columns)
 
 
 def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: TableFormat) -> None:

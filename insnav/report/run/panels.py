@@ -22,7 +22,7 @@ CHI2_95 = 7.815  # 95 % point of chi-square with 3 degrees of freedom
 MAP_POINTS = 2000
 EVENTS = 150  # most of a kind that are marked
 _NED, _RPH, _XYZ = ("north", "east", "down"), ("roll", "pitch", "heading"), ("x", "y", "z")
-_GROUPS = (("position", "m", 1.0, _NED), ("velocity", "m/s", 1.0, _NED), ("attitude", "deg", DEG, _RPH))
+GROUPS = (("position", "m", 1.0, _NED), ("velocity", "m/s", 1.0, _NED), ("attitude", "deg", DEG, _RPH))
 _FIX_TYPES = ((1.0, "fixed"), (2.0, "float"), (4.0, "DGPS"), (5.0, "single"), (0.0, "none"))
 _GATES = (
     EventKind.GATE_POSITION,
@@ -49,8 +49,7 @@ def run_panels(found: EvaluatedRun) -> tuple[Track | Panel, ...]:
     run = found.run
     if len(run.solution.time) < 2:
         return ()
-    clock = Clock.of(run.solution.time)
-    axis = _Axis(clock, tuple((float(clock(a)), float(clock(b))) for a, b in outages(run)))
+    axis = _axis(run)
     panels = [
         *_state_panels(found, axis),
         *_innovation_panels(run, axis),
@@ -59,13 +58,18 @@ def run_panels(found: EvaluatedRun) -> tuple[Track | Panel, ...]:
         *_motion(found, axis),
         *_events(run, axis),
     ]
-    return (_track(found, axis), *(each for each in panels if each.curves))
+    return (run_track(found), *(each for each in panels if each.curves))
+
+
+def _axis(run: Run) -> _Axis:
+    clock = Clock.of(run.solution.time)
+    return _Axis(clock, tuple((float(clock(a)), float(clock(b))) for a, b in outages(run)))
 
 
 def _state_panels(found: EvaluatedRun, axis: _Axis) -> list[Panel]:
     """Errors with three standard deviations where there is a reference, else the standard deviations."""
     errors, panels = found.known_errors, []
-    for i, (group, unit, size, names) in enumerate(_GROUPS):
+    for i, (group, unit, size, names) in enumerate(GROUPS):
         columns = slice(3 * i, 3 * i + 3)
         curves: list[Curve] = []
         if errors and any(np.isfinite(getattr(each, group)).any() for each in errors.values()):
@@ -116,7 +120,7 @@ def _banded(
 def _innovation_panels(run: Run, axis: _Axis) -> list[Panel]:
     fixes, panels, nis = run.innovations, [], []
     time = axis.clock(fixes.time)
-    for i, (group, unit, _, names) in enumerate(_GROUPS[:2]):
+    for i, (group, unit, _, names) in enumerate(GROUPS[:2]):
         columns = slice(3 * i, 3 * i + 3)
         used: BoolArray = getattr(fixes, f"used_{group}")
         value, sd = fixes.innovation[:, columns], fixes.sd[:, columns]
@@ -134,11 +138,17 @@ def _innovation_panels(run: Run, axis: _Axis) -> list[Panel]:
             Curve(group, time[used & positive], size[used & positive], colour, "points"),
             Curve("rejected", time[~used & positive], size[~used & positive], colour, "crosses"),
         ]
-    gates = sorted({each.limit for each in run.events if each.kind in _GATES and np.isfinite(each.limit)})
-    levels = [(CHI2_95, f"95 % ({CHI2_95:.1f})"), *((gate, f"gate ({gate:.1f})") for gate in gates)]
+    levels = [(CHI2_95, f"95 % ({CHI2_95:.1f})"), *gate_levels(run)]
     note = "normalised innovation squared of each fix, 3 degrees of freedom: 3 on average if the stated sd is right"
     panels.append(axis.panel("nis", "NIS", "NIS [-]", _known(nis), note=note, log_y=True, levels=tuple(levels)))
     return panels
+
+
+def gate_levels(run: Run, group: str = "") -> list[tuple[float, str]]:
+    """Limits of the gates that rejected or de-weighted, with their names; `group`: those of positions or velocities."""
+    kinds = [kind for kind in _GATES if str(kind).endswith(group)]
+    limits = sorted({each.limit for each in run.events if each.kind in kinds and np.isfinite(each.limit)})
+    return [(limit, f"gate ({limit:.1f})") for limit in limits]
 
 
 def _known(curves: list[Curve]) -> list[Curve]:
@@ -225,8 +235,9 @@ def _events(run: Run, axis: _Axis) -> list[Panel]:
     return [axis.panel("events", "Events", "", curves, note=note, rows=tuple(kinds), height=height)]
 
 
-def _track(found: EvaluatedRun, axis: _Axis) -> Track:
-    run, gps = found.run, found.gps
+def run_track(found: EvaluatedRun) -> Track:
+    """Draw the track from above, with fixes, outages and rejected positions."""
+    run, gps, axis = found.run, found.gps, _axis(found.run)
     solution = next(iter(found.solutions.values()))
     rows = np.unique(np.linspace(0, len(solution.time) - 1, MAP_POINTS).round().astype(np.int64))
     origin, time = solution.lla[0], solution.time[rows]
@@ -246,11 +257,11 @@ def _track(found: EvaluatedRun, axis: _Axis) -> Track:
         at, nis = run.innovations.time[known], run.innovations.nis_position[known]
         shades.append(Shade("NIS of position [-]", nis[_nearest(at, time)]))
     fixes = None if gps is None else ned_offset(gps.lla, origin)[:, [1, 0]]
-    behind: tuple[Curve, ...] = ()
+    behind = _rejected(run, time, position)
     if found.backdrop is not None:
         level = np.column_stack((found.backdrop, np.full(len(found.backdrop), origin[2])))
         north, east, _ = ned_offset(level, origin).T
-        behind = (Curve("backdrop", east, north, GREY, "thin"),)
+        behind = (Curve("backdrop", east, north, GREY, "thin"), *behind)
     lat, lon = origin[:2] / DEG
     note = f"start at latitude {lat:.5f}°, longitude {lon:.5f}°; point at the track to see the time"
     return Track(
@@ -266,6 +277,17 @@ def _track(found: EvaluatedRun, axis: _Axis) -> Track:
         note,
         behind,
     )
+
+
+def _rejected(run: Run, time: FloatArray, position: FloatArray) -> tuple[Curve, ...]:
+    """Mark fixes whose position was refused where they were measured: solution plus innovation."""
+    fixes = run.innovations
+    refused = np.isfinite(fixes.innovation[:, :2]).all(axis=1) & ~fixes.used_position
+    if not refused.any():
+        return ()
+    at, off = fixes.time[refused], fixes.innovation[refused]
+    north, east = (np.interp(at, time, position[:, k]) + off[:, k] for k in (0, 1))
+    return (Curve(f"position rejected ({len(at)})", east, north, VERMILLION, "crosses"),)
 
 
 def _error_at(errors: TrajectoryErrors, time: FloatArray) -> FloatArray:

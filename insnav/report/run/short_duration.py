@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from insnav.errors.short_duration_errors import ShortWindow, size_at
+from insnav.errors.short_duration_errors import LENGTH, ShortWindow, size_at
 from insnav.quantity import Quantity
-from insnav.report.page import FigureSpec, Section, one_each
+from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION
+from insnav.report.page import Section, drawn, one_each
+from insnav.report.panels import Curve, Panel
 from insnav.types import FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TIMES = (10.0, 30.0, 60.0)  # since the start of a window [s]
 _ROWS = (
@@ -41,6 +38,10 @@ def short_section(windows: Sequence[ShortWindow]) -> Section:
             for _, key, unit, label in _ROWS
         )
     title = "Short-duration mechanization minus the full one, horizontal"
+    shape = f"{len(windows)} windows of {LENGTH:g} s, free-inertial from the same state"
+    drawing = drawn(
+        "short_mechanization", "Short-duration mechanization minus the full one", short_panels(windows), shape
+    )
     note = "Earth and transport rate dropped from the velocity; last columns: position if from the attitude as well"
     return Section(
         "short_mechanization",
@@ -49,21 +50,36 @@ def short_section(windows: Sequence[ShortWindow]) -> Section:
             Quantity("windows", len(windows)),
             Quantity("mean_speed", float(np.mean([w.speed for w in windows])), "m/s"),
         ),
-        parts=(one_each("", title, after, "time", note),),
-        figures=(
-            FigureSpec(
-                "short_mechanization",
-                "Short-duration mechanization against the full one",
-                partial(_draw, windows),
-            ),
-        ),
+        parts=(one_each("", title, after, "time", note), drawing),
     )
 
 
-def _draw(windows: Sequence[ShortWindow]) -> Figure:
-    from insnav.report.run.figures.short_duration import draw_short  # matplotlib is imported only where it draws
+def short_panels(windows: Sequence[ShortWindow]) -> tuple[Panel, ...]:
+    """Draw how far the short form is from the full one in every window, and what the dropped terms explain."""
+    elapsed = windows[0].elapsed
 
-    return draw_short(windows)
+    def sizes(name: str) -> FloatArray:
+        each = (np.hypot(*getattr(window, name)[:, :2].T) for window in windows)
+        return np.array([np.interp(elapsed, w.elapsed, size) for w, size in zip(windows, each, strict=True)])
+
+    def mean(name: str) -> FloatArray:
+        return np.asarray(np.sqrt(np.mean(sizes(name) ** 2, axis=0)))
+
+    panels = []
+    for title, name, label in (
+        ("Position", "position", "horizontal [m]"),
+        ("Velocity", "velocity", "horizontal [m/s]"),
+        ("Position, if Earth and transport rate are dropped from the attitude too", "untilted", "horizontal [m]"),
+    ):
+        size = sizes(name)
+        curves = [Curve("each window", elapsed, each, GREY, "thin") for each in size]
+        curves += [Curve("RMS", elapsed, mean(name), BLUE), Curve("largest", elapsed, size.max(axis=0), ORANGE)]
+        if name == "position":
+            curves.append(Curve("RMS by the dropped terms", elapsed, mean("dropped"), BLACK, "dashed"))
+            curves.append(Curve("RMS by Euler's rule", elapsed, mean("rest"), VERMILLION, "dashed"))
+        across = "time since the start of the window [s]"
+        panels.append(Panel(f"short_{name}", f"{title}, short minus full", label, across, tuple(curves), "short"))
+    return tuple(panels)
 
 
 def short_columns(windows: Sequence[ShortWindow]) -> dict[str, FloatArray]:

@@ -303,7 +303,9 @@ class Track extends Drawing {
     const x = {field: "x"}, y = {field: "y"};
     for (const curve of this.behind) {
       for (const key of ["x", "y"]) curve[key] = floats(curve[key]);
-      const line = figure.line(x, y, {source: new Bokeh.ColumnDataSource({data: {x: curve.x, y: curve.y}}), line_width: curve.kind === "thin" ? 1 : 3});
+      const source = new Bokeh.ColumnDataSource({data: {x: curve.x, y: curve.y}});
+      const line = curve.kind === "crosses" ? figure.scatter(x, y, {source, size: 8, marker: "x", line_width: 2})
+        : figure.line(x, y, {source, line_width: curve.kind === "thin" ? 1 : 3});
       this.paint(line.glyph, "line_color", curve.colour);
     }
     const fixes = figure.scatter(x, y, {source: new Bokeh.ColumnDataSource({data: {x: this.fixes[0], y: this.fixes[1]}}), size: 3, line_color: null});
@@ -332,7 +334,7 @@ class Track extends Drawing {
     for (const side of ["inner_width", "inner_height"]) figure.properties[side].change.connect(() => { if (!this.touched) this.all(); });
   }
   all() { // everything in view, a metre east as long as a metre north
-    const {width, height} = this.frame, wide = this.behind.filter(each => each.kind !== "thin");
+    const {width, height} = this.frame, wide = this.behind.filter(each => each.kind === "line");
     const [west, east] = extent([...this.east, ...wide.flatMap(each => [...each.x])]), [south, north] = extent([...this.north, ...wide.flatMap(each => [...each.y])]);
     if (!(width > 0 && height > 0)) return;
     const metres = 1.12 * Math.max((east - west) / width, (north - south) / height, 4 / width);

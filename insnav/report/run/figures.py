@@ -1,0 +1,235 @@
+"""Figures of a run for papers, as panels: a component each, filtered and smoothed over one another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.gps_gaps import outages
+from insnav.errors.metrics import MOVING_M_S, distance_and_time
+from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
+from insnav.report.numbers import distance_text, duration_text, number
+from insnav.report.panels import Curve, Drawing, Panel
+from insnav.report.run.panels import CHI2_95, GROUPS, gate_levels, run_track
+from insnav.report.series import Clock, broken_at_gaps
+from insnav.sample_statistics import rms
+from insnav.types import BoolArray, FloatArray
+from insnav.units import DEG, DEG_PER_H, G0, PPM
+
+_COLOURS = {"filtered": (BLUE, SKY), "smoothed": (VERMILLION, ORANGE)}  # line and band
+_BEYOND = 90.0  # a heading that goes further beyond 0..360 deg is drawn within [deg]
+_SETTLED = 0.2  # of the run: bands of estimates are shown as they are after it
+_SENSORS = (
+    ("gyro bias", "deg/h", DEG_PER_H),
+    ("accelerometer bias", "mg", 1e-3 * G0),
+    ("gyro scale factor", "ppm", PPM),
+    ("accelerometer scale factor", "ppm", PPM),
+)
+
+
+def figure_drawings(name: str, found: EvaluatedRun) -> tuple[str, str, tuple[Drawing, ...], int]:
+    """Give one figure of a run by its name: title, how to read it, drawings, columns."""
+    solution, fixes = found.run.solution, found.run.innovations
+    if name.endswith("_error"):
+        group = name.removesuffix("_error")
+        return f"{group.capitalize()} error: solution minus reference", "band: ±3 sd", _errors(found, group), 1
+    if name == "track":
+        title = f"Track of {distance_text(distance_and_time(solution)[0])} in {duration_text(np.ptp(solution.time))}"
+        track = run_track(found)
+        return title, track.note.split(";")[0], (track,), 1
+    if name == "innovations":
+        shares = [
+            f"{group} {int(used.sum())} of {int(np.isfinite(fixes.innovation[:, first]).sum())}"
+            for group, first, used in (("position", 0, fixes.used_position), ("velocity", 3, fixes.used_velocity))
+        ]
+        panels, columns = _innovations(found)
+        return "Innovations: measured minus predicted", f"accepted: {', '.join(shares)}", panels, columns
+    whole = {
+        "error_distribution": (
+            "Distribution of the horizontal error",
+            f"moving: faster than {MOVING_M_S:g} m/s",
+            _distribution,
+        ),
+        "height": ("Height, counted as the heights of the fixes", "band: ±3 sd; fixes at the antenna", _height),
+        "velocity": ("Velocity of the solution", "band: ±3 sd; fixes at the antenna", _velocity),
+        "attitude": ("Attitude of the solution", "band: ±3 sd", _attitude),
+        "uncertainty": ("Standard deviation of the solution", "smoothed (RTS): from all fixes", _uncertainty),
+        "biases": ("Estimated sensor errors", "line: estimate; band: ±3 sd", _sensor_errors),
+    }
+    title, note, make = whole[name]
+    return title, note, make(found), 1
+
+
+def _panel(found: EvaluatedRun, label: str, curves: Sequence[Curve], *, title: str = "", **how: object) -> Panel:
+    """One panel over the time of the run, outages shaded."""
+    clock = Clock.of(found.run.solution.time)
+    spans = tuple((float(clock(a)), float(clock(b))) for a, b in outages(found.run))
+    known = tuple(each for each in curves if np.isfinite(each.y).any())
+    return Panel("figure", title, label, clock.label, known, "time", spans=spans, **how)  # type: ignore[arg-type]
+
+
+def _lines(
+    found: EvaluatedRun, time: FloatArray, value: FloatArray, half: FloatArray, mode: str, name: str = ""
+) -> list[Curve]:
+    """A line and, about it, or about zero where it is an error, its band; `value`, `half` (n,)."""
+    colour, shade = _COLOURS[mode]
+    at, columns = broken_at_gaps(Clock.of(found.run.solution.time)(time), np.column_stack((value, half)))
+    middle = columns[:, 0] if name else 0.0
+    band = Curve(f"±3 sd, {mode}", at, middle + columns[:, 1], shade, "band", middle - columns[:, 1])
+    return [band, Curve(name or mode, at, columns[:, 0], colour)]
+
+
+def _errors(found: EvaluatedRun, group: str) -> tuple[Panel, ...]:
+    i = [each[0] for each in GROUPS].index(group)
+    _, unit, size, names = GROUPS[i]
+    panels = []
+    for k, name in enumerate(names):
+        curves, sizes = [], []
+        for mode, each in reversed(found.known_errors.items()):
+            value: FloatArray = getattr(each, group)[:, k] / size
+            half = np.full_like(value, np.nan) if each.sd is None else 3.0 * each.sd[:, 3 * i + k] / size
+            curves += _lines(found, each.time, value, half, mode)
+            sizes.append(f"{number(rms(value))} {unit} {mode}")
+        panels.append(_panel(found, f"{name} [{unit}]", curves, title=f"RMS {', '.join(sizes)}"))
+    return tuple(panels)
+
+
+def _distribution(found: EvaluatedRun) -> tuple[Panel, ...]:
+    """Share of horizontal errors below a given one, with CEP50 and R95."""
+    errors = found.errors
+    assert errors is not None
+    size = errors.horizontal
+    parts: list[tuple[str, BoolArray, str]] = [("all", np.ones(len(size), dtype=np.bool_), BLUE)]
+    if errors.moving.any() and not errors.moving.all():
+        parts += [("static", ~errors.moving, GREEN), ("moving", errors.moving, ORANGE)]
+    share = np.linspace(0.0, 1.0, 501)
+    curves = tuple(Curve(name, np.quantile(size[rows], share), 100.0 * share, colour) for name, rows, colour in parts)
+    circles = (("CEP50", 50.0), ("R95", 95.0))
+    levels = tuple((at, f"{name} {number(float(np.percentile(size, at)))} m") for name, at in circles)
+    label = "share of epochs below [%]"
+    return (Panel("figure", "", label, "horizontal error [m]", curves, levels=levels, limits=(0.0, 101.0), height=320),)
+
+
+def _state(found: EvaluatedRun, name: str, value: FloatArray, column: int, size: float, label: str) -> list[Curve]:
+    solution = found.run.solution
+    half = np.full_like(value, np.nan) if solution.sd is None else 3.0 * size * solution.sd[:, column]
+    return _lines(found, solution.time, value, half, "filtered", name)
+
+
+def _fixes(found: EvaluatedRun, values: FloatArray) -> list[Curve]:
+    """Measured values (k,) of the fixes."""
+    assert found.gps is not None
+    return [Curve("GPS fix", Clock.of(found.run.solution.time)(found.gps.time), values, GREY, "points")]
+
+
+def _height(found: EvaluatedRun) -> tuple[Panel, ...]:
+    curves = [] if found.gps is None else _fixes(found, found.gps.lla[:, 2])
+    curves += _state(found, "solution", found.run.solution.lla[:, 2], 2, 1.0, "height [m]")
+    return (_panel(found, "height [m]", curves, height=280),)
+
+
+def _velocity(found: EvaluatedRun) -> tuple[Panel, ...]:
+    panels = []
+    for k, name in enumerate(("north", "east", "down")):
+        curves = [] if found.gps is None else _fixes(found, found.gps.v_n[:, k])
+        curves += _state(found, "solution", found.run.solution.v_n[:, k], 3 + k, 1.0, name)
+        panels.append(_panel(found, f"{name} [m/s]", curves))
+    return tuple(panels)
+
+
+def _attitude(found: EvaluatedRun) -> tuple[Panel, ...]:
+    degrees = found.run.solution.rph / DEG
+    degrees[:, 2], unwrapped = readable_heading(found.run.solution.rph[:, 2])
+    panels = [
+        _panel(found, f"{name} [deg]", _state(found, "solution", degrees[:, k], 6 + k, 1.0 / DEG, name))
+        for k, name in enumerate(("roll", "pitch"))
+    ]
+    heading = _state(found, "solution", degrees[:, 2], 8, 1.0 / DEG, "heading")
+    limits = None if unwrapped else (-5.0, 365.0)
+    return (*panels, _panel(found, "heading [deg]", heading, limits=limits))
+
+
+def readable_heading(heading: FloatArray) -> tuple[FloatArray, bool]:
+    """Heading in degrees without jumps if it turns little, else within 0..360 with breaks at north."""
+    smooth = np.degrees(np.unwrap(heading))
+    if smooth.min() > -_BEYOND and smooth.max() < 360.0 + _BEYOND:
+        return smooth, True
+    wrapped = np.degrees(heading) % 360.0
+    wrapped[np.flatnonzero(np.abs(np.diff(wrapped)) > 180.0)] = np.nan
+    return wrapped, False
+
+
+def _uncertainty(found: EvaluatedRun) -> tuple[Panel, ...]:
+    labels = ("horizontal [m]", "height [m]", "horizontal velocity [m/s]", "heading [deg]")
+    curves: list[list[Curve]] = [[], [], [], []]
+    for mode, solution in found.solutions.items():
+        sd = solution.sd
+        if sd is None:
+            continue
+        sizes = (np.hypot(sd[:, 0], sd[:, 1]), sd[:, 2], np.hypot(sd[:, 3], sd[:, 4]), sd[:, 8] / DEG)
+        time, columns = broken_at_gaps(Clock.of(found.run.solution.time)(solution.time), np.column_stack(sizes))
+        for k in range(4):
+            curves[k].append(Curve(mode, time, columns[:, k], _COLOURS[mode][0]))
+    return tuple(_panel(found, label, own, log_y=True) for label, own in zip(labels, curves, strict=True))
+
+
+def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
+    """Innovations of each component and the NIS, a column for positions and one for velocities that were measured."""
+    fixes = found.run.innovations
+    time = Clock.of(found.run.solution.time)(fixes.time)
+    groups = [i for i in (0, 1) if np.isfinite(fixes.innovation[:, 3 * i : 3 * i + 3]).any()]
+    panels = []
+    for k, name in enumerate(("north", "east", "down")):
+        for i in groups:
+            group, unit = GROUPS[i][0], GROUPS[i][1]
+            value, sd = fixes.innovation[:, 3 * i + k], 3.0 * fixes.sd[:, 3 * i + k]
+            used: BoolArray = getattr(fixes, f"used_{group}") & np.isfinite(value)
+            refused = np.isfinite(value) & ~used
+            expected = sd[used] if used.any() else sd[refused]
+            limit = 1.1 * max(
+                float(np.max(np.abs(value[used]), initial=0.0)),
+                float(np.percentile(expected, 98.0)) if expected.size else 0.0,
+                1e-9,
+            )
+            curves = [
+                Curve("±3 sd", time, sd, SKY, "band", -sd),
+                Curve("accepted", time[used], value[used], BLUE, "points"),
+                Curve("rejected", time[refused], value[refused], VERMILLION, "crosses"),
+            ]
+            panels.append(_panel(found, f"{name} [{unit}]", curves, title=group, limits=(-limit, limit)))
+    for i in groups:
+        group = GROUPS[i][0]
+        nis, used = getattr(fixes, f"nis_{group}"), getattr(fixes, f"used_{group}")
+        kept, refused = (nis > 0.0) & used, (nis > 0.0) & ~used
+        curves = [
+            Curve("accepted", time[kept], nis[kept], BLUE, "points"),
+            Curve("rejected", time[refused], nis[refused], VERMILLION, "crosses"),
+        ]
+        levels = ((CHI2_95, f"95 % ({CHI2_95:.1f})"), *gate_levels(found.run, group))
+        top = max(100.0, 2.0 * float(np.max(nis[nis > 0.0], initial=0.0)))
+        panels.append(
+            _panel(found, "NIS, 3 dof [-]", curves, title=group, log_y=True, limits=(1e-2, top), levels=levels)
+        )
+    return tuple(panels), len(groups)
+
+
+def _sensor_errors(found: EvaluatedRun) -> tuple[Panel, ...]:
+    estimated = found.run.sensor_errors
+    time, later = Clock.of(found.run.solution.time)(estimated.time), int(_SETTLED * len(estimated.time))
+    panels = []
+    for i, (name, unit, size) in enumerate(_SENSORS):
+        value, half = (each[:, 3 * i : 3 * i + 3] / size for each in (estimated.value, 3.0 * estimated.sd))
+        if not np.isfinite(value).any():
+            continue
+        curves = []
+        for axis, colour in enumerate(AXIS_COLOURS):
+            middle, wide = value[:, axis], half[:, axis]
+            curves += [Curve("", time, middle + wide, colour, "band", middle - wide)]
+            curves += [Curve("xyz"[axis], time, middle, colour)]
+        low = min(float(np.nanmin(value)), float(np.nanmin((value - half)[later:])))
+        high = max(float(np.nanmax(value)), float(np.nanmax((value + half)[later:])))
+        margin = 0.05 * (high - low) or 1.0
+        panels.append(_panel(found, f"[{unit}]", curves, title=name, limits=(low - margin, high + margin)))
+    return tuple(panels)
