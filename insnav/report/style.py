@@ -13,7 +13,7 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 FigureFormat = Literal["png", "svg", "pdf"]
 
@@ -53,21 +53,6 @@ def drawing() -> Iterator[None]:
     """Set the style of everything drawn inside."""
     with mpl.rc_context(_RC):
         yield
-
-
-def stacked(
-    rows: int, title: str, note: str = "", *, columns: int = 1, height: float = 0.0
-) -> tuple[Figure, list[list[Axes]]]:
-    """Start a figure of panels that share their time axis; height in [inch], by the number of rows if zero."""
-    figure = blank(9.6 if columns > 1 else 8.4, height or 1.3 + 1.75 * rows, title, note)
-    axes = figure.subplots(rows, columns, sharex=True, squeeze=False, gridspec_kw={"hspace": 0.2, "wspace": 0.26})
-    for panel in axes.flat:
-        # Labels at fixed places line up over all panels, and need not be measured out.
-        box = panel.get_position()
-        panel.yaxis.set_label_coords(-0.62 / (box.width * figure.get_figwidth()), 0.5)
-        panel.xaxis.set_label_coords(0.5, -0.28 / (box.height * figure.get_figheight()))
-        panel.yaxis.set_major_locator(MaxNLocator(5))
-    return figure, [list(row) for row in axes]
 
 
 def blank(width: float, height: float, title: str, note: str) -> Figure:

@@ -41,7 +41,7 @@ def test_from_files_to_a_folder(drive: Path):
     assert set(result.inputs) == {"imu", "gps"}
     assert result.found.budget.recorded is not None
     assert result.found.windows is not None
-    verify_folder(result.save("budget"))
+    verify_folder(result.save("budget", figures="png"))
     facts = read_facts(Path("budget"))["recorded_windows"]
     assert facts["calibrated"]["times_s"] == [10.0, 20.0]
     assert facts["uncalibrated"]["windows"] == facts["calibrated"]["windows"] > 3

@@ -38,7 +38,7 @@ from insnav.report.budget.quantities import (
 from insnav.report.budget.terms import extent
 from insnav.report.budget.windows import (
     windows_assumptions,
-    windows_figures,
+    windows_drawings,
     windows_sentences,
     windows_warnings,
 )
@@ -79,7 +79,7 @@ def page(result: Result[BudgetStudy]) -> Page:
     if windows is None:
         found = Page(_title(budget), summary(budget), (*sections, *more), warnings(budget), assumptions(budget))
     else:
-        figures = Section("", "Recorded windows: figures", figures=windows_figures(windows), show="page", folded=True)
+        figures = Section("", "Recorded windows: figures", parts=windows_drawings(windows), show="page", folded=True)
         found = Page(
             _title(budget),
             summary(budget),

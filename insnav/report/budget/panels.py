@@ -14,7 +14,7 @@ from insnav.report.outage.quantities import below_noise
 from insnav.report.panels import Curve, Panel
 from insnav.types import FloatArray
 
-_WINDOWS = 80  # drawn one by one
+_WINDOWS, _POINTS = 80, 120  # drawn one by one, and points of each
 _SHOWN = 10  # sources with a bar of their own
 _LEAST = 1e-3  # share of the variance of such
 _GROUPS = {
@@ -87,7 +87,8 @@ def _recorded(part: RecordedPart) -> list[Curve]:
         if len(shown) == windows.count
         else f"{len(shown)} of {windows.count} windows"
     )
-    found = [Curve(name, windows.elapsed[row], error[row], GREY, "thin") for row in shown]
+    step = max(1, error.shape[1] // _POINTS)
+    found = [Curve(name, windows.elapsed[row][::step], error[row, ::step], GREY, "thin") for row in shown]
     if np.isfinite(curve.low[:, i]).any():
         found.append(Curve("recorded RMS, corrected", curve.times, curve.high[:, i], PURPLE, "band", curve.low[:, i]))
     found.append(Curve("recorded RMS, corrected", curve.times, curve.corrected[:, i], PURPLE))

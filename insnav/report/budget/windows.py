@@ -1,14 +1,12 @@
-"""Sentences, warnings and figures of the recorded half of an error budget."""
+"""Sentences, warnings and drawings of the recorded half of an error budget."""
 
 from __future__ import annotations
-
-from functools import partial
 
 from insnav.errors.budget.from_windows import RecordedBudget, Verdict
 from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Diagnosis
 from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS
-from insnav.report.budget.windows_figures import draw_causes, draw_growth, draw_regression
+from insnav.report.budget.windows_panels import causes_panels, growth_panels, regression_panel
 from insnav.report.budget.windows_quantities import (
     GROWS,
     UNITS,
@@ -19,27 +17,25 @@ from insnav.report.budget.windows_quantities import (
 )
 from insnav.report.numbers import number
 from insnav.report.outage.quantities import INTERVALS, common_text, corrected_text
-from insnav.report.page import FigureSpec
+from insnav.report.page import Section, drawn
 from insnav.units import UNITS as FACTORS
 
 _MRAD = 1e-3
 _ENOUGH_REPLICAS = 10  # whose band is narrow enough to prove something
 
 
-def windows_figures(budget: RecordedBudget) -> tuple[FigureSpec, ...]:
-    """Growth, causes and regression of both kinds of windows."""
-    figures = []
+def windows_drawings(budget: RecordedBudget) -> tuple[Section, ...]:
+    """Growth, equivalent errors and regression of the recorded windows, calibrated and not."""
+    sections = []
     for kind, part in parts_of(budget):
         name = "uncalibrated" if part.windows.uncalibrated else "recorded"
-        growth = partial(draw_growth, part, kind, budget.reference)
-        figures += [
-            FigureSpec(f"{name}_growth", f"Recorded error without GPS, {kind}", growth),
-            FigureSpec(f"{name}_causes", f"Equivalent errors of each window, {kind}", partial(draw_causes, part, kind)),
-            FigureSpec(
-                f"{name}_regression", f"Recorded over predicted error, {kind}", partial(draw_regression, part, kind)
-            ),
+        against = f"{kind}, against {budget.reference}"
+        sections += [
+            drawn(f"{name}_growth", f"Recorded error without GPS, {against}", growth_panels(part, name), columns=2),
+            drawn(f"{name}_causes", f"Equivalent errors of each window, {kind}", causes_panels(part, name), columns=2),
+            drawn(f"{name}_regression", f"Recorded over predicted error, {kind}", (regression_panel(part, name),)),
         ]
-    return tuple(figures)
+    return tuple(sections)
 
 
 def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
