@@ -11,7 +11,7 @@ from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
 from insnav.quantity import Quantity
 from insnav.report.certificate.figures import draw_certificate
-from insnav.report.page import FigureSpec, Page, Section, cell
+from insnav.report.page import FigureSpec, Page, Section, Verdict, cell
 from insnav.report.run_json import versions
 
 _EXCEEDS = "!"  # behind an error that exceeds the limit
@@ -25,11 +25,10 @@ def certificate_page(certificate: Certificate) -> Page:
     figure = FigureSpec(
         "certificate", "Error of every integrator in parts of its limit", lambda: draw_certificate(checks)
     )
+    said = f"{len(checks) - len(failed)} of {len(checks)} checks passed in {certificate.seconds:.1f} s"
     return Page(
         "Numerical certificate: " + ("all checks passed" if not failed else f"{len(failed)} FAILED"),
         (
-            f"insnav {versions()['insnav']} on {machine}: {len(checks) - len(failed)} of {len(checks)} checks "
-            f"passed in {certificate.seconds:.1f} s.",
             "Every figure is an error against a closed form or a published value. The limit applies to the first of "
             f"them, the others are there to compare (orders of convergence: to all); {_EXCEEDS} marks what "
             "exceeds the limit, – what is no number.",
@@ -50,7 +49,12 @@ def certificate_page(certificate: Certificate) -> Page:
             Section("", figures=(figure,)),
         ),
         tuple(f"FAILED: {line}" for line in lines),
-        (
+        verdict=Verdict(
+            "bad" if failed else "good",
+            "errors exceed their limits" if failed else "every error is within its limit",
+            f"insnav {versions()['insnav']} on {machine}: {said}.",
+        ),
+        assumptions=(
             "Samples are exact increments at 100 Hz, at 50 Hz for an hour or longer motions, at 20 to 1 Hz at rest.",
             "polynomial is the integrator insnav navigates with; rk4 is Runge-Kutta on straight lines between samples, "
             "rotvec takes each increment for a rotation vector, euler goes straight on from sample to sample.",
