@@ -58,7 +58,8 @@ def _of_room(kind: str, name: str) -> Callable[..., Any]:
     """Function of the report room of a kind of result."""
     room = _room(kind)
     if not hasattr(room, name):
-        raise ConfigError(f"a result of kind {kind} cannot be read again", fix="runs, outage tests and budgets can; make it again")
+        fix = "runs, outage tests and budgets can; make it again"
+        raise ConfigError(f"a result of kind {kind} cannot be read again", fix=fix)
     return cast("Callable[..., Any]", getattr(room, name))
 
 
