@@ -179,6 +179,9 @@ def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Reading
         readings, drive = _attempt(parts, patient)
         best = best or readings
         patient.parts = parts
+        if drive is not None and "reference" not in given and "reference" in parts:  # so they are no fixes after all
+            patient.problems, patient.refusals = [], 0
+            patient.roles[str(parts["reference"])] = "reference"
         if drive is not None or (readings is not None and readings.gps is not None and "reference" not in parts):
             return readings if drive is None else drive.readings, drive
     return best, None

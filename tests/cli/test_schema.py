@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
+from insnav.input import ReadingFacts
 from insnav.report.run_json import SCHEMA
 from tests.cli.conftest import ROOT, Cli
 
@@ -42,3 +43,12 @@ def test_what_is_written_is_what_the_schema_says(name: str, cli: Cli, drive: Pat
 def test_the_schema_is_one_and_of_this_version():
     Draft202012Validator.check_schema(RULES)
     assert RULES["properties"]["schema"]["const"] == SCHEMA
+
+
+def test_inputs_are_as_the_schema_says_whatever_their_file_told():
+    rules = {"$ref": "#/$defs/reading", "$defs": RULES["$defs"]}
+    facts = ReadingFacts(
+        "GPS", "rover.pos", "0" * 64, 9, 9, 0.0, 2.0, 4.0, 0, 0.0, {"time_s": "time [s]"}, height="msl", gps_week=2381
+    )
+    assert not list(Draft202012Validator(rules).iter_errors(facts.as_dict()))
+    assert list(Draft202012Validator(rules).iter_errors(facts.as_dict() | {"week": 1}))

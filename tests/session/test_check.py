@@ -166,3 +166,18 @@ def test_page_text_and_json(tmp_path):
     assert set(facts) >= {"files", "imu", "gps", "together", "mend"}
     assert (where / "report.html").is_file()
     assert list(result.to_frame().columns) == ["what", "why", "fix"]
+
+
+def test_the_place_of_a_bench_is_no_fix(tmp_path):
+    made = drive()
+    rest = made.t < made.t[0] + 5.0
+    rows = [(name, cells[: int(rest.sum())]) for name, cells in samples(IMU_HEADERS)]
+    ends = [
+        text(np.array([made.t[0] - 1.0, made.t[0] + 60.0]), 3),
+        *([each[0]] * 2 for _, each in fixes(GPS_HEADERS)[1:4]),
+    ]
+    ends += [["0.0", "0.0"]] * 3
+    ref = table(tmp_path / "ref.csv", list(zip(GPS_HEADERS.split(","), ends, strict=False)))
+    found = check([table(tmp_path / "imu.csv", rows), ref], {}).found
+    assert found.roles[str(ref)] == "reference"
+    assert all("too few fixes" not in each.what for each in found.problems)
