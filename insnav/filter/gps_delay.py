@@ -45,21 +45,21 @@ ROUNDS = 3  # of moving the clock
 
 def delay_of(ready: Prepared) -> tuple[float, float]:
     """Delay of the fixes and its standard deviation [s]; the latter is infinite where nothing tells it."""
-    ready = ready.longest_part()
-    short = ready.imu.rows(ready.imu.time <= ready.initial.time + LONGEST)
+    ready = ready.beginning(LONGEST)
     # a late fix looks false in every bend, and a reset would open heading and biases, which the windows need
     gates = replace(ready.settings.gates, reset_after=np.inf)
     settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0, gates=gates)
     navigator = replace(ready, settings=settings).navigator()
     try:
-        feed(navigator, short)
+        feed(navigator, ready.imu)
         epochs = navigator.history()
     except DivergenceError:
         return 0.0, np.inf
-    parts = strapdown.intervals(short, ready.nominal)
+    parts = strapdown.intervals(ready.imu, ready.nominal)
     gps = _usable(ready)
     windows = [
-        _Window(parts, gps.rows(rows), epochs, ready.settings.velocity_lag) for rows in _lively(gps, epochs, short.time)
+        _Window(parts, gps.rows(rows), epochs, ready.settings.velocity_lag)
+        for rows in _lively(gps, epochs, ready.imu.time)
     ]
     if len(windows) < FEWEST_WINDOWS:
         return 0.0, np.inf

@@ -93,6 +93,17 @@ class Prepared:
         rows = (self.imu.time > begin) & (self.imu.time <= ends[number])
         return replace(self, imu=self.imu.rows(rows), alignment=alignment, initial=initial, parts=())
 
+    def beginning(self, length: float) -> Prepared:
+        """The first `length` seconds of the longest part, for searches: samples joined, unless some are missing."""
+        part = self.longest_part()
+        imu = part.imu.rows(part.imu.time <= part.initial.time + length)
+        part = replace(part, imu=imu)
+        samples = strapdown.joined(strapdown.intervals(imu, self.nominal))
+        if samples.gap.any() or samples.end.shape[0] == imu.time.shape[0]:
+            return part
+        imu = ImuData(samples.end, samples.gyro, samples.accel, "increment")
+        return replace(part, imu=imu, nominal=strapdown.nominal_interval(imu.time))
+
 
 def prepare(
     imu: ImuData,
