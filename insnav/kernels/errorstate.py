@@ -201,7 +201,9 @@ def at_fix_time(p, x, out):  # type: ignore[no-untyped-def]
 
     The delay error takes the position along the velocity: ``dp - v dd`` is what the fixes see.
     """
-    out[:] = p[:NAV, :NAV]
+    for i in range(NAV):  # element by element: assigning slices takes seconds to compile
+        for j in range(NAV):
+            out[i, j] = p[i, j]
     if p.shape[0] > STATES:
         for i in range(3):
             for j in range(NAV):

@@ -220,7 +220,6 @@ def innovations(  # type: ignore[no-untyped-def]
     mean, p = start[0].copy(), start[1].copy()
     n = mean.shape[0]
     w, fade = np.zeros((NAV, n)), np.ones(n)
-    own, carried = np.zeros((NAV, STATES)), np.zeros((NAV, NAV))
     ph, moved = np.zeros(n), np.zeros(NAV)
     last, pace, usual = np.zeros(SENSOR), np.ones(SENSOR), -1.0
     count = 0
@@ -236,8 +235,6 @@ def innovations(  # type: ignore[no-untyped-def]
                         fade[lasting + j] = np.exp(-dt / lasting_time)
             f = phi[k]
             np.dot(f, p[:STATES], w)
-            own[:] = w[:, :STATES]
-            np.dot(own, f.T, carried)
             for i in range(NAV):
                 moved[i] = 0.0
                 for a in range(STATES):
@@ -245,7 +242,9 @@ def innovations(  # type: ignore[no-untyped-def]
             for i in range(NAV):
                 mean[i] = moved[i] + push[k, i]
                 for j in range(i + 1):
-                    total = carried[i, j]
+                    total = 0.0
+                    for a in range(STATES):
+                        total += w[i, a] * f[j, a]
                     for g in range(GROUPS):
                         total += density[g] * white[k, g, i, j]
                     p[i, j] = total
@@ -275,17 +274,17 @@ def innovations(  # type: ignore[no-untyped-def]
                     p[at, at] += (1.0 - fade[at] ** 2) * lasting_sd[j] ** 2
                     mean[at] *= fade[at]
         if kind[k] == RESTART:
-            for i in range(6):
-                p[i, :] = 0.0
-                p[:, i] = 0.0
+            for i in range(6):  # element by element: assigning slices takes seconds to compile
+                for j in range(n):
+                    p[i, j] = p[j, i] = 0.0
                 mean[i] = 0.0
             for i in range(OPENED):
                 p[i, i] += restart[k, i]
             if lasting >= 0:
                 for j in range(3):
                     at = lasting + j
-                    p[at, :] = 0.0
-                    p[:, at] = 0.0
+                    for i in range(n):
+                        p[at, i] = p[i, at] = 0.0
                     mean[at] = 0.0
                     p[at, at] = lasting_sd[j] ** 2
                     p[j, j] = max(p[j, j], 1.0001 * lasting_sd[j] ** 2)
@@ -294,7 +293,8 @@ def innovations(  # type: ignore[no-untyped-def]
             for i in range(6):
                 if not kind[k] & (1 << i):
                     continue
-                ph[:] = 0.0
+                for j in range(n):
+                    ph[j] = 0.0
                 error = z[k, i]
                 for a in range(n):
                     share = h[k, i, a]
