@@ -50,6 +50,7 @@ def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
     a minute).
     """
     normal, right, misfit, points = np.zeros((6, 6)), np.zeros(6), 0.0, 0
+    each: list[tuple[FloatArray, FloatArray]] = []  # normal matrix and right side of every window
     stride = max(1, round(_EVERY / float(windows.grid[0])))
     at = np.arange(len(windows.grid) - 1, -1, -stride)[::-1]
     for i in range(windows.count):
@@ -62,8 +63,9 @@ def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
         spread += own @ windows.start_covariance[i, :9, :9] @ own.T
         factor = cho_factor(spread, lower=True)
         weighted = cho_solve(factor, design)
-        normal += design.T @ weighted
-        right += weighted.T @ observed[known]
+        each.append((design.T @ weighted, weighted.T @ observed[known]))
+        normal += each[-1][0]
+        right += each[-1][1]
         misfit += float(observed[known] @ cho_solve(factor, observed[known]))
         points += int(known.sum())
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
@@ -73,7 +75,18 @@ def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
     spread_ratio = misfit / max(points - 6, 1)
     # overlapping windows repeat themselves
     repeated = windows.count / effective_count(windows.start, windows.length)
-    sd = np.sqrt(np.diag(inverse) * max(spread_ratio, 1.0) * repeated)
+    # what the model lacks, such as misalignment in turns, is alike within a window: the scatter from window to window
+    # shows it (Liang and Zeger, Biometrika 73 (1986) 13-22, with the windows as clusters)
+    scores = np.array([b - n @ found for n, b in each])
+    count = effective_count(windows.start, windows.length)
+    robust = np.diag(inverse @ scores.T @ scores @ inverse) * repeated * count / max(count - 1.0, 1.0)
+    variance = np.maximum(np.diag(inverse) * max(spread_ratio, 1.0) * repeated, robust)
+    # a tilt that turns with the body through all starts, as the filter makes of a bias that it does not know, looks
+    # like the bias itself
+    tilt = float(np.mean(np.einsum("nii->n", windows.start_covariance[:, 6:8, 6:8]))) / 2.0
+    level = 1.0 - np.mean(dcm_from_quat(windows.q_nb[:, 0])[:, 2] ** 2, axis=0)
+    variance[:3] += level * tilt * float(gravity_n(*windows.lla[0, [0, 2]])[2]) ** 2
+    sd = np.sqrt(variance)
     return SensorFit(found[:3], sd[:3], found[3:], sd[3:], spread_ratio, _headings_differ(windows))
 
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from insnav.errors.outage.free_inertial import Windows
 from insnav.errors.outage.statistics import columns_at, components, table_times
-from insnav.sample_statistics import interval
+from insnav.sample_statistics import CONFIDENCE, effective_count, interval
 from insnav.types import FloatArray
 
 _MEAN_SIZE = np.sqrt(2.0 / np.pi)  # of a normal number, by its standard deviation
+_ONE_SENSOR = 1.7  # numbers that the turn-on errors of two level axes are, unequal as they are (201 simulated drives)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +21,8 @@ class Regression:
     """Size of the recorded error by its predicted standard deviation."""
 
     slope: float  # one if the prediction is right, two if errors are twice as large
-    # 95 % confidence interval from a block bootstrap; ``NaN`` if the effective sample size is too small
+    # 95 % confidence interval: the wider of a block bootstrap and of chi-square with two axes of as many windows as are
+    # independent, one if all have the same turn-on errors; ``NaN`` if the effective sample size is too small
     low: float
     high: float
     # share of the variation of the sizes that the line explains [-]: at most about 0.6 for normal errors of very
@@ -49,6 +52,9 @@ def regression(windows: Windows) -> Regression:
 
     low, high = interval(windows.start, windows.length, slope)
     found = float(np.mean(ratio[known]))
+    freedom = _ONE_SENSOR if windows.uncalibrated else 2.0 * effective_count(windows.start, windows.length)
+    narrow, wide = (found * np.sqrt(freedom / chi2.ppf(0.5 + sign * 0.5 * CONFIDENCE, freedom)) for sign in (1.0, -1.0))
+    low, high = np.minimum(low, narrow), np.maximum(high, wide)
     x, y = predicted[known], recorded[known]
     left = float(np.sum((y - found * x) ** 2 / x**2))
     mean = float(np.sum(y / x**2) / np.sum(1.0 / x**2))

@@ -112,7 +112,11 @@ def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
     inside = (error**2 <= 9.0 * (variance + reference)).astype(np.float64)
     inside[..., 5] = inside[..., :2].mean(axis=-1)
     axes = [error[..., [i]] for i in range(5)] + [error[..., :2]]
-    return _summed(windows.grid[at], COMPONENTS, windows.start, windows.length, axes, variance, reference, inside)
+    # turn-on errors are those of one sensor, whatever share of theirs the mean over changing headings shows
+    shared = 1.0 if windows.uncalibrated else 0.0
+    return _summed(
+        windows.grid[at], COMPONENTS, windows.start, windows.length, axes, variance, reference, inside, shared
+    )
 
 
 def outage_growth(windows: Sequence[Outage]) -> list[Growth]:
@@ -176,8 +180,12 @@ def _summed(
     variance: FloatArray,
     reference: FloatArray,
     inside: FloatArray,
+    shared: float = 0.0,
 ) -> Growth:
-    """Sum up errors, (n, k, axes) of each component, their predicted and reference variances, and what is inside."""
+    """Sum up errors, (n, k, axes) of each component, their predicted and reference variances, and what is inside.
+
+    `shared`: share of the mean square that is known to be common to all windows, at least.
+    """
     size = np.stack([np.linalg.norm(each, axis=-1) for each in error], axis=-1)
     known, once = np.isfinite(size), np.ones((1, len(start)))
     effective = effective_count(start, length)
@@ -196,7 +204,9 @@ def _summed(
     with np.errstate(divide="ignore", invalid="ignore"):
         beyond = (np.stack(middle, axis=-1) - square / effective) / max(1.0 - 1.0 / effective, 1e-9) / square
     common = np.clip(np.where(effective > 1.0, beyond, np.nan), 0.0, 1.0)
-    low, high = (each - taken_off for each in mean_square_interval(start, length, size**2, axes, common))
+    low, high = (
+        each - taken_off for each in mean_square_interval(start, length, size**2, axes, np.fmax(common, shared))
+    )
     left = square - taken_off
     with np.errstate(divide="ignore", invalid="ignore"):
         return Growth(

@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
+from insnav.errors.diagnosis.error_regression import regression
 from insnav.errors.outage.gnss_outage import Outage
 from insnav.errors.outage.statistics import growth, outage_growth
 from tests.errors.outage import drives
@@ -89,3 +91,16 @@ def test_inside_counts_every_axis():
     found = growth(replace(windows, error=error))
     at = [found.column(name) for name in ("north", "east", "horizontal")]
     np.testing.assert_allclose(found.inside[:, at], np.broadcast_to([1.0, 0.0, 0.5], (len(found.times), 3)))
+
+
+def test_turn_on_errors_of_one_sensor_are_one_sample_whatever_the_number_of_windows():
+    """Chi-square with one degree of freedom: another sensor errs by 0.45 to 32 times as much in 95 of 100."""
+    windows = drives.windows(uncalibrated=True)
+    found = growth(windows)
+    at = found.column("north")
+    left = found.rms[-1, at]
+    assert found.low[-1, at] < 1.02 * left / np.sqrt(chi2.ppf(0.975, 1.0))
+    assert found.high[-1, at] > 0.98 * left / np.sqrt(chi2.ppf(0.025, 1.0))
+    line = regression(windows)
+    assert line.low < 0.75 * line.slope
+    assert line.high > 3.0 * line.slope
