@@ -43,12 +43,38 @@ def read_imu(
     raw_scales: Mapping[str, RawScale] | None = None,
     any_way: bool = False,
 ) -> Reading[ImuData]:
-    """Read inertial data from a file of any supported format, standard input (``-``) or a table.
+    """Read inertial data.
 
-    `axes`: where x, y, z point, such as ``FLU``; `columns`: quantity, with or without unit, to header; `units`: of
-    ``gyro``, ``accel`` and ``time``, see `parse_units`; `raw_scales`: how volts or counts become rates and forces;
-    `any_way`: axes that were not given may point anywhere, as a drive tells where.
-    Raises: InputError: the file cannot be used; ConfigError: an option cannot be meant as given.
+    Parameters
+    ----------
+    path : str, Path or Table
+        A data file of any supported format, or ``-`` for standard input.
+    axes : str, optional
+        Where the sensor's x, y, z point, such as ``FLU``; default ``FRD``, refused if gravity says otherwise.
+    columns : mapping of str to str, optional
+        Quantity, with or without unit, to header: ``{"gyro_x_dps": "Gx"}``.
+    units : mapping or str, optional
+        Units of ``gyro``, ``accel`` and ``time``: ``"gyro=deg/s,accel=g"`` or ``"deg/s,g"``; default:
+        from the headers, else from physics.
+    sampling : {"mean", "instant", "increment"}, optional
+        Default ``increment`` for columns so named, else ``mean``.
+    stamp : {"start", "mid", "end"}, optional
+        Default ``end``.
+    raw_scales : mapping of str to RawScale, optional
+        For ``gyro``, ``accel`` or both: the file holds volts or counts, and how they become rates and forces.
+    any_way : bool, optional
+        Axes that were not given may point anywhere: a drive tells where.
+
+    Returns
+    -------
+    Reading of ImuData
+
+    Raises
+    ------
+    InputError
+        The file cannot be used.
+    ConfigError
+        An option cannot be meant as given.
     """
     given = parse_units(units)
     table = open_table(path, "imu")

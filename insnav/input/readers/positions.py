@@ -50,11 +50,27 @@ class Positions:
 def read_gps(
     path: str | Path | Table, *, columns: Mapping[str, str] | None = None, height: Height | None = None
 ) -> Reading[GpsData]:
-    """Read fixes from a file of any supported format, standard input (``-``) or a table.
+    """Read GPS fixes.
 
-    `columns`: quantity, with or without unit, to header, ``{"sd_n_m": "sigma"}``; an empty header leaves it out;
-    `height`: what the heights are; default: by the header, else ellipsoidal, and reported so.
-    Raises: InputError: the file cannot be used; ConfigError: a column is named that does not exist.
+    Parameters
+    ----------
+    path : str or Path
+        A data file of any supported format, or ``-`` for standard input.
+    columns : mapping of str to str, optional
+        Quantity, with or without unit, to header: ``{"sd_n_m": "sigma"}``; an empty header leaves it out.
+    height : {"ellipsoidal", "msl"}, optional
+        What the heights are; default: by the header, else ellipsoidal, and reported so.
+
+    Returns
+    -------
+    Reading of GpsData
+
+    Raises
+    ------
+    InputError
+        The file cannot be used.
+    ConfigError
+        A column is named that does not exist.
     """
     reading = read_positions(path, "GPS", GPS_SCHEMA, GPS_KINDS, columns=columns, height=height)
     read = reading.data
@@ -66,7 +82,18 @@ def read_gps(
 
 
 def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | None = None) -> Reading[Trajectory]:
-    """Read a reference, as `read_gps`: position, and velocity and attitude as far as the file has them."""
+    """Read a reference: position, and velocity and attitude as far as the file has them; see `read_gps`.
+
+    Returns
+    -------
+    Reading of Trajectory
+        With `fix` if the file has fix types.
+
+    Raises
+    ------
+    InputError
+        The file cannot be used.
+    """
     reading = read_positions(path, "reference", REFERENCE_SCHEMA, REFERENCE_KINDS, columns=columns)
     read = reading.data
     rph = read.stacked(("roll", "pitch", "heading"))

@@ -137,7 +137,7 @@ def _both(found: Checked) -> tuple[Section, ...]:
             Quantity("mounting_angles", found.mounting.angles, "deg", meaning="mounting roll, pitch, yaw"),
             Quantity("mounting_yaw_sd", found.mounting.sd, "deg"),
         ]
-    if found.run is not None:
+    if found.run is not None and found.gps is not None:
         items += [
             Quantity("delay", found.run.gps_delay, "s", sd=found.run.gps_delay_sd, meaning="GPS delay by the filter"),
             *_lever_arm(found.run),
