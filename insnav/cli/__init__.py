@@ -126,8 +126,10 @@ def main() -> None:
     signals.listen()
     try:
         code = _run(arguments)
+        signals.over()
     except BaseException as error:
         signals.arrived()
+        signals.over()
         if debug and not isinstance(error, SystemExit):
             import traceback
 
@@ -163,7 +165,7 @@ def _explain(error: BaseException) -> int:
     if isinstance(error, signals.Stopped):
         error_block("interrupted" if error.number == signal.SIGINT else "terminated", ())
         return 128 + error.number
-    if isinstance(error, MemoryError):
+    if isinstance(error, MemoryError) or (isinstance(error, ImportError) and "map segment" in str(error)):
         error_block("the memory does not suffice", (("fix", "cut the recording, or give the process more memory"),))
         return 3
     if isinstance(error, BrokenPipeError):

@@ -32,6 +32,12 @@ def listen() -> None:
         signal.signal(number, _stop)
 
 
+def over() -> None:
+    """Ignore requests from now on: all is done, and to be stopped while ending would only look like a failure."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+
+
 def arrived() -> None:
     """Stop repeating the request: what unwinds must not be disturbed, by a repetition already on its way either."""
     global _heard

@@ -82,6 +82,7 @@ _FILE = with_fields(
 )
 
 
+_LARGEST = 1e6  # no error of any kind is larger in SI units, and squares of it are numbers still
 _CLOCK_UNITS = {"offset": "s", "drift": "ppm", "jitter": "s", "lost_every": "s", "lost_length": "s"}
 # the order of the file, in which its digest counts too; the others follow
 _FIRST = ("bias", "bias_instability", "correlation_time", "random_walk", "rate_random_walk")
@@ -151,7 +152,11 @@ def _sensor(name: Sensor, table: _Sensor | None, absent: list[str]) -> SensorSpe
     usual = [*(term.key for term in terms_of(name) if term.usual), "correlation_time"]
     absent += [f"{name}.{key}" for key in usual if key not in given]
     time = given.pop("correlation_time", math.inf)
-    return SensorSpec(correlation_time=time, **{key: np.array(value) for key, value in given.items()})
+    values = {key: np.array(value) for key, value in given.items()}
+    for key, value in values.items():
+        if np.abs(value).max() > _LARGEST:
+            raise ConfigError(f"{np.abs(value).max():.3g} is not possible", where=f"{name}.{key}", fix="check its unit")
+    return SensorSpec(correlation_time=time, **values)
 
 
 def to_toml(spec: ImuSpec) -> str:

@@ -117,19 +117,14 @@ def noise_is_estimated(inputs: Inputs, gps: Reading[GpsData] | None) -> bool:
 
 def not_looked_for(inputs: Inputs, gps: Reading[GpsData] | None) -> tuple[str, ...]:
     """What was not given and yet is not estimated, in a note."""
-    if gps is None:
+    if gps is None or sd_is_reported(gps):
         return ()
-    height = gps.data.lla[:, 2]
-    flat = np.ptp(height) == 0.0 and np.ptp(gps.data.lla[:, 0]) > 0.0
-    told = (f"GPS heights are all {height[0]:g} m: not measured, and so is nothing vertical",) if flat else ()
-    if sd_is_reported(gps):
-        return told
     missing = []
     if inputs.get("imu_model") is None and inputs.get("noise") is None:
         missing.append("the noise is that of the IMU model (--noise estimate looks for it)")
     if inputs.get("lever_arm") is None and inputs.get("lever_arm_sd") is None:
         missing.append("the lever arm is taken as zero (give --lever-arm; --lever-arm-sd 1 estimates it)")
-    return (*told, f"the receiver reports no standard deviations: {'; '.join(missing)}") if missing else told
+    return (f"the receiver reports no standard deviations: {'; '.join(missing)}",) if missing else ()
 
 
 def filter_settings(inputs: Inputs, logs: tuple[SensorLog, ...], gps: Reading[GpsData] | None) -> FilterSettings:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import io
+import os
 import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +14,10 @@ import pytest
 
 import insnav
 import insnav.input.formats.source as source
+from insnav import cli
 from insnav.certificate.faults import fault_matrix
-from insnav.exceptions import InputError, OutputError
+from insnav.exceptions import ConfigError, InputError, OutputError
+from insnav.imu import load_imu
 from insnav.input import read_gps
 from insnav.input.formats.registry import open_table
 from insnav.output.folder import RunFolder
@@ -88,7 +93,9 @@ def test_f14_entities_of_a_gpx_file_are_not_expanded(tmp_path: Path):
 def test_f15_nothing_is_unpickled(tmp_path: Path):
     for path in Path(insnav.__file__).parent.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
-        assert "import pickle" not in text, path
+        assert "pickle.load(" not in text, path
+        if path.name != "engine.py":  # which sends its own objects to its own workers
+            assert "import pickle" not in text, path
         assert "allow_pickle=True" not in text, path
         assert text.count("np.load(") == text.count("allow_pickle=False"), path
     (tmp_path / "imu.csv").write_bytes(pickle.dumps({"a": 1}, protocol=4))
@@ -106,3 +113,58 @@ def test_the_matrix_names_every_fault_and_tests_that_exist():
         assert bool(row.test) or row.state == "open"
         if row.test:
             assert not name or f"def {name}(" in (Path(__file__).parents[2] / file).read_text(encoding="utf-8"), row.key
+
+
+_NAVIGATE = """
+import sys
+import numpy as np
+from insnav.filter import FilterSettings
+from insnav.filter.navigate import navigate_recording
+from tests.filter import drives
+imu = drives.noisy_imu(drives.perfect_imu(laps=1), drives.MODEL, np.random.default_rng(1))
+gps = drives.noisy_gps(drives.perfect_gps(laps=1), np.random.default_rng(2))
+imu, gps = (each.rows(each.time < imu.time[0] + 15.0) for each in (imu, gps))
+run = navigate_recording(imu, gps, drives.SPEC, FilterSettings(lever_b=drives.LEVER_B)).run
+each = run.solution, run.smoothed.solution
+np.save(sys.argv[1], np.vstack([np.hstack([one.lla, one.v_n, one.rph, one.sd[:, :9]]) for one in each]))
+"""
+
+
+def test_n30_the_same_numbers_with_and_without_a_compiler(tmp_path: Path):
+    for name, off in (("compiled", "0"), ("interpreted", "1")):
+        environment = os.environ | {"NUMBA_DISABLE_JIT": off}
+        root = Path(__file__).parents[2]
+        subprocess.run([sys.executable, "-c", _NAVIGATE, str(tmp_path / name)], env=environment, cwd=root, check=True)
+    compiled, interpreted = (np.load(tmp_path / f"{name}.npy") for name in ("compiled", "interpreted"))
+    assert len(compiled) > 50
+    np.testing.assert_allclose(interpreted, compiled, rtol=1e-12, atol=1e-15)
+
+
+def test_p4_a_signal_after_the_end_is_ignored():
+    text = "import os, signal; from insnav.cli import signals; signals.listen(); signals.over(); "
+    text += "os.kill(os.getpid(), signal.SIGINT); print('all done')"
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "all done", "")
+
+
+def test_p9_a_library_that_finds_no_room_is_a_lack_of_memory(capsys):
+    error = ImportError("_minpack.so: failed to map segment from shared object")
+    assert cli._explain(error) == 3
+    assert "memory does not suffice" in capsys.readouterr().err
+
+
+def test_an_imu_with_impossible_errors_is_refused(tmp_path: Path):
+    (tmp_path / "imu.toml").write_text(
+        '[gyro]\nbias_instability = "1e300 deg/h"\ncorrelation_time = "1 h"\n[accel]\nbias = "1 mg"\n'
+    )
+    with pytest.raises(ConfigError, match="not possible"):
+        load_imu(str(tmp_path / "imu.toml"))
+
+
+@pytest.mark.parametrize("cell", ["inf", "-inf"])
+def test_an_infinite_velocity_is_refused_with_its_place(tmp_path: Path, cell):
+    rows = [f"{second},48.0,{11.0 + 1e-4 * second},500,0,{cell if second == 7 else 7.4},0" for second in range(20)]
+    (tmp_path / "gps.csv").write_text("time_s,lat_deg,lon_deg,height_m,vn_m_s,ve_m_s,vd_m_s\n" + "\n".join(rows))
+    with pytest.raises(InputError, match=f"velocity is {cell}") as caught:
+        read_gps(tmp_path / "gps.csv")
+    assert caught.value.where.endswith("gps.csv:9:ve_m_s")

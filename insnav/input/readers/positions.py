@@ -227,6 +227,15 @@ def _refuse_impossible(
                 why=f"{text}; {int(np.count_nonzero(wrong))} rows are outside",
                 fix="check the column, and write its unit into the header, such as lat_deg, height_m",
             )
+    for key in ("vn", "ve", "vd", "vu"):
+        if key in raw and key in found and (wrong := ~bad & np.isinf(raw[key])).any():
+            row = int(np.flatnonzero(wrong)[0])
+            raise InputError(
+                f"a velocity is {raw[key][row]:g} in column {found[key].header!r}",
+                where=table.place(row, found[key].index),
+                why=f"{int(np.count_nonzero(wrong))} rows are infinite",
+                fix="leave the cell empty if the velocity is not known",
+            )
     for key in _STANDARD_DEVIATIONS:
         if key in raw and key in found and (wrong := ~bad & (raw[key] <= 0.0)).any():
             row = int(np.flatnonzero(wrong)[0])

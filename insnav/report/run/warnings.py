@@ -32,6 +32,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
         *_impossible_scale(found.run),
         *_late(found.run),
         *_samples_lost(found.run),
+        *_no_heights(found),
     )
 
 
@@ -70,6 +71,13 @@ def _contradictions(run: Run) -> list[str]:
             f"{first.value:.3g} m, after every position had been rejected for {first.limit:g} s"
         )
     return found
+
+
+def _no_heights(found: EvaluatedRun) -> list[str]:
+    lla = np.empty((0, 3)) if found.gps is None else found.gps.lla
+    if len(lla) < 2 or np.ptp(lla[:, 2]) != 0.0 or np.ptp(lla[:, 0]) == 0.0:
+        return []
+    return [f"GPS heights are all {lla[0, 2]:g} m: not measured, and so is nothing vertical"]
 
 
 def _samples_lost(run: Run) -> list[str]:
