@@ -17,7 +17,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -35,6 +35,7 @@ CONNECT = 10.0  # a scheduler and its workers answer within this [s]
 _FORM = re.compile(r"processes(?::(?P<count>\d+))?|dask(?::(?P<address>.+))?|(?P<number>\d+)")
 _log = logging.getLogger(__name__)
 _KINDS = {each.exit_code: each for each in (DivergenceError, ConfigError, InputError, OutputError)}
+_STOPS = (signal.SIGINT, signal.SIGTERM)
 _one_at_a_time = threading.RLock()  # threads of a Dask worker share what is kept from job to job
 
 
@@ -232,51 +233,49 @@ def _client(engine: Engine, jobs: int) -> Iterator[Any]:
     """Client of the scheduler at an address, whose workers have this version of insnav; or of local workers."""
     dask: Any = import_module("dask")
     distributed: Any = import_module("distributed")
-    if not engine.dask:
-        how: dict[str, Any] = {"threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.CRITICAL}
-        how["preload"] = __name__  # `dask_setup` here
-        with (
-            dask.config.set({"distributed.scheduler.allowed-failures": 0}),  # the job is repeated from here
-            distributed.LocalCluster(n_workers=min(engine.processes, jobs), **how) as cluster,
-            distributed.Client(cluster) as client,
-            _undisturbed(),
-        ):
+    with ExitStack() as stack:
+        if threading.current_thread() is threading.main_thread():
+            stack.callback(_handle, {number: signal.getsignal(number) for number in _STOPS})
+        if engine.dask:
+            client = stack.enter_context(_connected(distributed, engine.dask))
+        else:
+            how: dict[str, Any] = {"threads_per_worker": 1, "dashboard_address": ":0", "silence_logs": logging.CRITICAL}
+            how |= {"n_workers": min(engine.processes, jobs), "preload": __name__}  # `dask_setup` here
+            # the first death ends the calculation: the job is repeated from here
+            stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": 0}))
+            client = stack.enter_context(distributed.Client(stack.enter_context(distributed.LocalCluster(**how))))
+        try:
             yield client
-        return
+        except (Exception, GeneratorExit):
+            raise
+        except BaseException:  # somebody asks to stop: what is open is closed without being asked again
+            if threading.current_thread() is threading.main_thread():
+                _handle(dict.fromkeys(_STOPS, signal.SIG_IGN))
+            raise
+
+
+def _handle(handlers: dict[signal.Signals, Any]) -> None:
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+def _connected(distributed: Any, address: str) -> Any:
+    """Client of a scheduler that has workers, all of this version of insnav."""
+    where = f"--engine dask:{address}"
     try:
-        client = distributed.Client(engine.dask, timeout=CONNECT)
+        client = distributed.Client(address, timeout=CONNECT)
         client.wait_for_workers(1, timeout=CONNECT)
         versions: dict[str, str] = client.run(_version)
     except (OSError, TimeoutError, ValueError, ImportError) as error:
-        raise ConfigError(
-            "there is no Dask cluster at this address, or it has no workers",
-            where=f"--engine dask:{engine.dask}",
-            why=str(error),
-            fix="start dask scheduler and dask worker there, with insnav installed",
-        ) from error
-    with client, _undisturbed():
-        others = {worker: version for worker, version in versions.items() if version != _version()}
-        if others:
-            worker, version = next(iter(others.items()))
-            raise ConfigError(
-                "a worker has another version of insnav",
-                where=worker,
-                why=f"{version} there, {_version()} here: results would not be the same",
-                fix="install the same version on all machines",
-            )
-        yield client
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Once somebody asks to stop, let what is open be closed without being asked again."""
-    try:
-        yield
-    except BaseException as error:
-        if not isinstance(error, Exception | GeneratorExit) and threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, signal.SIG_IGN)
-        raise
+        what = "there is no Dask cluster at this address, or it has no workers"
+        fix = "start dask scheduler and dask worker there, with insnav installed"
+        raise ConfigError(what, where=where, why=str(error), fix=fix) from error
+    others = [f"{worker} has {version}" for worker, version in versions.items() if version != _version()]
+    if others:
+        client.close()
+        what, why = "a worker has another version of insnav", f"{others[0]}, this is {_version()}"
+        raise ConfigError(what, where=where, why=why, fix="install the same version on all machines")
+    return client
 
 
 def _version() -> str:

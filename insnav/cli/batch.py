@@ -92,7 +92,7 @@ def batch(
                 folder,
                 again=again,
                 workers=engine,
-                progress=lambda done: stage(f"{done} of {len(found)}", done / len(found)),
+                progress=lambda done: stage("navigating", done / len(found), len(found)),
             )
         except Stopped:
             note("the drives that are finished are kept: the same command again goes on")

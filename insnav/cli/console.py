@@ -171,6 +171,7 @@ class Stages:
     def __init__(self) -> None:
         self._name = ""
         self._fraction: float | None = None
+        self._total = 0
         self._bar: Progress | None = None
         self._task: TaskID | None = None
         self._timer: threading.Timer | None = None
@@ -195,18 +196,19 @@ class Stages:
                 self._bar.stop()
                 self._bar = None
 
-    def __call__(self, name: str, fraction: float | None = None) -> None:
-        """Begin a stage, or say how far it is."""
+    def __call__(self, name: str, fraction: float | None = None, total: int = 0) -> None:
+        """Begin a stage, or say how far it is, of so many in all."""
         with self._lock:
             if name != self._name and self._bar is not None and self._task is not None:
                 self._bar.reset(self._task, description=name, total=None)
-            self._name, self._fraction = name, fraction
+            self._name, self._fraction, self._total = name, fraction, total
             self._update()
 
     def _update(self) -> None:
         if self._bar is not None and self._task is not None:
             total = None if self._fraction is None else 1.0
-            self._bar.update(self._task, description=self._name, total=total, completed=self._fraction or 0.0)
+            count = f" {round((self._fraction or 0.0) * self._total)}/{self._total}" if self._total else ""
+            self._bar.update(self._task, description=self._name + count, total=total, completed=self._fraction or 0.0)
 
     def _show(self) -> None:
         from rich.console import Console

@@ -244,7 +244,7 @@ def _many(folder: RunFolder, plan: Plan, runs: int, engine: str, resume: bool, s
             runs,
             plan.seed,
             workers=engine,
-            progress=lambda fraction: stage("navigating", fraction),
+            progress=lambda fraction: stage("navigating", fraction, runs),
             checkpoint=checkpoint,
         )
         stage("writing")
