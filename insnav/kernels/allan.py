@@ -17,12 +17,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 def running_sum(values, mean, out):  # type: ignore[no-untyped-def]
     """Running sum of values less their mean, starting at zero, compensated (W. Kahan, CACM 8 (1965) 40).
 
-    Parameters
-    ----------
-    values : (n,) array
-    mean : float
-    out : (n + 1,) array
-        Filled.
+    `values` (n,); `mean`; `out` (n + 1,): filled.
     """
     total, lost = 0.0, 0.0
     out[0] = 0.0
@@ -47,14 +42,8 @@ def _square_sum(near, middle, far):  # type: ignore[no-untyped-def]
 def mean_square_second_difference(x, factors, out):  # type: ignore[no-untyped-def]
     """Mean of the squared second differences of `x` over each distance.
 
-    Parameters
-    ----------
-    x : (n,) array
-        From `running_sum`.
-    factors : (k,) array of int
-        Distances m [samples], 2 m < n.
-    out : (k,) array
-        Filled with the mean of ``(x[i + 2m] - 2 x[i + m] + x[i])^2`` over all i.
+    `x` (n,): from `running_sum`; `factors` (k,) int: distances m [samples], 2 m < n; `out` (k,): filled with the mean
+    of ``(x[i + 2m] - 2 x[i + m] + x[i])^2`` over all i.
     """
     n = x.shape[0]
     for j in range(factors.shape[0]):
@@ -154,20 +143,9 @@ def _pair(mi, mj, n, theta, time):  # type: ignore[no-untyped-def]
 def variance_covariance(factors, n, theta, time, diagonal, out):  # type: ignore[no-untyped-def]
     """Covariance of overlapping Allan variances of one Gaussian record, in sample units.
 
-    Parameters
-    ----------
-    factors : (k,) array of int
-        Averaging times m [samples].
-    n : int
-        Number of points of the integral, one more than samples.
-    theta : (5,) array
-        Q^2, N^2, B^2, K^2 and Gauss-Markov variance with one sample as the unit of time.
-    time : float
-        Correlation time [samples].
-    diagonal : bool
-        Compute the variances only.
-    out : (k, k) array
-        Filled.
+    `factors` (k,) int: averaging times m [samples]; `n`: number of points of the integral, one more than samples;
+    `theta` (5,): Q^2, N^2, B^2, K^2 and Gauss-Markov variance with one sample as the unit of time; `time`: correlation
+    time [samples]; `diagonal`: compute the variances only; `out` (k, k): filled.
     """
     for i in range(factors.shape[0]):
         mi = float(factors[i])

@@ -14,14 +14,8 @@ NAV = 9  # errors of position N, E, D [m], velocity [m/s] and attitude [rad]
 def system_matrix(x, f_n, out):  # type: ignore[no-untyped-def]
     """Continuous-time error dynamics of position, velocity and attitude.
 
-    Parameters
-    ----------
-    x : (10,) array
-        Navigation state; see `insnav.kernels.mechanization`.
-    f_n : (3,) array
-        Specific force in n [m/s^2].
-    out : (9, 9) array
-        Filled with ``F``.
+    `x` (10,): navigation state; see `insnav.kernels.mechanization`; `f_n` (3,): specific force in n [m/s^2]; `out` (9,
+    9): filled with ``F``.
 
     Notes
     -----

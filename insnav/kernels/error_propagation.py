@@ -44,24 +44,10 @@ def _entering(f, dt, hold, given, out):  # type: ignore[no-untyped-def]
 def sensitivities(x, f_n, dt, given, state, hold, rows, out):  # type: ignore[no-untyped-def]
     """Carry errors that are one constant times a known disturbance.
 
-    Parameters
-    ----------
-    x : (m, 10) array
-        Navigation state in the middle of each step.
-    f_n : (m, 3) array
-        Mean specific force in n [m/s^2].
-    dt : (m,) array
-        Steps [s].
-    given : (m, s, 9) array
-        Disturbance of each of s sources, integrated over the step: of attitude [rad], velocity [m/s], position [m].
-    state : (s, 9) array
-        Errors at the start; changed.
-    hold : bool
-        The vertical channel has no error.
-    rows : (r,) array of int
-        Steps after which the errors are wanted, increasing.
-    out : (r, s, 9) array
-        Errors there.
+    `x` (m, 10): navigation state in the middle of each step; `f_n` (m, 3): mean specific force in n [m/s^2]; `dt` (m,):
+    steps [s]; `given` (m, s, 9): disturbance of each of s sources, integrated over the step: of attitude [rad],
+    velocity [m/s], position [m]; `state` (s, 9): errors at the start; changed; `hold`: the vertical channel has no
+    error; `rows` (r,) int: steps after which the errors are wanted, increasing; `out` (r, s, 9): errors there.
     """
     f, a, b, w = np.empty((NAV, NAV)), np.empty((NAV, NAV)), np.empty(NAV), np.empty(NAV)
     row = 0
@@ -97,19 +83,10 @@ def _half(p, b, white, drive, dt):  # type: ignore[no-untyped-def]
 def noises(x, f_n, dt, given, axis, white, drive, decay, first, hold, rows, out):  # type: ignore[no-untyped-def]
     """Carry the covariance of each noise alone: white noise, or a process that white noise drives.
 
-    Parameters
-    ----------
-    x, f_n, dt, hold, rows
-        As of `sensitivities`.
-    given : (m, c, 9) array
-        Disturbance by a unit error in each of c ways, as of `sensitivities`.
-    axis : (s,) array of int
-        In which of these ways each noise enters.
-    white, drive, decay, first : (s,) array
-        Spectral density of the noise itself, of what drives the process; inverse correlation time [1/s]; variance at
-        the start.
-    out : (r, s, 9, 9) array
-        Covariances.
+    `x`, `f_n`, `dt`, `hold`, `rows`: as of `sensitivities`; `given` (m, c, 9): disturbance by a unit error in each of c
+    ways, as of `sensitivities`; `axis` (s,) int: in which of these ways each noise enters; `white`, `drive`, `decay`,
+    `first` (s,): spectral density of the noise itself, of what drives the process; inverse correlation time [1/s];
+    variance at the start; `out` (r, s, 9, 9): covariances.
     """
     n = axis.shape[0]
     f, a = np.empty((NAV, NAV)), np.empty((NAV, NAV))
@@ -185,41 +162,16 @@ def corrupted_run(  # type: ignore[no-untyped-def]
 ):
     """Let one IMU measure a motion and navigate with it.
 
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-        Of noise and in-run bias.
-    x : (10,) array
-        State at the start, with its errors; see `insnav.kernels.mechanization`. Changed.
-    dt : (n,) array
-        Samples [s].
-    rate, force : (n, 3) array
-        True means of each sample [rad/s], [m/s^2].
-    coning, sculling : (n, 3) array
-        Of the true samples: what errors change in them is of second order.
-    more : (n, 6) array
-        Errors of gyros and accelerometers that were made elsewhere; or none, (0, 6).
-    bias : (6,) array
-        Of gyros and accelerometers.
-    matrix : (2, 3, 3) array
-        Sensitivities, near the identity.
-    bend : (2, 2, 3) array
-        Asymmetry and quadratic non-linearity.
-    g_sensitivity : (3, 3) array
-        Rate by specific force.
-    noise, drift, walk : (6,) array
-        Root density of white noise, standard deviation of the Gauss-Markov process, root density of what drives the
-        random walk.
-    decay : (2,) array
-        Inverse correlation times of gyros and accelerometers [1/s].
-    gravity : (3,) array
-        What the gravity model says too much, North, East, Down [m/s^2].
-    hold : bool
-        The vertical channel is held to `height` (n,) [m] and `v_down` (n,) [m/s].
-    rows : (r,) array of int
-        Samples after which the state is wanted, increasing.
-    out : (r, 10) array
-        States there.
+    `rng`: of noise and in-run bias; `x` (10,): state at the start, with its errors; see `insnav.kernels.mechanization`.
+    Changed; `dt` (n,): samples [s]; `rate`, `force` (n, 3): true means of each sample [rad/s], [m/s^2]; `coning`,
+    `sculling` (n, 3): of the true samples: what errors change in them is of second order; `more` (n, 6): errors of
+    gyros and accelerometers that were made elsewhere; or none, (0, 6); `bias` (6,): of gyros and accelerometers;
+    `matrix` (2, 3, 3): sensitivities, near the identity; `bend` (2, 2, 3): asymmetry and quadratic non-linearity;
+    `g_sensitivity` (3, 3): rate by specific force; `noise`, `drift`, `walk` (6,): root density of white noise, standard
+    deviation of the Gauss-Markov process, root density of what drives the random walk; `decay` (2,): inverse
+    correlation times of gyros and accelerometers [1/s]; `gravity` (3,): what the gravity model says too much, North,
+    East, Down [m/s^2]; `hold`: the vertical channel is held to `height` (n,) [m] and `v_down` (n,) [m/s]; `rows` (r,)
+    int: samples after which the state is wanted, increasing; `out` (r, 10): states there.
     """
     wandering, walking = np.empty(6), np.zeros(6)
     for i in range(6):

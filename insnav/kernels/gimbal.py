@@ -105,20 +105,11 @@ def channel(y, o, fn, fe, fd, height, vertical, gains, d):  # type: ignore[no-un
 def derivative(y, f, k, vertical, gains, disturbed, errors, d):  # type: ignore[no-untyped-def]
     """Rate of the whole state, into `d`.
 
-    Parameters
-    ----------
-    y, d : (18,) array
-        State, and its rate.
-    f : (n, 4) array
-        Specific force along the true North, East, Down [m/s^2], and height for the damping [m]; row `k` counts.
-    vertical : int
-        `OFF`, `FREE` or `DAMPED`.
-    gains : (4,) array
-        Of the damping [1/s], [1/s^2], [1/s^3]; and gravity straight down [m/s^2], ``NaN`` for normal gravity.
-    disturbed : bool
-        Whether there are errors; if not, the second half of the state is left alone.
-    errors : (6,) array
-        Drift of the platform [rad/s] and bias of its accelerometers [m/s^2], along its axes.
+    `y`, `d` (18,): state, and its rate; `f` (n, 4): specific force along the true North, East, Down [m/s^2], and height
+    for the damping [m]; row `k` counts; `vertical`: `OFF`, `FREE` or `DAMPED`; `gains` (4,): of the damping [1/s],
+    [1/s^2], [1/s^3]; and gravity straight down [m/s^2], ``NaN`` for normal gravity; `disturbed`: whether there are
+    errors; if not, the second half of the state is left alone; `errors` (6,): drift of the platform [rad/s] and bias of
+    its accelerometers [m/s^2], along its axes.
 
     Notes
     -----

@@ -30,26 +30,12 @@ def rotation(x, c):  # type: ignore[no-untyped-def]
 def antenna(x, motion, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-untyped-def]
     """Predicted minus measured antenna position and velocity, and their derivative by the error states.
 
-    Parameters
-    ----------
-    x : (10,) array
-        State; see `insnav.kernels.mechanization`.
-    motion : (6,) array
-        Body rate [rad/s] and acceleration in n [m/s^2].
-    lever : (3,) array
-        Antenna seen from the IMU, body axes [m].
-    delay : float
-        How much older the fix is than its timestamp [s], beyond what its time already accounts for.
-    lag : float
-        By which the velocity of a fix lags its position [s].
-    lla : (3,) array
-        Measured latitude, longitude [rad], height [m].
-    v_n : (3,) array
-        Measured velocity [m/s]; may be ``NaN``.
-    z : (6,) array
-        Filled with predicted minus measured: position N, E, D [m], velocity N, E, D [m/s].
-    h : (6, n) array
-        Filled with the derivative of `z` by the error states; with a 22nd state, that is the delay [s].
+    `x` (10,): state; see `insnav.kernels.mechanization`; `motion` (6,): body rate [rad/s] and acceleration in n
+    [m/s^2]; `lever` (3,): antenna seen from the IMU, body axes [m]; `delay`: how much older the fix is than its
+    timestamp [s], beyond what its time already accounts for; `lag`: by which the velocity of a fix lags its position
+    [s]; `lla` (3,): measured latitude, longitude [rad], height [m]; `v_n` (3,): measured velocity [m/s]; may be
+    ``NaN``; `z` (6,): filled with predicted minus measured: position N, E, D [m], velocity N, E, D [m/s]; `h` (6, n):
+    filled with the derivative of `z` by the error states; with a 22nd state, that is the delay [s].
 
     Notes
     -----
@@ -171,26 +157,13 @@ class Assessment(NamedTuple):
 def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, out):  # type: ignore[no-untyped-def]
     """Everything about a fix that the gates and the filter need.
 
-    Parameters
-    ----------
-    predicted : Predicted
-    fix : Fix
-    lag : float
-        How much older than its position the velocity of the fix is [s].
-    jitter : float
-        Standard deviation of the timestamps [s].
-    share : float
-        Share of the time-correlated error in the variance of a fix, which is not white [-].
-    correlated_at, lever_at : int
-        First state of the time-correlated error and of the lever arm; negative where they are not estimated.
-    out : Assessment
+    `predicted`; `fix`; `lag`: how much older than its position the velocity of the fix is [s]; `jitter`: standard
+    deviation of the timestamps [s]; `share`: share of the time-correlated error in the variance of a fix, which is not
+    white [-]; `correlated_at`, `lever_at`: first state of the time-correlated error and of the lever arm; negative
+    where they are not estimated; `out`.
 
-    Returns
-    -------
-    position, velocity : float
-        NIS of each half, 3 degrees of freedom; ``NaN`` where nothing was measured.
-    distance, change : float
-        Length of the innovation of position [m] and of velocity [m/s].
+    Returns: `position`, `velocity`: NIS of each half, 3 degrees of freedom; ``NaN`` where nothing was measured;
+    `distance`, `change`: length of the innovation of position [m] and of velocity [m/s].
     """
     x, motion, lever, correlated, delay, p = predicted
     lla, v_n, position_sd, velocity_sd = fix

@@ -18,17 +18,11 @@ UNIFORM = 1e-4  # relative spread of the intervals below which the weights for e
 def uniform_weights(instant: bool) -> np.ndarray:
     """Polynomial coefficients from neighbouring samples at equal spacing.
 
-    Parameters
-    ----------
-    instant : bool
-        Samples are values at the interval ends instead of integrals over intervals.
+    `instant`: samples are values at the interval ends instead of integrals over intervals.
 
-    Returns
-    -------
-    (WINDOW + 2, WINDOW + 1, WINDOW + 1, WINDOW + 1) array
-        ``w[size, offset, j, i]``: coefficient of ``s**j`` from sample ``i`` of a window of `size` samples in which the
-        interval is number `offset`; ``s`` is 0 at the start and 1 at the end of the interval, the polynomial is the
-        integrand per unit of ``s`` (rate times interval).
+    Returns: `(WINDOW + 2`, `WINDOW + 1`, `WINDOW + 1`, `WINDOW + 1) array`: ``w[size, offset, j, i]``: coefficient of
+    ``s**j`` from sample ``i`` of a window of `size` samples in which the interval is number `offset`; ``s`` is 0 at the
+    start and 1 at the end of the interval, the polynomial is the integrand per unit of ``s`` (rate times interval).
     """
     largest = WINDOW + 1
     weights = np.zeros((largest + 1, largest, largest, largest))
@@ -51,15 +45,9 @@ def stage_weights(weights: np.ndarray) -> np.ndarray:
     The fourth row is the integral over the first half, less what the dense output of the Runge-Kutta method takes for
     it: ``(5 start + 8 middle - end) / 24``. It halves the sculling error.
 
-    Parameters
-    ----------
-    weights : array
-        From `uniform_weights`.
+    `weights`: from `uniform_weights`.
 
-    Returns
-    -------
-    (WINDOW + 2, WINDOW + 1, 4, WINDOW + 1) array
-        ``w[size, offset, stage, i]``.
+    Returns: `(WINDOW + 2`, `WINDOW + 1`, `4`, `WINDOW + 1) array`: ``w[size, offset, stage, i]``.
     """
     order = np.arange(WINDOW + 1)
     start, middle, end = np.array([0.0, 0.5, 1.0])[:, None] ** order
@@ -177,24 +165,12 @@ def increments(  # type: ignore[no-untyped-def]
 ):
     """Increments, coning and sculling of pieces of intervals.
 
-    Parameters
-    ----------
-    instant : bool
-        `gyro` and `accel` are values at `end` instead of integrals over the interval.
-    end, dt : (n,) array
-        End and length of each interval [s].
-    gyro, accel : (n, 3) array
-        Integrated rate [rad] and specific force [m/s] of the interval, or values [rad/s], [m/s^2] at its end.
-    segment : (n,) array of int
-        Number of the uninterrupted stretch the interval belongs to; polynomials never reach across.
-    weights, stages : array
-        From `uniform_weights` and `stage_weights`.
-    parent : (m,) array of int
-        Interval a piece belongs to.
-    s0, s1 : (m,) array
-        Start and end of the piece as a fraction of its interval.
-    dtheta, dvel, coning, sculling : (m, 3) array
-        Results; see `insnav.types.Increments`.
+    `instant`: `gyro` and `accel` are values at `end` instead of integrals over the interval; `end`, `dt` (n,): end and
+    length of each interval [s]; `gyro`, `accel` (n, 3): integrated rate [rad] and specific force [m/s] of the interval,
+    or values [rad/s], [m/s^2] at its end; `segment` (n,) int: number of the uninterrupted stretch the interval belongs
+    to; polynomials never reach across; `weights`, `stages`: from `uniform_weights` and `stage_weights`; `parent` (m,)
+    int: interval a piece belongs to; `s0`, `s1` (m,): start and end of the piece as a fraction of its interval;
+    `dtheta`, `dvel`, `coning`, `sculling` (m, 3): results; see `insnav.types.Increments`.
     """
     n = end.shape[0]
     coefficient = np.zeros((6, WINDOW + 1))

@@ -52,14 +52,8 @@ def quaternion_step(x, rx, ry, rz, px, py, pz):  # type: ignore[no-untyped-def]
 def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # type: ignore[no-untyped-def]
     """Advance the state by one interval in the axes that are North, East, Down at its start, held fixed to the Earth.
 
-    Parameters
-    ----------
-    x, dt, north, hold, height, v_down
-        As of `step`.
-    un, ue, ud : float
-        Velocity increment of the specific force along these axes [m/s].
-    px, py, pz : float
-        Rotation vector of the body over the interval [rad].
+    `x`, `dt`, `north`, `hold`, `height`, `v_down`: as of `step`; `un`, `ue`, `ud`: velocity increment of the specific
+    force along these axes [m/s]; `px`, `py`, `pz`: rotation vector of the body over the interval [rad].
 
     Notes
     -----
@@ -128,22 +122,11 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
 def step(x, dt, tx, ty, tz, vx, vy, vz, cx, cy, cz, sx, sy, sz, c, north, hold, height, v_down):  # type: ignore[no-untyped-def]
     """Advance the state by one interval and return the velocity increment of the specific force, ``(3,)`` in n.
 
-    Parameters
-    ----------
-    x : (10,) array
-        State, changed in place.
-    dt : float
-        Interval [s].
-    tx, ty, tz, vx, vy, vz : float
-        Corrected angle [rad] and velocity [m/s] increment in body axes.
-    cx, cy, cz, sx, sy, sz : float
-        Coning [rad] and sculling [m/s].
-    c : (9,) array
-        Filled with ``C_nb`` at the start of the interval, row by row.
-    north : float
-        Share of normal gravity's north component: 1, or 0 to leave it out as most other packages do.
-    hold : bool
-        Hold the vertical channel to `height` [m] and `v_down` [m/s] at the end of the interval.
+    `x` (10,): state, changed in place; `dt`: interval [s]; `tx`, `ty`, `tz`, `vx`, `vy`, `vz`: corrected angle [rad]
+    and velocity [m/s] increment in body axes; `cx`, `cy`, `cz`, `sx`, `sy`, `sz`: coning [rad] and sculling [m/s]; `c`
+    (9,): filled with ``C_nb`` at the start of the interval, row by row; `north`: share of normal gravity's north
+    component: 1, or 0 to leave it out as most other packages do; `hold`: hold the vertical channel to `height` [m] and
+    `v_down` [m/s] at the end of the interval.
 
     Notes
     -----

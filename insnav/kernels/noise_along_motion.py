@@ -32,26 +32,13 @@ def noise_variances(  # type: ignore[no-untyped-def]
 ):
     """Variances that one noise makes: white noise, random walks, Gauss-Markov processes.
 
-    Parameters
-    ----------
-    dt : (m,) array
-        Steps [s].
-    velocity, position : (m + 1, 3) array
-        First and second integral of the specific force, North, East, Down, at the edges of the steps.
-    given : (m, 9) array
-        Rate of the errors of attitude, velocity and position by a unit of the noise.
-    rate : (r,) array
-        Of the Schuler loop, zero for the short forms, at each row [rad/s].
-    rows : (r,) array of int
-        Steps after which the variances are wanted.
-    white, drive, first : (p,) array
-        Of each process: density of its white part, density of what drives a random walk, variance of a Gauss-Markov
-        process.
-    fade, gained, alone : (m, p) array
-        What a step leaves of a Gauss-Markov process; integral over it of what is left; and variance of the integral of
-        a process of unit variance.
-    out : (r, 9) array
-        Variances.
+    `dt` (m,): steps [s]; `velocity`, `position` (m + 1, 3): first and second integral of the specific force, North,
+    East, Down, at the edges of the steps; `given` (m, 9): rate of the errors of attitude, velocity and position by a
+    unit of the noise; `rate` (r,): of the Schuler loop, zero for the short forms, at each row [rad/s]; `rows` (r,) int:
+    steps after which the variances are wanted; `white`, `drive`, `first` (p,): of each process: density of its white
+    part, density of what drives a random walk, variance of a Gauss-Markov process; `fade`, `gained`, `alone` (m, p):
+    what a step leaves of a Gauss-Markov process; integral over it of what is left; and variance of the integral of a
+    process of unit variance; `out` (r, 9): variances.
     """
     h, moved, placed = np.empty(9), np.empty(3), np.empty(3)
     for r in range(rows.shape[0]):

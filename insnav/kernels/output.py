@@ -30,20 +30,10 @@ def _deviations(roll_pitch_heading, v, out):  # type: ignore[no-untyped-def]
 def solution(time, state, known, variance, rph, sd):  # type: ignore[no-untyped-def]
     """Attitude angles and standard deviations of a solution.
 
-    Parameters
-    ----------
-    time : (n,) array
-        [s]
-    state : (n, 16) array
-        See `insnav.kernels.mechanization`.
-    known : (m,) array of int
-        Rows whose variances were computed, in order.
-    variance : (m, 12) array
-        See `insnav.kernels.errorstate.predicted_variance`.
-    rph : (n, 3) array
-        Filled with roll, pitch, heading [rad].
-    sd : (n, 9) array
-        Filled with standard deviations, linear in time between the known rows.
+    `time` (n,): [s]; `state` (n, 16): see `insnav.kernels.mechanization`; `known` (m,) int: rows whose variances were
+    computed, in order; `variance` (m, 12): see `insnav.kernels.errorstate.predicted_variance`; `rph` (n, 3): filled
+    with roll, pitch, heading [rad]; `sd` (n, 9): filled with standard deviations, linear in time between the known
+    rows.
     """
     n = time.shape[0]
     for k in range(n):

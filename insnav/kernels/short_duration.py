@@ -14,19 +14,10 @@ from insnav.kernels.mechanization import TWO_PI, quaternion_step
 def navigate(x, turning, dt, dtheta, dvel, coning, every, out):  # type: ignore[no-untyped-def]
     """Mechanize a record; the state after each `every`-th interval goes to the rows of `out`.
 
-    Parameters
-    ----------
-    x : (10,) array
-        State as in `insnav.kernels.mechanization`, changed in place.
-    turning : bool
-        Whether the attitude follows the turn of North, East, Down, as in the full form.
-    dt : (n,) array
-        Intervals [s].
-    dtheta, dvel, coning : (n, 3) array
-        Angle [rad] and velocity [m/s] increments as sensed, and coning [rad]; of sculling the form knows nothing.
-    every : int
-        Rows to leave out.
-    out : (n // every, 10) array
+    `x` (10,): state as in `insnav.kernels.mechanization`, changed in place; `turning`: whether the attitude follows the
+    turn of North, East, Down, as in the full form; `dt` (n,): intervals [s]; `dtheta`, `dvel`, `coning` (n, 3): angle
+    [rad] and velocity [m/s] increments as sensed, and coning [rad]; of sculling the form knows nothing; `every`: rows
+    to leave out; `out` (n // every, 10).
     """
     for k in range(dt.shape[0]):
         lat, lon, h, vn, ve, vd = x[0], x[1], x[2], x[3], x[4], x[5]

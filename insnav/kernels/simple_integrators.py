@@ -68,14 +68,9 @@ def _runge_kutta(xb, yb, zb, xm, ym, zm, xe, ye, ze, fb, gb, hb, fm, gm, hm, fe,
 def increments(method, instant, dt, gyro, accel, dtheta, dvel, coning, sculling):  # type: ignore[no-untyped-def]
     """Increments of whole intervals by a plain method, in the form of `insnav.kernels.increments.increments`.
 
-    Parameters
-    ----------
-    method : int
-        `EULER`: the rate at the start of the interval, or its mean, all the way, attitude and specific force not turned
-        on meanwhile. `ROTVEC`: the mean rate is the rotation vector. `RK4`: Runge-Kutta on the straight line between
-        samples.
-    instant, dt, gyro, accel, dtheta, dvel, coning, sculling
-        As there.
+    `method`: `EULER`: the rate at the start of the interval, or its mean, all the way, attitude and specific force not
+    turned on meanwhile. `ROTVEC`: the mean rate is the rotation vector. `RK4`: Runge-Kutta on the straight line between
+    samples; `instant`, `dt`, `gyro`, `accel`, `dtheta`, `dvel`, `coning`, `sculling`: as there.
     """
     for k in range(dt.shape[0]):
         if dt[k] == 0.0:  # the first instantaneous value ends no interval

@@ -81,25 +81,14 @@ def keep_measurement(row, kind, source, z, h, r):  # type: ignore[no-untyped-def
 def backward(history, n, adjoint, information, after, before, covariance, variance, innovations):  # type: ignore[no-untyped-def]
     """Carry the adjoint backwards through some epochs, and find the smoothed errors there.
 
-    Parameters
-    ----------
-    history : (m, width(n)) array
-        Epochs in order of time.
-    n : int
-        Number of states.
-    adjoint, information : (n,), (n, n) array
-        Adjoint vector and matrix just after the last of these epochs; zero at the end of the record. In place: on
-        return, just after the epoch before the first of these.
-    after, before : (m, 21) array
-        Filled with the smoothed error of the filter's state after, and before, the measurement of each epoch.
-    covariance : (m, 9, 9) array
-        Filled with the covariance of smoothed position, velocity and attitude, as in `at_fix_time`.
-    variance : (m, 12) array
-        Filled with the variances of the smoothed sensor errors.
-    innovations : (m, 25) array
-        Filled, where there was a fix, with predicted minus measured and the variance of the prediction, by the filter
-        before the fix (0 to 11) and smoothed (12 to 23), and the filter's variance of the attitude error about
-        Down (24); elsewhere ``NaN``.
+    `history` (m, width(n)): epochs in order of time; `n`: number of states; `adjoint`, `information` (n,), (n, n):
+    adjoint vector and matrix just after the last of these epochs; zero at the end of the record. In place: on return,
+    just after the epoch before the first of these; `after`, `before` (m, 21): filled with the smoothed error of the
+    filter's state after, and before, the measurement of each epoch; `covariance` (m, 9, 9): filled with the covariance
+    of smoothed position, velocity and attitude, as in `at_fix_time`; `variance` (m, 12): filled with the variances of
+    the smoothed sensor errors; `innovations` (m, 25): filled, where there was a fix, with predicted minus measured and
+    the variance of the prediction, by the filter before the fix (0 to 11) and smoothed (12 to 23), and the filter's
+    variance of the attitude error about Down (24); elsewhere ``NaN``.
     """
     p = np.zeros((n, n))
     phi = np.zeros((n, n))
@@ -205,24 +194,12 @@ def apply(time, state, variance, epoch, after, before, covariance):  # type: ign
     Between two epochs the error is smooth: its position follows the cubic that its position and velocity at both ends
     determine, all else a straight line.
 
-    Parameters
-    ----------
-    time : (n,) array
-        Times of the states [s].
-    state : (n, 16) array
-        Filter's states, after the measurement where there was one; changed in place.
-    variance : (n, 12) array
-        Filled from the first to the last epoch: variances of position, velocity, attitude error, then covariances of
-        attitude N-E, N-D, E-D; see `insnav.kernels.errorstate.predicted_variance`.
-    epoch : (m,) array
-        Times of the epochs [s].
-    after, before, covariance
-        From `backward`.
+    `time` (n,): times of the states [s]; `state` (n, 16): filter's states, after the measurement where there was one;
+    changed in place; `variance` (n, 12): filled from the first to the last epoch: variances of position, velocity,
+    attitude error, then covariances of attitude N-E, N-D, E-D; see `insnav.kernels.errorstate.predicted_variance`;
+    `epoch` (m,): times of the epochs [s]; `after`, `before`, `covariance`: from `backward`.
 
-    Returns
-    -------
-    first, last : int
-        Range of states that lie between the epochs.
+    Returns: `first`, `last`: range of states that lie between the epochs.
     """
     m = epoch.shape[0]
     error = np.zeros(STATES)

@@ -49,6 +49,10 @@ class Job:
         output = ["--rate", "full", "--format", "parquet", "--figures", "none", "--force", "--out", str(out)]
         return ["run", *files, lever, *start, *output]
 
+    def plain(self, out: Path) -> list[str]:
+        """Arguments of the program with nothing but the files."""
+        return ["run", str(self.path("imu.csv")), "--gps", str(self.path("gps.csv")), "--force", "--out", str(out)]
+
 
 def standard_job(work: Path, scenario: str, seed: int, hours: float) -> Job:
     """Job in `work`, generated if it is not there."""

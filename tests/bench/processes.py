@@ -18,16 +18,22 @@ for name in open(os.environ["BENCH_MODULES"]).read().split():
     if name != "__main__":
         try: importlib.import_module(name)
         except ImportError: pass"""
+LOOP = "s = 0\nfor i in range(20_000_000): s += i * i"  # at module level: what the figures are told in, on any machine
 
 
 @dataclass(frozen=True)
 class Processes:
-    """Cost of the program aligning itself, with a given start, of its imports alone, and of its help."""
+    """Cost of the program: noise and lever arm given; the start, too; nothing given, with page; with 200 Hz as text;
+    of its imports alone, of its help, and of the calibration loop.
+    """
 
     aligned: Cost
     given_start: Cost
+    nothing_given: Cost
+    text: Cost
     imports: Cost
     help: Cost
+    loop: Cost
 
 
 def measure_processes(job: Job, out: Path, repeat: int) -> Processes:
@@ -37,8 +43,11 @@ def measure_processes(job: Job, out: Path, repeat: int) -> Processes:
     calls = {
         "given_start": ["-c", PROGRAM, *job.command(out, given_start=True)],
         "aligned": ["-c", PROGRAM, *job.command(out, given_start=False)],
+        "nothing_given": ["-c", PROGRAM, *job.plain(out.with_name(out.name + "-plain"))],
+        "text": ["-c", PROGRAM, *job.plain(out.with_name(out.name + "-text")), "--rate", "full", "--figures", "none"],
         "imports": ["-W", "ignore", "-c", IMPORT],
         "help": ["-c", PROGRAM, "--help"],
+        "loop": ["-c", LOOP],
     }
     rounds = [
         {name: run_child([sys.executable, *call], **modules) for name, call in calls.items()} for _ in range(repeat)

@@ -15,10 +15,12 @@ from pathlib import Path
 # nothing heavy is imported before the children have run: their peak memory would include ours (see child.py)
 from tests.bench.bars import (
     FILTER_US,
+    GIVEN_LOOPS,
     HELP_WALL_S,
     PEAK_MB,
-    PROCESS_CPU_S,
+    PLAIN_LOOPS,
     RATIO,
+    TEXT_LOOPS,
     Line,
     accuracy_lines,
     table,
@@ -67,10 +69,15 @@ def main() -> int:
 
 
 def _process_lines(p: Processes) -> list[Line]:
+    loop = p.loop.cpu_s
     return [
-        Line("program, csv to parquet, self-aligned: CPU", p.aligned.cpu_s, "s", PROCESS_CPU_S),
+        Line("calibration loop: CPU", loop, "s"),
+        Line("program, csv to parquet, noise and arm given", p.aligned.cpu_s / loop, "loops", GIVEN_LOOPS),
+        Line("program, nothing given, with page", p.nothing_given.cpu_s / loop, "loops", PLAIN_LOOPS),
+        Line("program, nothing given, smoothed, 200 Hz as csv", p.text.cpu_s / loop, "loops", TEXT_LOOPS),
+        Line("program, csv to parquet, self-aligned: CPU", p.aligned.cpu_s, "s"),
         Line("program, csv to parquet, self-aligned: wall", p.aligned.wall_s, "s"),
-        Line("program, csv to parquet, --initial: CPU", p.given_start.cpu_s, "s", PROCESS_CPU_S),
+        Line("program, csv to parquet, --initial: CPU", p.given_start.cpu_s, "s"),
         Line("of these, imports alone: CPU", p.imports.cpu_s, "s"),
         Line("program without imports, self-aligned: CPU", p.aligned.cpu_s - p.imports.cpu_s, "s"),
         Line("peak memory", max(p.aligned.peak_mb, p.given_start.peak_mb), "MB", PEAK_MB),
