@@ -26,6 +26,7 @@ _STYLES: dict[str, dict[str, Any]] = {
     "points": {"linestyle": "", "marker": ".", "markersize": 5.0},
     "crosses": {"linestyle": "", "marker": "x", "markersize": 5.0},
 }
+_FEW = 0.05  # share of a curve that may be beyond the limits to be marked as outliers
 _WHERE_FEW = 40  # points of a cloud that are drawn large
 
 
@@ -48,14 +49,14 @@ def draw_drawings(drawings: Sequence[Drawing], title: str, note: str = "", *, co
         if i >= len(panels):
             axes.set_axis_off()
             continue
-        _draw_panel(axes, panels[i], mode, heading=len(panels) > 1, letters=_BESIDE // columns)
+        draw_panel(axes, panels[i], mode, heading=len(panels) > 1, letters=_BESIDE // columns)
         if not shared or i + columns >= len(panels):
             axes.set_xlabel(panels[i].x_label)
             axes.tick_params(labelbottom=True)
     return figure
 
 
-def _draw_panel(axes: Axes, panel: Panel, mode: str, *, heading: bool, letters: int) -> None:
+def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True, letters: int = _BESIDE) -> None:
     """Draw what a panel shows under one position of the switch; `letters`: that title and legend may share."""
     low, high = (-0.6, len(panel.rows) - 0.4) if panel.rows else limits_of(panel, mode) or (0.0, 1.0)
     for axis, log in ((axes.xaxis, panel.log_x), (axes.yaxis, panel.log_y)):
@@ -74,11 +75,22 @@ def _draw_panel(axes: Axes, panel: Panel, mode: str, *, heading: bool, letters: 
         low, high = high, low  # the first row stands at the top
     axes.set_ylim(low, high)
     axes.set_ylabel(panel.y_label)
-    entries = dict.fromkeys(axes.get_legend_handles_labels()[1])
+    handles, labels = axes.get_legend_handles_labels()
+    entries = dict(zip(reversed(labels), reversed(handles), strict=True))
     if heading:
         axes.set_title(panel.title)
-    if len(entries) > 1 or (entries and panel.levels):
-        beside = len(panel.title) * heading + sum(len(each) + 5 for each in entries) < 1.6 * letters
+    length = sum(len(each) + 5 for each in entries)
+    if length > 2.4 * letters:
+        kept = list(entries)[::-1]
+        axes.legend(
+            [entries[each] for each in kept],
+            kept,
+            loc="lower left" if panel.rows else "upper left",
+            fontsize=7.0,
+            handlelength=1.4,
+        )
+    elif len(entries) > 1 or (entries and panel.levels):
+        beside = len(panel.title) * heading + length < 1.6 * letters
         legend_above(axes, lift=1.0 if beside else 1.0 + 21.6 / panel.height)
 
 
@@ -100,7 +112,7 @@ def _draw_curve(axes: Axes, curve: Curve, low: float, high: float) -> None:
     if curve.kind == "thin":
         return
     for beyond, edge, marker in ((curve.y > high, high, "^"), (curve.y < low, low, "v")):
-        if beyond.any():
+        if beyond.any() and (curve.kind == "crosses" or np.count_nonzero(beyond) <= max(3, _FEW * len(beyond))):
             at = curve.x[beyond]
             axes.plot(
                 at, np.full(len(at), edge), marker, color=curve.colour, markersize=5.0, clip_on=False, label="beyond"

@@ -116,8 +116,8 @@ def _front(result: Result[BudgetStudy]) -> Figure:
 
     budget, windows = result.found.budget, result.found.windows
     (estimates,) = section_tables(estimates_section(budget))
-    part = None if windows is None else windows.shown
-    return draw_front(budget, part, _title(budget), verdict(budget, windows), estimates)
+    panels = budget_panels(budget, windows, _origin(result))
+    return draw_front(panels, budget.motion, _title(budget), verdict(budget, windows), estimates)
 
 
 def _back(result: Result[BudgetStudy]) -> Figure:

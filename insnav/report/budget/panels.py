@@ -62,6 +62,9 @@ def _growth(budget: Budget, part: RecordedPart | None) -> Panel:
             Curve(f"simulated, {budget.simulated.runs} runs", time[at], value, VERMILLION, "crosses", text=texts)
         )
         top = max(top, 1.15 * float(value[-1]))
+    if part is None and budget.recorded is not None:
+        found = budget.recorded
+        curves.append(Curve(f"recorded, {found.windows} windows", found.time, found.corrected[:, 3], PURPLE, "crosses"))
     return Panel(
         "growth",
         "Growth of the horizontal error",
@@ -196,6 +199,8 @@ def _sources(budget: Budget) -> Panel:
     ]
     total = horizontal(budget.covariance.total)
     curves = [Curve(name, time, np.where(value > 0.0, value, np.nan), colour) for name, value, colour in parts]
+    limits = max(1e-4 * float(total[-1]), 0.5 * float(total[0])), 2.0 * float(total[-1])
+    curves += _guides(time, max(0.06 * float(total[-1]), 4.0 * limits[0]), limits[0])
     return Panel(
         "sources",
         "Each source alone",
@@ -203,9 +208,20 @@ def _sources(budget: Budget) -> Panel:
         "time without GPS [s]",
         (*curves, Curve("all", time, total, BLACK)),
         link="sources",
-        note="covariance, 1 sd; a straight line of slope 1, 2, 3 grows with t, t², t³",
+        note="covariance, 1 sd; grey: growth with t, t², t³",
         log_x=True,
         log_y=True,
-        limits=(max(1e-4 * float(total[-1]), 0.5 * float(total[0])), 2.0 * float(total[-1])),
+        limits=limits,
         height=280,
     )
+
+
+def _guides(time: FloatArray, end: float, least: float) -> list[Curve]:
+    """Lines of pure t, t² and t³ down to the least error that is in view."""
+    guides = []
+    for label, power in (("t", 1.0), ("t²", 2.0), ("t³", 3.0)):
+        line = end * (time / time[-1]) ** power
+        seen = line >= 1.2 * least
+        if seen.sum() > 1:
+            guides.append(Curve("", time[seen], line[seen], GREY, "thin", text=(label,) * int(seen.sum())))
+    return guides

@@ -242,6 +242,8 @@ class Panel extends Drawing {
     this.y.setv({start: limits[0], end: limits[1]});
     const marks = {x: [], y: [], a: [], c: []};
     for (const curve of this.curves.filter(each => this.visible(each) && !["band", "thin"].includes(each.kind))) {
+      const outside = curve.y.filter(value => value > limits[1] || value < limits[0]).length;
+      if (!["points", "crosses"].includes(curve.kind) && outside > Math.max(3, 0.05 * curve.y.length)) continue; // no outliers: it leaves the view
       for (let i = 0; i < curve.x.length && marks.x.length < 2000; i++) {
         const up = curve.y[i] > limits[1];
         if ((!up && !(curve.y[i] < limits[0])) || curve.x[i] < start || curve.x[i] > end) continue;
