@@ -215,3 +215,11 @@ def test_reference_of_two_rows_and_without_attitude(tmp_path):
     np.testing.assert_allclose(reading.data.time, [100.0, 129.0])
     assert np.isnan(reading.data.rph).all()
     assert reading.fix is None
+
+
+@pytest.mark.parametrize("headers", ["#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m]", "time,px,py,pz"])
+def test_positions_in_a_room_are_named_as_such(tmp_path, headers):
+    path = tmp_path / "data.csv"
+    path.write_text("\n".join([headers, *(f"{i}000000000,1.{i},2.0,3.0" for i in range(9)), ""]))
+    with pytest.raises(InputError, match="axes of a room"):
+        read_gps(path)

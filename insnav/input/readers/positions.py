@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,6 +30,7 @@ _SLOWEST = 45.0  # longest interval between fixes that is taken for seconds [s]
 _MAX_HEIGHT = 1e5  # [m]
 _MIN_HEIGHT = -1e4
 _FAR = 0.1 * DEG  # a fix at (0, 0) is a placeholder if all others are farther than this
+_ROOM = {"px", "prsrx", "posx", "positionx"}  # headers of EuRoC, TUM-VI, and programs like them
 _STANDARD_DEVIATIONS = ("sd_n", "sd_e", "sd_d", "sd_vn", "sd_ve", "sd_vd")
 
 
@@ -125,6 +127,13 @@ def read_positions(
         numbers = ",".join(f"{key}={number}" for key, number in guess.items())
         hint = f"if these are time, latitude, longitude and height, say --columns {numbers}"
         gives = {"columns": guess}
+    if "lat" not in found and _ROOM & {re.sub(r"\[.*|[\W_]", "", header.lower()) for header in table.headers}:
+        raise InputError(
+            "the positions are in the axes of a room or of a map",
+            where=name,
+            why=f"columns {', '.join(header for header in table.headers[:8] if header)}, and no latitude",
+            fix="give positions on Earth: latitude, longitude, height",
+        )
     wanted = ("time", "lat", "lon", height_key)
     require(found, wanted, table.headers, schema, where=name, hint=hint, gives=gives)
     keys = [key for key in found if key not in ("height", "height_msl") or key == height_key]
