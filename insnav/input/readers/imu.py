@@ -102,6 +102,7 @@ def read_imu(
     raw_notes, raw_units = from_outputs(rows.columns, found, scales, given, increments=increments, where=name)
     stated |= {key: SI_UNITS[key] for key in scales}
     cleaned = rows.clean(_damaged(rows.columns, keys[:7], found, name))
+    rows.columns.clear()  # a day of samples is there only once
     time = cleaned.columns["time"]
     scale = 1.0 / cleaned.interval if increments else 1.0
     gyro = _in_body(cleaned.columns, gyro_keys, matrix)
@@ -286,7 +287,7 @@ def _damaged(
 
 
 def _in_body(columns: dict[str, FloatArray], keys: tuple[str, ...], matrix: FloatArray) -> FloatArray:
-    """Three columns as one array in body axes."""
+    """Three columns as one array in body axes; they are taken away."""
     if np.count_nonzero(matrix) > 3:
         return np.asarray(np.column_stack([columns[key] for key in keys]) @ matrix.T)
     sources = [int(np.flatnonzero(row)[0]) for row in matrix]
@@ -296,6 +297,8 @@ def _in_body(columns: dict[str, FloatArray], keys: tuple[str, ...], matrix: Floa
         rows = slice(start, start + _BLOCK_ROWS)
         for i in range(3):
             np.multiply(columns[keys[sources[i]]][rows], signs[i], out=body[rows, i])
+    for key in keys:
+        del columns[key]
     return body
 
 
