@@ -160,7 +160,8 @@ def _decide(
         return None, "fixes and IMU contradict each other, and without GPS velocities it cannot be told which are false"
     if false.any() and float(np.mean(trust.false_velocity[false])) > MOST:
         return None, "positions and velocities of the same fixes contradict the IMU: either may be wrong"
-    run = again(_weighted(gps, *weights), trust, OPEN_START if false[: _before(gps, first)].any() else 0.0)
+    begin = int(np.searchsorted(gps.time, first.alignment.time, side="right")) + 1  # fixes up to the first one used
+    run = again(_weighted(gps, *weights), trust, OPEN_START if false[:begin].any() else 0.0)
     if _diverged(run) > _diverged(first):
         return None, "fixes and IMU contradict each other, and leaving fixes out makes it worse"
     return Reconciled(run, tuple(_told(gps, trust))), ""
@@ -175,11 +176,6 @@ def _scale(nis: FloatArray) -> float:
     """How much larger squared innovations are than they should be; no less than one."""
     known = nis[np.isfinite(nis)]
     return max(1.0, float(np.median(known)) / MEDIAN) if known.size else 1.0
-
-
-def _before(gps: GpsData, run: Run) -> int:
-    """Number of fixes up to the one the run started from."""
-    return int(np.searchsorted(gps.time, run.alignment.time, side="right")) + 1
 
 
 def _contradicted(
@@ -202,7 +198,7 @@ def _contradicted(
         return True
     offered = np.isfinite(run.innovations.nis_position)
     supported = np.asarray(offered & ~believed[0] & (squares[0] < LIMIT))
-    return any(stop - start > LONGEST for start, stop in _stretches(run.innovations.time, supported))
+    return any(stop - start > LONGEST for start, stop in stretches(run.innovations.time, supported))
 
 
 def _geman_mcclure(square: FloatArray, limit: float) -> FloatArray:
@@ -216,7 +212,7 @@ def _weighted(gps: GpsData, position: FloatArray | float, velocity: FloatArray |
     return replace(gps, position_sd=gps.position_sd / factors[0], velocity_sd=gps.velocity_sd / factors[1])
 
 
-def _stretches(time: FloatArray, chosen: BoolArray) -> list[tuple[float, float]]:
+def stretches(time: FloatArray, chosen: BoolArray) -> list[tuple[float, float]]:
     """First and last time of each unbroken row of chosen fixes."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(np.int8), [0]])))
     return [(float(time[start]), float(time[stop - 1])) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
@@ -236,7 +232,7 @@ def _told(gps: GpsData, trust: Trust) -> list[Event]:
         if false.any():
             spans = [
                 f"{start:.1f} s" if start == stop else f"{start:.1f} to {stop:.1f} s"
-                for start, stop in _stretches(gps.time, false)
+                for start, stop in stretches(gps.time, false)
             ]
             listed = ", ".join(spans[:3]) + (f" and {len(spans) - 3} more" if len(spans) > 3 else "")
             largest = float(np.nanmax(size[false]))

@@ -123,11 +123,6 @@ def gps_drag(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
     return _moved(gps, float(size) * np.clip(gps.time - span[0], 0.0, span[1] - span[0]))
 
 
-def gps_outage(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
-    """Take out the fixes in `span`."""
-    return without_fixes(gps, span[0] - 1e-6, span[1] - 1e-6)
-
-
 def gps_flap(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
     """Move four of five fixes in `span` by `size` [m], each in another direction."""
     rows = np.flatnonzero(_inside(gps.time, span))
@@ -136,16 +131,6 @@ def gps_flap(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
     off[rows] = float(size) * np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
     off[rows[::5]] = 0.0
     return replace(gps, lla=lla_offset(gps.lla, off))
-
-
-def gps_latency(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
-    """Timestamp the fixes late by `size` [s]."""
-    return replace(gps, time=gps.time + float(size))
-
-
-def gps_sd(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
-    """Multiply all standard deviations by `size`."""
-    return replace(gps, position_sd=gps.position_sd * float(size), velocity_sd=gps.velocity_sd * float(size))
 
 
 def gps_duplicate(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
@@ -166,17 +151,6 @@ def gps_shuffle(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
 
 
 # --- sensors -----------------------------------------------------------------------------------------------
-
-
-def imu_gap(imu: ImuData, size: None, span: tuple[float, float]) -> ImuData:
-    """Take out the samples in `span`."""
-    return imu.rows(~_inside(imu.time, span))
-
-
-def imu_nan(imu: ImuData, size: None, span: tuple[float, float]) -> ImuData:
-    """Make the samples in `span` not numbers."""
-    inside = _inside(imu.time, span)[:, None]
-    return replace(imu, gyro=np.where(inside, np.nan, imu.gyro), accel=np.where(inside, np.nan, imu.accel))
 
 
 def imu_clip(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
@@ -210,32 +184,6 @@ def imu_spike(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
     else:
         accel[row, 0] += value * _scale(imu)
     return replace(imu, gyro=gyro, accel=accel)
-
-
-def imu_units(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
-    """Give the gyros in deg/s, or the accelerometers in g."""
-    if size == "deg/s":
-        return replace(imu, gyro=imu.gyro / DEG)
-    return replace(imu, accel=imu.accel / G0)
-
-
-def imu_axes(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
-    """Turn the sensors so that their x, y, z point to the three directions."""
-    turn = np.zeros((3, 3))
-    for row, letter in enumerate(str(size)):
-        column, sign = _DIRECTIONS[letter]
-        turn[row, column] = sign
-    return replace(imu, gyro=imu.gyro @ turn.T, accel=imu.accel @ turn.T)
-
-
-def imu_reverse(imu: ImuData, size: None, span: tuple[float, float]) -> ImuData:
-    """Set the clock back by a second at the begin of `span`."""
-    return replace(imu, time=np.where(imu.time >= span[0] - 1e-6, imu.time - 1.0, imu.time))
-
-
-def imu_duplicate(imu: ImuData, size: None, span: tuple[float, float]) -> ImuData:
-    """Repeat every sample in `span`."""
-    return imu.rows(np.repeat(np.arange(imu.time.shape[0]), 1 + _inside(imu.time, span)))
 
 
 # --- the table ---------------------------------------------------------------------------------------------
@@ -293,30 +241,20 @@ class Verb:
     imu: Callable[..., ImuData] | None = None
 
 
-VERBS: dict[str, Verb] = {
-    "gps-spike": Verb("gps-spike:60m@120s", _quantity("length"), gps=gps_spike),
-    "gps-jump": Verb("gps-jump:60m@120s+8s", _quantity("length"), gps=gps_jump),
-    "gps-drag": Verb("gps-drag:1m/s@120s+60s", _quantity("velocity"), gps=gps_drag),
-    "gps-outage": Verb("gps-outage@120s+30s", None, gps=gps_outage),
-    "gps-flap": Verb("gps-flap:50m@120s+60s", _quantity("length"), gps=gps_flap),
-    "gps-latency": Verb("gps-latency:0.3s", _quantity("time"), gps=gps_latency),
-    "gps-sd": Verb("gps-sd:0.1", _factor, gps=gps_sd),
-    "gps-duplicate": Verb("gps-duplicate@120s", None, gps=gps_duplicate),
-    "gps-shuffle": Verb("gps-shuffle@120s+10s", None, gps=gps_shuffle),
-    "imu-gap": Verb("imu-gap@120s+0.5s", None, imu=imu_gap),
-    "imu-nan": Verb("imu-nan@120s+0.05s", None, imu=imu_nan),
-    "imu-clip": Verb("imu-clip:20deg/s@120s+2s", _sensor_text, imu=imu_clip),
-    "imu-stuck": Verb("imu-stuck:gyro-z@120s+2s", _one_of(*_AXES, "all"), imu=imu_stuck),
-    "imu-spike": Verb("imu-spike:3rad/s@120s", _sensor_text, imu=imu_spike),
-    "imu-units": Verb("imu-units:deg/s", _one_of("deg/s", "g"), imu=imu_units),
-    "imu-axes": Verb("imu-axes:FLU", _directions, imu=imu_axes),
-    "imu-reverse": Verb("imu-reverse@120s", None, imu=imu_reverse),
-    "imu-duplicate": Verb("imu-duplicate@120s+0.1s", None, imu=imu_duplicate),
-}
-
-
 def _inside(time: FloatArray, span: tuple[float, float]) -> BoolArray:
     return (time >= span[0] - 1e-6) & (time < span[1] - 1e-6)
+
+
+def _times(imu: ImuData, gyro: FloatArray | float, accel: FloatArray | float) -> ImuData:
+    return replace(imu, gyro=imu.gyro * gyro, accel=imu.accel * accel)
+
+
+def _turned(imu: ImuData, size: str, _: tuple[float, float]) -> ImuData:
+    turn = np.zeros((3, 3))
+    for row, letter in enumerate(size):
+        column, sign = _DIRECTIONS[letter]
+        turn[row, column] = sign
+    return replace(imu, gyro=imu.gyro @ turn.T, accel=imu.accel @ turn.T)
 
 
 def _moved(gps: GpsData, metres: np.ndarray) -> GpsData:
@@ -326,3 +264,47 @@ def _moved(gps: GpsData, metres: np.ndarray) -> GpsData:
 def _scale(imu: ImuData) -> float:
     """What a rate of one is in a sample."""
     return float(np.median(np.diff(imu.time))) if imu.sampling == "increment" else 1.0
+
+
+VERBS: dict[str, Verb] = {
+    "gps-spike": Verb("gps-spike:60m@120s", _quantity("length"), gps=gps_spike),
+    "gps-jump": Verb("gps-jump:60m@120s+8s", _quantity("length"), gps=gps_jump),
+    "gps-drag": Verb("gps-drag:1m/s@120s+60s", _quantity("velocity"), gps=gps_drag),
+    "gps-outage": Verb(
+        "gps-outage@120s+30s", None, gps=lambda gps, _, span: without_fixes(gps, span[0] - 1e-6, span[1] - 1e-6)
+    ),
+    "gps-flap": Verb("gps-flap:50m@120s+60s", _quantity("length"), gps=gps_flap),
+    "gps-latency": Verb(
+        "gps-latency:0.3s", _quantity("time"), gps=lambda gps, size, _: replace(gps, time=gps.time + size)
+    ),
+    "gps-sd": Verb(
+        "gps-sd:0.1",
+        _factor,
+        gps=lambda gps, size, _: replace(gps, position_sd=gps.position_sd * size, velocity_sd=gps.velocity_sd * size),
+    ),
+    "gps-duplicate": Verb("gps-duplicate@120s", None, gps=gps_duplicate),
+    "gps-shuffle": Verb("gps-shuffle@120s+10s", None, gps=gps_shuffle),
+    "imu-gap": Verb("imu-gap@120s+0.5s", None, imu=lambda imu, _, span: imu.rows(~_inside(imu.time, span))),
+    "imu-nan": Verb(
+        "imu-nan@120s+0.05s",
+        None,
+        imu=lambda imu, _, span: _times(imu, *[np.where(_inside(imu.time, span), np.nan, 1.0)[:, None]] * 2),
+    ),
+    "imu-clip": Verb("imu-clip:20deg/s@120s+2s", _sensor_text, imu=imu_clip),
+    "imu-stuck": Verb("imu-stuck:gyro-z@120s+2s", _one_of(*_AXES, "all"), imu=imu_stuck),
+    "imu-spike": Verb("imu-spike:3rad/s@120s", _sensor_text, imu=imu_spike),
+    "imu-units": Verb(
+        "imu-units:deg/s",
+        _one_of("deg/s", "g"),
+        imu=lambda imu, size, _: _times(imu, 1.0 / DEG, 1.0) if size == "deg/s" else _times(imu, 1.0, 1.0 / G0),
+    ),
+    "imu-axes": Verb("imu-axes:FLU", _directions, imu=_turned),
+    "imu-reverse": Verb(
+        "imu-reverse@120s", None, imu=lambda imu, _, span: replace(imu, time=imu.time - (imu.time >= span[0] - 1e-6))
+    ),
+    "imu-duplicate": Verb(
+        "imu-duplicate@120s+0.1s",
+        None,
+        imu=lambda imu, _, span: imu.rows(np.repeat(np.arange(imu.time.shape[0]), 1 + _inside(imu.time, span))),
+    ),
+}

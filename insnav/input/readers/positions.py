@@ -236,24 +236,21 @@ def _refuse_impossible(
                 why=f"{text}; {int(np.count_nonzero(wrong))} rows are outside",
                 fix="check the column, and write its unit into the header, such as lat_deg, height_m",
             )
-    for key in ("vn", "ve", "vd", "vu"):
-        if key in raw and key in found and (wrong := ~bad & np.isinf(raw[key])).any():
+    for key in ("vn", "ve", "vd", "vu", *_STANDARD_DEVIATIONS):
+        if key not in raw or key not in found:
+            continue
+        sd = key in _STANDARD_DEVIATIONS
+        if (wrong := ~bad & (raw[key] <= 0.0 if sd else np.isinf(raw[key]))).any():
             row = int(np.flatnonzero(wrong)[0])
+            what, rule = ("standard deviation", "above zero") if sd else ("velocity", "finite")
+            floor = "0.01 m" if key in _STANDARD_DEVIATIONS[:3] else "0.01 m/s"
             raise InputError(
-                f"a velocity is {raw[key][row]:g} in column {found[key].header!r}",
+                f"a {what} is {raw[key][row]:.6g} in column {found[key].header!r}",
                 where=table.place(row, found[key].index),
-                why=f"{int(np.count_nonzero(wrong))} rows are infinite",
-                fix="leave the cell empty if the velocity is not known",
-            )
-    for key in _STANDARD_DEVIATIONS:
-        if key in raw and key in found and (wrong := ~bad & (raw[key] <= 0.0)).any():
-            row = int(np.flatnonzero(wrong)[0])
-            floor = "0.01 m" if found[key].quantity.dimension == "length" else "0.01 m/s"
-            raise InputError(
-                f"a standard deviation is {raw[key][row]:.6g} in column {found[key].header!r}",
-                where=table.place(row, found[key].index),
-                why=f"it must be above zero; {int(np.count_nonzero(wrong))} rows are not",
-                fix=f"write a realistic floor, such as {floor}, or leave the cell empty if it is not known",
+                why=f"it must be {rule}; {int(np.count_nonzero(wrong))} rows are not",
+                fix=f"write a realistic floor, such as {floor}, or leave the cell empty if it is not known"
+                if sd
+                else "leave the cell empty if it is not known",
             )
 
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors, nees
-from insnav.types import BoolArray, Event, EventKind, FloatArray, Run
+from insnav.filter.whole_record import stretches
+from insnav.types import Event, EventKind, Run
 
 HOLDS = 0.95  # share of errors inside 3 sd that needs no word
 _MOST = 0.5  # share of rejected positions of a filter that is lost ...
@@ -112,7 +113,9 @@ def _many_rejected(run: Run) -> list[str]:
         processed = np.isfinite(fixes.innovation[:, columns]).any(axis=1)
         if processed.any() and (share := float(np.mean(~used[processed]))) > _MANY:
             groups.append(f"{100.0 * share:.0f} % of {name}")
-        rows += [(name, *row) for row in _rows(fixes.time[processed], ~used[processed])]
+        time = fixes.time[processed]
+        found = [(name, a, b) for a, b in stretches(time, ~used[processed]) if b - a >= _ROW_TIME]
+        rows += [each for each in found if np.sum((time >= each[1]) & (time <= each[2])) >= _ROW]
     if not groups:
         longest = max(rows, key=lambda row: row[2] - row[1], default=None)
         if longest is None:
@@ -122,13 +125,6 @@ def _many_rejected(run: Run) -> list[str]:
         return [f"every {name} from {start:.1f} to {stop:.1f} s was rejected{more}: false fixes, or samples that are"]
     causes = "is a heading, lever arm, axis, clock or standard deviation wrong?"
     return [f"many fixes were rejected, {' and '.join(groups)}: {causes} See innovations and events"]
-
-
-def _rows(time: FloatArray, rejected: BoolArray) -> list[tuple[float, float]]:
-    """First and last time of each unbroken row of rejected fixes that is long enough to be told."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], rejected.astype(np.int8), [0]])))
-    rows = zip(edges[::2], edges[1::2] - 1, strict=True)
-    return [(float(time[a]), float(time[b])) for a, b in rows if b - a + 1 >= _ROW and time[b] - time[a] >= _ROW_TIME]
 
 
 def _late(run: Run) -> list[str]:
