@@ -67,12 +67,16 @@ def delay_of(ready: Prepared) -> tuple[float, float]:
     grid = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
     best = int(np.argmin(_cost(windows, grid, lever_b, lever_sd)))
     near = grid[best] + FINE * np.arange(-3, 4)
-    cost = _cost(windows, near, lever_b, lever_sd)
+    cost = _cost(windows, np.append(near, 0.0), lever_b, lever_sd)
+    gain, cost = float(cost[-1] - cost[:-1].min()), cost[:-1]
     middle = int(np.clip(np.argmin(cost), 1, near.size - 2))
     curve, slope, _ = np.polyfit(near[middle - 1 : middle + 2] - near[middle], cost[middle - 1 : middle + 2], 2)
     if curve <= 0.0 or best in (0, grid.size - 1):  # no top, or one beyond the grid
         return 0.0, np.inf
-    return float(near[middle] - 0.5 * slope / curve), float(1.0 / np.sqrt(2.0 * curve))
+    delay = float(near[middle] - 0.5 * slope / curve)
+    # the curvature at the top of an uneven likelihood is not its width: no delay at all must be as unlikely, too
+    width = abs(delay) / float(np.sqrt(2.0 * max(gain, 1e-9))) if abs(delay) > WORTH else 0.0
+    return delay, max(float(1.0 / np.sqrt(2.0 * curve)), width)
 
 
 def _usable(ready: Prepared) -> GpsData:

@@ -67,6 +67,15 @@ def test_false_fixes_do_not_decide():
     assert found == pytest.approx(0.5, abs=0.05)
 
 
+def test_an_uneven_likelihood_gives_no_delay():
+    """Urban fixes, eight windows: the top at 0.28 s is sharp, and yet hardly likelier than no delay, which is the truth."""
+    options = {"imu": "consumer", "gps": "urban", "seed": 1016}
+    made = plan_of(profiled("round_trip", 1016), options).measured()
+    velocities = {name: getattr(made.gps, name) * [1.0, 1.0, np.nan] for name in ("v_n", "velocity_sd")}
+    ready = insnav.load(made.imu, gps=replace(made.gps, **velocities)).prepared()
+    assert ready.clock == 0.0
+
+
 def test_nothing_is_said_where_nothing_tells():
     ready = recorded()
     found = delay_of(replace(ready, imu=ready.imu.rows(ready.imu.time < ready.imu.time[0] + 20.0)))
