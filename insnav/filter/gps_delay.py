@@ -30,7 +30,9 @@ from insnav.units import DEG
 
 REACH = 2.0  # delays looked for, early and late [s]
 GRID = 0.2  # first steps: the likelihood of a delay is as wide as a manoeuvre [s]
-FINE = 0.04  # steps about the best of these; the rest is a parabola [s]
+FINE, FINE_STEPS = 0.04, 8  # steps about the best of these to either side; the rest is a parabola [s]
+DRIFTS = 0.02 * np.arange(-10, 11)  # of the delay, from the middle to the ends of the record [s]
+DRIFT_WORTH = 0.02  # a smaller one is not moved by [s]
 LONGEST = 900.0  # of the record that is looked at [s]
 SPAN = 20.0  # of a window: longer, gyro drift counts; shorter, little is left beside the parabola [s]
 FEWEST, MOST = 8, 40  # fixes of a window
@@ -43,8 +45,11 @@ SURE = 5.0  # delays are believed beyond so many of their standard deviations
 ROUNDS = 3  # of moving the clock
 
 
-def delay_of(ready: Prepared) -> tuple[float, float]:
-    """Delay of the fixes and its standard deviation [s]; the latter is infinite where nothing tells it."""
+def delay_of(ready: Prepared) -> tuple[float, float, float]:
+    """Delay of the fixes at the start of the record, its standard deviation [s], and its surely known drift [s/s].
+
+    The standard deviation is infinite where nothing tells the delay; a drift that is not sure is zero.
+    """
     ready = ready.beginning(LONGEST)
     # a late fix looks false in every bend, and a reset would open heading and biases, which the windows need
     gates = replace(ready.settings.gates, reset_after=np.inf)
@@ -54,7 +59,7 @@ def delay_of(ready: Prepared) -> tuple[float, float]:
         feed(navigator, ready.imu)
         epochs = navigator.history()
     except DivergenceError:
-        return 0.0, np.inf
+        return 0.0, np.inf, 0.0
     parts = strapdown.intervals(ready.imu, ready.nominal)
     gps = _usable(ready)
     windows = [
@@ -62,21 +67,27 @@ def delay_of(ready: Prepared) -> tuple[float, float]:
         for rows in _lively(gps, epochs, ready.imu.time)
     ]
     if len(windows) < FEWEST_WINDOWS:
-        return 0.0, np.inf
+        return 0.0, np.inf, 0.0
     lever_b, lever_sd = ready.settings.lever_b, max(ready.settings.lever_sd, LEVER_SD)
     grid = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
-    best = int(np.argmin(_cost(windows, grid, lever_b, lever_sd)))
-    near = grid[best] + FINE * np.arange(-3, 4)
-    cost = _cost(windows, np.append(near, 0.0), lever_b, lever_sd)
+    best = int(np.argmin(_cost(_left(windows, grid, lever_b), lever_sd)[0]))
+    near = grid[best] + FINE * np.arange(-FINE_STEPS, FINE_STEPS + 1)
+    left = _left(windows, np.append(near, 0.0), lever_b)
+    cost, _ = _cost(left, lever_sd)
     gain, cost = float(cost[-1] - cost[:-1].min()), cost[:-1]
+    begin, end = float(ready.imu.time[0]), float(ready.imu.time[-1])
+    halfway = 0.5 * (end - begin)
+    drift, drifting = _drift(windows, left, lever_sd, begin + halfway)
+    if drift:
+        gain, cost = SURE**2, drifting  # more than that
     middle = int(np.clip(np.argmin(cost), 1, near.size - 2))
     curve, slope, _ = np.polyfit(near[middle - 1 : middle + 2] - near[middle], cost[middle - 1 : middle + 2], 2)
     if curve <= 0.0 or best in (0, grid.size - 1):  # no top, or one beyond the grid
-        return 0.0, np.inf
+        return 0.0, np.inf, 0.0
     delay = float(near[middle] - 0.5 * slope / curve)
     # the curvature at the top of an uneven likelihood is not its width: no delay at all must be as unlikely, too
     width = abs(delay) / float(np.sqrt(2.0 * max(gain, 1e-9))) if abs(delay) > WORTH else 0.0
-    return delay, max(float(1.0 / np.sqrt(2.0 * curve)), width)
+    return delay - drift * halfway, max(float(1.0 / np.sqrt(2.0 * curve)), width), drift
 
 
 def _usable(ready: Prepared) -> GpsData:
@@ -114,7 +125,7 @@ class _Window:
         step = np.diff(self._time)[:, None]
         self._p = np.vstack([np.zeros(2), np.cumsum(0.5 * (self._v[1:] + self._v[:-1]) * step, axis=0)])
         self._c = dcm_from_quat(track.q_nb)[:, :2].reshape(-1, 6)
-        self._gps, self._lag = gps, lag
+        self._gps, self._lag, self.middle = gps, lag, float(gps.time.mean())
         self._moved = ned_offset(gps.lla, gps.lla[0])[:, :2]
         self._velocities = bool(np.isfinite(gps.v_n).all())
 
@@ -165,38 +176,79 @@ class _Window:
         return (rows * weight[:, None]).reshape(base.shape[0], -1, 11)
 
 
-def _cost(windows: list[_Window], delays: FloatArray, lever_b: FloatArray, lever_sd: float) -> FloatArray:
-    """Negative log-likelihood of delays; windows that no delay explains weigh less."""
+_Left = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+
+
+def _left(windows: list[_Window], delays: FloatArray, lever_b: FloatArray) -> _Left:
+    """What is left in each window with each delay, (windows, delays, ...), and its degrees of freedom, (windows,)."""
     found = [window.left(delays, lever_b) for window in windows]
-    by_lever, mixed, fixes = (np.array([each[i] for each in found]) for i in range(3))  # (windows, delays, ...)
-    freedom = np.array([each[3] for each in found])
-    weight = np.ones(len(windows))
+    by_lever, mixed, fixes, freedom = (np.array([each[i] for each in found]) for i in range(4))
+    return by_lever, mixed, fixes, freedom
+
+
+def _drift(windows: list[_Window], left: _Left, lever_sd: float, middle: float) -> tuple[float, FloatArray]:
+    """Drift of the delay [s/s], zero unless surely known, and the cost of delays with it.
+
+    `left`: with delays `FINE` apart and one more; `middle`: time at which the delay is asked for [s].
+    """
+    away = np.array([window.middle for window in windows]) - middle
+    reach = float(np.abs(away).max())
+    rows, steps = np.arange(away.size)[:, None], np.arange(left[2].shape[1] - 1)
+    costs, least = [], np.empty(DRIFTS.size)
+    for number, drift in enumerate(DRIFTS):
+        at = steps + (drift / reach / FINE * away)[:, None]
+        near = np.clip(np.rint(at).astype(int), 1, steps.size - 2)
+
+        def moved(values: FloatArray, near: IntArray = near, at: FloatArray = at) -> FloatArray:
+            u = (at - near).reshape(*at.shape, *(1,) * (values.ndim - 2))
+            one, two, three = (values[rows, near + k] for k in (-1, 0, 1))
+            return np.asarray(two + 0.5 * u * (three - one) + 0.5 * u * u * (three - 2.0 * two + one))
+
+        cost, unscaled = _cost((moved(left[0]), moved(left[1]), moved(left[2]), left[3]), lever_sd)
+        known = np.abs(at - near).max(axis=0) <= 0.5 + 1e-9
+        costs.append(np.where(known, cost, np.inf))
+        least[number] = unscaled[known].min()
+    best, none = int(np.argmin(least)), DRIFTS.size // 2
+    sure = least[none] - least[best] > 0.5 * SURE**2 and abs(DRIFTS[best]) > DRIFT_WORTH
+    return float(DRIFTS[best] / reach) if sure and 0 < best < DRIFTS.size - 1 else 0.0, costs[best]
+
+
+def _cost(left: _Left, lever_sd: float) -> tuple[FloatArray, FloatArray]:
+    """Negative log-likelihood of delays; windows that no delay explains weigh less.
+
+    Returns: with the weights of the likeliest; and with those of each delay, to compare with another call.
+    """
+    by_lever, mixed, fixes, freedom = left
+    weight, cost, rest = np.ones(freedom.size), np.empty(0), np.empty(0)
     for _ in range(3):
         total = np.einsum("w,wkij->kij", weight, by_lever) + np.eye(3) / lever_sd**2
         arm = np.linalg.solve(total, np.einsum("w,wki->ki", weight, mixed)[..., None])[..., 0]
-        left = fixes - 2.0 * np.einsum("wki,ki->wk", mixed, arm) + np.einsum("ki,wkij,kj->wk", arm, by_lever, arm)
-        cost: FloatArray = 0.5 * (weight @ left + np.sum(arm**2, axis=1) / lever_sd**2)
-        weight = freedom / np.maximum(left[:, np.argmin(cost)], 0.05 * freedom)
-    return cost
+        rest = fixes - 2.0 * np.einsum("wki,ki->wk", mixed, arm) + np.einsum("ki,wkij,kj->wk", arm, by_lever, arm)
+        cost = 0.5 * (weight @ rest + np.sum(arm**2, axis=1) / lever_sd**2)
+        weight = freedom / np.maximum(rest[:, np.argmin(cost)], 0.05 * freedom)
+    return cost, 0.5 * freedom @ np.log(np.maximum(rest, 0.05 * freedom[:, None]))
 
 
-def on_time(prepared: Callable[[float], Prepared], settings: FilterSettings) -> Prepared:
+def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettings) -> Prepared:
     """Prepare a recording, its samples moved into the time of the fixes where these are late or early.
 
-    `prepared`: prepares with the clock of the samples moved by so much [s]; `settings`: of the filter; a delay that is
-    given is not looked for.
+    `prepared`: prepares with the clock of the samples moved by so much at the start [s], and made faster by so much
+    [s/s]; `settings`: of the filter; a delay that is given is not looked for.
     """
-    ready = prepared(0.0)
+    ready, clock, rate = prepared(0.0, 0.0), 0.0, 0.0
     if settings.delay_sd <= 0.0:
         return ready
     for _ in range(ROUNDS):
-        delay, sd = delay_of(ready)
-        if abs(delay) < max(WORTH, SURE * sd):
+        delay, sd, drift = delay_of(ready)
+        if abs(delay) < max(WORTH, SURE * sd) and not drift:
             break
-        ready = prepared(ready.clock + delay)
-    if ready.clock == 0.0:
-        return ready
-    note = (
-        f"the fixes are {abs(ready.clock):.2f} s {'late' if ready.clock > 0.0 else 'early'}: IMU time is moved by that"
-    )
-    return replace(ready, notes=(*ready.notes, note))
+        clock, rate = clock + delay, rate + drift
+        ready = prepared(clock, rate)
+    notes = []
+    if ready.clock != 0.0:
+        which = "late" if ready.clock > 0.0 else "early"
+        notes.append(f"the fixes are {abs(ready.clock):.2f} s {which}: IMU time is moved by that")
+    if rate != 0.0:
+        which = "slow" if rate > 0.0 else "fast"
+        notes.append(f"the clock of the IMU is {abs(1e6 * rate):.0f} ppm {which} against GPS time: corrected")
+    return replace(ready, notes=(*ready.notes, *notes))

@@ -194,24 +194,29 @@ class Drive:
                 fix="give fixes with --gps; for a bench, --ref with its place at the start and the end, velocity zero",
             )
         fixes = self.fixes
-        return on_time(lambda clock: self._prepared(fixes, states, clock), self.settings)
+        return on_time(lambda clock, rate: self._prepared(fixes, states, clock, rate), self.settings)
 
-    def _prepared(self, fixes: GpsData, states: int, clock: float) -> Prepared:
-        """Prepare with everything that has the time of the samples moved by `clock` [s]."""
+    def _prepared(self, fixes: GpsData, states: int, clock: float, rate: float) -> Prepared:
+        """Prepare with all that has the time of the samples moved by `clock` at the start [s], and by `rate` [s/s]."""
         inputs, imu = self.readings.inputs, self.imu.data
         initial, span = inputs.get("initial"), inputs.get("static")
-        logs = tuple(replace(log, time=log.time + clock) for log in self.settings.logs)
+        begin, end = float(imu.time[0]), float(imu.time[-1])
+
+        def moved(time: Any) -> Any:
+            return time + clock + rate * (time - begin)
+
+        logs = tuple(replace(log, time=moved(log.time)) for log in self.settings.logs)
         ready = prepare(
-            replace(imu, time=imu.time + clock),
+            replace(imu, time=moved(imu.time)),
             fixes,
             self.imu_spec,
             replace(self.settings, logs=logs),
             states=states,
-            start=replace(initial, time=initial.time + clock) if isinstance(initial, Start) else None,
-            static_span=None if span is None else (span[0] + clock, span[1] + clock),
+            start=replace(initial, time=moved(initial.time)) if isinstance(initial, Start) else None,
+            static_span=None if span is None else (moved(span[0]), moved(span[1])),
             heading=inputs.get("heading"),
         )
-        return replace(ready, clock=clock)
+        return replace(ready, clock=clock + 0.5 * rate * (end - begin))
 
     def prepared_with_noise(self, states: int = 21) -> tuple[Prepared, ImuSpec]:
         """As `prepared`, with the noise found in the innovations of the drive if that was asked for, and its IMU.

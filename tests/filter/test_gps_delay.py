@@ -45,7 +45,8 @@ def late(ready: Prepared, delay: float) -> Prepared:
 
 @pytest.mark.parametrize("delay", [-1.3, -0.4, -0.1, 0.0, 0.1, 0.3, 1.0, 1.7])
 def test_a_delay_is_found_from_anywhere(delay):
-    found, sd = delay_of(late(recorded(), delay))
+    found, sd, drift = delay_of(late(recorded(), delay))
+    assert drift == 0.0
     assert found == pytest.approx(delay, abs=0.03)  # the filter goes on from there
     assert 0.0 < sd < 0.02
 
@@ -54,7 +55,7 @@ def test_a_delay_is_found_without_velocities():
     ready = recorded()
     n = ready.gps.time.size
     gps = replace(ready.gps, v_n=np.full((n, 3), np.nan), velocity_sd=np.full((n, 3), np.nan))
-    found, sd = delay_of(late(replace(ready, gps=gps), 0.8))
+    found, sd, _ = delay_of(late(replace(ready, gps=gps), 0.8))
     assert abs(found - 0.8) < 3.0 * sd < 0.2
 
 
@@ -63,12 +64,23 @@ def test_false_fixes_do_not_decide():
     false = np.random.default_rng(2).random(ready.gps.time.size) < 0.02
     lla = ready.gps.lla.copy()
     lla[false, :2] += 50.0 / 6.4e6
-    found, _ = delay_of(late(replace(ready, gps=replace(ready.gps, lla=lla)), 0.5))
+    found, _, _ = delay_of(late(replace(ready, gps=replace(ready.gps, lla=lla)), 0.5))
     assert found == pytest.approx(0.5, abs=0.05)
 
 
+@pytest.mark.parametrize("rate", [200e-6, -350e-6])
+def test_a_clock_that_drifts_is_found(rate):
+    ready = recorded()
+    begin = ready.imu.time[0]
+    imu = replace(ready.imu, time=ready.imu.time - rate * (ready.imu.time - begin))
+    found, sd, drift = delay_of(prepare(imu, ready.gps, drives.SPEC, ready.settings))
+    assert drift == pytest.approx(rate, abs=0.25 * abs(rate))
+    assert found == pytest.approx(0.0, abs=0.03)
+    assert sd < 0.02
+
+
 def test_an_uneven_likelihood_gives_no_delay():
-    """Urban fixes, eight windows: the top at 0.28 s is sharp, and yet hardly likelier than no delay, which is the truth."""
+    """Urban fixes, eight windows: the top at 0.28 s is sharp, but hardly likelier than no delay, the truth."""
     options = {"imu": "consumer", "gps": "urban", "seed": 1016}
     made = plan_of(profiled("round_trip", 1016), options).measured()
     velocities = {name: getattr(made.gps, name) * [1.0, 1.0, np.nan] for name in ("v_n", "velocity_sd")}
@@ -79,7 +91,7 @@ def test_an_uneven_likelihood_gives_no_delay():
 def test_nothing_is_said_where_nothing_tells():
     ready = recorded()
     found = delay_of(replace(ready, imu=ready.imu.rows(ready.imu.time < ready.imu.time[0] + 20.0)))
-    assert found == (0.0, np.inf)
+    assert found == (0.0, np.inf, 0.0)
     assert delay_of(late(ready, REACH + 1.5))[1] == np.inf
 
 
