@@ -32,7 +32,7 @@ REACH = 2.0  # delays looked for, early and late [s]
 GRID = 0.2  # first steps: the likelihood of a delay is as wide as a manoeuvre [s]
 FINE, FINE_STEPS = 0.04, 8  # steps about the best of these to either side; the rest is a parabola [s]
 DRIFTS = 0.02 * np.arange(-10, 11)  # of the delay, from the middle to the ends of the record [s]
-DRIFT_WORTH = 0.02  # a smaller one is not moved by [s]
+DRIFT_WORTH, LARGEST_DRIFT = 0.02, 4e-4  # a smaller one is not moved by [s], larger ones no crystal has [s/s]
 LONGEST = 900.0  # of the record that is looked at [s]
 SPAN = 20.0  # of a window: longer, gyro drift counts; shorter, little is left beside the parabola [s]
 FEWEST, MOST = 8, 40  # fixes of a window
@@ -209,8 +209,11 @@ def _drift(windows: list[_Window], left: _Left, lever_sd: float, middle: float) 
         costs.append(np.where(known, cost, np.inf))
         least[number] = unscaled[known].min()
     best, none = int(np.argmin(least)), DRIFTS.size // 2
-    sure = least[none] - least[best] > 0.5 * SURE**2 and abs(DRIFTS[best]) > DRIFT_WORTH
-    return float(DRIFTS[best] / reach) if sure and 0 < best < DRIFTS.size - 1 else 0.0, costs[best]
+    gain = least[none] - least[max(best - 1, 0) : best + 2]  # a single high step is an accident of the weights
+    # twice what it would be of white errors: those of urban fixes last (gain 15 of a clock that was right)
+    sure = gain.size == 3 and gain.min() > SURE**2 and abs(DRIFTS[best]) > DRIFT_WORTH
+    drift = float(DRIFTS[best] / reach)
+    return drift if sure and abs(drift) < LARGEST_DRIFT else 0.0, costs[best]
 
 
 def _cost(left: _Left, lever_sd: float) -> tuple[FloatArray, FloatArray]:
