@@ -184,7 +184,7 @@ def _stuck_often(data: Data, axis: int, seconds: float, times: int) -> tuple[Imu
     values = np.hstack([data.imu.gyro, data.imu.accel])
     for number in range(times):
         rows = np.flatnonzero(_during(data, data.imu.time - 12.0 * number, seconds))
-        values[rows, axis] = values[rows[0], axis]
+        values[rows, axis] = values[rows[:1], axis]
     return replace(data.imu, gyro=values[:, :3].copy(), accel=values[:, 3:].copy()), data.gps
 
 
