@@ -240,31 +240,9 @@ def predicted_variance(phi, p, q, x, row, out):  # type: ignore[no-untyped-def]
 def propagate(first, last, close, samples, carried, model, moments, out, rows, work):  # type: ignore[no-untyped-def]
     """Carry state, transition and noise through intervals `first` to `last` - 1.
 
-    Parameters
-    ----------
-    first, last : int
-        Range of intervals.
-    close : bool
-        A filter epoch follows: end the sub-step at `last`. Otherwise it stays open for the next call.
-    samples : Samples
-    carried : Carried
-        Changed in place.
-    model : Model
-    moments : Moments
-        Transition and noise are accumulated in place.
-    out : Outputs
-        Filled from row `rows` on.
-    rows : int
-        Number of outputs already written.
-    work : tuple of arrays
-        Scratch.
-
-    Returns
-    -------
-    stop : int
-        First interval not processed: `last`, or earlier if the model's limit asks for a filter epoch.
-    rows : int
-        Number of outputs written so far.
+    `close`: a filter epoch follows: end the sub-step at `last`; else it stays open for the next call; `carried` and
+    `moments` change in place; `out` is filled from row `rows` on; `work`: from `scratch`.
+    Returns: first interval not processed, `last` or earlier if the model's limit asks for a filter epoch; rows written.
     """
     time, dt, dtheta, dvel, coning, sculling, gap = samples
     x, correction, motion, sums, span = carried

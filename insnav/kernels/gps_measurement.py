@@ -30,15 +30,10 @@ def rotation(x, c):  # type: ignore[no-untyped-def]
 def antenna(x, motion, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-untyped-def]
     """Predicted minus measured antenna position and velocity, and their derivative by the error states.
 
-    `x` (10,): state; see `insnav.kernels.mechanization`; `motion` (6,): body rate [rad/s] and acceleration in n
-    [m/s^2]; `lever` (3,): antenna seen from the IMU, body axes [m]; `delay`: how much older the fix is than its
-    timestamp [s], beyond what its time already accounts for; `lag`: by which the velocity of a fix lags its position
-    [s]; `lla` (3,): measured latitude, longitude [rad], height [m]; `v_n` (3,): measured velocity [m/s]; may be
-    ``NaN``; `z` (6,): filled with predicted minus measured: position N, E, D [m], velocity N, E, D [m/s]; `h` (6, n):
-    filled with the derivative of `z` by the error states; with a 22nd state, that is the delay [s].
-
-    Notes
-    -----
+    `x` (10,): state; `motion` (6,): body rate [rad/s] and acceleration in n [m/s^2]; `lever` (3,): antenna from the
+    IMU, body axes [m]; `delay`: how much older the fix is than its timestamp [s], beyond what its time accounts for;
+    `lag`: by which its velocity lags its position [s]; `lla` (3,), `v_n` (3,): measured, the velocity may be ``NaN``.
+    Filled: `z` (6,), position N, E, D [m], velocity N, E, D [m/s]; `h` (6, n), with a 22nd state that is the delay [s].
     Lever arm: Groves (2013), section 14.3.1, with errors as estimate minus truth.
     """
     c = np.empty((3, 3))

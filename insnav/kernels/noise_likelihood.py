@@ -46,39 +46,14 @@ def _white(phi, span, column, out):  # type: ignore[no-untyped-def]
 def tape(history, n, noise, decay, bridged):  # type: ignore[no-untyped-def]
     """Take from the history of a run what the likelihood of its innovations needs.
 
-    Parameters
-    ----------
-    history : (m, width(n)) array
-        Epochs; see `insnav.kernels.smoother`.
-    n : int
-        Number of states.
-    noise : (20,) array
-        Spectral densities the run was made with; see `insnav.kernels.errorstate.propagate`.
-    decay : (12,) array
-        Inverse correlation times it was made with [1/s].
-    bridged : (m,) bool array
-        A gap of the samples was bridged on the way to the epoch.
-
-    Returns
-    -------
-    span : (m,) array
-        Time since the epoch before [s].
-    kind : (m,) int array
-        Rows of the measurement used, as in the history.
-    phi : (m, 9, 21) array
-        Transition from the epoch before.
-    white : (m, 4, 9, 9) array
-        Noise by group, of unit density; that of misalignment of one rad^2 s.
-    bridge : (m, 2) array
-        Variance that bridging a gap added to velocity and attitude.
-    z, h : (m, 6), (m, 6, n) array
-        Measurement, predicted minus measured, and its derivative.
-    fed : (m, n) array
-        Error that the run took off its state after the measurement.
-    correction : (m, 12) array
-        Sensor errors it used from then on.
-    restart : (m, 15) array
-        Variances of position, velocity, attitude and biases that an explicit reset set or added; zero elsewhere.
+    `history` (m, width(n)): epochs, see `insnav.kernels.smoother`; `noise` (20,), `decay` (12,): spectral densities and
+    inverse correlation times [1/s] of the run, see `insnav.kernels.errorstate`; `bridged` (m,): a gap of the samples
+    was bridged on the way to the epoch.
+    Returns, for each epoch: span since the one before [s]; kind, as in the history; transition (9, 21); noise by group
+    of unit density (4, 9, 9), that of misalignment of one rad^2 s; variance that bridging added to velocity, attitude
+    (2,); measurement (6,), predicted minus measured, and derivative (6, n); error that the run took off its state (n,);
+    sensor errors it used from then on (12,); variances of position, velocity, attitude and biases that an explicit
+    reset set or added (15,), zero elsewhere.
     """
     m = history.shape[0]
     span, kind = np.zeros(m), np.zeros(m, dtype=np.int64)
@@ -184,37 +159,14 @@ def innovations(  # type: ignore[no-untyped-def]
 ):
     """Innovations of the filter that other noise makes, about the nominal run.
 
-    Parameters
-    ----------
-    run : tuple of arrays
-        From `tape`.
-    nominal_decay, decay : (12,) array
-        Inverse correlation times of the sensor errors in the nominal run and in the other [1/s].
-    density : (4,) array
-        Spectral density of each group of white noise.
-    driving : (12,) array
-        Spectral density of the noise that drives the sensor errors.
-    lasting : int
-        First of three states of a time-correlated position error, or negative.
-    lasting_sd : (3,) array
-        Its standard deviation [m].
-    lasting_time : float
-        Its correlation time [s].
-    variance : (m, 6) array
-        White noise of the measurements.
-    start : tuple of arrays
-        Initial mean (n,) and covariance (n, n) of the error of the nominal run.
-    push : (m, 9) array
-        Known errors that each span adds to position, velocity and attitude.
-    limit : float
-        An innovation beyond so many standard deviations is de-weighted, in the manner of Huber [-].
-    out : (2, 6 m) array
-        Filled with innovation and variance of every component of a measurement used, one given those before.
-
-    Returns
-    -------
-    count : int
-        Number of components.
+    `run`: from `tape`; `nominal_decay`, `decay` (12,): inverse correlation times of the sensor errors in the nominal
+    run and in the other [1/s]; `density` (4,): of each group of white noise; `driving` (12,): of what drives the sensor
+    errors; `lasting`: first of three states of a time-correlated position error, or negative, with `lasting_sd` (3,)
+    [m] and `lasting_time` [s]; `variance` (m, 6): white noise of the measurements; `start`: mean (n,) and covariance
+    (n, n) of the error of the nominal run; `push` (m, 9): known errors that each span adds to position, velocity and
+    attitude; `limit`: an innovation beyond so many standard deviations is de-weighted, in the manner of Huber; `out`
+    (2, 6 m): filled with innovation and variance of every component of a measurement used, one given those before.
+    Returns: number of components.
     """
     span, kind, phi, white, bridge, z, h, fed, correction, restart = run
     mean, p = start[0].copy(), start[1].copy()

@@ -30,10 +30,9 @@ def _deviations(roll_pitch_heading, v, out):  # type: ignore[no-untyped-def]
 def solution(time, state, known, variance, rph, sd):  # type: ignore[no-untyped-def]
     """Attitude angles and standard deviations of a solution.
 
-    `time` (n,): [s]; `state` (n, 16): see `insnav.kernels.mechanization`; `known` (m,) int: rows whose variances were
-    computed, in order; `variance` (m, 12): see `insnav.kernels.errorstate.predicted_variance`; `rph` (n, 3): filled
-    with roll, pitch, heading [rad]; `sd` (n, 9): filled with standard deviations, linear in time between the known
-    rows.
+    `time` (n,) [s]; `state` (n, 16), see `insnav.kernels.mechanization`; `known` (m,): rows whose `variance` (m, 12)
+    was computed, in order, see `insnav.kernels.errorstate.predicted_variance`. Filled: `rph` (n, 3) roll, pitch,
+    heading [rad]; `sd` (n, 9) standard deviations, linear in time between the known rows.
     """
     n = time.shape[0]
     for k in range(n):

@@ -81,14 +81,13 @@ def keep_measurement(row, kind, source, z, h, r):  # type: ignore[no-untyped-def
 def backward(history, n, adjoint, information, after, before, covariance, variance, innovations):  # type: ignore[no-untyped-def]
     """Carry the adjoint backwards through some epochs, and find the smoothed errors there.
 
-    `history` (m, width(n)): epochs in order of time; `n`: number of states; `adjoint`, `information` (n,), (n, n):
-    adjoint vector and matrix just after the last of these epochs; zero at the end of the record. In place: on return,
-    just after the epoch before the first of these; `after`, `before` (m, 21): filled with the smoothed error of the
-    filter's state after, and before, the measurement of each epoch; `covariance` (m, 9, 9): filled with the covariance
-    of smoothed position, velocity and attitude, as in `at_fix_time`; `variance` (m, 12): filled with the variances of
-    the smoothed sensor errors; `innovations` (m, 25): filled, where there was a fix, with predicted minus measured and
-    the variance of the prediction, by the filter before the fix (0 to 11) and smoothed (12 to 23), and the filter's
-    variance of the attitude error about Down (24); elsewhere ``NaN``.
+    `history` (m, width(n)): epochs in order of time; `adjoint` (n,), `information` (n, n): just after the last of
+    these, zero at the end of the record; on return just after the epoch before the first.
+    Filled: `after`, `before` (m, 21): smoothed error of the filter's state after and before the measurement;
+    `covariance` (m, 9, 9) of smoothed position, velocity and attitude, as in `at_fix_time`; `variance` (m, 12) of the
+    smoothed sensor errors; `innovations` (m, 25): where there was a fix, predicted minus measured and the variance of
+    the prediction, by the filter before it (0 to 11) and smoothed (12 to 23), and the filter's variance of the attitude
+    error about Down (24); elsewhere ``NaN``.
     """
     p = np.zeros((n, n))
     phi = np.zeros((n, n))
@@ -194,12 +193,10 @@ def apply(time, state, variance, epoch, after, before, covariance):  # type: ign
     Between two epochs the error is smooth: its position follows the cubic that its position and velocity at both ends
     determine, all else a straight line.
 
-    `time` (n,): times of the states [s]; `state` (n, 16): filter's states, after the measurement where there was one;
-    changed in place; `variance` (n, 12): filled from the first to the last epoch: variances of position, velocity,
-    attitude error, then covariances of attitude N-E, N-D, E-D; see `insnav.kernels.errorstate.predicted_variance`;
+    `time` (n,) [s], `state` (n, 16): filter's states, after the measurement where there was one, changed in place;
+    `variance` (n, 12): filled from the first to the last epoch, as in `insnav.kernels.errorstate.predicted_variance`;
     `epoch` (m,): times of the epochs [s]; `after`, `before`, `covariance`: from `backward`.
-
-    Returns: `first`, `last`: range of states that lie between the epochs.
+    Returns: first and last of the states that lie between the epochs.
     """
     m = epoch.shape[0]
     error = np.zeros(STATES)
