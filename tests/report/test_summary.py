@@ -30,6 +30,28 @@ def test_a_few_lines_say_what_matters(navigated):
     assert row.split()[-1] == number(rms(navigated.found.errors.horizontal))
 
 
+def test_a_constant_difference_is_named_as_what_it_is(driven, navigated):
+    """A base station 5 sd lower, and a few epochs that are far off."""
+    run, gps, _ = driven
+    errors = navigated.found.errors
+    lower = errors.position + [0.0, 0.0, 5.0 * float(np.median(errors.sd[:, 2]))]
+    (said,) = [text for text in run_warnings(EvaluatedRun(run, gps, replace(errors, position=lower))) if "3 sd" in text]
+    assert f"{np.median(lower[:, 2]):+.3f} m down makes most of them" in said
+    wild = errors.position * np.where(np.arange(len(errors.time)) % 10, 0.01, 40.0)[:, None]
+    (said,) = [text for text in run_warnings(EvaluatedRun(run, gps, replace(errors, position=wild))) if "3 sd" in text]
+    assert "constant" not in said
+
+
+def test_a_few_wild_epochs_do_not_hide_how_good_the_rest_is(driven, navigated):
+    run, gps, _ = driven
+    errors = navigated.found.errors
+    wild = errors.position * np.where(np.arange(len(errors.time)) % 50, 1.0, 300.0)[:, None]
+    worse = replace(navigated, found=EvaluatedRun(run, gps, replace(errors, position=wild)))
+    most = number(float(np.percentile(np.hypot(*wild[:, :2].T), 95.0)))
+    assert f"RMS filtered (95 % within {most} m)" in worse.page().verdict.sentence
+    assert "95 % within" not in navigated.page().verdict.sentence
+
+
 def test_a_notebook_gets_the_tables(navigated):
     shown = navigated._repr_html_()
     assert "horizontal [m]" in shown

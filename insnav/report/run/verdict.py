@@ -34,7 +34,7 @@ def run_verdict(found: EvaluatedRun, warnings: Sequence[str]) -> Verdict:
     """Rate a run by its errors, or by its own innovations where there is no reference."""
     light, reason = _light(found, warnings)
     if found.errors is not None:
-        sizes = [f"{number(rms(each.horizontal))} m RMS {mode}" for mode, each in found.known_errors.items()]
+        sizes = [_error_size(mode, each.horizontal) for mode, each in found.known_errors.items()]
         return Verdict(light, reason, f"Horizontal error {', '.join(sizes)}; {_holds(found)}.")
     sds = [f"{number(_size(each.sd[:, :2]))} m {mode}" for mode, each in found.solutions.items() if each.sd is not None]
     if not sds:
@@ -42,6 +42,12 @@ def run_verdict(found: EvaluatedRun, warnings: Sequence[str]) -> Verdict:
     return Verdict(
         light, reason, f"Stated horizontal sd {', '.join(sds)} (RMS); no reference, so the error is not known."
     )
+
+
+def _error_size(mode: str, horizontal: FloatArray) -> str:
+    """RMS, and the 95 % error where a few epochs make nearly all of the RMS."""
+    size, most = rms(horizontal), float(np.percentile(horizontal, 95.0))
+    return f"{number(size)} m RMS {mode}" + f" (95 % within {number(most)} m)" * (most < 0.5 * size)
 
 
 def run_line(result: Result[EvaluatedRun]) -> str:

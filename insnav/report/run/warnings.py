@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun
@@ -16,6 +18,7 @@ _MANY = 0.1  # share of rejected fixes that wants an explanation
 _ROW, _ROW_TIME = 3, 1.9  # rejected fixes in a row, and over so long [s], that are more than chance
 _LATE = 0.1  # delay of the fixes that receivers and loggers do not make by themselves [s]
 _LONG_GAP = 1.0  # of samples [s]: a car turns and brakes in it
+_EXPLAINED = 0.5  # part of the epochs outside 3 sd that a constant difference must not leave, to be their cause
 _LARGEST_SCALE = 0.05  # scale factor error [-]: consumer MEMS sensors are sold with at most 0.03
 
 
@@ -121,8 +124,8 @@ def _many_rejected(run: Run) -> list[str]:
         if longest is None:
             return []
         name, start, stop = longest
-        more = f", and in {len(rows) - 1} shorter stretches" * (len(rows) > 1)
-        return [f"every {name} from {start:.1f} to {stop:.1f} s was rejected{more}: false fixes, or samples that are"]
+        more = f", and so it was {_times(len(rows) - 1)} for a shorter time" * (len(rows) > 1)
+        return [f"every {name} from {start:.1f} to {stop:.1f} s was rejected{more}: false fixes, or false samples"]
     causes = "is a heading, lever arm, axis, clock or standard deviation wrong?"
     return [f"many fixes were rejected, {' and '.join(groups)}: {causes} See innovations and events"]
 
@@ -141,12 +144,22 @@ def _late(run: Run) -> list[str]:
 def _overconfident(name: str, errors: TrajectoryErrors | None) -> list[str]:
     """The reference is outside 3 sd much more often than it should be."""
     position = None if errors is None else (nees(errors) or {}).get("position")
-    if not position or position["inside_3_sd"] >= HOLDS:
+    if errors is None or not position or position["inside_3_sd"] >= HOLDS:
         return []
-    return [
-        f"{name} is outside 3 sd at {100.0 * (1.0 - position['inside_3_sd']):.0f} % of the epochs; likely causes: "
-        "time-correlated GPS errors, optimistic sigmas, reference errors"
-    ]
+    outside = 1.0 - position["inside_3_sd"]
+    constant = np.nanmedian(errors.position, axis=0)
+    without = (nees(replace(errors, position=errors.position - constant)) or {}).get("position")
+    said = f"{name} is outside 3 sd at {100.0 * outside:.0f} % of the epochs; "
+    if without and 1.0 - without["inside_3_sd"] < _EXPLAINED * outside:
+        size = ", ".join(
+            f"{each:+.3f} m {axis}" for each, axis in zip(constant, ("north", "east", "down"), strict=True)
+        )
+        rest = 100.0 * (1.0 - without["inside_3_sd"])
+        return [
+            f"{said}a constant difference of {size} makes most of them ({rest:.0f} % without it): is the datum, the "
+            "height or the point of the reference another one?"
+        ]
+    return [f"{said}likely causes: time-correlated GPS errors, optimistic sigmas, reference errors"]
 
 
 def _diverged(run: Run) -> list[str]:
