@@ -236,6 +236,8 @@ def _told(gps: GpsData, trust: Trust) -> list[Event]:
             ]
             listed = ", ".join(spans[:3]) + (f" and {len(spans) - 3} more" if len(spans) > 3 else "")
             largest = float(np.nanmax(size[false]))
-            told = f"{int(false.sum())} {name} fixes contradict the whole record by up to {largest:.3g} {unit} and "
-            found.append(_event(float(gps.time[false][0]), largest, unit, f"{told}were not used: {listed}"))
+            several = false.sum() > 1
+            told = f"{int(false.sum())} {name} " + ("fixes contradict" if several else "fix contradicts")
+            told += f" the whole record by up to {largest:.3g} {unit} and {'were' if several else 'was'} not used: "
+            found.append(_event(float(gps.time[false][0]), largest, unit, told + listed))
     return found

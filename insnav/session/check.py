@@ -124,15 +124,15 @@ def check(files: Sequence[str | Path], inputs: Inputs) -> Result[Checked]:
 
 def _sorted(files: Iterable[str | Path], patient: _Patient) -> dict[str, str | Path]:
     """Which file is what: IMU, GPS, reference."""
-    given: dict[str, str | Path] = {}
+    held: dict[str | Path, set[str]] = {}
     for each in files:
         try:
-            tables = open_tables(each)
+            held[each] = kinds_of(open_tables(each), imu_known=any("imu" in kinds for kinds in held.values()))
         except InsnavError as error:
             patient.roles[str(each)] = "not readable"
             patient.refused(error)
-            continue
-        kinds = kinds_of(tables, imu_known="imu" in given)
+    given: dict[str, str | Path] = {}
+    for each, kinds in sorted(held.items(), key=lambda item: item[1] == {"reference"}):  # fixes are better than none
         role = "imu" if "imu" in kinds and "imu" not in given else "gps" if "gps" not in given else "reference"
         given[role] = each
         both = {"imu", "gps"} <= kinds

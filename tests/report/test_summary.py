@@ -34,7 +34,7 @@ def test_a_constant_difference_is_named_as_what_it_is(driven, navigated):
     """A base station 5 sd lower, and a few epochs that are far off."""
     run, gps, _ = driven
     errors = navigated.found.errors
-    lower = errors.position + [0.0, 0.0, 5.0 * float(np.median(errors.sd[:, 2]))]
+    lower = errors.position + np.array([0.0, 0.0, 5.0 * float(np.median(errors.sd[:, 2]))])
     (said,) = [text for text in run_warnings(EvaluatedRun(run, gps, replace(errors, position=lower))) if "3 sd" in text]
     assert f"{np.median(lower[:, 2]):+.3f} m down makes most of them" in said
     wild = errors.position * np.where(np.arange(len(errors.time)) % 10, 0.01, 40.0)[:, None]

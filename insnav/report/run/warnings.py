@@ -168,8 +168,8 @@ def _diverged(run: Run) -> list[str]:
         return []
     first = found[0]
     return [
-        f"innovations inconsistent with their predicted sd in {len(found)} windows of 1 min, first at {first.time:.1f} "
-        f"s: {first.unit} = {first.value:.2g}; {first.hint}"
+        f"innovations inconsistent with their predicted sd in {len(found)} window{'s' * (len(found) > 1)} of 1 min, "
+        f"first at {first.time:.1f} s: {first.unit} = {first.value:.2g}; {first.hint}"
     ]
 
 
