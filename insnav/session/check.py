@@ -411,9 +411,9 @@ def _run(drive: Drive, patient: _Patient) -> Run | None:
 
 def _of_both(found: Checked, data: Readings, patient: _Patient) -> None:
     axes = data.imu.facts.axes
-    if axes and axes != "FRD" and data.inputs.get("axes") is None:
+    if found.mounting and axes and axes != "FRD" and data.inputs.get("axes") is None:
         patient.inputs["axes"] = axes
-        patient.mend(38.0, f"the IMU's axes point {axes}", "found from gravity and GPS", f"say --imu-axes {axes}")
+        patient.mend(38.0, f"the IMU's axes point {axes}", "by course and accelerations", f"say --imu-axes {axes}")
     if found.run is None:
         return
     delay, sd = found.run.gps_delay, found.run.gps_delay_sd
