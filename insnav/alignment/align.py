@@ -138,7 +138,7 @@ def _from_rest(
             "the heading cannot be found",
             why="the gyros are too poor for a gyrocompass and the vehicle never moves faster than "
             f"{motion.SLOWEST:g} m/s for the course",
-            fix="give it with --heading DEGREES",
+            fix="give it with --heading DEGREES, to within some 2 deg: it is believed",
         )
     rph[2] = wrap_two_pi(course.heading)
     bias, bias_sd = static.gyro_bias(at, spec, rph, course.sd, lat)
