@@ -193,7 +193,7 @@ def _check_limit(fail_above: float | None, ref: Path | None) -> None:
 
 def _check_failure(run: Run) -> None:
     """End with exit code 1 if the filter was lost."""
-    from insnav.report.run.warnings import failure
+    from insnav.errors.evaluated_run import failure
 
     why = failure(run)
     if why:

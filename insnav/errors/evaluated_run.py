@@ -12,9 +12,11 @@ from insnav.errors.short_duration_errors import ShortWindow
 from insnav.filter.navigate import Navigated
 from insnav.filter.noise_identification import NoiseEstimate
 from insnav.input.readers.reading import Reading
-from insnav.types import FloatArray, GpsData, Run, Trajectory
+from insnav.types import EventKind, FloatArray, GpsData, Run, Trajectory
 
 _FEW, _MOST, _SAME = 10, 0.9, 1e-10  # epochs in common, and share of them that are the same [rad]: half a millimetre
+_REJECTED = 0.5  # share of rejected positions of a filter that is lost ...
+_LOST, _LOST_RESETS = 0.2, 3  # ... or after so many resets
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,3 +102,16 @@ def fixed_epochs(reference: Reading[Trajectory]) -> tuple[Trajectory, tuple[str,
     return reference.data.rows(fixed), (
         f"accuracy counts reference epochs with fix = 1 only; {left} others are left out",
     )
+
+
+def failure(run: Run) -> str:
+    """Why a solution is not to be used: the filter was lost again and again; empty if it was not."""
+    resets = sum(event.kind is EventKind.RESET for event in run.events)
+    fixes = run.innovations
+    processed = np.isfinite(fixes.innovation[:, :3]).any(axis=1)
+    lost = float(np.mean(~fixes.used_position[processed])) if processed.any() else 0.0
+    if lost > _REJECTED and not any(event.kind == EventKind.GATE_RECORD_POSITION for event in run.events):
+        return f"the filter rejected {100.0 * lost:.0f} % of the positions"
+    if resets >= _LOST_RESETS and lost > _LOST:
+        return f"the filter was reset {resets} times, and {100.0 * lost:.0f} % of the positions were rejected"
+    return ""

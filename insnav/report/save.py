@@ -14,9 +14,10 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, cast
 
-from insnav.exceptions import ConfigError, OutputError
+from insnav.exceptions import ConfigError, InputError, OutputError
 from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
+from insnav.output.contents import FACTS_FILE
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat
 from insnav.report.html import page_html
@@ -116,6 +117,10 @@ def open_folder(folder: Path) -> Result[Any]:
     """Read a saved result again; see `insnav.result.open_result`."""
     facts = read_facts(folder)
     kind = str(facts.get("kind", "run"))
+    parts = {"input": dict, "configuration": dict, "notes": list, "fixes": dict, "imu_model": dict}
+    for name, what in parts.items():
+        if not isinstance(facts.get(name, what()), what):
+            raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=name, fix="make the run again")
     inputs = {name: ReadingFacts.from_dict(each) for name, each in facts.get("input", {}).items()}
     found = _of_room(kind, "read_found")(folder)
     file, model = folder / "imu.toml", facts.get("imu_model")

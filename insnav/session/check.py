@@ -12,7 +12,8 @@ import numpy as np
 
 from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.clock_offset import ClockOffset
-from insnav.exceptions import InputError, InsnavError
+from insnav.errors.evaluated_run import failure
+from insnav.exceptions import DivergenceError, InputError, InsnavError
 from insnav.filter.fix_figures import FixFigures, look_at_fixes
 from insnav.filter.gps_noise import with_sd
 from insnav.imu.health import inspect
@@ -399,13 +400,17 @@ def _of_gps(reading: Reading[GpsData], found: Checked, patient: _Patient) -> Non
 def _run(drive: Drive, patient: _Patient) -> Run | None:
     """One pass of the filter."""
     try:
-        found = drive.navigate(smooth=False, aiding="off", output_interval=1.0).found
+        found = drive.navigate(output_interval=1.0).found
     except InsnavError as error:
         patient.refused(error)
         return None
     if found.reference_is_gps:
         what, why = "reference and fixes are the same data", "their positions are equal"
         patient.mend(40.0, what, why, "give another reference; errors against this one say nothing of the accuracy")
+    if why := failure(found.run):
+        fix = "see whether one of the two is of another drive, clock, unit or mounting"
+        patient.refused(DivergenceError("IMU and fixes contradict each other", why=why, fix=fix))
+        return None
     return found.run
 
 

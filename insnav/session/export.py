@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from insnav.exceptions import ConfigError
+from insnav.exceptions import ConfigError, InputError
 from insnav.input.formats.time_scales import DAY, EPOCH, UNIX_DAYS, WEEK_DAYS, leap_seconds
 from insnav.output.folder import read_facts
 from insnav.output.solution_tables import has_smoothed, read_solution
@@ -33,6 +33,10 @@ def export(folder: Path, kind: str, *, solution: Solution | None = None, week: i
     facts = read_facts(folder)
     smoothed = solution == "smoothed" or (solution is None and has_smoothed(folder))
     trajectory = read_solution(folder, "smoothed" if smoothed else "solution")
+    known = np.isfinite(np.hstack((trajectory.lla, trajectory.v_n))).all(axis=1)
+    if not known.all():
+        lost, where = int(np.sum(~known)), str(folder)
+        raise InputError(f"{lost} rows of the solution have no position", where=where, fix="make the run again")
     inputs = facts.get("input", {})
     gps = inputs.get("gps", {}) if isinstance(inputs, dict) else {}
     utc, gps_time = _instants(trajectory.time, _week(inputs) if week is None else week)

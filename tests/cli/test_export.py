@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from tests.output.test_track_files import run as _run
 
 run = _run
@@ -24,3 +26,11 @@ def test_what_cannot_be_exported_is_said(cli, run, tmp_path, monkeypatch):
     assert cli("export", run(), "--to", "shp").code == 2
     assert cli("export", run(start=5.0, week=None), "--to", "nmea").code == 2
     assert cli("export", run(), "--to", "csv", "--out", "no/such/folder.csv").code == 4
+    damaged = run()
+    table = next(Path(damaged).glob("s*.csv"))
+    head, first, *rows = table.read_text().splitlines()
+    lost = ",".join([first.split(",")[0], "nan", *first.split(",")[2:]])
+    for file in Path(damaged).glob("s*.csv"):
+        file.write_text("\n".join([head, lost, *rows]) + "\n")
+    shown = cli("export", damaged, "--to", "gpx", "--out", "x.gpx")
+    assert (shown.code, "1 rows of the solution" in shown.err) == (3, True)

@@ -63,6 +63,15 @@ def test_what_is_no_run_is_refused(drive: Path, cli: Cli):
     assert not Path("report").exists()
 
 
+@pytest.mark.parametrize("wrong", [{"configuration": None}, {"fixes": "x"}, {"notes": 3}])
+def test_facts_of_another_kind_are_refused(drive: Path, cli: Cli, wrong: dict[str, object]):
+    assert cli(*RUN, "--out", "made").code == 0
+    facts = read_facts(Path("made"))
+    Path("made/run.json").write_text(json.dumps(facts | wrong))
+    shown = cli("report", "made")
+    assert (shown.code, "run.json is damaged" in shown.err) == (3, True)
+
+
 def test_a_pdf_has_three_pages_and_leaves_the_run_as_it_is(drive: Path, cli: Cli):
     assert cli(*RUN, "--figures", "none").code == 0
     shown = cli("report", "run", "--pdf")

@@ -18,6 +18,7 @@ RUNS = {
     "nothing given": ("run", "imu.csv", "--gps", "gps.csv"),
     "with a reference": ("run", "imu.csv", "--gps", "gps.csv", "--ref", "ref.csv", "--mechanization", "short"),
     "less": ("run", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", "--states", "15", "--no-smooth"),
+    "at one height": ("run", "imu.csv", "--gps", "gps.csv", "--fixed-height", "2"),
     "outage": ("outage", "imu.csv", "--gps", "gps.csv", "--ref", "ref.csv", "--lengths", "5", "--workers", "1"),
     "budget": ("budget", "--profile", "city", "--imu", "tactical"),
     "simulate": ("simulate", "city", "--imu", "ideal", "--rate", "20"),

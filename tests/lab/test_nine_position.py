@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -203,3 +204,17 @@ def test_a_dead_channel_is_refused(tmp_path: Path) -> None:
     np.savetxt(path, rows, "%.12g", ",", header=path.read_text().splitlines()[0], comments="")
     with pytest.raises(InputError, match="y_ax does not follow gravity"):
         fit(read([path], BenchOptions(gravity=G)), BenchOptions(gravity=G))
+
+
+def test_exchanged_rows_are_refused() -> None:
+    rng = np.random.default_rng(3)
+    positions = np.vstack((NINE, UPRIGHT))
+    measured = make(rng, 0.002, 0.002).measure(positions, 0.005, rng)
+    for a, b in combinations(range(len(positions)), 2):
+        if np.allclose(positions[a], positions[b]):
+            continue
+        wrong = measured.copy()
+        wrong[[a, b]] = wrong[[b, a]]
+        with pytest.raises(InputError) as refused:
+            calibrate_nine(*positions.T, wrong, G)
+        assert "exchanged" in str(refused.value.fix)

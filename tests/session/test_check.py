@@ -147,6 +147,22 @@ def test_a_reference_that_is_the_fixes_is_said(tmp_path):
     assert not insnav.load(imu, gps, other).navigate(smooth=False).found.reference_is_gps
 
 
+def test_a_filter_that_is_lost_is_no_run(tmp_path, monkeypatch):
+    monkeypatch.setattr("insnav.session.check.failure", lambda run: "the filter rejected 99 % of the positions")
+    imu, gps = table(tmp_path / "imu.csv", samples(IMU_HEADERS)), table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
+    found = check([imu, gps], {}).found
+    assert not found.runs
+    assert not found.runs_as_given
+    assert "99 %" in found.problems[0].why
+
+
+def test_a_folder_with_an_imu_model_beside_the_samples_is_one_recording(tmp_path):
+    table(tmp_path / "imu.csv", samples(IMU_HEADERS))
+    table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
+    (tmp_path / "imu.toml").write_text("[gyro]\n")
+    assert check([tmp_path], {}).found.runs_as_given
+
+
 def test_fixes_alone_are_examined(tmp_path):
     found = check([table(tmp_path / "gps.csv", fixes(GPS_HEADERS))], {}).found
     assert found.gps is not None

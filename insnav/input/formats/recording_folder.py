@@ -11,6 +11,7 @@ from insnav.input.formats.table import Table
 name = "folder of a recording"
 
 _NAMES = {"imu": "imu", "gps": "gps", "gnss": "gps", "ref": "reference", "reference": "reference"}
+_BESIDE = (".toml", ".json", ".md", ".png", ".html")  # what says something of the data
 
 
 def recognise(source: Source) -> bool:
@@ -34,6 +35,6 @@ def _files(source: Source) -> dict[str, str]:
     found: dict[str, list[str]] = {}
     for path in source.members:
         part = _NAMES.get(PurePosixPath(path).name.split(".")[0].lower())
-        if part is not None and "/" not in path:
+        if part is not None and "/" not in path and not path.lower().endswith(_BESIDE):
             found.setdefault(part, []).append(path)
     return {part: paths[0] for part, paths in found.items() if len(paths) == 1}

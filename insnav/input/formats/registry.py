@@ -129,7 +129,7 @@ def _folder(folder: Source) -> InputError:
     shown = ", ".join(map(plain_text, (names or [*folder.members])[:8]))
     kind = "folder" if folder.path else "archive"
     return InputError(
-        f"this is a {kind}, and holds no recording of a kind that is known",
+        f"this {kind} holds no recording of a kind that is known",
         where=folder.name,
         why=f"{len(folder.members)} files: {shown}" if shown else "it is empty",
         fix=f"give a file in it{': ' + shown if names else ''}",

@@ -54,6 +54,7 @@ PRODUCTS = ((0, 1), (2, 3), (4, 5))  # the two sensors of each module
 TRIAD = ((3, 4), (0, 5), (1, 2))  # the two sensors of each axis
 SECOND_ORDER = 2.0  # covers 95 % of the errors of second order in simulations of three common sets of positions
 WEAKEST = 0.01  # of the largest scale factor of six accelerometers, what a dead one stays below
+_MISFIT = 0.05  # of gravity, RMS, that sensors in their positions do not leave: a table set to a degree leaves 0.017
 MOST_SENSITIVE, MOST_CROSSED = 0.2, 0.2  # farther from 1, or from 0, the columns are not what they are stated to be
 
 
@@ -117,6 +118,15 @@ def calibrate_nine(
     _refuse_exchanged(fits, where)
     dof = sum(fit.dof for fit in fits)
     sigma = float(np.sqrt(sum(np.sum(fit.residual**2) for fit in fits) / dof))
+    if sigma > _MISFIT * gravity:
+        worst = int(np.argmax(np.sum([fit.residual**2 for fit in fits], axis=0)))
+        raise InputError(
+            "the outputs do not fit the positions",
+            where=where,
+            why=f"they are off by {sigma / gravity:.2g} g (RMS), most at roll {roll[worst] / DEG:.4g}, pitch "
+            f"{pitch[worst] / DEG:.4g} deg",
+            fix="see whether rows or angles are exchanged, or a position was disturbed",
+        )
     pairs = opposite_pairs(force, gravity)
     gyro_rows = _tilted(force, gravity)
 

@@ -6,14 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.evaluated_run import EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.filter.whole_record import stretches
 from insnav.types import Event, EventKind, Run
 
 HOLDS = 0.95  # share of errors inside 3 sd that needs no word
-_MOST = 0.5  # share of rejected positions of a filter that is lost ...
-_LOST, _LOST_RESETS = 0.2, 3  # ... or after so many resets
 _MANY = 0.1  # share of rejected fixes that wants an explanation
 _ROW, _ROW_TIME = 3, 1.9  # rejected fixes in a row, and over so long [s], that are more than chance
 _LATE = 0.1  # delay of the fixes that receivers and loggers do not make by themselves [s]
@@ -40,19 +38,6 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
         *_samples_lost(found.run),
         *_no_heights(found),
     )
-
-
-def failure(run: Run) -> str:
-    """Why a solution is not to be used: the filter was lost again and again; empty if it was not."""
-    resets = sum(event.kind is EventKind.RESET for event in run.events)
-    fixes = run.innovations
-    processed = np.isfinite(fixes.innovation[:, :3]).any(axis=1)
-    lost = float(np.mean(~fixes.used_position[processed])) if processed.any() else 0.0
-    if lost > _MOST and not any(event.kind == EventKind.GATE_RECORD_POSITION for event in run.events):
-        return f"the filter rejected {100.0 * lost:.0f} % of the positions"
-    if resets >= _LOST_RESETS and lost > _LOST:
-        return f"the filter was reset {resets} times, and {100.0 * lost:.0f} % of the positions were rejected"
-    return ""
 
 
 def _failed(run: Run) -> list[str]:
