@@ -11,11 +11,11 @@ from pathlib import Path
 from insnav.engine import Failed, Workers, each
 from insnav.exceptions import InputError
 from insnav.fleet.batch import Drive
+from insnav.input.formats.recording_folder import NO_DATA
 from insnav.input.formats.registry import open_tables
 from insnav.output.contents import FACTS_FILE, read_facts
 from insnav.session.check import kinds_of
 
-_NO_DATA = {".toml", ".json", ".md", ".yaml", ".html", ".pdf", ".png", ".svg", ".jpg", ".kml", ".tag", ".py", ".ipynb"}
 _FIX = "give the folder that holds the recordings, or a drives.toml; one drive is for insnav run"
 _ROLE = re.compile(r"(^|[-_. ])(imu|gps|gnss|gnns|ref|reference|truth|fixes|samples)\d*(?=$|[-_. ])", re.IGNORECASE)
 _UNSAFE = re.compile(r"[^\w.+-]+")
@@ -74,7 +74,7 @@ def _places(folder: Path, without: Path, left: list[str]) -> Iterator[list[Path]
         if here == without or _result(here):
             folders.clear()
             continue
-        names = sorted(each for each in files if not each.startswith(".") and Path(each).suffix.lower() not in _NO_DATA)
+        names = sorted(each for each in files if not each.startswith(".") and Path(each).suffix.lower() not in NO_DATA)
         data = [here / each for each in names]
         inner = any(_whole(here / each) for each in folders)  # formats look into the folders of a folder
         if not inner and here != folder and _whole(here) and sorted(map(_role, data[:4])) != ["gps", "imu", "ref"]:

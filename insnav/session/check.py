@@ -398,7 +398,7 @@ def _of_gps(reading: Reading[GpsData], found: Checked, patient: _Patient) -> Non
 
 
 def _run(drive: Drive, patient: _Patient) -> Run | None:
-    """One pass of the filter."""
+    """Navigate as ``insnav run`` does; none if the files are refused or the filter is lost."""
     try:
         found = drive.navigate(output_interval=1.0).found
     except InsnavError as error:

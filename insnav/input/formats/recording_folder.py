@@ -11,7 +11,8 @@ from insnav.input.formats.table import Table
 name = "folder of a recording"
 
 _NAMES = {"imu": "imu", "gps": "gps", "gnss": "gps", "ref": "reference", "reference": "reference"}
-_BESIDE = (".toml", ".json", ".md", ".png", ".html")  # what says something of the data
+# endings of files that are no data
+NO_DATA = {".toml", ".json", ".md", ".yaml", ".html", ".pdf", ".png", ".svg", ".jpg", ".kml", ".tag", ".py", ".ipynb"}
 
 
 def recognise(source: Source) -> bool:
@@ -34,7 +35,8 @@ def _files(source: Source) -> dict[str, str]:
     """File of each part, as far as one stands alone in the folder itself."""
     found: dict[str, list[str]] = {}
     for path in source.members:
-        part = _NAMES.get(PurePosixPath(path).name.split(".")[0].lower())
-        if part is not None and "/" not in path and not path.lower().endswith(_BESIDE):
+        file = PurePosixPath(path)
+        part = _NAMES.get(file.name.split(".")[0].lower())
+        if part is not None and "/" not in path and file.suffix.lower() not in NO_DATA:
             found.setdefault(part, []).append(path)
     return {part: paths[0] for part, paths in found.items() if len(paths) == 1}
