@@ -58,31 +58,36 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-for _module, _command in (
-    (run, run.run),
-    (batch, batch.batch),
-    (check, check.check),
-    (demo, demo.demo),
-    (align, align.align),
-    (compare, compare.compare),
-    (report, report.report),
-    (export, export.export),
-    (outage, outage.outage),
-    (budget, budget.budget),
-    (require, require.require),
-    (simulate, simulate.simulate),
-    (imus, imus.imus),
-    (allan, allan.allan),
-    (tune, tune.tune),
-    (acceptance, acceptance.acceptance),
-    (drift, drift.drift),
-    (platform_command, platform_command.platform),
-    (verify, verify.verify),
-    (regress, regress.regress),
+for _command in (
+    run.run,
+    batch.batch,
+    check.check,
+    demo.demo,
+    align.align,
+    compare.compare,
+    report.report,
+    export.export,
+    outage.outage,
+    budget.budget,
+    require.require,
+    simulate.simulate,
+    imus.imus,
+    allan.allan,
+    tune.tune,
+    acceptance.acceptance,
+    drift.drift,
+    platform_command.platform,
+    verify.verify,
+    regress.regress,
 ):
-    _settings = getattr(_module, "SETTINGS", None)
-    _words = {"help": _module.HELP, "short_help": _module.SHORT_HELP}
-    app.command(_command.__name__, cls=GroupedCommand, context_settings=_settings, **_words)(_command)
+    _about = vars(sys.modules[_command.__module__])
+    app.command(
+        _command.__name__,
+        cls=GroupedCommand,
+        context_settings=_about.get("SETTINGS"),
+        help=_about["HELP"],
+        short_help=_about.get("SHORT_HELP", _about["HELP"].partition("\n")[0]),
+    )(_command)
 app.add_typer(calibrate.app, name="calibrate", help=calibrate.HELP, short_help=calibrate.SHORT_HELP)
 
 

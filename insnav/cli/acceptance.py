@@ -5,14 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.calibrate import command as common
 from insnav.cli.console import Stages, note, result_page
+from insnav.cli.options import FILES, METHOD, Columns, Force, Json, Out, SpikeLimit, option
 
-SHORT_HELP = "Acceptance figures from the bench: scale factor, bias, stability, repeatability."
 HELP = """Acceptance figures from the bench: scale factor, bias, stability, repeatability.
 
 Each file holds as many of gyro_x, gyro_y, gyro_z, accel_x, accel_y, accel_z as were measured: rates and specific
@@ -32,36 +28,20 @@ Examples:
   insnav acceptance --static s.csv --json | jq .sensors.gyro_x
 """
 
-METHOD = "Method"
-Steps = Annotated[
-    list[Path] | None,
-    typer.Option(metavar="FILE", help="Rate table of the gyros; may be given again.", rich_help_panel=opt.FILES),
-]
-
 
 def acceptance(
-    rates: Steps = None,
+    rates: Annotated[list[Path] | None, option(FILES, "FILE", "Rate table of the gyros; may be given again.")] = None,
     positions: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FILE", help="Positions of the accelerometers in gravity; again too.", rich_help_panel=opt.FILES
-        ),
+        list[Path] | None, option(FILES, "FILE", "Positions of the accelerometers in gravity; again too.")
     ] = None,
-    static: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Record at rest.", rich_help_panel=opt.FILES)
-    ] = None,
-    powerups: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="FILE", help="Outputs at +w and -w after each power-up.", rich_help_panel=opt.FILES),
-    ] = None,
-    columns: common.Columns = None,
-    lengths: Annotated[
-        str, typer.Option(metavar="S,S,…", help="Averaging times of the bias stability, s.", rich_help_panel=METHOD)
-    ] = "1,10,100",
-    spike_limit: common.SpikeLimit = None,
-    out: opt.Out = Path("acceptance"),
-    force: opt.Force = False,
-    as_json: opt.Json = False,
+    static: Annotated[Path | None, option(FILES, "FILE", "Record at rest.")] = None,
+    powerups: Annotated[list[Path] | None, option(FILES, "FILE", "Outputs at +w and -w after each power-up.")] = None,
+    columns: Columns = None,
+    lengths: Annotated[str, option(METHOD, "S,S,…", "Averaging times of the bias stability, s.")] = "1,10,100",
+    spike_limit: SpikeLimit = None,
+    out: Out = Path("acceptance"),
+    force: Force = False,
+    as_json: Json = False,
 ) -> None:
     """Work out acceptance figures."""
     from insnav.exceptions import ConfigError

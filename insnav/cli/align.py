@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from insnav.cli import options as opt
 from insnav.cli.console import Stages, note, result, result_facts
 from insnav.cli.data_options import Data, takes_data
+from insnav.cli.options import Force, Json, Out
 
-SHORT_HELP = "Initial attitude from a record at rest, with its uncertainty."
 HELP = """Initial attitude from a record at rest, with its uncertainty.
 
 Roll and pitch come from gravity, heading from the Earth's rotation if the gyros are good enough (gyrocompass), else as
@@ -23,16 +22,14 @@ Examples:
 """
 
 
-@takes_data(files={"gps": False, "ref": False}, without=("logs",))
+@takes_data(without=("logs",))
 def align(
     data: Data,
-    out: opt.Out = Path("alignment"),
-    force: opt.Force = False,
-    as_json: opt.Json = False,
+    out: Out = Path("alignment"),
+    force: Force = False,
+    as_json: Json = False,
 ) -> None:
     """Align a static record."""
-    from dataclasses import replace
-
     from insnav.exceptions import ConfigError
     from insnav.output.folder import RunFolder
 
@@ -42,10 +39,7 @@ def align(
         outcome = data.load(stage).align()
         for text in outcome.notes:
             note(text)
-        stage("writing")
-        from insnav.report.save import save_result
-
-        where = save_result(replace(outcome, options=data.options), folder)
+        outcome, where = data.save(outcome, folder, stage)
     if as_json:
         result_facts(where)
     else:

@@ -5,14 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
-from insnav.cli import options as opt
 from insnav.cli import parse
 from insnav.cli.console import Stages, note, result_page
 from insnav.cli.data_options import READING, Data, takes_data
+from insnav.cli.options import RESULT, START, Force, Json, Out, option
 
-SHORT_HELP = "Noise of an IMU from a record at rest: Allan deviation and imu.toml."
 HELP = """Noise of an IMU from a record at rest: Allan deviation and imu.toml.
 
 Overlapping Allan deviation of all axes with 95 % intervals, the noise coefficients that the record supports
@@ -34,19 +31,12 @@ IMU_TOML = "imu.toml"
 @takes_data(files={}, only=("calibration", *READING))
 def allan(
     data: Data,
-    static: Annotated[
-        str | None, typer.Option(metavar="FROM:TO", help="Part to use, s. [all]", rich_help_panel=opt.START)
-    ] = None,
-    taus: Annotated[
-        str,
-        typer.Option(metavar="S,S,…", help="Averaging times, s; log (about 90), octave.", rich_help_panel=opt.START),
-    ] = "log",
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Threads. [processors]", rich_help_panel=opt.RESULT)
-    ] = None,
-    out: opt.Out = Path("allan"),
-    force: opt.Force = False,
-    as_json: opt.Json = False,
+    static: Annotated[str | None, option(START, "FROM:TO", "Part to use, s. [all]")] = None,
+    taus: Annotated[str, option(START, "S,S,…", "Averaging times, s; log (about 90), octave.")] = "log",
+    workers: Annotated[int | None, option(RESULT, "N", "Threads. [processors]")] = None,
+    out: Out = Path("allan"),
+    force: Force = False,
+    as_json: Json = False,
 ) -> None:
     """Analyse the noise of a static record."""
     from insnav.output.folder import RunFolder

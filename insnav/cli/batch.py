@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from insnav.cli import console
-from insnav.cli import options as opt
 from insnav.cli.console import Stages, error_block, note, quiet_figures, result_page
+from insnav.cli.options import RESULT, Engine, Json, Out, argument, flag
 from insnav.exceptions import ConfigError, InsnavError
 
 if TYPE_CHECKING:
@@ -53,15 +53,11 @@ _UNSAFE = re.compile(r"[^\w.+-]+")
 
 def batch(
     context: typer.Context,
-    drives: Annotated[
-        Path, typer.Argument(metavar="DRIVES", help="Folder of recordings, or drives.toml.", rich_help_panel=opt.FILES)
-    ],
-    out: opt.Out = Path("fleet"),
-    again: Annotated[
-        bool, typer.Option("--again", help="Navigate finished drives again, too.", rich_help_panel=opt.RESULT)
-    ] = False,
-    engine: opt.Engine = "processes",
-    as_json: opt.Json = False,
+    drives: Annotated[Path, argument("DRIVES", "Folder of recordings, or drives.toml.")],
+    out: Out = Path("fleet"),
+    again: Annotated[bool, flag(RESULT, "--again", "Navigate finished drives again, too.")] = False,
+    engine: Engine = "processes",
+    as_json: Json = False,
 ) -> None:
     """Navigate many drives."""
     from insnav.cli.signals import Stopped
@@ -145,6 +141,9 @@ def _read(path: Path) -> list[Drive]:
         where = f"{path}: drive {number}"
         if not isinstance(table, dict) or "file" not in table:
             raise ConfigError("a drive has no IMU file", where=where, fix='give file = "FILE"')
+        if "out" in table:
+            fix = 'leave it out: the run folder is FOLDER/drives/NAME; its name is that of name = "NAME"'
+            raise ConfigError("a drive has no folder of its own choice", where=f"{where}: out", fix=fix)
         words = [word for key, value in table.items() for word in _words(key, value)]
         file, *options = _absolute([str(table["file"]), *words], path.parent)
         _parsed([file, *options], where)

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-import typer
-
-from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, quiet_figures, result_page
+from insnav.cli.console import Stages, note, result_page
 from insnav.cli.data_options import Data, takes_data
+from insnav.cli.options import IMU, MOTION, RESULT, Engine, Force, Json, Out, Profile, Seed, flag, option
 
 SHORT_HELP = "How much error an IMU makes in a minute, from what: analytic, simulated, recorded."
 HELP = """How much error an IMU makes in a minute without aiding, and from what.
@@ -45,111 +41,59 @@ Without a profile or a drive the IMU is stationary, level, heading north, at a l
 are too large for the linear model 100 runs are simulated, and the headline is theirs. What the IMU file does not give
 is taken as zero, and listed.
 """
-MOTION, WINDOWS = "Motion", "Windows of the recorded drive"
+WINDOWS = "Windows of the recorded drive"
 
 
-class StartFrom(StrEnum):
-    """What windows begin with."""
-
-    forward = "forward"
-    smoothed = "smoothed"
-
-
-class Vertical(StrEnum):
-    """What becomes of the vertical channel."""
-
-    free = "free"
-    held = "held"
-
-
-@takes_data("DRIVE", optional=True, files={"gps": False, "ref": False}, without=("height",))
+@takes_data("DRIVE", optional=True, without=("height",))
 def budget(
     data: Data,
     uncalibrated: Annotated[
         bool,
-        typer.Option(
+        flag(
+            WINDOWS,
             "--uncalibrated",
-            help="Also windows with the turn-on errors of the sensors, not corrected by the filter.",
-            rich_help_panel=WINDOWS,
+            "Also windows with the turn-on errors of the sensors, not corrected by the filter.",
         ),
     ] = False,
     start: Annotated[
-        StartFrom,
-        typer.Option(
-            metavar="HOW",
-            help="Windows start from the forward filter, or (not independent) from the smoothed solution.",
-            rich_help_panel=WINDOWS,
+        Literal["forward", "smoothed"],
+        option(
+            WINDOWS, "HOW", "Windows start from the forward filter, or (not independent) from the smoothed solution."
         ),
-    ] = StartFrom.forward,
-    first: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="Where the first begins, s after the start. [60]", rich_help_panel=WINDOWS),
-    ] = None,
-    spacing: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="From one to the next. [so that about 60 fit]", rich_help_panel=WINDOWS),
-    ] = None,
-    replicas: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Simulated replicas of the drive.", rich_help_panel=WINDOWS)
-    ] = 20,
-    engine: opt.Engine = "processes",
+    ] = "forward",
+    first: Annotated[float | None, option(WINDOWS, "S", "Where the first begins, s after the start. [60]")] = None,
+    spacing: Annotated[float | None, option(WINDOWS, "S", "From one to the next. [so that about 60 fit]")] = None,
+    replicas: Annotated[int, option(WINDOWS, "N", "Simulated replicas of the drive.", min=0)] = 20,
+    engine: Engine = "processes",
     deflection: Annotated[
         float,
-        typer.Option(
-            metavar="ARCSEC",
-            help="Deflection of the vertical (1 sd, each axis) that the gravity model does not have.",
-            rich_help_panel=opt.IMU,
-        ),
+        option(IMU, "ARCSEC", "Deflection of the vertical (1 sd, each axis) that the gravity model does not have."),
     ] = 0.0,
-    profile: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PROFILE",
-            help="Motion: name of a profile (insnav simulate --list), or a .toml. [at rest]",
-            rich_help_panel=MOTION,
-        ),
-    ] = None,
-    gravity: Annotated[
-        float | None,
-        typer.Option(metavar="M/S2", help="Gravity of the stationary IMU. [by latitude]", rich_help_panel=MOTION),
-    ] = None,
+    profile: Profile = None,
+    gravity: Annotated[float | None, option(MOTION, "M/S2", "Gravity of the stationary IMU. [by latitude]")] = None,
     begin: Annotated[
-        float | None,
-        typer.Option(
-            metavar="S", help="Start, s after that of the profile. [1 s before it sets off]", rich_help_panel=MOTION
-        ),
+        float | None, option(MOTION, "S", "Start, s after that of the profile. [1 s before it sets off]")
     ] = None,
-    times: Annotated[
-        str, typer.Option(metavar="S,S,…", help="Report times, s.", rich_help_panel=MOTION)
-    ] = "10,20,30,40,50,60",
+    times: Annotated[str, option(MOTION, "S,S,…", "Report times, s.")] = "10,20,30,40,50,60",
     height: Annotated[
-        Vertical | None,
-        typer.Option(
-            metavar="HOW",
-            help="Vertical channel: free, or held (height-constrained). [free up to 300 s, else held]",
-            rich_help_panel=MOTION,
-        ),
+        Literal["free", "held"] | None,
+        option(MOTION, "HOW", "Vertical channel: free, or held (height-constrained). [free up to 300 s, else held]"),
     ] = None,
     end: Annotated[
         str | None,
-        typer.Option(
-            metavar="N,E,VN,VE|run",
-            help="Instead of a budget: which tilt, bias or drift explains these errors at the end of a run that "
+        option(
+            RESULT,
+            "N,E,VN,VE|run",
+            "Instead of a budget: which tilt, bias or drift explains these errors at the end of a run that "
             "lasted the last of --times, m and m/s; run: those of the run folder RUN since its last fix; --ref-sd of "
             "the reference. [0.1,0.005]",
-            rich_help_panel=opt.RESULT,
         ),
     ] = None,
-    runs: Annotated[
-        int,
-        typer.Option(
-            metavar="N", min=0, help="Simulate so many runs, and so many of each source.", rich_help_panel=opt.RESULT
-        ),
-    ] = 0,
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Random seed.", rich_help_panel=opt.RESULT)] = 1,
-    out: opt.Out = Path("budget"),
-    force: opt.Force = False,
-    as_json: opt.Json = False,
+    runs: Annotated[int, option(RESULT, "N", "Simulate so many runs, and so many of each source.", min=0)] = 0,
+    seed: Seed = 1,
+    out: Out = Path("budget"),
+    force: Force = False,
+    as_json: Json = False,
 ) -> None:
     """Draw up a budget."""
     from insnav.exceptions import ConfigError
@@ -180,7 +124,7 @@ def budget(
         if value is not None:
             parse.finite(value, name, largest=1e6)
     wanted = parse.positive_numbers(times, "--times")
-    hold = None if height is None else height is Vertical.held
+    hold = None if height is None else height == "held"
     slope = parse.not_negative(deflection, "--deflection", largest=3600.0) * UNITS["arcsec"][1]
     with RunFolder(out, force=force) as folder, Stages() as stage:
         from insnav.session.budget import BudgetSettings, budget_of_motion, motion_of
@@ -193,7 +137,7 @@ def budget(
             windows = WindowSettings(
                 first=first,
                 spacing=spacing,
-                start=start.value,
+                start=start,
                 uncalibrated=uncalibrated,
                 replicas=replicas,
                 workers=engine,
@@ -210,12 +154,7 @@ def budget(
         if found.budget.absent:
             note(f"IMU model: {found.budget.imu}")
             note(f"not given, taken as zero: {', '.join(found.budget.absent)}")
-        stage("writing")
-        from insnav.report.save import save_result
-
-        quiet_figures()
-        outcome = replace(outcome, options=data.options)
-        where = save_result(outcome, folder)
+        outcome, where = data.save(outcome, folder, stage)
     result_page(where, outcome.page(), out, as_json=as_json, more=("budget.pdf",))
 
 

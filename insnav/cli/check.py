@@ -7,11 +7,10 @@ from typing import Annotated
 
 import typer
 
-from insnav.cli import options as opt
 from insnav.cli.console import Stages, result, result_facts
 from insnav.cli.data_options import READING, Data, takes_data
+from insnav.cli.options import RESULT, Force, Json, argument, option
 
-SHORT_HELP = "What recorded files are, what is wrong with them, and how to run them."
 HELP = """What recorded files are, what is wrong with them, and how to run them.
 
 Any files of one recording, in any order: columns, units, axes, clocks, gaps, noise, vibration, mounting, the offset
@@ -32,13 +31,10 @@ Examples:
 @takes_data(None, files={}, only=(*READING, "time_offset", "topic", "lever_arm", "gps_height", "gps_columns"))
 def check(
     data: Data,
-    files: Annotated[list[Path], typer.Argument(metavar="FILES", help="Files.", rich_help_panel=opt.FILES)],
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Also write a page and run.json there.", rich_help_panel=opt.RESULT),
-    ] = None,
-    force: opt.Force = False,
-    as_json: opt.Json = False,
+    files: Annotated[list[Path], argument("FILES", "Files.")],
+    out: Annotated[Path | None, option(RESULT, "FOLDER", "Also write a page and run.json there.")] = None,
+    force: Force = False,
+    as_json: Json = False,
 ) -> None:
     """Examine files."""
     from dataclasses import replace

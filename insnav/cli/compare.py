@@ -6,13 +6,10 @@ import json
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from insnav.cli import options as opt
 from insnav.cli.console import quiet_figures, result
 from insnav.cli.data_options import Data, takes_data
+from insnav.cli.options import RESULT, Force, Json, argument, option
 
-SHORT_HELP = "Accuracy of several runs against one reference, side by side."
 HELP = """Accuracy of several runs against one reference, side by side.
 
 Every run has a row for the filtered and one for the smoothed solution, if it has that. Only epochs of the
@@ -31,21 +28,16 @@ Examples:
 @takes_data(None, files={"ref": True}, only=("ref_lever_arm", "ref_columns"))
 def compare(
     data: Data,
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN", help="Run folders.", rich_help_panel=opt.FILES)],
+    runs: Annotated[list[Path], argument("RUN", "Run folders.")],
     tum: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="Also write the compared epochs for evo: a .tum file of each run, and of the reference.",
-            rich_help_panel=opt.RESULT,
+        option(
+            RESULT, "FOLDER", "Also write the compared epochs for evo: a .tum file of each run, and of the reference."
         ),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Also write figure and page into this folder.", rich_help_panel=opt.RESULT),
-    ] = None,
-    force: opt.Force = False,
-    as_json: opt.Json = False,
+    out: Annotated[Path | None, option(RESULT, "FOLDER", "Also write figure and page into this folder.")] = None,
+    force: Force = False,
+    as_json: Json = False,
 ) -> None:
     """Compare runs."""
     from dataclasses import replace

@@ -10,7 +10,7 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
@@ -18,12 +18,14 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from insnav.cli import parse
-from insnav.cli.console import Stages, detail, note
+from insnav.cli.console import Stages, detail, note, quiet_figures
 from insnav.cli.options import FILES
 from insnav.session.inputs import INPUTS, LOGS, Input, Inputs
 
 if TYPE_CHECKING:
     from insnav.input import Reading, ReadingFacts
+    from insnav.output.folder import RunFolder
+    from insnav.result import Result
     from insnav.session.drive import Drive
     from insnav.types import ImuData
 
@@ -75,6 +77,18 @@ class Data:
         detail(f"IMU model: {drive.imu_spec.name}", drive.imu_chosen)
         _say_if_compiling()
         return drive
+
+    def save(self, outcome: Result[Any], folder: RunFolder, stage: Stages, **how: Any) -> tuple[Result[Any], Path]:
+        """Save what was found with the options as they were given: the result with these, and the finished folder.
+
+        `how`: as of `insnav.report.save.save_result`.
+        """
+        stage("writing")
+        from insnav.report.save import save_result
+
+        quiet_figures()
+        outcome = replace(outcome, options=self.options)
+        return outcome, save_result(outcome, folder, **how)
 
 
 def takes_data(

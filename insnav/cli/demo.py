@@ -7,7 +7,7 @@ from pathlib import Path
 
 import typer
 
-from insnav.cli import options as opt
+from insnav.cli.options import Force, Out
 
 SHORT_HELP = "Navigate the sample drive that comes with insnav: the first thing to try."
 HELP = """Navigate the sample drive that comes with insnav.
@@ -22,7 +22,7 @@ Examples:
 """
 
 
-def demo(context: typer.Context, out: opt.Out = Path("demo"), force: opt.Force = False) -> None:
+def demo(context: typer.Context, out: Out = Path("demo"), force: Force = False) -> None:
     """Run the main job on the sample drive."""
     from insnav.simulate.motion.library import sample_drive
 

@@ -5,14 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.calibrate import command as common
 from insnav.cli.console import Stages, note, result_page
+from insnav.cli.options import Columns, Force, Json, Out, argument
 
-SHORT_HELP = "Drift of MEMS gyros: model, Kalman smoothing, and what both do to the noise."
 HELP = """Drift of MEMS gyros: model, Kalman smoothing, and what both do to the noise.
 
 The drift is fitted by bias, rate, temperature and specific force, and corrected; what is left is smoothed by a scalar
@@ -35,11 +31,11 @@ Examples:
 
 
 def drift(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Record of the bench.", rich_help_panel=opt.FILES)],
-    columns: common.Columns = None,
-    out: opt.Out = Path("drift"),
-    force: opt.Force = False,
-    as_json: opt.Json = False,
+    file: Annotated[Path, argument("FILE", "Record of the bench.")],
+    columns: Columns = None,
+    out: Out = Path("drift"),
+    force: Force = False,
+    as_json: Json = False,
 ) -> None:
     """Study the drift of gyros."""
     from insnav.output.folder import RunFolder

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal, get_args
 
-import typer
-
-from insnav.cli import options as opt
 from insnav.cli.console import result
+from insnav.cli.options import RESULT, Force, argument, flag, option
 
 SHORT_HELP = "A run as GPX, KML, GeoJSON, TUM, EuRoC, RTKLIB .pos, NMEA, ROS bag or CSV."
 HELP = """A run in the format of another program.
@@ -25,50 +22,28 @@ Examples:
 """
 
 
-class Kind(StrEnum):
-    """Format of the file."""
-
-    gpx = "gpx"
-    kml = "kml"
-    geojson = "geojson"
-    tum = "tum"
-    euroc = "euroc"
-    pos = "pos"
-    nmea = "nmea"
-    bag = "bag"
-    csv = "csv"
-
-
-_SUFFIXES = {Kind.euroc: "csv"}
+Kind = Literal["gpx", "kml", "geojson", "tum", "euroc", "pos", "nmea", "bag", "csv"]
+_OWN_NAMES = {"euroc": "track.euroc.csv"}  # others are track.FORMAT
 
 
 def export(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder.", rich_help_panel=opt.FILES)],
-    to: Annotated[Kind, typer.Option("--to", metavar="FORMAT", help=", ".join(Kind) + ".", rich_help_panel=opt.RESULT)],
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FILE", help="File to write. [track.FORMAT]", rich_help_panel=opt.RESULT),
-    ] = None,
+    run: Annotated[Path, argument("RUN", "Run folder.")],
+    to: Annotated[Kind, option(RESULT, "FORMAT", ", ".join(get_args(Kind)) + ".")],
+    out: Annotated[Path | None, option(RESULT, "FILE", "File to write. [track.FORMAT]")] = None,
     filtered: Annotated[
-        bool,
-        typer.Option(
-            "--filtered", help="The filtered solution, even if there is a smoothed one.", rich_help_panel=opt.RESULT
-        ),
+        bool, flag(RESULT, "--filtered", "The filtered solution, even if there is a smoothed one.")
     ] = False,
-    week: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=0, max=10_000, help="GPS week. [as the fixes say]", rich_help_panel=opt.RESULT),
-    ] = None,
-    force: opt.Force = False,
+    week: Annotated[int | None, option(RESULT, "N", "GPS week. [as the fixes say]", min=0, max=10_000)] = None,
+    force: Force = False,
 ) -> None:
     """Write a run in another format."""
     from insnav.exceptions import OutputError
     from insnav.session.export import export as export_run
 
-    path = out or Path(f"track.{_SUFFIXES.get(to, to.value)}")
+    path = out or Path(_OWN_NAMES.get(to, f"track.{to}"))
     if path.exists() and not force:
         raise OutputError("the file exists already", where=str(path), fix="give another name with --out, or --force")
-    content = export_run(run, to.value, solution="filtered" if filtered else None, week=week)
+    content = export_run(run, to, solution="filtered" if filtered else None, week=week)
     try:
         path.write_bytes(content)
     except OSError as error:

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
-from insnav.cli import options as opt
 from insnav.cli.console import result
+from insnav.cli.options import IMU, RESULT, argument, flag
 
-SHORT_HELP = "Real IMUs by name, every figure with its source."
 HELP = """Real IMUs by name, every figure with its source.
 
 Without a name all of them in a table; with one, every figure of that part, the
@@ -26,10 +23,8 @@ Examples:
 
 
 def imus(
-    name: Annotated[
-        str | None, typer.Argument(metavar="PART", help="A part, in any spelling. [all]", rich_help_panel=opt.IMU)
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.", rich_help_panel=opt.RESULT)] = False,
+    name: Annotated[str | None, argument("PART", "A part, in any spelling. [all]", IMU)] = None,
+    as_json: Annotated[bool, flag(RESULT, "--json", "Print JSON.")] = False,
 ) -> None:
     """List real IMUs, or show one."""
     import json

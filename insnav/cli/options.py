@@ -1,38 +1,34 @@
-"""Options that several commands share, under one name and help text each."""
+"""What declares an option, and the options that several commands share, under one name and help text each."""
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import typer
 
-FILES, IMU, GPS, START, RESULT = "Files", "IMU", "GPS and reference", "Start", "Result"
+# groups of the help
+FILES, IMU, GPS, START = "Files", "IMU", "GPS and reference", "Start"
+METHOD, MOTION, RESULT = "Method", "Motion", "Result"
 
 
-class GravityChoice(StrEnum):
-    """How gravity is simulated."""
+def option(group: str, value: str, meaning: str, *names: str, **more: Any) -> Any:
+    """Declare an option.
 
-    full = "full"
-    plumb = "plumb"
-    linear = "linear"
-
-
-class SamplingChoice(StrEnum):
-    """What an IMU sample is."""
-
-    instant = "instant"
-    mean = "mean"
-    increment = "increment"
+    `group`: of options it stands with in the help; `value`: what its value looks like; `names`: where they are not that
+    of the parameter; `more`: as of `typer.Option`.
+    """
+    return typer.Option(*names, metavar=value, help=meaning, rich_help_panel=group, **more)
 
 
-class AidingWhen(StrEnum):
-    """When to use other aiding than GPS."""
+def flag(group: str, name: str, meaning: str) -> Any:
+    """Declare an option without a value."""
+    return typer.Option(name, help=meaning, rich_help_panel=group)
 
-    auto = "auto"
-    on = "on"
-    off = "off"
+
+def argument(value: str, meaning: str, group: str = FILES) -> Any:
+    """Declare an argument."""
+    return typer.Argument(metavar=value, help=meaning, rich_help_panel=group)
 
 
 def _engine(text: str) -> str:
@@ -44,31 +40,42 @@ def _engine(text: str) -> str:
 
 Engine = Annotated[
     str,
-    typer.Option(
-        "--engine",
-        metavar="WHERE",
-        callback=_engine,
-        help="Where to compute: processes (one a processor), processes:N, dask (local workers), dask:ADDRESS of a "
+    option(
+        RESULT,
+        "WHERE",
+        "Where to compute: processes (one a processor), processes:N, dask (local workers), dask:ADDRESS of a "
         "scheduler.",
-        rich_help_panel=RESULT,
+        callback=_engine,
     ),
 ]
-Out = Annotated[Path, typer.Option(metavar="FOLDER", help="Folder to make.", rich_help_panel=RESULT)]
-Force = Annotated[bool, typer.Option("--force", help="Replace an existing result of insnav.", rich_help_panel=RESULT)]
+Out = Annotated[Path, option(RESULT, "FOLDER", "Folder to make.")]
+Force = Annotated[bool, flag(RESULT, "--force", "Replace an existing result of insnav.")]
+Json = Annotated[bool, flag(RESULT, "--json", "Print run.json instead of a summary.")]
+Columns = Annotated[str | None, option(FILES, "NAME=HEADER,…", "Headers that are not understood by themselves.")]
+SpikeLimit = Annotated[
+    float | None,
+    option(
+        METHOD,
+        "X",
+        "Samples of a dwell further than this from a polynomial through it are dropped, in the unit of the output. "
+        "[0.005 V; other units: none dropped]",
+    ),
+]
+Rate = Annotated[str, option(RESULT, "HZ", "Rows per second of the solution, or full.")]
+Seed = Annotated[int, option(RESULT, "N", "Random seed.", min=0)]
 Backdrop = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE", help="Lines behind the track of the page: GeoJSON, such as streets.", rich_help_panel=RESULT
-    ),
+    Path | None, option(RESULT, "FILE", "Lines behind the track of the page: GeoJSON, such as streets.")
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print run.json instead of a summary.", rich_help_panel=RESULT)]
-AidingOption = Annotated[
-    AidingWhen,
-    typer.Option(
-        "--aiding",
-        metavar="WHEN",
-        help="Other aiding (non-holonomic constraint, odometer, ZUPT), as far as the data support it: auto (run: where "
+Profile = Annotated[
+    str | None,
+    option(MOTION, "PROFILE", "Motion: name of a profile (insnav simulate --list), or a .toml. [at rest]"),
+]
+Aiding = Annotated[
+    Literal["auto", "on", "off"],
+    option(
+        GPS,
+        "WHEN",
+        "Other aiding (non-holonomic constraint, odometer, ZUPT), as far as the data support it: auto (run: where "
         "GPS has gaps; outage: always), on, off.",
-        rich_help_panel=GPS,
     ),
 ]

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
-from insnav.cli import options as opt
 from insnav.cli import parse
 from insnav.cli.console import Stages, note, result_page
 from insnav.cli.data_options import say_reading
+from insnav.cli.options import FILES, RESULT, START, Force, Json, Out, Rate, argument, flag, option
 
 if TYPE_CHECKING:
     from insnav.gimbal import PlatformErrors
@@ -46,127 +43,52 @@ strapdown navigator with the same errors.
 ERRORS = "Errors of the platform"
 
 
-class AxesChoice(StrEnum):
-    """What x, y, z are."""
-
-    ENU = "ENU"
-    NED = "NED"
-
-
-class VerticalChoice(StrEnum):
-    """What is done about the vertical channel."""
-
-    off = "off"
-    free = "free"
-    damped = "damped"
-
-
-class IntegratorChoice(StrEnum):
-    """Ways to integrate."""
-
-    forward = "forward"
-    backward = "backward"
-    mean = "mean"
-    fourth = "fourth"
-
-
 def platform(
     force_file: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="FORCE_FILE",
-            help="Specific force: a data file of any supported format, or - for standard input.",
-            rich_help_panel=opt.FILES,
-        ),
+        argument("FORCE_FILE", "Specific force: a data file of any supported format, or - for standard input."),
     ] = None,
     columns: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME=HEADER,…",
-            help="Headers that are not understood by themselves: f_east=Fe,time_s=t.",
-            rich_help_panel=opt.FILES,
-        ),
+        str | None, option(FILES, "NAME=HEADER,…", "Headers that are not understood by themselves: f_east=Fe,time_s=t.")
     ] = None,
     axes: Annotated[
-        AxesChoice | None,
-        typer.Option(
-            metavar="AXES", help="What columns x, y, z are: ENU or NED. [by the names]", rich_help_panel=opt.FILES
-        ),
+        Literal["ENU", "NED"] | None, option(FILES, "AXES", "What columns x, y, z are: ENU or NED. [by the names]")
     ] = None,
-    sample_rate: Annotated[
-        float | None,
-        typer.Option(metavar="HZ", help="Samples per second of a file without times.", rich_help_panel=opt.FILES),
-    ] = None,
+    sample_rate: Annotated[float | None, option(FILES, "HZ", "Samples per second of a file without times.")] = None,
     height_input: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Heights to damp the vertical channel with: time_s, height_m.",
-            rich_help_panel=opt.FILES,
-        ),
+        Path | None, option(FILES, "FILE", "Heights to damp the vertical channel with: time_s, height_m.")
     ] = None,
-    ref: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Reference to evaluate the integrators against.", rich_help_panel=opt.FILES),
-    ] = None,
-    lat: Annotated[
-        float | None, typer.Option(metavar="DEG", help="Latitude, north positive.", rich_help_panel=opt.START)
-    ] = None,
-    lon: Annotated[
-        float | None, typer.Option(metavar="DEG", help="Longitude, east positive.", rich_help_panel=opt.START)
-    ] = None,
-    height: Annotated[
-        float, typer.Option(metavar="M", help="Height above the ellipsoid.", rich_help_panel=opt.START)
-    ] = 0.0,
-    v_east: Annotated[
-        float, typer.Option(metavar="M/S", help="Velocity at the start.", rich_help_panel=opt.START)
-    ] = 0.0,
-    v_north: Annotated[
-        float, typer.Option(metavar="M/S", help="Velocity at the start.", rich_help_panel=opt.START)
-    ] = 0.0,
-    v_up: Annotated[float, typer.Option(metavar="M/S", help="Velocity at the start.", rich_help_panel=opt.START)] = 0.0,
+    ref: Annotated[Path | None, option(FILES, "FILE", "Reference to evaluate the integrators against.")] = None,
+    lat: Annotated[float | None, option(START, "DEG", "Latitude, north positive.")] = None,
+    lon: Annotated[float | None, option(START, "DEG", "Longitude, east positive.")] = None,
+    height: Annotated[float, option(START, "M", "Height above the ellipsoid.")] = 0.0,
+    v_east: Annotated[float, option(START, "M/S", "Velocity at the start.")] = 0.0,
+    v_north: Annotated[float, option(START, "M/S", "Velocity at the start.")] = 0.0,
+    v_up: Annotated[float, option(START, "M/S", "Velocity at the start.")] = 0.0,
     vertical: Annotated[
-        VerticalChoice,
-        typer.Option(
-            metavar="HOW",
-            help="Vertical channel: off, free, or damped by --height-input.",
-            rich_help_panel=opt.START,
-        ),
-    ] = VerticalChoice.off,
+        Literal["off", "free", "damped"],
+        option(START, "HOW", "Vertical channel: off, free, or damped by --height-input."),
+    ] = "off",
     gravity: Annotated[
         float | None,
-        typer.Option(
-            metavar="M/S2",
-            help="Gravity of this size everywhere, straight down, without a part to the north. [normal gravity]",
-            rich_help_panel=opt.START,
+        option(
+            START,
+            "M/S2",
+            "Gravity of this size everywhere, straight down, without a part to the north. [normal gravity]",
         ),
     ] = None,
     integrator: Annotated[
-        IntegratorChoice,
-        typer.Option(
-            metavar="NAME",
-            help="Whose solution is written: forward, backward, mean or fourth; all are compared.",
-            rich_help_panel=opt.START,
-        ),
-    ] = IntegratorChoice.fourth,
-    misalignment: Annotated[
-        str, typer.Option(metavar="N,E,D", help="Turn of its axes at the start, deg.", rich_help_panel=ERRORS)
-    ] = "0,0,0",
-    gyro_drift: Annotated[
-        str, typer.Option(metavar="N,E,D", help="Rate at which it turns away, deg/h.", rich_help_panel=ERRORS)
-    ] = "0,0,0",
-    accel_bias: Annotated[
-        str, typer.Option(metavar="N,E,D", help="Accelerometer biases, ug.", rich_help_panel=ERRORS)
-    ] = "0,0,0",
-    demo: Annotated[
-        bool, typer.Option("--demo", help="Show what is known by closed form instead.", rich_help_panel=opt.RESULT)
-    ] = False,
-    rate: Annotated[
-        str, typer.Option(metavar="HZ", help="Rows per second of the solution, or full.", rich_help_panel=opt.RESULT)
-    ] = "10",
-    out: opt.Out = Path("platform"),
-    force: opt.Force = False,
-    as_json: opt.Json = False,
+        Literal["forward", "backward", "mean", "fourth"],
+        option(START, "NAME", "Whose solution is written: forward, backward, mean or fourth; all are compared."),
+    ] = "fourth",
+    misalignment: Annotated[str, option(ERRORS, "N,E,D", "Turn of its axes at the start, deg.")] = "0,0,0",
+    gyro_drift: Annotated[str, option(ERRORS, "N,E,D", "Rate at which it turns away, deg/h.")] = "0,0,0",
+    accel_bias: Annotated[str, option(ERRORS, "N,E,D", "Accelerometer biases, ug.")] = "0,0,0",
+    demo: Annotated[bool, flag(RESULT, "--demo", "Show what is known by closed form instead.")] = False,
+    rate: Rate = "10",
+    out: Out = Path("platform"),
+    force: Force = False,
+    as_json: Json = False,
 ) -> None:
     """Integrate the specific force on a platform."""
     configuration = parse.configuration(locals())
@@ -193,7 +115,7 @@ def platform(
             raise ConfigError(f"missing: {', '.join(missing)}", fix="give them, or --demo; see insnav platform --help")
         errors = _errors(misalignment, gyro_drift, accel_bias)
         interval = parse.interval(rate)
-        if (vertical is VerticalChoice.damped) != (height_input is not None):
+        if (vertical == "damped") != (height_input is not None):
             raise ConfigError(
                 "--vertical damped and --height-input go together", where="--vertical", fix="give both or neither"
             )
@@ -207,14 +129,14 @@ def platform(
                 force_file,
                 height=height_input,
                 ref=ref,
-                axes=axes.value if axes else None,
+                axes=axes,
                 columns=parse.columns(columns, "--columns"),
                 sample_rate=sample_rate,
             )
             for facts in record.facts.values():
                 say_reading(facts)
             stage("navigating")
-            runs = integrate(record, start, errors, vertical=vertical.value, gravity=gravity, interval=interval)
+            runs = integrate(record, start, errors, vertical=vertical, gravity=gravity, interval=interval)
             stage("writing")
             from insnav.errors.platform_errors import PlatformStudy
             from insnav.output.data_files import write_table
@@ -226,7 +148,7 @@ def platform(
             reading, reference = record.force, record.reference
             name = Path(reading.facts.path).name
             study = PlatformStudy(
-                integrator.value, runs, errors, reference.data if reference else None, name, reading.facts.evidence
+                integrator, runs, errors, reference.data if reference else None, name, reading.facts.evidence
             )
             readings = {key: each.as_dict() for key, each in record.facts.items()}
             page = platform_page(study)

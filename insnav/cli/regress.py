@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from insnav.cli import options as opt
 from insnav.cli.console import Stages, note, result
+from insnav.cli.options import FILES, RESULT, START, Engine, Json, flag, option
 
 if TYPE_CHECKING:
     from insnav.regression.baseline import Baseline
@@ -35,59 +35,29 @@ Examples:
 
 
 def regress(
-    corpus: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="The drives. [trajectories/corpus.toml of insnav]", rich_help_panel=opt.FILES
-        ),
-    ] = None,
-    data: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="Recorded drives. [shared/data next to the project]",
-            rich_help_panel=opt.FILES,
-        ),
-    ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Only some cases.", rich_help_panel=opt.START)] = False,
-    engine: opt.Engine = "processes",
+    corpus: Annotated[Path | None, option(FILES, "FILE", "The drives. [trajectories/corpus.toml of insnav]")] = None,
+    data: Annotated[Path | None, option(FILES, "FOLDER", "Recorded drives. [shared/data next to the project]")] = None,
+    quick: Annotated[bool, flag(START, "--quick", "Only some cases.")] = False,
+    engine: Engine = "processes",
     power: Annotated[
         bool,
-        typer.Option(
+        flag(
+            RESULT,
             "--power",
-            help="Run nothing: the smallest change that each figure of the baseline can show with 80 % power.",
-            rich_help_panel=opt.RESULT,
+            "Run nothing: the smallest change that each figure of the baseline can show with 80 % power.",
         ),
     ] = False,
-    update_baseline: Annotated[
-        bool,
-        typer.Option("--update-baseline", help="Make this version the baseline.", rich_help_panel=opt.RESULT),
-    ] = False,
-    plot: Annotated[
-        bool,
-        typer.Option("--plot", help="Draw plots, accuracy.html and accuracy.md.", rich_help_panel=opt.RESULT),
-    ] = False,
-    peers: Annotated[
-        bool,
-        typer.Option("--peers", help="Also run pyins and GTSAM, where installed; minutes.", rich_help_panel=opt.RESULT),
-    ] = False,
+    update_baseline: Annotated[bool, flag(RESULT, "--update-baseline", "Make this version the baseline.")] = False,
+    plot: Annotated[bool, flag(RESULT, "--plot", "Draw plots, accuracy.html and accuracy.md.")] = False,
+    peers: Annotated[bool, flag(RESULT, "--peers", "Also run pyins and GTSAM, where installed; minutes.")] = False,
     published: Annotated[
         bool,
-        typer.Option(
-            "--published",
-            help="Also simulate published GNSS outage tests; writes published.md; minutes.",
-            rich_help_panel=opt.RESULT,
-        ),
+        flag(RESULT, "--published", "Also simulate published GNSS outage tests; writes published.md; minutes."),
     ] = False,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="Folder of baseline and reports. [reports next to the corpus' folder]",
-            rich_help_panel=opt.RESULT,
-        ),
+        Path | None, option(RESULT, "FOLDER", "Folder of baseline and reports. [reports next to the corpus' folder]")
     ] = None,
-    as_json: opt.Json = False,
+    as_json: Json = False,
 ) -> None:
     """Compare with the baseline."""
     from insnav.exceptions import ConfigError

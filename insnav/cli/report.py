@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import typer
-
-from insnav.cli import options as opt
 from insnav.cli.console import brief_text, files_line, quiet_figures, result, result_facts
+from insnav.cli.options import RESULT, Backdrop, Force, Json, Out, argument, flag, option
 
 if TYPE_CHECKING:
     from insnav.result import Result
@@ -30,37 +27,21 @@ Examples:
 """
 
 
-class Figures(StrEnum):
-    """File format of the figures."""
-
-    png = "png"
-    svg = "svg"
-
-
 def report(
-    run: Annotated[
-        Path,
-        typer.Argument(metavar="RUN", help="Folder of a run, outage test or budget.", rich_help_panel=opt.FILES),
-    ],
-    figures: Annotated[
-        Figures, typer.Option(metavar="FORMAT", help="Figures as png or svg.", rich_help_panel=opt.RESULT)
-    ] = Figures.png,
-    backdrop: opt.Backdrop = None,
-    out: opt.Out = Path("report"),
-    force: opt.Force = False,
-    pdf: Annotated[
-        bool,
-        typer.Option("--pdf", help="Only a PDF of three pages, RUN.pdf beside the folder.", rich_help_panel=opt.RESULT),
-    ] = False,
-    as_json: opt.Json = False,
+    run: Annotated[Path, argument("RUN", "Folder of a run, outage test or budget.")],
+    figures: Annotated[Literal["png", "svg"], option(RESULT, "FORMAT", "Figures as png or svg.")] = "png",
+    backdrop: Backdrop = None,
+    out: Out = Path("report"),
+    force: Force = False,
+    pdf: Annotated[bool, flag(RESULT, "--pdf", "Only a PDF of three pages, RUN.pdf beside the folder.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Draw a run again."""
     from insnav.result import open_result
 
     opened = open_result(run)
     quiet_figures()
-    if backdrop is not None:
-        opened = _with_backdrop(opened, backdrop)
+    opened = with_backdrop(opened, backdrop)
     if pdf:
         from insnav.report.save import write_result_pdf
 
@@ -68,14 +49,17 @@ def report(
         write_result_pdf(opened, file)
         result(f"files: {file}")
         return
-    where = opened.save(out, force=force, figures=figures.value)
+    where = opened.save(out, force=force, figures=figures)
     if as_json:
         result_facts(where)
     else:
         result(f"{brief_text(opened)}\n{files_line(where, out)}")
 
 
-def _with_backdrop(opened: Result[Any], file: Path) -> Result[Any]:
+def with_backdrop(opened: Result[Any], file: Path | None) -> Result[Any]:
+    """Add the lines of a file behind the map of a run, if there is one."""
+    if file is None:
+        return opened
     from dataclasses import replace
 
     from insnav.exceptions import ConfigError

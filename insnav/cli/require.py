@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-import typer
-
-from insnav.cli import options as opt
 from insnav.cli import parse
-from insnav.cli.console import Stages, quiet_figures, result_page
+from insnav.cli.console import Stages, result_page
 from insnav.cli.data_options import Data, takes_data
+from insnav.cli.options import MOTION, RESULT, Engine, Force, Json, Out, Profile, Seed, option
 
-SHORT_HELP = "Which IMU do I need: the error budget backwards."
 HELP = """Which IMU do I need: the error budget backwards.
 
 How large each error may be for a limit on the position error after a time
@@ -36,59 +31,27 @@ Examples:
 REQUIREMENT = "Requirement"
 
 
-class Part(StrEnum):
-    """Which part of the position error."""
-
-    horizontal = "horizontal"
-    vertical = "vertical"
-    three = "3d"
-
-
-@takes_data("DRIVE", optional=True, files={"gps": False, "ref": False}, without=("lat", "height"))
+@takes_data("DRIVE", optional=True, without=("lat", "height"))
 def require(
     data: Data,
-    error: Annotated[
-        str, typer.Option(metavar="LIMIT", help='Limit of the error, such as "5 m".', rich_help_panel=REQUIREMENT)
-    ],
-    after: Annotated[
-        str, typer.Option(metavar="TIME", help='Time without GPS, such as "30 s".', rich_help_panel=REQUIREMENT)
-    ],
-    probability: Annotated[
-        float, typer.Option(metavar="P", help="Of being within the limit.", rich_help_panel=REQUIREMENT)
-    ] = 0.95,
+    error: Annotated[str, option(REQUIREMENT, "LIMIT", 'Limit of the error, such as "5 m".')],
+    after: Annotated[str, option(REQUIREMENT, "TIME", 'Time without GPS, such as "30 s".')],
+    probability: Annotated[float, option(REQUIREMENT, "P", "Of being within the limit.")] = 0.95,
     component: Annotated[
-        Part,
-        typer.Option(metavar="WHICH", help="Error: horizontal, vertical, 3d.", rich_help_panel=REQUIREMENT),
-    ] = Part.horizontal,
+        Literal["horizontal", "vertical", "3d"], option(REQUIREMENT, "WHICH", "Error: horizontal, vertical, 3d.")
+    ] = "horizontal",
     cost: Annotated[
         str | None,
-        typer.Option(
-            metavar="ERROR=W,…",
-            help="Weights of errors in the set: with 8 one gets four times the share. [all 1]",
-            rich_help_panel=REQUIREMENT,
-        ),
+        option(REQUIREMENT, "ERROR=W,…", "Weights of errors in the set: with 8 one gets four times the share. [all 1]"),
     ] = None,
-    profile: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PROFILE",
-            help="Motion: name of a profile (insnav simulate --list), or a .toml. [at rest]",
-            rich_help_panel="Motion",
-        ),
-    ] = None,
-    begin: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="When GPS ends, s after the start. [300]", rich_help_panel="Motion"),
-    ] = None,
-    runs: Annotated[
-        int,
-        typer.Option(metavar="N", min=0, help="Simulated runs that verify the set.", rich_help_panel=opt.RESULT),
-    ] = 500,
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Random seed.", rich_help_panel=opt.RESULT)] = 1,
-    engine: opt.Engine = "processes",
-    out: opt.Out = Path("require"),
-    force: opt.Force = False,
-    as_json: opt.Json = False,
+    profile: Profile = None,
+    begin: Annotated[float | None, option(MOTION, "S", "When GPS ends, s after the start. [300]")] = None,
+    runs: Annotated[int, option(RESULT, "N", "Simulated runs that verify the set.", min=0)] = 500,
+    seed: Seed = 1,
+    engine: Engine = "processes",
+    out: Out = Path("require"),
+    force: Force = False,
+    as_json: Json = False,
 ) -> None:
     """Work a requirement out."""
     from insnav.exceptions import ConfigError
@@ -105,7 +68,7 @@ def require(
     options: dict[str, Any] = {
         "workers": engine,
         "probability": probability,
-        "component": component.value,
+        "component": component,
         "begin": begin,
         "runs": runs,
         "seed": seed,
@@ -128,10 +91,5 @@ def require(
                 progress=progress,
                 **options,
             )
-        stage("writing")
-        from insnav.report.save import save_result
-
-        quiet_figures()
-        outcome = replace(outcome, options=data.options)
-        where = save_result(outcome, folder, figures="png")
+        outcome, where = data.save(outcome, folder, stage, figures="png")
     result_page(where, outcome.page(), out, as_json=as_json)

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from insnav.cli import console, parse
-from insnav.cli import options as opt
 from insnav.cli.console import (
     Stages,
     brief_text,
     coloured,
     error_block,
     files_line,
-    quiet_figures,
     result,
     result_facts,
     terminal_width,
 )
 from insnav.cli.data_options import Data, takes_data
+from insnav.cli.options import RESULT, START, Aiding, Backdrop, Force, Json, Out, Rate, flag, option
+from insnav.cli.report import with_backdrop
 
 if TYPE_CHECKING:
     from insnav.errors.metrics import TrajectoryErrors
@@ -48,89 +47,44 @@ Where a default in brackets is not right, insnav either finds it out or says tha
 """
 
 
-class Figures(StrEnum):
-    """Files of figures besides the page."""
-
-    page = "page"
-    png = "png"
-    svg = "svg"
-    none = "none"
-
-
-class Mechanization(StrEnum):
-    """Form of the navigation equations."""
-
-    full = "full"
-    short = "short"
-
-
-class TableFormat(StrEnum):
-    """File format of the tables."""
-
-    csv = "csv"
-    parquet = "parquet"
-
-
 @takes_data(without=("lat", "height"))
 def run(
     data: Data,
-    states: Annotated[
-        int,
-        typer.Option(
-            metavar="N",
-            help="Filter states: 21, or 15 without scale factor errors.",
-            rich_help_panel=opt.START,
-        ),
-    ] = 21,
-    aiding: opt.AidingOption = opt.AidingWhen.auto,
+    states: Annotated[int, option(START, "N", "Filter states: 21, or 15 without scale factor errors.")] = 21,
+    aiding: Aiding = "auto",
     mechanization: Annotated[
-        Mechanization,
-        typer.Option(
-            metavar="FORM",
-            help="full, or short: also compare the short-duration form (no Earth and transport rate, Euler) with "
+        Literal["full", "short"],
+        option(
+            RESULT,
+            "FORM",
+            "full, or short: also compare the short-duration form (no Earth and transport rate, Euler) with "
             "the full one in windows of 60 s; the filter keeps the full one.",
-            rich_help_panel=opt.RESULT,
         ),
-    ] = Mechanization.full,
+    ] = "full",
     smooth: Annotated[
         bool,
-        typer.Option(
-            "--smooth/--no-smooth",
-            help="Also give the smoothed (RTS) solution, from all fixes, earlier and later.",
-            rich_help_panel=opt.RESULT,
+        flag(
+            RESULT, "--smooth/--no-smooth", "Also give the smoothed (RTS) solution, from all fixes, earlier and later."
         ),
     ] = True,
-    out: opt.Out = Path("run"),
-    force: opt.Force = False,
-    rate: Annotated[
-        str,
-        typer.Option(metavar="HZ", help="Rows per second of the solution, or full.", rich_help_panel=opt.RESULT),
-    ] = "10",
-    format: Annotated[
-        TableFormat, typer.Option(metavar="FORMAT", help="Tables as csv or parquet.", rich_help_panel=opt.RESULT)
-    ] = TableFormat.csv,
+    out: Out = Path("run"),
+    force: Force = False,
+    rate: Rate = "10",
+    format: Annotated[Literal["csv", "parquet"], option(RESULT, "FORMAT", "Tables as csv or parquet.")] = "csv",
     figures: Annotated[
-        Figures,
-        typer.Option(
-            metavar="FORMAT",
-            help="page: the interactive page alone; png or svg: also figures for papers; none: neither.",
-            rich_help_panel=opt.RESULT,
+        Literal["page", "png", "svg", "none"],
+        option(
+            RESULT, "FORMAT", "page: the interactive page alone; png or svg: also figures for papers; none: neither."
         ),
-    ] = Figures.page,
-    backdrop: opt.Backdrop = None,
+    ] = "page",
+    backdrop: Backdrop = None,
     fail_above: Annotated[
         float | None,
-        typer.Option(
-            metavar="METRES",
-            help="End with exit code 1 if the horizontal RMS error against --ref is larger.",
-            rich_help_panel=opt.RESULT,
-        ),
+        option(RESULT, "METRES", "End with exit code 1 if the horizontal RMS error against --ref is larger."),
     ] = None,
-    as_json: opt.Json = False,
+    as_json: Json = False,
 ) -> None:
     """Navigate a recorded drive."""
-    from dataclasses import replace
-
     from insnav.output.folder import RunFolder
 
     interval = parse.interval(rate)
@@ -138,22 +92,15 @@ def run(
     with RunFolder(out, force=force) as folder, Stages() as stage:
         outcome = data.load(stage).navigate(
             states=states,
-            aiding=aiding.value,
+            aiding=aiding,
             smooth=smooth,
             output_interval=interval,
-            mechanization=mechanization.value,
+            mechanization=mechanization,
             progress=lambda fraction: stage("navigating", fraction),
         )
-        stage("writing")
-        from insnav.report.save import save_result
-
-        quiet_figures()
-        outcome = replace(outcome, options=data.options)
-        if backdrop is not None:
-            from insnav.report.run.backdrop import read_backdrop
-
-            outcome = replace(outcome, found=replace(outcome.found, backdrop=read_backdrop(backdrop)))
-        where = save_result(outcome, folder, figures=figures.value, table_format=format.value)
+        outcome, where = data.save(
+            with_backdrop(outcome, backdrop), folder, stage, figures=figures, table_format=format
+        )
     if as_json:
         result_facts(where)
     else:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import typer
-
-from insnav.cli import options as opt
 from insnav.cli import parse
 from insnav.cli.console import Stages, note, quiet_figures, result, result_facts
 from insnav.cli.data_options import say_reading
+from insnav.cli.options import IMU, MOTION, RESULT, Engine, Force, Json, Seed, argument, flag, option
 
 if TYPE_CHECKING:
     from insnav.output.folder import RunFolder
@@ -42,87 +40,49 @@ imu-axes, imu-reverse, imu-duplicate.
 
 The same options give the same bytes, for any engine. A stopped series of runs goes on with --resume.
 """
-MOTION, RUNS = "Motion", "Many runs"
+RUNS = "Many runs"
 
 
 def simulate(
     profile: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="PROFILE", help="Name of a motion profile (see --list), or a .toml.", rich_help_panel=MOTION
-        ),
+        str | None, argument("PROFILE", "Name of a motion profile (see --list), or a .toml.", MOTION)
     ] = None,
     source: Annotated[
-        Path | None,
-        typer.Option(
-            "--from",
-            metavar="TRACK",
-            help="Run folder or reference file to make a simulated replica of.",
-            rich_help_panel=MOTION,
-        ),
+        Path | None, option(MOTION, "TRACK", "Run folder or reference file to make a simulated replica of.", "--from")
     ] = None,
-    listed: Annotated[
-        bool,
-        typer.Option("--list", help="Show the profiles there are; with --out, draw them.", rich_help_panel=MOTION),
-    ] = False,
+    listed: Annotated[bool, flag(MOTION, "--list", "Show the profiles there are; with --out, draw them.")] = False,
     imu: Annotated[
         str,
-        typer.Option(
-            metavar="MODEL",
-            help="IMU error specification: consumer, automotive, industrial, tactical, navigation, ideal, or an "
-            "imu.toml.",
-            rich_help_panel=opt.IMU,
+        option(
+            IMU,
+            "MODEL",
+            "IMU error specification: consumer, automotive, industrial, tactical, navigation, ideal, or an imu.toml.",
         ),
     ] = "consumer",
-    rate: Annotated[float, typer.Option(metavar="HZ", help="Samples per second.", rich_help_panel=opt.IMU)] = 100.0,
+    rate: Annotated[float, option(IMU, "HZ", "Samples per second.")] = 100.0,
     sampling: Annotated[
-        opt.SamplingChoice,
-        typer.Option(metavar="HOW", help="What a sample is: mean, instant, increment.", rich_help_panel=opt.IMU),
-    ] = opt.SamplingChoice.mean,
+        Literal["instant", "mean", "increment"], option(IMU, "HOW", "What a sample is: mean, instant, increment.")
+    ] = "mean",
     temperature: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FROM:TO", help="Temperature of the IMU, from start to end, deg C.", rich_help_panel=opt.IMU
-        ),
+        str | None, option(IMU, "FROM:TO", "Temperature of the IMU, from start to end, deg C.")
     ] = None,
     gps: Annotated[
         str,
-        typer.Option(
-            metavar="MODEL",
-            help="Receiver error specification: a preset such as single or rtk, ideal, or a gps.toml.",
-            rich_help_panel="GPS",
-        ),
+        option("GPS", "MODEL", "Receiver error specification: a preset such as single or rtk, ideal, or a gps.toml."),
     ] = "single",
-    fault: Annotated[
-        list[str] | None,
-        typer.Option(metavar="FAULT", help="Something that goes wrong; repeatable.", rich_help_panel="Faults"),
-    ] = None,
+    fault: Annotated[list[str] | None, option("Faults", "FAULT", "Something that goes wrong; repeatable.")] = None,
     gravity: Annotated[
-        opt.GravityChoice,
-        typer.Option(
-            metavar="HOW",
-            help="full; plumb: without its north component; linear: as in packages to compare with.",
-            rich_help_panel=MOTION,
-        ),
-    ] = opt.GravityChoice.full,
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Random seed.", rich_help_panel=opt.RESULT)] = 1,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder to make. [sim]", rich_help_panel=opt.RESULT)
-    ] = None,
-    force: opt.Force = False,
-    as_json: opt.Json = False,
-    runs: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=1, help="Simulate and navigate so many.", rich_help_panel=RUNS),
-    ] = None,
-    run: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=1, help="Write the files of run N of --runs.", rich_help_panel=RUNS),
-    ] = None,
-    engine: opt.Engine = "processes",
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with a series that was stopped.", rich_help_panel=RUNS)
-    ] = False,
+        Literal["full", "plumb", "linear"],
+        option(MOTION, "HOW", "full; plumb: without its north component; linear: as in packages to compare with."),
+    ] = "full",
+    seed: Seed = 1,
+    out: Annotated[Path | None, option(RESULT, "FOLDER", "Folder to make. [sim]")] = None,
+    force: Force = False,
+    as_json: Json = False,
+    runs: Annotated[int | None, option(RUNS, "N", "Simulate and navigate so many.", min=1)] = None,
+    run: Annotated[int | None, option(RUNS, "N", "Write the files of run N of --runs.", min=1)] = None,
+    engine: Engine = "processes",
+    resume: Annotated[bool, flag(RUNS, "--resume", "Go on with a series that was stopped.")] = False,
 ) -> None:
     """Simulate."""
     if listed:
@@ -133,11 +93,11 @@ def simulate(
         "from": None if source is None else str(source),
         "imu": imu,
         "rate_hz": rate,
-        "sampling": sampling.value,
+        "sampling": sampling,
         "temperature_c": temperature,
         "gps": gps,
         "fault": fault or [],
-        "gravity": gravity.value,
+        "gravity": gravity,
         "seed": seed,
         "runs": runs,
         "run": run,
@@ -150,10 +110,10 @@ def simulate(
         "seed": seed,
         "run": run,
         "rate": rate,
-        "sampling": sampling.value,
+        "sampling": sampling,
         "faults": fault or [],
         "temperature": _temperatures(temperature) if temperature else None,
-        "gravity": gravity.value,
+        "gravity": gravity,
     }
     from insnav.output.folder import RunFolder
 

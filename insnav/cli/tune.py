@@ -5,13 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from insnav.cli import options as opt
 from insnav.cli.console import Stages, note, result_page
 from insnav.cli.data_options import Data, takes_data
+from insnav.cli.options import Force, Json, Out, argument
 
-SHORT_HELP = "Noise of an IMU from drives with it: imu.toml."
 HELP = """Noise of an IMU from drives with it: imu.toml.
 
 The figures of IMU and fixes under which the innovations of all drives together
@@ -30,10 +27,10 @@ Examples:
 @takes_data(None, files={}, only=("imu_model", "axes", "units", "lever_arm", "lever_arm_sd", "gps_delay", "gps_height"))
 def tune(
     data: Data,
-    drives: Annotated[list[Path], typer.Argument(metavar="DRIVE", help="Folders.", rich_help_panel=opt.FILES)],
-    out: opt.Out = Path("tune"),
-    force: opt.Force = False,
-    as_json: opt.Json = False,
+    drives: Annotated[list[Path], argument("DRIVE", "Folders.")],
+    out: Out = Path("tune"),
+    force: Force = False,
+    as_json: Json = False,
 ) -> None:
     """Find the noise of an IMU."""
     from insnav.output.folder import RunFolder

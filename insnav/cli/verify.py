@@ -7,10 +7,9 @@ from typing import Annotated
 
 import typer
 
-from insnav.cli import options as opt
 from insnav.cli.console import Stages, note, result, result_page
+from insnav.cli.options import RESULT, START, Force, Json, Out, flag
 
-SHORT_HELP = "Certify the numerics of this installation against closed forms."
 HELP = """Certify the numerics of this installation against closed forms.
 
 Coning, sculling, spin, loops, hours without aiding, the Schuler period, rest, a day of sensor errors, meridians, poles,
@@ -30,20 +29,12 @@ Ends with exit code 1 if a limit is exceeded.
 
 
 def verify(
-    peer: Annotated[
-        bool,
-        typer.Option("--peer", help="Compare with python-ins, if it is installed.", rich_help_panel=opt.START),
-    ] = False,
-    faults: Annotated[
-        bool,
-        typer.Option("--faults", help="Print the fault matrix instead.", rich_help_panel=opt.START),
-    ] = False,
-    out: opt.Out = Path("certificate"),
-    force: opt.Force = False,
-    as_json: opt.Json = False,
-    markdown: Annotated[
-        bool, typer.Option("--markdown", help="Print one Markdown table instead.", rich_help_panel=opt.RESULT)
-    ] = False,
+    peer: Annotated[bool, flag(START, "--peer", "Compare with python-ins, if it is installed.")] = False,
+    faults: Annotated[bool, flag(START, "--faults", "Print the fault matrix instead.")] = False,
+    out: Out = Path("certificate"),
+    force: Force = False,
+    as_json: Json = False,
+    markdown: Annotated[bool, flag(RESULT, "--markdown", "Print one Markdown table instead.")] = False,
 ) -> None:
     """Certify."""
     from insnav.exceptions import ConfigError

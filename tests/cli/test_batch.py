@@ -94,6 +94,7 @@ def test_drives_of_a_file_with_options_of_their_own(drives: Path, cli: Cli):
     [
         ("drive = 3\n", "there are no drives"),
         ('[[drive]]\ngps = "gps.csv"\n', "no IMU file"),
+        ('[[drive]]\nfile = "imu.csv"\nout = "there"\n', "no folder of its own"),
         ('[[drive]]\nfile = "imu.csv"\nlevr-arm = 1\n', "No such option: --levr-arm"),
         ('[[drive]]\nfile = "imu.csv"\nstates = "many"\n', "states"),
         ('[[drive]]\nfile = "a/imu.csv"\n[[drive]]\nfile = "b/../a/imu.csv"\n', "two drives have the name"),
