@@ -44,36 +44,14 @@ def wrap_two_pi(angle: ArrayLike) -> FloatArray:
 
 
 def skew(v: ArrayLike) -> FloatArray:
-    """Matrix of the cross product: ``skew(v) @ u = v x u``.
-
-    Parameters
-    ----------
-    v : (..., 3) array_like
-        Vector.
-
-    Returns
-    -------
-    (..., 3, 3) array
-        Skew-symmetric matrix (Groves 2013, eq. 2.50).
-    """
+    """Matrix (..., 3, 3) of the cross product with v (..., 3): ``skew(v) @ u = v x u`` (Groves 2013, eq. 2.50)."""
     x, y, z = np.moveaxis(np.asarray(v, dtype=float), -1, 0)
     o = np.zeros_like(x)
     return np.stack([np.stack([o, -z, y], -1), np.stack([z, o, -x], -1), np.stack([-y, x, o], -1)], -2)
 
 
 def quat_multiply(p: ArrayLike, q: ArrayLike) -> FloatArray:
-    """Product of quaternions, the rotation `q` followed by `p` (Groves 2013, appendix E.6).
-
-    Parameters
-    ----------
-    p, q : (..., 4) array_like
-        Quaternions, scalar first.
-
-    Returns
-    -------
-    (..., 4) array
-        ``p (x) q``.
-    """
+    """Product ``(..., 4)`` of quaternions, the rotation `q` followed by `p` (Groves 2013, appendix E.6)."""
     p0, p1, p2, p3 = np.moveaxis(np.asarray(p, dtype=float), -1, 0)
     q0, q1, q2, q3 = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
     return np.stack(
@@ -93,36 +71,14 @@ def quat_conjugate(q: ArrayLike) -> FloatArray:
 
 
 def quat_from_rotvec(rotvec: ArrayLike) -> FloatArray:
-    """Quaternion of a rotation vector.
-
-    Parameters
-    ----------
-    rotvec : (..., 3) array_like
-        Axis times angle [rad].
-
-    Returns
-    -------
-    (..., 4) array
-        Unit quaternion.
-    """
+    """Unit quaternion ``(..., 4)`` of a rotation vector ``(..., 3)``, axis times angle [rad]."""
     rotvec = np.asarray(rotvec, dtype=float)
     half = 0.5 * np.linalg.norm(rotvec, axis=-1, keepdims=True)
     return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * rotvec], axis=-1)
 
 
 def rotvec_from_quat(q: ArrayLike) -> FloatArray:
-    """Rotation vector of a quaternion, of length at most pi.
-
-    Parameters
-    ----------
-    q : (..., 4) array_like
-        Unit quaternion.
-
-    Returns
-    -------
-    (..., 3) array
-        Axis times angle [rad].
-    """
+    """Rotation vector ``(..., 3)``, axis times angle [rad], of length at most pi, of a unit quaternion ``(..., 4)``."""
     q = np.asarray(q, dtype=float)
     q = np.where(q[..., :1] < 0, -q, q)
     s = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
@@ -131,18 +87,7 @@ def rotvec_from_quat(q: ArrayLike) -> FloatArray:
 
 
 def dcm_from_quat(q: ArrayLike) -> FloatArray:
-    """Direction cosine matrix of a quaternion (Groves 2013, eq. 2.34).
-
-    Parameters
-    ----------
-    q : (..., 4) array_like
-        Unit quaternion ``q_nb``.
-
-    Returns
-    -------
-    (..., 3, 3) array
-        ``C_nb``.
-    """
+    """Direction cosine matrix ``C_nb`` (..., 3, 3) of a unit quaternion ``q_nb`` (..., 4) (Groves 2013, eq. 2.34)."""
     a, b, c, d = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
     return np.stack(
         [
@@ -155,18 +100,7 @@ def dcm_from_quat(q: ArrayLike) -> FloatArray:
 
 
 def quat_from_rph(rph: ArrayLike) -> FloatArray:
-    """Quaternion of roll, pitch, heading (Groves 2013, eq. 2.38).
-
-    Parameters
-    ----------
-    rph : (..., 3) array_like
-        Roll, pitch, heading [rad].
-
-    Returns
-    -------
-    (..., 4) array
-        ``q_nb``.
-    """
+    """Quaternion ``q_nb`` ``(..., 4)`` of roll, pitch, heading ``(..., 3)`` [rad] (Groves 2013, eq. 2.38)."""
     half = 0.5 * np.asarray(rph, dtype=float)
     cr, cp, ch = np.moveaxis(np.cos(half), -1, 0)
     sr, sp, sh = np.moveaxis(np.sin(half), -1, 0)
@@ -182,17 +116,9 @@ def quat_from_rph(rph: ArrayLike) -> FloatArray:
 
 
 def rph_from_quat(q: ArrayLike) -> FloatArray:
-    """Roll, pitch, heading of a quaternion (Groves 2013, eq. 2.38, solved for the angles).
+    """Roll, pitch, heading of a unit quaternion ``q_nb`` ``(..., 4)`` (Groves 2013, eq. 2.38, solved for the angles).
 
-    Parameters
-    ----------
-    q : (..., 4) array_like
-        Unit quaternion ``q_nb``.
-
-    Returns
-    -------
-    (..., 3) array
-        Roll in [-pi, pi), pitch in [-pi/2, pi/2], heading in [0, 2 pi) [rad].
+    Returns: (..., 3): roll in [-pi, pi), pitch in [-pi/2, pi/2], heading in [0, 2 pi) [rad].
     """
     a, b, c, d = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
     # By the half angles of eq. 2.38, a + c and d - b are cosine and sine of (heading - roll) / 2, times the sine of
@@ -211,15 +137,8 @@ def dcm_from_rph(rph: ArrayLike) -> FloatArray:
 def quat_from_dcm(dcm: ArrayLike) -> FloatArray:
     """Quaternion of a direction cosine matrix, by the largest of its four components (Shepperd 1978).
 
-    Parameters
-    ----------
-    dcm : (..., 3, 3) array_like
-        ``C_nb``.
-
-    Returns
-    -------
-    (..., 4) array
-        Unit quaternion with a non-negative scalar part.
+    `dcm` (..., 3, 3): ``C_nb``.
+    Returns: (..., 4): unit quaternion with a non-negative scalar part.
     """
     m = np.asarray(dcm, dtype=float)
     trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]

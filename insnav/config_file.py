@@ -32,22 +32,9 @@ class Table(BaseModel):
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file.
+    """Content of a TOML file, at most `MAX_BYTES` long.
 
-    Parameters
-    ----------
-    path : Path
-        File to read, at most `MAX_BYTES` long.
-
-    Returns
-    -------
-    dict
-        Its content.
-
-    Raises
-    ------
-    ConfigError
-        It cannot be read, is too long, or is no TOML.
+    Raises: ConfigError: it cannot be read, is too long, or is no TOML.
     """
     where = str(path)
     try:
@@ -67,24 +54,8 @@ def read_toml(path: Path) -> dict[str, Any]:
 def validate(model: type[Model], data: dict[str, Any], where: str) -> Model:
     """Check the content of a TOML file against its model.
 
-    Parameters
-    ----------
-    model : type
-        The model, a `Table`.
-    data : dict
-        What the file holds.
-    where : str
-        File to name in the error.
-
-    Returns
-    -------
-    Table
-        The checked content.
-
-    Raises
-    ------
-    ConfigError
-        All errors at once, each with the dotted name of its key.
+    `where`: file to name in the error.
+    Raises: ConfigError: all errors at once, each with the dotted name of its key.
     """
     found, problems = checked(model, data)
     if found is None:
@@ -167,26 +138,11 @@ def number(value: object) -> float:
 
 
 def quantity(value: object, dimension: str, *, signed: bool) -> float:
-    """Value of one quantity in SI, for validators.
+    """Value of one quantity in SI and radians, for validators.
 
-    Parameters
-    ----------
-    value : object
-        What stands in the file.
-    dimension : str
-        Dimension as in `insnav.units.UNITS`.
-    signed : bool
-        Whether negative values make sense.
-
-    Returns
-    -------
-    float
-        In SI units and radians.
-
-    Raises
-    ------
-    PydanticCustomError
-        It is none.
+    `value`: what stands in the file; `dimension`: as in `insnav.units.UNITS`; `signed`: whether negative values make
+    sense.
+    Raises: PydanticCustomError: it is none.
     """
     if not isinstance(value, str):
         raise wrong(f'must be a text with a unit, like "1.5 {units_of(dimension)[0]}", not {_kind(value)}')
@@ -202,19 +158,9 @@ def quantity(value: object, dimension: str, *, signed: bool) -> float:
 
 
 def text(value: ArrayLike, unit: str) -> Any:
-    """Write a quantity, or a list of them, as the readers above take it.
+    """Write a quantity in SI, or a list of them, in a unit, as the readers above take it.
 
-    Parameters
-    ----------
-    value : array_like
-        In SI units.
-    unit : str
-        In which it is written.
-
-    Returns
-    -------
-    str or list
-        One text for three axes if they are equal. In SI units every bit is kept, in others 15 digits.
+    Returns: one text for three axes if they are equal. In SI units every bit is kept, in others 15 digits.
     """
     if np.ndim(value) == 2:
         return [[text(item, unit) for item in row] for row in np.asarray(value)]
@@ -227,27 +173,11 @@ def text(value: ArrayLike, unit: str) -> Any:
 
 
 def preset_or_file(given: str, folder: Path, presets: Sequence[str], what: str, option: str, more: str = "") -> Path:
-    """File of a preset, or the file itself.
+    """File of a preset in a folder, or the file itself.
 
-    Parameters
-    ----------
-    given : str
-        Name of a preset or path.
-    folder : Path
-        Where the presets are.
-    presets : sequence of str
-        Their names.
-    what, option, more : str
-        What it is, the option that gives it and what else this may be, for the error.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    ConfigError
-        Neither.
+    `given`: name of a preset or path; `what`, `option`, `more`: what it is, the option that gives it and what else this
+    may be, for the error.
+    Raises: ConfigError: it is neither.
     """
     if given in presets:
         return folder / f"{given}.toml"

@@ -46,38 +46,20 @@ _gravity_north = _elementwise(_kernel.gravity_north)
 
 
 def radii(lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Radii of curvature of the ellipsoid.
+    """Radii of curvature in the meridian and in the prime vertical [m] (Groves 2013, section 2.4.2).
 
-    Parameters
-    ----------
-    lat : (...) array_like
-        Latitude [rad].
-
-    Returns
-    -------
-    meridian, transverse : (...) array
-        Radius in the meridian and in the prime vertical [m] (Groves 2013, section 2.4.2).
+    `lat` (...): latitude [rad].
     """
     meridian, transverse = _radii(np.sin(np.asarray(lat, dtype=float)))
     return meridian, transverse
 
 
 def gravity_n(lat: ArrayLike, height: ArrayLike) -> FloatArray:
-    """WGS-84 normal gravity, North-East-Down.
+    """WGS-84 normal gravity (..., 3), North-East-Down [m/s^2] (NIMA TR8350.2, eq. 4-1, 4-3; Groves 2013, eq. 2.140).
 
     Somigliana's formula with the second-order term in height, and the north component above the ellipsoid.
 
-    Parameters
-    ----------
-    lat : (...) array_like
-        Latitude [rad].
-    height : (...) array_like
-        Height above the ellipsoid [m]; better than 1 ug up to 20 km.
-
-    Returns
-    -------
-    (..., 3) array
-        Gravity [m/s^2] (NIMA TR8350.2, eq. 4-1, 4-3; Groves 2013, eq. 2.140).
+    `lat` (...): latitude [rad]; `height` (...): above the ellipsoid [m]; better than 1 ug up to 20 km.
     """
     lat, height = np.broadcast_arrays(np.asarray(lat, dtype=float), np.asarray(height, dtype=float))
     s, c = np.sin(lat), np.cos(lat)
@@ -85,18 +67,7 @@ def gravity_n(lat: ArrayLike, height: ArrayLike) -> FloatArray:
 
 
 def earth_rate_n(lat: ArrayLike) -> FloatArray:
-    """Rotation rate of the Earth in North-East-Down (Groves 2013, eq. 2.123).
-
-    Parameters
-    ----------
-    lat : (...) array_like
-        Latitude [rad].
-
-    Returns
-    -------
-    (..., 3) array
-        ``w_ie_n`` [rad/s].
-    """
+    """Rotation rate of the Earth ``w_ie_n`` (..., 3) [rad/s] at latitudes (...) [rad] (Groves 2013, eq. 2.123)."""
     lat = np.asarray(lat, dtype=float)
     return OMEGA_EARTH * np.stack([np.cos(lat), np.zeros_like(lat), -np.sin(lat)], axis=-1)
 
@@ -104,19 +75,8 @@ def earth_rate_n(lat: ArrayLike) -> FloatArray:
 def transport_rate_n(lat: ArrayLike, height: ArrayLike, v_n: ArrayLike) -> FloatArray:
     """Rotation rate of the local-level frame against the Earth (Groves 2013, eq. 5.44).
 
-    Parameters
-    ----------
-    lat : (...) array_like
-        Latitude [rad].
-    height : (...) array_like
-        Height [m].
-    v_n : (..., 3) array_like
-        Velocity North, East, Down [m/s].
-
-    Returns
-    -------
-    (..., 3) array
-        ``w_en_n`` [rad/s].
+    `lat` (...): latitude [rad]; `height` (...) [m]; `v_n` (..., 3): velocity North, East, Down [m/s].
+    Returns: (..., 3): ``w_en_n`` [rad/s].
     """
     v_n = np.asarray(v_n, dtype=float)
     meridian, transverse = radii(lat)
@@ -133,16 +93,9 @@ def near_pole(lat: ArrayLike) -> BoolArray:
 def ned_offset(lla: ArrayLike, origin: ArrayLike) -> FloatArray:
     """Small difference of two positions in metres.
 
-    Parameters
-    ----------
-    lla, origin : (..., 3) array_like
-        Latitude [rad], longitude [rad], height [m].
-
-    Returns
-    -------
-    (..., 3) array
-        North, East, Down from `origin` to `lla` [m], with the radii at `origin`: right to first order, meant for
-        errors and lever arms and not for distances of kilometres.
+    `lla`, `origin` (..., 3): latitude [rad], longitude [rad], height [m].
+    Returns: (..., 3): North, East, Down from `origin` to `lla` [m], with the radii at `origin`: right to first order,
+    meant for errors and lever arms and not for distances of kilometres.
     """
     lla, origin = np.asarray(lla, dtype=float), np.asarray(origin, dtype=float)
     meridian, transverse = radii(origin[..., 0])
@@ -161,17 +114,8 @@ def ned_offset(lla: ArrayLike, origin: ArrayLike) -> FloatArray:
 def lla_offset(origin: ArrayLike, ned: ArrayLike) -> FloatArray:
     """Position at a small offset; the inverse of `ned_offset`.
 
-    Parameters
-    ----------
-    origin : (..., 3) array_like
-        Latitude [rad], longitude [rad], height [m].
-    ned : (..., 3) array_like
-        Offset North, East, Down [m].
-
-    Returns
-    -------
-    (..., 3) array
-        Latitude [rad], longitude [rad] in [-pi, pi), height [m].
+    `origin` (..., 3): latitude [rad], longitude [rad], height [m]; `ned` (..., 3): offset North, East, Down [m].
+    Returns: (..., 3): latitude [rad], longitude [rad] in [-pi, pi), height [m].
     """
     origin, ned = np.asarray(origin, dtype=float), np.asarray(ned, dtype=float)
     meridian, transverse = radii(origin[..., 0])

@@ -35,22 +35,14 @@ MAX_TILT = np.radians(10.0)  # a platform farther off points nowhere
 
 @dataclass(frozen=True, slots=True)
 class PlatformErrors:
-    """What a platform and its sensors do wrong, along North, East, Down.
+    """What a platform and its sensors do wrong, along North, East, Down."""
 
-    Attributes
-    ----------
-    tilt : (3,) array
-        Turn of the platform's axes at the start, from the true North, East, Down to them [rad].
-    drift : (3,) array
-        Rate at which it turns beyond its command [rad/s]. A gyro that shows a rate too large by b makes the
-        servo turn the platform by -b.
-    bias : (3,) array
-        What its accelerometers show too much [m/s^2].
-    """
-
+    # (3,) turn of the platform's axes at the start, from the true North, East, Down to them [rad]
     tilt: FloatArray = field(default_factory=lambda: np.zeros(3))
+    # (3,) rate at which it turns beyond its command [rad/s]. A gyro that shows a rate too large by b makes the servo
+    # turn the platform by -b.
     drift: FloatArray = field(default_factory=lambda: np.zeros(3))
-    bias: FloatArray = field(default_factory=lambda: np.zeros(3))
+    bias: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) what its accelerometers show too much [m/s^2]
 
     @property
     def any(self) -> bool:
@@ -60,25 +52,13 @@ class PlatformErrors:
 
 @dataclass(frozen=True, slots=True)
 class PlatformRun:
-    """What a platform computes.
-
-    Attributes
-    ----------
-    integrator : {"forward", "backward", "mean", "fourth"}
-    vertical : {"off", "free", "damped"}
-    solution : Trajectory
-        Position and velocity; the attitude of the vehicle is not known.
-    undisturbed : Trajectory
-        The same without the platform's errors; `solution` itself if there are none.
-    tilt : (n, 3) array
-        Turn of the platform's axes from the true North, East, Down to them [rad].
-    """
+    """What a platform computes."""
 
     integrator: Integrator
     vertical: Vertical
-    solution: Trajectory
-    undisturbed: Trajectory
-    tilt: FloatArray
+    solution: Trajectory  # position and velocity; the attitude of the vehicle is not known
+    undisturbed: Trajectory  # the same without the platform's errors; `solution` itself if there are none
+    tilt: FloatArray  # (n, 3) turn of the platform's axes from the true North, East, Down to them [rad]
 
 
 def navigate_platform(
@@ -96,48 +76,27 @@ def navigate_platform(
 ) -> PlatformRun:
     """Integrate the specific force measured on a north-pointing platform.
 
-    Parameters
-    ----------
-    time : (n,) array
-        Times of the samples [s], strictly increasing; each step has its own length.
-    f_n : (n, 3) array
-        Specific force North, East, Down at these instants [m/s^2]. With the vertical channel off Down may be ``NaN``
-        throughout: gravity at the start then stands for it.
-    lla, v_n : (3,) array
-        Latitude, longitude [rad], height [m]; velocity North, East, Down [m/s] at the first time.
-    integrator : {"forward", "backward", "mean", "fourth"}
-        ``forward`` takes the rates of the state as they are at the start of each step (Euler), ``backward`` as they
-        are at its end, ``mean`` the mean of both, ``fourth`` is the classical Runge-Kutta method of fourth order. It
-        needs the specific force half-way: a polynomial through the six samples around it gives that.
-    vertical : {"off", "free", "damped"}
-        ``off``: height as at the start, no vertical velocity. ``free``: integrated like the others, its error grows by
-        e every 570 s. ``damped``: drawn to `height` by a loop of third order with three equal time constants of
-        `DAMPING_TIME`, ``k1 = 3/T, k2 = 3/T^2 + 2 g/R, k3 = 1/T^3``.
-    height : (n,) array, optional
-        Height [m] for the damping.
-    errors : PlatformErrors, optional
-        What the platform does wrong. The samples then are those of a platform without these errors.
-    gravity : float, optional
-        Gravity of this size everywhere, straight down [m/s^2]; by default normal gravity, which above the ellipsoid
-        has a part to the north (7 m in ten minutes at a height of 5 km).
-    every : int
-        Return every so-manieth sample.
+    `time` (n,): of the samples [s], strictly increasing; each step has its own length; `f_n` (n, 3): specific force
+    North, East, Down at these instants [m/s^2]. With the vertical channel off Down may be ``NaN`` throughout: gravity
+    at the start then stands for it; `lla`, `v_n` (3,): latitude, longitude [rad], height [m]; velocity North, East,
+    Down [m/s] at the first time.
 
-    Returns
-    -------
-    PlatformRun
-        Beginning with the first sample.
+    `integrator`: ``forward`` takes the rates of the state as they are at the start of each step (Euler), ``backward``
+    as they are at its end, ``mean`` the mean of both, ``fourth`` is the classical Runge-Kutta method of fourth order.
+    It needs the specific force half-way: a polynomial through the six samples around it gives that.
 
-    Raises
-    ------
-    ConfigError
-        The start is within 6 km of a pole, there is no height to damp with or one too many, a vertical velocity
-        without a vertical channel, or a tilt beyond 10 deg.
-    InputError
-        Too few samples, times that do not increase, or values that are no numbers.
-    DivergenceError
-        The solution left the Earth, came within 6 km of a pole, where there is no north to point to, or the free
-        vertical channel ran away.
+    `vertical`: ``off``: height as at the start, no vertical velocity. ``free``: integrated like the others, its error
+    with an e-folding time of 570 s. ``damped``: drawn to `height` (n,) [m] by a loop of third order with three equal
+    time constants of `DAMPING_TIME`, ``k1 = 3/T, k2 = 3/T^2 + 2 g/R, k3 = 1/T^3``.
+
+    `errors`: what the platform does wrong. The samples then are those of a platform without these errors; `gravity`: of
+    this size everywhere, straight down [m/s^2]; by default normal gravity, which above the ellipsoid has a part to the
+    north (7 m in ten minutes at a height of 5 km); `every`: return every so-manieth sample, beginning with the first.
+
+    Raises: ConfigError: the start is within 6 km of a pole, there is no height to damp with or one too many, a vertical
+    velocity without a vertical channel, or a tilt beyond 10 deg; InputError: too few samples, times that do not
+    increase, or values that are no numbers; DivergenceError: the solution left the Earth, came within 6 km of a pole,
+    where there is no north to point to, or the free vertical channel ran away.
 
     Notes
     -----
@@ -190,34 +149,18 @@ def navigate_platform(
 def torquing_rates(solution: Trajectory) -> FloatArray:
     """Rates at which the gyros of a north-pointing platform are torqued: Earth rate plus transport rate.
 
-    Parameters
-    ----------
-    solution : Trajectory
-        As the platform computes it.
-
-    Returns
-    -------
-    (n, 3) array
-        About North, East, Down [rad/s]: ``W cos L + vE / (Rx + h)``, ``-vN / (Ry + h)`` and
-        ``-(W sin L + vE tan L / (Rx + h))`` (Groves 2013, eq. 2.123, 5.44).
+    Returns: (n, 3): about North, East, Down [rad/s]: ``W cos L + vE / (Rx + h)``, ``-vN / (Ry + h)`` and
+    ``-(W sin L + vE tan L / (Rx + h))`` (Groves 2013, eq. 2.123, 5.44).
     """
     lla, v_n = solution.lla, solution.v_n
     return earth_rate_n(lla[:, 0]) + transport_rate_n(lla[:, 0], lla[:, 2], v_n)
 
 
 def damping_gains(lla: FloatArray) -> FloatArray:
-    """Gains of the damped vertical channel.
+    """Gains of the damped vertical channel at a place ``(3,)``: latitude [rad], longitude, height [m].
 
-    Parameters
-    ----------
-    lla : (3,) array
-        Latitude [rad], longitude, height [m].
-
-    Returns
-    -------
-    (3,) array
-        ``k1`` [1/s], ``k2`` [1/s^2], ``k3`` [1/s^3]: the errors of height, vertical velocity and acceleration obey
-        ``s^3 + k1 s^2 + (k2 - 2 g/R) s + k3 = 0``, which they make ``(s + 1/T)^3``.
+    Returns: (3,): ``k1`` [1/s], ``k2`` [1/s^2], ``k3`` [1/s^3]: the errors of height, vertical velocity and
+    acceleration obey ``s^3 + k1 s^2 + (k2 - 2 g/R) s + k3 = 0``, which they make ``(s + 1/T)^3``.
     """
     rate = 1.0 / DAMPING_TIME
     mean = float(np.sqrt(np.prod(radii(lla[0]))))
@@ -227,17 +170,9 @@ def damping_gains(lla: FloatArray) -> FloatArray:
 def integral(time: FloatArray, values: FloatArray, integrator: Integrator) -> FloatArray:
     """Integrate a sampled function by the rule that an integrator of the platform comes down to.
 
-    Parameters
-    ----------
-    time, values : (n,) array
-        Times [s] and values there.
-    integrator : {"forward", "backward", "mean", "fourth"}
-        Rectangle with the height at its start or its end, trapezoid, Simpson's rule with the polynomial's middle.
-
-    Returns
-    -------
-    (n,) array
-        Integral from the first time on.
+    `time`, `values` (n,): times [s] and values there; `integrator`: rectangle with the height at its start or its end,
+    trapezoid, Simpson's rule with the polynomial's middle.
+    Returns: (n,): integral from the first time on.
     """
     time = np.ascontiguousarray(time, dtype=float)
     columns = np.asarray(values, dtype=float)[:, None].copy()

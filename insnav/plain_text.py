@@ -14,26 +14,14 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def plain_text(text: object) -> str:
-    """Text on one line without terminal escape codes, control or direction-override characters.
-
-    Parameters
-    ----------
-    text : object
-        Anything; its `str` is taken.
-    """
+    """Text on one line without terminal escape codes, control or direction-override characters."""
     kept = _ESCAPE.sub("", str(text))
     spaced = "".join(" " if c in "\t\n\r\v\f\x85\u2028\u2029" else c for c in kept)
     return "".join(c for c in spaced if unicodedata.category(c) not in ("Cc", "Cf", "Cs"))
 
 
 def cell_text(text: object) -> str:
-    """Text of a table cell that no spreadsheet takes for a formula: such a start gets an apostrophe.
-
-    Parameters
-    ----------
-    text : object
-        Anything; its `str` is taken.
-    """
+    """Text of a table cell that no spreadsheet takes for a formula: such a start gets an apostrophe."""
     plain = plain_text(text)
     dangerous = str(text).startswith(_FORMULA) or plain.lstrip().startswith(_FORMULA)
     return "'" + plain if dangerous else plain

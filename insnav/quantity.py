@@ -19,39 +19,20 @@ _PRETTY = (("sqrt(Hz)", "√Hz"), ("sqrt(h)", "√h"), ("sqrt(s)", "√s"), ("^2
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """One figure of a result.
+    """One figure of a result."""
 
-    Attributes
-    ----------
-    key : str
-        Name in JSON without its unit, such as ``gyro_bias``; the unit is put behind it.
-    value : number, array, text, flag, mapping or None
-        In SI; None where it is not known. A mapping holds several figures of the same thing, such as ``rms`` and
-        ``max``; each is a column of a table.
-    unit : str
-        What it is shown in: a unit of `insnav.units`, one that has no factor to SI (``V/(deg/s)``), or none.
-    sd : number or array, optional
-        One standard deviation, in SI.
-    interval : two numbers, optional
-        95 % interval, in SI.
-    meaning : str
-        Label in text; the key in words if empty.
-    digits : int
-        Significant digits in text, where no `sd` says how many are worth showing.
-    mark : str
-        Put behind the value in text: ``!`` where it exceeds a limit.
-    decimals : int, optional
-        Decimals in text instead, for what is counted from an arbitrary zero: times, latitudes.
-    """
-
-    key: str
+    key: str  # name in JSON without its unit, such as ``gyro_bias``; the unit is put behind it
+    # in SI; None where it is not known. A mapping holds several figures of the same thing, such as ``rms`` and ``max``;
+    # each is a column of a table.
     value: Value
+    # what it is shown in: a unit of `insnav.units`, one that has no factor to SI (``V/(deg/s)``), or none
     unit: str = ""
-    sd: Value = None
-    interval: tuple[float, float] | None = None
-    meaning: str = ""
-    digits: int = 3
-    mark: str = ""
+    sd: Value = None  # one standard deviation, in SI
+    interval: tuple[float, float] | None = None  # 95 % interval, in SI
+    meaning: str = ""  # label in text; the key in words if empty
+    digits: int = 3  # significant digits in text, where no `sd` says how many are worth showing
+    mark: str = ""  # put behind the value in text: ``!`` where it exceeds a limit
+    # decimals in text instead, for what is counted from an arbitrary zero: times, latitudes
     decimals: int | None = None
 
     @property
@@ -99,13 +80,7 @@ _SUFFIXES = {key_suffix(unit): unit for unit in UNITS}
 
 
 def quantity_of(key: str, value: Any) -> Quantity:
-    """Make a quantity of a key with its unit in it, and its value in that unit.
-
-    Parameters
-    ----------
-    key : str
-        Such as ``horizontal_m`` or ``gyro_bias_deg_h``.
-    value : number, array, text, flag, mapping or None
+    """Make a quantity of a key with its unit in it, such as ``gyro_bias_deg_h``, and its value in that unit.
 
     Examples
     --------

@@ -22,37 +22,16 @@ _SEED = 20210412
 
 
 def rms(values: FloatArray | Sequence[float]) -> float:
-    """Root mean square of the values that are known; ``NaN`` if there are none.
-
-    Parameters
-    ----------
-    values : array_like
-        ``NaN`` where not known.
-
-    Returns
-    -------
-    float
-        In the unit of the values.
-    """
+    """Root mean square of the values that are known, in their unit; ``NaN`` if there are none."""
     array = np.asarray(values, dtype=np.float64)
     known = array[np.isfinite(array)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
 def effective_count(start: FloatArray, length: float) -> float:
-    """Effective sample size of windows: the time that they cover together over their length.
+    """Effective sample size of windows: the time that they cover together over their length; 0 without any.
 
-    Parameters
-    ----------
-    start : (n,) array
-        Where they begin, increasing [s].
-    length : float
-        Of each [s].
-
-    Returns
-    -------
-    float
-        Between 1 and n, 0 without any.
+    `start` (n,): where they begin, increasing [s]; `length`: of each [s].
     """
     if len(start) == 0:
         return 0.0
@@ -61,22 +40,10 @@ def effective_count(start: FloatArray, length: float) -> float:
 
 
 def block_rows(n: int, length: int, samples: int, seed: int, *, circular: bool = True) -> IntArray:
-    """Rows of each bootstrap sample, in blocks of successive ones.
+    """Rows ``(samples, n)`` of each bootstrap sample, in blocks of successive ones.
 
-    Parameters
-    ----------
-    n : int
-        Number of rows.
-    length : int
-        Of the blocks.
-    samples, seed : int
-        How many samples; the same seed gives the same.
-    circular : bool
-        The first row follows the last; otherwise no block runs over the end.
-
-    Returns
-    -------
-    (samples, n) array
+    `n`: number of rows; `length`: of the blocks; `samples`, `seed`: how many samples; the same seed gives the same;
+    `circular`: the first row follows the last; otherwise no block runs over the end.
     """
     blocks = -(-n // length)
     first = np.random.default_rng(seed).integers(0, n if circular else n - length + 1, (samples, blocks))
@@ -87,17 +54,8 @@ def block_rows(n: int, length: int, samples: int, seed: int, *, circular: bool =
 def block_weights(start: FloatArray, length: float, samples: int = SAMPLES) -> FloatArray:
     """How often each window is in each bootstrap sample, in blocks that are as long as the overlap.
 
-    Parameters
-    ----------
-    start : (n,) array
-        Where the windows begin, increasing [s].
-    length : float
-        Of each [s].
-
-    Returns
-    -------
-    (samples, n) array
-        Always the same for the same windows; each row has the sum n.
+    `start` (n,): where the windows begin, increasing [s]; `length`: of each [s].
+    Returns: (samples, n): always the same for the same windows; each row has the sum n.
     """
     n = len(start)
     size = min(n, max(1, int(np.ceil(n / effective_count(start, length)))))
@@ -109,17 +67,8 @@ def block_weights(start: FloatArray, length: float, samples: int = SAMPLES) -> F
 def means(values: FloatArray, weights: FloatArray) -> FloatArray:
     """Mean over the windows of what is known, in each bootstrap sample.
 
-    Parameters
-    ----------
-    values : (n, ...) array
-        ``NaN`` where not known.
-    weights : (samples, n) array
-        From `block_weights`.
-
-    Returns
-    -------
-    (samples, ...) array
-        ``NaN`` where nothing is known.
+    `values` (n, ...): ``NaN`` where not known; `weights` (samples, n): from `block_weights`.
+    Returns: (samples, ...): ``NaN`` where nothing is known.
     """
     known = np.isfinite(values)
     shape = values.shape[1:]
@@ -134,23 +83,10 @@ def mean_square_interval(
 ) -> tuple[FloatArray, FloatArray]:
     """95 % confidence interval of the mean square of errors of windows of a drive, for drives like it.
 
-    Parameters
-    ----------
-    start : (n,) array
-        Where the windows begin [s].
-    length : float
-        Of each [s].
-    square : (n, ...) array
-        Squared errors; ``NaN`` where not known.
-    axes : (...) array
-        Of how many numbers, each as large as the others, a squared error is the sum.
-    common : (...) array
-        Share of the mean square that all windows have in common [-]: it counts as one window, as a drive is one.
-
-    Returns
-    -------
-    low, high : (...) array
-        ``NaN`` where the effective sample size is below `FEWEST`.
+    `start` (n,): where the windows begin [s]; `length`: of each [s]; `square` (n, ...): squared errors; ``NaN`` where
+    not known; `axes` (...): of how many numbers, each as large as the others, a squared error is the sum; `common`
+    (...): share of the mean square that all windows have in common [-]: it counts as one window, as a drive is one.
+    Returns: `low`, `high` (...): ``NaN`` where the effective sample size is below `FEWEST`.
 
     Notes
     -----
@@ -177,19 +113,9 @@ def interval(
 ) -> tuple[FloatArray, FloatArray]:
     """95 % confidence interval of a figure of windows.
 
-    Parameters
-    ----------
-    start : (n,) array
-        Where the windows begin [s].
-    length : float
-        Of each [s].
-    statistic : callable
-        Given the weights ``(samples, n)``, the figure of each sample ``(samples, ...)``.
-
-    Returns
-    -------
-    low, high : array
-        ``NaN`` where the effective sample size is below `FEWEST`.
+    `start` (n,): where the windows begin [s]; `length`: of each [s]; `statistic`: given the weights ``(samples, n)``,
+    the figure of each sample ``(samples, ...)``.
+    Returns: `low`, `high` (...): ``NaN`` where the effective sample size is below `FEWEST`.
 
     Notes
     -----

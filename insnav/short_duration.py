@@ -14,23 +14,11 @@ def navigate_short(
 ) -> Trajectory:
     """Free-inertial navigation by ``v(t + T) = v(t) + T (f_n + g)``: Earth and transport rate dropped, Euler's rule.
 
-    Parameters
-    ----------
-    inc : Increments
-        From `insnav.strapdown.increments`; its sculling is not used.
-    lla, v_n, rph : (3,) array
-        Latitude, longitude [rad], height [m]; velocity North, East, Down [m/s]; roll, pitch, heading [rad] at the
-        start of the first interval.
-    turning : bool
-        Whether the attitude still follows the turn of North, East, Down. Without it the attitude stays in the axes of
-        the start, which tilt against the level at the Earth's rate: by far the larger error.
-    every : int
-        Return every so-manieth state.
-
-    Returns
-    -------
-    Trajectory
-        States at the ends of intervals ``every``, ``2 every``, …
+    `inc`: its sculling is not used; `lla`, `v_n`, `rph` (3,): latitude, longitude [rad], height [m]; velocity North,
+    East, Down [m/s]; roll, pitch, heading [rad] at the start of the first interval; `turning`: whether the attitude
+    still follows the turn of North, East, Down. Without it the attitude stays in the axes of the start, which tilt
+    against the level at the Earth's rate: by far the larger error; `every`: return every so-manieth state.
+    Returns: states at the ends of intervals ``every``, ``2 every``, …
 
     Notes
     -----

@@ -53,13 +53,7 @@ def _weights(instant: bool) -> tuple[FloatArray, FloatArray]:
 
 
 def nominal_interval(time: FloatArray) -> float:
-    """Mean spacing of the samples where none is missing [s].
-
-    Raises
-    ------
-    InputError
-        Fewer than two samples.
-    """
+    """Mean spacing of the samples where none is missing [s]; InputError if there are fewer than two."""
     if time.shape[0] < 2:
         raise InputError(
             "too few IMU samples",
@@ -168,23 +162,10 @@ def joined(parts: Intervals) -> Intervals:
 
 
 def split(parts: Intervals, times: FloatArray, first: int, last: int) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Cut intervals at given times.
+    """Cut intervals from `first` up to, not including, `last` at given times.
 
-    Parameters
-    ----------
-    parts : Intervals
-        The intervals; only those from `first` up to, not including, `last` are cut.
-    times : (m,) array
-        Increasing times [s]. One within a microsecond of the end of an interval cuts nothing.
-    first, last : int
-        Range of intervals.
-
-    Returns
-    -------
-    parent : array of int
-        Interval of each piece.
-    s0, s1 : array
-        Start and end of each piece as a fraction of its interval.
+    `times` (m,): increasing [s]. One within a microsecond of the end of an interval cuts nothing.
+    Returns: `parent` (k,): interval of each piece; `s0`, `s1` (k,): its start and end as a fraction of the interval.
     """
     owner = np.searchsorted(parts.end[first:last], times - TIME_TOLERANCE) + first
     inside = owner < last

@@ -178,21 +178,11 @@ class Trajectory(FromTable):
 
 @dataclass(frozen=True, slots=True)
 class SensorLog:
-    """Log of a further sensor, on a clock of its own.
+    """Log of a further sensor, on a clock of its own."""
 
-    Attributes
-    ----------
-    name : str
-        Kind of measurement that it is for, such as ``speedometer``.
-    time : (n,) array
-        Time [s], strictly increasing.
-    values : mapping of str to (n,) array
-        Columns by name, in SI units and radians; ``NaN`` where not known.
-    """
-
-    name: str
-    time: FloatArray
-    values: Mapping[str, FloatArray]
+    name: str  # kind of measurement that it is for, such as ``speedometer``
+    time: FloatArray  # (n,) [s], strictly increasing
+    values: Mapping[str, FloatArray]  # (n,) columns by name, in SI and radians; ``NaN`` where not known
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,63 +265,30 @@ class EventKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One line of ``events.csv``.
+    """One line of ``events.csv``."""
 
-    Attributes
-    ----------
-    time : float
-        When [s], in the time of the data.
-    kind : EventKind or str
-        What happened.
-    value : float
-        The number that decided [`unit`].
-    limit : float
-        The number it was compared with [`unit`]; ``NaN`` if there is none.
-    unit : str
-        Unit of `value` and `limit`.
-    action : str
-        What insnav did about it.
-    hint : str
-        What the user may want to do, or where to look.
-    """
-
-    time: float
-    kind: str
-    value: float
-    limit: float
+    time: float  # when [s], in the time of the data
+    kind: str  # what happened, of `EventKind`
+    value: float  # the number that decided [`unit`]
+    limit: float  # the number it was compared with [`unit`]; ``NaN`` if there is none
     unit: str
-    action: str
-    hint: str = ""
+    action: str  # what insnav did about it
+    hint: str = ""  # what the user may want to do, or where to look
 
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """Attitude of the body at one time, with its uncertainty and where it came from.
+    """Attitude of the body at one time, with its uncertainty and where it came from."""
 
-    Attributes
-    ----------
-    time : float
-        Time for which it holds [s].
-    rph : (3,) array
-        Roll, pitch, heading [rad].
-    sd : (3,) array
-        Standard deviation of the attitude error about North, East, Down [rad].
-    gyro_bias : (3,) array
-        Mean of the stationary gyros minus the Earth rate [rad/s]; zero if never stationary.
-    gyro_bias_sd : (3,) array
-        Its standard deviation [rad/s]; infinite if never stationary.
-    static : tuple of float or None
-        Start and end of the static interval used [s].
-    level_method, heading_method : str
-        In words: how roll and pitch, and how heading, were found.
-    """
-
-    time: float
-    rph: FloatArray
-    sd: FloatArray
+    time: float  # for which it holds [s]
+    rph: FloatArray  # (3,) roll, pitch, heading [rad]
+    sd: FloatArray  # (3,) standard deviation of the attitude error about North, East, Down [rad]
+    # (3,) mean of the stationary gyros minus the Earth rate, and its standard deviation [rad/s]; zero and infinite if
+    # never stationary
     gyro_bias: FloatArray
     gyro_bias_sd: FloatArray
-    static: tuple[float, float] | None
+    static: tuple[float, float] | None  # start and end of the static interval used [s]
+    # in words: how roll and pitch, and how heading, were found
     level_method: str
     heading_method: str
 
@@ -340,21 +297,8 @@ class Alignment:
 class Innovations(Tabular):
     """Innovation statistics of every fix that the filter processed.
 
-    Columns 0..2 are position North, East, Down [m], 3..5 velocity North, East, Down [m/s]; ``NaN`` where the fix
-    had no such value.
-
-    Attributes
-    ----------
-    time : (m,) array
-        Time of the fix [s], corrected for its delay.
-    innovation : (m, 6) array
-        Measured minus predicted.
-    sd : (m, 6) array
-        Predicted standard deviation of the innovation.
-    nis_position, nis_velocity : (m,) array
-        Normalised innovation squared, 3 degrees of freedom each [-].
-    used_position, used_velocity : (m,) bool array
-        Whether it was accepted.
+    Columns 0..2 are position North, East, Down [m], 3..5 velocity North, East, Down [m/s]; ``NaN`` where the fix had no
+    such value.
     """
 
     COLUMNS: ClassVar = {
@@ -367,53 +311,33 @@ class Innovations(Tabular):
         "used_velocity": ("used_velocity",),
     }
 
-    time: FloatArray
-    innovation: FloatArray
-    sd: FloatArray
+    time: FloatArray  # (m,) of the fix, corrected for its delay [s]
+    innovation: FloatArray  # (m, 6) measured minus predicted
+    sd: FloatArray  # (m, 6) predicted standard deviation of the innovation
+    # (m,) normalised innovation squared, 3 degrees of freedom each [-]
     nis_position: FloatArray
     nis_velocity: FloatArray
+    # (m,) whether it was accepted
     used_position: BoolArray
     used_velocity: BoolArray
 
 
 @dataclass(frozen=True, slots=True)
 class AidingUse:
-    """Innovation statistics of one kind of aiding measurement.
+    """Innovation statistics of one kind of aiding measurement."""
 
-    Attributes
-    ----------
-    name : str
-        Such as ``nhc``, ``zupt``, ``odometer``, ``height``, ``heading``.
-    processed, rejected : int
-        How many.
-    innovation_rms : float
-        Root mean square of the accepted innovations, of the first three numbers at most [`unit`].
-    nis : float
-        Mean normalised innovation squared of the accepted ones, per number [-].
-    unit : str
-        Of `innovation_rms`.
-    """
-
-    name: str
+    name: str  # such as ``nhc``, ``zupt``, ``odometer``, ``height``, ``heading``
+    # how many
     processed: int
     rejected: int
-    innovation_rms: float
-    nis: float
+    innovation_rms: float  # root mean square of the accepted ones, of the first three numbers at most [`unit`]
+    nis: float  # mean normalised innovation squared of the accepted ones, per number [-]
     unit: str
 
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors(Tabular):
-    """Estimated sensor errors over time, and their standard deviations.
-
-    Attributes
-    ----------
-    time : (m,) array
-        Time [s].
-    value, sd : (m, 12) array
-        Gyro bias x, y, z [rad/s], accelerometer bias x, y, z [m/s^2], gyro scale factor error x, y, z [-],
-        accelerometer scale factor error x, y, z [-].
-    """
+    """Estimated sensor errors over time, and their standard deviations."""
 
     COLUMNS: ClassVar = {
         "time": ("time_s",),
@@ -421,27 +345,16 @@ class SensorErrors(Tabular):
         "sd": tuple(f"sd_{name}" for name in _SENSOR_ERRORS),
     }
 
-    time: FloatArray
+    time: FloatArray  # (m,) [s]
+    # (m, 12) gyro bias x, y, z [rad/s], accelerometer bias x, y, z [m/s^2], gyro scale factor error x, y, z [-],
+    # accelerometer scale factor error x, y, z [-]
     value: FloatArray
     sd: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class Epochs(Tabular):
-    """State and covariance after each filter epoch.
-
-    Attributes
-    ----------
-    time : (m,) array
-        Time [s].
-    lla, v_n : (m, 3) array
-        Latitude, longitude [rad], height [m]; velocity North, East, Down [m/s].
-    q_nb : (m, 4) array
-        Attitude quaternion, scalar first.
-    covariance : (m, 9, 9) array
-        Of position N, E, D [m], velocity N, E, D [m/s] and attitude error ``phi`` [rad], ``C_hat = (I - [phi x]) C``,
-        where C is the attitude of the sensors' axes.
-    """
+    """State and covariance after each filter epoch."""
 
     COLUMNS: ClassVar = {
         "time": ("time_s",),
@@ -451,30 +364,22 @@ class Epochs(Tabular):
         "covariance": (*_POSITION_SD, *_VELOCITY_SD, *_each("sd_phi_?_deg", "n e d")),
     }
 
-    time: FloatArray
-    lla: FloatArray
-    v_n: FloatArray
-    q_nb: FloatArray
+    time: FloatArray  # (m,) [s]
+    lla: FloatArray  # (m, 3) latitude, longitude [rad], height [m]
+    v_n: FloatArray  # (m, 3) velocity North, East, Down [m/s]
+    q_nb: FloatArray  # (m, 4) attitude quaternion, scalar first
+    # (m, 9, 9) of position N, E, D [m], velocity N, E, D [m/s] and attitude error ``phi`` [rad],
+    # ``C_hat = (I - [phi x]) C``, where C is the attitude of the sensors' axes
     covariance: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class Smoothed:
-    """The smoothed (RTS) solution: every epoch from the whole recording, later fixes included.
+    """The smoothed (RTS) solution: every epoch from the whole recording, later fixes included."""
 
-    Attributes
-    ----------
-    solution : Trajectory
-        At the times of the filter's solution.
-    epochs : Epochs
-        State and covariance at each fix that was used.
-    sensor_errors : SensorErrors
-        Biases and scale factors at these times.
-    """
-
-    solution: Trajectory
-    epochs: Epochs
-    sensor_errors: SensorErrors
+    solution: Trajectory  # at the times of the filter's solution
+    epochs: Epochs  # state and covariance at each fix that was used
+    sensor_errors: SensorErrors  # biases and scale factors at these times
 
 
 @dataclass(frozen=True, slots=True)

@@ -110,13 +110,7 @@ _QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*
 
 
 def units_of(dimension: str) -> list[str]:
-    """Names of all units of a dimension.
-
-    Parameters
-    ----------
-    dimension : str
-        Such as ``"rate"``; see `UNITS`.
-    """
+    """Names of all units of a dimension, such as ``"rate"``; see `UNITS`."""
     return [name for name, (dim, _) in UNITS.items() if dim == dimension]
 
 
@@ -126,26 +120,11 @@ def si_unit(dimension: str) -> str:
 
 
 def parse_quantity(text: str, dimension: str, *, where: str = "") -> float:
-    """Number in SI of a text with a unit.
+    """Number in SI and radians of a text with a unit.
 
-    Parameters
-    ----------
-    text : str
-        Such as ``"0.1 deg/h"``; the unit is obligatory.
-    dimension : str
-        What it must be: ``"rate"``, ``"acceleration"``, ``"angle random walk"``, …
-    where : str
-        Place to name in the error.
-
-    Returns
-    -------
-    float
-        The value in SI units and radians.
-
-    Raises
-    ------
-    ConfigError
-        No unit, an unknown unit, a unit of another dimension, or a number that is not finite.
+    `text`: such as ``"0.1 deg/h"``; the unit is obligatory; `dimension`: what it must be: ``"rate"``,
+    ``"acceleration"``, ``"angle random walk"``, …; `where`: place to name in the error.
+    Raises: ConfigError: no unit, an unknown unit, a unit of another dimension, or a number that is not finite.
 
     Examples
     --------

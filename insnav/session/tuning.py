@@ -30,22 +30,9 @@ def recording_in(folder: Path) -> tuple[Path, Path]:
 def tune(folders: Sequence[Path], **inputs: Unpack[Inputs]) -> tuple[NoiseEstimate, tuple[Drive, ...]]:
     """Find the noise of one IMU in several of its drives, by the likelihood of all their innovations together.
 
-    Parameters
-    ----------
-    folders : sequence of Path
-        Each with the IMU and GPS file of one drive.
-    **inputs
-        As for `insnav.load`, the same for all drives; ``imu_model`` is the prior, that of the first drive by default.
-
-    Returns
-    -------
-    found : NoiseEstimate
-    drives : tuple of Drive
-
-    Raises
-    ------
-    InputError
-        Files are missing, or a drive is too short.
+    `folders`: each with the IMU and GPS file of one drive; `inputs`: as for `insnav.load`, the same for all drives;
+    ``imu_model`` is the prior, that of the first drive by default.
+    Raises: InputError: files are missing, or a drive is too short.
     """
     drives: list[Drive] = []
     likelihoods: list[InnovationLikelihood] = []
