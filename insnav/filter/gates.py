@@ -51,12 +51,20 @@ class Gates:
         # of three numbers; kept, because it is asked for at every fix
         object.__setattr__(self, "nis_limit", float(chdtri(3, 1.0 - self.probability)))
 
+    def small_of(self, position_sd: FloatArray) -> float:
+        """Length of an innovation that is never rejected [m], for a fix of `position_sd` (3,).
+
+        Where most of the error is time-correlated, the NIS tests its small white part: a step within the whole is none.
+        """
+        return max(self.small_position, WHOLE_SD * float(position_sd.min()))
+
     def limit(self, count: int) -> float:
         """Limit of the NIS of so many numbers [-]."""
         return self.nis_limit if count == 3 else float(chdtri(count, 1.0 - self.probability))
 
 
 REJECTED = "rejected"
+WHOLE_SD = 3.0  # so many of its standard deviations may a fix step, whatever part of them is white [-]
 _CONTRADICTED = "all other fixes and the IMU contradict it"
 
 

@@ -11,6 +11,7 @@ from insnav.earth import ned_offset
 from insnav.types import BoolArray, FloatArray, GpsData
 
 POSITION_FLOOR, VELOCITY_FLOOR = 0.03, 0.05  # smallest standard deviation assumed [m], [m/s]
+ALIKE = 2.0  # so many times the scatter from fix to fix is the whole error of fixes without a size of their own [-]
 WINDOW = 10.0  # scatter is taken over this long before and after: shorter is noise, longer misses a tunnel's end [s]
 # Of a receiver on its own [m], [m/s]: most of the position error changes over minutes and does not show in the scatter
 # of successive fixes. Data sheet of the ZED-F9P (UBX-17051259): horizontal 1.5 m CEP, which is 1.177 sd of one axis.
@@ -78,15 +79,15 @@ def _scatter(
     Above `least_scatter`, that of carrier-phase fixes, it does not fall below `default` either.
 
     ``x[i] - 3 x[i+1] + 3 x[i+2] - x[i+3]`` removes any uniformly accelerated motion and has 20 times the variance of
-    the noise; 1.4826 times the median of its magnitude is its standard deviation, outliers or not. Doubled, because
-    the errors of neighbouring fixes are alike and partly cancel in the difference.
+    the noise; 1.4826 times the median of its magnitude is its standard deviation, outliers or not. `ALIKE` times that,
+    because the errors of neighbouring fixes are alike and partly cancel in the difference.
     """
     n = time.shape[0]
     good = np.flatnonzero(np.isfinite(values).all(axis=1))
     if good.size < 20:
         return np.tile(np.asarray(default), (n, 1))
     t, x = time[good], values[good]
-    third = np.abs(np.diff(x, n=3, axis=0)) * (2.0 * 1.4826 / np.sqrt(20.0))
+    third = np.abs(np.diff(x, n=3, axis=0)) * (ALIKE * 1.4826 / np.sqrt(20.0))
     step = np.diff(t)
     even = np.max(np.column_stack([step[:-2], step[1:-1], step[2:]]), axis=1) < 1.5 * np.median(step)
     third, middle = third[even], t[1:-2][even]
@@ -105,13 +106,16 @@ def _scatter(
     return np.asarray(np.maximum(sd, sd_floor))
 
 
-def _by_fix(gps: GpsData) -> FloatArray:
-    """Standard deviation of the whole error of each position by its fix type, (n, 3) [m]."""
+def _by_fix(gps: GpsData, scatter: FloatArray) -> FloatArray:
+    """Standard deviation of the whole error of each position by its fix type, at least its scatter (n, 3) [m]; (n, 3).
+
+    A type of 1 with the scatter of single-point fixes is a flag of validity, and says nothing.
+    """
     sd = np.tile(DEFAULT_POSITION, (gps.time.shape[0], 1))
     if gps.fix is not None:
         for kind, of_kind in BY_FIX.items():
-            sd[gps.fix == kind] = of_kind
-    return sd
+            sd[(gps.fix == kind) & (kind != FIXED or float(np.median(scatter[:, :2])) < CARRIER)] = of_kind
+    return np.asarray(np.maximum(sd, scatter))
 
 
 def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple[str, ...]]:
@@ -130,7 +134,7 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
             carrier, how = np.inf, "that of the fix type" if gps.fix is not None else "a receiver without corrections"
         found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, carrier)
         if not scatter_alone:
-            found = np.maximum(found, _by_fix(gps))
+            found = _by_fix(gps, found / ALIKE)
         position_sd = np.where(missing[:, None], found, position_sd)
         middle: FloatArray = np.median(position_sd[missing], axis=0)
         notes.append(

@@ -300,7 +300,7 @@ class Navigator:
         position = (
             quality
             or gate.physical_position(gates, time, distance, gps.position_sd[row], time - self._last_good)
-            or gate.statistical(gates, time, POSITION, nis[0], distance, gates.small_position)
+            or gate.statistical(gates, time, POSITION, nis[0], distance, gates.small_of(gps.position_sd[row]))
         )
         velocity = None
         if nis[1] == nis[1]:

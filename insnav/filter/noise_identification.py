@@ -516,8 +516,8 @@ def _words(found: NoiseEstimate) -> list[str]:
     if abs(found.velocity_factor[0] - 1.0) > FACTOR_WORTH:
         notes.append(f"GPS velocity sd times {found.velocity_factor[0]:.2f}, from the innovations")
     if found.correlated is not None:
-        notes.append(
-            f"{CORRELATED}: {100 * found.correlated.share:.0f} % of the variance, correlation time about "
-            f"{found.correlated.time:.0f} s, from the innovations; estimated as states"
-        )
+        time = found.correlated.time
+        lasting = f"correlation time about {time:.0f} s" if time < LONGEST else "lasting longer than the drive tells"
+        share = f"{100 * found.correlated.share:.0f} % of the variance"
+        notes.append(f"{CORRELATED}: {share}, {lasting}, from the innovations; estimated as states")
     return notes

@@ -8,7 +8,7 @@ from insnav.alignment import find_stationary
 from insnav.errors.outage.window_reference import is_stationary, stationary_fixes
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings
-from insnav.filter.gps_noise import FIXED, with_sd
+from insnav.filter.gps_noise import with_sd
 from insnav.filter.prepare import DELAY_SD, first_stationary
 from insnav.imu import identify, load_imu
 from insnav.imu.imu_file import part_of
@@ -75,7 +75,7 @@ def complete_fixes(
     """
     if gps is not None:
         refuse_confused(gps)
-        return with_sd(gps.data, scatter_alone=not noise_is_estimated(inputs, gps))
+        return with_sd(gps.data, scatter_alone=False)
     begin, end = float(imu.time[0]), float(imu.time[-1])
     if reference is None or not is_stationary(reference.data, begin, end):
         return None, ()
@@ -96,43 +96,18 @@ def refuse_confused(gps: Reading[GpsData]) -> None:
         )
 
 
-def sd_is_reported(gps: Reading[GpsData] | None) -> bool:
-    """Whether the receiver says how good its positions are, by standard deviation or type of fix.
-
-    Without that, noise and lever arm are mere guesses. A type that is 1 whenever there is a position may be a flag of
-    validity, and says nothing.
-    """
-    if gps is None:
-        return False
-    fix = gps.data.fix
-    return bool(np.isfinite(gps.data.position_sd).all()) or (fix is not None and bool((fix > FIXED).any()))
-
-
 def noise_is_estimated(inputs: Inputs, gps: Reading[GpsData] | None) -> bool:
-    """Whether the noise is looked for in the innovations: as given, else without an IMU model where sd is reported."""
-    if inputs.get("noise") is not None:
-        return inputs.get("noise") == "estimate" and gps is not None
-    return inputs.get("imu_model") is None and sd_is_reported(gps)
-
-
-def not_looked_for(inputs: Inputs, gps: Reading[GpsData] | None) -> tuple[str, ...]:
-    """What was not given and yet is not estimated, in a note."""
-    if gps is None or sd_is_reported(gps):
-        return ()
-    missing = []
-    if inputs.get("imu_model") is None and inputs.get("noise") is None:
-        missing.append("the noise is that of the IMU model (--noise estimate looks for it)")
-    if inputs.get("lever_arm") is None and inputs.get("lever_arm_sd") is None:
-        missing.append("the lever arm is taken as zero (give --lever-arm; --lever-arm-sd 1 estimates it)")
-    return (f"the receiver reports no standard deviations: {'; '.join(missing)}",) if missing else ()
+    """Whether the noise is looked for in the innovations: as given, else without an IMU model."""
+    how = inputs.get("noise") or ("estimate" if inputs.get("imu_model") is None else "model")
+    return how == "estimate" and gps is not None
 
 
 def filter_settings(inputs: Inputs, logs: tuple[SensorLog, ...], gps: Reading[GpsData] | None) -> FilterSettings:
-    """Settings of the filter; delay and lever arm are estimated unless given, the latter where sd is reported."""
+    """Settings of the filter; delay and lever arm are estimated unless given."""
     lever_b, delay = vector(inputs, "lever_arm"), inputs.get("gps_delay")
     lever_sd = inputs.get("lever_arm_sd")
     if lever_sd is None:
-        lever_sd = LEVER_SD if lever_b is None and sd_is_reported(gps) else 0.0
+        lever_sd = LEVER_SD if lever_b is None and gps is not None else 0.0
     return FilterSettings(
         lever_b=np.zeros(3) if lever_b is None else lever_b,
         lever_sd=lever_sd,

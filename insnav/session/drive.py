@@ -114,7 +114,7 @@ def drive_of(readings: Readings) -> Drive:
     spec, chosen = given_model or defaults.imu_from_rest(samples, defaults.stationary_part(samples, fixes, inputs))
     logs = tuple(log.data for log in readings.logs.values())
     settings = replace(defaults.filter_settings(inputs, logs, readings.gps), mounting_yaw=yaw)
-    notes = (*clocks, *turned, *assumed, *defaults.not_looked_for(inputs, readings.gps))
+    notes = (*clocks, *turned, *assumed)
     return Drive(readings, fixes, spec, chosen, settings, notes)
 
 

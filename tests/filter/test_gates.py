@@ -198,3 +198,10 @@ def test_a_stricter_gate_rejects_more(recorded):
     strict = run_with(recorded, gates=Gates(probability=0.9, small_position=0.0, small_velocity=0.0))
     share = 1 - strict.innovations.used_position.mean()
     assert 0.05 < share < 0.2
+
+
+def test_a_step_within_the_whole_error_of_a_fix_is_no_false_fix():
+    """Where the white part is centimetres, positions that step by two metres of their 1.5 are de-weighted, not lost."""
+    gates = Gates()
+    assert gates.small_of(np.full(3, 0.1)) == gates.small_position
+    assert gates.small_of(np.array([1.5, 1.5, 3.0])) == pytest.approx(4.5)

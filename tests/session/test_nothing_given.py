@@ -91,32 +91,20 @@ def test_drives_of_one_imu_are_tuned_together(tmp_path):
         tune([tmp_path / "monday", tmp_path / "tuesday"])
 
 
-def test_without_reported_standard_deviations_nothing_is_guessed():
-    """Fixes good to centimetres that do not say so: a lever arm and a noise found in them would be wrong by metres."""
-    known = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv")
-    silent = replace(known.gps.data, position_sd=np.full_like(known.gps.data.position_sd, np.nan))
-    drive = insnav.load(known.imu.data, silent)
-    assert drive.settings.lever_sd == 0.0
-    assert any("the lever arm is taken as zero" in note and "--noise estimate" in note for note in drive.notes)
-    _, spec = drive.prepared_with_noise()
-    assert spec is drive.imu_spec
-    asked = insnav.load(known.imu.data, silent, lever_arm_sd=1.0, noise="model")
-    assert asked.settings.lever_sd == 1.0
-    assert not any("no standard deviations" in note for note in asked.notes)
-
-
-@pytest.mark.parametrize("kind", [1, 5])
-def test_the_type_of_fix_stands_for_a_standard_deviation(kind):
-    """Single-point positions are good to metres, however little they scatter; a column of ones says only: valid."""
-    known = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv")
+@pytest.mark.parametrize("kept", [("v_n",), (), ("v_n", "fix")])
+def test_without_reported_standard_deviations_errors_are_as_stated(kept):
+    """Positions alone, with velocities, or with the type of fix: scatter of successive fixes is not their error."""
+    known = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", SAMPLE / "ref.csv")
     gps = known.gps.data
-    silent = replace(gps, position_sd=np.full_like(gps.position_sd, np.nan), fix=np.full(gps.time.size, kind))
-    drive = insnav.load(
-        known.imu.data, silent, insnav.load(SAMPLE / "imu.csv.gz", ref=SAMPLE / "ref.csv").reference.data
-    )
-    assert drive.settings.lever_sd == (1.0 if kind == 5 else 0.0)
-    if kind == 5:
-        assert any("fix type" in note for note in drive.notes)
-        found = drive.navigate().found
-        assert inside(found.errors) > 0.97
-        assert inside(found.smoothed_errors) > 0.97
+    nothing = np.full_like(gps.position_sd, np.nan)
+    fix = np.full(gps.time.size, 5) if "fix" in kept else np.ones(gps.time.size, dtype=int)  # ones: a flag, no type
+    silent = replace(gps, position_sd=nothing, fix=fix, v_n=gps.v_n if "v_n" in kept else nothing)
+    drive = insnav.load(known.imu.data, silent, known.reference.data)
+    found = drive.navigate().found
+    assert any("fix type" in note for note in drive.notes)
+    assert found.noise is not None
+    for errors in (found.errors, found.smoothed_errors):
+        assert inside(errors) > 0.97
+        assert (np.sqrt(np.mean(errors.position**2, axis=0)) < [1.0, 1.0, 1.2]).all()  # fixes: 1.7, 1.7, 2.6 m
+    assert (np.abs(found.run.lever_b - LEVER) <= 3.0 * found.run.lever_sd).all()
+    assert abs(found.run.gps_delay) <= 3.0 * found.run.gps_delay_sd
