@@ -13,6 +13,15 @@ KEYWORDS = {"--out": "folder"}  # options whose keyword in Python has another na
 _OPTION = re.compile(r"--([a-z](?:[a-z-]*[a-z])?)\b")
 
 
+def as_keywords(text: str) -> str:
+    """Text for who calls from Python, and has keywords, not options; a line to copy into a shell stays as it is."""
+
+    def keyword(found: re.Match[str]) -> str:
+        return KEYWORDS.get(found[0], found[1].replace("-", "_"))
+
+    return "\n".join(line if "insnav " in line else _OPTION.sub(keyword, line) for line in text.splitlines())
+
+
 class InsnavError(Exception):
     """Base of all errors insnav raises on purpose.
 
@@ -45,8 +54,7 @@ class InsnavError(Exception):
     def __str__(self) -> str:
         parts = [self.what]
         parts += [f"{name}: {text}" for name, text in self.details() if text]
-        # who reads this called from Python, and has keywords, not options; the command line prints the details
-        return _OPTION.sub(lambda found: KEYWORDS.get(found[0], found[1].replace("-", "_")), "\n".join(parts))
+        return as_keywords("\n".join(parts))  # the command line prints the details
 
     def details(self) -> tuple[tuple[str, str], ...]:
         """Label and text of every part after the first sentence."""

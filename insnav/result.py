@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
+from insnav.exceptions import as_keywords
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.reading import ReadingFacts
 from insnav.output.folder import RunFolder
@@ -139,7 +140,7 @@ class Result(Generic[F]):
         return frame(self)
 
     def summary(self) -> str:
-        """Give the result as text, as the command line prints it.
+        """Give the result as text, as the command line prints it, but with keywords for its options.
 
         Returns
         -------
@@ -148,7 +149,7 @@ class Result(Generic[F]):
         """
         from insnav.report.save import text_of
 
-        return text_of(self)
+        return as_keywords(text_of(self))
 
     def _repr_html_(self) -> str:
         """Show the result in a notebook: its tables, without the figures."""

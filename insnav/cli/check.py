@@ -41,6 +41,7 @@ def check(
 
     with Stages() as stage:
         stage("reading")
+        from insnav.report.save import text_of
         from insnav.session.check import check as checked
 
         found = replace(checked(files, data.inputs), options=data.options)
@@ -57,6 +58,6 @@ def check(
 
             result(json.dumps({"kind": "check", "versions": versions(), **page_facts(found.page())}, indent=2))
     else:
-        result(found.summary())
+        result(text_of(found))
     if not found.found.runs_as_given:
         raise typer.Exit(1)

@@ -94,8 +94,9 @@ def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Ite
 def brief_text(found: Result[Any]) -> str:
     """Sum up a result: lines of 80 columns on a terminal; elsewhere nothing of a run is wrapped or cut."""
     from insnav.report.run.page import text
+    from insnav.report.save import text_of
 
-    return text(found, None) if found.kind == "run" and not sys.stdout.isatty() else found.summary()
+    return text(found, None) if found.kind == "run" and not sys.stdout.isatty() else text_of(found)
 
 
 def terminal_width() -> int | None:

@@ -60,9 +60,9 @@ def on_one_clock(
 
 
 def _check_gyro_unit(path: str, parts: Intervals, fixes: GpsData) -> None:
-    """Refuse gyros that turn as many times as far as the course as there are degrees in a radian, or radians."""
+    """Refuse gyros that turn so many times as far as the course as units differ: rad/s, deg/s, and mrad/s as deg/s."""
     scale, correlation = turn_scale(parts, fixes)
-    for factor, unit in ((DEG, "deg/s"), (1.0 / DEG, "rad/s")):
+    for factor, unit in ((DEG, "deg/s"), (1.0 / DEG, "rad/s"), (1e-3 / DEG, "mrad/s")):
         if correlation > SURE and 1.0 / FACTOR < scale / factor < FACTOR:
             raise InputError(
                 f"the gyros look like {unit}",

@@ -20,7 +20,7 @@ from insnav.errors.metrics import at_point
 from insnav.errors.outage.gnss_outage import LENGTHS, outages
 from insnav.errors.outage.window_reference import WindowReference, reference_from_trajectory
 from insnav.errors.short_duration_errors import short_windows
-from insnav.exceptions import AlignmentError, ConfigError, InputError
+from insnav.exceptions import AlignmentError, ConfigError, InputError, as_keywords
 from insnav.filter import FilterSettings
 from insnav.filter.fine_alignment import FineAlignment, fine_alignment
 from insnav.filter.gps_delay import on_time
@@ -162,7 +162,7 @@ class Drive:
 
     def __repr__(self) -> str:
         lines = [each.lines()[0] for each in self.readings.facts.values()]
-        return "\n".join(["Drive", *lines, f"IMU model: {self.imu_spec.name}: {self.imu_chosen}"])
+        return as_keywords("\n".join(["Drive", *lines, f"IMU model: {self.imu_spec.name}: {self.imu_chosen}"]))
 
     def prepared(self, states: int = 21) -> Prepared:
         """Align the drive and set the filter up; nothing is navigated yet.

@@ -41,7 +41,7 @@ def test_nhc_is_used_where_the_drive_shows_that_it_holds(tmp_path: Path, cli: Cl
     assert shown.code == 0, shown.err
     assert used(str(tmp_path / "run")) == {"nhc", "zupt"}
     assert any(line.startswith("  nhc ") for line in shown.out.splitlines())
-    assert "IMU-to-vehicle pitch" in shown.out
+    assert "IMU in the vehicle: pitch" in shown.out
 
 
 def test_a_lever_arm_that_is_only_roughly_known_is_estimated(drive: Path, cli: Cli):

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import insnav
+from insnav.alignment import find_mounting
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.exceptions import InputError
 from insnav.input.interpret.axes import axes_matrix
+from insnav.strapdown import intervals
 from insnav.units import DEG
 
 
@@ -51,6 +55,29 @@ def test_a_yaw_is_told_and_heading_is_that_of_the_imu(plain):
     off = np.abs(wrap_pi(run.smoothed.solution.rph[:, 2] - expected))
     assert np.median(off) < 1.5 * DEG
     assert np.mean(off < 3.0 * run.smoothed.solution.sd[:, 8]) > 0.97
+
+
+def test_check_and_run_give_the_mounting_with_the_same_signs(plain):
+    found = turned(plain, dcm_from_rph(np.array([0.0, 4.0, -6.0]) * DEG).T)
+    seen = find_mounting(intervals(found.imu.data), found.fixes)
+    assert seen is not None
+    told = next(note for note in found.navigate(aiding="on", smooth=False).notes if note.startswith("NHC"))
+    pitch, yaw = re.findall(r"(?:pitch|yaw) (-?[\d.]+)", told)
+    print(seen.angles / DEG, seen.sd / DEG, told)
+    np.testing.assert_allclose([float(pitch), float(yaw)], seen.angles[1:] / DEG, atol=1.5)
+    assert float(yaw) < -4.0
+
+
+def test_units_that_no_header_names_are_found_from_gravity_and_the_course(plain):
+    imu = plain.imu.data
+    columns = np.column_stack([imu.time, imu.gyro * 1e3, imu.accel / 9.80665e-3])
+    frame = pd.DataFrame(columns, columns=["time", "gx", "gy", "gz", "ax", "ay", "az"])
+    with pytest.raises(InputError, match="look like mrad/s") as caught:
+        insnav.load(frame, plain.gps.data)
+    assert caught.value.gives == {"units": {"gyro": "mrad/s"}}
+    found = insnav.load(frame, plain.gps.data, units="gyro=mrad/s")
+    np.testing.assert_allclose(found.imu.data.gyro, imu.gyro, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(found.imu.data.accel, imu.accel, rtol=1e-9)
 
 
 def test_left_handed_axes_are_refused(plain):

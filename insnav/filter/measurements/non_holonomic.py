@@ -44,13 +44,14 @@ class NonHolonomic:
         found = first.mounting
         if found is None:
             return None, f"NHC: not used, only {first.fast_time:.0f} s are faster than {FAST:g} m/s"
-        (right, down), (pitch, yaw), (pitch_sd, yaw_sd) = found.rms, found.angles / DEG, found.sd / DEG
+        # of the IMU in the vehicle, as everywhere that mounting is told: the other way round than `angles`
+        (right, down), (pitch, yaw), (pitch_sd, yaw_sd) = found.rms, -found.angles / DEG, found.sd / DEG
         across = f"lateral {right:.2f}, vertical {down:.2f} m/s RMS"
         if not found.holds:
             return None, f"NHC: not used, {across}"
         sd = np.maximum(LEAST_SD, [time_correlated_sd(each, first.step) for each in (found.right, found.down)])
         note = (
-            f"NHC: {across}; IMU-to-vehicle pitch {pitch:.2f} ± {pitch_sd:.2f}, yaw {yaw:.2f} ± {yaw_sd:.2f} deg, "
+            f"NHC: {across}; IMU in the vehicle: pitch {pitch:.2f} ± {pitch_sd:.2f}, yaw {yaw:.2f} ± {yaw_sd:.2f} deg, "
             f"axle {round(-float(found.lever_b[0]), 1) + 0.0:.1f} m behind the IMU"
         )
         return cls(found.to_vehicle, found.lever_b, sd), note

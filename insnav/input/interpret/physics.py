@@ -156,7 +156,7 @@ def find_gyro_unit(
 
     Raises: InputError: the stated unit contradicts the evidence.
     """
-    usual = ("rad", "deg") if increments else ("rad/s", "deg/s")
+    usual = ("rad", "deg") if increments else ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # far apart, by 17 and more
     fastest = float(quiet.rate.max())
     shown, why = None, ""
     if correlation:

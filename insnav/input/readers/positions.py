@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.input.formats import delimited_text, kf_gins, matlab, parquet, phone_folder
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import GPS_KINDS, REFERENCE_KINDS, Kinds
@@ -31,6 +32,8 @@ _MAX_HEIGHT = 1e5  # [m]
 _MIN_HEIGHT = -1e4
 _FAR = 0.1 * DEG  # a fix at (0, 0) is a placeholder if all others are farther than this
 _ROOM = {"px", "prsrx", "posx", "positionx"}  # headers of EuRoC, TUM-VI, and programs like them
+# formats that do not define what heights are above; an empty name is that of data in memory
+_ANY_HEIGHT = {"", *(each.name for each in (delimited_text, kf_gins, matlab, parquet, phone_folder))}
 _STANDARD_DEVIATIONS = ("sd_n", "sd_e", "sd_d", "sd_vn", "sd_ve", "sd_vd")
 
 
@@ -119,7 +122,7 @@ def read_positions(
     table = open_table(path, "gps" if kind == "GPS" else "reference")
     name = table.name
     found, notes = understand(table.headers, table.units, schema, columns=columns, where=name)
-    height_key, height_kind, height_evidence = _height(found, height)
+    height_key, height_kind, height_evidence = _height(found, height, table.format)
     hint, gives = "", {}
     if sum(header.lower().startswith(("gyro", "acc", "dtheta", "dvel")) for header in table.headers) > 3:
         hint = "this looks like inertial data: give it as the IMU file"
@@ -171,13 +174,14 @@ def read_positions(
     return replace(reading, fix=fix)
 
 
-def _height(found: Mapping[str, Found], height: Height | None) -> tuple[str, str, str]:
-    """Key of the height column, what it is, and why."""
+def _height(found: Mapping[str, Found], height: Height | None, log: str) -> tuple[str, str, str]:
+    """Key of the height column, what it is, and why; `log`: name of the format."""
     above_sea = "height_msl" in found and (height == "msl" or "height" not in found)
     key = "height_msl" if above_sea else "height"
     kind = "msl" if above_sea or height == "msl" else "ellipsoidal"
     if kind == "ellipsoidal":
-        why = "as given" if height else "assumed; else --gps-height msl"
+        by_log = "assumed; else --gps-height msl" if log in _ANY_HEIGHT else f"by definition of the {log}"
+        why = "as given" if height else by_log
         return key, kind, f"heights are above the ellipsoid ({why})"
     why = "as given" if height else "by the column's name"
     return (key, kind, f"heights are above mean sea level ({why}): used as they are, and so are those of the result")

@@ -134,7 +134,7 @@ def _both(found: Checked) -> tuple[Section, ...]:
     if found.mounting is not None:
         items += [
             Quantity("mounting_axes", found.mounting.letters, meaning="nearest axes after turning"),
-            Quantity("mounting_angles", found.mounting.angles, "deg", meaning="mounting roll, pitch, yaw"),
+            Quantity("mounting_angles", found.mounting.angles, "deg", meaning="IMU in the vehicle: roll, pitch, yaw"),
             Quantity("mounting_yaw_sd", found.mounting.sd, "deg"),
         ]
     if found.run is not None and found.gps is not None:
