@@ -184,8 +184,7 @@ def _many(folder: RunFolder, plan: Plan, runs: int, engine: str, resume: bool, s
     from insnav.errors.ensemble import navigated_recording
     from insnav.report.simulation.ensemble import write_runs
     from insnav.report.simulation.page import plan_key
-    from insnav.simulate.checkpoint import Checkpoint
-    from insnav.simulate.montecarlo import monte_carlo
+    from insnav.simulate.montecarlo import Checkpoint, monte_carlo
     from insnav.simulate.recording import perfect_imu, temperature_ramp
 
     assert plan.imu is not None

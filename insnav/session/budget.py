@@ -6,12 +6,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TypedDict
 
-from insnav.errors.budget.drive_motion import spec_in_windows, window_motion, window_start_sources, with_recorded
+from insnav.errors.budget.drive_motion import (
+    BudgetStudy,
+    spec_in_windows,
+    window_motion,
+    window_start_sources,
+    with_recorded,
+)
 from insnav.errors.budget.error_budget import Budget, budget, check_times
 from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, first_movement, sampled
 from insnav.errors.budget.sources import Source
-from insnav.errors.budget.study import BudgetStudy
 from insnav.exceptions import ConfigError
 from insnav.imu.specification import ImuSpec
 from insnav.result import Result

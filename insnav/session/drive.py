@@ -43,9 +43,9 @@ from insnav.strapdown import intervals
 from insnav.types import Event, FloatArray, GpsData, ImuData, Trajectory
 
 if TYPE_CHECKING:  # what takes long to import is imported where it is used: a run needs no budget
+    from insnav.errors.budget.drive_motion import BudgetStudy
     from insnav.errors.budget.from_windows import WindowSettings
-    from insnav.errors.budget.study import BudgetStudy
-    from insnav.errors.outage.study import OutageStudy
+    from insnav.errors.outage.gnss_outage import OutageStudy
     from insnav.errors.requirement.study import RequirementStudy
     from insnav.session.budget import BudgetOptions, BudgetSettings
     from insnav.session.read import Given
@@ -337,8 +337,8 @@ class Drive:
         ConfigError, InputError, AlignmentError
             Windows that make no sense, or data that cannot be navigated.
         """
+        from insnav.errors.outage.gnss_outage import OutageStudy
         from insnav.errors.outage.statistics import outage_growth
-        from insnav.errors.outage.study import OutageStudy
 
         lengths = [float(length) for length in np.ravel(lengths)]
         ready, spec = self.prepared_with_noise()

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insnav.errors.budget.drive_motion import BudgetStudy
 from insnav.errors.budget.error_budget import budget
 from insnav.errors.budget.sampled_motion import at_rest
-from insnav.errors.budget.study import BudgetStudy
 from insnav.exceptions import InputError
 from insnav.output.stored import FILE, read_stored, store
 from insnav.report.run_json import page_facts

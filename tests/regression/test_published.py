@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.errors.requirement.field_factor import SPAN, TYPICAL
+from insnav.errors.requirement.study import SPAN, TYPICAL
 from insnav.regression.published.replicas import (
     Case,
     Compared,

@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
+from insnav.errors.budget.drive_motion import BudgetStudy
 from insnav.errors.budget.error_budget import budget
 from insnav.errors.budget.sampled_motion import at_rest
-from insnav.errors.budget.study import BudgetStudy
 from insnav.report.html import page_html
 from insnav.result import Result
 from tests.errors.budget.imus import plain

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from insnav.errors.budget.drive_motion import BudgetStudy
 from insnav.errors.budget.error_budget import Budget, RecordedColumn, budget
 from insnav.errors.budget.sampled_motion import at_rest
 from insnav.errors.budget.sources import families, sources_of
-from insnav.errors.budget.study import BudgetStudy
 from insnav.imu import load_imu
 from insnav.report.budget.contributions import horizontal, ranked, saved, shares
 from insnav.report.budget.headline import estimates_section

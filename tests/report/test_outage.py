@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insnav.errors.outage.gnss_outage import OutageStudy
 from insnav.errors.outage.statistics import outage_growth
-from insnav.errors.outage.study import OutageStudy
 from insnav.report.numbers import number
 from insnav.report.page import Page, section_tables
 from insnav.report.run_json import page_facts

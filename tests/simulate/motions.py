@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from insnav.simulate.motion.vehicle import Vehicle
+from insnav.simulate.motion.kinds import Vehicle
 from insnav.simulate.truth import Truth
 
 PLACE = np.array([np.radians(48.0), np.radians(11.0), 500.0])

@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import ConfigError, InputError, OutputError
-from insnav.simulate.checkpoint import Checkpoint
-from insnav.simulate.montecarlo import Sample, monte_carlo, run_seed
+from insnav.simulate.montecarlo import Checkpoint, Sample, monte_carlo, run_seed
 
 ROOT = Path(__file__).parents[2]
 SEED = 7

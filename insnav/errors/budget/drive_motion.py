@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from insnav.errors.budget.error_budget import Budget, RecordedColumn
 from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart
-from insnav.errors.budget.initial_covariance import in_run_errors, start_sources
 from insnav.errors.budget.sampled_motion import SampledMotion, sampled
-from insnav.errors.budget.sources import Source
+from insnav.errors.budget.sources import Source, start_sources
 from insnav.errors.outage.statistics import growth
-from insnav.imu import ImuSpec
+from insnav.imu import ImuSpec, SensorSpec
 from insnav.simulate.truth_from_track import truth_from_track
 
 _MARGIN = 5.0  # of the track on both sides of a window [s]
@@ -72,3 +71,33 @@ def with_recorded(found: Budget, budget: RecordedBudget) -> Budget:
 
 def _kind(budget: RecordedBudget) -> str:
     return "uncalibrated sensors" if budget.shown.windows.uncalibrated else "calibrated by the filter"
+
+
+def in_run_errors(spec: ImuSpec) -> ImuSpec:
+    """What an IMU adds to the errors at the start: noise, change of the bias, terms the filter has no states for.
+
+    In-run bias since the start is a random walk that is driven as the Gauss-Markov process of the IMU file is,
+    ``2 sd^2 / T`` (Gelb 1974, section 3.6), right for times far below T. Misalignment of accelerometers shows in
+    gravity as a bias, and is counted there.
+    """
+    return replace(
+        spec,
+        gyro=_since(spec.gyro),
+        accel=replace(_since(spec.accel), misalignment=np.zeros(3)),
+        initial=None,
+    )
+
+
+def _since(sensor: SensorSpec) -> SensorSpec:
+    drive = sensor.rate_random_walk**2 + 2.0 * sensor.bias_instability**2 / sensor.correlation_time
+    none = np.zeros(3)
+    return replace(sensor, bias=none, bias_instability=none, scale_factor=none, rate_random_walk=np.sqrt(drive))
+
+
+@dataclass(frozen=True, slots=True)
+class BudgetStudy:
+    """A budget and the drive that it is of."""
+
+    budget: Budget
+    # free-inertial windows of the drive; None for a budget of a motion without a record
+    windows: RecordedBudget | None = None

@@ -153,7 +153,7 @@ def budget(
     `times`: when the errors are wanted, since the start [s]; `runs`: how many times to simulate; 0 for analytic and
     covariance alone; `deflection`: deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`;
     `hold`: constrain the vertical channel to the reference height; see `insnav.errors.budget.covariance.covariance`;
-    `known`: correlated errors of start and sensors besides those of `spec`; see `initial_covariance`; `progress`:
+    `known`: correlated errors of start and sensors besides those of `spec`; see `start_sources`; `progress`:
     called with the fraction of the simulation that is done.
     Raises: ConfigError: an IMU without errors, or times that are not those of the motion.
     """

@@ -16,9 +16,8 @@ import numpy as np
 from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_from_rph, quat_multiply, rotvec_from_quat
 from insnav.earth import lla_offset, ned_offset
 from insnav.engine import Workers, every
-from insnav.errors.budget.initial_covariance import STATES
 from insnav.errors.budget.sampled_motion import SampledMotion
-from insnav.errors.budget.sources import SENSORS, Source
+from insnav.errors.budget.sources import SENSORS, STATES, Source
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, sample_errors
 from insnav.imu.error_terms import terms_of
 from insnav.kernels import error_propagation as _kernel
@@ -67,7 +66,7 @@ def free_runs(
     `rows` (m,): samples after which errors are wanted, increasing; `seed`: the same seed gives the same runs, and the
     first runs are the same however many follow; `deflection`: deflection of the vertical [rad]; see
     `insnav.errors.budget.sources.sources_of`; `known`: correlated errors of start and sensors besides those of `spec`;
-    see `initial_covariance`.
+    see `start_sources`.
     """
     blocks = [range(first, min(first + _BLOCK, runs)) for first in range(0, runs, _BLOCK)]
     made = []

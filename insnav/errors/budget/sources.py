@@ -22,6 +22,18 @@ Group = Literal["initial", "gyro", "accel", "gravity", "timing"]
 
 BODY, LOCAL = ("x", "y", "z"), ("north", "east", "down")
 SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
+STATES = 21  # position, velocity, attitude, gyro bias, accelerometer bias, both scale factors
+_NAMES: tuple[tuple[Group, str, tuple[str, ...], int], ...] = (
+    ("accel", "bias", BODY, 12),
+    ("accel", "scale factor", tuple(2 * axis for axis in BODY), 18),
+    ("gyro", "bias", BODY, 9),
+    ("gyro", "scale factor", tuple(2 * axis for axis in BODY), 15),
+    ("initial", "heading", ("down",), 8),
+    ("initial", "tilt", LOCAL[:2], 6),
+    ("initial", "velocity", LOCAL, 3),
+    ("initial", "position", LOCAL, 0),
+)
+_NOTHING = 1e-9  # of a variance that is left when those before are known
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +50,7 @@ class Source:
     # coefficient of flicker noise. SI units and radians.
     sd: float
     correlation_time: float = math.inf  # of a Gauss-Markov process [s]
-    # for a source of correlated errors, its unit vector in 21 states; see `insnav.errors.budget.initial_covariance`
+    # for a source of correlated errors, its unit vector in 21 states; see `insnav.errors.budget.drive_motion`
     joint: tuple[float, ...] = ()
 
     @property
@@ -84,6 +96,32 @@ def sources_of(spec: ImuSpec, deflection: float = 0.0) -> tuple[Source, ...]:
         Source("timing", "drift", "t", "constant", abs(spec.clock.drift)),
     ]
     return tuple(listed)
+
+
+def start_sources(covariance: FloatArray) -> tuple[Source, ...]:
+    """Make independent sources of a filter's covariance at the start, errors of its sensors included.
+
+    Correlated errors (tilt and the bias that it hides) are no independent sources. A triangular factor of their
+    covariance makes them so: each source carries its share of those after it. Sensors come first: a bias brings the
+    tilt that hides it, and ``initial tilt`` is only what is left when the biases are known.
+
+    `covariance` (21, 21): of the errors of position N, E, D [m], velocity [m/s], attitude [rad], gyro and accelerometer
+    bias, gyro and accelerometer scale factor, estimate minus truth.
+    Returns: with its share of the other errors in `Source.joint`. The sum of their squares is the covariance
+    (Cholesky).
+    """
+    labels = [(group, term, axis, first + i) for group, term, axes, first in _NAMES for i, axis in enumerate(axes)]
+    left = covariance.copy()
+    found = []
+    for group, term, axis, state in labels:
+        variance = left[state, state]
+        if variance <= _NOTHING * covariance[state, state] or variance <= 0.0:
+            continue
+        column = left[:, state] / np.sqrt(variance)
+        left = left - np.outer(column, column)
+        sd = float(column[state])
+        found.append(Source(group, term, axis, "constant", sd, joint=tuple(column / sd)))
+    return tuple(found)
 
 
 def _of_term(term: ErrorTerm, sensor: SensorSpec) -> list[Source]:

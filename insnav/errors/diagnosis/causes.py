@@ -11,7 +11,7 @@ from insnav.attitude import dcm_from_quat
 from insnav.earth import gravity_n
 from insnav.errors.diagnosis.growth_curves import TERMS, Curve, about_the_curve, fit_curve, position_terms
 from insnav.errors.outage.free_inertial import Windows
-from insnav.errors.outage.window_start import growth_by_start_error
+from insnav.errors.outage.windows import growth_by_start_error
 from insnav.filter.error_model import ErrorModel
 from insnav.sample_statistics import CONFIDENCE, FEWEST, effective_count, rms
 from insnav.types import FloatArray

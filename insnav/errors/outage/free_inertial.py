@@ -11,15 +11,18 @@ import numpy as np
 from insnav.attitude import rph_from_quat
 from insnav.errors.metrics import MOVING_M_S
 from insnav.errors.outage.window_reference import WindowReference
-from insnav.errors.outage.window_start import (
+from insnav.errors.outage.windows import (
     NavigatedDrive,
     StartChoice,
+    comparison_only,
     forward_start,
     free_inertial_settings,
+    part_of,
     smoothed_start,
     uncalibrated_start,
+    valid,
+    window_starts,
 )
-from insnav.errors.outage.windows import comparison_only, part_of, valid, window_starts
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.error_model import FilterState
 from insnav.filter.navigate import feed

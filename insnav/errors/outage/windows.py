@@ -1,20 +1,30 @@
-"""Where the windows of a drive lie, and what the filter gets in one: its samples, and fixes that it may not use."""
+"""Windows of a drive: where they lie, what the filter gets in one, what it starts from, how errors of that grow."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from insnav.attitude import dcm_from_quat
+from insnav.earth import gravity_n
 from insnav.exceptions import InputError
-from insnav.filter.error_model import FilterState
+from insnav.filter.error_model import ErrorModel, FilterState
+from insnav.filter.navigate import feed
 from insnav.filter.prepare import Prepared
-from insnav.types import BoolArray, FloatArray, GpsData, IntArray
+from insnav.filter.settings import FilterSettings
+from insnav.filter.state_layout import layout
+from insnav.kernels.dynamics import NAV
+from insnav.kernels.errorstate import STATES
+from insnav.types import BoolArray, FloatArray, GpsData, IntArray, Run
 
 SETTLED = 60.0  # no window begins earlier after the start of navigation, if the drive is long enough [s]
 COUNT = 60  # windows that fit with the default spacing
 CLOSEST = 2.0  # the default spacing is not less [s]
+StartChoice = Literal["forward", "smoothed"]
+_SOLUTION = 0.1  # output interval of the whole drive: for speed, course and the simulated replica [s]
 FirstWindow = Literal["quarter of drive", "half of slack"]
 _LEAD = 2.0  # samples before the window, for the polynomials at its first interval [s]
 _SAME = 1e-6  # times that differ by less are the same [s]
@@ -78,3 +88,118 @@ def valid(gps: GpsData) -> BoolArray:
 def comparison_only(gps: GpsData) -> GpsData:
     """The same fixes marked as none: a filter compares itself with them and does not use them."""
     return replace(gps, fix=np.zeros(gps.time.shape[0], dtype=np.int64), heading=None)
+
+
+@dataclass(frozen=True, slots=True)
+class NavigatedDrive:
+    """The whole drive, navigated with all fixes, and the filter's states where windows begin."""
+
+    ready: Prepared
+    run: Run
+    states: tuple[FilterState, ...]  # in order of time
+    clock: float  # time of the run minus that of the samples [s]
+
+
+def navigated_drive(
+    ready: Prepared, starts: FloatArray, progress: Callable[[float], None] | None = None, *, smooth: bool = True
+) -> NavigatedDrive:
+    """Navigate the whole drive and keep the filter's state at some fixes.
+
+    `starts` (n,): timestamps of these fixes [s]; `smooth`: smooth as well, for smoothed starts and for a simulated
+    replica.
+    """
+    rows = np.searchsorted(ready.gps.time, starts - 1e-6)
+    settings = replace(ready.settings, smooth=smooth, output_interval=_SOLUTION)
+    navigator = replace(ready, settings=settings).navigator(marks=set(rows.tolist()))
+    feed(navigator, ready.imu, progress)
+    run = navigator.finish()
+    states = tuple(state for _, state in sorted(navigator.kept.items()))
+    return NavigatedDrive(ready, run, states, run.gps_delay - ready.settings.delay)
+
+
+def free_inertial_settings(settings: FilterSettings, *, own_fixes: bool) -> FilterSettings:
+    """Settings of a filter without fixes and without other aiding.
+
+    `own_fixes`: the reference is the fixes of the drive, whose velocities may lag.
+    """
+    return replace(
+        settings,
+        correlated=None,
+        lever_sd=0.0,
+        jitter=0.0,
+        velocity_lag=settings.velocity_lag if own_fixes else 0.0,
+        heading_sd=0.0,
+        aiding=None,
+        smooth=False,
+        output_interval=1e9,
+    )
+
+
+def forward_start(state: FilterState, settings: FilterSettings, lever_b: FloatArray | None) -> FilterState:
+    """State of the forward filter, with all fixes before it, as the start of a window.
+
+    `lever_b` (3,): point of the reference, seen from the IMU [m]; None for the antenna.
+    """
+    n = layout(settings).states
+    return replace(
+        state,
+        covariance=state.covariance[:n, :n].copy(),
+        correlated=np.zeros(3),
+        lever_b=state.lever_b.copy() if lever_b is None else lever_b.copy(),
+    )
+
+
+def uncalibrated_start(start: FilterState, model: ErrorModel) -> FilterState:
+    """The same start without the filter's estimates of sensor errors: turn-on biases and scale factors in full.
+
+    Estimates and their errors are uncorrelated, as those of a least mean-square estimate are if its prior is right; so
+    the error of correcting nothing is as large as the specified turn-on errors, and correlates with position, velocity
+    and attitude as the error of the estimate did.
+    """
+    covariance = start.covariance.copy()
+    sensors = slice(NAV, STATES)
+    covariance[sensors, sensors] = np.diag(np.maximum(model.sd**2, np.diag(covariance[sensors, sensors])))
+    return replace(start, correction=np.zeros(STATES - NAV), covariance=covariance)
+
+
+def smoothed_start(start: FilterState, run: Run, clock: float) -> FilterState | None:
+    """The same start from the smoothed drive; None where no fix was used.
+
+    Position, velocity and attitude keep their covariance, sensor errors their variances; the cross-covariance of the
+    two is not kept, so that the prediction is somewhat too large.
+
+    `clock`: time of the run minus that of the samples [s].
+    """
+    assert run.smoothed is not None
+    epochs, sensors = run.smoothed.epochs, run.smoothed.sensor_errors
+    at = int(np.searchsorted(epochs.time - clock, start.time - 1e-6))
+    if at >= len(epochs.time) or abs(epochs.time[at] - clock - start.time) > 1e-6:
+        return None
+    covariance = np.zeros_like(start.covariance)
+    covariance[:NAV, :NAV] = epochs.covariance[at]
+    covariance[NAV:STATES, NAV:STATES] = np.diag(sensors.sd[at] ** 2)
+    if covariance.shape[0] > STATES:
+        covariance[STATES, STATES] = run.gps_delay_sd**2
+    x = np.concatenate([epochs.lla[at], epochs.v_n[at], epochs.q_nb[at]])
+    return replace(start, x=x, correction=sensors.value[at].copy(), delay=clock, covariance=covariance)
+
+
+def growth_by_start_error(q_nb: FloatArray, lla: FloatArray) -> FloatArray:
+    """How errors at the start of a window show in the growth that follows.
+
+    A level vehicle that does not turn: velocity error, effective horizontal acceleration ``g x phi - C db`` and its
+    change ``g x C dw``, for estimate minus truth with ``C_hat = (I - [phi x]) C`` (Groves 2013, section 5.7).
+
+    `q_nb` (4,): attitude at the start; `lla` (3,): where [rad], [rad], [m].
+    Returns: (2, 3, 21): for North and East: velocity [m/s], acceleration [m/s^2], jerk [m/s^3] by the 21 errors of the
+    filter.
+    """
+    c = dcm_from_quat(q_nb)
+    g = float(gravity_n(lla[0], lla[2])[2])
+    out = np.zeros((2, 3, STATES))
+    for axis, other, sign in ((0, 1, 1.0), (1, 0, -1.0)):
+        out[axis, 0, 3 + axis] = 1.0
+        out[axis, 1, 6 + other] = sign * g
+        out[axis, 1, 12:15] = -c[axis]
+        out[axis, 2, 9:12] = sign * g * c[other]
+    return out

@@ -7,11 +7,11 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
+from insnav.errors.budget.drive_motion import BudgetStudy
 from insnav.errors.budget.error_budget import BAND, Budget
 from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.laws import SHORT
-from insnav.errors.budget.study import BudgetStudy
-from insnav.errors.requirement.field_factor import TEXT as FIELD_FACTOR
+from insnav.errors.requirement.study import TEXT as FIELD_FACTOR
 from insnav.imu.imu_file import to_toml
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat

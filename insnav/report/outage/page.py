@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from insnav.errors.outage.gnss_outage import OutageEpochs, OutageStudy
 from insnav.errors.outage.statistics import Growth, outage_growth
-from insnav.errors.outage.study import OutageEpochs, OutageStudy
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_run_table, write_run_table
 from insnav.quantity import Quantity

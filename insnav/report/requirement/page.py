@@ -16,8 +16,8 @@ from insnav.errors.requirement.aided import (
     ZUPT_SD,
 )
 from insnav.errors.requirement.allocation import STEEP, TAU, Share
-from insnav.errors.requirement.field_factor import TEXT as FIELD_FACTOR
 from insnav.errors.requirement.parts import LIMITS, Candidate
+from insnav.errors.requirement.study import TEXT as FIELD_FACTOR
 from insnav.errors.requirement.study import RequirementStudy
 from insnav.errors.requirement.verification import Verified
 from insnav.quantity import Quantity

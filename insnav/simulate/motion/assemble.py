@@ -13,13 +13,11 @@ from scipy.interpolate import PPoly
 from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat_multiply
 from insnav.earth import radii
 from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
-from insnav.simulate.body_rotation import Turns
 from insnav.simulate.curves import Spline, spline_of, spline_through
-from insnav.simulate.earthfixed import EarthTruth
+from insnav.simulate.earthfixed import EarthTruth, Turns
 from insnav.simulate.imu_errors import Seed
 from insnav.simulate.motion.kinds import Kind
 from insnav.simulate.motion.moves import Move
-from insnav.simulate.motion.vehicle import position_curve
 from insnav.simulate.motion.vibration import Vibration, shaken
 from insnav.simulate.truth import LevelTruth, Truth
 from insnav.types import FloatArray
@@ -116,6 +114,22 @@ def truth_of(
     turns = turns_of(moves, t[1] - t[0]) if any(move.body for move in moves) else None
     origin = earth_from_lla(start.lla[None])[0]
     return EarthTruth(origin, position, spline_through(t, q_ev), turns, commands.duration, start.time)
+
+
+def position_curve(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> Spline:
+    """Integral of a velocity North, East, up ``(n, 3)`` [m/s] over the ellipsoid: position minus its start `lla`.
+
+    Latitude [rad], longitude [rad], height [m].
+    """
+    here = np.tile(np.asarray(lla, dtype=np.float64), (len(t), 1))
+    # The rates need the position only for the radii and the parallel, which change by parts in 1e7 per metre:
+    # trapezoids are good enough to find it, and each pass gains digits, five on 100 km.
+    for _ in range(3):
+        meridian, transverse = radii(here[:, 0])
+        metres = np.column_stack([meridian + here[:, 2], (transverse + here[:, 2]) * np.cos(here[:, 0])])
+        rates = np.column_stack([velocity[:, :2] / metres, velocity[:, 2]])
+        here = lla + cumulative_trapezoid(rates, t, axis=0, initial=0.0)
+    return spline_through(t, rates).integral()
 
 
 def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Spline, FloatArray]:

@@ -5,8 +5,21 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from insnav.simulate.motion.vehicle import Vehicle
 from insnav.units import G0
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """How a car body moves on its wheels."""
+
+    lean: float = 0.009  # roll per acceleration to the right [rad/(m/s^2)]; a car leans out of the turn
+    squat: float = 0.006  # pitch per forward acceleration [rad/(m/s^2)]
+    # standard deviation of the vibration velocity forward, right, down at 20 m/s [m/s]
+    velocity_shake: tuple[float, float, float] = (0.01, 0.01, 0.04)
+    # standard deviation of the vibration of roll, pitch, heading at 20 m/s [rad]
+    angle_shake: tuple[float, float, float] = (0.0020, 0.0016, 0.0005)
+    band: tuple[float, float] = (0.8, 6.0)  # lowest and highest frequency of the vibration [Hz]
+
 
 _RIGID = Vehicle(lean=0.0, squat=0.0, velocity_shake=(0.0, 0.0, 0.0), angle_shake=(0.0, 0.0, 0.0))
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insnav.simulate.imu_errors import Seed
-from insnav.simulate.motion.vehicle import Vehicle, shake
+from insnav.simulate.motion.kinds import Vehicle
 from insnav.types import FloatArray
 
-_TONES = 24  # of a band, on each axis
+_TONES = 24  # of a band, or of the suspension, on each axis
+_REFERENCE_SPEED = 20.0  # at which a vehicle shakes as much as its figures say [m/s]
 _STREAM = 1
 
 
@@ -50,6 +51,23 @@ def shaken(
         slices = low + (high - low) * (np.arange(_TONES)[:, None] + rng.uniform(size=(_TONES, 3))) / _TONES
         velocity += _tones(t, slices, math.sqrt(2.0 * density * (high - low) / _TONES), rng)
     return velocity, angle
+
+
+def shake(t: FloatArray, speed: FloatArray, vehicle: Vehicle, seed: Seed) -> tuple[FloatArray, FloatArray]:
+    """Vibration as a sum of tones, in proportion to the speed ``(n,)`` [m/s]: none at rest.
+
+    Returns: `velocity` (n, 3): Forward, right, down [m/s]; `angle` (n, 3): roll, pitch, heading [rad].
+    """
+    rng = np.random.default_rng(seed)
+    result = np.empty((len(t), 6))
+    for i, sd in enumerate(vehicle.velocity_shake + vehicle.angle_shake):
+        omega = 2.0 * np.pi * rng.uniform(*vehicle.band, _TONES)
+        phase = rng.uniform(0.0, 2.0 * np.pi, _TONES)
+        tones = np.zeros(len(t))
+        for w, p in zip(omega, phase, strict=True):
+            tones += np.sin(w * t + p)
+        result[:, i] = sd * math.sqrt(2.0 / _TONES) * speed / _REFERENCE_SPEED * tones
+    return result[:, :3], result[:, 3:]
 
 
 def _tones(t: FloatArray, frequency: FloatArray, size: float, rng: np.random.Generator) -> FloatArray:

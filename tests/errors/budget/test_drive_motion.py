@@ -14,7 +14,7 @@ from insnav.errors.budget.drive_motion import (
 )
 from insnav.errors.budget.error_budget import budget
 from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings, recorded_budget
-from insnav.errors.budget.initial_covariance import start_sources
+from insnav.errors.budget.sources import start_sources
 from tests.errors.outage import drives
 
 TIMES = (10.0, 30.0, 60.0)

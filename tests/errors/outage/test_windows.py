@@ -20,7 +20,7 @@ from insnav.errors.outage.window_reference import (
     reference_from_trajectory,
     stationary_fixes,
 )
-from insnav.errors.outage.window_start import (
+from insnav.errors.outage.windows import (
     forward_start,
     free_inertial_settings,
     growth_by_start_error,
