@@ -16,21 +16,6 @@ from numpy.typing import ArrayLike
 
 from insnav.types import FloatArray
 
-__all__ = [
-    "dcm_from_quat",
-    "dcm_from_rph",
-    "quat_conjugate",
-    "quat_from_dcm",
-    "quat_from_rotvec",
-    "quat_from_rph",
-    "quat_multiply",
-    "rotvec_from_quat",
-    "rph_from_quat",
-    "skew",
-    "wrap_pi",
-    "wrap_two_pi",
-]
-
 
 def wrap_pi(angle: ArrayLike) -> FloatArray:
     """Angle brought to [-pi, pi) [rad]."""

@@ -14,22 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from insnav.kernels import earth as _kernel
-from insnav.kernels.earth import E2, A, F
+from insnav.kernels.earth import E2 as E2
+from insnav.kernels.earth import A as A
+from insnav.kernels.earth import F as F
 from insnav.types import BoolArray, FloatArray
-
-__all__ = [
-    "E2",
-    "OMEGA_EARTH",
-    "A",
-    "F",
-    "earth_rate_n",
-    "gravity_n",
-    "lla_offset",
-    "near_pole",
-    "ned_offset",
-    "radii",
-    "transport_rate_n",
-]
 
 OMEGA_EARTH = _kernel.OMEGA
 POLE_DISTANCE = 1000.0  # closer to a pole than this, heading and longitude mean nothing to a user [m]

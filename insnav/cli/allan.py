@@ -33,7 +33,7 @@ def allan(
     data: Data,
     static: Annotated[str | None, option(START, "FROM:TO", "Part to use, s. [all]")] = None,
     taus: Annotated[str, option(START, "S,S,…", "Averaging times, s; log (about 90), octave.")] = "log",
-    workers: Annotated[int | None, option(RESULT, "N", "Threads. [processors]")] = None,
+    workers: Annotated[int | None, option(RESULT, "N", "Threads. [processors]", min=1)] = None,
     out: Out = Path("allan"),
     force: Force = False,
     as_json: Json = False,
@@ -41,8 +41,6 @@ def allan(
     """Analyse the noise of a static record."""
     from insnav.output.folder import RunFolder
 
-    if workers is not None:
-        parse.at_least_one(workers, "--workers", "threads")
     wanted: Any = taus if taus in ("log", "octave") else parse.positive_numbers(taus, "--taus", "0.1,1,10")
     span = parse.span(static, "--static") if static else None
     with RunFolder(out, force=force) as folder, Stages() as stage:

@@ -44,11 +44,6 @@ def numbers(text: str, option: str, count: int, example: str) -> FloatArray:
     return np.array(_numbers(text, ",", count, option, example))
 
 
-def triple(text: str, option: str, example: str) -> FloatArray:
-    """Three numbers with commas between them, in the unit of the option."""
-    return numbers(text, option, 3, example)
-
-
 def span(text: str, option: str) -> tuple[float, float]:
     """Start and end of a time interval in seconds."""
     begin, end = _numbers(text, ":", 2, option, "0:300")
@@ -114,9 +109,3 @@ def configuration(options: dict[str, Any]) -> dict[str, Any]:
         name: value for name, value in options.items() if name not in ("out", "force", "as_json", "workers", "engine")
     }
     return {name: str(value) if isinstance(value, Path | StrEnum) else value for name, value in kept.items()}
-
-
-def at_least_one(count: int, option: str, what: str) -> None:
-    """Check how many processes or threads are to work."""
-    if count < 1:
-        raise ConfigError(f"{count} {what} cannot work", where=option, fix="give 1 or more")

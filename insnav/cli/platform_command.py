@@ -181,7 +181,7 @@ def _errors(misalignment: str, gyro_drift: str, accel_bias: str) -> PlatformErro
     from insnav.units import DEG, DEG_PER_H, UG
 
     return PlatformErrors(
-        DEG * parse.triple(misalignment, "--misalignment", "0.01,0,0.1"),
-        DEG_PER_H * parse.triple(gyro_drift, "--gyro-drift", "0.01,0.01,0.01"),
-        UG * parse.triple(accel_bias, "--accel-bias", "50,50,0"),
+        DEG * parse.numbers(misalignment, "--misalignment", 3, "0.01,0,0.1"),
+        DEG_PER_H * parse.numbers(gyro_drift, "--gyro-drift", 3, "0.01,0.01,0.01"),
+        UG * parse.numbers(accel_bias, "--accel-bias", 3, "50,50,0"),
     )

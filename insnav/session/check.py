@@ -286,44 +286,25 @@ def _of_imu(reading: Reading[ImuData], found: Checked, patient: _Patient) -> Non
     facts, figures = reading.facts, found.imu
     assert figures is not None
     if facts.n_gaps:
-        patient.mend(
-            60.0,
-            f"{facts.n_gaps} gaps in the IMU, the longest {facts.longest_gap_s:.3g} s",
-            "the motion in them is not known",
-            "log to a faster medium, or with a larger buffer",
-        )
+        what = f"{facts.n_gaps} gaps in the IMU, the longest {facts.longest_gap_s:.3g} s"
+        patient.mend(60.0, what, "the motion in them is not known", "log to a faster medium, or with a larger buffer")
     for kind, word in ((EventKind.IMU_UNSORTED, "out of order"), (EventKind.IMU_DUPLICATE, "at the time of another")):
         some = [event for event in reading.events if event.kind is kind]
         if some:
-            patient.mend(
-                30.0,
-                f"{sum(event.value for event in some):.0f} samples {word}",
-                f"first at {some[0].time:.1f} s",
-                "stamp samples where they are taken",
-            )
+            what = f"{sum(event.value for event in some):.0f} samples {word}"
+            patient.mend(30.0, what, f"first at {some[0].time:.1f} s", "stamp samples where they are taken")
     if facts.rate_hz < 40.0:
-        patient.mend(
-            55.0,
-            f"the IMU has only {facts.rate_hz:.3g} Hz",
-            "turns and vibration within a sample are lost",
-            "record at 100 Hz or more",
-        )
+        what = f"the IMU has only {facts.rate_hz:.3g} Hz"
+        patient.mend(55.0, what, "turns and vibration within a sample are lost", "record at 100 Hz or more")
     if figures.jitter * facts.rate_hz > 0.05:
-        patient.mend(
-            20.0,
-            f"timestamps of the IMU scatter by {1e3 * figures.jitter:.2g} ms",
-            f"{100 * figures.jitter * facts.rate_hz:.0f} % of the interval",
-            "stamp them by the sensor's clock",
-        )
+        what = f"timestamps of the IMU scatter by {1e3 * figures.jitter:.2g} ms"
+        why, fix = f"{100 * figures.jitter * facts.rate_hz:.0f} % of the interval", "stamp them by the sensor's clock"
+        patient.mend(20.0, what, why, fix)
     coarse = [each for each in figures.axes if each.resolution > 0.0 and not np.isnan(each.noise)]
     noisy = [each.name for each in coarse if each.resolution > 3.0 * each.noise * np.sqrt(facts.rate_hz)]
     if noisy:
-        patient.mend(
-            25.0,
-            f"coarse steps: {', '.join(noisy)}",
-            "a step is larger than the noise",
-            "choose a smaller range, or more digits in the log",
-        )
+        what = f"coarse steps: {', '.join(noisy)}"
+        patient.mend(25.0, what, "a step is larger than the noise", "choose a smaller range, or more digits in the log")
     if abs(figures.gravity_steps[0]) > STEP:
         patient.mend(
             35.0,
@@ -346,19 +327,11 @@ def _of_gps(reading: Reading[GpsData], found: Checked, patient: _Patient) -> Non
     facts, figures = reading.facts, found.gps
     assert figures is not None
     if figures.with_velocity < 0.5:
-        patient.mend(
-            45.0,
-            "the fixes have no velocities",
-            f"{100 * (1 - figures.with_velocity):.0f} % are without",
-            "log them too: NAV-PVT, RMC, BESTVEL",
-        )
+        what, why = "the fixes have no velocities", f"{100 * (1 - figures.with_velocity):.0f} % are without"
+        patient.mend(45.0, what, why, "log them too: NAV-PVT, RMC, BESTVEL")
     if figures.with_sd < 0.5:
-        patient.mend(
-            42.0,
-            "the fixes have no standard deviations",
-            "how far to believe them is then assumed",
-            "log them too: NAV-PVT, GST",
-        )
+        what = "the fixes have no standard deviations"
+        patient.mend(42.0, what, "how far to believe them is then assumed", "log them too: NAV-PVT, GST")
     if figures.false_velocities > 0.002:
         patient.mend(
             48.0,
@@ -367,34 +340,19 @@ def _of_gps(reading: Reading[GpsData], found: Checked, patient: _Patient) -> Non
             "nothing: the filter rejects them",
         )
     if figures.jumps:
-        patient.mend(
-            46.0,
-            f"the position jumps {figures.jumps} times",
-            f"by up to {figures.largest_jump:.3g} m against the velocities",
-            "nothing: the filter weighs them",
-        )
+        what = f"the position jumps {figures.jumps} times"
+        why, fix = f"by up to {figures.largest_jump:.3g} m against the velocities", "nothing: the filter weighs them"
+        patient.mend(46.0, what, why, fix)
     ratio = figures.scatter / figures.reported_sd
     if np.isfinite(ratio).all() and float(ratio.max()) > 3.0:
-        patient.mend(
-            44.0,
-            "positions scatter more than their standard deviations say",
-            f"{float(ratio.max()):.1f} times",
-            "scale them, or leave their columns out",
-        )
+        what = "positions scatter more than their standard deviations say"
+        patient.mend(44.0, what, f"{float(ratio.max()):.1f} times", "scale them, or leave their columns out")
     if facts.n_gaps:
-        patient.mend(
-            28.0,
-            f"{facts.n_gaps} gaps in GPS, the longest {facts.longest_gap_s:.3g} s",
-            "the IMU is alone in them",
-            "insnav outage says what that costs",
-        )
+        what = f"{facts.n_gaps} gaps in GPS, the longest {facts.longest_gap_s:.3g} s"
+        patient.mend(28.0, what, "the IMU is alone in them", "insnav outage says what that costs")
     if abs(figures.velocity_lag) > max(0.03, 5.0 * figures.velocity_lag_sd):
-        patient.mend(
-            12.0,
-            f"velocities lag positions by {figures.velocity_lag:.3f} s",
-            "mean velocities since the fix before",
-            "nothing: it is corrected",
-        )
+        what = f"velocities lag positions by {figures.velocity_lag:.3f} s"
+        patient.mend(12.0, what, "mean velocities since the fix before", "nothing: it is corrected")
 
 
 def _run(drive: Drive, patient: _Patient) -> Run | None:
@@ -423,12 +381,8 @@ def _of_both(found: Checked, data: Readings, patient: _Patient) -> None:
         return
     delay, sd = found.run.gps_delay, found.run.gps_delay_sd
     if abs(delay) > WORTH["delay"] and abs(delay) > 4.0 * sd:
-        patient.mend(
-            32.0,
-            f"IMU and GPS are {abs(delay):.3f} ± {sd:.3f} s apart",
-            "by the filter",
-            f"nothing: it is estimated; or --gps-delay {delay:.3f}",
-        )
+        what = f"IMU and GPS are {abs(delay):.3f} ± {sd:.3f} s apart"
+        patient.mend(32.0, what, "by the filter", f"nothing: it is estimated; or --gps-delay {delay:.3f}")
     lever, lever_sd = found.run.lever_b, found.run.lever_sd
     if data.inputs.get("lever_arm") is None:
         seen = np.linalg.norm(lever) > WORTH["lever"] and bool((np.abs(lever) > 4.0 * lever_sd).any())

@@ -37,6 +37,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import tomli_w
 from pydantic import Field, PlainValidator, model_validator
 
@@ -173,43 +174,35 @@ def load_gps(preset_or_path: str) -> GpsSpec:
 
 
 def to_toml(spec: GpsSpec) -> str:
-    """Write a receiver file."""
+    """Write a receiver file; what is zero is left out."""
     errors = spec.errors
-    content: dict[str, Any] = {"name": spec.name}
-    if spec.source:
-        content["source"] = spec.source
-    content["rate"] = _text(spec.rate, "Hz")
-    if any(spec.lever_b):
-        content["lever_arm"] = [_text(value, "m") for value in spec.lever_b]
-    for key, value in (("latency", spec.latency), ("jitter", spec.jitter)):
-        if value:
-            content[key] = _text(value, "s")
-    content["fix"] = spec.fix
-    if spec.stated != 1.0:
-        content["stated"] = spec.stated
-    content["position"] = {"white": [_text(value, "m") for value in errors.position_noise]}
+    content: dict[str, Any] = {"name": spec.name, **({"source": spec.source} if spec.source else {})}
+    content |= _given("Hz", rate=spec.rate) | _given("m", lever_arm=spec.lever_b)
+    content |= _given("s", latency=spec.latency, jitter=spec.jitter)
+    content |= {"fix": spec.fix, **({} if spec.stated == 1.0 else {"stated": spec.stated})}
+    content["position"] = {"white": _text(errors.position_noise, "m")}
     if any(errors.position_drift):
-        content["position"]["lasting"] = [_text(value, "m") for value in errors.position_drift]
-        content["position"]["correlation_time"] = _text(errors.correlation_time, "s")
+        content["position"] |= _given("m", lasting=errors.position_drift)
+        content["position"] |= _given("s", correlation_time=errors.correlation_time)
     if spec.velocities:
-        content["velocity"] = {"white": [_text(value, "m/s") for value in errors.velocity_noise]}
+        content["velocity"] = _given("m/s", white=errors.velocity_noise)
     if spec.multipath is not None:
         content["multipath"] = {**_now(spec.multipath), "size": _text(spec.multipath_size, "m")}
     if spec.degraded is not None:
         content["degraded"] = {**_now(spec.degraded), "white": _text(spec.degraded_noise, "m")}
-    outage: dict[str, Any] = {} if spec.outage is None else dict(_now(spec.outage))
-    if spec.outage_period is not None:
-        outage["period"] = [_text(value, "s") for value in spec.outage_period]
-    if spec.outages:
-        outage["list"] = [[_text(value, "s") for value in pair] for pair in spec.outages]
-    if outage:
-        content["outage"] = outage
-    return tomli_w.dumps(content)
+    outage = {} if spec.outage is None else _now(spec.outage)
+    outage |= _given("s", period=spec.outage_period or (), list=spec.outages)
+    return tomli_w.dumps(content | ({"outage": outage} if outage else {}))
 
 
-def _now(when: RandomSpells) -> dict[str, str]:
+def _now(when: RandomSpells) -> dict[str, Any]:
     return {"every": _text(when.every, "s"), "length": _text(when.length, "s")}
 
 
-def _text(value: float, unit: str) -> str:
-    return f"{float(value)!r} {unit}"
+def _given(unit: str, **values: Any) -> dict[str, Any]:
+    """Quantities that are not zero, by their keys."""
+    return {key: _text(value, unit) for key, value in values.items() if np.any(value)}
+
+
+def _text(value: Any, unit: str) -> Any:
+    return [_text(each, unit) for each in value] if isinstance(value, tuple) else f"{float(value)!r} {unit}"

@@ -58,7 +58,8 @@ class SimulatedColumn:
     @property
     def band(self) -> tuple[float, float]:
         """Limits of RMS error over true standard deviation that hold with the probability `BAND`."""
-        low, high = (float(np.sqrt(2.0 * gammaincinv(0.5 * self.runs, p) / self.runs)) for p in _tails())
+        tails = (0.5 * (1.0 - BAND), 0.5 * (1.0 + BAND))
+        low, high = (float(np.sqrt(2.0 * gammaincinv(0.5 * self.runs, p) / self.runs)) for p in tails)
         return low, high
 
 
@@ -130,10 +131,6 @@ def _lowest(sources: tuple[Source, ...], motion: SampledMotion) -> float:
 def _is_known(key: str) -> bool:
     """Whether a key of the IMU file is for an error that is known at the start."""
     return key.startswith("initial.") or key.endswith((".bias", ".scale_factor"))
-
-
-def _tails() -> tuple[float, float]:
-    return 0.5 * (1.0 - BAND), 0.5 * (1.0 + BAND)
 
 
 def budget(

@@ -19,6 +19,7 @@ from insnav.attitude import skew
 from insnav.errors.budget.covariance import disturbance, integrated, steps_of
 from insnav.errors.budget.sampled_motion import sampled
 from insnav.errors.budget.sources import BODY, SENSORS, Source
+from insnav.errors.requirement.limit import Requirement
 from insnav.imu import ImuSpec
 from insnav.imu.error_terms import ELEMENTS
 from insnav.kernels import error_propagation as _kernel
@@ -161,6 +162,11 @@ def aided_covariances(
             through[:, m] = Q[:, :NAV, :NAV]
         found.append(through)
     return np.stack(at_end), np.stack(found)
+
+
+def error_curves(required: Requirement, moved: Propagation, specs: Sequence[ImuSpec], aiding: Aiding) -> FloatArray:
+    """Error of each IMU that is to be expected through an outage, ``(b, m)`` [m], at the probability required."""
+    return required.over_outages(aided_covariances(moved, specs, aiding)[1])
 
 
 def _start(specs: Sequence[ImuSpec]) -> FloatArray:

@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
-from insnav.errors.requirement.aided import Aiding, Propagation, aided_covariances
+from insnav.errors.requirement.aided import Aiding, Propagation, error_curves
 from insnav.errors.requirement.limit import Requirement
-from insnav.imu import ImuSpec, load_imu
+from insnav.imu import load_imu
 from insnav.imu.library import Part, completed
 from insnav.types import FloatArray
 
@@ -45,7 +45,7 @@ def candidates(required: Requirement, moved: Propagation, parts: Sequence[Part])
     """Evaluate parts: twice each, with what is missing as in their class, and as zero."""
     grades = {grade: load_imu(grade) for grade in {part.grade for part in parts}}
     specs = [completed(part, grades[part.grade])[0] for part in parts] + [part.spec for part in parts]
-    alone, aided = (_curves(required, moved, specs, Aiding(nhc=nhc)) for nhc in (False, True))
+    alone, aided = (error_curves(required, moved, specs, Aiding(nhc=nhc)) for nhc in (False, True))
     found = []
     for i, part in enumerate(parts):
         both = [
@@ -54,10 +54,6 @@ def candidates(required: Requirement, moved: Propagation, parts: Sequence[Part])
         ]
         found.append(Candidate(part.name, part.grade, part.provenance, part.missing, *both))
     return tuple(sorted(found, key=lambda each: each.alone.error))
-
-
-def _curves(required: Requirement, moved: Propagation, specs: Sequence[ImuSpec], aiding: Aiding) -> FloatArray:
-    return required.over_outages(aided_covariances(moved, specs, aiding)[1])
 
 
 def coasting(

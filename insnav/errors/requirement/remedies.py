@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insnav.errors.budget.sources import families, sources_of
-from insnav.errors.requirement.aided import Aiding, Propagation, aided_covariances
+from insnav.errors.requirement.aided import Aiding, Propagation, error_curves
 from insnav.errors.requirement.limit import Requirement
 from insnav.imu import ImuSpec
 from insnav.imu.error_terms import Sensor, terms_of
@@ -80,7 +80,7 @@ def remedies(
 
 
 def _errors(required: Requirement, moved: Propagation, specs: Sequence[ImuSpec], aiding: Aiding) -> list[float]:
-    curves = required.over_outages(aided_covariances(moved, specs, aiding)[1])
+    curves = error_curves(required, moved, specs, aiding)
     return [float(np.interp(required.after, moved.after, curve)) for curve in curves]
 
 

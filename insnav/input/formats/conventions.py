@@ -139,17 +139,3 @@ def level_covariance(covariance: FloatArray, lla: FloatArray) -> FloatArray:
     turn = np.swapaxes(dcm_from_quat(quat_earth_from_level(lla)), 1, 2)
     variance: FloatArray = np.einsum("nij,njk,nik->ni", turn, covariance, turn)
     return np.sqrt(np.maximum(variance, 0.0))
-
-
-def of_radius(radius: FloatArray, vertical: FloatArray | None) -> dict[str, FloatArray]:
-    """Standard deviations of positions by the accuracy that phones report ``(n,)`` [m]; vertical: else twice theirs.
-
-    That is the radius of 68 % confidence: of two equal normal components, ``sqrt(-2 ln 0.32)`` of their standard
-    deviations (Android `Location.getAccuracy`).
-    """
-    side = radius / np.sqrt(-2.0 * np.log(0.32))
-    down = 2.0 * side if vertical is None else np.where(vertical > 0.0, vertical, 2.0 * side)
-    return deviations(np.column_stack([side, side, down]), "sd_{}_m")
-
-
-RADIUS_NOTE = "standard deviations from the accuracy that the phone reports, a radius of 68 %"

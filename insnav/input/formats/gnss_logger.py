@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.conventions import ACCEL, GYRO, RADIUS_NOTE, of_radius, up_or_down, with_force
+from insnav.input.formats.conventions import ACCEL, GYRO, up_or_down, with_force
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table, nothing
 from insnav.plain_text import plain_text
@@ -30,11 +30,11 @@ _FIX = {
     "height_m": ("AltitudeMeters", "Altitude"),
     "speed_m_s": ("SpeedMps", "Speed"),
     "course_deg": ("BearingDegrees", "Bearing"),
-    "accuracy": ("AccuracyMeters", "Accuracy"),
+    "accuracy_m": ("AccuracyMeters", "Accuracy"),
     "time_ms": ("UnixTimeMillis", "(UTC)TimeInMs"),
     "accuracy_speed_m_s": ("SpeedAccuracyMps",),
     "accuracy_course_deg": ("BearingAccuracyDegrees",),
-    "vertical": ("VerticalAccuracyMeters",),
+    "accuracy_d_m": ("VerticalAccuracyMeters",),
 }
 _SENSORS = {
     "accel": (("UncalAccel", "UncalAccel{}Mps2"), ("Accel", "Accel{}Mps2")),
@@ -112,14 +112,6 @@ def _fixes(source: Source, names: list[str], rows: list[list[str]]) -> Table:
     best = next((each for each in ("gps", "flp", "fused") if each in providers), providers[0])
     mine = np.array([each == best for each in providers]) & np.isfinite(found["time_ms"])
     found = {key: column[mine] for key, column in found.items()}
-    columns = {"time_s": 1e-3 * found.pop("time_ms")}
-    radius, vertical = found.pop("accuracy", None), found.pop("vertical", None)
-    columns |= found
-    if radius is not None:
-        columns |= of_radius(radius, vertical)
-    notes = (
-        "times are Unix time",
-        f"fixes of the provider {plain_text(best)}",
-        RADIUS_NOTE if radius is not None else "",
-    )
+    columns = {"time_s": 1e-3 * found.pop("time_ms"), **found}
+    notes = ("times are Unix time", f"fixes of the provider {plain_text(best)}")
     return column_table(source, columns, notes, row="Fix")

@@ -20,9 +20,7 @@ from insnav.input.formats import delimited_text
 from insnav.input.formats.conventions import (
     ACCEL,
     GYRO,
-    RADIUS_NOTE,
     TextColumns,
-    of_radius,
     text_columns,
     up_or_down,
     with_force,
@@ -48,8 +46,8 @@ _LOCATION = {
     "height_m": ("altitude", "Height (m)", "Altitude (m)"),
     "speed_m_s": ("speed", "Velocity (m/s)", "Speed (m/s)"),
     "course_deg": ("bearing", "Direction (°)"),
-    "radius": ("horizontalAccuracy", "Horizontal Accuracy (m)"),
-    "vertical": ("verticalAccuracy", "Vertical Accuracy (m)", "Vertical Accuracy (°)"),  # in metres, too
+    "accuracy_m": ("horizontalAccuracy", "Horizontal Accuracy (m)"),
+    "accuracy_d_m": ("verticalAccuracy", "Vertical Accuracy (m)", "Vertical Accuracy (°)"),  # in metres, too
     "accuracy_speed_m_s": ("speedAccuracy",),
     "accuracy_course_deg": ("bearingAccuracy",),
 }
@@ -172,10 +170,4 @@ def _fixes(source: Source, file: _File) -> Table:
             if column := file.text.named({key: header}):
                 found |= column
                 break
-    radius, vertical = found.pop("radius", None), found.pop("vertical", None)
-    columns = {"time_s": file.time, **found}
-    notes = []
-    if radius is not None:
-        columns |= of_radius(radius, vertical)
-        notes.append(RADIUS_NOTE)
-    return column_table(Source(source.name, file.source.sha256), columns, notes, cut=file.text.cut)
+    return column_table(Source(source.name, file.source.sha256), {"time_s": file.time, **found}, cut=file.text.cut)

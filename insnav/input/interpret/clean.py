@@ -30,6 +30,10 @@ class Kinds:
     min_rows: int
     gaps: bool = True  # whether gaps are events
 
+    def event(self, what: str, time: float, value: float, text: str, limit: float = float("nan")) -> Event:
+        """Event at a time [s] with the number of rows that it is about."""
+        return Event(float(time), f"{self.source}.{what}", float(value), limit, "rows", text)
+
 
 IMU_KINDS = Kinds("samples", "imu", 5, 3)
 GPS_KINDS = Kinds("fixes", "gps", 2, 3)
@@ -119,7 +123,7 @@ def find_gaps(time: FloatArray, kinds: Kinds) -> IntArray:
 
 def cut_event(kinds: Kinds, time: float, why: str) -> Event:
     """Event for a last row that was left out, at the time of the row before it [s]."""
-    return Event(time, f"{kinds.source}.cut_row", 1.0, float("nan"), "rows", f"the last row was left out: {why}")
+    return kinds.event("cut_row", time, 1.0, f"the last row was left out: {why}")
 
 
 def runs(mask: BoolArray) -> list[tuple[int, int]]:
@@ -160,8 +164,7 @@ def _run_events(time: FloatArray, bad: BoolArray, kinds: Kinds, action: str) -> 
     events = []
     for first, length in runs(bad):
         at = known[min(int(np.searchsorted(known, first)), len(known) - 1)]
-        text = f"{length} {kinds.rows} left out: {action}"
-        events.append(Event(float(time[at]), f"{kinds.source}.nan", float(length), float("nan"), "rows", text))
+        events.append(kinds.event("nan", time[at], length, f"{length} {kinds.rows} left out: {action}"))
     return events
 
 
@@ -193,16 +196,8 @@ def _ordered(
         _refuse_disorder(columns, late, rows, place)
         at = int(np.flatnonzero(late)[0])
         worst = float((latest - time).max())
-        events.append(
-            Event(
-                float(time[at]),
-                f"{kinds.source}.unsorted",
-                float(n_late),
-                _tolerated(len(time)),
-                "rows",
-                f"{n_late} {kinds.rows} were out of order by up to {worst:.3g} s: sorted by time",
-            )
-        )
+        text = f"{n_late} {kinds.rows} were out of order by up to {worst:.3g} s: sorted by time"
+        events.append(kinds.event("unsorted", time[at], n_late, text, _tolerated(len(time))))
         order = np.argsort(time, kind="stable")
         columns = {key: column[order] for key, column in columns.items()}
         time = columns["time"]
@@ -225,16 +220,7 @@ def _ordered(
             if count:
                 at = int(np.flatnonzero(mask)[0])
                 kept = "" if text.startswith("identical") else "; the first of each was kept"
-                events.append(
-                    Event(
-                        float(time[at]),
-                        f"{kinds.source}.duplicate",
-                        float(count),
-                        float("nan"),
-                        "rows",
-                        f"{count} {kinds.rows} {text}: left out{kept}",
-                    )
-                )
+                events.append(kinds.event("duplicate", time[at], count, f"{count} {kinds.rows} {text}: left out{kept}"))
         columns = {key: column[~again] for key, column in columns.items()}
     return columns, events
 

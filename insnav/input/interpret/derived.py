@@ -139,7 +139,7 @@ def _deviations(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[
         raw["sd_e"] = raw["sd_n"].copy()
         text = f"standard deviation from {found['radius'].header!r}, a radius of 68 %"
         if vertical is not None and (vertical > 0.0).any():
-            raw["sd_d"] = np.where(vertical > 0.0, vertical, np.nan)
+            raw["sd_d"] = np.where(vertical > 0.0, vertical, 2.0 * raw["sd_n"])
             text += f", and {found['accuracy_d'].header!r}"
         else:
             raw["sd_d"] = 2.0 * raw["sd_n"]

@@ -194,23 +194,7 @@ LOG_SCHEMAS: dict[str, tuple[tuple[Quantity, ...], tuple[tuple[str, ...], ...]]]
 }
 
 # Words that loggers put before a name; taken off when the whole is not known.
-PREFIXES = (
-    "imu",
-    "field",
-    "gps",
-    "gnss",
-    "msg",
-    "data",
-    "ins",
-    "raw",
-    "sensor",
-    "ref",
-    "nav",
-    "pos",
-    "twist",
-    "location",
-    "motion",
-)
+PREFIXES = _spread("imu field gps gnss msg data ins raw sensor ref nav pos twist location motion", "")
 
 _MORE_UNITS: dict[str, tuple[str, float]] = {
     "us": ("time", 1e-6),
