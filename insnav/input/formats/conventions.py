@@ -38,6 +38,14 @@ def up_or_down(accel_z: FloatArray, up: str, down: str = "FRD") -> str:
     return down if len(known) and float(np.median(known)) < -4.9 else up
 
 
+def number_in(text: str | bytes) -> float:
+    """Number of a text; ``NaN`` if it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
 def triad(names: tuple[str, ...], values: FloatArray) -> dict[str, FloatArray]:
     """Three columns of one array ``(n, 3)``."""
     return dict(zip(names, np.ascontiguousarray(values.T), strict=True))

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.conventions import ACCEL, GYRO, up_or_down, with_force
+from insnav.input.formats.conventions import ACCEL, GYRO, number_in, up_or_down, with_force
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table, nothing
 from insnav.plain_text import plain_text
@@ -77,13 +77,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _numbers(rows: list[list[str]], index: int) -> FloatArray:
-    def number(row: list[str]) -> float:
-        try:
-            return float(row[index])
-        except (IndexError, ValueError):
-            return float("nan")
-
-    return np.array([number(row) for row in rows])
+    return np.array([number_in(row[index]) if index < len(row) else np.nan for row in rows])
 
 
 def _sensor(

@@ -13,6 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.input.formats.conventions import number_in
 from insnav.input.formats.source import Source, decoded
 from insnav.input.formats.table import Table, column_table
 from insnav.input.formats.time_scales import seconds_of_week, unix_days
@@ -63,10 +64,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 def _number(pattern: re.Pattern[bytes], text: bytes) -> float:
     found = pattern.search(text)
-    try:
-        return float(found[1]) if found else float("nan")
-    except ValueError:
-        return float("nan")
+    return number_in(found[1]) if found else float("nan")
 
 
 def _instant(text: bytes) -> int | None:

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.input.formats.conventions import number_in
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
 from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week
@@ -170,10 +171,7 @@ _LENGTHS = {"GGA": 12, "GNS": 11, "RMC": 10, "VTG": 6, "GST": 9, "ZDA": 5, "HDT"
 
 
 def _number(word: str, default: float = np.nan) -> float:
-    try:
-        value = float(word)
-    except ValueError:
-        return default
+    value = number_in(word)
     return value if abs(value) < 1e9 and "_" not in word else default
 
 

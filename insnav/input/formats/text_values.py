@@ -35,7 +35,6 @@ _ANGLE = re.compile(
 )
 _ANGLE_MARK = re.compile(r"[°º'′’\"NSEWnsew]")
 _HEMISPHERES = {"N": 1.0, "E": 1.0, "S": -1.0, "W": -1.0}
-DAY = 86_400.0
 
 
 class TextValues(NamedTuple):

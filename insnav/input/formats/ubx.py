@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from insnav.exceptions import InputError
 from insnav.input.formats import nmea
-from insnav.input.formats.conventions import ACCEL, GYRO, fix_table, up_or_down
+from insnav.input.formats.conventions import ACCEL, GYRO, by_accuracy, deviations, fix_table, up_or_down
 from insnav.input.formats.messages import Framing, Messages, at_times, joined, layout
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table, nothing
@@ -61,7 +61,6 @@ _SCALES = {**dict.fromkeys(_GYRO_TYPES, DEG / 4096.0), **dict.fromkeys(_ACCEL_TY
 _NO_FIX = (0, 1, 5)  # none, dead reckoning only, time only
 _RAW_TICK = 39.0625e-6  # of time tags in ESF-RAW [s]; the fixes tell it too
 _ORDER_JITTER = 0.1  # to which the order of messages tells a time [s]
-_UNKNOWN_M = 1e5  # reported accuracies from here on say that there is none [m]
 
 
 @dataclass(slots=True)
@@ -152,7 +151,7 @@ def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[s
     speed = _speed(rows, 1e-3) if "velN" in names else _joined_columns(key, found["VELNED"], _speed, 1e-2)
     columns |= speed
     if len(found["COV"].rows):
-        for column, values in _joined_columns(key, found["COV"], _deviations).items():
+        for column, values in _joined_columns(key, found["COV"], _covariances).items():
             columns[column] = np.where(np.isfinite(values), values, columns.get(column, np.nan))
     if "heading" in names:
         notes.append("positions are the receiver's own fusion with its IMU, where it says so (fixType 4)")
@@ -199,15 +198,11 @@ def _position(rows: NDArray[Any]) -> dict[str, FloatArray]:
     fine = "lonHp" in (rows.dtype.names or ())
     part = {key: 0.01 * rows[f"{key}Hp"] if fine else 0.0 for key in ("lat", "lon")}
     unit = 1e-4 if fine else 1e-3
-    reported = {key: rows[key] * unit for key in ("hAcc", "vAcc")}
-    sd = {key: np.where((value > 0.0) & (value < _UNKNOWN_M), value, np.nan) for key, value in reported.items()}
     found = {
         "lat_deg": 1e-7 * (rows["lat"] + part["lat"]),
         "lon_deg": 1e-7 * (rows["lon"] + part["lon"]),
         "height_m": 1e-3 * rows["height"] + (1e-4 * rows["heightHp"] if fine else 0.0),
-        "sd_n_m": sd["hAcc"] / np.sqrt(2.0),  # it is that of the horizontal distance
-        "sd_e_m": sd["hAcc"] / np.sqrt(2.0),
-        "sd_d_m": sd["vAcc"],
+        **by_accuracy(rows["hAcc"] * unit, rows["vAcc"] * unit),
     }
     if not fine:
         return found
@@ -217,18 +212,15 @@ def _position(rows: NDArray[Any]) -> dict[str, FloatArray]:
 
 def _speed(rows: NDArray[Any], unit: float) -> dict[str, FloatArray]:
     found = {f"v{axis}_m_s": unit * rows[f"vel{axis.upper()}"] for axis in "ned"}
-    sd = np.where(rows["sAcc"] > 0, unit * rows["sAcc"] / np.sqrt(2.0), np.nan)  # that of the speed over ground
-    return found | {f"sd_v{axis}_m_s": sd for axis in "ned"}
+    side = unit * rows["sAcc"] / np.sqrt(2.0)  # that of the speed over ground
+    return found | deviations(np.column_stack([side] * 3), "sd_v{}_m_s")
 
 
-def _deviations(rows: NDArray[Any]) -> dict[str, FloatArray]:
-    found = {}
-    with np.errstate(invalid="ignore"):
-        for kind, column in (("pos", "sd_{}_m"), ("vel", "sd_v{}_m_s")):
-            for axis in "ned":
-                sd = np.sqrt(rows[f"{kind}{axis.upper() * 2}"].astype(np.float64))
-                good = (rows[f"{kind}Valid"] == 1) & (sd > 0.0) & (sd < _UNKNOWN_M)
-                found[column.format(axis)] = np.where(good, sd, np.nan)
+def _covariances(rows: NDArray[Any]) -> dict[str, FloatArray]:
+    found: dict[str, FloatArray] = {}
+    for kind, names in (("pos", "sd_{}_m"), ("vel", "sd_v{}_m_s")):
+        variance = np.column_stack([rows[f"{kind}{axis}"].astype(np.float64) for axis in ("NN", "EE", "DD")])
+        found |= deviations(np.sqrt(np.where(rows[f"{kind}Valid"][:, None] == 1, variance, np.nan)), names)
     return found
 
 

@@ -23,6 +23,17 @@ RATIO_FROM = 128 << 20
 _PIECE = 1 << 22
 
 
+def refuse_bomb(what: str, name: str, packed: int, size: int, instead: str) -> None:
+    """Refuse what becomes so large that no recording does: so many bytes of so many; `instead`: what a real one may."""
+    if size > MAX_BYTES or (size > RATIO_FROM and size > MAX_RATIO * packed):
+        raise InputError(
+            f"the {what} unpacks to more than is sensible",
+            where=name,
+            why=f"{packed} bytes would become {size} or more",
+            fix=f"if it is a real recording, {instead}",
+        )
+
+
 class _Unpacker(Protocol):
     eof: bool
     unused_data: bytes
@@ -60,13 +71,7 @@ def unpacked(raw: bytes | mmap.mmap, name: str) -> bytes | mmap.mmap:
     try:
         for piece in pieces:
             total += len(piece)
-            if total > MAX_BYTES or (total > RATIO_FROM and total > MAX_RATIO * len(raw)):
-                raise InputError(
-                    f"the {kind} file unpacks to more than is sensible",
-                    where=name,
-                    why=f"{len(raw)} bytes became more than {total}",
-                    fix="if it is a real recording, unpack it and give the file itself",
-                )
+            refuse_bomb(f"{kind} file", name, len(raw), total, "unpack it and give the file itself")
             found.append(piece)
     except _DAMAGE as error:
         why = plain_text(error)
@@ -128,13 +133,7 @@ def archive_members(raw: bytes | mmap.mmap, name: str) -> dict[str, Callable[[],
         ) from error
     entries = [e for e in entries if not e.filename.startswith("__MACOSX/") and "/." not in f"/{e.filename}"]
     size = sum(entry.file_size for entry in entries)
-    if size > MAX_BYTES or (size > RATIO_FROM and size > MAX_RATIO * len(raw)):
-        raise InputError(
-            "the ZIP archive unpacks to more than is sensible",
-            where=name,
-            why=f"{len(raw)} bytes would become {size}",
-            fix="if it is a real recording, unpack it and give the folder",
-        )
+    refuse_bomb("ZIP archive", name, len(raw), size, "unpack it and give the folder")
     return {entry.filename: _member(archive, entry, name) for entry in entries}
 
 

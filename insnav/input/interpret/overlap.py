@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.input.formats.time_scales import DAY, UNIX_DAYS, WEEK
 from insnav.types import GpsData, ImuData
 
-WEEK = 604800.0
-DAY = 86400.0
-GPS_EPOCH = 315964800.0  # 6 January 1980 in Unix time [s]
+GPS_EPOCH = UNIX_DAYS * DAY  # 6 January 1980 in Unix time [s]
 LEAP = 18.0  # GPS minus UTC since 2017 [s]
 _MAX_OFFSET = 4e9  # between clocks that count seconds [s]
 _MIN_SHARE = 0.5  # of the shorter recording that a likely offset makes overlap
