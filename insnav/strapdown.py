@@ -6,12 +6,14 @@ force (`intervals`), gaps filled and marked. `increments` adds the coning and sc
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 
+from insnav import spill
 from insnav.attitude import quat_from_rph, rph_from_quat
 from insnav.earth import near_pole
 from insnav.exceptions import ConfigError, InputError
@@ -24,6 +26,7 @@ from insnav.types import BoolArray, FloatArray, ImuData, Increments, IntArray, T
 Method = Literal["polynomial", "rk4", "rotvec", "euler"]
 _STUDY = {"euler": _study.EULER, "rotvec": _study.ROTVEC, "rk4": _study.RK4}
 
+BESIDE = 16  # samples on either side that an interval may depend on
 TIME_TOLERANCE = 1e-6  # times closer than this are the same [s]
 LOST_WINDOW = 5  # steps on either side that are looked at to tell lost samples from jitter
 JOINED = 0.04  # a vehicle shakes faster, but does not turn [s]
@@ -148,17 +151,36 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
     return Intervals(end, dt, gyro, accel, segment, gap, instant)
 
 
-def joined(parts: Intervals) -> Intervals:
+def pieces(imu: ImuData) -> Iterator[Intervals]:
+    """`intervals` of a long record block by block: the same ones, but that segments are counted in each."""
+    nominal, rows = nominal_interval(imu.time), imu.time.shape[0]
+    for block in spill.blocks(rows):
+        first = max(block.start - BESIDE, 0)
+        parts = intervals(imu.rows(slice(first, block.stop + BESIDE)), nominal)
+        sample = np.flatnonzero(parts.gap == 0.0)
+        begin = int(sample[block.start - first - 1]) + 1 if first < block.start else 0
+        own = slice(begin, int(sample[block.stop - first - 1]) + 1)
+        gyro, accel = parts.gyro[own], parts.accel[own]
+        yield Intervals(parts.end[own], parts.dt[own], gyro, accel, parts.segment[own], parts.gap[own], parts.instant)
+
+
+def joined(blocks: Iterable[Intervals]) -> Intervals:
     """Successive intervals of a segment joined to ones of about `JOINED`, for what needs no high rate."""
-    count = max(1, round(JOINED / float(np.median(parts.dt[: 1 << 16]))))
-    out = np.empty((parts.end.shape[0], 9))
-    rows = _alignment.joined(
-        parts.end, parts.dt, parts.gyro, parts.accel, parts.segment, parts.gap, parts.instant, count, out
-    )
-    out = out[:rows]
-    gyro, accel = np.ascontiguousarray(out[:, 2:5]), np.ascontiguousarray(out[:, 5:8])
-    segment = np.cumsum(np.diff(out[:, 8], prepend=out[:1, 8]) != 0.0)
-    return Intervals(out[:, 0].copy(), out[:, 1].copy(), gyro, accel, segment, out[:, 8].copy(), instant=False)
+    found, row, count, inside = [], np.empty((0, 9)), 0, 0
+    for parts in blocks:
+        count = count or max(1, round(JOINED / float(np.median(parts.dt[: 1 << 16]))))
+        out = np.empty((parts.end.shape[0] + 1, 9))
+        out[: row.shape[0]] = row
+        rows, inside = _alignment.joined(
+            parts.end, parts.dt, parts.gyro, parts.accel, parts.gap, parts.instant, count, inside, out
+        )
+        found.append(out[: max(rows - 1, 0)].copy())
+        row = out[max(rows - 1, 0) : rows].copy()
+    found.append(row)
+    columns = ([some[:, which] for some in found] for which in (0, 1, slice(2, 5), slice(5, 8), 8))
+    end, dt, gyro, accel, gap = (np.ascontiguousarray(spill.joined(some)) for some in columns)
+    segment = np.cumsum(np.diff(gap, prepend=gap[:1]) != 0.0)
+    return Intervals(end, dt, gyro, accel, segment, gap, instant=False)
 
 
 def split(parts: Intervals, times: FloatArray, first: int, last: int) -> tuple[IntArray, FloatArray, FloatArray]:

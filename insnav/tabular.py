@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insnav.exceptions import InputError
+from insnav.spill import chosen
 from insnav.units import DEG, DEG_PER_H, G0, PPM
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ class Tabular:
         same type
             Views of the arrays for a slice, else copies.
         """
+        if not isinstance(selection, slice):
+            return replace(self, **{name: chosen(values, selection) for name, values in self._arrays().items()})
         return replace(self, **{name: values[selection] for name, values in self._arrays().items()})
 
     def joined(self, after: Self) -> Self:

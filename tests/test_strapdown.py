@@ -138,7 +138,7 @@ def test_joined_intervals_turn_and_push_as_the_samples_do():
     accel = np.column_stack([3.0 * np.cos(20.0 * t), 2.0 * np.sin(20.0 * t), -9.8 + 0.0 * t])
     for sampling in ("mean", "instant"):
         parts = intervals(ImuData(t, gyro, accel, sampling=sampling))
-        less = joined(parts)
+        less = joined([parts])
         assert less.end[-1] == parts.end[-1]
         assert less.dt[1] == pytest.approx(0.04)
         ends = [history(each, 0.0, 10.0, np.zeros(3), np.zeros(3), 0.5) for each in (parts, less)]
@@ -151,7 +151,7 @@ def test_joined_intervals_turn_and_push_as_the_samples_do():
 def test_joined_intervals_end_at_gaps():
     t = np.concatenate([0.01 * np.arange(1, 103), 2.0 + 0.01 * np.arange(100)])
     parts = intervals(ImuData(t, np.zeros((t.size, 3)), np.ones((t.size, 3))))
-    less = joined(parts)
+    less = joined([parts])
     assert float(less.dt[less.gap == 0.0].sum()) == pytest.approx(float(parts.dt[parts.gap == 0.0].sum()))
     assert np.abs(less.accel / less.dt[:, None] - 1.0).max() < 1e-12
     assert np.unique(less.segment).size == 3

@@ -92,7 +92,7 @@ def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
         return None
     rest = stationary_of(parts, gps)
     still = np.append(summarize(parts, *rest).rate if rest is not None else np.zeros(3), 0.0)
-    parts, telling = joined(parts), windows.telling
+    parts, telling = joined([parts]), windows.telling
     signs, mirrored = AS_GIVEN, False
     if telling.bends >= FEWEST:
         given = best = np.inf

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from insnav import spill
 from insnav.filter.gates import Trust
 from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.first_pass import FirstPass
@@ -19,7 +20,6 @@ from insnav.imu.specification import ImuSpec
 from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, Run
 
 AidingChoice = Literal["auto", "on", "off"]
-BLOCK = 1 << 16  # samples a call of the filter takes
 GAP_WORTH = 3.0  # a GPS gap from which other aiding is worth a second pass: less drifts by centimetres [s]
 FIRST_PASS_INTERVAL = 0.1  # of the solution from which the aiding is calibrated [s]
 
@@ -178,11 +178,10 @@ def _longest_gap(ready: Prepared) -> float:
 
 def feed(navigator: Navigator, imu: ImuData, progress: Callable[[float], None] | None = None) -> None:
     """Give a filter the samples of a recording in blocks; `progress` is called with the fraction done."""
-    n = imu.time.shape[0]
-    for k in range(0, n, BLOCK):
-        navigator.feed(imu.rows(slice(k, k + BLOCK)))
+    for block in spill.blocks(imu.time.shape[0]):
+        navigator.feed(imu.rows(block))
         if progress is not None:
-            progress(min(1.0, (k + BLOCK) / n))
+            progress(block.stop / imu.time.shape[0])
 
 
 def _run(ready: Prepared, progress: Callable[[float], None] | None) -> Run:

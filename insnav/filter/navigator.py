@@ -194,7 +194,6 @@ class Navigator:
                 self.kept[row] = self._estimate.kept(inc.time[i])
             self._next += 1
         self._run(inc, gap, k, inc.time.shape[0], False, out)
-        self._record.keep(out)
 
     def _run(self, inc: Increments, gap: FloatArray, first: int, last: int, close: bool, out: Record.Rows) -> int:
         """Carry on to `last`; a filter epoch there if `close`, and in between wherever the next fix is far."""

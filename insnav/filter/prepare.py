@@ -98,7 +98,7 @@ class Prepared:
         part = self.longest_part()
         imu = part.imu.rows(part.imu.time <= part.initial.time + length)
         part = replace(part, imu=imu)
-        samples = strapdown.joined(strapdown.intervals(imu, self.nominal))
+        samples = strapdown.joined([strapdown.intervals(imu, self.nominal)])
         if samples.gap.any() or samples.end.shape[0] == imu.time.shape[0]:
             return part
         imu = ImuData(samples.end, samples.gyro, samples.accel, "increment")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from insnav import spill
 from insnav.attitude import dcm_from_quat
 from insnav.exceptions import InputError
 from insnav.filter.measurements.measurement import Measurement
@@ -20,7 +21,6 @@ from insnav.kernels.smoother import apply
 from insnav.types import (
     AidingUse,
     Alignment,
-    BoolArray,
     Epochs,
     Event,
     EventKind,
@@ -40,6 +40,7 @@ CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long: time-correlated err
 # Mean NIS, by its expectation, beyond which the filter has diverged. A mean far below one is no divergence: stationary,
 # and with the cautious standard deviations of many receivers, it is the rule (30 minutes of a good recorded drive).
 TOO_LARGE = 5.0
+ROOM = 1 << 17  # outputs, first
 
 
 class Record:
@@ -47,7 +48,7 @@ class Record:
 
     @dataclass(slots=True)
     class Rows:
-        """Room for the outputs of one block; the first `used` rows are filled."""
+        """Room for outputs; the first `used` rows are filled."""
 
         time: FloatArray
         state: FloatArray
@@ -56,27 +57,25 @@ class Record:
         used: int = 0
 
     def __init__(self, fixes: int) -> None:
-        self._rows: list[tuple[FloatArray, FloatArray, BoolArray, FloatArray, FloatArray]] = []
+        self._rooms: list[Record.Rows] = []
         self._events: list[Event] = []
         self._aiding: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
         self._count = 0
         self._time, self._innovation, self._sd = np.empty(fixes), np.empty((fixes, 6)), np.empty((fixes, 6))
         self._nis, self._use = np.empty((fixes, 2)), np.zeros((fixes, 2), dtype=bool)
-        self._state, self._covariance = np.empty((fixes, 16)), np.empty((fixes, NAV, NAV))
+        self._state, self._covariance = np.empty((fixes, 16)), spill.empty((fixes, NAV, NAV))
         self._delays = np.empty(fixes)
         self._sensor, self._sensor_sd = np.empty((fixes, 12)), np.empty((fixes, 12))
 
     def reserve(self, rows: int) -> Rows:
-        """Room for at most `rows` outputs."""
-        return Record.Rows(np.empty(rows), np.empty((rows, 16)), np.empty((rows, 12)), np.empty(rows))
-
-    def keep(self, rows: Rows) -> None:
-        """Take over the filled part of a block's outputs."""
-        n = rows.used
-        known = rows.variance[:n, 0] >= 0.0
-        self._rows.append(
-            (rows.time[:n].copy(), rows.state[:n].copy(), known, rows.variance[:n][known], rows.delay[:n].copy())
-        )
+        """Room for at most `rows` more outputs."""
+        before = sum(room.used for room in self._rooms)
+        if not self._rooms or self._rooms[-1].time.shape[0] < self._rooms[-1].used + rows:
+            size = max(ROOM, rows, before)  # few rooms however long the drive is
+            room = spill.empty((30 * size,), large=bool(self._rooms))
+            time, delay, state, variance = np.split(room, [size, 2 * size, 18 * size])
+            self._rooms.append(Record.Rows(time, state.reshape(size, 16), variance.reshape(size, 12), delay))
+        return self._rooms[-1]
 
     def event(self, event: Event) -> None:
         """Note an event."""
@@ -117,18 +116,19 @@ class Record:
     ) -> Run:
         """Put everything into shape."""
         n, at = self._count, layout(settings)
-        if sum(row[0].shape[0] for row in self._rows) == 0:
+        if not any(room.used for room in self._rooms):
             raise InputError(
                 "no sample lies after the start of navigation",
                 why="the IMU record ends where the first usable fix, or the initial state, is",
                 fix="give a longer record, or check the time bases of both files",
             )
-        time = np.concatenate([row[0] for row in self._rows])
-        state = np.concatenate([row[1] for row in self._rows])
-        known = np.flatnonzero(np.concatenate([row[2] for row in self._rows]))
-        variance = np.concatenate([row[3] for row in self._rows])
-        delays = np.concatenate([row[4] for row in self._rows])
-        self._rows.clear()
+        time, delays, state, variance = (
+            spill.joined([getattr(room, name)[: room.used] for room in self._rooms])
+            for name in ("time", "delay", "state", "variance")
+        )
+        self._rooms.clear()
+        known = np.flatnonzero(variance[:, 0] >= 0.0)
+        variance = variance if known.size == time.size else spill.chosen(variance, known)
         innovations = Innovations(
             self._time[:n],
             -self._innovation[:n],
@@ -142,12 +142,14 @@ class Record:
         # an offset that was estimated, not given, is attributed to the IMU clock: GPS time is the better one
         clock = delay if settings.delay_sd > 0 else 0.0
         delay_sd = float(np.sqrt(covariance[STATES, STATES])) if at.delay >= 0 else 0.0
-        unmoved = state.copy() if found is not None else None
+        unmoved = spill.by_blocks(np.copy, state) if found is not None else None
         if clock != 0.0:  # the offset as estimated at the time has put the state elsewhere along its velocity
-            move_along(state, clock - delays)
+            for block in spill.blocks(time.size):
+                move_along(state[block], clock - delays[block])
             move_along(self._state[:n], clock - self._delays[:n])
         filtered = _trajectory(time + clock, state, known, variance, axes_sd, delay_sd)
-        self._covariance[:n] += _squared(_moved(self._state[:n], delay_sd))
+        for block in spill.blocks(n):
+            self._covariance[block] += _squared(_moved(self._state[block], delay_sd))
         smoothed = None
         if found is not None and unmoved is not None:
             rows = np.searchsorted(self._time[:n], found.time[found.used] - 1e-6)
@@ -209,12 +211,18 @@ def _trajectory(
     Misalignment is no state of the filter but noise, which averages out as the misalignment does not: the attitude is
     that of the IMU, in which the axes of the sensors are turned by `axes_sd`.
     """
-    rph, sd = np.empty((time.shape[0], 3)), np.empty((time.shape[0], NAV))
-    moved = _moved(state[known], delay_sd)
-    variance[:, 3:NAV] += moved[:, 3:] ** 2
-    variance[:, NAV:] += moved[:, [6, 6, 7]] * moved[:, [7, 8, 8]]
-    solution(time, state, known, variance, rph, sd)
-    sd[:, 6:] = np.hypot(sd[:, 6:], axes_sd)
+    rph, sd = spill.empty((time.shape[0], 3)), spill.empty((time.shape[0], NAV))
+    for block in spill.blocks(known.shape[0]):
+        moved = _moved(state[known[block]], delay_sd)
+        variance[block, 3:NAV] += moved[:, 3:] ** 2
+        variance[block, NAV:] += moved[:, [6, 6, 7]] * moved[:, [7, 8, 8]]
+        # what lies between two known rows needs both
+        before = slice(max(block.start - 1, 0), block.stop)
+        first = known[before.start] if before.start else 0
+        rows = slice(first, known[block.stop - 1] + 1 if block.stop < known.shape[0] else None)
+        solution(time[rows], state[rows], known[before] - first, variance[before], rph[rows], sd[rows])
+    for block in spill.blocks(time.shape[0]):
+        sd[block, 6:] = np.hypot(sd[block, 6:], axes_sd)
     return Trajectory(time, state[:, :3], state[:, 3:6], rph, sd)
 
 
@@ -232,8 +240,13 @@ def _smoothed(
 
     `moved` (m, 9): see `_moved`, at the epochs with a fix that was used.
     """
-    variance = np.zeros((time.shape[0], NAV + 3))
-    first, last = apply(time, state, variance, found.time, found.after, found.before, found.covariance)
+    variance = spill.empty((time.shape[0], NAV + 3))
+    first = last = 0
+    for block in spill.blocks(time.shape[0]):
+        before, inside = apply(
+            time[block], state[block], variance[block], found.time, found.after, found.before, found.covariance
+        )
+        first, last = first + before, last + inside
     whole = _trajectory(time + clock, state, np.arange(first, last), variance[first:last], axes_sd, delay_sd)
     assert whole.sd is not None
     assert filtered.sd is not None
@@ -250,7 +263,9 @@ def _smoothed(
             at[:, :3],
             at[:, 3:6],
             at[:, 6:],
-            found.covariance[found.used] + _squared(moved),
+            spill.by_blocks(
+                lambda row, some: found.covariance[row] + _squared(some), np.flatnonzero(found.used), moved
+            ),
         ),
         SensorErrors(
             found.time[found.used] + clock,

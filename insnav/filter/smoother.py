@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
+from insnav import spill
 from insnav.kernels import smoother as kernel
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES
 from insnav.types import BoolArray, FloatArray
 
-ROWS = 2048  # epochs in a block of the history
-IN_MEMORY = 1_000_000_000  # beyond so many bytes the history goes to the disk
+ROWS = 4096  # epochs in a block of the history
+IN_MEMORY = 3  # blocks; further ones go to the disk
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,22 +33,18 @@ class SmoothedErrors:
 
 
 class History:
-    """Every filter epoch, in blocks; old blocks go to the disk if they are many.
+    """Every filter epoch, in blocks; if they are many, the later ones go to the disk."""
 
-    `spill`: folder for what does not fit into memory; that of temporary files by default.
-    """
-
-    def __init__(self, states: int, spill: Path | None = None) -> None:
+    def __init__(self, states: int) -> None:
         self._states = states
         self._width = kernel.width(states)
         self._blocks: list[FloatArray] = []
         self._used = ROWS
-        self._spill = spill
 
     def epoch(self, time: float, x: FloatArray, correction: FloatArray, phi: FloatArray, p: FloatArray) -> None:
         """Note state and covariance before a measurement, and the transition that led there."""
         if self._used == ROWS:
-            self._blocks.append(self._room())
+            self._blocks.append(spill.empty((ROWS, self._width), large=len(self._blocks) >= IN_MEMORY))
             self._used = 0
         kernel.keep(self._blocks[-1][self._used], time, x, correction, phi, p)
         self._used += 1
@@ -82,14 +77,13 @@ class History:
         count = (len(self._blocks) - 1) * ROWS + self._used
         n, m = self._states, STATES
         adjoint, information = np.zeros(n), np.zeros((n, n))
-        head = np.empty((count, kernel.RESIDUAL))
-        after, before = np.empty((count, m)), np.empty((count, m))
-        covariance, variance = np.empty((count, NAV, NAV)), np.empty((count, SENSOR))
-        innovations = np.empty((count, 25))
+        head = spill.empty((count, kernel.RESIDUAL))
+        after, before, variance = spill.empty((count, m)), spill.empty((count, m)), np.empty((count, SENSOR))
+        covariance, innovations = spill.empty((count, NAV, NAV)), spill.empty((count, 25))
         for number in range(len(self._blocks) - 1, -1, -1):
             last = min(count, (number + 1) * ROWS)
             part = slice(number * ROWS, last)
-            block = np.asarray(self._blocks[number][: last - number * ROWS])
+            block = self._blocks[number][: last - number * ROWS]
             kernel.backward(
                 block,
                 n,
@@ -103,6 +97,7 @@ class History:
             )
             head[part] = block[:, : kernel.RESIDUAL]
             self._blocks.pop()
+            spill.release()
         kind = head[:, kernel.KIND]
         return SmoothedErrors(
             head[:, kernel.TIME].copy(),
@@ -115,9 +110,3 @@ class History:
             variance,
             innovations,
         )
-
-    def _room(self) -> FloatArray:
-        if (len(self._blocks) + 1) * ROWS * self._width * 8 <= IN_MEMORY:
-            return np.empty((ROWS, self._width))
-        with tempfile.TemporaryFile(dir=self._spill) as file:  # nameless: it goes with the last reference
-            return np.memmap(file, dtype=np.float64, mode="w+", shape=(ROWS, self._width))

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from insnav import spill
 from insnav.exceptions import InputError
 from insnav.imu.model import per_sample
 from insnav.kernels.health import glance
@@ -116,9 +117,14 @@ def _plain(imu: ImuData, scale: FloatArray | float) -> bool:
     """Whether no change of the samples can be a spike, none comes three times in a row, and every axis changes."""
     head = slice(1 << 16)
     some = np.hstack([imu.gyro[head], imu.accel[head]]) / (scale if isinstance(scale, float) else scale[head])
-    each = np.ravel(np.broadcast_to(scale, (imu.time.shape[0], 1)))
-    largest, change, far, thrice = glance(imu.gyro, imu.accel, each, _far(_changes(some)))
-    return not (far.any() or thrice.any() or (change <= CONSTANT * largest).any())
+    each, limit = np.broadcast_to(scale, (imu.time.shape[0], 1)), _far(_changes(some))
+    largest = change = np.zeros(6)
+    for block in spill.blocks(imu.time.shape[0], before=2):
+        high, step, far, thrice = glance(imu.gyro[block], imu.accel[block], np.ravel(each[block]), limit)
+        if far.any() or thrice.any():
+            return False
+        largest, change = np.maximum(largest, high), np.maximum(change, step)
+    return not (change <= CONSTANT * largest).any()
 
 
 def _far(change: FloatArray) -> FloatArray:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from insnav import spill
 from insnav.exceptions import ConfigError, InputError
 from insnav.imu.dynamic_map import DynamicMap
 from insnav.imu.higher_order import REFERENCE_TEMPERATURE, ErrorTerms, size_effect, zero_matrix, zeros
@@ -86,9 +87,10 @@ def sample_intervals(imu: ImuData) -> FloatArray:
     """
     if imu.time.size < 2:
         raise InputError("the sampling interval needs at least two IMU samples", why=f"there are {imu.time.size}")
-    spacing = np.diff(imu.time)
+    spacing = spill.steps(imu.time)
     usual = float(np.median(spacing))
-    return np.concatenate(([usual], np.where(spacing > GAP * usual, usual, spacing)))
+    spacing[spacing > GAP * usual] = usual
+    return spill.joined((np.array([usual]), spacing))
 
 
 def per_sample(imu: ImuData) -> FloatArray | float:

@@ -54,23 +54,24 @@ def gyro_history(q, w_ie_n, dt, dtheta, dvel, q_out, u_out):  # type: ignore[no-
 
 
 @njit(cache=True)
-def joined(end, dt, gyro, accel, segment, gap, instant, count, out):  # type: ignore[no-untyped-def]
-    """Join each `count` successive intervals of a segment to one; see `insnav.strapdown.joined`.
+def joined(end, dt, gyro, accel, gap, instant, count, inside, out):  # type: ignore[no-untyped-def]
+    """Join each `count` successive intervals of a segment, all of one `gap`, to one; see `insnav.strapdown.joined`.
 
     The rotation vector grows by its own second-order term (Bortz, IEEE Trans. AES 7 (1971) 61-66), and the specific
-    force is that in the axes of the middle. `out` (m, 9): end, length, angles, velocities, gap.
+    force is that in the axes of the middle. `out` (m, 9): end, length, angles, velocities, gap; its first row goes on
+    with what has `inside` intervals, if any, from the call before.
 
-    Returns: number of rows filled.
+    Returns: number of rows filled, and of intervals in the last.
     """
-    rows, inside, last = 0, 0, -1
+    rows = 1 if inside > 0 else 0
     for k in range(end.shape[0]):
         if dt[k] == 0.0:
             continue
         scale = dt[k] if instant else 1.0
         x, y, z = gyro[k, 0] * scale, gyro[k, 1] * scale, gyro[k, 2] * scale
         fx, fy, fz = accel[k, 0] * scale, accel[k, 1] * scale, accel[k, 2] * scale
-        if inside == count or segment[k] != last:
-            rows, inside, last = rows + 1, 0, segment[k]
+        if rows == 0 or inside == count or gap[k] != out[rows - 1, 8]:
+            rows, inside = rows + 1, 0
             for i in range(1, 8):
                 out[rows - 1, i] = 0.0
         inside += 1
@@ -85,7 +86,7 @@ def joined(end, dt, gyro, accel, segment, gap, instant, count, out):  # type: ig
         row[6] = py + fy + 0.5 * (c * fx - a * fz) - 0.5 * (z * px - x * pz)
         row[7] = pz + fz + 0.5 * (a * fy - b * fx) - 0.5 * (x * py - y * px)
         row[0], row[1], row[8] = end[k], row[1] + dt[k], gap[k]
-    return rows
+    return rows, inside
 
 
 @njit(cache=True)

@@ -41,7 +41,8 @@ def _arrow_array(values: Any) -> Any:
     return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [bitmap, pa.py_buffer(values)])
 
 
-def write_csv(table: pa.Table, stream: Any) -> None:
+def write_csv(table: pa.Table, stream: Any, *, header: bool = True) -> None:
     """Write a header without quotation marks, and the rows."""
-    stream.write((",".join(table.column_names) + "\n").encode())
+    if header:
+        stream.write((",".join(table.column_names) + "\n").encode())
     pa.csv.write_csv(table, stream, pa.csv.WriteOptions(include_header=False, quoting_style="needed"))

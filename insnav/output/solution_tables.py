@@ -7,7 +7,8 @@ and standard deviations in single precision.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -15,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
+from insnav import spill
 from insnav.exceptions import InputError
 from insnav.output.columns import Decimals, arrow_table, rounded, write_csv
 from insnav.plain_text import cell_text, plain_text
@@ -30,6 +32,7 @@ _NAMES: dict[type, str] = {
     SensorErrors: "biases",
     GpsData: "fixes",
 }
+_GROUP = 1 << 20  # rows of a group of a parquet file
 _OPTIONAL = ("sd", "fix", "heading")  # fields that may have no columns
 _DECIMALS: Decimals = (
     ("^lat|^lon", 10),
@@ -47,12 +50,16 @@ def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv
     `data`: every row of it is written; a field that is None has no columns; `file_format` {"csv", "parquet"}; `name`:
     of the file, without suffix; default ``solution``, ``innovations``, ``biases`` or ``fixes``.
     """
-    columns = {key: v.astype(np.int64) if v.dtype == np.bool_ else v for key, v in data.columns().items()}
-    if file_format == "csv":
-        columns = {key: rounded(key, v, _DECIMALS) for key, v in columns.items()}
-    else:
-        columns = {key: v.astype(np.float32) if key.startswith("sd_") else v for key, v in columns.items()}
-    return _write(folder / f"{name or _NAMES[type(data)]}.{file_format}", columns)
+
+    def part(rows: slice) -> pa.Table:
+        columns = data.rows(rows).columns().items()
+        numbers = {key: v.astype(np.int64) if v.dtype == np.bool_ else v for key, v in columns}
+        if file_format == "csv":
+            return arrow_table({key: rounded(key, v, _DECIMALS) for key, v in numbers.items()})
+        return arrow_table({key: v.astype(np.float32) if key.startswith("sd_") else v for key, v in numbers.items()})
+
+    path, count = folder / f"{name or _NAMES[type(data)]}.{file_format}", len(next(iter(data._arrays().values())))
+    return _write(path, map(part, spill.blocks(max(count, 1), size=spill.ROWS if file_format == "csv" else _GROUP)))
 
 
 def write_events(folder: Path, events: Sequence[Event]) -> Path:
@@ -67,7 +74,7 @@ def write_events(folder: Path, events: Sequence[Event]) -> Path:
     texts["unit"] = ["" if event.unit == "-" else cell_text(event.unit) for event in events]
     columns = {**numbers, **texts}
     order = ("time_s", "kind", "value", "limit", "unit", "action", "hint")
-    return _write(folder / "events.csv", {key: columns[key] for key in order})
+    return _write(folder / "events.csv", [arrow_table({key: columns[key] for key in order})])
 
 
 def has_smoothed(folder: Path) -> bool:
@@ -144,14 +151,19 @@ def _matrix(table: Any, names: Sequence[str]) -> FloatArray:
     return np.column_stack([table[name].cast(pa.float64()).to_numpy() * unit_of(name) for name in names])
 
 
-def _write(path: Path, columns: Mapping[str, Any]) -> Path:
-    table = arrow_table(columns)
+def _write(path: Path, tables: Iterable[pa.Table]) -> Path:
     with path.open("wb") as stream:
         if path.suffix == ".csv":
-            write_csv(table, stream)
-        else:
-            # Numbers that never repeat gain nothing from a dictionary or from minima and maxima.
-            _parquet().write_table(table, stream, use_dictionary=False, write_statistics=False, compression="snappy")
+            for number, table in enumerate(tables):
+                write_csv(table, stream, header=number == 0)
+            return path
+        rest = iter(tables)
+        first = next(rest)
+        # Numbers that never repeat gain nothing from a dictionary or from minima and maxima.
+        how = {"use_dictionary": False, "write_statistics": False, "compression": "snappy"}
+        with _parquet().ParquetWriter(stream, first.schema, **how) as writer:
+            for table in itertools.chain([first], rest):
+                writer.write_table(table)
     return path
 
 

@@ -70,6 +70,8 @@ def broken_at_gaps(time: FloatArray, values: FloatArray) -> tuple[FloatArray, Fl
         return time, values
     step = np.diff(time)
     after = np.flatnonzero(step > 5.0 * np.median(step)) + 1
+    if not after.size:
+        return time, values
     return np.insert(time, after, time[after]), np.insert(values, after, np.nan, axis=0)
 
 

@@ -247,7 +247,7 @@ def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Pat
         _of_gps(data.gps, found, patient)
     if together and drive is not None and fixes is not None and data.gps is not None:
         parts = intervals(imu)
-        found = replace(found, offset=clock_offset(joined(parts), fixes), mounting=find_mounting(parts, fixes))
+        found = replace(found, offset=clock_offset(joined([parts]), fixes), mounting=find_mounting(parts, fixes))
     if drive is not None and drive.fixes is not None:
         found = replace(found, run=_run(drive, patient))
     if together:

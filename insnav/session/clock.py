@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from insnav import spill
 from insnav.alignment.clock_offset import ClockOffset, find_clock_offset
 from insnav.alignment.turn_scale import turn_scale
 from insnav.exceptions import InputError
@@ -14,7 +15,7 @@ from insnav.filter.gps_noise import LAG_WORTH, velocity_lag, with_sd
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, overlap
 from insnav.session.inputs import Inputs
-from insnav.strapdown import Intervals, intervals, joined
+from insnav.strapdown import Intervals, joined, pieces
 from insnav.types import GpsData, ImuData, SensorLog
 from insnav.units import DEG
 
@@ -43,7 +44,7 @@ def on_one_clock(
             notes.append(f"{offset:+.0f} s added to the IMU times: {why}")
     if offset:
         imu, logs = _moved(imu, logs, offset)
-    parts, fixes = joined(intervals(imu.data)), with_sd(gps.data)[0]
+    parts, fixes = joined(pieces(imu.data)), with_sd(gps.data)[0]
     found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
     if found is not None and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
         apart, offset = overlap(imu.data, gps.data) == 0.0, round(offset + found.offset, 3)
@@ -105,7 +106,9 @@ def _moved(imu: Reading[ImuData], logs: Mapping[str, Log], offset: float) -> tup
     }
     facts = replace(imu.facts, start_s=imu.facts.start_s + offset, end_s=imu.facts.end_s + offset)
     events = tuple(replace(event, time=event.time + offset) for event in imu.events)
-    return Reading(replace(imu.data, time=imu.data.time + offset), events, facts), beside
+    return Reading(
+        replace(imu.data, time=spill.by_blocks(lambda time: time + offset, imu.data.time)), events, facts
+    ), beside
 
 
 def _spans(imu: Reading[ImuData], gps: Reading[GpsData]) -> str:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack, get_args
 
 import numpy as np
 
+from insnav import spill
 from insnav.alignment import find_stationary
 from insnav.engine import Workers
 from insnav.errors.evaluated_run import EvaluatedRun, evaluate_run, fixed_epochs
@@ -207,7 +208,7 @@ class Drive:
 
         logs = tuple(replace(log, time=moved(log.time)) for log in self.settings.logs)
         ready = prepare(
-            replace(imu, time=moved(imu.time)),
+            replace(imu, time=spill.by_blocks(moved, imu.time)),
             fixes,
             self.imu_spec,
             replace(self.settings, logs=logs),

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from insnav import spill
 from insnav.alignment import Mounting, find_mounting
 from insnav.exceptions import InputError
 from insnav.input import Reading
@@ -53,7 +54,11 @@ def as_mounted(
         matrix, as_read = matrix @ turn.T, turn @ as_read
         imu = replace(
             imu,
-            data=replace(data, gyro=data.gyro @ turn.T, accel=data.accel @ turn.T),
+            data=replace(
+                data,
+                gyro=spill.by_blocks(lambda gyro: gyro @ turn.T, data.gyro),
+                accel=spill.by_blocks(lambda accel: accel @ turn.T, data.accel),
+            ),
             facts=replace(imu.facts, axes=letters, evidence=_without_guess(imu.facts.evidence)),
         )
         notes.append(

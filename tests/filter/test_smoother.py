@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from insnav import spill
 from insnav.earth import ned_offset
 from insnav.filter import smoother
 from insnav.kernels import smoother as kernel
@@ -182,7 +183,7 @@ def test_same_result_when_the_history_is_on_the_disk(monkeypatch, tmp_path):
     in_memory = drive(2).smoothed
     monkeypatch.setattr(smoother, "ROWS", 50)
     monkeypatch.setattr(smoother, "IN_MEMORY", 0)
-    monkeypatch.setattr(smoother.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(spill.tempfile, "tempdir", str(tmp_path))
     on_disk = drive(2).smoothed
     np.testing.assert_array_equal(in_memory.solution.lla, on_disk.solution.lla)
     np.testing.assert_array_equal(in_memory.epochs.covariance, on_disk.epochs.covariance)

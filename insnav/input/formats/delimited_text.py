@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from insnav import spill
 from insnav.exceptions import InputError
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import Numbers, Table, arrow_floats
@@ -193,16 +194,17 @@ def _read_fast(data: object, dialect: Dialect, indices: Sequence[int]) -> Number
     stream = csv.open_csv(pa.BufferReader(body), **_options(dialect, indices, pa.float64(), **how))
     start = bytes(body[:_SAMPLE_BYTES])
     rows = int(1.1 * body.size / len(start) * (start.count(b"\n") + 1)) + 1  # memory is taken as it is filled
-    columns = [np.empty(rows) for _ in indices]
+    columns = [spill.empty((rows,)) for _ in indices]
     n = 0
     with stream:
         for batch in stream:
             end = n + batch.num_rows
             if end > len(columns[0]):
-                columns = [np.concatenate((column[:n], np.empty(n + batch.num_rows))) for column in columns]
+                columns = [spill.joined((column[:n], np.empty(n + batch.num_rows))) for column in columns]
             for column, part in zip(columns, batch.columns, strict=True):
                 column[n:end] = arrow_floats(part)
             n = end
+            spill.release()
     return Numbers({i: column[:n] for i, column in zip(indices, columns, strict=True)}, n)
 
 

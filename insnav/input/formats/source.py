@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import BinaryIO
 
+from insnav import spill
 from insnav.exceptions import InputError
 from insnav.input.formats.unpack import archive_members, unpacked
 from insnav.plain_text import plain_text
@@ -90,10 +91,13 @@ def on_disk(source: Source, suffix: str = "") -> Iterator[Path]:
 def _source(name: str, raw: bytes | mmap.mmap, path: Path | None = None) -> Source:
     if len(raw) == 0:
         raise InputError("the file is empty", where=name, why="0 bytes", fix="give the recording again")
-    digest = hashlib.sha256(raw).hexdigest()
+    digest = hashlib.sha256()
+    for at in range(0, len(raw), _PIECE):
+        digest.update(memoryview(raw)[at : at + _PIECE])
+        spill.release()
     data = unpacked(raw, name)
     if data[:4] != _ZIP:
-        return Source(name, digest, data, path=path if data is raw else None)
+        return Source(name, digest.hexdigest(), data, path=path if data is raw else None)
     packed = archive_members(data, name)
     if len(packed) == 1:
         (inner, unpack) = packed.popitem()
@@ -101,7 +105,7 @@ def _source(name: str, raw: bytes | mmap.mmap, path: Path | None = None) -> Sour
     members = {
         inner: functools.partial(_of_member, f"{name}/{plain_text(inner)}", unpack) for inner, unpack in packed.items()
     }
-    return Source(name, digest, members=members)
+    return Source(name, digest.hexdigest(), members=members)
 
 
 def _of_member(name: str, unpack: Callable[[], bytes]) -> Source:
@@ -137,7 +141,7 @@ def _read_file(path: Path, name: str) -> bytes | mmap.mmap:
         with path.open("rb") as file:
             if not stat.S_ISREG(mode) or path.stat().st_size == 0:
                 return _stream(file, name)
-            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            return spill.watched(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     except IsADirectoryError:
         raise
     except FileNotFoundError as error:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from insnav import spill
 from insnav.exceptions import InputError
 from insnav.types import BoolArray, Event, FloatArray, IntArray
 
@@ -79,10 +80,10 @@ def clean(
     bad = bad | stray
     if bad.any():
         good = ~bad
-        kept = {key: column[good] for key, column in kept.items()}
+        kept = {key: spill.chosen(column, good) for key, column in kept.items()}
         if len(kept["time"]) < kinds.min_rows:
             raise _too_few(len(kept["time"]), n, kinds, name)
-    dt = np.diff(kept["time"])
+    dt = spill.steps(kept["time"])
     if dt.min() <= _MIN_INTERVAL:
         rows = np.flatnonzero(~bad)
         kept["time"], note = _unwrapped(kept["time"])
@@ -91,7 +92,7 @@ def clean(
         events += more
         if len(kept["time"]) < kinds.min_rows:
             raise _too_few(len(kept["time"]), n, kinds, name)
-        dt = np.diff(kept["time"])
+        dt = spill.steps(kept["time"])
     time = kept["time"]
     interval = float(np.median(dt))
     gaps = find_gaps(time, kinds)
@@ -117,8 +118,10 @@ def clean(
 
 def find_gaps(time: FloatArray, kinds: Kinds) -> IntArray:
     """Rows ``(n,)`` [s] after which more rows are missing than happens by chance."""
-    step = np.diff(time)
-    return np.flatnonzero(step > (kinds.gap_rows + 1.5) * np.median(step)) if kinds.gaps else np.empty(0, np.int64)
+    if not kinds.gaps:
+        return np.empty(0, np.int64)
+    step = spill.steps(time)
+    return np.flatnonzero(step > (kinds.gap_rows + 1.5) * np.median(step))
 
 
 def cut_event(kinds: Kinds, time: float, why: str) -> Event:
@@ -139,9 +142,10 @@ def _stray(time: FloatArray) -> BoolArray:
     """
     none = np.zeros(len(time), dtype=np.bool_)
     known = np.isfinite(time)
-    if not known.any() or (time[known].min() >= 0.0 and time[known].max() <= 7.0 * _DAY):
+    some = time if known.all() else time[known]
+    if not len(some) or (some.min() >= 0.0 and some.max() <= 7.0 * _DAY):
         return none
-    far = known & (np.abs(time - np.median(time[known])) > _DAY)
+    far = known & (np.abs(time - np.median(some)) > _DAY)
     few = 0 < np.count_nonzero(far) <= min(_FEW_STRAY, 0.1 * len(time))
     return np.asarray(far) if few and float(np.ptp(time[known & ~far])) < _DAY else none
 
@@ -199,7 +203,7 @@ def _ordered(
         text = f"{n_late} {kinds.rows} were out of order by up to {worst:.3g} s: sorted by time"
         events.append(kinds.event("unsorted", time[at], n_late, text, _tolerated(len(time))))
         order = np.argsort(time, kind="stable")
-        columns = {key: column[order] for key, column in columns.items()}
+        columns = {key: spill.chosen(column, order) for key, column in columns.items()}
         time = columns["time"]
     again = np.concatenate(([False], np.diff(time) <= _MIN_INTERVAL))
     if again.any():
@@ -221,7 +225,7 @@ def _ordered(
                 at = int(np.flatnonzero(mask)[0])
                 kept = "" if text.startswith("identical") else "; the first of each was kept"
                 events.append(kinds.event("duplicate", time[at], count, f"{count} {kinds.rows} {text}: left out{kept}"))
-        columns = {key: column[~again] for key, column in columns.items()}
+        columns = {key: spill.chosen(column, ~again) for key, column in columns.items()}
     return columns, events
 
 

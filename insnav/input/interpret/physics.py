@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from insnav import spill
 from insnav.exceptions import InputError
 from insnav.input.interpret.schema import ALL_UNITS
 from insnav.types import FloatArray
@@ -53,7 +54,10 @@ def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: f
     blocks = accel[: n * width].reshape(n, width, 3)[::step]
     shake = blocks.std(axis=1).sum(axis=1)
     mean = blocks.mean(axis=1)[shake <= np.median(shake)]
-    sample = np.abs(gyro[:: -(-len(gyro) // _MAX_SAMPLES)])
+    spill.release()
+    every = -(-len(gyro) // _MAX_SAMPLES)
+    parts = spill.blocks(len(gyro), size=every * -(-spill.ROWS // every))
+    sample = np.abs(np.concatenate([gyro[part][::every] for part in parts]))
     return Quiet(mean * scale, np.quantile(sample, 0.999, axis=0) * scale)
 
 
@@ -135,7 +139,11 @@ def turn_ratio(time: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[f
     if n < _MIN_GROUPS:
         return 0.0, 0.0
     step = -(-n // _MAX_GROUPS)
-    t, w, f = (array[: 3 * n * width].reshape(n, 3, width, -1)[::step].mean(axis=2) for array in (time, gyro, accel))
+    groups = []
+    for array in (time, gyro, accel):
+        groups.append(array[: 3 * n * width].reshape(n, 3, width, -1)[::step].mean(axis=2))
+        spill.release()
+    t, w, f = groups
     seen = (f[:, 2] - f[:, 0]) / (t[:, 2] - t[:, 0])
     expected = np.cross(f[:, 1], w[:, 1])
     both, seen2, expected2 = float(np.sum(seen * expected)), float(np.sum(seen**2)), float(np.sum(expected**2))
@@ -218,7 +226,8 @@ def clock_digits(time: FloatArray) -> FloatArray | None:
 
     They are if minutes and seconds stay below 60 and every step of 41 or more is one from :59 to :00.
     """
-    known = time[np.isfinite(time)]
+    known = np.isfinite(time)
+    known = time if known.all() else time[known]
     if len(known) < _MIN_STEPS or known.min() < 0.0 or known.max() >= 240_000.0:
         return None
     if (known % 100.0 >= 60.0).any() or (known // 100.0 % 100.0 >= 60.0).any():

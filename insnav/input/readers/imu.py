@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from insnav import spill
 from insnav.exceptions import ConfigError, InputError
 from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.registry import open_table
@@ -120,7 +121,8 @@ def read_imu(
         axes_evidence = axes_evidence.replace("as given", "by the format (else --imu-axes)")
     for array, unit in ((gyro, gyro_unit), (accel, accel_unit)):
         if ALL_UNITS[unit][1] != 1.0:
-            array *= ALL_UNITS[unit][1]
+            for block in spill.blocks(len(array)):
+                array[block] *= ALL_UNITS[unit][1]
     temperature, temperature_note = _temperature(time, cleaned.columns.get("temperature"))
     odometer, baro = cleaned.columns.get("odometer"), cleaned.columns.get("baro")
     data = ImuData(
@@ -274,6 +276,7 @@ def _damaged(
         column = columns[key]
         if not (len(column) and column.min() > -_SENSIBLE and column.max() < _SENSIBLE):  # NaN fails both
             bad |= ~(np.abs(column) < _SENSIBLE)
+        spill.release()
     if len(bad) and bad.all():
         for key in keys:
             if not np.isfinite(columns[key]).any():
@@ -289,14 +292,15 @@ def _damaged(
 def _in_body(columns: dict[str, FloatArray], keys: tuple[str, ...], matrix: FloatArray) -> FloatArray:
     """Three columns as one array in body axes; they are taken away."""
     if np.count_nonzero(matrix) > 3:
-        return np.asarray(np.column_stack([columns[key] for key in keys]) @ matrix.T)
+        return spill.by_blocks(lambda *some: np.column_stack(some) @ matrix.T, *(columns[key] for key in keys))
     sources = [int(np.flatnonzero(row)[0]) for row in matrix]
     signs = [float(row[j]) for row, j in zip(matrix, sources, strict=True)]
-    body = np.empty((len(columns["time"]), 3))
-    for start in range(0, len(body), _BLOCK_ROWS):  # in blocks that stay in the cache: six times faster
-        rows = slice(start, start + _BLOCK_ROWS)
-        for i in range(3):
-            np.multiply(columns[keys[sources[i]]][rows], signs[i], out=body[rows, i])
+    body = spill.empty((len(columns["time"]), 3))
+    for block in spill.blocks(len(body)):
+        for start in range(block.start, block.stop, _BLOCK_ROWS):  # these stay in the cache: six times faster
+            rows = slice(start, start + _BLOCK_ROWS)
+            for i in range(3):
+                np.multiply(columns[keys[sources[i]]][rows], signs[i], out=body[rows, i])
     for key in keys:
         del columns[key]
     return body

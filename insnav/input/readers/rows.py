@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from insnav import spill
 from insnav.exceptions import InputError
 from insnav.input.formats.table import Table
 from insnav.input.formats.text_values import TextValues, with_date
@@ -119,7 +120,8 @@ def read_rows(
     elif "time" in columns and numbers.n_rows > 1:
         stated = time_unit or found["time"].unit
         unit, evidence = find_time_unit(columns["time"], stated, slowest=slowest, where=table.name)
-        columns["time"] = columns["time"] * ALL_UNITS[unit][1]
+        if ALL_UNITS[unit][1] != 1.0:
+            columns["time"] = spill.by_blocks(lambda time: time * ALL_UNITS[unit][1], columns["time"])
     return Rows(table, kinds, columns, numbers.n_rows, numbers.cut, unit, evidence, week)
 
 

@@ -1,0 +1,120 @@
+"""Arrays of long drives: beyond some size they lie in a temporary file, and memory holds what is in use of them.
+
+The file has no name, so that it goes with the last use of the array however the program ends. Blocks of rows are as
+many as give the same numbers faster than the whole.
+"""
+
+from __future__ import annotations
+
+import errno
+import mmap
+import os
+import tempfile
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from insnav.exceptions import OutputError
+
+LARGE = 32 << 20  # bytes of an array that does not stay in memory
+ROWS = 1 << 16  # of a block
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_mapped: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
+
+
+def empty(shape: Sequence[int], dtype: Any = np.float64, *, large: bool = False) -> NDArray[Any]:
+    """Array to be filled; in a file if it is larger than `LARGE`, or because it is one of many that together are.
+
+    Raises: OutputError: there is no room for the file.
+    """
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    if size == 0 or not (large or size > LARGE):
+        return np.empty(shape, dtype)
+    with tempfile.TemporaryFile(prefix="insnav-") as file:
+        try:
+            _reserve(file.fileno(), size)
+        except OSError as error:
+            if error.errno not in _FULL:
+                raise
+            raise OutputError(
+                "there is no room for the samples of so long a drive",
+                where=tempfile.gettempdir(),
+                why=f"{size >> 20} MB more are needed: {os.strerror(error.errno)}",
+                fix="make room there, or name another folder in the environment: TMPDIR=/large/disk insnav …",
+            ) from error
+        memory = mmap.mmap(file.fileno(), size)
+    return np.ndarray(shape, dtype, buffer=watched(memory))
+
+
+def watched(memory: mmap.mmap) -> mmap.mmap:
+    """Let `release` know of a mapped file."""
+    _mapped.add(memory)
+    return memory
+
+
+def release() -> None:
+    """Let go of the memory that mapped files fill; what they hold stays."""
+    if hasattr(mmap, "MADV_DONTNEED"):
+        for memory in list(_mapped):
+            memory.madvise(mmap.MADV_DONTNEED)
+
+
+def blocks(rows: int, *, before: int = 0, size: int = 0) -> Iterator[slice]:
+    """Parts of so many rows in order, of a `size` and with some rows `before` each; memory is let go after each."""
+    size = size or ROWS
+    for start in range(0, rows, size):
+        yield slice(max(start - before, 0), min(start + size, rows))
+        release()
+
+
+def by_blocks(function: Callable[..., NDArray[Any]], *arrays: NDArray[Any]) -> NDArray[Any]:
+    """Array of a function that makes each row of it from that row of `arrays`."""
+    rows = len(arrays[0])
+    if rows <= ROWS:
+        return function(*arrays)
+    out = None
+    for part in blocks(rows):
+        found = function(*(array[part] for array in arrays))
+        if out is None:
+            out = empty((rows, *found.shape[1:]), found.dtype)
+        out[part] = found
+    assert out is not None
+    return out
+
+
+def steps(values: NDArray[Any]) -> NDArray[Any]:
+    """Differences of successive values."""
+    return by_blocks(np.subtract, values[1:], values[:-1])
+
+
+def chosen(array: NDArray[Any], selection: NDArray[Any]) -> NDArray[Any]:
+    """Rows of an array by a mask, or by their numbers."""
+    if array.nbytes <= LARGE:
+        return np.asarray(array[selection])
+    numbers = np.flatnonzero(selection) if selection.dtype == np.bool_ else selection
+    return by_blocks(lambda some: array[some], numbers)
+
+
+def joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Arrays one after the other."""
+    if len(parts) == 1:
+        return parts[0]
+    out, at = empty((sum(map(len, parts)), *parts[0].shape[1:]), parts[0].dtype), 0
+    for part in parts:
+        out[at : at + len(part)] = part
+        at += len(part)
+        release()
+    return out
+
+
+def _reserve(file: int, size: int) -> None:
+    """Take the room on the disk at once: a page that finds none later would end the process."""
+    if hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(file, 0, size)
+        return
+    zeros = bytes(1 << 20)
+    for at in range(0, size, len(zeros)):
+        os.write(file, zeros[: size - at])

@@ -1,0 +1,136 @@
+"""Arrays of long drives: in files that leave nothing behind, by blocks that change nothing."""
+
+import errno
+import os
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import insnav
+from insnav import spill
+from insnav.exceptions import OutputError
+from insnav.filter import run_recorder, smoother
+from insnav.imu.health import inspect
+from insnav.input import read_imu
+from insnav.input.interpret.clean import IMU_KINDS, find_gaps
+from insnav.output.data_files import write_data
+from insnav.strapdown import intervals, joined, pieces
+from insnav.types import ImuData
+
+
+@pytest.fixture
+def small(monkeypatch, tmp_path):
+    """Nearly everything is large, blocks are tiny, and the files are made in a folder of their own."""
+    monkeypatch.setattr(spill, "LARGE", 1 << 12)
+    monkeypatch.setattr(spill, "ROWS", 777)
+    monkeypatch.setattr(smoother, "ROWS", 50)
+    monkeypatch.setattr(smoother, "IN_MEMORY", 0)
+    monkeypatch.setattr(run_recorder, "ROOM", 100)
+    monkeypatch.setattr(spill.tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drive")
+    made = insnav.simulate("city", imu="industrial", gps="single", seed=3, rate=100.0)
+    write_data(folder / "imu.csv", made.imu.data)
+    write_data(folder / "gps.csv", made.gps.data)
+    return folder / "imu.csv", folder / "gps.csv"
+
+
+def tables(files, folder, **how):
+    """Bytes of every table of a run."""
+    insnav.load(files[0], gps=files[1]).navigate(**how).save(folder, figures="none")
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix == ".csv"}
+
+
+@pytest.mark.parametrize("interval", [0.1, 0.0])
+def test_blocks_and_files_do_not_change_a_byte(files, small, tmp_path_factory, monkeypatch, interval):
+    place = tmp_path_factory.mktemp("runs")
+    by_blocks = tables(files, place / "blocks", output_interval=interval)
+    monkeypatch.undo()
+    assert by_blocks == tables(files, place / "whole", output_interval=interval)
+    assert list(small.iterdir()) == []
+
+
+@pytest.mark.parametrize("sampling", ["mean", "instant", "increment"])
+@pytest.mark.parametrize("stamp", ["start", "mid", "end"])
+def test_intervals_by_blocks_are_those_of_the_whole_record(small, sampling, stamp):
+    rng = np.random.default_rng(5)
+    time = np.cumsum(rng.normal(0.01, 0.0005, 5000))
+    kept = np.ones(5000, dtype=bool)
+    for first, count in (
+        (770, 12),
+        (1554, 3),
+        (1700, 400),
+        (2330, 2),
+        (4990, 4),
+    ):  # gaps at and beside the ends of blocks
+        kept[first : first + count] = False
+    imu = ImuData(time[kept], rng.normal(size=(5000, 3))[kept], rng.normal(size=(5000, 3))[kept], sampling, stamp)
+    whole, parts = intervals(imu), list(pieces(imu))
+    assert len(parts) > 5
+    for name in ("end", "dt", "gyro", "accel", "gap"):
+        np.testing.assert_array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name))
+    one, many = joined([whole]), joined(parts)
+    for name in ("end", "dt", "gyro", "accel", "gap", "segment"):
+        np.testing.assert_array_equal(getattr(many, name), getattr(one, name))
+
+
+def test_helpers_give_what_numpy_gives(small):
+    rng = np.random.default_rng(1)
+    values, mask = rng.normal(size=(5000, 3)), rng.random(5000) < 0.7
+    np.testing.assert_array_equal(spill.chosen(values, mask), values[mask])
+    np.testing.assert_array_equal(spill.chosen(values, np.arange(4999, -1, -1)), values[::-1])
+    np.testing.assert_array_equal(spill.steps(values[:, 0]), np.diff(values[:, 0]))
+    np.testing.assert_array_equal(spill.joined([values, values[:10]]), np.concatenate([values, values[:10]]))
+    np.testing.assert_array_equal(spill.by_blocks(np.multiply, values, values), values * values)
+    time = np.cumsum(np.where(rng.random(5000) < 0.01, 0.2, 0.01))
+    np.testing.assert_array_equal(find_gaps(time, IMU_KINDS), np.flatnonzero(np.diff(time) > 0.1))
+
+
+def test_what_was_written_stays_when_the_memory_is_let_go(small):
+    array = spill.empty((3000, 2))
+    array[:] = np.arange(6000).reshape(3000, 2)
+    for block in spill.blocks(3000):
+        assert array[block][0, 0] == 2 * block.start
+    spill.release()
+    np.testing.assert_array_equal(array, np.arange(6000).reshape(3000, 2))
+    assert list(small.iterdir()) == []  # nameless even while it is used: nothing can be left behind
+
+
+@pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="room is taken by writing there")
+def test_a_full_disk_is_said(small, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(OutputError, match="no room for the samples") as told:
+        spill.empty((10_000, 3))
+    assert str(small) in told.value.where
+    assert "No space left" in told.value.why
+    assert "TMPDIR" in told.value.fix
+
+
+def test_memory_does_not_grow_with_the_drive(monkeypatch, tmp_path):
+    monkeypatch.setattr(spill, "LARGE", 1 << 16)
+    monkeypatch.setattr(spill, "ROWS", 1 << 12)
+    monkeypatch.setattr(spill.tempfile, "tempdir", str(tmp_path))
+    peaks = []
+    for rows in (50_000, 200_000):
+        rng = np.random.default_rng(2)
+        level = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -9.8])
+        text = np.column_stack([0.005 * np.arange(rows), rng.normal(0.0, 0.01, (rows, 6)) + level])
+        file = tmp_path / f"{rows}.csv"
+        header = "time_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2"
+        np.savetxt(file, text, fmt="%.6g", delimiter=",", header=header, comments="")
+        tracemalloc.start()
+        samples, events = inspect(read_imu(file).data)
+        less = joined(pieces(samples))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert not events
+        assert less.end.shape == (rows / 8,)
+    assert peaks[1] - peaks[0] < 0.5 * 150_000 * 7 * 8  # the samples alone are twice that
