@@ -181,7 +181,7 @@ def _temperatures(text: str) -> tuple[float, float]:
 
 def _many(folder: RunFolder, plan: Plan, runs: int, engine: str, resume: bool, stage: Stages) -> tuple[Path, Page]:
     from insnav.cli.signals import Stopped
-    from insnav.errors.ensemble import navigated_recording
+    from insnav.errors.ensemble import NavigatedRecording
     from insnav.report.simulation.ensemble import write_runs
     from insnav.report.simulation.page import plan_key
     from insnav.simulate.montecarlo import Checkpoint, monte_carlo
@@ -194,7 +194,7 @@ def _many(folder: RunFolder, plan: Plan, runs: int, engine: str, resume: bool, s
     if not resume:
         checkpoint.remove()
     perfect = perfect_imu(plan.truth, plan.rate, plan.sampling)
-    task = navigated_recording(
+    task = NavigatedRecording(
         plan.truth, plan.imu, plan.gps, perfect, plan.faults, temperature_ramp(perfect, plan.temperature)
     )
     try:

@@ -51,14 +51,13 @@ _WIDTH = 23
 
 @dataclass(frozen=True, slots=True)
 class NavigatedRecording:
-    """Simulate a recording and navigate it as a user would: the task of a Monte Carlo."""
+    """Simulate a recording and navigate it as ``insnav run`` does, the lever arm known: the task of a Monte Carlo."""
 
     truth: Truth  # the motion
     # errors of the sensors, which the filter knows too
     imu_spec: ImuSpec
     gps_spec: GpsSpec
     perfect: ImuData  # what an IMU without errors measures
-    settings: FilterSettings  # of the filter
     faults: tuple[Fault, ...] = ()  # what goes wrong in every recording
     temperature: FloatArray | None = None  # (n,) of the IMU [deg C]
 
@@ -73,21 +72,9 @@ class NavigatedRecording:
             temperature=self.temperature,
             perfect=self.perfect,
         )
-        run = navigate_recording(made.imu, made.gps, self.imu_spec, self.settings).run
+        settings = FilterSettings(lever_b=np.asarray(self.gps_spec.lever_b), delay_sd=DELAY_SD, smooth=False)
+        run = navigate_recording(made.imu, made.gps, self.imu_spec, settings).run
         return reduced(run, self.truth, error_model(self.imu_spec, _STATES).axes_sd)
-
-
-def navigated_recording(
-    truth: Truth,
-    imu_spec: ImuSpec,
-    gps_spec: GpsSpec,
-    perfect: ImuData,
-    faults: tuple[Fault, ...] = (),
-    temperature: FloatArray | None = None,
-) -> NavigatedRecording:
-    """Set up the task with the filter as ``insnav run`` sets it, the lever arm known and the delay estimated."""
-    settings = FilterSettings(lever_b=np.asarray(gps_spec.lever_b), delay_sd=DELAY_SD, smooth=False)
-    return NavigatedRecording(truth, imu_spec, gps_spec, perfect, settings, faults, temperature)
 
 
 def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:

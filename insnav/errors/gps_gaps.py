@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from insnav.types import BoolArray, FloatArray, Innovations, Run
+from insnav.types import Run
 
 SHORTEST_OUTAGE_S = 2.0
 MISSED_FIXES = 3.0  # median intervals without a used position fix make an outage
@@ -19,7 +19,7 @@ def outages(run: Run) -> list[tuple[float, float]]:
     had no position fix at all.
     """
     fixes = run.innovations
-    processed = fixes.time[_has_position(fixes)]
+    processed = fixes.time[np.isfinite(fixes.innovation[:, 0:3]).any(axis=1)]
     used = fixes.time[fixes.used_position]
     if len(processed) < 2 or len(run.solution.time) == 0:
         return []
@@ -28,18 +28,3 @@ def outages(run: Run) -> list[tuple[float, float]]:
     inside = used[(used > start) & (used < end)]
     edges = np.concatenate(([start], inside, [end]))
     return [(float(a), float(b)) for a, b in pairwise(edges) if b - a > limit]
-
-
-def in_outage(time: FloatArray, spans: list[tuple[float, float]]) -> BoolArray:
-    """Whether each time lies in one of the spans, as a bool array.
-
-    `time` (n,) [s]; `spans`: start and end [s].
-    """
-    inside = np.zeros(len(time), dtype=np.bool_)
-    for start, end in spans:
-        inside |= (time >= start) & (time <= end)
-    return inside
-
-
-def _has_position(fixes: Innovations) -> BoolArray:
-    return np.asarray(np.isfinite(fixes.innovation[:, 0:3]).any(axis=1))

@@ -52,6 +52,7 @@ def as_mounted(
     if found.letters != UPRIGHT and given is None:
         turn = axes_matrix(found.letters)
         matrix, as_read = matrix @ turn.T, turn @ as_read
+        told = tuple(line for line in imu.facts.evidence if not line.startswith("axes taken as"))
         imu = replace(
             imu,
             data=replace(
@@ -59,7 +60,7 @@ def as_mounted(
                 gyro=spill.by_blocks(lambda gyro: gyro @ turn.T, data.gyro),
                 accel=spill.by_blocks(lambda accel: accel @ turn.T, data.accel),
             ),
-            facts=replace(imu.facts, axes=letters, evidence=_without_guess(imu.facts.evidence)),
+            facts=replace(imu.facts, axes=letters, evidence=told),
         )
         notes.append(
             f"the IMU's x, y, z point {_words(letters)} in the vehicle ({how}): samples were turned to forward, "
@@ -82,10 +83,6 @@ def as_mounted(
     else:
         yaw = 0.0
     return imu, yaw, tuple(notes)
-
-
-def _without_guess(evidence: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(line for line in evidence if not line.startswith("axes taken as"))
 
 
 def _words(letters: str) -> str:

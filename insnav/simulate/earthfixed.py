@@ -85,7 +85,6 @@ class EarthTruth(Truth):
 
     @property
     def knots(self) -> FloatArray:
-        """See `Truth`."""
         turns = [] if self.turns is None else [self.turns.knots]
         return np.concatenate([self.position.knots, self.attitude.knots, *turns])
 

@@ -98,16 +98,13 @@ class LevelTruth(Truth):
 
     @property
     def knots(self) -> FloatArray:
-        """See `Truth`."""
         return np.concatenate([self.position.knots, self.attitude.knots])
 
     def sensed(self, tau: FloatArray) -> tuple[Vector, Vector]:
-        """See `Truth`."""
         w_ib_b, f_b, _ = _sensed(self, tau)
         return w_ib_b, f_b
 
     def evaluate(self, time: FloatArray) -> Kinematics:
-        """See `Truth`."""
         tau = self.elapsed(time)
         w_ib_b, f_b, v_n = _sensed(self, tau)
         lla = self.position(tau) + self.origin

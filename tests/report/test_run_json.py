@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.errors.gps_gaps import in_outage, outages
+from insnav.errors.gps_gaps import outages
 from insnav.errors.metrics import position_errors
 from insnav.report.run_json import json_ready
 from insnav.types import EventKind
@@ -99,8 +99,6 @@ def test_outages_are_found_inside_and_at_both_ends(driven):
     assert outages(replace(run, innovations=cut)) == [(0.0, 50.0), (400.0, 430.0), (550.0, 600.0)]
     none = replace(run.innovations, used_position=np.zeros_like(late))
     assert outages(replace(run, innovations=none)) == [(0.0, 600.0)]
-    inside = in_outage(np.array([399.0, 400.0, 415.0, 431.0]), [(400.0, 430.0)])
-    assert inside.tolist() == [False, True, True, False]
 
 
 def test_everything_a_configuration_may_hold_becomes_json():

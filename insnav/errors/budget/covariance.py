@@ -178,13 +178,9 @@ def at_start(source: Source) -> FloatArray:
         return np.array(source.joint[:9])
     out = np.zeros(9)
     if source.group == "initial":
-        out[_initial_state(source)] = 1.0
+        first = {"position": 0, "velocity": 3, "tilt": 6, "heading": 6}[source.term]
+        out[first + LOCAL.index(source.axis)] = 1.0
     return out
-
-
-def _initial_state(source: Source) -> int:
-    group = {"position": 0, "velocity": 3, "tilt": 6, "heading": 6}[source.term]
-    return group + LOCAL.index(source.axis)
 
 
 def integrated(values: FloatArray, motion: SampledMotion, steps: Steps) -> FloatArray:

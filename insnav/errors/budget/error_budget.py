@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -25,6 +26,7 @@ BAND = 0.95  # probability of the bands
 LINEAR = 5.0 * DEG  # attitude errors up to here are small
 SHORTEST, LONGEST = 0.1, 3600.0  # times that a budget is for [s]
 _CURVE = 60  # points of a curve, about
+_AT_START = re.compile(r"initial\.|.*\.(bias|scale_factor)$")  # keys of errors that a known start has
 _ALONE = 200  # runs of each family alone: their RMS is good to 5 %
 
 
@@ -128,11 +130,6 @@ def _lowest(sources: tuple[Source, ...], motion: SampledMotion) -> float:
     return min(decays) / (2.0 * math.pi) if decays else math.nan
 
 
-def _is_known(key: str) -> bool:
-    """Whether a key of the IMU file is for an error that is known at the start."""
-    return key.startswith("initial.") or key.endswith((".bias", ".scale_factor"))
-
-
 def budget(
     spec: ImuSpec,
     motion: SampledMotion,
@@ -180,7 +177,7 @@ def budget(
         hold=hold,
         gravity=gravity_of(motion),
         schuler_rate=schuler_rate(motion),
-        absent=tuple(key for key in not_given(spec) if not (known and _is_known(key))),
+        absent=tuple(key for key in not_given(spec) if not (known and _AT_START.match(key))),
         ignored=left_out(spec),
         flicker_lowest=_lowest(sources, motion),
     )

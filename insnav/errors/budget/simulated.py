@@ -96,7 +96,7 @@ def _states(
     states = np.empty((len(numbers), len(rows), 10))
     base = (motion.rate[:n], motion.force[:n], inc.coning[:n], inc.sculling[:n])
     carried = np.array([source.sd * np.array(source.joint) for source in known]).reshape(len(known), STATES)
-    dt, changes = motion.dt[:n], _changes(motion, n) if _late(spec) else None
+    dt, changes = motion.dt[:n], _changes(motion, n) if spec.clock.offset or spec.clock.drift else None
     for place, run in enumerate(numbers):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,)))
         errors = sample_errors(spec, rng)
@@ -158,10 +158,6 @@ def _start(
     phi = rng.standard_normal(3) * [initial.tilt, initial.tilt, initial.heading] + together[6:]
     q_hat = quat_multiply(quat_from_rotvec(-phi), q_nb)
     return np.concatenate([lla_offset(motion.truth.lla[0], position), motion.truth.v_n[0] + velocity, q_hat])
-
-
-def _late(spec: ImuSpec) -> bool:
-    return spec.clock.offset != 0.0 or spec.clock.drift != 0.0
 
 
 def _changes(motion: SampledMotion, n: int) -> FloatArray:

@@ -31,7 +31,7 @@ from insnav.simulate.montecarlo import Sample, monte_carlo
 from insnav.simulate.recording import perfect_imu
 from insnav.simulate.truth import LevelTruth, Truth
 from insnav.simulate.truth_from_track import Residual, track_residual, truth_from_track
-from insnav.types import FloatArray, GpsData, Trajectory
+from insnav.types import FloatArray, GpsData
 
 FEWEST = 3  # replicas that make a band
 _EDGE = 0.05  # at both ends of the track there are no fixes [s]
@@ -127,7 +127,9 @@ def replica_task(
     """
     ready = drive.ready
     assert drive.run.smoothed is not None
-    truth = truth_from_track(_distinct(drive.run.smoothed.solution))
+    track = drive.run.smoothed.solution
+    # without rows at the same time, as a reset or the end of a block may leave them
+    truth = truth_from_track(track.rows(np.concatenate([[True], np.diff(track.time) > 1e-6])))
     antenna = drive.run.lever_b
     point = antenna if reference.lever_b is None else reference.lever_b
     return ReplicaTask(
@@ -189,11 +191,6 @@ def _among(windows: Windows, rms: FloatArray, times: FloatArray, far: Residual, 
     middle, summed = size.mean(axis=0), growth(windows, times)
     low, high = np.exp(middle - half), np.exp(middle + half)
     return Replicas(times, rms, low, high, summed.rms, summed.reference, far, failures)
-
-
-def _distinct(track: Trajectory) -> Trajectory:
-    """The track without rows at the same time, as a reset or the end of a block may leave them."""
-    return track.rows(np.concatenate([[True], np.diff(track.time) > 1e-6]))
 
 
 def _perfect_fixes(truth: Truth, gps: GpsData, lever_b: FloatArray) -> GpsData:

@@ -29,16 +29,8 @@ class WindowReference:
 
 def reference_from_fixes(ready: Prepared) -> WindowReference:
     """The fixes of the drive itself, which the filter does not get in a window."""
-    return WindowReference(_usable(ready.gps), "the drive's own GPS fixes", own_fixes=True)
-
-
-def reference_from_positions(gps: GpsData, name: str) -> WindowReference:
-    """Better positions of the same antenna, every value with a standard deviation."""
-    return WindowReference(_usable(gps), name)
-
-
-def _usable(gps: GpsData) -> GpsData:
-    return gps.rows(valid(gps) & np.isfinite(gps.lla).all(axis=1))
+    usable = ready.gps.rows(valid(ready.gps) & np.isfinite(ready.gps.lla).all(axis=1))
+    return WindowReference(usable, "the drive's own GPS fixes", own_fixes=True)
 
 
 def reference_from_trajectory(

@@ -151,15 +151,12 @@ def allocate(
     for name in (*FAMILIES, *(name for name in own if name not in FAMILIES)):
         covered = own[name] if name in own else sizes[name] ** 2 * units[name]
         share = float(sum(covered[i, i] for i in required.axes)) / trace if trace > 0.0 else 0.0
-        size = _given_size(given, name) if given is not None and name in own else sizes.get(name, 0.0)
+        size = sizes.get(name, 0.0)
+        if given is not None and name in own:
+            size = max(source.sd for source in sources_of(given) if source.family == name)
         limit = alone.get(name, math.inf)
         shares.append(Share(name, unit_of(name), limit, size, share, name in own, name in capped))
     return Allocation(tuple(shares), spec_of(sizes, given), made, required.size(total), made < required.error)
-
-
-def _given_size(spec: ImuSpec, family: str) -> float:
-    """Largest axis of a family in a specification, SI."""
-    return max(source.sd for source in sources_of(spec) if source.family == family)
 
 
 def _sizes(

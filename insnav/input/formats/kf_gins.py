@@ -63,7 +63,8 @@ def _layout(head: bytes) -> tuple[str, tuple[str, ...]]:
     step = np.diff(time)
     if not (step > 0.0).all() or time[0] < 0.0 or time[-1] > WEEK:
         return "", ()
-    if width in (7, 13) and _is_place(numbers[:, 1:4]) and _are_deviations(numbers[:, [4, 5, 6, *range(10, width)]]):
+    sd = numbers[:, [4, 5, 6, *range(10, width)]] if width in (7, 13) else np.zeros(1)
+    if ((sd > 0.0) & (sd < 1e3)).all() and _is_place(numbers[:, 1:4]):
         return "gps", (*_POSITION, *_VELOCITY)[:width]
     if width == 11 and _is_place(numbers[:, 2:5]) and (numbers[:, 0] == numbers[0, 0]).all():
         whole = 500.0 < numbers[0, 0] < 10_000.0 and float(numbers[0, 0]).is_integer()
@@ -80,7 +81,3 @@ def _is_place(lla: FloatArray) -> bool:
     """Latitude and longitude [deg] and height [m] that hardly change, and are no small numbers of something else."""
     inside = (np.abs(lla) <= [90.0, 180.0, 1e4]).all()
     return bool(inside and np.ptp(lla[:, :2], axis=0).max() < 0.1 and np.abs(lla[:, :2]).max() > 1.0)
-
-
-def _are_deviations(values: FloatArray) -> bool:
-    return bool(((values > 0.0) & (values < 1e3)).all())

@@ -102,14 +102,11 @@ def _source(name: str, raw: bytes | mmap.mmap, path: Path | None = None) -> Sour
     if len(packed) == 1:
         (inner, unpack) = packed.popitem()
         return _source(f"{name}/{plain_text(inner)}", unpack())
-    members = {
-        inner: functools.partial(_of_member, f"{name}/{plain_text(inner)}", unpack) for inner, unpack in packed.items()
-    }
-    return Source(name, digest.hexdigest(), members=members)
 
+    def member(inner: str) -> Source:
+        return _source(f"{name}/{plain_text(inner)}", packed[inner]())
 
-def _of_member(name: str, unpack: Callable[[], bytes]) -> Source:
-    return _source(name, unpack())
+    return Source(name, digest.hexdigest(), members={inner: functools.partial(member, inner) for inner in packed})
 
 
 def _folder_members(folder: Path, name: str) -> dict[str, Callable[[], Source]]:

@@ -90,7 +90,6 @@ class Static(Segment):
     duration: Duration
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """See `Segment`."""
         if state.speed != 0.0:
             raise Impossible(f"the speed is {state.speed:.3g} m/s: stop first, or cruise")
         return [moves.stay(state, self.duration)]
@@ -106,7 +105,6 @@ class ChangeSpeed(Segment):
     above_zero = ("acceleration", "jerk")
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """See `Segment`."""
         acceleration = vehicle.acceleration if self.acceleration is None else self.acceleration
         if acceleration > vehicle.forward:
             raise Impossible(f"{acceleration:.4g} m/s^2 is more than a {vehicle.name} can: {vehicle.forward:.3g}")
@@ -128,7 +126,6 @@ class Stop(ChangeSpeed):
     wait: Duration = 0.0
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """See `Segment`."""
         made = super().moves(state, vehicle)
         if self.wait > 0.0:
             made.append(moves.stay(replace(state, speed=0.0), self.wait))
@@ -144,7 +141,6 @@ class Cruise(Segment):
     either = above_zero = ("duration", "distance")
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """See `Segment`."""
         _moving(state, vehicle)
         return [moves.stay(state, self.duration or (self.distance or 0.0) / state.speed)]
 
@@ -167,7 +163,6 @@ class Turn(Segment):
         return self
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """See `Segment`."""
         if self.radius is not None or not vehicle.on_the_spot:
             _moving(state, vehicle)
         rate = self.rate if self.radius is None else abs(state.speed) / self.radius
@@ -193,7 +188,6 @@ class Climb(Segment):
     above_zero = ("height", "angle")
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """See `Segment`."""
         _moving(state, vehicle)
         angle = math.radians(3.0) if self.angle is None else self.angle
         if angle > vehicle.grade:
@@ -219,7 +213,6 @@ class Helix(Segment):
         return self
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """See `Segment`."""
         _moving(state, vehicle)
         rate = abs(state.speed) / self.radius
         _bearable(rate * abs(state.speed), vehicle, "a larger radius, or brake before")
@@ -240,7 +233,6 @@ class LaneChange(Segment):
     above_zero = ("duration",)
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """See `Segment`."""
         _moving(state, vehicle)
         # the largest slope of a bump is 3.2 of its height over its length
         _bearable(8.0 * abs(self.offset) / self.duration**2, vehicle, "take more time")
@@ -259,7 +251,6 @@ class Slide(Segment):
     above_zero = ("length", "acceleration", "speed", "jerk")
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """See `Segment`."""
         if state.speed != 0.0:
             raise Impossible("a slide starts from rest")
         acceleration = vehicle.acceleration if self.acceleration is None else self.acceleration
@@ -282,7 +273,6 @@ class Spin(Segment):
     above_zero = ("rate", "within")
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """See `Segment`."""
         _still(state, vehicle)
         if self.rate > FASTEST_SPIN:
             raise Impossible(f"{math.degrees(self.rate):.4g} deg/s is beyond {math.degrees(FASTEST_SPIN):.4g} deg/s")
@@ -300,7 +290,6 @@ class Coning(Segment):
     above_zero = ("angle", "frequency", "duration")
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """See `Segment`."""
         _still(state, vehicle)
         if 2.0 * math.pi * self.frequency * self.angle > FASTEST_SPIN:
             raise Impossible("such a cone turns faster than 4000 deg/s")
@@ -313,7 +302,6 @@ class Sculling(Coning):
     acceleration: Annotated[float, scalar("acceleration")]
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """See `Segment`."""
         _still(state, vehicle)
         if self.acceleration > HIGHEST:
             raise Impossible(f"{self.acceleration:.4g} m/s^2 is beyond {HIGHEST:.4g}")
@@ -364,7 +352,6 @@ class Linear(_Planned):
         return self
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """See `Segment`."""
         change = np.array([getattr(self, name) for name in moves.AXES])
         return [moves.linear(state, change, *self.limits(state, vehicle, np.abs(change[2:])))]
 
@@ -387,7 +374,6 @@ class Circular(_Planned):
         return self
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        """See `Segment`."""
         first, second = (moves.AXES.index(name) for name in self.axes)
         radius = quantity(self.radius, "length" if first < 2 else "angle", signed=False)
         reach = 2.0 * radius * np.isin(np.arange(2, 5), (first, second))  # no farther from the start than that

@@ -14,9 +14,9 @@ from insnav.errors.outage.free_inertial import Windows, free_window_starts, free
 from insnav.errors.outage.gnss_outage import outages
 from insnav.errors.outage.statistics import COMPONENTS, components, growth, table_times
 from insnav.errors.outage.window_reference import (
+    WindowReference,
     is_stationary,
     reference_from_fixes,
-    reference_from_positions,
     reference_from_trajectory,
     stationary_fixes,
 )
@@ -149,7 +149,7 @@ def test_windows_touching_a_hole_are_left_out_and_counted(drive):
     ready, whole = drive.ready, reference_from_fixes(drive.ready)
     gps = whole.fixes
     hole = (gps.time > 150.0) & (gps.time < 175.0)
-    torn = reference_from_positions(
+    torn = WindowReference(
         gps.rows(~hole),
         "torn",
     )
@@ -168,7 +168,7 @@ def test_a_short_gap_of_the_reference_leaves_the_window_and_its_other_times(driv
     start = navigated_drive(drive.ready, free_window_starts(drive.ready, LENGTH, spacing=25.0)).states[2].time
     gone = (gps.time > start + 8.5) & (gps.time < start + 12.5)
     few = gps.rows(~gone)
-    windows = free_windows(drive, reference_from_positions(few, "few"), LENGTH, 25.0)
+    windows = free_windows(drive, WindowReference(few, "few"), LENGTH, 25.0)
     row = int(np.argmin(np.abs(windows.start - start)))
     assert np.isnan(windows.error[row, 9, 0])
     assert np.isfinite(windows.error[row, 19, 0])
@@ -216,7 +216,7 @@ def test_no_reference_is_an_error(drive):
     early = gps.time < 40.0
     few = gps.rows(early)
     with pytest.raises(InputError, match="no window of 30 s is left"):
-        free_windows(drive, reference_from_positions(few, "few"), LENGTH, 25.0)
+        free_windows(drive, WindowReference(few, "few"), LENGTH, 25.0)
 
 
 def test_times_of_the_tables(both):
