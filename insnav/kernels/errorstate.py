@@ -220,12 +220,19 @@ def predicted_variance(phi, p, q, x, row, out):  # type: ignore[no-untyped-def]
 
     (12,), of ``phi p phi' + q``.
     """
-    np.dot(phi[:NAV], p, row)
+    n = p.shape[0]
     for i in range(NAV):
+        for j in range(n):
+            row[i, j] = 0.0
+        for k in range(STATES):
+            share = phi[i, k]
+            if share != 0.0:
+                for j in range(n):
+                    row[i, j] += share * p[k, j]
         total = q[i, i]
         for j in range(STATES):
             total += row[i, j] * phi[i, j]
-        if i < 3 and p.shape[0] > STATES:
+        if i < 3 and n > STATES:
             total += x[3 + i] * (x[3 + i] * p[STATES, STATES] - 2.0 * row[i, STATES])
         out[i] = total
     for pair in range(3):
@@ -321,8 +328,10 @@ def propagate(first, last, close, samples, carried, model, moments, out, rows, w
             _substep(x, sums, noise, decay, phi, q, work)
         if wanted:
             out_time[rows] = time[k]
-            out_state[rows, :10] = x
-            out_state[rows, 10:] = motion
+            for i in range(10):  # element by element: assigning slices takes seconds to compile
+                out_state[rows, i] = x[i]
+            for i in range(6):
+                out_state[rows, 10 + i] = motion[i]
             if ends:
                 predicted_variance(phi, p, q, x, row, out_variance[rows])
             else:

@@ -14,8 +14,7 @@ from numba import njit
 
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES
-from insnav.kernels.gps_measurement import inverse
-from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, RESTART, TIME
+from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, RESIDUAL, RESTART, TIME, used
 
 GROUPS = 4  # of white noise: gyro, accelerometer, gyro misalignment, accelerometer misalignment
 GYRO, ACCEL, GYRO_AXES, ACCEL_AXES = 0, 1, 2, 3
@@ -61,13 +60,14 @@ def tape(history, n, noise, decay, bridged):  # type: ignore[no-untyped-def]
     bridge, z, h = np.zeros((m, 2)), np.zeros((m, 6)), np.zeros((m, 6, n))
     fed, correction, restart = np.zeros((m, n)), np.zeros((m, SENSOR)), np.zeros((m, OPENED))
     before, after = np.zeros((n, n)), np.zeros((n, n))
-    full = np.zeros((NAV, STATES))
-    unit = np.zeros((2, NAV, NAV))
+    residual, used_h, hp = np.zeros(6), np.zeros((6, n)), np.zeros((6, n))
+    unit, rest, row_of = np.zeros((2, NAV, NAV)), np.zeros(NAV), np.zeros(STATES)
     for k in range(m):
         row = history[k]
         kind[k] = int(row[KIND])
         span[k] = row[TIME] - history[k - 1, TIME] if k > 0 else 0.0
-        correction[k] = row[CORRECTION : CORRECTION + SENSOR]
+        for j in range(SENSOR):  # element by element: assigning slices takes seconds to compile
+            correction[k, j] = row[CORRECTION + j]
         at = JACOBIAN + 6 * n
         for i in range(NAV):
             for j in range(STATES):
@@ -80,64 +80,55 @@ def tape(history, n, noise, decay, bridged):  # type: ignore[no-untyped-def]
                 at += 1
         if k > 0 and span[k] > 0.0:
             # what white noise and driving noise leave of the whole is that of misalignment, or of a bridged gap
+            for g in range(2):
+                _white(phi[k], span[k], 6 - 3 * g, unit[g])
             for i in range(NAV):
                 for j in range(STATES):
-                    total = 0.0
-                    for a in range(STATES):
-                        total += phi[k, i, a] * after[a, j]
-                    full[i, j] = total
-            _white(phi[k], span[k], 6, unit[0])
-            _white(phi[k], span[k], 3, unit[1])
-            rest = np.zeros(NAV)
-            for i in range(NAV):
-                total = before[i, i]
+                    row_of[j] = 0.0
+                for a in range(STATES):
+                    for j in range(STATES):
+                        row_of[j] += phi[k, i, a] * after[a, j]
+                rest[i] = before[i, i] - (noise[0] * unit[0, i, i] + noise[3] * unit[1, i, i])
                 for j in range(STATES):
-                    total -= full[i, j] * phi[k, i, j]
-                total -= noise[0] * unit[0, i, i] + noise[3] * unit[1, i, i]
-                rest[i] = total
+                    rest[i] -= row_of[j] * phi[k, i, j]
             turned = max(0.0, rest[6] + rest[7] + rest[8]) / 3.0
             pushed = max(0.0, rest[3] + rest[4] + rest[5]) / 3.0
-            white[k, GYRO], white[k, ACCEL] = unit[0], unit[1]
+            by_axes = 0.0
             if bridged[k]:
                 bridge[k, 0], bridge[k, 1] = pushed, turned
-            else:
-                if noise[18] > 0.0:
-                    white[k, GYRO_AXES] = unit[0] * (turned / noise[18] / span[k])
-                    for i in range(3, 6):
-                        pushed -= turned / span[k] * unit[0, i, i] / 3.0
-                if noise[19] > 0.0:
-                    white[k, ACCEL_AXES] = unit[1] * (max(0.0, pushed) / noise[19] / span[k])
+            elif noise[18] > 0.0:
+                by_axes = turned / span[k]
+                for i in range(3, 6):
+                    pushed -= by_axes * unit[0, i, i] / 3.0
+            by_push = 0.0
+            if not bridged[k] and noise[19] > 0.0:
+                by_push = max(0.0, pushed) / noise[19] / span[k]
+            for i in range(NAV):
+                for j in range(NAV):
+                    gyro, accel = unit[0, i, j], unit[1, i, j]
+                    white[k, GYRO, i, j], white[k, ACCEL, i, j] = gyro, accel
+                    if by_axes > 0.0:
+                        white[k, GYRO_AXES, i, j] = gyro * (by_axes / noise[18])
+                    white[k, ACCEL_AXES, i, j] = accel * by_push
         if kind[k] == RESTART:
             for i in range(OPENED):
                 restart[k, i] = before[i, i] - (after[i, i] if i > 5 else 0.0)
-            after[:] = before
-            continue
-        if kind[k] == COAST:
-            after[:] = before
-            continue
-        count = 0
-        rows = np.zeros(6, dtype=np.int64)
-        for i in range(6):
-            if kind[k] & (1 << i):
-                rows[count] = i
-                count += 1
-            z[k, i] = row[RESIDUAL + i]
+        if kind[k] > COAST:
+            for i in range(6):
+                z[k, i] = row[RESIDUAL + i]
+                for j in range(n):
+                    h[k, i, j] = row[JACOBIAN + n * i + j]
+        for i in range(n):
             for j in range(n):
-                h[k, i, j] = row[JACOBIAN + n * i + j]
-        used, s, residual = np.zeros((count, n)), np.zeros((count, count)), np.zeros(count)
-        for i in range(count):
-            used[i] = h[k, rows[i]]
-            residual[i] = z[k, rows[i]]
-        ph = np.dot(before, used.T)
-        for i in range(count):
-            for j in range(count):
-                total = row[NOISE + 6 * rows[i] + rows[j]]
-                for a in range(n):
-                    total += used[i, a] * ph[a, j]
-                s[i, j] = total
-        gain = np.dot(ph, inverse(s))
-        fed[k] = np.dot(gain, residual)
-        after[:] = before - np.dot(gain, ph.T)
+                after[i, j] = before[i, j]
+        inverse = used(row, n, before, residual, used_h, hp)
+        for a in range(inverse.shape[0]):
+            for b in range(inverse.shape[0]):
+                for i in range(n):
+                    share = inverse[a, b] * hp[b, i]  # of the gain
+                    fed[k, i] += share * residual[a]
+                    for j in range(n):
+                        after[i, j] -= share * hp[a, j]
     return span, kind, phi, white, bridge, z, h, fed, correction, restart
 
 
@@ -186,8 +177,15 @@ def innovations(  # type: ignore[no-untyped-def]
                     for j in range(3):
                         fade[lasting + j] = np.exp(-dt / lasting_time)
             f = phi[k]
-            np.dot(f, p[:STATES], w)
             for i in range(NAV):
+                for j in range(n):
+                    w[i, j] = 0.0
+                for a in range(STATES):
+                    share = f[i, a]
+                    if share != 0.0:
+                        source = p[a]
+                        for j in range(n):
+                            w[i, j] += share * source[j]
                 moved[i] = 0.0
                 for a in range(STATES):
                     moved[i] += f[i, a] * mean[a]

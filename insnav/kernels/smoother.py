@@ -78,6 +78,50 @@ def keep_measurement(row, kind, source, z, h, r):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True)
+def used(row, n, p, z, h, hp):  # type: ignore[no-untyped-def]
+    """Measurement of an epoch by the rows that were used of it: ``z``, ``H`` and ``H P``; inverse of ``H P H' + R``.
+
+    `row` (width(n),); `p` (n, n): covariance before it; filled from the front: `z` (6,), `h`, `hp` (6, n).
+    Returns: inverse (m, m), of no rows at an epoch without a measurement.
+    """
+    rows = np.zeros(6, dtype=np.int64)
+    m = 0
+    for i in range(6):
+        if int(row[KIND]) > COAST and int(row[KIND]) & (1 << i):
+            rows[m] = i
+            m += 1
+    s = np.zeros((m, m))
+    for i in range(m):
+        z[i] = row[RESIDUAL + rows[i]]
+        for j in range(n):
+            h[i, j] = row[JACOBIAN + n * rows[i] + j]
+            hp[i, j] = 0.0
+        for a in range(n):
+            share = h[i, a]
+            if share != 0.0:
+                for j in range(n):
+                    hp[i, j] += share * p[a, j]
+        for j in range(i + 1):
+            total = row[NOISE + 6 * rows[i] + rows[j]]
+            for a in range(n):
+                total += hp[i, a] * h[j, a]
+            s[i, j] = s[j, i] = total
+    return inverse(s)
+
+
+@njit(cache=True)
+def product(a, b, out):  # type: ignore[no-untyped-def]
+    """Product of two matrices, row by row: numpy's takes seconds to compile."""
+    for i in range(a.shape[0]):
+        for j in range(b.shape[1]):
+            out[i, j] = 0.0
+        for k in range(b.shape[0]):
+            share = a[i, k]
+            for j in range(b.shape[1]):
+                out[i, j] += share * b[k, j]
+
+
+@njit(cache=True)
 def backward(history, n, adjoint, information, after, before, covariance, variance, innovations):  # type: ignore[no-untyped-def]
     """Carry the adjoint backwards through some epochs, and find the smoothed errors there.
 
@@ -89,87 +133,110 @@ def backward(history, n, adjoint, information, after, before, covariance, varian
     the prediction, by the filter before it (0 to 11) and smoothed (12 to 23), and the filter's variance of the attitude
     error about Down (24); elsewhere ``NaN``.
     """
-    p = np.zeros((n, n))
-    phi = np.zeros((n, n))
+    p, part, removed = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
+    z, h, hp, weight = np.zeros(6), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n))
+    pull, x, moved = np.zeros(6), np.zeros(10), np.zeros(n)
     for k in range(history.shape[0] - 1, -1, -1):
         row = history[k]
-        at = JACOBIAN + 6 * n
-        for i in range(NAV):
-            for j in range(STATES):
-                phi[i, j] = row[at]
-                at += 1
-        for i in range(NAV, n):
-            phi[i, i] = row[at]
-            at += 1
+        at = JACOBIAN + 6 * n + NAV * STATES + n - NAV
         for i in range(n):
             for j in range(i + 1):
-                p[i, j] = row[at]
-                p[j, i] = row[at]
+                p[i, j] = p[j, i] = row[at]
                 at += 1
-        kind = int(row[KIND])
-        error = np.dot(p, adjoint)
-        if kind > COAST:
-            m = 0
-            rows = np.zeros(6, dtype=np.int64)
-            for i in range(6):
-                if kind & (1 << i):
-                    rows[m] = i
-                    m += 1
-            h = np.zeros((m, n))
-            s = np.zeros((m, m))
-            z = np.zeros(m)
+        s = used(row, n, p, z, h, hp)
+        m = s.shape[0]
+        # (I - K H)' on the adjoint, where K = P H' S^-1, and H' S^-1 z to it
+        for i in range(m):
+            pull[i] = 0.0
+            for j in range(n):
+                weight[i, j] = 0.0  # S^-1 H
+                for a in range(m):
+                    weight[i, j] += s[i, a] * h[a, j]
+                pull[i] += hp[i, j] * adjoint[j]
+        for j in range(n):
             for i in range(m):
-                z[i] = row[RESIDUAL + rows[i]]
-                for j in range(n):
-                    h[i, j] = row[JACOBIAN + n * rows[i] + j]
-            ph = np.dot(p, h.T)
-            for i in range(m):
-                for j in range(m):
-                    total = row[NOISE + 6 * rows[i] + rows[j]]
-                    for a in range(n):
-                        total += h[i, a] * ph[a, j]
-                    s[i, j] = total
-            weight = np.dot(inverse(s), h)  # S^-1 H
-            # (I - K H)' on the adjoint, where K = P H' S^-1
-            adjoint -= np.dot(weight.T, np.dot(ph.T, adjoint))
-            error = np.dot(p, adjoint)
-            for i in range(STATES):
-                after[k, i] = error[i]
-            adjoint += np.dot(weight.T, z)
-            error = np.dot(p, adjoint)
-            gain = np.dot(ph, weight)  # K H
-            for i in range(n):
-                for j in range(n):
-                    gain[i, j] = (1.0 if i == j else 0.0) - gain[i, j]
-            information[:] = np.dot(gain.T, np.dot(information, gain)) + np.dot(h.T, weight)
-        else:
-            for i in range(STATES):
-                after[k, i] = error[i]
-        removed = np.dot(p, np.dot(information, p))
+                adjoint[j] -= weight[i, j] * pull[i]
         for i in range(STATES):
-            before[k, i] = error[i]
-        at_fix_time(p - 0.5 * (removed + removed.T), row[STATE:CORRECTION], covariance[k])
+            total = 0.0
+            for j in range(n):
+                total += p[i, j] * adjoint[j]
+            after[k, i] = total
+        for j in range(n):
+            for i in range(m):
+                adjoint[j] += weight[i, j] * z[i]
+        # (I - K H)' information (I - K H) + H' S^-1 H
+        for i in range(n):
+            for a in range(m):
+                total = 0.0
+                for j in range(n):
+                    total += information[i, j] * hp[a, j]
+                for j in range(n):
+                    part[i, j] = total * weight[a, j] + (part[i, j] if a > 0 else 0.0)
+            for j in range(n if m > 0 else 0):
+                information[i, j] -= part[i, j]
+        for a in range(m):
+            for j in range(n):
+                moved[j] = -h[a, j]
+                for i in range(n):
+                    moved[j] += hp[a, i] * information[i, j]
+            for j in range(n):
+                part[a, j] = moved[j]
+        for i in range(n):
+            for a in range(m):
+                for j in range(n):
+                    information[i, j] -= weight[a, i] * part[a, j]
+        product(p, information, part)
+        product(part, p, removed)
+        for i in range(n):
+            moved[i] = 0.0  # error before the measurement
+            for j in range(n):
+                moved[i] += p[i, j] * adjoint[j]
+                part[i, j] = p[i, j] - 0.5 * (removed[i, j] + removed[j, i])
+        for i in range(STATES):
+            before[k, i] = moved[i]
         for i in range(SENSOR):
             variance[k, i] = p[NAV + i, NAV + i] - removed[NAV + i, NAV + i]
-        _compare(row, n, p, removed, error, innovations[k])
-        if kind == RESTART:  # later measurements say nothing of earlier states
-            adjoint[:] = 0.0
-            information[:] = 0.0
-        else:
-            adjoint[:] = np.dot(phi.T, adjoint)
-            information[:] = np.dot(phi.T, np.dot(information, phi))
-            for i in range(n):
-                for j in range(i):
-                    mean = 0.5 * (information[i, j] + information[j, i])
-                    information[i, j] = mean
-                    information[j, i] = mean
+        for i in range(10):
+            x[i] = row[STATE + i]
+        at_fix_time(part, x, covariance[k])
+        _compare(row, n, p, removed, moved, innovations[k])
+        _past(row, n, adjoint, information, part, moved)
+
+
+@njit(cache=True)
+def _past(row, n, adjoint, information, part, moved):  # type: ignore[no-untyped-def]
+    """Carry adjoint and information to the epoch before; `part` (n, n), `moved` (n,): work space."""
+    rest = 0.0 if int(row[KIND]) == RESTART else 1.0  # later measurements say nothing of states before a reset
+    first, at = JACOBIAN + 6 * n, JACOBIAN + 6 * n + NAV * STATES - NAV
+    # phi = [[A, B], [0, diag(d)]]: information phi, then phi' of that
+    for i in range(n):
+        for j in range(n):
+            part[i, j] = information[i, j] * row[at + j] if j >= NAV else 0.0
+        for k in range(NAV):
+            for j in range(STATES):
+                part[i, j] += information[i, k] * row[first + k * STATES + j]
+        moved[i] = adjoint[i] * row[at + i] if i >= NAV else 0.0
+    for k in range(NAV):
+        for j in range(STATES):
+            moved[j] += row[first + k * STATES + j] * adjoint[k]
+    for i in range(n):
+        adjoint[i] = rest * moved[i]
+        for j in range(n):
+            information[i, j] = part[i, j] * row[at + i] if i >= NAV else 0.0
+        for k in range(NAV if i < STATES else 0):
+            for j in range(n):
+                information[i, j] += row[first + k * STATES + i] * part[k, j]
+    for i in range(n):
+        for j in range(i + 1):
+            information[i, j] = information[j, i] = rest * 0.5 * (information[i, j] + information[j, i])
 
 
 @njit(cache=True)
 def _compare(row, n, p, removed, error, out):  # type: ignore[no-untyped-def]
     """Innovation of a fix, accepted or not, against filter and smoother."""
     if row[SOURCE] != FIX:
-        out[:] = np.nan
+        for i in range(25):
+            out[i] = np.nan
         return
     for i in range(6):
         at = JACOBIAN + n * i
