@@ -69,13 +69,14 @@ class Data:
         from insnav.session.read import read
 
         assert self.imu is not None
+        if self.imu.exists():
+            _compile_at_first()
         readings = read(self.imu, self.gps, self.ref, self.inputs)
         for facts in readings.facts.values():
             say_reading(facts)
         stage("aligning")
         drive = drive_of(readings)
         detail(f"IMU model: {drive.imu_spec.name}", drive.imu_chosen)
-        _say_if_compiling()
         return drive
 
     def save(self, outcome: Result[Any], folder: RunFolder, stage: Stages, **how: Any) -> tuple[Result[Any], Path]:
@@ -227,13 +228,14 @@ def _renamed(columns: Mapping[str, str]) -> str:
     )
 
 
-def _say_if_compiling() -> None:
+def _compile_at_first() -> None:
     """The first run after an installation compiles the kernels; say why it takes longer."""
-    from insnav.kernels import errorstate
+    from numba import config
 
-    if not hasattr(errorstate.propagate, "stats"):
+    from insnav.kernels import ahead
+
+    if config.DISABLE_JIT:
         note("NUMBA_DISABLE_JIT is set: the numerical kernels are interpreted, a thousand times slower")
-        return
-    cache = errorstate.propagate.stats.cache_path
-    if cache is None or not any(Path(cache).glob("errorstate.propagate-*.nbi")):
-        note("first run on this machine: compiling the numerical kernels, about 15 s; later runs start at once")
+    elif ahead.needed():
+        note("first run on this machine: compiling the numerical kernels, about 10 s; later runs start at once")
+        ahead.compile_ahead()

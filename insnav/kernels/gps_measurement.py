@@ -194,7 +194,10 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, out):  #
         sd[i] = np.sqrt(s[i, i]) if np.isfinite(z[i]) else np.nan
     distance = np.sqrt(z[0] ** 2 + z[1] ** 2 + z[2] ** 2)
     change = np.sqrt(z[3] ** 2 + z[4] ** 2 + z[5] ** 2)
-    return _nis(z, s, 0), _nis(z, s, 3), distance, change
+    half = np.empty(2)
+    for i in range(2):  # not by constants: for each of these there would be a compiled function
+        half[i] = _nis(z, s, 3 * i)
+    return half[0], half[1], distance, change
 
 
 @njit(cache=True)

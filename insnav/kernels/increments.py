@@ -173,7 +173,7 @@ def increments(  # type: ignore[no-untyped-def]
     `dtheta`, `dvel`, `coning`, `sculling` (m, 3): results; see `insnav.types.Increments`.
     """
     n = end.shape[0]
-    coefficient = np.zeros((6, WINDOW + 1))
+    coefficient, stage = np.zeros((6, WINDOW + 1)), np.empty((6, 3))
     node = np.empty(WINDOW + 2)
     table = np.empty(WINDOW + 2)
     wanted = WINDOW + 1 if instant else WINDOW
@@ -241,36 +241,18 @@ def increments(  # type: ignore[no-untyped-def]
                 else:
                     _irregular(k, a, size, instant, end, dt, gyro, accel, node, table, coefficient)
             mid = 0.5 * (b + e)
-            xb, yb, zb = (
-                h * _value(coefficient, 0, b),
-                h * _value(coefficient, 1, b),
-                h * _value(coefficient, 2, b),
-            )
-            xm, ym, zm = (
-                h * _value(coefficient, 0, mid),
-                h * _value(coefficient, 1, mid),
-                h * _value(coefficient, 2, mid),
-            )
-            xe, ye, ze = (
-                h * _value(coefficient, 0, e),
-                h * _value(coefficient, 1, e),
-                h * _value(coefficient, 2, e),
-            )
-            xh, yh, zh = (
-                _integral(coefficient, 0, mid) - _integral(coefficient, 0, b) - (5.0 * xb + 8.0 * xm - xe) / 24.0,
-                _integral(coefficient, 1, mid) - _integral(coefficient, 1, b) - (5.0 * yb + 8.0 * ym - ye) / 24.0,
-                _integral(coefficient, 2, mid) - _integral(coefficient, 2, b) - (5.0 * zb + 8.0 * zm - ze) / 24.0,
-            )
-            fm, gm, hm = (
-                h * _value(coefficient, 3, mid),
-                h * _value(coefficient, 4, mid),
-                h * _value(coefficient, 5, mid),
-            )
-            fe, ge, he = (
-                h * _value(coefficient, 3, e),
-                h * _value(coefficient, 4, e),
-                h * _value(coefficient, 5, e),
-            )
+            for i in range(3):
+                stage[0, i], stage[1, i] = h * _value(coefficient, i, b), h * _value(coefficient, i, mid)
+                stage[2, i] = h * _value(coefficient, i, e)
+                stage[3, i] = _integral(coefficient, i, mid) - _integral(coefficient, i, b)
+                stage[3, i] -= (5.0 * stage[0, i] + 8.0 * stage[1, i] - stage[2, i]) / 24.0
+                stage[4, i], stage[5, i] = h * _value(coefficient, i + 3, mid), h * _value(coefficient, i + 3, e)
+            xb, yb, zb = stage[0, 0], stage[0, 1], stage[0, 2]
+            xm, ym, zm = stage[1, 0], stage[1, 1], stage[1, 2]
+            xe, ye, ze = stage[2, 0], stage[2, 1], stage[2, 2]
+            xh, yh, zh = stage[3, 0], stage[3, 1], stage[3, 2]
+            fm, gm, hm = stage[4, 0], stage[4, 1], stage[4, 2]
+            fe, ge, he = stage[5, 0], stage[5, 1], stage[5, 2]
         if h == 1.0 and not instant:
             for i in range(3):
                 dtheta[m, i] = gyro[k, i]

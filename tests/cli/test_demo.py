@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
+import subprocess
+import sys
 from pathlib import Path
+
+import pytest
 
 from tests.cli.conftest import Cli, cli
 
@@ -21,3 +26,50 @@ def test_the_demo_says_its_command_and_that_command_gives_the_same(cli: Cli) -> 
     assert again.code == 0
     assert Path("demo", "smoothed.csv").read_bytes() == Path("again", "smoothed.csv").read_bytes()
     assert cli("demo").code == 4, "an existing result is not replaced unasked"
+
+
+COMPARE = """
+import sys
+from insnav.cli import main
+sys.argv = ["insnav", "demo", "--out", "demo", "--quiet"]
+try:
+    main()
+except SystemExit as end:
+    assert not end.code
+from insnav.kernels import ahead
+given = {}
+for kernel, *types in sum(ahead._kernels(), ()):
+    given.setdefault(kernel, set()).add(tuple(map(ahead._type, types)))
+for kernel, types in given.items():
+    print(kernel.py_func.__name__, set(kernel.signatures) == types)
+entered = {name for name, module in sys.modules.items() if name.startswith("insnav.kernels.")}
+for name in entered:
+    for kernel in vars(sys.modules[name]).values():
+        if getattr(kernel, "signatures", ()) and kernel not in given:
+            print(kernel.py_func.__name__, "is not compiled ahead")
+"""
+
+
+def test_what_a_first_run_compiles_ahead_is_what_a_run_needs(tmp_path: Path) -> None:
+    shown = subprocess.run([sys.executable, "-c", COMPARE], cwd=tmp_path, capture_output=True, text=True, check=True)
+    lines = shown.stdout.splitlines()
+    assert len(lines) > 20
+    assert [line for line in lines if not line.endswith("True")] == []
+
+
+def test_a_kernel_is_compiled_ahead_once_after_an_installation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from insnav.kernels import ahead, errorstate
+
+    class Stats:
+        cache_path = str(tmp_path)
+
+    class Kernel:
+        stats = Stats
+
+    monkeypatch.setattr(errorstate, "propagate", Kernel)
+    assert ahead.needed()
+    index = tmp_path / "errorstate.propagate-200.py311.nbi"
+    index.touch()
+    assert not ahead.needed()
+    os.utime(index, (1.0, 1.0))  # older than what is installed
+    assert ahead.needed()

@@ -1,0 +1,159 @@
+"""Kernels of a run compiled before they are needed, in as many processes as there are cores, up to four.
+
+Numba holds a lock while it compiles: threads would wait for each other. What a process compiles it leaves in numba's
+cache on the disk, for all others. ``python -m insnav.kernels.ahead SHARE SHARES`` is such a process.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from numba import types
+
+from insnav.kernels import (
+    aiding_measurements,
+    alignment,
+    errorstate,
+    gps_measurement,
+    health,
+    increments,
+    output,
+    smoother,
+)
+from insnav.kernels import noise_likelihood as likelihood
+
+MOST = 4  # processes: the longest kernel takes as long as a fourth of all
+
+
+def needed() -> bool:
+    """Whether the largest kernel has not been compiled on this machine since it was installed."""
+    folder = errorstate.propagate.stats.cache_path
+    if folder is None:
+        return True
+    installed = Path(errorstate.__file__).stat().st_mtime
+    return not any(index.stat().st_mtime > installed for index in Path(folder).glob("errorstate.propagate-*.nbi"))
+
+
+def compile_ahead() -> None:
+    """Compile all shares, one of them in this process; one that fails is made up for when a kernel is called."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    count = min(MOST, cores)
+    others = [
+        subprocess.Popen(
+            [sys.executable, "-m", __name__, str(share), str(count)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for share in range(1, count)
+    ]
+    try:
+        _compile(0, count)
+    except BaseException:
+        for other in others:
+            other.terminate()
+        raise
+    finally:
+        for other in others:
+            other.wait()
+
+
+def _compile(share: int, count: int) -> None:
+    collects = gc.isenabled()
+    gc.disable()  # a sixth of the time
+    for number, kernels in enumerate(_kernels()):
+        if number % count == share:
+            for kernel, *given in kernels:
+                kernel.compile(tuple(map(_type, given)))
+    if collects:
+        gc.enable()
+
+
+def _type(given: Any) -> Any:
+    """Numba's type of an argument: tuples of types have one, too."""
+    if not isinstance(given, tuple):
+        return given
+    return types.BaseTuple.from_types(tuple(map(_type, given)), type(given) if hasattr(given, "_fields") else None)
+
+
+def _kernels() -> Iterator[tuple[tuple[Any, ...], ...]]:
+    """Kernels with the types of their arguments, in groups that take equally long and share what they call."""
+    d, i, flag, d1, d2 = types.float64, types.int64, types.boolean, types.float64[::1], types.float64[:, ::1]
+    i1, d3, d4 = types.int64[::1], types.float64[:, :, ::1], types.float64[:, :, :, ::1]
+    yield (
+        (alignment.joined, d1, d1, d2, d2, i1, d1, flag, i, d2),
+        (alignment.level_history, d1, d2, d2, d, d1, d2),
+        (alignment.gyro_history, d1, d1, d1, d2, d2, d2, d2),
+        (alignment.felt_changes, d1, d1, d2, d2, d1, d1, d1, d2, d3),
+        (health.glance, d2, d2, d1, d1),
+        (increments.increments, flag, d1, d1, d2, d2, i1, d4, d4, i1, d1, d1, d2, d2, d2, d2),
+    )
+    yield (
+        (gps_measurement.inverse, d2),
+        (smoother.width, i),
+        (smoother.keep, d1, d, d1, d1, d2, d2),
+        (smoother.keep_state, d1, d1, d1),
+        (smoother.keep_measurement, d1, i, i, d1, d2, d2),
+        (likelihood.tape, d2, i, d1, d1, types.boolean[::1]),
+        (smoother.backward, d2, i, d1, d2, d2, d2, d3, d2, d2),
+        (smoother.apply, d1, d2, d2, d1, d2, d2, d3),
+    )
+    yield (
+        (errorstate.at_fix_time, d2, d1, d2),
+        (errorstate.move_along, d2, d1),
+        (
+            errorstate.propagate,
+            *(i, i, flag),
+            errorstate.Samples(*(d1, d1, d2, d2, d2, d2, d1)),
+            errorstate.Carried(*5 * [d1]),
+            errorstate.Model(*4 * [d1]),
+            errorstate.Moments(*3 * [d2]),
+            errorstate.Outputs(d1, d1, d2, d2),
+            i,
+            (d2, d2, d2, d1, d2, d2, d1, d2, d2),
+        ),
+        (errorstate.reset_transition, d2, d2, d1),
+        (errorstate.feed_back, d1, d1, d1),
+    )
+    yield (
+        (aiding_measurements.zero_velocity, d1, d1, d1, d1, d2),
+        (aiding_measurements.innovation, d2, d1, d2, d1, i, i, d2),
+        (aiding_measurements.vehicle_velocity, d1, d1, d2, d1, d, d1, d2),
+        (gps_measurement.covariance_fault, d2),
+        (gps_measurement.measurement_fault, d1, d2, d2),
+        (gps_measurement.measurement_fault, d1, d2, types.float64[:, :]),
+        (
+            gps_measurement.assess,
+            gps_measurement.Predicted(d1, d1, d1, d1, d, d2),
+            gps_measurement.Fix(d1, d1, d1, d1),
+            *(d, d, d, i, i),
+            gps_measurement.Assessment(d1, d2, d2, d2, d1),
+        ),
+        (
+            likelihood.innovations,
+            (d1, i1, d3, d4, d2, d2, d3, d2, d2, d2),
+            d1,
+            d1,
+            d1,
+            d1,
+            i,
+            d1,
+            d,
+            d2,
+            (d1, d2),
+            d2,
+            d,
+            d2,
+        ),
+        (output.solution, d1, d2, i1, d2, d2, d2),
+    )
+
+
+if __name__ == "__main__":
+    _compile(int(sys.argv[1]), int(sys.argv[2]))
