@@ -230,11 +230,9 @@ def _renamed(columns: Mapping[str, str]) -> str:
 
 def _compile_at_first() -> None:
     """The first run after an installation compiles the kernels; say why it takes longer."""
-    from numba import config
-
     from insnav.kernels import ahead
 
-    if config.DISABLE_JIT:
+    if not hasattr(ahead.errorstate.propagate, "stats"):
         note("NUMBA_DISABLE_JIT is set: the numerical kernels are interpreted, a thousand times slower")
     elif ahead.needed():
         note("first run on this machine: compiling the numerical kernels, about 10 s; later runs start at once")
