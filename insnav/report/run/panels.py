@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.earth import ned_offset
-from insnav.errors.evaluated_run import EvaluatedRun
-from insnav.errors.gps_gaps import outages
+from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.panels import Curve, Panel, Shade, Track
