@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from insnav.exceptions import OutputError
 
-LARGE = 32 << 20  # bytes of an array that does not stay in memory
+LARGE = 16 << 20  # bytes of an array that does not stay in memory
 ROWS = 1 << 16  # of a block
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _mapped: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
@@ -88,6 +88,12 @@ def by_blocks(function: Callable[..., NDArray[Any]], *arrays: NDArray[Any]) -> N
 def steps(values: NDArray[Any]) -> NDArray[Any]:
     """Differences of successive values."""
     return by_blocks(np.subtract, values[1:], values[:-1])
+
+
+def every(array: NDArray[Any], step: int) -> NDArray[Any]:
+    """Each so-manieth row."""
+    size = step * max(1, LARGE // (step * max(array[:1].nbytes, 1)))
+    return np.concatenate([array[part][::step] for part in blocks(len(array), size=size)])
 
 
 def chosen(array: NDArray[Any], selection: NDArray[Any]) -> NDArray[Any]:

@@ -180,6 +180,7 @@ def joined(blocks: Iterable[Intervals]) -> Intervals:
     columns = ([some[:, which] for some in found] for which in (0, 1, slice(2, 5), slice(5, 8), 8))
     end, dt, gyro, accel, gap = (np.ascontiguousarray(spill.joined(some)) for some in columns)
     segment = np.cumsum(np.diff(gap, prepend=gap[:1]) != 0.0)
+    spill.release()
     return Intervals(end, dt, gyro, accel, segment, gap, instant=False)
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
+from insnav import spill
 from insnav.alignment.in_motion import velocity
 from insnav.kernels.alignment import level_history
 from insnav.kernels.earth import A
@@ -84,6 +85,7 @@ def _of_imu(parts: Intervals) -> _Track:
     turn, change = np.empty(n + 1), np.empty((n + 1, 2))
     level_history(parts.dt, parts.gyro * scale, parts.accel * scale, LEVELLING, turn, change)
     time = np.concatenate([[parts.end[0] - parts.dt[0]], parts.end])
+    spill.release()
     known = np.concatenate([[True], parts.gap == 0.0])
     if time[-1] - time[0] > LONG:
         known[: np.searchsorted(time, time[0] + LEVELLING)] = False  # until gravity is found

@@ -2,18 +2,42 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import itertools
 import os
 import signal
 import sys
-from importlib import import_module
 from typing import Any
 
 import typer
 from typer.main import get_command
 
-from insnav.cli import calibrate, console, signals
+from insnav.cli import (
+    acceptance,
+    align,
+    allan,
+    batch,
+    budget,
+    calibrate,
+    check,
+    compare,
+    console,
+    demo,
+    drift,
+    export,
+    imus,
+    outage,
+    platform_command,
+    regress,
+    report,
+    require,
+    run,
+    signals,
+    simulate,
+    tune,
+    verify,
+)
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand
 
@@ -35,26 +59,43 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-# each is the function of its name in a file of its name, in the order of the help
-COMMANDS = (
-    *("run", "batch", "check", "demo", "align", "compare", "report", "export", "outage", "budget", "require"),
-    *("simulate", "imus", "allan", "tune", "acceptance", "drift", "platform", "verify", "regress"),
-)
-for _name in COMMANDS:
-    _about = vars(import_module(f"insnav.cli.{_name}"))
+for _command in (
+    run.run,
+    batch.batch,
+    check.check,
+    demo.demo,
+    align.align,
+    compare.compare,
+    report.report,
+    export.export,
+    outage.outage,
+    budget.budget,
+    require.require,
+    simulate.simulate,
+    imus.imus,
+    allan.allan,
+    tune.tune,
+    acceptance.acceptance,
+    drift.drift,
+    platform_command.platform,
+    verify.verify,
+    regress.regress,
+):
+    _about = vars(sys.modules[_command.__module__])
     app.command(
-        _name,
+        _command.__name__,
         cls=GroupedCommand,
         context_settings=_about.get("SETTINGS"),
         help=_about["HELP"],
         short_help=_about.get("SHORT_HELP", _about["HELP"].partition("\n")[0]),
-    )(_about[_name])
+    )(_command)
 app.add_typer(calibrate.app, name="calibrate", help=calibrate.HELP, short_help=calibrate.SHORT_HELP)
 
 
 # options of earlier versions, which went by private words
 COMPLETE = "_INSNAV_COMPLETE"
 QUIET, VERBOSE = {"-q", "--quiet"}, {"-v", "--verbose"}
+LEAST_MEMORY = 1200 << 20  # of addresses, of which a third is used [bytes]
 RENAMED = {"--twins": "--replicas", "--raw": "--uncalibrated", "--workers": "--engine"}
 
 
@@ -109,11 +150,30 @@ def _run(arguments: list[str]) -> int:
     try:
         # not `app()`, which has its own words and exit codes for errors
         with command.make_context("insnav", arguments) as context:
+            _check_memory()
             command.invoke(context)
         sys.stdout.flush()
     except typer.Exit as end:
         return end.exit_code
     return 0
+
+
+def _check_memory() -> None:
+    """Refuse a limit that the libraries do not fit into: OpenBLAS does not end then, but asks for memory for ever."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
+        from insnav.exceptions import InputError
+
+        raise InputError(
+            "the memory does not suffice",
+            where="ulimit -v",
+            why=f"this process may address {limit >> 20} MB; with its libraries insnav needs {LEAST_MEMORY >> 20} MB",
+            fix="ulimit -v unlimited, or limit what is used instead of what is addressed: systemd-run -p MemoryMax=1G",
+        )
 
 
 def _explain(error: BaseException) -> int:
@@ -131,7 +191,8 @@ def _explain(error: BaseException) -> int:
     if isinstance(error, signals.Stopped):
         error_block("interrupted" if error.number == signal.SIGINT else "terminated", ())
         return 128 + error.number
-    if isinstance(error, MemoryError) or (isinstance(error, ImportError) and "map segment" in str(error)):
+    no_memory = isinstance(error, OSError) and error.errno == errno.ENOMEM
+    if isinstance(error, MemoryError) or no_memory or (isinstance(error, ImportError) and "map segment" in str(error)):
         error_block("the memory does not suffice", (("fix", "cut the recording, or give the process more memory"),))
         return 3
     if isinstance(error, BrokenPipeError):

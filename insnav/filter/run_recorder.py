@@ -40,7 +40,7 @@ CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long: time-correlated err
 # Mean NIS, by its expectation, beyond which the filter has diverged. A mean far below one is no divergence: stationary,
 # and with the cautious standard deviations of many receivers, it is the rule (30 minutes of a good recorded drive).
 TOO_LARGE = 5.0
-ROOM = 1 << 17  # outputs, first
+ROOM = 1 << 16  # outputs, first: these stay in memory
 
 
 class Record:
@@ -155,6 +155,7 @@ class Record:
             rows = np.searchsorted(self._time[:n], found.time[found.used] - 1e-6)
             moved = _moved(self._state[rows], delay_sd)
             smoothed = _smoothed(time, unmoved, filtered, found, axes_sd, delay_sd, clock, moved)
+        spill.release()
         return Run(
             solution=filtered,
             innovations=innovations,

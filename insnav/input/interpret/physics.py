@@ -51,13 +51,10 @@ def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: f
     width = min(max(3, round(1.0 / interval)), len(accel))
     n = len(accel) // width
     step = -(-n // _MAX_BLOCKS)
-    blocks = accel[: n * width].reshape(n, width, 3)[::step]
+    blocks = spill.every(accel[: n * width].reshape(n, width, 3), step)
     shake = blocks.std(axis=1).sum(axis=1)
     mean = blocks.mean(axis=1)[shake <= np.median(shake)]
-    spill.release()
-    every = -(-len(gyro) // _MAX_SAMPLES)
-    parts = spill.blocks(len(gyro), size=every * -(-spill.ROWS // every))
-    sample = np.abs(np.concatenate([gyro[part][::every] for part in parts]))
+    sample = np.abs(spill.every(gyro, -(-len(gyro) // _MAX_SAMPLES)))
     return Quiet(mean * scale, np.quantile(sample, 0.999, axis=0) * scale)
 
 
@@ -139,11 +136,8 @@ def turn_ratio(time: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[f
     if n < _MIN_GROUPS:
         return 0.0, 0.0
     step = -(-n // _MAX_GROUPS)
-    groups = []
-    for array in (time, gyro, accel):
-        groups.append(array[: 3 * n * width].reshape(n, 3, width, -1)[::step].mean(axis=2))
-        spill.release()
-    t, w, f = groups
+    grouped = (array[: 3 * n * width].reshape(n, 3, width, -1) for array in (time, gyro, accel))
+    t, w, f = (spill.every(array, step).mean(axis=2) for array in grouped)
     seen = (f[:, 2] - f[:, 0]) / (t[:, 2] - t[:, 0])
     expected = np.cross(f[:, 1], w[:, 1])
     both, seen2, expected2 = float(np.sum(seen * expected)), float(np.sum(seen**2)), float(np.sum(expected**2))

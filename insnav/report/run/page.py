@@ -40,8 +40,8 @@ PDF_PAGES = {
 }
 
 
-def page(result: Result[EvaluatedRun]) -> Page:
-    """Lay out a run."""
+def page(result: Result[EvaluatedRun], *, drawn: bool = True) -> Page:
+    """Lay out a run, or only what is said of it."""
     found = result.found
     reference = result.inputs["reference"].path if "reference" in result.inputs else ""
     accuracy, *others = run_sections(found, reference)
@@ -51,7 +51,7 @@ def page(result: Result[EvaluatedRun]) -> Page:
         Path(name).name,
         (run_line(result), *run_circles(found, Path(reference).name)),
         (
-            Section("", panels=run_panels(found), figures=run_figures(found), show="page"),
+            Section("", panels=run_panels(found) if drawn else (), figures=run_figures(found), show="page"),
             Section("", "Accuracy, stationary and moving", parts=(accuracy,), folded=True),
             Section("", "All figures of the run", parts=tuple(others), folded=True),
         ),
@@ -65,7 +65,7 @@ def page(result: Result[EvaluatedRun]) -> Page:
 
 def text(result: Result[EvaluatedRun], width: int | None = WIDTH) -> str:
     """Sum up a run in a few lines of some width."""
-    return "\n".join(brief_lines(page(result), result.found, width))
+    return "\n".join(brief_lines(page(result, drawn=False), result.found, width))
 
 
 def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from insnav.earth import ned_offset
-from insnav.errors.evaluated_run import EvaluatedRun, outages
+from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.gps_gaps import outages
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.panels import Curve, Panel, Shade, Track
 from insnav.report.series import Clock, broken_at_gaps, wrapped
-from insnav.types import BoolArray, EventKind, FloatArray, Run
+from insnav.types import BoolArray, EventKind, FloatArray, Run, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0
 
 LINK = "time"
 CHI2_95 = 7.815  # 95 % point of chi-square with 3 degrees of freedom
 MAP_POINTS = 2000
+DRAWN = 200_000  # rows of a solution at most
+T = TypeVar("T", Trajectory, TrajectoryErrors | None)
 EVENTS = 150  # most of a kind that are marked
 _NED, _RPH, _XYZ = ("north", "east", "down"), ("roll", "pitch", "heading"), ("x", "y", "z")
 GROUPS = (("position", "m", 1.0, _NED), ("velocity", "m/s", 1.0, _NED), ("attitude", "deg", DEG, _RPH))
@@ -45,9 +49,10 @@ class _Axis:
 
 def run_panels(found: EvaluatedRun) -> tuple[Track | Panel, ...]:
     """Give the map and every panel that there is something to show in."""
-    run = found.run
-    if len(run.solution.time) < 2:
+    if len(found.run.solution.time) < 2:
         return ()
+    found = _drawn(found)
+    run = found.run
     axis = _axis(run)
     panels = [
         *_state_panels(found, axis),
@@ -58,6 +63,21 @@ def run_panels(found: EvaluatedRun) -> tuple[Track | Panel, ...]:
         *_events(run, axis),
     ]
     return (run_track(found), *(each for each in panels if each.curves))
+
+
+def _drawn(found: EvaluatedRun) -> EvaluatedRun:
+    """What of a long run is drawn: every so-manieth row, more of which no screen shows."""
+    step = -(-len(found.run.solution.time) // DRAWN)
+    if step == 1:
+        return found
+
+    def some(rows: T) -> T:
+        return rows if rows is None else rows.rows(np.arange(0, len(rows.time), step))
+
+    run, smoothed = found.run, found.run.smoothed
+    smoothed = smoothed and replace(smoothed, solution=some(smoothed.solution))
+    run = replace(run, solution=some(run.solution), smoothed=smoothed)
+    return replace(found, run=run, errors=some(found.errors), smoothed_errors=some(found.smoothed_errors))
 
 
 def _axis(run: Run) -> _Axis:
