@@ -8,36 +8,13 @@ import itertools
 import os
 import signal
 import sys
+from importlib import import_module
 from typing import Any
 
 import typer
 from typer.main import get_command
 
-from insnav.cli import (
-    acceptance,
-    align,
-    allan,
-    batch,
-    budget,
-    calibrate,
-    check,
-    compare,
-    console,
-    demo,
-    drift,
-    export,
-    imus,
-    outage,
-    platform_command,
-    regress,
-    report,
-    require,
-    run,
-    signals,
-    simulate,
-    tune,
-    verify,
-)
+from insnav.cli import calibrate, console, signals
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand
 
@@ -59,36 +36,20 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-for _command in (
-    run.run,
-    batch.batch,
-    check.check,
-    demo.demo,
-    align.align,
-    compare.compare,
-    report.report,
-    export.export,
-    outage.outage,
-    budget.budget,
-    require.require,
-    simulate.simulate,
-    imus.imus,
-    allan.allan,
-    tune.tune,
-    acceptance.acceptance,
-    drift.drift,
-    platform_command.platform,
-    verify.verify,
-    regress.regress,
-):
-    _about = vars(sys.modules[_command.__module__])
+# each is the function of its name in a file of its name, in the order of the help
+COMMANDS = (
+    *("run", "batch", "check", "demo", "align", "compare", "report", "export", "outage", "budget", "require"),
+    *("simulate", "imus", "allan", "tune", "acceptance", "drift", "platform", "verify", "regress"),
+)
+for _name in COMMANDS:
+    _about = vars(import_module(f"insnav.cli.{_name}"))
     app.command(
-        _command.__name__,
+        _name,
         cls=GroupedCommand,
         context_settings=_about.get("SETTINGS"),
         help=_about["HELP"],
         short_help=_about.get("SHORT_HELP", _about["HELP"].partition("\n")[0]),
-    )(_command)
+    )(_about[_name])
 app.add_typer(calibrate.app, name="calibrate", help=calibrate.HELP, short_help=calibrate.SHORT_HELP)
 
 

@@ -11,15 +11,12 @@ import inspect
 import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
-
-import typer
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 from insnav.cli import parse
 from insnav.cli.console import Stages, detail, note, quiet_figures
-from insnav.cli.options import FILES
+from insnav.cli.options import FILES, argument, option
 from insnav.session.inputs import INPUTS, LOGS, Input, Inputs
 
 if TYPE_CHECKING:
@@ -35,7 +32,6 @@ _FILE_HELP = {
     "gps": "GPS fixes. [those in the IMU file]",
     "ref": "Reference trajectory, of position and as much else as it has.",
 }
-_UNRECORDED = ("out", "force", "as_json", "engine")  # these do not change what is found
 _NOTHING_NEW = re.compile(r"(time|positions) in \w+|.*: as stated")
 _FIRST_WORD = re.compile(r"^[a-z_-]+(?=[:,]|$)")
 _READER_OPTION = re.compile(r"imu-[a-z]+")
@@ -112,8 +108,9 @@ def takes_data(
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
         own = list(inspect.signature(function, eval_str=True).parameters.values())[1:]
-        parameters = [_argument(imu, optional)] if imu else []
-        parameters += [_file(name, needed) for name, needed in wanted.items()]
+        parameters = [_parameter("imu_file", Path, argument(imu, _IMU_HELP), needed=not optional)] if imu else []
+        for name, needed in wanted.items():
+            parameters.append(_parameter(name, Path, option(FILES, "FILE", _FILE_HELP[name]), needed=needed))
         parameters += [_option(INPUTS[key]) for key in keys]
         parameters += [_option(each) for each in logs.values()]
         parameters += own
@@ -124,13 +121,12 @@ def takes_data(
             inputs["logs"] = {
                 key: file for key, each in logs.items() if (file := options[_name(each)]) is not None
             } or None
-            recorded = {name: value for name, value in options.items() if name not in _UNRECORDED}
             data = Data(
                 options.get("imu_file"),
                 options.get("gps"),
                 options.get("ref"),
                 cast(Inputs, inputs),
-                {name: str(v) if isinstance(v, Path | StrEnum) else v for name, v in recorded.items()},
+                parse.configuration(options),
             )
             function(data, **{each.name: options[each.name] for each in own})
 
@@ -142,24 +138,11 @@ def takes_data(
     return decorate
 
 
-def _argument(metavar: str, optional: bool) -> inspect.Parameter:
-    argument = typer.Argument(metavar=metavar, help=_IMU_HELP, rich_help_panel=FILES)
-    return _parameter("imu_file", Path, argument, needed=not optional)
-
-
-def _file(name: str, needed: bool) -> inspect.Parameter:
-    option = typer.Option(f"--{name}", metavar="FILE", help=_FILE_HELP[name], rich_help_panel=FILES)
-    return _parameter(name, Path, option, needed=needed)
-
-
 def _option(what: Input) -> inspect.Parameter:
-    option = typer.Option(what.option, metavar=what.metavar, help=what.meaning, rich_help_panel=what.group)
+    literal: Any = Literal  # of words that are known only here
     kinds: dict[str, type] = {"file": Path, "number": float}
-    kind: Any = kinds.get(what.kind, str)
-    if what.choices:
-        make: Any = StrEnum  # its functional form takes names that are known only here
-        kind = make("Choice", {each: each for each in what.choices})
-    return _parameter(_name(what), kind, option)
+    kind = literal[what.choices] if what.choices else kinds.get(what.kind, str)
+    return _parameter(_name(what), kind, option(what.group, what.metavar, what.meaning, what.option))
 
 
 def _parameter(name: str, kind: Any, how: Any, *, needed: bool = False) -> inspect.Parameter:
@@ -193,7 +176,7 @@ def _value(what: Input, given: Any) -> Any:
         return _READ[what.kind](given, what.option)
     if what.kind == "number":
         return given * what.size
-    return str(given) if what.choices else given
+    return given
 
 
 def as_option(where: str) -> str:
@@ -230,11 +213,9 @@ def _renamed(columns: Mapping[str, str]) -> str:
 
 def _compile_at_first() -> None:
     """The first run after an installation compiles the kernels; say why it takes longer."""
-    from numba import config
-
     from insnav.kernels import ahead
 
-    if config.DISABLE_JIT:
+    if not hasattr(ahead.errorstate.propagate, "stats"):
         note("NUMBA_DISABLE_JIT is set: the numerical kernels are interpreted, a thousand times slower")
     elif ahead.needed():
         note("first run on this machine: compiling the numerical kernels, about 10 s; later runs start at once")

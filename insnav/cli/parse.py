@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -105,7 +104,5 @@ def named_numbers(text: str | None, option: str, example: str) -> dict[str, floa
 
 def configuration(options: dict[str, Any]) -> dict[str, Any]:
     """Options as the user gave them, for run.json; those that do not change its content are left out."""
-    kept = {
-        name: value for name, value in options.items() if name not in ("out", "force", "as_json", "workers", "engine")
-    }
-    return {name: str(value) if isinstance(value, Path | StrEnum) else value for name, value in kept.items()}
+    kept = {name: value for name, value in options.items() if name not in ("out", "force", "as_json", "engine")}
+    return {name: str(value) if isinstance(value, Path) else value for name, value in kept.items()}

@@ -1,8 +1,9 @@
-"""A run of the filter, evaluated against a reference where there is one."""
+"""A run of the filter, evaluated against a reference where there is one; the GPS outages in it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from insnav.types import EventKind, FloatArray, GpsData, Run, Trajectory
 _FEW, _MOST, _SAME = 10, 0.9, 1e-10  # epochs in common, and share of them that are the same [rad]: half a millimetre
 _REJECTED = 0.5  # share of rejected positions of a filter that is lost ...
 _LOST, _LOST_RESETS = 0.2, 3  # ... or after so many resets
+SHORTEST_OUTAGE_S = 2.0
+MISSED_FIXES = 3.0  # median intervals without a used position fix make an outage
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,3 +118,21 @@ def failure(run: Run) -> str:
     if resets >= _LOST_RESETS and lost > _LOST:
         return f"the filter was reset {resets} times, and {100.0 * lost:.0f} % of the positions were rejected"
     return ""
+
+
+def outages(run: Run) -> list[tuple[float, float]]:
+    """Start and end of the times without a used position fix, at the ends of the run too [s].
+
+    Returns: longer than `MISSED_FIXES` median intervals between fixes and than `SHORTEST_OUTAGE_S`; empty if the run
+    had no position fix at all.
+    """
+    fixes = run.innovations
+    processed = fixes.time[np.isfinite(fixes.innovation[:, 0:3]).any(axis=1)]
+    used = fixes.time[fixes.used_position]
+    if len(processed) < 2 or len(run.solution.time) == 0:
+        return []
+    limit = max(MISSED_FIXES * float(np.median(np.diff(processed))), SHORTEST_OUTAGE_S)
+    start, end = run.solution.time[0], run.solution.time[-1]
+    inside = used[(used > start) & (used < end)]
+    edges = np.concatenate(([start], inside, [end]))
+    return [(float(a), float(b)) for a, b in pairwise(edges) if b - a > limit]

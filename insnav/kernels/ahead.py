@@ -28,6 +28,7 @@ from insnav.kernels import (
 )
 from insnav.kernels import noise_likelihood as likelihood
 
+_tuple: Any = types.BaseTuple.from_types
 MOST = 4  # processes: the longest kernel takes as long as a fourth of all
 
 
@@ -79,13 +80,14 @@ def _type(given: Any) -> Any:
     """Numba's type of an argument: tuples of types have one, too."""
     if not isinstance(given, tuple):
         return given
-    return types.BaseTuple.from_types(tuple(map(_type, given)), type(given) if hasattr(given, "_fields") else None)
+    return _tuple(tuple(map(_type, given)), type(given) if hasattr(given, "_fields") else None)
 
 
 def _kernels() -> Iterator[tuple[tuple[Any, ...], ...]]:
     """Kernels with the types of their arguments, in groups that take equally long and share what they call."""
-    d, i, flag, d1, d2 = types.float64, types.int64, types.boolean, types.float64[::1], types.float64[:, ::1]
-    i1, d3, d4 = types.int64[::1], types.float64[:, :, ::1], types.float64[:, :, :, ::1]
+    d: Any = types.float64
+    i, flag = types.int64, types.boolean
+    d1, d2, d3, d4, i1 = d[::1], d[:, ::1], d[:, :, ::1], d[:, :, :, ::1], i[::1]
     yield (
         (alignment.joined, d1, d1, d2, d2, i1, d1, flag, i, d2),
         (alignment.level_history, d1, d2, d2, d, d1, d2),
@@ -100,7 +102,7 @@ def _kernels() -> Iterator[tuple[tuple[Any, ...], ...]]:
         (smoother.keep, d1, d, d1, d1, d2, d2),
         (smoother.keep_state, d1, d1, d1),
         (smoother.keep_measurement, d1, i, i, d1, d2, d2),
-        (likelihood.tape, d2, i, d1, d1, types.boolean[::1]),
+        (likelihood.tape, d2, i, d1, d1, flag[::1]),
         (smoother.backward, d2, i, d1, d2, d2, d2, d3, d2, d2),
         (smoother.apply, d1, d2, d2, d1, d2, d2, d3),
     )
@@ -127,7 +129,7 @@ def _kernels() -> Iterator[tuple[tuple[Any, ...], ...]]:
         (aiding_measurements.vehicle_velocity, d1, d1, d2, d1, d, d1, d2),
         (gps_measurement.covariance_fault, d2),
         (gps_measurement.measurement_fault, d1, d2, d2),
-        (gps_measurement.measurement_fault, d1, d2, types.float64[:, :]),
+        (gps_measurement.measurement_fault, d1, d2, d[:, :]),
         (
             gps_measurement.assess,
             gps_measurement.Predicted(d1, d1, d1, d1, d, d2),

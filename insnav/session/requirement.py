@@ -13,8 +13,7 @@ from insnav.errors.budget.sampled_motion import REST, first_movement, sampled
 from insnav.errors.requirement.aided import aided_covariances, propagation
 from insnav.errors.requirement.allocation import allocate
 from insnav.errors.requirement.limit import Component, Requirement
-from insnav.errors.requirement.parts import candidates
-from insnav.errors.requirement.remedies import remedies
+from insnav.errors.requirement.parts import candidates, remedies
 from insnav.errors.requirement.sensitivity import start_shares
 from insnav.errors.requirement.study import RequirementStudy
 from insnav.errors.requirement.verification import LARGER, Verified, verify

@@ -65,11 +65,10 @@ def test_p3_a_name_that_no_file_system_takes(tmp_path: Path):
 
 
 def test_n30_without_a_compiler_it_is_only_slower(monkeypatch, capsys):
-    import numba
-
     from insnav.cli import data_options
+    from insnav.kernels import errorstate
 
-    monkeypatch.setattr(numba.config, "DISABLE_JIT", True)
+    monkeypatch.setattr(errorstate, "propagate", lambda: None)
     data_options._compile_at_first()
     assert "interpreted" in capsys.readouterr().err
 

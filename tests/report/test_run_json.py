@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.errors.gps_gaps import outages
+from insnav.errors.evaluated_run import outages
 from insnav.errors.metrics import position_errors
 from insnav.report.run_json import json_ready
 from insnav.types import EventKind

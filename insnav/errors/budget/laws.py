@@ -61,22 +61,16 @@ def _markov(order: int, z: FloatArray) -> FloatArray:
     small = np.minimum(z, _SERIES)
     series = np.zeros_like(small)
     for k in range(2 * order, 2 * order + 16):
-        if order == 1:
-            term = 2.0
-        elif order == 2:
-            term = 2.0 * (k - 1.0)
-        else:
-            term = (k - 1.0) * (k - 2.0)
+        term = (2.0, 2.0 * (k - 1.0), (k - 1.0) * (k - 2.0))[order - 1]
         series += (-1.0) ** k * term / math.factorial(k) * small**k
     large = np.maximum(z, _SERIES)
     fade = np.exp(-large)
-    if order == 1:
-        closed = 2.0 * (large - 1.0 + fade)
-    elif order == 2:
-        closed = 2.0 * (large**3 / 3.0 - large**2 / 2.0 + 1.0 - (1.0 + large) * fade)
-    else:
-        closed = large**5 / 10.0 - large**4 / 4.0 + large**3 / 3.0 - 2.0 + (large**2 + 2.0 * large + 2.0) * fade
-    return np.where(z < _SERIES, series, closed)
+    closed = (
+        2.0 * (large - 1.0 + fade),
+        2.0 * (large**3 / 3.0 - large**2 / 2.0 + 1.0 - (1.0 + large) * fade),
+        large**5 / 10.0 - large**4 / 4.0 + large**3 / 3.0 - 2.0 + (large**2 + 2.0 * large + 2.0) * fade,
+    )
+    return np.where(z < _SERIES, series, closed[order - 1])
 
 
 def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArray:

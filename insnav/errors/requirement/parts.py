@@ -1,21 +1,30 @@
-"""Which real IMUs meet a requirement after GPS ends, and how long each stays below a limit."""
+"""Which real IMUs meet a requirement after GPS ends, and what helps one that does not."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from insnav.errors.budget.sources import families, sources_of
 from insnav.errors.requirement.aided import Aiding, Propagation, error_curves
 from insnav.errors.requirement.limit import Requirement
-from insnav.imu import load_imu
+from insnav.imu import ImuSpec, load_imu
+from insnav.imu.error_terms import Sensor, terms_of
 from insnav.imu.library import Part, completed
 from insnav.types import FloatArray
+from insnav.units import PPM, UG
 
 Answer = Literal["yes", "likely", "open", "no"]
 LIMITS = (1.0, 10.0, 100.0)  # [m]
+# what a calibration leaves, one standard deviation: assumptions, as good benches reach them
+RATE_TABLE = {"scale_factor": 50.0 * PPM, "misalignment": 0.1e-3}  # of gyros
+NINE_POSITION = {"bias": 100.0 * UG, "scale_factor": 50.0 * PPM, "misalignment": 0.1e-3}  # of accelerometers
+STOPS = 10.0  # between zero-velocity updates [s]
+SHORT, LONG = 60.0, 300.0  # GPS before the outage [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,3 +88,98 @@ def _reaches(time: FloatArray, curve: FloatArray, limit: float) -> float:
     if k == 0:
         return 0.0
     return float(time[k - 1] + (limit - curve[k - 1]) / (curve[k] - curve[k - 1]) * (time[k] - time[k - 1]))
+
+
+@dataclass(frozen=True, slots=True)
+class Remedy:
+    """Something that changes the error."""
+
+    name: str
+    error: float  # at the time of the requirement, at its probability [m]
+    ratio: float  # to the error of the IMU as it is
+
+
+@dataclass(frozen=True, slots=True)
+class Elasticity:
+    """How the error follows the size of one family of errors of the IMU."""
+
+    family: str
+    halved: float  # relative change of the error if this family were half as large
+    elasticity: float  # logarithm of the error by that of the size
+
+
+def remedies(
+    required: Requirement, moved: Propagation, spec: ImuSpec, part: Part | None = None
+) -> tuple[tuple[Remedy, ...], tuple[Elasticity, ...]]:
+    """Work out every remedy for an IMU, and halve each of its errors. The first remedy is the IMU as it is."""
+    aiding = {
+        "as it is": Aiding(),
+        "NHC": Aiding(nhc=True),
+        "odometer": Aiding(odometer=True),
+        "NHC and odometer": Aiding(nhc=True, odometer=True),
+        f"ZUPT: a stop every {STOPS:g} s": Aiding(zupt_every=STOPS),
+        "barometer": Aiding(barometer=True),
+        "dual antenna: heading at every fix": Aiding(dual_antenna=True),
+        f"GPS of {SHORT:g} s only before the outage": Aiding(before=SHORT),
+    }
+    if min(moved.begins) <= SHORT:
+        aiding.popitem()
+    changed = {
+        "rate table: gyro scale factor, misalignment": at_most(spec, "gyro", RATE_TABLE),
+        "nine positions: accelerometer bias, scale factor, misalignment": at_most(spec, "accel", NINE_POSITION),
+    }
+    warm = None if part is None else at_constant_temperature(spec, part)
+    if warm is not None:
+        changed["warm-up, constant temperature: in-run bias of the Allan deviation"] = warm
+    names = [name for name in families(sources_of(spec)) if not name.startswith("initial")]
+    halves = [halved(spec, name) for name in names]
+    errors = {name: _errors(required, moved, [spec], each)[0] for name, each in aiding.items()}
+    others = _errors(required, moved, [*changed.values(), *halves], Aiding())
+    errors |= dict(zip(changed, others, strict=False))
+    base = errors["as it is"]
+    found = tuple(Remedy(name, error, error / base) for name, error in errors.items())
+    changes = [error / base for error in others[len(changed) :]]
+    return found, tuple(
+        Elasticity(name, change - 1.0, math.log(change) / math.log(0.5))
+        for name, change in zip(names, changes, strict=True)
+    )
+
+
+def _errors(required: Requirement, moved: Propagation, specs: Sequence[ImuSpec], aiding: Aiding) -> list[float]:
+    curves = error_curves(required, moved, specs, aiding)
+    return [float(np.interp(required.after, moved.after, curve)) for curve in curves]
+
+
+def at_most(spec: ImuSpec, sensor: Sensor, sizes: dict[str, float]) -> ImuSpec:
+    """Specification whose errors of a sensor are what a calibration leaves, where they were larger."""
+    old = getattr(spec, sensor)
+    new = replace(old, **{key: np.minimum(getattr(old, key), size) for key, size in sizes.items()})
+    return replace(spec, gyro=new) if sensor == "gyro" else replace(spec, accel=new)
+
+
+def at_constant_temperature(spec: ImuSpec, part: Part) -> ImuSpec | None:
+    """Specification with the in-run bias of the Allan deviation; None where no document has it or it counts."""
+    found = spec
+    for sensor in ("gyro", "accel"):
+        floors = [
+            figure.sd
+            for figure in part.figures
+            if figure.key == f"{sensor}.bias_instability" and figure.statistic == "Allan minimum"
+        ]
+        if floors:
+            least: FloatArray = np.minimum.reduce(floors)
+            smaller = np.minimum(getattr(found, sensor).bias_instability, least)
+            found = replace(found, **{sensor: replace(getattr(found, sensor), bias_instability=smaller)})
+    same = all(
+        np.array_equal(getattr(found, name).bias_instability, getattr(spec, name).bias_instability)
+        for name in ("gyro", "accel")
+    )
+    return None if same else found
+
+
+def halved(spec: ImuSpec, family: str) -> ImuSpec:
+    """Specification with one family of errors half as large."""
+    sensor, _, name = family.partition(" ")
+    key = next(term.key for term in terms_of("gyro" if sensor == "gyro" else "accel") if term.name == name)
+    old = getattr(spec, sensor)
+    return replace(spec, **{sensor: replace(old, **{key: 0.5 * getattr(old, key)})})

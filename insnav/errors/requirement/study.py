@@ -9,8 +9,7 @@ import numpy as np
 
 from insnav.errors.requirement.allocation import Allocation
 from insnav.errors.requirement.limit import Requirement
-from insnav.errors.requirement.parts import Candidate
-from insnav.errors.requirement.remedies import Elasticity, Remedy
+from insnav.errors.requirement.parts import Candidate, Elasticity, Remedy
 from insnav.errors.requirement.verification import Verified
 from insnav.types import FloatArray
 

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from insnav.errors.evaluated_run import EvaluatedRun
-from insnav.errors.gps_gaps import outages
+from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import MOVING_M_S, distance_and_time
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
 from insnav.report.numbers import distance_text, duration_text, number

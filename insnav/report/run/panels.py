@@ -9,8 +9,7 @@ from typing import TypeVar
 import numpy as np
 
 from insnav.earth import ned_offset
-from insnav.errors.evaluated_run import EvaluatedRun
-from insnav.errors.gps_gaps import outages
+from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.panels import Curve, Panel, Shade, Track

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from insnav.errors.evaluated_run import EvaluatedRun
-from insnav.errors.gps_gaps import outages
+from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_motion, distance_and_time, nees
 from insnav.errors.reference_offset import ReferenceOffset
 from insnav.filter.noise_identification import NoiseEstimate

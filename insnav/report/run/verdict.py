@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from insnav.errors.evaluated_run import EvaluatedRun
-from insnav.errors.gps_gaps import outages
+from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors, distance_and_time, nees
 from insnav.input.readers.reading import ReadingFacts
 from insnav.quantity import Quantity

@@ -12,10 +12,10 @@ import insnav
 from insnav.errors.budget.covariance import covariance
 from insnav.errors.budget.sampled_motion import sampled
 from insnav.errors.budget.sources import sources_of
-from insnav.errors.requirement import aided, remedies, sensitivity
+from insnav.errors.requirement import aided, sensitivity
 from insnav.errors.requirement.aided import Aiding, Propagation, aided_covariances, propagation
 from insnav.errors.requirement.limit import Requirement
-from insnav.errors.requirement.parts import candidates, coasting
+from insnav.errors.requirement.parts import STOPS, candidates, coasting, remedies
 from insnav.imu import ImuSpec, SensorSpec, load_imu
 from insnav.imu.library import find_part, parts
 from insnav.simulate.gps_errors import GpsErrors, GpsSpec
@@ -107,11 +107,11 @@ def test_answer_and_times_of_a_curve(moved: Propagation) -> None:
 def test_remedies_help_and_half_the_noise_is_better(moved: Propagation) -> None:
     part = find_part("ADIS16465-1")
     assert part is not None
-    found, elasticities = remedies.remedies(Requirement(5.0, 30.0), moved, part.spec, part)
+    found, elasticities = remedies(Requirement(5.0, 30.0), moved, part.spec, part)
     ratio = {each.name: each.ratio for each in found}
     assert ratio["as it is"] == 1.0
     assert ratio["NHC and odometer"] < min(ratio["NHC"], ratio["odometer"]) < 1.0
-    assert ratio[f"ZUPT: a stop every {remedies.STOPS:g} s"] < 0.5
+    assert ratio[f"ZUPT: a stop every {STOPS:g} s"] < 0.5
     assert any(name.startswith("warm-up") for name in ratio)
     change = {each.family: each.halved for each in elasticities}
     assert change["gyro white noise"] < -0.02
