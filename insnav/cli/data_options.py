@@ -213,9 +213,9 @@ def _renamed(columns: Mapping[str, str]) -> str:
 
 def _compile_at_first() -> None:
     """The first run after an installation compiles the kernels; say why it takes longer."""
-    from insnav.kernels import ahead
+    from insnav.kernels import ahead, errorstate
 
-    if not hasattr(ahead.errorstate.propagate, "stats"):
+    if not hasattr(errorstate.propagate, "stats"):
         note("NUMBA_DISABLE_JIT is set: the numerical kernels are interpreted, a thousand times slower")
     elif ahead.needed():
         note("first run on this machine: compiling the numerical kernels, about 10 s; later runs start at once")

@@ -89,7 +89,7 @@ def _kernels() -> Iterator[tuple[tuple[Any, ...], ...]]:
     i, flag = types.int64, types.boolean
     d1, d2, d3, d4, i1 = d[::1], d[:, ::1], d[:, :, ::1], d[:, :, :, ::1], i[::1]
     yield (
-        (alignment.joined, d1, d1, d2, d2, i1, d1, flag, i, d2),
+        (alignment.joined, d1, d1, d2, d2, d1, flag, i, i, d2),
         (alignment.level_history, d1, d2, d2, d, d1, d2),
         (alignment.gyro_history, d1, d1, d1, d2, d2, d2, d2),
         (alignment.felt_changes, d1, d1, d2, d2, d1, d1, d1, d2, d3),
