@@ -22,13 +22,13 @@ from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.gps_noise import OPEN_VELOCITY
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import CORRELATED, Prepared
-from insnav.filter.sensor_axes import errors_of_axes, size_of_misalignment
+from insnav.filter.sensor_axes import Misalignment, errors_of_axes, misalignment
 from insnav.filter.state_layout import first_state, layout
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
 from insnav.kernels import noise_likelihood as kernel
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
-from insnav.kernels.smoother import FIX, NOISE, SOURCE, TIME
+from insnav.kernels.smoother import COAST, FIX, NOISE, SOURCE, TIME
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData
 from insnav.units import G0, UNITS
 
@@ -42,6 +42,9 @@ CLEAN = 0.9973
 ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
 AXES_STEP = 1e-4  # of those by misalignments [rad]
+SETTLING = 4  # the attitude of a filter settles in this part of a drive, one in so many
+ENOUGH_FOR_AXES = 900.0  # of the record, where nothing else is looked for [s]
+WORTH_TURNING = 0.5  # of what is not known of attitude: if misalignments that are known do more, samples are corrected
 LARGEST_STEP = 1.5  # of a round, in logarithms
 ENOUGH = 0.6  # smaller gains of the log-likelihood end the search: an interval of 95 % is two wide
 NEAR = 3.0  # smaller ones end the first steps
@@ -98,6 +101,7 @@ class NoiseEstimate:
 
     spec: ImuSpec  # the IMU
     filter_spec: ImuSpec  # the same with the misalignment whose noise is that of the innovations
+    axes: Misalignment  # its misalignments
     position_factor: FloatArray  # (3,) of the standard deviations of positions, North, East, Down [-]
     velocity_factor: FloatArray  # (3,) of those of velocities [-]
     correlated: CorrelatedNoise | None  # time-correlated part of the position error
@@ -149,7 +153,7 @@ class InnovationLikelihood:
         fix = np.minimum(fix, gps.time.shape[0] - 1)
         self._sd = np.nan_to_num(np.hstack([gps.position_sd[fix], gps.velocity_sd[fix]]), nan=1.0)
         self._out = np.empty((2, 6 * rows.shape[0]))
-        self._axes = errors_of_axes(rows, self._tape[2], imu, ready.nominal)
+        self._axes, self._c = errors_of_axes(rows, self._tape[2], imu, ready.nominal)
         self.fixes = int(np.count_nonzero(self._offered & (self._tape[1] > 0)))
         self.parameters = self._choose(velocities=bool(np.isfinite(gps.v_n).all(axis=1).any()))
 
@@ -194,7 +198,7 @@ class InnovationLikelihood:
         return np.array([level, level, down]), velocity, float(share), float(np.exp(value["gps.correlation_time"]))
 
     def normalised(self, at: FloatArray, push: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-        """Innovations and their variances with a set of figures; `push` (m, 9): known errors that each span adds."""
+        """Innovations and their variances with a set of figures; `push` (m, 9) as of `kernel.innovations`."""
         model = error_model(self.spec(at), self._states)
         position, velocity, share, time = self.fixes_of(at)
         correlated = CorrelatedNoise(share, time, np.sqrt(share) * position * self.median_sd)
@@ -224,12 +228,24 @@ class InnovationLikelihood:
         )
         return self._out[0, :count].copy(), self._out[1, :count].copy()
 
-    def by_axes(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Curvature (12, 12) and slope (12,) of the log-likelihood by the misalignments [rad]."""
-        e, s = self.normalised(at)
-        by = np.array([(self.normalised(at, AXES_STEP * push)[0] - e) / AXES_STEP for push in self._axes])
-        weighted = by / (s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0))
-        return weighted @ by.T, -weighted @ e
+    def by_axes(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Curvature (12, 12) and slope (12,) of the log-likelihood by the misalignments [rad], and what these do.
+
+        That is the error of roll, pitch and heading by each (12, k, 3) [-]. All is of the settled filter: while the
+        heading is off by degrees, its products with tilts count as much as misalignments.
+        """
+        mean = np.zeros((self._offered.size, NAV))
+        e, s = self.normalised(at, mean)
+        by, turned, settled = [], [], slice(mean.shape[0] // SETTLING, None)
+        for axis in self._axes:
+            push = AXES_STEP * axis
+            by.append((self.normalised(at, push)[0] - e) / AXES_STEP)
+            tilt = (mean - push)[settled, 6:] / AXES_STEP
+            turned.append(np.column_stack([np.einsum("kji,kj->ki", self._c[settled], tilt)[:, :2], tilt[:, 2]]))
+        kind = self._tape[1][: settled.start]
+        late = slice(int(np.bitwise_count(kind[kind > COAST]).sum()), None)
+        weighted = np.array(by) / (s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0))
+        return weighted[:, late] @ np.transpose(by)[late], -weighted[:, late] @ e[late], np.array(turned)
 
     def bias_seen(self, at: FloatArray) -> float:
         """Negative log-likelihood of the gyro bias that a static alignment saw."""
@@ -401,8 +417,8 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     if share > 0.0:
         lasting = CorrelatedNoise(share, time, np.sqrt(share) * position * drive.median_sd)
     filter_spec = drive.spec(top.at)
-    sizes = _misalignment(posterior, top.at)
-    spec = _turned(drive.prior, filter_spec, sizes[0])
+    axes = _misalignment(drives, top.at, IMU_PRIOR["misalignment"])
+    spec = _turned(drive.prior, filter_spec, axes.size[0])
     spec = replace(
         spec,
         name=f"{spec.name}, as found",
@@ -412,11 +428,12 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     return NoiseEstimate(
         spec,
         filter_spec,
+        axes,
         position,
         velocity,
         lasting,
         tuple(
-            _figure(p, np.log(sizes) if p.key.endswith("misalignment") else x + INTERVAL * sd, drive.prior)
+            _figure(p, np.log(axes.size) if p.key.endswith("misalignment") else x + INTERVAL * sd, drive.prior)
             for p, x, sd in zip(posterior.parameters, top.at, np.sqrt(np.diag(top.covariance)), strict=True)
         ),
         before[2] - cost,
@@ -425,13 +442,13 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     )
 
 
-def _misalignment(posterior: _Posterior, at: FloatArray) -> tuple[float, float, float]:
-    """Size of the misalignments by that of the prior, and its interval of 95 %."""
-    prior = posterior.drives[0].prior
+def _misalignment(drives: Sequence[InnovationLikelihood], at: FloatArray, prior_sd: float) -> Misalignment:
+    """Misalignments of the IMU of all drives; attitude is that of the first."""
+    prior = drives[0].prior
     sd = np.concatenate([np.repeat(sensor.misalignment, 2) for sensor in (prior.gyro, prior.accel)])
-    seen = [drive.by_axes(at) for drive in posterior.drives]
-    fisher, slope = np.sum([each[0] for each in seen], axis=0), np.sum([each[1] for each in seen], axis=0)
-    return size_of_misalignment(fisher, slope, sd, IMU_PRIOR["misalignment"])
+    seen = [drive.by_axes(at) for drive in drives]
+    fisher, slope = (np.sum([each[i] for each in seen], axis=0) for i in (0, 1))
+    return misalignment(fisher, slope, seen[0][2], sd, prior_sd)
 
 
 def _turned(prior: ImuSpec, found: ImuSpec, size: float) -> ImuSpec:
@@ -464,43 +481,75 @@ def _figure(parameter: _Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
     return NoiseFigure(parameter.key, unit, prior, value, low, high, told)
 
 
-def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
-    """Noise of IMU and fixes from the innovations of one drive.
-
-    `spec`: IMU error specification it was prepared with: the prior.
-    Returns: none where the drive is too short to tell, or the filter diverges with the prior.
-    """
+def _likelihood(ready: Prepared, spec: ImuSpec) -> InnovationLikelihood | None:
+    """Innovations of a drive; none where it is too short to tell, or the filter diverges."""
     if _thinned(ready.gps).time.shape[0] < FEWEST:
         return None
     try:
         drive = InnovationLikelihood(ready, spec)
     except DivergenceError:
         return None
-    return maximise([drive]) if drive.fixes >= FEWEST else None
+    return drive if drive.fixes >= FEWEST else None
+
+
+def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
+    """Noise of IMU and fixes from the innovations of one drive; none where it tells none.
+
+    `spec`: IMU error specification it was prepared with: the prior.
+    """
+    drive = _likelihood(ready, spec)
+    return None if drive is None else maximise([drive])
+
+
+def with_known_noise(ready: Prepared, spec: ImuSpec) -> Prepared:
+    """The recording prepared with the misalignments that it tells, all noise as it is specified."""
+    drive = _likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if ready.model.axes_sd.any() else None
+    if drive is None:
+        return ready
+    at, correlated = np.array([p.middle for p in drive.parameters]), ready.settings.correlated
+    at[-2] = -np.inf
+    if correlated is not None:
+        at[-2:] = np.log([correlated.share / (LARGEST_SHARE - correlated.share), correlated.time])
+    return _with_axes(ready, _misalignment([drive], at, 0.0))
+
+
+def _with_axes(ready: Prepared, found: Misalignment) -> Prepared:
+    """Samples corrected by the misalignments found, and attitude as uncertain as these leave it.
+
+    Roll and pitch are told apart from biases by the prior of these, too: a correction is doubted by its own size.
+    """
+    imu, notes = ready.imu, ready.notes
+    if (np.abs(found.attitude) > WORTH_TURNING * found.attitude_sd).any():
+        imu = found.corrected(imu)
+        largest = 1e3 * float(np.abs(found.terms).max())
+        notes = (*notes, f"samples corrected by the misalignments found, up to {largest:.2g} mrad")
+    model = replace(ready.model, axes_sd=np.hypot(found.attitude_sd, found.attitude))
+    return replace(ready, imu=imu, model=model, notes=notes)
 
 
 def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
     """The recording prepared with the noise that was found."""
-    states = STATES if ready.model.sd[6:].any() else STATES - 6
-    model = replace(error_model(found.filter_spec, states), axes_sd=error_model(found.spec, states).axes_sd)
+    model = error_model(found.filter_spec, STATES if ready.model.sd[6:].any() else STATES - 6)
     gps = replace(
         ready.gps,
         position_sd=ready.gps.position_sd * found.position_factor,
         velocity_sd=ready.gps.velocity_sd * found.velocity_factor,
     )
-    return replace(
+
+    def start(initial: InitialState, alignment: Alignment) -> InitialState:
+        return _start(initial, alignment, ready.model, model, found.position_factor)
+
+    prepared = replace(
         ready,
         gps=gps,
         model=model,
         settings=replace(ready.settings, correlated=found.correlated),
-        initial=_start(ready.initial, ready.alignment, ready.model, model, found.position_factor),
-        parts=tuple(
-            replace(part, initial=_start(part.initial, part.alignment, ready.model, model, found.position_factor))
-            for part in ready.parts
-        ),
+        initial=start(ready.initial, ready.alignment),
+        parts=tuple(replace(part, initial=start(part.initial, part.alignment)) for part in ready.parts),
         notes=(*(each for each in ready.notes if not each.startswith(CORRELATED)), *_words(found)),
         noise=found,
     )
+    return _with_axes(prepared, found.axes)
 
 
 def _words(found: NoiseEstimate) -> list[str]:

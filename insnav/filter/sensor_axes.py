@@ -5,14 +5,19 @@ innovations in proportion, so that beside the filter they are a linear regressio
 recursive filtering", IEEE Trans. Autom. Control 14 (1969) 359-367. A drive tells some of them, and none that turns all
 sensors alike; but the IMU error specification has one size for all, and that of the terms seen is evidence of it. With
 so few the size is averaged over what is plausible: the most likely one would be too sure (D. J. C. MacKay, "Bayesian
-interpolation", Neural Computation 4 (1992) 415-447, has the evidence; its maximum is not used).
+interpolation", Neural Computation 4 (1992) 415-447, has the evidence; its maximum is not used). What the drive tells of
+each term corrects the samples; what it leaves open, by what it does to the attitude, is the part of the attitude's
+error that the filter does not know of (its "consider" covariance: S. F. Schmidt, "Application of state-space methods to
+navigation problems", Advances in Control Systems 3 (1966) 293-340).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
-from insnav import strapdown
+from insnav import spill, strapdown
 from insnav.attitude import dcm_from_quat
 from insnav.kernels.smoother import STATE, TIME
 from insnav.types import FloatArray, ImuData
@@ -21,11 +26,13 @@ TERMS = tuple((i, j) for i in range(3) for j in range(3) if i != j)  # axis i se
 GRID = np.linspace(-7.0, 4.0, 221)  # logarithm of the size, by the prior's
 
 
-def errors_of_axes(epochs: FloatArray, transition: FloatArray, imu: ImuData, nominal: float) -> FloatArray:
+def errors_of_axes(
+    epochs: FloatArray, transition: FloatArray, imu: ImuData, nominal: float
+) -> tuple[FloatArray, FloatArray]:
     """What one radian of each misalignment, gyros first, adds to the errors of the filter from epoch to epoch.
 
     `epochs` (m, width): history of the filter; `transition` (m, 9, 21); `imu`, `nominal`: samples, interval [s].
-    Returns: (12, m, 9) errors of position, velocity and attitude.
+    Returns: (12, m, 9) errors of position, velocity and attitude; (m, 3, 3) attitude matrices between the epochs.
     """
     time, q = epochs[:, TIME], epochs[:, STATE + 6 : STATE + 10].copy()
     q[1:] += np.sign(np.sum(q[1:] * q[:-1], axis=1))[:, None] * q[:-1]  # halfway from the epoch before
@@ -50,24 +57,56 @@ def errors_of_axes(epochs: FloatArray, transition: FloatArray, imu: ImuData, nom
         gyro[:, 3:6] = np.einsum("kij,kj->ki", transition[:, 3:6, 6:9], tilt) / 2.0
         gyro[:, :3] = np.einsum("kij,kj->ki", transition[:, :3, 6:9], tilt) / 3.0
         accel[:, :3] = np.einsum("kij,kj->ki", transition[:, :3, 3:6], speed) / 2.0
-    return found
+    return found, c
 
 
-def size_of_misalignment(
-    fisher: FloatArray, slope: FloatArray, sd: FloatArray, prior_sd: float
-) -> tuple[float, float, float]:
-    """Root mean square of the size of the misalignments by that of the specification, and its interval of 95 %.
+@dataclass(frozen=True, slots=True)
+class Misalignment:
+    """What a drive tells about misalignments."""
 
-    `fisher` (12, 12), `slope` (12,): curvature and slope of the log-likelihood by the terms; `sd` (12,): of the
-    specification [rad]; `prior_sd`: of the logarithm of the size.
+    size: tuple[float, float, float]  # root mean square by that of the specification, and its interval of 95 %
+    terms: FloatArray  # (12,) mean of each [rad]
+    attitude: FloatArray  # (3,) mean of what they do to roll, pitch, heading [rad]
+    attitude_sd: FloatArray  # (3,) standard deviation of that [rad]
+
+    def corrected(self, imu: ImuData) -> ImuData:
+        """Samples less what the terms make of them beside a bias."""
+
+        def of(values: FloatArray, terms: FloatArray) -> FloatArray:
+            askew = np.zeros((3, 3))
+            askew[tuple(np.transpose(TERMS))] = terms
+            mean = values.mean(axis=0)
+            return spill.by_blocks(lambda rows: rows - (rows - mean) @ askew.T, values)
+
+        count = len(TERMS)
+        return replace(imu, gyro=of(imu.gyro, self.terms[:count]), accel=of(imu.accel, self.terms[count:]))
+
+
+def misalignment(
+    fisher: FloatArray, slope: FloatArray, turned: FloatArray, sd: FloatArray, prior_sd: float
+) -> Misalignment:
+    """Misalignments from their likelihood.
+
+    `fisher` (12, 12), `slope` (12,): curvature and slope of the log-likelihood by the terms; `turned` (12, k, 3): error
+    of roll, pitch, heading at some epochs by each [-]; `sd` (12,): of the specification [rad]; `prior_sd`: of the
+    logarithm of the size, zero if the specification is that of this IMU.
     """
-    fisher, slope = fisher * np.outer(sd, sd), slope * sd
-    log = np.empty(GRID.size)
-    for k, x in enumerate(GRID):
-        curvature = fisher + np.exp(-2.0 * x) * np.eye(sd.size)
-        volume = np.linalg.slogdet(curvature)[1] + 2.0 * x * sd.size
-        log[k] = 0.5 * (slope @ np.linalg.solve(curvature, slope) - volume - (x / prior_sd) ** 2)
+    grid = GRID if prior_sd > 0.0 else np.zeros(1)
+    scaled, log = fisher * np.outer(sd, sd), -0.5 * (grid / max(prior_sd, 1e-9)) ** 2
+    means, spreads = np.empty((grid.size, sd.size)), np.empty((grid.size, sd.size, sd.size))
+    for k, x in enumerate(grid):
+        spreads[k] = np.linalg.inv(scaled + np.exp(-2.0 * x) * np.eye(sd.size))
+        means[k] = spreads[k] @ (slope * sd)
+        log[k] += 0.5 * (slope * sd @ means[k] + np.linalg.slogdet(spreads[k])[1]) - x * sd.size
     weight = np.exp(log - log.max())
     weight /= weight.sum()
-    low, high = np.exp(np.interp([0.025, 0.975], np.cumsum(weight), GRID)).tolist()
-    return float(np.sqrt(weight @ np.exp(2.0 * GRID))), low, high
+    low, high = np.exp(np.interp([0.025, 0.975], np.cumsum(weight), grid)).tolist()
+    terms = weight @ means
+    spread = np.einsum("k,kij->ij", weight, spreads) + (means - terms).T @ (weight[:, None] * (means - terms))
+    turned = turned * sd[:, None, None]
+    return Misalignment(
+        (float(np.sqrt(weight @ np.exp(2.0 * grid))), low, high),
+        sd * terms,
+        np.einsum("a,akx->x", terms, turned) / turned.shape[1],
+        np.sqrt(np.einsum("akx,ab,bkx->x", turned, spread, turned) / turned.shape[1]),
+    )

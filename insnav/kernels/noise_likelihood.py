@@ -155,8 +155,9 @@ def innovations(  # type: ignore[no-untyped-def]
     errors; `lasting`: first of three states of a time-correlated position error, or negative, with `lasting_sd` (3,)
     [m] and `lasting_time` [s]; `variance` (m, 6): white noise of the measurements; `start`: mean (n,) and covariance
     (n, n) of the error of the nominal run; `push` (m, 9): known errors that each span adds to position, velocity and
-    attitude; `limit`: an innovation beyond so many standard deviations is de-weighted, in the manner of Huber; `out`
-    (2, 6 m): filled with innovation and variance of every component of a measurement used, one given those before.
+    attitude, overwritten by the mean of these errors at the end of each epoch; `limit`: an innovation beyond so many
+    standard deviations is de-weighted, in the manner of Huber; `out` (2, 6 m): filled with innovation and variance of
+    every component of a measurement used, one given those before.
     Returns: number of components.
     """
     span, kind, phi, white, bridge, z, h, fed, correction, restart = run
@@ -270,5 +271,7 @@ def innovations(  # type: ignore[no-untyped-def]
                         target[j] -= share * ph[j]
             for a in range(n):
                 mean[a] -= fed[k, a]
+        for i in range(NAV):
+            push[k, i] = mean[i]
         last = correction[k]
     return count

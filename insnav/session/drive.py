@@ -28,7 +28,7 @@ from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.lever_check import lever_contradicted
 from insnav.filter.navigate import AidingChoice, aided, navigate_prepared
-from insnav.filter.noise_identification import identify_noise, with_noise
+from insnav.filter.noise_identification import identify_noise, with_known_noise, with_noise
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
@@ -234,7 +234,7 @@ class Drive:
         """
         ready = self.prepared(states)
         if not defaults.noise_is_estimated(self.readings.inputs, self.gps):
-            return ready, self.imu_spec
+            return with_known_noise(ready, self.imu_spec), self.imu_spec
         found = identify_noise(ready, self.imu_spec)
         if found is None:
             said = "IMU noise as in the preset: the drive is too short to tell more"

@@ -60,6 +60,14 @@ def recorded(seed: int, errors: GpsErrors | None = None, laps: int = LAPS) -> tu
     return imu, drives.noisy_gps(gps, rng) if errors is None else corrupt_gps(gps, errors, seed)
 
 
+def settled_attitude(ready: Prepared) -> FloatArray:
+    """Mean roll, pitch and heading after a quarter of a drive."""
+    navigator = ready.navigator()
+    navigator.feed(ready.imu)
+    rph = np.unwrap(navigator.finish().solution.rph, axis=0)
+    return np.asarray(rph[rph.shape[0] // 4 :].mean(axis=0))
+
+
 def random_run(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, ...]:
     """Epochs of no filter in particular: some with a position, some with a position and a velocity, some with none."""
     span = np.where(np.arange(m) == 0, 0.0, rng.uniform(0.1, 1.0, m))
@@ -88,6 +96,7 @@ def test_the_likelihood_is_that_of_a_textbook_filter():
     root, first = rng.standard_normal((n, n)), rng.standard_normal(n)
     out = np.empty((2, 6 * m))
     push = rng.standard_normal((m, 9))
+    pushed = push.copy()
     count = kernel.innovations(
         run, before, density, driving, decay, lasting, sd, time, variance, (first, root @ root.T), push, 1e9, out
     )
@@ -110,7 +119,7 @@ def test_the_likelihood_is_that_of_a_textbook_filter():
             q[9:21, 9:21] = np.diag(driving * dt)
             q[:9, 9:21] = 0.5 * dt * phi[k][:, 9:] * driving
             q[9:21, :9] = q[:9, 9:21].T
-            known = np.concatenate([push[k], np.zeros(n - 9)])
+            known = np.concatenate([pushed[k], np.zeros(n - 9)])
             known[9:21] = (np.exp(-before * dt) - np.exp(-decay * dt)) * correction[k - 1]
             mean, p = f @ mean + known, f @ p @ f.T + q
         used = [i for i in range(6) if kind[k] >> i & 1]
@@ -123,6 +132,7 @@ def test_the_likelihood_is_that_of_a_textbook_filter():
             keep = np.eye(n) - gain @ hk
             mean, p = mean + gain @ e - fed[k], keep @ p @ keep.T + gain @ r @ gain.T
             rows += len(used)
+        np.testing.assert_allclose(push[k], mean[:9], rtol=1e-9, atol=1e-9)
     assert count == rows
     assert found == pytest.approx(total, rel=1e-9)
 
@@ -232,20 +242,23 @@ def test_the_filter_is_set_up_with_what_was_found(found):
 def test_the_size_of_misalignments_is_found_and_the_axes_are_no_surer(true, low, high):
     """Constants, which are noise for the filter; 8 mrad in the specification, one size for all in the truth."""
     sensors = {name: replace(getattr(drives.SPEC, name), misalignment=np.full(3, 8e-3)) for name in ("gyro", "accel")}
-    spec, sizes = replace(drives.SPEC, **sensors), []
+    spec, sizes, off = replace(drives.SPEC, **sensors), [], []
     for seed in range(4):
         imu, gps = recorded(seed, laps=8)
         rng = np.random.default_rng([9, seed])
         gyro, accel = (np.eye(3) + true * rng.standard_normal((3, 3)) * (1.0 - np.eye(3)) for _ in range(2))
-        imu = replace(imu, gyro=imu.gyro @ gyro.T, accel=imu.accel @ accel.T)
-        ready = prepared(imu, gps, spec, seed, laps=8)
+        exact = prepared(imu, gps, spec, seed, laps=8)
+        ready = replace(exact, imu=replace(imu, gyro=imu.gyro @ gyro.T, accel=imu.accel @ accel.T))
         estimate = identify_noise(ready, spec)
         assert estimate is not None
         size = estimate.spec.gyro.misalignment / 8e-3
-        np.testing.assert_allclose(with_noise(ready, estimate).model.axes_sd, 8e-3 * size)
+        after = with_noise(ready, estimate)
+        assert np.all(after.model.axes_sd < 1.2 * 8e-3 * size)
+        off.append(np.abs(settled_attitude(after) - settled_attitude(exact)) / after.model.axes_sd)
         assert np.all(level_bias(estimate.spec.accel) > 0.999 * level_bias(estimate.filter_spec.accel))
         sizes.append(float(size[0]))
     assert low < np.sqrt(np.mean(np.square(sizes))) < high, sizes
+    assert true == 0.0 or np.mean(np.square(off)) < 2.0, off
 
 
 def test_what_a_misalignment_does_is_what_the_regression_says():
@@ -253,24 +266,59 @@ def test_what_a_misalignment_does_is_what_the_regression_says():
     imu, gps = recorded(5, laps=8)
     turned = np.eye(3)
     turned[1, 2] = 5e-3
-    slopes = []
+    slopes, attitudes = [], []
     for each in (imu, replace(imu, gyro=imu.gyro @ turned.T)):
-        drive = InnovationLikelihood(prepared(each, gps, drives.SPEC, 5, laps=8), drives.SPEC)
-        fisher, slope = drive.by_axes(np.array([p.middle for p in drive.parameters]))
+        ready = prepared(each, gps, drives.SPEC, 5, laps=8)
+        drive = InnovationLikelihood(ready, drives.SPEC)
+        fisher, slope, does = drive.by_axes(np.array([p.middle for p in drive.parameters]))
         slopes.append(slope)
+        attitudes.append(settled_attitude(ready))
     row = sensor_axes.TERMS.index((1, 2))
+    # the regression says what the filter itself does: an attitude that is off by most of the term
+    np.testing.assert_allclose(attitudes[1] - attitudes[0], 5e-3 * does[row].mean(axis=0), atol=0.1 * 5e-3)
+    assert np.abs(does[row].mean(axis=0)).max() > 0.5
     np.testing.assert_allclose(slopes[1] - slopes[0], 5e-3 * fisher[row], atol=0.1 * 5e-3 * fisher[row, row])
 
 
-def test_the_size_is_averaged_over_what_is_plausible():
+@pytest.mark.parametrize("prior_sd", [0.0, 1.0])
+def test_the_size_is_averaged_over_what_is_plausible(prior_sd):
     """Exact: terms seen without error; the posterior of one size is an integral that is done here by quadrature."""
     x = np.array([0.3, -1.2, 0.5])
     fisher, slope = np.diag(np.full(3, 1e8)), 1e8 * x
-    found, low, high = sensor_axes.size_of_misalignment(fisher, slope, np.ones(3), 1.0)
+    found = sensor_axes.misalignment(fisher, slope, np.ones((3, 1, 3)), np.ones(3), prior_sd)
+    np.testing.assert_allclose(found.terms, x, rtol=1e-6)
+    np.testing.assert_allclose(found.attitude, x.sum(), rtol=1e-6)
+    assert (found.attitude_sd < 1e-3).all()
+    if prior_sd == 0.0:
+        assert found.size == (1.0, 1.0, 1.0)
+        return
     k = np.exp(np.linspace(-6.0, 6.0, 20001))
     density = k**-3.0 * np.exp(-0.5 * np.sum(x**2) / k**2 - 0.5 * np.log(k) ** 2)  # by log k
-    assert found == pytest.approx(np.sqrt(np.sum(density * k**2) / np.sum(density)), rel=0.01)
+    rms, low, high = found.size
+    assert rms == pytest.approx(np.sqrt(np.sum(density * k**2) / np.sum(density)), rel=0.01)
     assert low < np.sqrt(np.mean(x**2)) < high
+
+
+def test_what_no_drive_tells_stays_as_specified():
+    """Each term turns all three angles by as much: their variances add up."""
+    found = sensor_axes.misalignment(np.zeros((4, 4)), np.zeros(4), np.ones((4, 5, 3)), np.full(4, 2e-3), 0.0)
+    np.testing.assert_allclose(found.attitude_sd, 2e-3 * np.sqrt(4.0))
+    assert not found.terms.any()
+
+
+def test_samples_lose_what_misalignments_make_of_them_beside_a_bias():
+    rng = np.random.default_rng(4)
+    imu = recorded(5, laps=1)[0]
+    terms = 5e-3 * rng.standard_normal(12)
+    turned = []
+    for k, values in enumerate((imu.gyro, imu.accel)):
+        askew = np.zeros((3, 3))
+        askew[tuple(np.transpose(sensor_axes.TERMS))] = terms[6 * k : 6 * k + 6]
+        turned.append(values + values @ askew.T)
+    found = sensor_axes.Misalignment((1.0, 1.0, 1.0), terms, np.zeros(3), np.zeros(3))
+    mended = found.corrected(replace(imu, gyro=turned[0], accel=turned[1]))
+    for each, true, askew in ((mended.gyro, imu.gyro, turned[0]), (mended.accel, imu.accel, turned[1])):
+        assert np.std(each - true, axis=0).max() < 0.02 * np.std(askew - true, axis=0).max()
 
 
 def test_a_short_drive_tells_nothing():
