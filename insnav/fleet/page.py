@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +136,7 @@ def _scored(row: Row, scores: Mapping[str, float]) -> Row:
     key = max(scores, key=lambda each: abs(scores[each]), default="")
     score = abs(scores.get(key, 0.0))
     label = next((label for name, _, _, label in _FIGURES if name == key and score > OUTLIER), "")
-    return Row(row.drive, row.light, row.reason, row.figures, row.noise, score, label)
+    return replace(row, score=score, stands_out=label)
 
 
 def vehicle_noise(rows: Iterable[Row]) -> dict[str, list[Quantity]]:

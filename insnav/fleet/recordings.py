@@ -24,7 +24,7 @@ _PARTS = ("imu", "gps", "ref")
 _Parts = dict[str, Path]  # file of each part
 
 
-def find_drives(folder: Path, without: Path, workers: Workers = 1) -> tuple[list[Drive], list[str]]:
+def find_drives(folder: Path, without: Path, workers: Workers) -> tuple[list[Drive], list[str]]:
     """Recordings in a folder and those in it, by what insnav recognises; results of insnav are left out.
 
     `without`: a folder not to look into.

@@ -120,12 +120,9 @@ def _height_of(gravity: float, lat: float) -> float:
     return float(brentq(excess, -HIGHEST, HIGHEST, xtol=1e-3))
 
 
-def first_movement(truth: Truth, lead: float = 1.0) -> float:
-    """Time from the start of a motion to its first movement, less `lead` [s]; 0 if it moves at once.
-
-    `lead`: so much earlier [s].
-    """
+def first_movement(truth: Truth) -> float:
+    """Time from the start of a motion to a second before its first movement [s]; 0 if it moves at once."""
     tau = np.arange(0.0, truth.duration, 0.5)
     speed = np.linalg.norm(truth.evaluate(truth.start + tau).v_n, axis=1)
     moving = np.flatnonzero(speed > 0.05)
-    return float(max(tau[moving[0]] - lead, 0.0)) if moving.size else 0.0
+    return float(max(tau[moving[0]] - 1.0, 0.0)) if moving.size else 0.0

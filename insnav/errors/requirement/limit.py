@@ -13,6 +13,7 @@ from scipy.special import erf
 from scipy.stats import beta, chi2
 
 from insnav.exceptions import ConfigError
+from insnav.sample_statistics import CONFIDENCE
 from insnav.types import FloatArray
 
 Component = Literal["horizontal", "vertical", "3d"]
@@ -127,9 +128,9 @@ def _table(axes: int, probability: float) -> tuple[FloatArray, FloatArray]:
     return grid, np.array(found).reshape((len(grid),) * (axes - 1))
 
 
-def binomial_interval(count: int, of: int, level: float = 0.95) -> tuple[float, float]:
-    """Interval of a probability, `count` of `of` trials known (Clopper and Pearson, Biometrika 26 (1934) 404)."""
-    tail = 0.5 * (1.0 - level)
+def binomial_interval(count: int, of: int) -> tuple[float, float]:
+    """95 % interval of a probability, `count` of `of` trials known (Clopper and Pearson, Biometrika 26 (1934) 404)."""
+    tail = 0.5 * (1.0 - CONFIDENCE)
     low = float(beta.ppf(tail, count, of - count + 1)) if count else 0.0
     high = float(beta.ppf(1.0 - tail, count + 1, of - count)) if count < of else 1.0
     return low, high

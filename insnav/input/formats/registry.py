@@ -52,14 +52,13 @@ def formats() -> tuple[Format, ...]:
     return tuple(cast(Format, module) for module in sorted(readers, key=lambda module: _LAST.get(module, 0)))
 
 
-def open_table(path: str | Path | Table, part: str = "", topics: Collection[str] = ()) -> Table:
+def open_table(path: str | Path | Table, part: str = "") -> Table:
     """Open a data file of any format, or standard input (``-``), and read its header.
 
-    `part` {"", "imu", "gps", "reference"}: which table is wanted if the file holds several; `topics`: the sensors to
-    take where there are several of a kind.
+    `part` {"", "imu", "gps", "reference"}: which table is wanted if the file holds several.
     Raises: InputError: the file cannot be read, is of no supported format, or does not hold that part.
     """
-    return path if isinstance(path, Table) else choose_table(open_tables(path), part, topics, plain_text(path))
+    return path if isinstance(path, Table) else choose_table(open_tables(path), part, (), plain_text(path))
 
 
 def open_tables(path: str | Path) -> Mapping[str, Table]:

@@ -58,9 +58,9 @@ def parse_number(cell: str, decimal: str) -> float:
     return float(cell.replace(",", ".") if decimal == "," else cell)
 
 
-def _is_number(cell: str, decimal: str) -> bool:
+def _is_number(cell: str) -> bool:
     try:
-        parse_number(cell, decimal)
+        parse_number(cell, ".")
     except ValueError:
         return False
     return bool(cell)
@@ -86,7 +86,7 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
     header_line = rows[0]
     delimiter = _delimiter(lines[header_line], sample)
     names = split_line(lines[header_line], delimiter)
-    numeric = sum(_is_number(cell, ".") or bool(_DECIMAL_COMMA.match(cell)) for cell in names)
+    numeric = sum(_is_number(cell) or bool(_DECIMAL_COMMA.match(cell)) for cell in names)
     if 2 * numeric >= sum(map(bool, names)):
         # The header may be the last comment, as numpy.savetxt and ROS write it.
         sample = [lines[header_line], *sample]
@@ -167,7 +167,7 @@ def _units_row(
         return None, body, sample
     cells = split_line(lines[body[0]], delimiter)
     words = [compact(cell) for cell in cells if compact(cell)]
-    if not words or any(_is_number(cell, ".") for cell in cells):
+    if not words or any(_is_number(cell) for cell in cells):
         return None, body, sample
     if sum(word in _UNITS for word in words) * 2 < len(words):
         return None, body, sample
