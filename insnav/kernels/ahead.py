@@ -7,6 +7,7 @@ cache on the disk, for all others. ``python -m insnav.kernels.ahead SHARE SHARES
 from __future__ import annotations
 
 import gc
+import hashlib
 import os
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from numba import __version__ as numba_version
 from numba import types
 
 from insnav.kernels import (
@@ -33,12 +35,15 @@ MOST = 4  # processes: the longest kernel takes as long as a fourth of all
 
 
 def needed() -> bool:
-    """Whether the largest kernel has not been compiled on this machine since it was installed."""
-    folder = errorstate.propagate.stats.cache_path
-    if folder is None:
-        return True
-    installed = Path(errorstate.__file__).stat().st_mtime
-    return not any(index.stat().st_mtime > installed for index in Path(folder).glob("errorstate.propagate-*.nbi"))
+    """Whether the kernels as they are now have not been compiled ahead on this machine."""
+    return not _mark().exists()
+
+
+def _mark() -> Path:
+    """File that says so, beside what numba keeps."""
+    sources = sorted(Path(__file__).parent.glob("*.py"))
+    content = hashlib.sha256(b"".join(source.read_bytes() for source in sources) + numba_version.encode())
+    return Path(errorstate.propagate.stats.cache_path or "") / f"ahead-{content.hexdigest()[:16]}"
 
 
 def compile_ahead() -> None:
@@ -63,6 +68,7 @@ def compile_ahead() -> None:
     finally:
         for other in others:
             other.wait()
+    _mark().touch()
 
 
 def _compile(share: int, count: int) -> None:

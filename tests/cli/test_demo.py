@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import subprocess
 import sys
@@ -57,19 +56,14 @@ def test_what_a_first_run_compiles_ahead_is_what_a_run_needs(tmp_path: Path) -> 
     assert [line for line in lines if not line.endswith("True")] == []
 
 
-def test_a_kernel_is_compiled_ahead_once_after_an_installation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kernels_are_compiled_ahead_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from insnav.kernels import ahead, errorstate
 
-    class Stats:
-        cache_path = str(tmp_path)
-
-    class Kernel:
-        stats = Stats
-
-    monkeypatch.setattr(errorstate, "propagate", Kernel)
+    monkeypatch.setattr(errorstate.propagate.stats.__class__, "cache_path", str(tmp_path), raising=False)
+    monkeypatch.setattr(ahead, "_kernels", tuple)
+    monkeypatch.setattr(ahead, "MOST", 1)
     assert ahead.needed()
-    index = tmp_path / "errorstate.propagate-200.py311.nbi"
-    index.touch()
+    ahead.compile_ahead()
     assert not ahead.needed()
-    os.utime(index, (1.0, 1.0))  # older than what is installed
+    monkeypatch.setattr(ahead, "numba_version", "another")
     assert ahead.needed()
