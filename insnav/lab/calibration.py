@@ -128,7 +128,7 @@ class Impact:
     corrected: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Calibration(Generic[R, D]):
     """What a calibration method found."""
 
@@ -144,6 +144,11 @@ class Calibration(Generic[R, D]):
     # the errors of rates and specific forces, where those of the file are of volts or counts too; see `physical`
     sensed: ImuErrors | None = None
     impact: tuple[Impact, ...] = ()  # on navigation
+
+    def __repr__(self) -> str:
+        """Method and extent; the numbers are in `parameters`."""
+        counts = f"{len(self.parameters)} parameters, {len(self.warnings)} warnings"
+        return f"{type(self).__name__}({self.method!r}, {counts})"
 
 
 class Method(Protocol[R, D]):

@@ -19,7 +19,8 @@ from insnav.regression.provenance import origin
 from insnav.regression.run_corpus import Result
 from insnav.regression.verdict import compare
 from insnav.report.regression.figures import draw_history, fitted
-from insnav.report.regression.page import PAGE, SECTION, write_pages
+from insnav.report.regression.page import PAGE, SECTION, markdown, peers_of, write_pages
+from insnav.report.regression.tables import PEERS
 from insnav.report.style import drawing
 from tests.regression.conftest import LIBRARY, THEN
 
@@ -63,6 +64,21 @@ def test_everything_is_drawn(count: int, result: Result, baseline: Baseline, tmp
     assert "| sculling | another | 0.100 | 0.200 | – |" in text
     assert THEN.computer in text
     assert all((tmp_path / name).is_file() for name in ("accuracy_cep50_m.png", "accuracy_growth.png"))
+
+
+def test_without_other_programs_their_table_stays_with_its_version(result: Result, baseline: Baseline):
+    peer = PeerRow("sculling", "another", (0.1, 0.2, None), (0.01, 0.02), 12.0)
+    comparison, later = compare(result, baseline), replace(THEN, version="0.9.9")
+    first = markdown(result, comparison, THEN, [peer], ())
+    kept = peers_of(first)
+    again = markdown(result, comparison, later, (), (), kept)
+    assert "| sculling | another | 0.100 | 0.200 | – |" in again
+    assert again.count(f"Version {THEN.version}") == again.count("Version 0.9.9") == 1
+    assert again.index("Version 0.9.9") < again.index(PEERS) < again.index(f"Version {THEN.version}")
+    assert peers_of(again) == kept
+    unstamped = first.replace(f"## {PEERS}\n\nVersion", f"## {PEERS}\n\nOf", 1)
+    assert sum(line.startswith(f"Version {THEN.version}") for line in peers_of(unstamped)) == 1
+    assert PEERS not in markdown(result, comparison, later, (), (), peers_of("# nothing"))
 
 
 def test_fifty_versions_can_be_read(result: Result, baseline: Baseline):

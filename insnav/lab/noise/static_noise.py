@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -159,13 +159,12 @@ def _of_record(imu: ImuData, record: EvenRecord) -> list[str]:
         kinds[event.action.split(":")[0]] = kinds.get(event.action.split(":")[0], 0) + 1
     warnings += [f"{count} times: {what}; still used here" for what, count in kinds.items()]
     steps, scatter = smallest_step(record.values), record.values.std(axis=0)
-    coarse = np.flatnonzero(steps > COARSE * scatter)
-    for column in coarse:
-        white = white_of_steps(float(steps[column]), record.interval)
-        warnings.append(
-            f"{AXES[column]}: quantisation step is {steps[column] / scatter[column]:.1f} sigma, alone a random walk of "
-            f"{_random_walk(white, int(column))}"
-        )
+    white = [white_of_steps(float(step), record.interval) for step in steps]
+    coarse = {
+        AXES[i]: f"{steps[i] / scatter[i]:.1f} sigma, alone a random walk of {_random_walk(white[i], i)}"
+        for i in np.flatnonzero(steps > COARSE * scatter).tolist()
+    }
+    warnings += _each("quantisation step is {}", coarse)
     if imu.temperature is not None:
         change = float(np.ptp(imu.temperature))
         if change > WARMING:
@@ -191,25 +190,36 @@ def _of_models(
             f"too short for the bias instability of {', '.join(short)}: the deviation still falls at the end of "
             f"{record.length:.4g} s"
         )
-    for i, model in enumerate(models):
-        if model is None:
-            warnings.append(f"{AXES[i]} never changes: no noise")
-            continue
-        if model.misfit > MISFIT:
-            warnings.append(
-                f"{AXES[i]}: noise model fits the Allan deviation within {0.5 * model.misfit:.0%} (vibration, a filter "
-                "in the sensor or temperature); intervals of coefficients include it"
-            )
-        if model.sinusoids:
-            lines = ", ".join(f"{_size(each.amplitude, i)} at {each.frequency:.4g} Hz" for each in model.sinusoids)
-            warnings.append(f"{AXES[i]}: sinusoidal noise (vibration, mains) of {lines}; imu.toml is without it")
-        if "R" in model.coefficients:
-            warnings.append(f"{AXES[i]} drifts steadily (rate ramp): warming up, mostly; filters ignore it")
+    known = {axis: model for axis, model in zip(AXES, models, strict=True) if model is not None}
+    quiet = [axis for axis in AXES if axis not in known]
+    misfit = {axis: f"{0.5 * model.misfit:.0%}" for axis, model in known.items() if model.misfit > MISFIT}
+    lines = {
+        axis: ", ".join(f"{_size(line.amplitude, axis)} at {line.frequency:.4g} Hz" for line in model.sinusoids)
+        for axis, model in known.items()
+        if model.sinusoids
+    }
+    ramps = [axis for axis, model in known.items() if "R" in model.coefficients]
+    if quiet:
+        warnings.append(f"{', '.join(quiet)} never change{'s' * (len(quiet) == 1)}: no noise")
+    warnings += _each(
+        "noise model fits the Allan deviation within {} (vibration, a filter in the sensor or temperature); intervals "
+        "of coefficients include it",
+        misfit,
+    )
+    warnings += _each("sinusoidal noise (vibration, mains) of {}; imu.toml is without it", lines)
+    if ramps:
+        drift = f"drift{'s' * (len(ramps) == 1)} steadily (rate ramp)"
+        warnings.append(f"{', '.join(ramps)} {drift}: warming up, mostly; filters ignore it")
     return warnings
 
 
-def _size(value: float, column: int) -> str:
-    return f"{value / DEG:.3g} deg/s" if column < 3 else f"{value:.3g} m/s^2"
+def _each(text: str, found: Mapping[str, str]) -> list[str]:
+    """One warning for all axes that it concerns, what there is to say of each in their order; none without any."""
+    return [f"{', '.join(found)}: {text.format(' / '.join(found.values()))}"] if found else []
+
+
+def _size(value: float, axis: str) -> str:
+    return f"{value / DEG:.3g} deg/s" if axis.startswith("gyro") else f"{value:.3g} m/s^2"
 
 
 def _random_walk(value: float, column: int) -> str:

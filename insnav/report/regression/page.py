@@ -19,10 +19,11 @@ from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import CaseResult, Result
 from insnav.regression.verdict import Change, Comparison
 from insnav.report.html import page_html
-from insnav.report.page import FigureSpec, Page, Section, Table, Verdict, section_tables
+from insnav.report.page import FigureSpec, Page, Section, Verdict, section_tables
 from insnav.report.regression.figures import draw_growth, draw_heat, draw_history, draw_predicted
 from insnav.report.regression.matrix import change_matrix, figures_tested, is_unclear, peer_matrix
 from insnav.report.regression.tables import (
+    PEERS,
     case_section,
     change_rows,
     change_text,
@@ -35,6 +36,7 @@ from insnav.report.style import drawing, save
 PAGE, SECTION = "accuracy.html", "accuracy.md"
 OVER_VERSIONS = ("cep50_m", "down_rms_m", "roll_pitch_rms_deg", "heading_rms_deg", "outage_60s_m", "nees_position")
 _WARNED = 3  # failing figures that are said before the matrix
+_MADE = "Version "  # how the line begins that says with what figures were made
 _IN_SECTION = ("accuracy_cep50_m", "accuracy_growth")
 
 
@@ -68,7 +70,9 @@ def write_pages(
     shown = replace(page, sections=(*page.sections, Section("", "Figures", figures=figures, folded=True)))
     write_text(folder / PAGE, page_html(shown, files))
     chosen = [(caption, file.name) for name, caption, file in drawn if name in _IN_SECTION]
-    write_text(folder / SECTION, markdown(result, comparison, now, peers, chosen))
+    section = folder / SECTION
+    kept = peers_of(section.read_text(encoding="utf-8")) if section.is_file() else ()
+    write_text(section, markdown(result, comparison, now, peers, chosen, kept))
     return [*files.values(), folder / PAGE, folder / SECTION]
 
 
@@ -198,25 +202,38 @@ def markdown(
     now: Origin,
     peers: Sequence[PeerRow],
     pictures: Sequence[tuple[str, str]],
+    kept: Sequence[str] = (),
 ) -> str:
-    """Write the section for the README: plots and tables in Markdown."""
-    lines = ["# Accuracy on the corpus", "", _where(now), ""]
+    """Write the section for the README: plots and tables in Markdown; `kept`: other programs if none were run now."""
+    made = _where(now)
+    lines = ["# Accuracy on the corpus", "", made, ""]
     for caption, name in pictures:
         lines += [f"![{caption}]({name})", ""]
-    sections = [case_section(result, comparison), *([peer_section(peers)] if peers else [])]
-    for table in (table for section in sections for table in section_tables(section)):
-        lines += [f"## {table.title}", "", *_markdown(table), "", table.note, ""]
+    lines += _table(case_section(result, comparison))
+    lines += _table(peer_section(peers), made) if peers else kept
     return "\n".join([*lines, *(f"- {rule}" for rule in rules()), ""])
 
 
-def _markdown(table: Table) -> list[str]:
-    def line(cells: Sequence[str]) -> str:
-        return f"| {' | '.join(cells)} |"
+def _table(section: Section, made: str = "") -> list[str]:
+    (table,) = section_tables(section)
+    rule = ("---", *("---:" for _ in table.columns[1:]))
+    rows = (f"| {' | '.join(cells)} |" for cells in (table.columns, rule, *table.rows))
+    return [f"## {table.title}", "", *([made, ""] if made else []), *rows, "", table.note, ""]
 
-    rule = line(["---", *("---:" for _ in table.columns[1:])])
-    return [line(table.columns), rule, *(line(row) for row in table.rows)]
+
+def peers_of(text: str) -> list[str]:
+    """Lines about other programs as they stand in such a section, with the version they are of."""
+    lines = text.splitlines()
+    head = f"## {PEERS}"
+    if head not in lines:
+        return []
+    below = lines[lines.index(head) + 1 :]
+    end = next((i for i, line in enumerate(below) if line.startswith(("## ", "- "))), len(below))
+    own = any(line.startswith(_MADE) for line in below[:end])
+    made = next((line for line in lines if line.startswith(_MADE)), "")
+    return [head, *([] if own else ["", made]), *below[:end]]
 
 
 def _where(now: Origin) -> str:
     commit = f", commit {now.commit}" if now.commit else ""
-    return f"Version {now.version}{commit}, {now.date}, {now.computer}; made by `insnav regress --peers --plot`."
+    return f"{_MADE}{now.version}{commit}, {now.date}, {now.computer}; made by `insnav regress --peers --plot`."

@@ -25,6 +25,7 @@ _PEER_NOTE = (
     f"RMS over the first {LONGEST:g} s of the first drive of each case (more where the heading needs it), from "
     f"{LATEST:g} s on at the latest; same samples, fixes, start and sensor figures; gtsam at the fixes alone"
 )
+PEERS = "The same drives by other programs"
 UNDETECTABLE = 10.0  # a change beyond this is no statement
 OVERCONFIDENT = 1.25  # NEES / 3 whose 95 % interval begins above this
 _POWER = {
@@ -167,7 +168,7 @@ def peer_section(peers: Sequence[PeerRow]) -> Section:
         )
         for row in peers
     )
-    return Section("", "The same drives by other programs", rows=rows, note=_PEER_NOTE)
+    return Section("", PEERS, rows=rows, note=_PEER_NOTE)
 
 
 def regression_lines(

@@ -64,18 +64,24 @@ def frame(result: Result[RequirementStudy]) -> pd.DataFrame:
     return rows_frame(parts or _rows(study))
 
 
-def _met(study: RequirementStudy, kind: str) -> list[str]:
-    """Parts that meet the requirement, the least accurate first."""
-    good = [each.name for each in study.candidates if getattr(each, kind).answer in ("yes", "likely")]
-    return good[::-1]
+def _met(study: RequirementStudy, kind: str, *answers: str) -> list[str]:
+    """Parts that meet the requirement with one of these answers, by default any, the least accurate first."""
+    wanted = answers or ("yes", "likely")
+    return [each.name for each in study.candidates if getattr(each, kind).answer in wanted][::-1]
 
 
 def _verdict(study: RequirementStudy) -> Verdict | None:
     if not study.candidates:
         return None
-    alone, aided = _met(study, "alone"), _met(study, "nhc")
-    light: Light = "good" if alone else "attention" if aided else "bad"
-    reason = "some IMUs meet it alone" if alone else "only with the NHC" if aided else "none of the library meets it"
+    light: Light
+    if _met(study, "alone", "yes"):
+        light, reason = "good", "some IMUs meet it alone"
+    elif _met(study, "alone"):
+        light, reason = "attention", "alone some IMUs only likely meet it: not all of their figures are documented"
+    elif _met(study, "nhc"):
+        light, reason = "attention", "only with the NHC"
+    else:
+        light, reason = "bad", "none of the library meets it"
     return Verdict(light, reason, _answer(study))
 
 
@@ -88,20 +94,28 @@ def _merits(study: RequirementStudy) -> tuple[Quantity, ...]:
         if study.allocation.feasible
     )
     counts = (
-        Quantity("parts_alone", len(_met(study, "alone")), meaning="IMUs that meet it alone"),
-        Quantity("parts_nhc", len(_met(study, "nhc")), meaning="with NHC"),
+        Quantity("parts_alone", len(_met(study, "alone")), meaning="IMUs that meet it alone, likely ones too"),
+        Quantity("parts_nhc", len(_met(study, "nhc")), meaning="with NHC, likely ones too"),
     )
     return (*counts, *found) if study.candidates else found
 
 
 def _answer(study: RequirementStudy) -> str:
-    """Which parts meet the requirement, in a sentence."""
+    """Which parts meet the requirement, in a sentence; likely ones are no more than that."""
     alone, aided = _met(study, "alone"), _met(study, "nhc")
     more = [name for name in aided if name not in alone]
     count, required = len(study.candidates), study.required
-    said = f"{len(alone)} of {count} IMUs stay within {required.error:g} m for {required.after:g} s alone"
+    said = f"{len(_met(study, 'alone', 'yes'))} of {count} IMUs stay within {required.error:g} m for "
+    said += f"{required.after:g} s alone{_likely(study, 'alone')}"
     said += f", the least accurate of them {', '.join(alone[:3])}" if alone else ""
-    return f"{said}; {len(aided)} with NHC" + (f", the least accurate {', '.join(more[:3])}." if more else ".")
+    said += f"; {len(_met(study, 'nhc', 'yes'))} with NHC{_likely(study, 'nhc')}"
+    return said + (f", the least accurate {', '.join(more[:3])}." if more else ".")
+
+
+def _likely(study: RequirementStudy, kind: str) -> str:
+    """How many more do if what no document gives is as in their class."""
+    count = len(_met(study, kind, "likely"))
+    return f" and {count} more likely do (figures of their class where no document gives any)" if count else ""
 
 
 def _parts(study: RequirementStudy) -> tuple[Section, ...]:
