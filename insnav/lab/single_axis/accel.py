@@ -5,22 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
-from insnav.imu.model import ImuErrors
-from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, fitted
-from insnav.lab.single_axis.records import (
-    OUTPUT,
-    Record,
-    all_warnings,
-    names_of,
-    read_records,
-    refuse_unit,
-    three,
-)
+from insnav.lab.calibration import BenchOptions, Calibration
+from insnav.lab.single_axis.records import OUTPUT, Record, read_records, refuse_unit, triad_calibration
 from insnav.lab.single_axis.tumble import USUAL, Tumble, calibrate_tumble
 from insnav.units import DEG, G0
 
@@ -39,24 +27,8 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> tuple[Record
 def fit(record: tuple[Record, ...], how: BenchOptions) -> Calibration[tuple[Record, ...], tuple[Tumble, ...]]:
     """Fit the model of accelerometers x, y, z, or of one for all; its K2 and K3 are parameters only."""
     found = tuple(calibrate_accel(item) for item in record)
-    zero, scale = (three([item.fit.value[k] for item in found]) for k in (0, 1))  # scale: unit per g
-    zero_sd, scale_sd = (three([item.fit.sd[k] for item in found]) / np.abs(scale) for k in (0, 1))
-    unit = record[0].unit
-    units = (unit, f"{unit}/g", f"{unit}/g^2", f"{unit}/g^2")
-    fits = {name: item.fit for name, item in zip(names_of(record), found, strict=True)}
-    return Calibration(
-        "accel",
-        ImuErrors(accel_raw=RawScale(unit, zero, scale / how.gravity), name=how.name)
-        if record[0].raw
-        else ImuErrors(accel_bias=zero, accel_matrix=np.diag(scale / how.gravity), name=how.name),
-        CalibrationSd(accel_bias=zero_sd * how.gravity, accel_matrix=np.diag(scale_sd)),
-        tuple(p for name, each in fits.items() for p in fitted(each, units, name)),
-        fits,
-        record,
-        found,
-        how,
-        all_warnings(record, fits, [tumble_warnings(item) for item in found]),
-    )
+    per = ("", "/g", "/g^2", "/g^2")
+    return triad_calibration("accel", record, found, how.gravity, per, how, [tumble_warnings(item) for item in found])
 
 
 def calibrate_accel(record: Record) -> Tumble:

@@ -7,21 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from insnav.imu.model import ImuErrors
-from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, fitted
+from insnav.lab.calibration import BenchOptions, Calibration
 from insnav.lab.single_axis.rate_table import RateTable, calibrate_rate_table
-from insnav.lab.single_axis.records import (
-    OUTPUT,
-    Record,
-    all_warnings,
-    names_of,
-    read_records,
-    refuse_unit,
-    three,
-)
+from insnav.lab.single_axis.records import OUTPUT, Record, read_records, refuse_unit, triad_calibration
 from insnav.units import DEG
 
 USUAL_RATES = 10  # ± 10, 20, 40, 60, 80 deg/s
@@ -40,23 +30,8 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> tuple[Record
 def fit(record: tuple[Record, ...], how: BenchOptions) -> Calibration[tuple[Record, ...], tuple[RateTable, ...]]:
     """Fit zero and scale factor of gyros x, y, z, or of one for all."""
     found = tuple(calibrate_gyro(item, how.keep) for item in record)
-    zero, scale = (three([item.fit.value[k] for item in found]) for k in (0, 1))  # scale: unit per deg/s
-    zero_sd, scale_sd = (three([item.fit.sd[k] for item in found]) / np.abs(scale) for k in (0, 1))
-    unit = record[0].unit
-    fits = {name: item.fit for name, item in zip(names_of(record), found, strict=True)}
-    return Calibration(
-        "gyro",
-        ImuErrors(gyro_raw=RawScale(unit, zero, scale / DEG), name=how.name)
-        if record[0].raw
-        else ImuErrors(gyro_bias=zero * DEG, gyro_matrix=np.diag(scale), name=how.name),
-        CalibrationSd(gyro_bias=zero_sd * DEG, gyro_matrix=np.diag(scale_sd)),
-        tuple(p for name, each in fits.items() for p in fitted(each, (unit, f"{unit}/(deg/s)"), name)),
-        fits,
-        record,
-        found,
-        how,
-        all_warnings(record, fits, [rate_table_warnings(item) for item in found]),
-    )
+    warnings = [rate_table_warnings(item) for item in found]
+    return triad_calibration("gyro", record, found, DEG, ("", "/(deg/s)"), how, warnings)
 
 
 def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> RateTable:

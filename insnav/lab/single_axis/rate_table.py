@@ -82,7 +82,7 @@ def calibrate_rate_table(
     Raises: InputError: too few rates, columns that seem to be exchanged, or a sensor that does not respond.
     """
     _refuse_nonsense(rate, output, where)
-    used, dropped = _within(rate, keep) if keep is not None else _linear_part(rate, output, where)
+    used, dropped = _linear_part(rate, output, where) if keep is None else ((rate >= keep[0]) & (rate <= keep[1]), ())
     if np.count_nonzero(used) < FEWEST:
         raise InputError(
             "too few rates make no calibration",
@@ -99,7 +99,8 @@ def calibrate_rate_table(
             fix="check that the columns of rate and output are what their headers state",
         )
     if keep is not None:
-        dropped = tuple(_outside(item, r, u, fit) for item, r, u in _pairs(dropped, rate, output, used))
+        reason = f"outside the range given, {keep[0]:g} to {keep[1]:g}"
+        dropped = tuple(_dropped(rate[i], output[i], fit, FALSE_ALARM, reason) for i in np.flatnonzero(~used))
     return RateTable(
         rate,
         output,
@@ -158,10 +159,8 @@ def _linear_part(rate: FloatArray, output: FloatArray, where: str) -> tuple[Bool
         dropped.append(Dropped(float(rate[i]), residual, limit, reason))
     for i in _bent(rate, output, used):
         used[i] = False
-        fit = _line(rate[used], output[used], where)
-        residual = float(output[i] - fit.value @ [1.0, rate[i]])
         reason = "saturating: with its neighbours the output bends below the line, if not by itself"
-        dropped.append(Dropped(float(rate[i]), residual, prediction_limit(fit, float(rate[i]), SOFT), reason))
+        dropped.append(_dropped(rate[i], output[i], _line(rate[used], output[used], where), SOFT, reason))
     return used, tuple(sorted(dropped, key=lambda item: item.rate))
 
 
@@ -188,21 +187,9 @@ def _bent(rate: FloatArray, output: FloatArray, used: BoolArray) -> IntArray:
     return found
 
 
-def _within(rate: FloatArray, keep: tuple[float, float]) -> tuple[BoolArray, tuple[Dropped, ...]]:
-    used = (rate >= keep[0]) & (rate <= keep[1])
-    reason = f"outside the range given, {keep[0]:g} to {keep[1]:g}"
-    return used, tuple(Dropped(float(r), np.nan, np.nan, reason) for r in rate[~used])
-
-
-def _pairs(
-    dropped: tuple[Dropped, ...], rate: FloatArray, output: FloatArray, used: BoolArray
-) -> list[tuple[Dropped, float, float]]:
-    return list(zip(dropped, rate[~used].tolist(), output[~used].tolist(), strict=True))
-
-
-def _outside(item: Dropped, rate: float, output: float, fit: Fit) -> Dropped:
+def _dropped(rate: float, output: float, fit: Fit, probability: float, reason: str) -> Dropped:
     residual = float(output - fit.value @ [1.0, rate])
-    return Dropped(rate, residual, prediction_limit(fit, rate, FALSE_ALARM), item.reason)
+    return Dropped(float(rate), residual, prediction_limit(fit, float(rate), probability), reason)
 
 
 def _refuse_nonsense(rate: FloatArray, output: FloatArray, where: str) -> None:

@@ -9,15 +9,27 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 
 from insnav.exceptions import InputError
+from insnav.imu.model import ImuErrors
+from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
 from insnav.lab.bench_data.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
-from insnav.lab.calibration import STANDARD, WRONG_UNIT, BenchOptions, common_unit, condition_warnings
+from insnav.lab.calibration import (
+    STANDARD,
+    WRONG_UNIT,
+    BenchOptions,
+    Calibration,
+    CalibrationSd,
+    common_unit,
+    condition_warnings,
+    fitted,
+)
 from insnav.lab.least_squares import Fit
 from insnav.types import FloatArray
 from insnav.units import UNITS
@@ -97,22 +109,52 @@ def refuse_unit(record: Record, scale: float) -> None:
         )
 
 
-def names_of(records: Sequence[Record]) -> tuple[str, ...]:
-    """Names of the sensors: x, y, z, or ``sensor`` for one that stands for all."""
-    return ("x", "y", "z") if len(records) == 3 else ("sensor",)
+class Fitted(Protocol):
+    """What a method finds of one sensor: zero and scale factor first."""
+
+    @property
+    def fit(self) -> Fit:
+        """Its parameters."""
 
 
-def three(values: Sequence[float]) -> FloatArray:
-    """Values of x, y, z, (3,), where one may stand for all."""
-    return np.array(values if len(values) == 3 else [values[0]] * 3)
+F = TypeVar("F", bound=Fitted)
 
 
-def all_warnings(
-    records: Sequence[Record], fits: dict[str, Fit], by_sensor: Sequence[tuple[str, ...]]
-) -> tuple[str, ...]:
-    """Warnings of the records, of their fits, and `by_sensor` of the method."""
-    sensors = names_of(records)
-    read = [f"{name}: {line}" for name, record in zip(sensors, records, strict=True) for line in record.warnings]
-    found = [f"{name}: {line}" for name, lines in zip(sensors, by_sensor, strict=True) for line in lines]
-    one = ["one sensor was measured; the calibration file uses its values for x, y and z"] * (len(records) == 1)
-    return (*read, *condition_warnings(fits), *found, *one)
+def triad_calibration(
+    sensor: Literal["gyro", "accel"],
+    record: tuple[Record, ...],
+    found: tuple[F, ...],
+    per: float,
+    per_units: Sequence[str],
+    how: BenchOptions,
+    by_sensor: Sequence[tuple[str, ...]],
+) -> Calibration[tuple[Record, ...], tuple[F, ...]]:
+    """Zero and scale factor of sensors x, y, z, or of one that stands for all.
+
+    `found`: of each, scale factors for a setting of `per` [rad/s] or [m/s^2]; `per_units`: what follows the unit of the
+    output in that of each parameter; `by_sensor`: warnings of the method.
+    """
+    names = ("x", "y", "z") if len(record) == 3 else ("sensor",)
+    fits = {name: item.fit for name, item in zip(names, found, strict=True)}
+    value, sd = (np.array([getattr(fit, key)[:2] for fit in fits.values()]) for key in ("value", "sd"))
+    (zero, scale), (zero_sd, scale_sd) = (np.array(each if len(each) == 3 else [each[0]] * 3).T for each in (value, sd))
+    unit, size = record[0].unit, np.abs(scale)
+    known: dict[str, Any] = {f"{sensor}_raw": RawScale(unit, zero, scale / per)}
+    if not record[0].raw:
+        si = UNITS[unit][1]
+        known = {f"{sensor}_bias": zero * si, f"{sensor}_matrix": np.diag(scale / (per / si))}
+    spread: dict[str, Any] = {f"{sensor}_bias": zero_sd / size * per, f"{sensor}_matrix": np.diag(scale_sd / size)}
+    read = [f"{name}: {line}" for name, item in zip(names, record, strict=True) for line in item.warnings]
+    of_method = [f"{name}: {line}" for name, lines in zip(names, by_sensor, strict=True) for line in lines]
+    one = ["one sensor was measured; the calibration file uses its values for x, y and z"] * (len(record) == 1)
+    return Calibration(
+        sensor,
+        ImuErrors(**known, name=how.name),
+        CalibrationSd(**spread),
+        tuple(p for name, fit in fits.items() for p in fitted(fit, [f"{unit}{each}" for each in per_units], name)),
+        fits,
+        record,
+        found,
+        how,
+        (*read, *condition_warnings(fits), *of_method, *one),
+    )
