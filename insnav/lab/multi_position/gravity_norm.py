@@ -62,13 +62,12 @@ def sphere(force: FloatArray, g: float) -> Triad:
             fix="add poses with every axis up and down, and halfway between",
         )
     scale = size * float(np.sqrt(square)) / g
-    zero = np.zeros(3)
-    return Triad(middle + size * solution[:3], scale * np.eye(3), zero, np.zeros((3, 3)), 1.0)
+    return Triad(middle + size * solution[:3], scale * np.eye(3))
 
 
 def perfect() -> Triad:
     """Sensors without errors, in SI units."""
-    return Triad(np.zeros(3), np.eye(3), np.zeros(3), np.zeros((3, 3)), 1.0)
+    return Triad(np.zeros(3), np.eye(3))
 
 
 def packed(triad: Triad) -> FloatArray:
@@ -84,7 +83,7 @@ def _matrix(parameters: FloatArray) -> FloatArray:
 
 def unpacked(parameters: FloatArray) -> Triad:
     """Inverse of `packed`, without standard deviations."""
-    return Triad(parameters[:3], _matrix(parameters), np.zeros(3), np.zeros((3, 3)), 1.0)
+    return Triad(parameters[:3], _matrix(parameters))
 
 
 def norm_error(triad: Triad, force: FloatArray, g: float) -> FloatArray:

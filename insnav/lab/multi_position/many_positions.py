@@ -9,7 +9,8 @@ the poses and subtracted before the turns are integrated: in a MEMS gyro it is t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +28,6 @@ from insnav.lab.multi_position.gravity_norm import (
 )
 from insnav.lab.multi_position.gyro_rotations import (
     TurnFit,
-    Turns,
     first_guess,
     fit_turns,
     prepare,
@@ -122,11 +122,15 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
         g=g,
         norm_before=norm_error(start, force, g),
         norm_after=fit.error,
-        norm_left_out=_norm_left_out(force, g, fit),
+        norm_left_out=_left_out(
+            fit.error, lambda keep: norm_error(fit_gravity_norm(force[keep], g, fit.triad).triad, force, g)
+        ),
         turn_before=np.linalg.norm(residuals(rotations(plain, nominal, guess), _directions(start, force)), axis=1),
         turn_plain=coarse.error,
         turn_after=fine.error,
-        turn_left_out=_turn_left_out(turns, rest.bias, fine, up),
+        turn_left_out=_left_out(
+            fine.error, lambda keep: fit_turns(turns, rest.bias, fine.matrix, up, turns.use & keep).error
+        ),
         turn_used=turns.use,
         accel_share=fit.normal.leverage,
         gyro_share=share,
@@ -297,30 +301,14 @@ def _matrix_sd(start: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum("ik,il,kjlj->ij", start, start, c)))
 
 
-def _folds(n: int) -> list[BoolArray]:
-    """Every fifth one left out, five times."""
-    return [np.arange(n) % FOLDS != fold for fold in range(FOLDS)]
+def _left_out(error: FloatArray, without: Callable[[BoolArray], FloatArray]) -> FloatArray:
+    """Errors by calibrations that have not seen them, every fifth at a time; that of all where the rest gives none.
 
-
-def _norm_left_out(force: FloatArray, g: float, fit: GravityFit) -> FloatArray:
-    """Error of each pose by a calibration without it; that of all where the rest does not determine one."""
-    error = fit.error.copy()
-    for keep in _folds(force.shape[0]):
-        try:
-            other = fit_gravity_norm(force[keep], g, fit.triad)
-        except InputError:
-            continue
-        error[~keep] = norm_error(other.triad, force[~keep], g)
-    return error
-
-
-def _turn_left_out(turns: Turns, bias: FloatArray, fine: TurnFit, up: FloatArray) -> FloatArray:
-    """Error of each turn by a calibration without it; that of all where the rest does not determine one."""
-    error = fine.error.copy()
-    for keep in _folds(turns.use.shape[0]):
-        try:
-            other = fit_turns(turns, bias, fine.matrix, up, turns.use & keep)
-        except InputError:
-            continue
-        error[~keep] = other.error[~keep]
+    `error` (n,): by the calibration of all; `without`: errors (n,) by one of those that are kept (n,).
+    """
+    error = error.copy()
+    for fold in range(FOLDS):
+        keep = np.arange(error.size) % FOLDS != fold
+        with suppress(InputError):
+            error[~keep] = without(keep)[~keep]
     return error

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from insnav.imu.higher_order import zero_matrix, zeros
 from insnav.types import FloatArray
 
 AXES = ("x", "y", "z")
@@ -20,9 +21,9 @@ class Triad:
     bias: FloatArray  # (3,) in the unit of the record
     # (3, 3) unit of the record per m/s^2 or rad/s; a standard deviation of zero where the value is a definition
     matrix: FloatArray
-    bias_sd: FloatArray
-    matrix_sd: FloatArray
-    condition: float  # condition number of the problem with its columns scaled to unit length
+    bias_sd: FloatArray = field(default_factory=zeros)
+    matrix_sd: FloatArray = field(default_factory=zero_matrix)
+    condition: float = 1.0  # condition number of the problem with its columns scaled to unit length
 
 
 def corrected(triad: Triad, measured: FloatArray) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from insnav.exceptions import InputError
@@ -71,14 +73,16 @@ def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[st
             "the positions are not symmetric",
             where=where,
             why="the gyro misalignments are free of second-order terms only over positions ±roll, ±pitch",
-            fix=f"add the position {'; '.join(_words(*key) for key in missing[:4])}",
+            fix=f"add the position {_words(missing[:4])}",
         )
     if not _determined(roll, pitch):
+        accel, gyro = _conditions(roll, pitch)
         raise InputError(
             "these positions do not determine everything",
             where=where,
-            why=f"there are {len(here)} different ones, condition numbers {_conditions(roll, pitch)}",
-            fix=f"add the position {'; '.join(_words(*key) for key in _to_add(roll, pitch))}",
+            why=f"there are {len(here)} different ones, condition numbers {accel:.3g} (accelerometers) and "
+            f"{gyro:.3g} (gyros)",
+            fix=f"add the position {_words(_to_add(roll, pitch))}",
         )
     return () if len(here) >= 9 else (f"only {len(here)} positions; nine are usual",)
 
@@ -93,51 +97,49 @@ def _nearby(keys: set[tuple[float, float]]) -> set[tuple[float, float]]:
     return {(round(r + a, 1) + 0.0, round(p + b, 1) + 0.0) for r, p in keys for a in steps for b in steps}
 
 
-def _words(roll: float, pitch: float) -> str:
-    return f"roll {roll:g} deg, pitch {pitch:g} deg"
-
-
-def _condition(design: FloatArray) -> float:
-    lengths = np.linalg.norm(design, axis=0)
-    return float(np.linalg.cond(design / lengths)) if (lengths > 0.0).all() else float("inf")
+def _words(keys: Sequence[tuple[float, float]]) -> str:
+    return "; ".join(f"roll {roll:g} deg, pitch {pitch:g} deg" for roll, pitch in keys)
 
 
 def _designs(roll: FloatArray, pitch: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What the positions show of an accelerometer, and of the gyros."""
     force = ideal_force(roll, pitch, 1.0)
     products = np.column_stack((force[:, 1] * force[:, 2], force[:, 2] * force[:, 0], force[:, 0] * force[:, 1]))
     return np.column_stack((force, np.ones(len(force)))), products
 
 
-def _worst(roll: FloatArray, pitch: FloatArray) -> float:
+def _conditions(roll: FloatArray, pitch: FloatArray) -> tuple[float, float]:
+    """Condition numbers of `_designs` with columns of length 1; infinite where one is of zeros."""
+
+    def of(design: FloatArray) -> float:
+        lengths = np.linalg.norm(design, axis=0)
+        return float(np.linalg.cond(design / lengths)) if (lengths > 0.0).all() else float("inf")
+
     accel, gyro = _designs(roll, pitch)
-    return max(_condition(accel), _condition(gyro))
+    return of(accel), of(gyro)
 
 
 def _determined(roll: FloatArray, pitch: FloatArray) -> bool:
-    return roll.size > 5 and _worst(roll, pitch) < WORST_CONDITION
-
-
-def _conditions(roll: FloatArray, pitch: FloatArray) -> str:
-    accel, gyro = _designs(roll, pitch)
-    return f"{_condition(accel):.3g} (accelerometers) and {_condition(gyro):.3g} (gyros)"
+    return roll.size > 5 and max(_conditions(roll, pitch)) < WORST_CONDITION
 
 
 def _to_add(roll: FloatArray, pitch: FloatArray) -> list[tuple[float, float]]:
     """Standard positions that together make everything determined: groups of mirror images, the best first."""
     groups = [STANDARD[5:], STANDARD[1:3], STANDARD[3:5], STANDARD[:1]]
     added: list[tuple[float, float]] = []
+
+    def score(group: tuple[tuple[int, int], ...]) -> float:
+        both = [
+            np.concatenate((angle, more)) for angle, more in zip((roll, pitch), np.array(group).T * DEG, strict=True)
+        ]
+        # infinite as long as one of the two is singular: count each by its rank first
+        lack = 7 - sum(int(np.linalg.matrix_rank(design)) for design in _designs(*both))
+        return 1e6 * lack + sum(min(each, 1e5) for each in _conditions(*both))
+
     while groups and not _determined(roll, pitch):
-        trials = [(_scored(roll, pitch, group), number) for number, group in enumerate(groups)]
-        group = groups.pop(min(trials)[1])
-        added += [(float(r), float(p)) for r, p in group if (float(r), float(p)) not in {*added}]
-        roll = np.concatenate((roll, [r * DEG for r, _ in group]))
-        pitch = np.concatenate((pitch, [p * DEG for _, p in group]))
+        group = groups.pop(min((score(group), place) for place, group in enumerate(groups))[1])
+        added += [(float(r), float(p)) for r, p in group]
+        roll, pitch = (
+            np.concatenate((old, new)) for old, new in zip((roll, pitch), np.array(group).T * DEG, strict=True)
+        )
     return added
-
-
-def _scored(roll: FloatArray, pitch: FloatArray, group: tuple[tuple[int, int], ...]) -> float:
-    more = np.array(group) * DEG
-    accel, gyro = _designs(np.concatenate((roll, more[:, 0])), np.concatenate((pitch, more[:, 1])))
-    # infinite as long as one of the two is singular: count each by its rank first
-    lack = 7 - np.linalg.matrix_rank(accel) - np.linalg.matrix_rank(gyro)
-    return float(1e6 * lack + min(_condition(accel), 1e5) + min(_condition(gyro), 1e5))
