@@ -6,7 +6,7 @@ three writers; none of them knows what a report is about.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -167,21 +167,27 @@ def one_each(key: str, title: str, items: Mapping[str, Sequence[Quantity]], firs
 
     `items`: name to quantities; the value of one without any is None in JSON, and it has no row.
     """
-    unknown = tuple(Section("", items=(Quantity(name, None),), show="json") for name, own in items.items() if not own)
+    unknown = tuple(only_json("", Quantity(name, None)) for name, own in items.items() if not own)
     rows = tuple((Quantity("name", name, meaning=first), *own) for name, own in items.items() if own)
     return Section(key, title, rows=rows, parts=unknown, note=note, keyed=True)
 
 
-def drawn(name: str, caption: str, drawings: Sequence[Drawing], note: str = "", *, columns: int = 1) -> Section:
+def drawn(name: str, caption: str, drawings: Iterable[Drawing], note: str = "", *, columns: int = 1) -> Section:
     """Drawings that are panels on the page and one figure for papers, of panels side by side in so many columns."""
+    panels = tuple(drawings)
 
     def draw() -> Figure:
         from insnav.report.panel_figures import draw_drawings  # matplotlib, only where a figure is asked for
 
-        return draw_drawings(drawings, caption, note, columns=columns)
+        return draw_drawings(panels, caption, note, columns=columns)
 
-    figures = (FigureSpec(name, caption, draw),) if drawings else ()
-    return Section("", panels=tuple(drawings), figures=figures, columns=columns)
+    figures = (FigureSpec(name, caption, draw),) if panels else ()
+    return Section("", panels=panels, figures=figures, columns=columns)
+
+
+def only_json(key: str, *items: Quantity, parts: tuple[Section, ...] = ()) -> Section:
+    """Quantities for ``run.json`` alone."""
+    return Section(key, items=items, parts=parts, show="json")
 
 
 def _with_parts(section: Section) -> tuple[Section, ...]:

@@ -14,7 +14,7 @@ from insnav.quantity import Quantity
 from insnav.report.acceptance.panels import stability_panels
 from insnav.report.calibration.common import quality_rows, residuals_section
 from insnav.report.calibration.panels import Series, residual_panels
-from insnav.report.page import Page, Section, by_warnings, cell, drawn
+from insnav.report.page import Page, Section, by_warnings, cell, drawn, only_json
 from insnav.units import DEG, G0, UNITS
 
 FINE = 0.01 * DEG  # a gyro whose biases are all below is shown in deg/h [rad/s]
@@ -58,7 +58,7 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
                 parts=tuple(part for item in found.sensors for part in _sensor(item, units[item.axis.split()[0]])),
             ),
             residuals_section([row for item in steps for row in _quality(item)]),
-            Section("", items=(Quantity("left_out", left_out),), show="json"),
+            only_json("", Quantity("left_out", left_out)),
         ),
         warnings,
         ASSUMPTIONS,
@@ -94,12 +94,12 @@ def _sensor(item: Accepted, shown: str) -> tuple[Section, ...]:
     key, fixed = item.axis.replace(" ", "_"), _JSON_UNIT[item.axis.split()[0]]
     title = f"{item.axis[0].upper()}{item.axis[1:]}"
     sections = (
-        Section(key, items=(Quantity("output_unit", _output_unit(item)),), show="json"),
+        only_json(key, Quantity("output_unit", _output_unit(item))),
         Section(key, title, _scale(item, shown), parts=_spreads(item, shown), note="± 1 sd"),
     )
     if shown == fixed:
         return sections
-    return (*sections, Section(key, items=_scale(item, fixed), parts=_spreads(item, fixed), show="json"))
+    return (*sections, only_json(key, *_scale(item, fixed), parts=_spreads(item, fixed)))
 
 
 def _scale(item: Accepted, unit: str) -> tuple[Quantity, ...]:
@@ -117,15 +117,9 @@ def _scale(item: Accepted, unit: str) -> tuple[Quantity, ...]:
     if table.asymmetry is not None:
         items.append(Quantity("asymmetry", table.asymmetry, "ppm", meaning="asymmetry of K"))
     items.append(Quantity("bias", item.scale.bias, unit, item.scale.bias_sd))
-    items += [
-        Quantity(
-            f"bias_{sense}",
-            float(fit.value[0] / fit.value[1]) * bench,
-            unit,
-            float(fit.sd[0] / abs(fit.value[1])) * bench,
-        )
-        for sense, fit in known.items()
-    ]
+    for sense, fit in known.items():
+        (zero, k), zero_sd = fit.value, float(fit.sd[0])
+        items.append(Quantity(f"bias_{sense}", float(zero / k) * bench, unit, float(zero_sd / abs(k)) * bench))
     return tuple(items)
 
 
@@ -146,8 +140,7 @@ def _spreads(item: Accepted, unit: str) -> tuple[Section, ...]:
         items = (*_spread(item.repeatability, unit), Quantity("mean_bias", float(values.mean()), unit))
         title = f"Bias repeatability of {item.axis}"
         found.append(Section("bias_repeatability", title, items, note="in brackets 95 %"))
-        every = Quantity("powerup_biases", np.asarray(values), unit)
-        found.append(Section("bias_repeatability", items=(every,), show="json"))
+        found.append(only_json("bias_repeatability", Quantity("powerup_biases", np.asarray(values), unit)))
     return tuple(found)
 
 
@@ -200,17 +193,13 @@ def _drawn(found: Acceptance, units: Mapping[str, str]) -> list[Section]:
     if at_rest:
         sections.append(drawn("stability", "Acceptance: bias at rest", stability_panels(at_rest)))
     for sensor, title in _SENSORS.items():
-        series = [_residuals(item) for item in found.sensors if item.scale is not None and item.axis.startswith(sensor)]
+        series = [
+            Series.of(item.axis, _output_unit(item), item.scale.table)
+            for item in found.sensors
+            if item.scale is not None and item.axis.startswith(sensor)
+        ]
         if series:
             label = f"{'rate' if sensor == 'gyro' else 'specific force'} set [{BENCH_UNIT[sensor][0]}]"
             panels = residual_panels(series, label, f"residuals_{sensor}")
             sections.append(drawn(f"residuals_{sensor}", f"Output of the {title} minus the straight line", panels))
     return sections
-
-
-def _residuals(item: Accepted) -> Series:
-    assert item.scale is not None
-    table = item.scale.table
-    zero, slope = table.fit.value[:2]
-    residual = table.output - zero - slope * table.rate
-    return Series(item.axis, _output_unit(item), table.rate, residual, table.used, table.fit.sigma)

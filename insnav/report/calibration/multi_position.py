@@ -16,7 +16,7 @@ from insnav.report.calibration.common import corrected_section, impact_section
 from insnav.report.calibration.panels import poses_panels, positions_panels
 from insnav.report.calibration.triad import g_section, triad_section
 from insnav.report.numbers import number
-from insnav.report.page import Page, Section, drawn
+from insnav.report.page import Page, Section, drawn, only_json
 from insnav.sample_statistics import rms
 from insnav.types import ImuData
 from insnav.units import DEG, G0
@@ -29,10 +29,7 @@ def multi_position_page(calibration: Calibration[Reading[ImuData], Found]) -> Pa
     found = calibration.detail
     own = _of_poses(found) if isinstance(found, PosesCalibration) else _of_six_positions(found)
     without = "Without: one zero and one scale factor for three sensors." if found.counts else ""
-    gravity = [
-        Quantity("before", found.norm_before, "mg"),
-        Quantity("after", found.norm_after, "mg"),
-    ]
+    gravity = [Quantity("before", found.norm_before, "mg"), Quantity("after", found.norm_after, "mg")]
     if isinstance(found, PosesCalibration):
         gravity.append(Quantity("left_out", found.norm_left_out, "mg"))
     return Page(
@@ -43,12 +40,12 @@ def multi_position_page(calibration: Calibration[Reading[ImuData], Found]) -> Pa
             triad_section("accel", "Accelerometers", found.accel, found.counts),
             triad_section("gyro", "Gyros", found.gyro, found.counts),
             g_section(found.g_sensitivity, found.g_sensitivity_sd, found.counts),
-            Section("gravity_error", items=tuple(gravity), show="json"),
+            only_json("gravity_error", *gravity),
             own.quality,
             corrected_section(calibration),
             impact_section(calibration, without),
             own.every,
-            Section("", items=(Quantity("gravity", found.g, "m/s^2"), *own.items), show="json"),
+            only_json("", Quantity("gravity", found.g, "m/s^2"), *own.items),
         ),
         calibration.warnings,
         merits=(
@@ -82,14 +79,15 @@ class _Own:
 
 
 def _of_poses(found: PosesCalibration) -> _Own:
-    turns = (
+    turns = only_json(
+        "turn_error",
         Quantity("before", found.turn_before, "deg"),
         Quantity("without_g_sensitivity", found.turn_plain, "deg"),
         Quantity("after", found.turn_after, "deg"),
         Quantity("left_out", found.turn_left_out, "deg"),
         Quantity("used", [bool(used) for used in found.turn_used]),
     )
-    every = Section("", parts=(_poses(found), Section("turn_error", items=turns, show="json")), show="page")
+    every = Section("", parts=(_poses(found), turns), show="page")
     return _Own(
         _poses_summary(found),
         _quality(found),
@@ -107,18 +105,16 @@ def _of_poses(found: PosesCalibration) -> _Own:
         ),
         tuple(
             Quantity(f"turn_{name}", rms(values[found.turn_used]), "deg", meaning=f"error of turn, {name}")
-            for name, values in (
-                ("before", found.turn_before),
-                ("after", found.turn_after),
-                ("left out", found.turn_left_out),
+            for name, values in zip(
+                ("before", "after", "left out"), (found.turn_before, found.turn_after, found.turn_left_out), strict=True
             )
         ),
     )
 
 
 def _of_six_positions(found: SixPositions) -> _Own:
-    sections = tuple(Quantity(name, list(span)) for name, span in found.sections.items())
-    every = Section("", parts=(_positions(found), Section("sections", items=sections, show="json")), show="page")
+    sections = only_json("sections", *(Quantity(name, list(span)) for name, span in found.sections.items()))
+    every = Section("", parts=(_positions(found), sections), show="page")
     return _Own(
         _six_summary(found),
         _turns(found),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from insnav.lab.calibration import Calibration
@@ -10,8 +12,7 @@ from insnav.quantity import Quantity
 from insnav.report.calibration.common import corrected_section, impact_section, quality_section
 from insnav.report.calibration.panels import Series, residual_panels
 from insnav.report.numbers import number
-from insnav.report.page import Page, Section, drawn
-from insnav.report.panels import Panel
+from insnav.report.page import Page, Section, drawn, only_json
 from insnav.units import DEG, UG
 
 _MG = 1e3 * UG
@@ -19,6 +20,8 @@ _RAW = (
     "Every output first became a specific force, by bias and scale factor as printed; calibration.toml is of these "
     "forces, each axis the mean of its two accelerometers.",
 )
+_INTERVALS = "1 sd of noise; the interval adds what the first order leaves out"
+_PLACES = "position, in the order of the file"
 _AT_REST = (
     "The gyros turn with the Earth, 15 deg/h in a direction that the positions hardly average: it is in their bias.",
 )
@@ -33,26 +36,24 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
     each = (own, slice(ends[0], ends[1]), slice(ends[1], ends[2]), slice(ends[2], None))
     biases, accel, gyro, at_rest = (calibration.parameters[rows] for rows in each)
     raw = calibration.record.unit != "m/s^2"
+    scales = " and scale factor" * raw
+    panels = residual_panels(_residuals(found, len(calibration.record.dwells.setting)), _PLACES)
     places = [f"roll {roll:.4g}, pitch {pitch:.4g} deg" for roll, pitch in calibration.record.dwells.setting / DEG]
     largest = 1e3 * float(np.abs(found.gyro_matrix - np.eye(3)).max())
     left = 1e3 * float(found.half_width(found.gyro_matrix_sd, first_order=True).max())
-    details = (
+    details = only_json(
+        "",
         Quantity("condition_accel", found.condition_accel),
         Quantity("condition_gyro", found.condition_gyro),
         Quantity("second_order_allowance", found.second_order),
         Quantity("gyro_diagonal_not_used", found.gyro_diagonal),
     )
-    inverses = (
-        (
-            Quantity("matrix", "A_m, accelerometers"),
-            Quantity("condition", found.condition_accel),
-            Quantity("positions", str(len(places))),
-        ),
-        (
-            Quantity("matrix", "Omega_m, products"),
-            Quantity("condition", found.condition_gyro),
-            Quantity("positions", "all that are tilted"),
-        ),
+    inverses = tuple(
+        (Quantity("matrix", name), Quantity("condition", condition), Quantity("positions", which))
+        for name, condition, which in (
+            ("A_m, accelerometers", found.condition_accel, str(len(places))),
+            ("Omega_m, products", found.condition_gyro, "all that are tilted"),
+        )
     )
     return Page(
         "Nine positions of three dual-axis modules",
@@ -62,23 +63,16 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
             f"Scatter of one accelerometer value {number(found.sigma / _MG, 2)} mg, {found.dof} degrees of freedom.",
         ),
         (
-            drawn("residuals", "Nine positions: accelerometers minus the linear model", _panels(found, len(places))),
-            Section(
-                "parameters", f"Bias{' and scale factor' * raw} of each accelerometer", biases, note=_methods(found)
-            ),
+            drawn("residuals", "Nine positions: accelerometers minus the linear model", panels),
+            Section("parameters", f"Bias{scales} of each accelerometer", biases, note=_methods(found)),
             Section("parameters", "Accelerometer triad, each axis the mean of its two accelerometers", accel),
-            Section(
-                "parameters",
-                "Gyro misalignment",
-                gyro,
-                note="1 sd of noise; the interval adds what the first order leaves out",
-            ),
+            Section("parameters", "Gyro misalignment", gyro, note=_INTERVALS),
             Section("parameters", "Gyros at rest: bias, and what they feel of the specific force", at_rest),
             Section("", "Pseudo-inverses", rows=inverses),
             quality_section(fits, "m/s^2", dict.fromkeys(SENSORS, places)),
             corrected_section(calibration),
             impact_section(calibration),
-            Section("", items=details, show="json"),
+            details,
         ),
         calibration.warnings,
         merits_note="x_ay: the accelerometer of module x that points along y",
@@ -97,19 +91,11 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
     )
 
 
-def _panels(found: NinePositions, places: int) -> tuple[Panel, ...]:
-    series = [
-        Series(
-            f"both accelerometers {'xyz'[axis]}",
-            "mg",
-            np.repeat(np.arange(1.0, places + 1.0), 2),
-            np.column_stack([found.fits[i].residual / _MG for i in np.flatnonzero(axis == AXIS)]).ravel(),
-            np.ones(2 * places, dtype=np.bool_),
-            found.sigma / _MG,
-        )
-        for axis in range(3)
-    ]
-    return residual_panels(series, "position, in the order of the file")
+def _residuals(found: NinePositions, places: int) -> Iterator[Series]:
+    number, every = np.repeat(np.arange(1.0, places + 1.0), 2), np.ones(2 * places, dtype=np.bool_)
+    for axis in range(3):
+        left = np.column_stack([found.fits[i].residual / _MG for i in np.flatnonzero(axis == AXIS)]).ravel()
+        yield Series(f"both accelerometers {'xyz'[axis]}", "mg", number, left, every, found.sigma / _MG)
 
 
 def _methods(found: NinePositions) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +10,9 @@ import numpy as np
 from insnav.lab.multi_position.many_positions import PosesCalibration
 from insnav.lab.multi_position.six_positions import POSITIONS, SixPositions
 from insnav.lab.rate_sweep.method import SweepCalibration
+from insnav.lab.single_axis.rate_table import RateTable
 from insnav.report.colours import AXIS_COLOURS, BLACK, BLUE, GREY, ORANGE, VERMILLION
-from insnav.report.panels import Curve, Panel
+from insnav.report.panels import Curve, Kind, Panel
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG, G0
 
@@ -30,10 +31,16 @@ class Series:
     used: BoolArray  # (n,) whether the fit used it; others are drawn as crosses
     sd: float = 0.0  # standard deviation to draw as a band, zero for none
 
+    @classmethod
+    def of(cls, name: str, unit: str, table: RateTable) -> Series:
+        """Outputs of a rate table minus its line; output in `unit`."""
+        zero, slope = table.fit.value[:2]
+        residual = table.output - (zero + slope * table.rate)
+        return cls(name, unit, table.rate, residual, table.used, table.fit.sigma)
 
-def residual_panels(series: Sequence[Series], setting: str, key: str = "residuals") -> tuple[Panel, ...]:
+
+def residual_panels(series: Iterable[Series], setting: str, key: str = "residuals") -> Iterator[Panel]:
     """Draw residuals over what was set, one panel a sensor; those left out may lie beyond the limits."""
-    panels = []
     for row, item in enumerate(series):
         colour, ends = AXIS_COLOURS[row % 3], np.array([item.setting.min(), item.setting.max()])
         largest = 1.2 * max(float(np.abs(item.residual[item.used]).max()), 1.5 * item.sd) or 1.0
@@ -44,19 +51,8 @@ def residual_panels(series: Sequence[Series], setting: str, key: str = "residual
         if not item.used.all():
             rest = ~item.used
             curves.append(Curve("left out", item.setting[rest], item.residual[rest], BLACK, "crosses"))
-        panels.append(
-            Panel(
-                f"{key}_{row}",
-                f"Residuals of {item.name}",
-                f"residual [{item.unit}]",
-                setting,
-                tuple(curves),
-                key,
-                "measured minus fitted",
-                limits=(-largest, largest),
-            )
-        )
-    return tuple(panels)
+        title, label, note = f"Residuals of {item.name}", f"residual [{item.unit}]", "measured minus fitted"
+        yield Panel(f"{key}_{row}", title, label, setting, tuple(curves), key, note, limits=(-largest, largest))
 
 
 def line_panels(
@@ -102,9 +98,9 @@ def poses_panels(found: PosesCalibration) -> tuple[Panel, ...]:
     )
 
 
-def _size(name: str, x: FloatArray, y: FloatArray, colour: str, kind: str = "points") -> Curve:
+def _size(name: str, x: FloatArray, y: FloatArray, colour: str, kind: Kind = "points") -> Curve:
     """Points of a logarithmic axis; a simulated error may be exactly zero."""
-    return Curve(name, x, np.maximum(np.abs(y), 1e-4), colour, "crosses" if kind == "crosses" else "points")
+    return Curve(name, x, np.maximum(np.abs(y), 1e-4), colour, kind)
 
 
 def positions_panels(found: SixPositions) -> tuple[Panel, ...]:
@@ -127,31 +123,22 @@ def positions_panels(found: SixPositions) -> tuple[Panel, ...]:
     )
 
 
-def sweep_panels(found: SweepCalibration) -> tuple[Panel, ...]:
+def sweep_panels(found: SweepCalibration) -> Iterator[Panel]:
     """Draw the error of each gyro over the rate about its axis: left by the matrix, and by the pieces too."""
-    panels = []
     for axis, (rows, item) in enumerate(zip(found.own, found.pieces, strict=True)):
         colour, rate, name = AXIS_COLOURS[axis], found.rate[rows, axis] / DEG, "xyz"[axis]
         ends = np.array([rate.min(), rate.max()])
-        for stage, error in (("matrix", found.error_matrix), ("pieces", found.error_map)):
-            curves = [
-                Curve("", ends, np.zeros(2), GREY),
-                Curve("dwells", rate, error[rows, axis] / DEG, colour, "points"),
-            ]
+        for stage, words, error in (
+            ("matrix", "matrix", found.error_matrix),
+            ("pieces", "piecewise compensation", found.error_map),
+        ):
+            curves = [Curve("", ends, np.zeros(2), GREY)]
+            curves.append(Curve("dwells", rate, error[rows, axis] / DEG, colour, "points"))
             if item is not None and stage == "matrix":
                 knots, values = item.knot / DEG, item.value / DEG
                 curves.append(Curve("pieces", knots, values, BLACK))
                 curves.append(Curve("borders", knots[1:-1], values[1:-1], BLACK, "crosses"))
             none = "; nothing to compensate" if item is None and stage == "pieces" else ""
-            panels.append(
-                Panel(
-                    f"rate_error_{name}_{stage}",
-                    f"Gyro {name} after the {'matrix' if stage == 'matrix' else 'piecewise compensation'}",
-                    "error [deg/s]",
-                    "rate of the table [deg/s]",
-                    tuple(curves),
-                    "rate",
-                    f"corrected rate minus rate of the table{none}",
-                )
-            )
-    return tuple(panels)
+            key, title = f"rate_error_{name}_{stage}", f"Gyro {name} after the {words}"
+            note = f"corrected rate minus rate of the table{none}"
+            yield Panel(key, title, "error [deg/s]", "rate of the table [deg/s]", tuple(curves), "rate", note)

@@ -13,7 +13,7 @@ from insnav.quantity import Quantity
 from insnav.report.calibration.common import corrected_section, impact_section, quality_section
 from insnav.report.calibration.panels import sweep_panels
 from insnav.report.numbers import number
-from insnav.report.page import Page, Section, drawn
+from insnav.report.page import Page, Section, drawn, only_json
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray
 from insnav.units import DEG
@@ -60,12 +60,7 @@ def _details(found: SweepCalibration) -> Section:
         (Quantity("sensor", AXES[axis]), Quantity("rate_deg_s", item.rate), Quantity("reason", item.reason))
         for axis, item in found.dropped
     )
-    return Section(
-        "",
-        items=(Quantity("condition_matrix", condition),),
-        parts=(Section("dropped", rows=dropped),),
-        show="json",
-    )
+    return only_json("", Quantity("condition_matrix", condition), parts=(Section("dropped", rows=dropped),))
 
 
 def _dropped(found: SweepCalibration) -> list[str]:
@@ -124,16 +119,9 @@ def _errors(found: SweepCalibration, stages: Sequence[float]) -> Section:
         "own line: bias and scale factor of each gyro alone; left out: in its own sweep, each rate by pieces fitted "
         "without it"
     )
-    of_all = tuple(
-        Quantity(name, value, "deg/s") for name, value in zip(("line", "matrix", "map"), stages, strict=True)
-    )
-    return Section(
-        "",
-        parts=(
-            Section("rate_error_by_gyro", "Error of the corrected rate", rows=tuple(rows), note=note, keyed=True),
-            Section("rate_error", items=of_all, show="json"),
-        ),
-    )
+    of_all = (Quantity(name, value, "deg/s") for name, value in zip(("line", "matrix", "map"), stages, strict=True))
+    table = Section("rate_error_by_gyro", "Error of the corrected rate", rows=tuple(rows), note=note, keyed=True)
+    return Section("", parts=(table, only_json("rate_error", *of_all)))
 
 
 def _adjusted(found: SweepCalibration) -> tuple[Section, ...]:

@@ -9,10 +9,10 @@ from insnav.quantity import Quantity
 from insnav.report.calibration.common import quality_rows, residuals_section
 from insnav.report.calibration.panels import line_panels
 from insnav.report.numbers import number
-from insnav.report.page import Page, Section, drawn
-from insnav.report.panels import Panel
+from insnav.report.page import Page, Section, drawn, only_json
 
 UNIT, _KEY_UNIT = "kg m²", "kg m^2"
+_ACROSS = ("height [m]", "precession period [s]")
 _CAPTION = "Measured points, the lines fitted to them, and what these leave"
 
 
@@ -37,20 +37,27 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
     column = calibration.record[1].get("mass")
     masses = [how.mass] if column is None else sorted(set(column.tolist()))
     weight = " and ".join(f"{each:g}" for each in masses) + " kg"
-    given = (
+    given = only_json(
+        "given",
         Quantity("fall_mass", how.fall_mass, "kg"),
         Quantity("radius", how.radius, "m"),
         Quantity("mass", masses, "kg"),
         Quantity("arm", how.arm, "m"),
         Quantity("gravity", how.gravity, "m/s^2"),
     )
-    agreement = (
+    agreement = only_json(
+        "",
         Quantity("agree", both.agree),
         Quantity("difference", both.difference, _KEY_UNIT),
         Quantity("limit", both.limit, _KEY_UNIT),
         Quantity("mean", both.mean if both.agree else None, _KEY_UNIT),
         Quantity("mean_sd", both.mean_sd if both.agree else None, _KEY_UNIT),
+        parts=(given,),
     )
+    lines = [
+        ("squared time of fall [s²]", fall.x, fall.y, float(fall.fit.value[0])),
+        ("rotor rate [rad/s]", precession.x, precession.y, float(precession.fit.value[0])),
+    ]
     return Page(
         "Moment of inertia of a gyroscope's rotor",
         (
@@ -61,11 +68,11 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
             text,
         ),
         (
-            drawn("lines", "Moment of inertia of a rotor", _panels(fall, precession), _CAPTION, columns=2),
+            drawn("lines", "Moment of inertia of a rotor", line_panels(lines, _ACROSS), _CAPTION, columns=2),
             Section("parameters", "Moment of inertia", calibration.parameters),
             *_powers(precession),
             residuals_section(quality),
-            Section("", items=agreement, parts=(Section("given", items=given),), show="json"),
+            agreement,
         ),
         warnings,
         (
@@ -83,13 +90,3 @@ def _powers(precession: Inertia) -> tuple[Section, ...]:
         return ()
     items = fitted(precession.powers, ("", "", ""))[1:]
     return (Section("powers", "Precession rate as a power of torque and spin", items, note="by theory 1 and -1"),)
-
-
-def _panels(fall: Inertia, precession: Inertia) -> tuple[Panel, ...]:
-    return line_panels(
-        [
-            ("squared time of fall [s²]", fall.x, fall.y, float(fall.fit.value[0])),
-            ("rotor rate [rad/s]", precession.x, precession.y, float(precession.fit.value[0])),
-        ],
-        ("height [m]", "precession period [s]"),
-    )

@@ -14,8 +14,7 @@ from insnav.quantity import Quantity
 from insnav.report.calibration.common import impact_section, quality_section
 from insnav.report.calibration.panels import Series, residual_panels
 from insnav.report.numbers import number
-from insnav.report.page import Page, Section, drawn
-from insnav.report.panels import Panel
+from insnav.report.page import Page, Section, drawn, only_json
 from insnav.units import DEG
 
 
@@ -24,6 +23,7 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
     found, fits = dict(zip(calibration.fits, calibration.detail, strict=True)), calibration.fits
     unit = calibration.record[0].unit
     settings = {name: [f"{rate:+g} deg/s" for rate in item.rate[item.used]] for name, item in found.items()}
+    series = (Series.of(name, unit, item) for name, item in found.items())
     dropped = [(name, drop) for name, item in found.items() for drop in item.dropped]
     lines = tuple(
         f"{name} leaves out {drop.rate:+g} deg/s: {drop.reason}; residual {number(drop.residual)} {unit}, "
@@ -44,7 +44,7 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
         "Gyros on a rate table",
         (*_summary(calibration.parameters, len(fits)), *lines),
         (
-            drawn("residuals", "Rate table: output minus the straight line", _rate_panels(found, unit)),
+            drawn("residuals", "Rate table: output minus the straight line", residual_panels(series, "rate [deg/s]")),
             Section("parameters", "Output = U0 + K rate", calibration.parameters, note=_IN_BRACKETS),
             _senses(found, unit),
             quality_section(fits, unit, settings),
@@ -65,30 +65,22 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
     found, fits = dict(zip(calibration.fits, calibration.detail, strict=True)), calibration.fits
     unit, gravity = calibration.record[0].unit, calibration.options.gravity
     settings = {name: [f"{angle / DEG:.4g} deg" for angle in item.angle] for name, item in found.items()}
-    series = [
-        Series(
-            name,
-            unit,
-            item.angle / DEG,
-            item.fit.residual,
-            np.ones(item.angle.size, dtype=np.bool_),
-            item.fit.sigma,
-        )
+    series = (
+        Series(name, unit, item.angle / DEG, item.fit.residual, np.ones(item.angle.size, np.bool_), item.fit.sigma)
         for name, item in found.items()
-    ]
-    panels = residual_panels(series, "angle of the input axis [deg]")
+    )
     note = f"ai = sin, ao = cos of the angle, in g; {_IN_BRACKETS}"
     return Page(
         "Accelerometers tumbled in gravity",
         _summary(calibration.parameters, len(fits)),
         (
-            drawn("residuals", "Tumble test: output minus the model", panels),
+            drawn("residuals", "Tumble test: output minus the model", residual_panels(series, _ANGLE)),
             Section("parameters", "Output = K0 + K1 ai + K2 ai² + K3 ai ao", calibration.parameters, note=note),
             *_harmonics(found, unit),
             quality_section(fits, unit, settings),
             _dwells(calibration.record, tuple(fits)),
             impact_section(calibration),
-            Section("", items=(Quantity("gravity", gravity, "m/s^2"),), show="json"),
+            only_json("", Quantity("gravity", gravity, "m/s^2")),
         ),
         calibration.warnings,
         (
@@ -140,6 +132,7 @@ def _harmonics(found: dict[str, Tumble], unit: str) -> tuple[Section, Section]:
     )
 
 
+_ANGLE = "angle of the input axis [deg]"
 _IN_BRACKETS = "± 1 sd; in brackets the 95 % interval"
 
 
@@ -154,21 +147,6 @@ def _short(value: float) -> str:
     """Four digits, and four decimals as such calibrations are published."""
     size = abs(value)
     return number(value, 4) if size < 0.1 or size >= 1000.0 else f"{value:.4f}"
-
-
-def _rate_panels(found: dict[str, RateTable], unit: str) -> tuple[Panel, ...]:
-    series = [
-        Series(
-            name,
-            unit,
-            item.rate,
-            item.output - (item.fit.value[0] + item.fit.value[1] * item.rate),
-            item.used,
-            item.fit.sigma,
-        )
-        for name, item in found.items()
-    ]
-    return residual_panels(series, "rate [deg/s]")
 
 
 def _senses(found: dict[str, RateTable], unit: str) -> Section:

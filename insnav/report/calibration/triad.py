@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
+
 from insnav.lab.calibration import measured
 from insnav.lab.multi_position.triad import AXES, Triad
 from insnav.quantity import Quantity
-from insnav.report.page import Section
+from insnav.report.page import Section, only_json
 from insnav.types import FloatArray
 from insnav.units import DEG, G0
 
@@ -16,7 +18,7 @@ def triad_section(key: str, title: str, triad: Triad, counts: bool) -> Section:
     si, shown = ("m/s^2", "mg") if accel else ("rad/s", "deg/s")
     bias_unit, matrix_unit = ("counts", f"counts/({si})") if counts else (si, "")
     rows = [
-        _row(
+        (
             f"bias {axis}",
             Quantity("value", float(triad.bias[i]), "counts" if counts else shown, float(triad.bias_sd[i])),
         )
@@ -26,29 +28,22 @@ def triad_section(key: str, title: str, triad: Triad, counts: bool) -> Section:
         value, sd = float(triad.matrix[i, i]), float(triad.matrix_sd[i, i])
         if counts:
             per, unit = (G0, "counts/g") if accel else (DEG, "counts/(deg/s)")
-            rows.append(_row(f"scale factor {axis}", measured("value", value * per, unit, sd * per)))
+            rows.append((f"scale factor {axis}", measured("value", value * per, unit, sd * per)))
         else:
-            rows.append(_row(f"scale factor error {axis}", Quantity("value", value - 1.0, "ppm", sd)))
-    for i, axis in enumerate(AXES):
-        for j, other in enumerate(AXES):
-            if i != j and triad.matrix_sd[i, j] > 0.0:
-                own = float(triad.matrix[i, i])
-                across, sd = float(triad.matrix[i, j]) / own, float(triad.matrix_sd[i, j]) / abs(own)
-                rows.append(_row(f"{axis} senses {other}", Quantity("value", across, "mrad", sd)))
+            rows.append((f"scale factor error {axis}", Quantity("value", value - 1.0, "ppm", sd)))
+    for i, j in itertools.permutations(range(3), 2):
+        if triad.matrix_sd[i, j] > 0.0:
+            own = float(triad.matrix[i, i])
+            across, sd = float(triad.matrix[i, j]) / own, float(triad.matrix_sd[i, j]) / abs(own)
+            rows.append((f"{AXES[i]} senses {AXES[j]}", Quantity("value", across, "mrad", sd)))
     items = (
         Quantity("bias", triad.bias, bias_unit, triad.bias_sd),
         Quantity("matrix", triad.matrix, matrix_unit, triad.matrix_sd),
         Quantity("condition", triad.condition),
     )
-    note = f"± 1 sd; condition number {triad.condition:.3g}"
-    return Section(
-        key,
-        parts=(Section("", title, rows=tuple(rows), note=note), Section("", items=items, show="json")),
-    )
-
-
-def _row(name: str, value: Quantity) -> tuple[Quantity, ...]:
-    return Quantity("parameter", name), value
+    named = tuple((Quantity("parameter", name), value) for name, value in rows)
+    table = Section("", title, rows=named, note=f"± 1 sd; condition number {triad.condition:.3g}")
+    return Section(key, parts=(table, only_json("", *items)))
 
 
 def g_section(sensitivity: FloatArray, sd: FloatArray, counts: bool) -> Section:
@@ -68,10 +63,5 @@ def g_section(sensitivity: FloatArray, sd: FloatArray, counts: bool) -> Section:
         for i, axis in enumerate(AXES)
     )
     whole = Quantity("g_sensitivity", sensitivity, "counts/(m/s^2)" if counts else "(rad/s)/(m/s^2)", sd)
-    return Section(
-        "",
-        parts=(
-            Section("", "g-sensitivity of the gyros", rows=rows, note="± 1 sd"),
-            Section("gyro", items=(whole,), show="json"),
-        ),
-    )
+    table = Section("", "g-sensitivity of the gyros", rows=rows, note="± 1 sd")
+    return Section("", parts=(table, only_json("gyro", whole)))
