@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.errors.budget.error_budget import Budget, Column, SimulatedColumn
+from insnav.errors.budget.error_budget import Budget, Column, RecordedColumn, SimulatedColumn
 from insnav.quantity import Quantity
 from insnav.report.budget.contributions import horizontal, ranked, saved, shares
 from insnav.report.budget.terms import effect, growth, size
-from insnav.report.page import Section
+from insnav.report.page import Section, one_each, only_json
 from insnav.types import FloatArray
 
 _AXES = ("N", "E", "D")
+_RECORDED = ("north", "east", "down", "horizontal")
 _SHORT = {"analytic": "anal.", "covariance": "cov.", "simulated": "sim.", "recorded": "rec.", "filter": "filt."}
 _LONG = {"covariance": "covar.", "simulated": "simul."}
 
@@ -24,102 +25,95 @@ def _ways(budget: Budget) -> dict[str, Column | SimulatedColumn]:
 
 def budget_sections(budget: Budget) -> tuple[Section, ...]:
     """Everything of a budget for JSON: what it is of, its sources, its errors at the chosen times."""
-    bias, drift = budget.short_form_error(float(budget.time[budget.chosen[-1]]))
-    simulated, recorded = budget.simulated, budget.recorded
-    sections = [
-        Section(
+    last = float(budget.time[budget.chosen[-1]])
+    bias, drift = budget.short_form_error(last)
+    sources = tuple(
+        (
+            Quantity("name", each.name),
+            Quantity("kind", each.kind),
+            Quantity("sd_si", each.sd),
+            Quantity("correlation_time", each.correlation_time, "s"),
+        )
+        for each in budget.sources
+    )
+    share = dict(zip(budget.families, map(float, shares(budget)), strict=True))
+    return (
+        only_json(
             "",
-            items=(
-                Quantity("imu", budget.imu),
-                Quantity("motion", budget.motion),
-                Quantity("vertical_held", budget.hold),
-                Quantity("gravity", budget.gravity, "m/s^2"),
-                Quantity("schuler_period", 2.0 * np.pi / budget.schuler_rate, "s"),
-            ),
+            Quantity("imu", budget.imu),
+            Quantity("motion", budget.motion),
+            Quantity("vertical_held", budget.hold),
+            Quantity("gravity", budget.gravity, "m/s^2"),
+            Quantity("schuler_period", 2.0 * np.pi / budget.schuler_rate, "s"),
         ),
-        Section(
+        only_json(
             "short_form_error",
-            items=(
-                Quantity("time", float(budget.time[budget.chosen[-1]]), "s"),
-                Quantity("bias_and_tilt", bias),
-                Quantity("gyro_bias", drift),
-            ),
+            Quantity("time", last, "s"),
+            Quantity("bias_and_tilt", bias),
+            Quantity("gyro_bias", drift),
         ),
-        Section(
-            "sources",
-            rows=tuple(
-                (
-                    Quantity("name", each.name),
-                    Quantity("kind", each.kind),
-                    Quantity("sd_si", each.sd),
-                    Quantity("correlation_time", each.correlation_time, "s"),
-                )
-                for each in budget.sources
-            ),
-        ),
-        Section(
+        Section("sources", rows=sources, show="json"),
+        only_json(
             "",
-            items=(
-                Quantity(
-                    "share_of_horizontal_variance", dict(zip(budget.families, map(float, shares(budget)), strict=True))
-                ),
-                Quantity("not_given", budget.absent),
-                Quantity("left_out", budget.ignored),
-            ),
+            Quantity("share_of_horizontal_variance", share),
+            Quantity("not_given", budget.absent),
+            Quantity("left_out", budget.ignored),
         ),
         *(_at_time(budget, k) for k in budget.chosen),
-    ]
+        _runs(budget.simulated),
+        _recorded(budget.recorded),
+    )
+
+
+def _runs(simulated: SimulatedColumn | None) -> Section:
     if simulated is None:
-        sections.append(Section("", items=(Quantity("runs", None),)))
-    else:
-        runs = (
-            Quantity("count", simulated.runs),
-            Quantity("of_each_source", simulated.alone),
-            Quantity("seed", simulated.seed),
-            Quantity("rms_by_sd_95", simulated.band),
-        )
-        sections.append(Section("runs", items=runs))
+        return only_json("", Quantity("runs", None))
+    return only_json(
+        "runs",
+        Quantity("count", simulated.runs),
+        Quantity("of_each_source", simulated.alone),
+        Quantity("seed", simulated.seed),
+        Quantity("rms_by_sd_95", simulated.band),
+    )
+
+
+def _recorded(recorded: RecordedColumn | None) -> Section:
     if recorded is None:
-        sections.append(Section("", items=(Quantity("recorded", None),)))
-    else:
-        names = ("north", "east", "down", "horizontal")
-        statistics = {
-            "rms_corrected": recorded.corrected,
-            "rms_corrected_low": recorded.low,
-            "rms_corrected_high": recorded.high,
-            "predicted": recorded.predicted,
-        }
-        items = (
-            Quantity("windows", recorded.windows),
-            Quantity("description", recorded.description),
-            Quantity("time", recorded.time, "s"),
-            *(
-                Quantity(key, {name: values[:, i] for i, name in enumerate(names)}, "m")
-                for key, values in statistics.items()
-            ),
-        )
-        sections.append(Section("recorded", items=items))
-    return (Section("", parts=tuple(sections), show="json"),)
+        return only_json("", Quantity("recorded", None))
+    statistics = {
+        "rms_corrected": recorded.corrected,
+        "rms_corrected_low": recorded.low,
+        "rms_corrected_high": recorded.high,
+        "predicted": recorded.predicted,
+    }
+    return only_json(
+        "recorded",
+        Quantity("windows", recorded.windows),
+        Quantity("description", recorded.description),
+        Quantity("time", recorded.time, "s"),
+        *(Quantity(key, dict(zip(_RECORDED, values.T, strict=True)), "m") for key, values in statistics.items()),
+    )
 
 
 def _at_time(budget: Budget, k: int) -> Section:
-    parts = []
-    for name, way in _ways(budget).items():
-        worst = _worst(budget, k) if name == "covariance" else ()
-        nees = (Quantity("nees", float(way.nees[k])),) if isinstance(way, SimulatedColumn) else ()
-        families = tuple(Section(each, items=_states(way.parts[k, i])) for i, each in enumerate(budget.families))
-        parts.append(
-            Section(name, items=(*_states(way.total[k]), *worst, *nees), parts=(Section("sources", parts=families),))
+    ways = _ways(budget)
+    more: dict[str, tuple[Quantity, ...]] = {
+        "covariance": (
+            Quantity("worst_position", budget.worst[k, :3], "m"),
+            Quantity("worst_horizontal", float(budget.worst[k, 3]), "m"),
         )
-    return Section("budget[]", items=(Quantity("time", float(budget.time[k]), "s"),), parts=tuple(parts))
-
-
-def _worst(budget: Budget, k: int) -> tuple[Quantity, ...]:
-    """The worst-case sum."""
-    return (
-        Quantity("worst_position", budget.worst[k, :3], "m"),
-        Quantity("worst_horizontal", float(budget.worst[k, 3]), "m"),
+    }
+    if budget.simulated is not None:
+        more["simulated"] = (Quantity("nees", float(budget.simulated.nees[k])),)
+    parts = (
+        Section(
+            name,
+            items=(*_states(way.total[k]), *more.get(name, ())),
+            parts=(one_each("sources", "", dict(zip(budget.families, map(_states, way.parts[k]), strict=True))),),
+        )
+        for name, way in ways.items()
     )
+    return only_json("budget[]", Quantity("time", float(budget.time[k]), "s"), parts=tuple(parts))
 
 
 def _states(sd: FloatArray) -> tuple[Quantity, ...]:
@@ -134,17 +128,17 @@ def _states(sd: FloatArray) -> tuple[Quantity, ...]:
 def positions_section(budget: Budget) -> Section:
     """Tabulate position errors at the chosen times, one group of columns a way to them."""
     at, recorded = budget.chosen, budget.recorded
+    names, note = _LONG, "1 sd; worst: sum of all sources"
     groups = {name: way.total[at, :3] for name, way in _ways(budget).items()}
     if recorded is None:
         groups["worst"] = budget.worst[at, :3]
-        note = "1 sd; worst: sum of all sources"
     else:
         groups |= {
             "recorded": _at(recorded.time, recorded.corrected[:, :3], budget.time[at]),
             "filter": _at(recorded.time, recorded.predicted[:, :3], budget.time[at]),
         }
+        names = _SHORT
         note = "1 sd: analytic, covariance, simulated; RMS recorded, corrected; predicted by the filter for all windows"
-    names = _LONG if recorded is None else _SHORT
     rows = tuple(
         (
             Quantity("time", f"{budget.time[k]:g}", "s"),
@@ -208,23 +202,17 @@ def contributions_section(budget: Budget) -> Section:
 def states_section(budget: Budget) -> Section:
     """Velocity and attitude by family."""
     last, whole = budget.chosen[-1], budget.covariance
-    rows = [(budget.families[k], whole.parts[last, k]) for k in ranked(budget)]
-    return Section(
-        "",
-        f"Velocity and attitude after {budget.time[last]:g} s, covariance, 1 sd",
-        rows=tuple(
-            (
-                Quantity("source", name),
-                *(Quantity(f"v {axis}", float(v), "m/s") for axis, v in zip(_AXES, sd[3:6], strict=True)),
-                *(
-                    Quantity(angle, float(a), "deg")
-                    for angle, a in zip(("tilt N", "tilt E", "heading"), sd[6:9], strict=True)
-                ),
-            )
-            for name, sd in (*rows, ("together (RSS)", whole.total[last]))
-        ),
-        show="page",
+    units = {"v N": "m/s", "v E": "m/s", "v D": "m/s", "tilt N": "deg", "tilt E": "deg", "heading": "deg"}
+    sizes = {budget.families[k]: whole.parts[last, k] for k in ranked(budget)} | {"together (RSS)": whole.total[last]}
+    rows = tuple(
+        (
+            Quantity("source", name),
+            *(Quantity(key, float(v), unit) for (key, unit), v in zip(units.items(), sd[3:], strict=True)),
+        )
+        for name, sd in sizes.items()
     )
+    title = f"Velocity and attitude after {budget.time[last]:g} s, covariance, 1 sd"
+    return Section("", title, rows=rows, show="page")
 
 
 def impact_section(budget: Budget) -> Section:
