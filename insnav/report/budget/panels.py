@@ -10,9 +10,9 @@ from insnav.errors.outage.statistics import COMPONENTS, components
 from insnav.report.budget.contributions import horizontal, ranked, saved, shares, source_texts
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
+from insnav.report.outage.panels import power_lines, thin_lines
 from insnav.report.outage.quantities import below_noise
 from insnav.report.panels import Curve, Panel
-from insnav.types import FloatArray
 
 _WINDOWS, _POINTS = 80, 120  # drawn one by one, and points of each
 _SHOWN = 10  # sources with a bar of their own
@@ -39,6 +39,7 @@ def budget_panels(budget: Budget, windows: RecordedBudget | None, origin: str) -
 def _growth(budget: Budget, part: RecordedPart | None) -> Panel:
     """Horizontal error over time by all ways, recorded windows as thin lines behind."""
     time, whole, zero = budget.time, budget.covariance, np.zeros(len(budget.time))
+    note = "thin: recorded windows, errors of the reference in them; band: 95 % interval of their RMS"
     curves = [] if part is None else _recorded(part)
     curves += [
         Curve("up to the worst-case sum", time, budget.worst[:, 3], SKY, "band", zero),
@@ -58,9 +59,8 @@ def _growth(budget: Budget, part: RecordedPart | None) -> Panel:
             f"{number(float(v / low))} m) after {t:g} s"
             for t, v in zip(time[at], value, strict=True)
         )
-        curves.append(
-            Curve(f"simulated, {budget.simulated.runs} runs", time[at], value, VERMILLION, "crosses", text=texts)
-        )
+        name = f"simulated, {budget.simulated.runs} runs"
+        curves.append(Curve(name, time[at], value, VERMILLION, "crosses", text=texts))
         top = max(top, 1.15 * float(value[-1]))
     if part is None and budget.recorded is not None:
         found = budget.recorded
@@ -72,9 +72,7 @@ def _growth(budget: Budget, part: RecordedPart | None) -> Panel:
         "time without GPS [s]",
         tuple(curves),
         link="growth",
-        note=""
-        if part is None
-        else "thin: recorded windows, errors of the reference in them; band: 95 % interval of their RMS",
+        note="" if part is None else note,
         limits=(0.0, top),
         height=300,
     )
@@ -84,14 +82,8 @@ def _recorded(part: RecordedPart) -> list[Curve]:
     """Every window, their RMS with its interval, and what the filter predicted for them."""
     i, windows, curve = COMPONENTS.index("horizontal"), part.windows, part.curve
     error = components(windows)[0][:, :, i]
-    shown = np.linspace(0, windows.count - 1, min(_WINDOWS, windows.count)).astype(int)
-    name = (
-        f"each of {windows.count} windows"
-        if len(shown) == windows.count
-        else f"{len(shown)} of {windows.count} windows"
-    )
-    step = max(1, error.shape[1] // _POINTS)
-    found = [Curve(name, windows.elapsed[row][::step], error[row, ::step], GREY, "thin") for row in shown]
+    which = f"each of {windows.count}" if windows.count <= _WINDOWS else f"{_WINDOWS} of {windows.count}"
+    found = thin_lines(f"{which} windows", list(zip(windows.elapsed, error, strict=True)), _WINDOWS, _POINTS)
     if np.isfinite(curve.low[:, i]).any():
         found.append(Curve("recorded RMS, corrected", curve.times, curve.high[:, i], PURPLE, "band", curve.low[:, i]))
     found.append(Curve("recorded RMS, corrected", curve.times, curve.corrected[:, i], PURPLE))
@@ -178,9 +170,8 @@ def _ratios(each: Verdict) -> tuple[float, float]:
 def _reason(each: Verdict, part: RecordedPart) -> str:
     """Say why an error counts as explained or not."""
     value = f"{number(each.recorded)} m" if np.isfinite(each.recorded) else below_noise(each.high, " m")
-    interval = (
-        f" ({number(each.low)} … {number(each.high)} m)" if np.isfinite(each.low) and np.isfinite(each.recorded) else ""
-    )
+    known = np.isfinite(each.low) and np.isfinite(each.recorded)
+    interval = f" ({number(each.low)} … {number(each.high)} m)" if known else ""
     head = f"{each.component}: recorded {value}{interval}, predicted {number(each.predicted)} m: {_kind(each)}"
     if not each.explained:
         return f"{head}: the stated errors of IMU and fixes do not make it; see the causes below"
@@ -193,14 +184,13 @@ def _reason(each: Verdict, part: RecordedPart) -> str:
 def _sources(budget: Budget) -> Panel:
     """Growth of the largest families alone, on logarithmic axes."""
     time, shown = budget.time, ranked(budget)[: len(_LINES)]
-    parts: list[tuple[str, FloatArray, str]] = [
-        (budget.families[k], horizontal(budget.covariance.parts[:, k]), colour)
-        for colour, k in zip(_LINES, shown, strict=False)
-    ]
     total = horizontal(budget.covariance.total)
-    curves = [Curve(name, time, np.where(value > 0.0, value, np.nan), colour) for name, value, colour in parts]
+    curves = []
+    for colour, k in zip(_LINES, shown, strict=False):
+        value = horizontal(budget.covariance.parts[:, k])
+        curves.append(Curve(budget.families[k], time, np.where(value > 0.0, value, np.nan), colour))
     limits = max(1e-4 * float(total[-1]), 0.5 * float(total[0])), 2.0 * float(total[-1])
-    curves += _guides(time, max(0.06 * float(total[-1]), 4.0 * limits[0]), limits[0])
+    curves += power_lines(time, max(0.06 * float(total[-1]), 4.0 * limits[0]), GREY, limits[0])
     return Panel(
         "sources",
         "Each source alone",
@@ -214,14 +204,3 @@ def _sources(budget: Budget) -> Panel:
         limits=limits,
         height=280,
     )
-
-
-def _guides(time: FloatArray, end: float, least: float) -> list[Curve]:
-    """Lines of pure t, t² and t³ down to the least error that is in view."""
-    guides = []
-    for label, power in (("t", 1.0), ("t²", 2.0), ("t³", 3.0)):
-        line = end * (time / time[-1]) ** power
-        seen = line >= 1.2 * least
-        if seen.sum() > 1:
-            guides.append(Curve("", time[seen], line[seen], GREY, "thin", text=(label,) * int(seen.sum())))
-    return guides

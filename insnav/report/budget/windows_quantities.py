@@ -12,7 +12,7 @@ from insnav.errors.outage.statistics import COMPONENTS, Growth
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.outage.quantities import corrected
-from insnav.report.page import Section, one_each
+from insnav.report.page import Section, one_each, only_json
 from insnav.types import FloatArray
 
 CALIBRATED, UNCALIBRATED = "calibrated", "uncalibrated"
@@ -38,7 +38,7 @@ def windows_sections(budget: RecordedBudget) -> tuple[Section, ...]:
         *((Quantity(UNCALIBRATED, None),) if budget.uncalibrated is None else ()),
     )
     parts = tuple(Section(kind, parts=_sections(kind, part)) for kind, part in parts_of(budget))
-    return (Section("recorded_windows", parts=(Section("", items=about, show="json"), *parts)),)
+    return (Section("recorded_windows", parts=(only_json("", *about), *parts)),)
 
 
 def _sections(kind: str, part: RecordedPart) -> tuple[Section, ...]:
@@ -61,17 +61,13 @@ def _sections(kind: str, part: RecordedPart) -> tuple[Section, ...]:
         for each in part.verdicts
     }
     regression = (Quantity("slope", line.slope, interval=(line.low, line.high)), Quantity("r_squared", line.r_squared))
+    in_json = (
+        one_each("by_motion", "", motions),
+        one_each("verdicts", "", verdicts),
+        Section("regression", items=regression),
+    )
     return (
-        Section(
-            "",
-            parts=(
-                Section("", items=about),
-                one_each("by_motion", "", motions),
-                one_each("verdicts", "", verdicts),
-                Section("regression", items=regression),
-            ),
-            show="json",
-        ),
+        only_json("", *about, parts=in_json),
         _over_time(kind, found),
         _at_end(kind, part),
         _by_motion(kind, part),
@@ -174,12 +170,9 @@ def _by_motion(kind: str, part: RecordedPart) -> Section:
         for name, found in part.motions.items()
         if found is not None
     ]
-    return Section(
-        "",
-        f"By motion, horizontal error after {part.growth.times[-1]:g} s, {kind}",
-        rows=tuple(rows),
-        note="turning: heading changes by more than 15 deg; static: below 0.5 m/s throughout",
-    )
+    title = f"By motion, horizontal error after {part.growth.times[-1]:g} s, {kind}"
+    note = "turning: heading changes by more than 15 deg; static: below 0.5 m/s throughout"
+    return Section("", title, rows=tuple(rows), note=note)
 
 
 def _causes(kind: str, diagnosis: Diagnosis) -> Section:
@@ -196,15 +189,19 @@ def _causes(kind: str, diagnosis: Diagnosis) -> Section:
     )
     if diagnosis.rough:
         note += f"; left out: {diagnosis.rough} windows whose error is no such curve, as if the reference jumped"
-    axes = tuple(Section(axis.axis, parts=_axis(axis), show="json") for axis in diagnosis.axes)
+    axes = tuple(only_json(axis.axis, parts=_axis(axis)) for axis in diagnosis.axes)
+
+    def verdict(cause: Cause) -> Quantity:
+        return Quantity("verdict", explained_text(cause) if diagnosis.steady else "–")
+
     rows = tuple(
-        (Quantity("cause", f"{axis.axis}, {GROWS[name]}: {name}"), *_cause(name, cause), *_verdict(cause, diagnosis))
+        (Quantity("cause", f"{axis.axis}, {GROWS[name]}: {name}"), *_cause(name, cause), verdict(cause))
         for axis in diagnosis.axes
         for name, cause in zip(CAUSES, axis.causes, strict=True)
     )
     title = f"Equivalent errors of {diagnosis.windows.count} {which}, {kind}"
     table = Section("", title, rows=rows, note=note)
-    return Section("diagnosis", parts=(Section("", items=about, show="json"), *axes, table))
+    return Section("diagnosis", parts=(only_json("", *about), *axes, table))
 
 
 def _axis(axis: AxisDiagnosis) -> tuple[Section, ...]:
@@ -228,10 +225,6 @@ def _cause(name: str, cause: Cause) -> tuple[Quantity, ...]:
     )
 
 
-def _verdict(cause: Cause, diagnosis: Diagnosis) -> tuple[Quantity, ...]:
-    return (Quantity("verdict", explained_text(cause) if diagnosis.steady else "–"),)
-
-
 def explained_text(cause: Cause) -> str:
     """Say whether a cause is explained."""
     return "explained" if cause.explained else f"unexplained, {number(float(np.sqrt(cause.ratio)), 2)} times"
@@ -251,13 +244,14 @@ def _sensors(kind: str, fit: SensorFit) -> Section:
     )
     more = (Quantity("misfit", fit.spread), Quantity("bias_observable_from_tilt", fit.level_observable))
     title = f"Constant sensor errors left in the windows, {kind}"
-    return Section("sensors", title, items, parts=(Section("", items=more, show="json"),), note=note)
+    return Section("sensors", title, items, parts=(only_json("", *more),), note=note)
 
 
 def _replicas(made: Replicas | None) -> Section:
     if made is None:
-        return Section("", items=(Quantity("replicas", None),), show="json")
-    items = (
+        return only_json("", Quantity("replicas", None))
+    return only_json(
+        "replicas",
         Quantity("count", len(made.rms)),
         Quantity("inside_band", made.agree),
         _named("low", made.low, "m"),
@@ -267,4 +261,3 @@ def _replicas(made: Replicas | None) -> Section:
         Quantity("track_apart", made.apart.velocity, "m/s"),
         Quantity("failures", made.failures),
     )
-    return Section("replicas", items=items, show="json")

@@ -18,25 +18,37 @@ NOTE = "errors of the reference in all lines"
 _WINDOWS = 80  # drawn one by one
 
 
-def longest_windows(windows: Sequence[Outage]) -> list[Outage]:
-    """Windows of the largest length."""
-    longest = max(window.length for window in windows)
-    return [window for window in windows if window.length == longest]
+def thin_lines(name: str, windows: Sequence[tuple[FloatArray, FloatArray]], most: int, points: int = 0) -> list[Curve]:
+    """Draw the error of each window behind everything else.
+
+    `windows`: time without GPS (n,) and error (n,) of each; `most`: of them, `points`: about so many of each, all if 0.
+    """
+    shown = np.linspace(0, len(windows) - 1, min(most, len(windows))).astype(int)
+    step = max(1, len(windows[0][0]) // points) if points else 1
+    return [Curve(name, windows[row][0][::step], windows[row][1][::step], GREY, "thin") for row in shown]
+
+
+def power_lines(time: FloatArray, end: float, colour: str, least: float = 0.0) -> list[Curve]:
+    """Lines of pure t, t² and t³ to one end, as far as they are above the least error that is in view."""
+    lines = []
+    for label, power in (("t", 1.0), ("t²", 2.0), ("t³", 3.0)):
+        line = end * (time / time[-1]) ** power
+        seen = line >= 1.2 * least
+        if seen.sum() > 1:
+            lines.append(Curve("", time[seen], line[seen], colour, "thin", text=(label,) * int(seen.sum())))
+    return lines
 
 
 def outage_panels(windows: Sequence[Outage], sums: Sequence[Growth]) -> tuple[Panel, ...]:
     """Draw horizontal and vertical errors of the longest windows."""
-    chosen = longest_windows(windows)
+    longest = max(window.length for window in windows)
+    chosen = [window for window in windows if window.length == longest]
     return tuple(_panel(chosen, sums, name, columns) for name, columns in (("horizontal", (0, 1)), ("vertical", (2,))))
 
 
 def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns: tuple[int, ...]) -> Panel:
-    shown = np.linspace(0, len(chosen) - 1, min(_WINDOWS, len(chosen))).astype(int)
-    label = f"each window of {chosen[0].length:g} s"
-    curves = [
-        Curve(label, chosen[row].elapsed, np.linalg.norm(chosen[row].error[:, columns], axis=1), GREY, "thin")
-        for row in shown
-    ]
+    sizes = [(each.elapsed, np.linalg.norm(each.error[:, columns], axis=1)) for each in chosen]
+    curves = thin_lines(f"each window of {chosen[0].length:g} s", sizes, _WINDOWS)
     time, rms, high, predicted = over_time(chosen, columns)
     curves += [
         Curve("95 %", time, high, ORANGE),
