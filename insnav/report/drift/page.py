@@ -12,7 +12,7 @@ from insnav.report.calibration.common import quality_section
 from insnav.report.drift.panels import drift_panels, rate_panels
 from insnav.report.noise.page import noise_quantity
 from insnav.report.numbers import number
-from insnav.report.page import Page, Section, by_warnings, drawn
+from insnav.report.page import Page, Section, by_warnings, drawn, only_json
 from insnav.units import DEG
 
 _TERMS = {
@@ -94,11 +94,7 @@ def _gyro(each: GyroDrift) -> Section:
         f"gyro_{each.model.axis}",
         parts=(
             Section("drift", f"Drift model of {name}", _parameters(each.model)),
-            Section(
-                "left_out",
-                items=tuple(Quantity(term, why) for term, why in each.model.left_out.items()),
-                show="json",
-            ),
+            only_json("left_out", *(Quantity(term, why) for term, why in each.model.left_out.items())),
             _filter(each, name),
             _curves(each, name),
             _coefficients(each, name),
@@ -156,11 +152,9 @@ def _coefficients(each: GyroDrift, name: str) -> Section:
     curves = {"before": each.measured, "corrected": each.corrected, "smoothed": each.smoothed}
     rows = []
     for state, curve in curves.items():
-        found = [
-            noise_quantity(term, one.value, interval=(one.low, one.high))
-            for term, one in ((term, curve.coefficients[term]) for term in POWERS if curve.coefficients)
-        ]
-        if found:
+        known = {term: curve.coefficients[term] for term in POWERS if curve.coefficients}
+        if known:
+            found = (noise_quantity(term, one.value, interval=(one.low, one.high)) for term, one in known.items())
             rows.append((Quantity("rate", state), *found))
     note = (
         "sigma²(tau) = sum of A_m tau^m. An interval from 0: not significant. Intervals allow for what the sum misses "

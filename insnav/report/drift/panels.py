@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from insnav.lab.drift.allan_before_after import DriftStudy, GyroDrift
@@ -45,16 +47,9 @@ def _panels(time: FloatArray, each: GyroDrift) -> tuple[Panel, Panel, Panel]:
     ramp = Curve(f"smoothed less true rate: lag {answer.lag:.3g} s", answer.time - answer.time[0], error, colour)
     kind = "recorded" if answer.measured else "computed"
     name = f"Gyro {axis}"
+    note = "corrected: drift model subtracted; smoothed: after the scalar Kalman filter"
     return (
-        Panel(
-            f"rest_{axis}",
-            f"{name} at rest",
-            "rate [deg/s]",
-            "time [s]",
-            rest,
-            "rest",
-            "corrected: drift model subtracted; smoothed: after the scalar Kalman filter",
-        ),
+        Panel(f"rest_{axis}", f"{name} at rest", "rate [deg/s]", "time [s]", rest, "rest", note),
         Panel(
             f"deviation_{axis}",
             f"{name}, Allan deviation",
@@ -72,19 +67,17 @@ def _panels(time: FloatArray, each: GyroDrift) -> tuple[Panel, Panel, Panel]:
     )
 
 
-def _rates(each: GyroDrift) -> list[Panel]:
+def _rates(each: GyroDrift) -> Iterator[Panel]:
     answer = each.recorded or each.computed
     axis, time, colour = each.model.axis, answer.time, AXIS_COLOURS["xyz".index(each.model.axis)]
     last = np.flatnonzero(np.abs(answer.rate - answer.rate[-1]) > 1e-6)
     constant = slice(0 if not last.size else int(last[-1]) + 1, None)
     start = int(np.argmax(answer.rate != 0.0))
     seen = each.corrected_rate if answer.measured else answer.rate
-    found = []
     for key, title, rows in (("turning", "rate ramp", slice(start, None)), ("constant", "constant rate", constant)):
         shown = (
             Curve("corrected" if answer.measured else "true", time[rows], seen[rows] / DEG, BLACK, "thin"),
             Curve("smoothed", time[rows], answer.smoothed[rows] / DEG, colour),
         )
         if len(time[rows]) > 1 and answer.rate[-1] != 0.0:
-            found.append(Panel(f"{key}_{axis}", f"Gyro {axis}, {title}", "rate [deg/s]", "time [s]", shown, key))
-    return found
+            yield Panel(f"{key}_{axis}", f"Gyro {axis}, {title}", "rate [deg/s]", "time [s]", shown, key)

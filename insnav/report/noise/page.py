@@ -7,13 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from insnav.lab.noise.allan import AXES
-from insnav.lab.noise.noise_model import NoiseModel
 from insnav.lab.noise.static_noise import StaticNoise
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity, key_suffix
 from insnav.report.noise.panels import NOTE, allan_panels
-from insnav.report.page import Page, Section, by_warnings, cell, drawn
-from insnav.types import FloatArray
+from insnav.report.page import Page, Section, by_warnings, cell, drawn, only_json
 from insnav.units import M_S_PER_SQRT_H, UG, UNITS
 
 _TIMES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0)  # of the table of deviations [s]
@@ -74,11 +72,7 @@ def noise_page(found: StaticNoise, name: str) -> Page:
         ),
         (
             drawn("allan", f"Allan deviation of {name}", allan_panels(found.allan, found.models), NOTE),
-            Section(
-                "",
-                items=(Quantity("length", record.length, "s"), Quantity("interval", record.interval, "s")),
-                show="json",
-            ),
+            only_json("", Quantity("length", record.length, "s"), Quantity("interval", record.interval, "s")),
             Section("axes", parts=tuple(part for parts in axes for part in parts)),
             Section("deviations", "Allan deviation", rows=_deviations(found)),
             _filter_figures(found),
@@ -124,7 +118,7 @@ def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
     model, floor, gyro = found.models[column], found.floors[column], column < 3
     key = AXES[column].replace(" ", "_")
     if model is None or floor is None:
-        return (Section("", items=(Quantity(key, None),), show="json"),)
+        return (only_json("", Quantity(key, None)),)
     items = [
         noise_quantity(term, each.value, each.sd, (each.low, each.high), gyro=gyro)
         for term, each in model.coefficients.items()
@@ -142,8 +136,8 @@ def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
         Quantity("floor_tau", floor.tau, "s", meaning="at averaging time"),
         Quantity("misfit", model.misfit, meaning="relative misfit of the model"),
     ]
-    si = tuple(noise_quantity(term, each.value, gyro=gyro, si=True) for term, each in model.coefficients.items())
-    return (Section(key, f"Noise coefficients of {AXES[column]}", tuple(items)), Section(key, items=si, show="json"))
+    si = (noise_quantity(term, each.value, gyro=gyro, si=True) for term, each in model.coefficients.items())
+    return Section(key, f"Noise coefficients of {AXES[column]}", tuple(items)), only_json(key, *si)
 
 
 def _deviations(found: StaticNoise) -> tuple[tuple[Quantity, ...], ...]:
@@ -189,19 +183,14 @@ def deviations_csv(found: StaticNoise) -> str:
     """Write the deviations with their intervals as text of a table, one row for each averaging time."""
     columns = {"tau_s": found.allan.tau}
     for i, (axis, model) in enumerate(zip(AXES, found.models, strict=True)):
-        unit = "deg/h" if i < 3 else "ug"
-        columns |= _columns(axis.replace(" ", "_"), found.allan.deviation[:, i], model, unit)
+        name, unit = axis.replace(" ", "_"), "deg/h" if i < 3 else "ug"
+        end, factor = key_suffix(unit), UNITS[unit][1]
+        columns[f"{name}{end}"] = found.allan.deviation[:, i] / factor
+        if model is not None:
+            columns |= {
+                f"{name}_low{end}": model.low / factor,
+                f"{name}_high{end}": model.high / factor,
+                f"{name}_model{end}": np.sqrt(model.variance) / factor,
+                f"{name}_freedom": model.freedom,
+            }
     return csv_text(columns, digits=9)
-
-
-def _columns(name: str, deviation: FloatArray, model: NoiseModel | None, unit: str) -> dict[str, FloatArray]:
-    end, factor = key_suffix(unit), UNITS[unit][1]
-    columns = {f"{name}{end}": deviation / factor}
-    if model is not None:
-        columns |= {
-            f"{name}_low{end}": model.low / factor,
-            f"{name}_high{end}": model.high / factor,
-            f"{name}_model{end}": np.sqrt(model.variance) / factor,
-            f"{name}_freedom": model.freedom,
-        }
-    return columns

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -19,14 +19,13 @@ _TALL = 2.4  # the lines reach up and down by this factor at most
 _SENSORS = (("gyros", "deg/h", DEG_PER_H), ("accelerometers", "ug", UG))
 
 
-def allan_panels(allan: AllanDeviation, models: Sequence[NoiseModel | None]) -> tuple[Panel, ...]:
+def allan_panels(allan: AllanDeviation, models: Sequence[NoiseModel | None]) -> Iterator[Panel]:
     """Draw the deviations of six axes with 95 % intervals, their models, and guides of every slope.
 
     `models`: one for each; None is not drawn.
     """
-    panels: list[Panel] = []
-    tau = allan.tau
-    for (name, unit, size), first in zip(_SENSORS, (0, 3), strict=True):
+    tau, note = allan.tau, NOTE
+    for first, (name, unit, size) in zip((0, 3), _SENSORS, strict=True):
         curves, seen = [], []
         for axis, colour in enumerate(AXIS_COLOURS):
             model, deviation = models[first + axis], allan.deviation[:, first + axis] / size
@@ -39,24 +38,21 @@ def allan_panels(allan: AllanDeviation, models: Sequence[NoiseModel | None]) -> 
                 ]
         if not seen:
             continue
-        known = np.concatenate(seen)
-        low, high = float(known.min()), float(known.max())
-        panels.append(
-            Panel(
-                f"allan_{name}",
-                f"Allan deviation of the {name}",
-                f"Allan deviation [{unit}]",
-                "averaging time [s]",
-                (*curves, *_guides(tau, high)),
-                "tau",
-                NOTE if not panels else "",
-                log_x=True,
-                log_y=True,
-                limits=(0.4 * low, 5.0 * high),
-                height=400,
-            )
+        low, high = (float(limit(np.concatenate(seen))) for limit in (np.min, np.max))
+        yield Panel(
+            f"allan_{name}",
+            f"Allan deviation of the {name}",
+            f"Allan deviation [{unit}]",
+            "averaging time [s]",
+            (*curves, *_guides(tau, high)),
+            "tau",
+            note,
+            log_x=True,
+            log_y=True,
+            limits=(0.4 * low, 5.0 * high),
+            height=400,
         )
-    return tuple(panels)
+        note = ""
 
 
 def _guides(tau: FloatArray, high: float) -> list[Curve]:

@@ -23,7 +23,7 @@ from insnav.errors.requirement.verification import Verified
 from insnav.quantity import Quantity
 from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
-from insnav.report.page import Light, Page, Section, Verdict, drawn
+from insnav.report.page import Light, Page, Section, Verdict, drawn, only_json
 from insnav.report.requirement.panels import allocation_panel, nearest, outages_text, part_panels
 from insnav.result import Result
 from insnav.units import DEG, UNITS
@@ -38,11 +38,13 @@ def page(result: Result[RequirementStudy]) -> Page:
     """Lay out a requirement."""
     study = result.found
     title = f"Allocation: {study.required.text}"
+    how = "alone: this error and no other; in the set: all at once"
+    how += f", those of {study.imu} as given" if study.imu else ""
     sections = (
-        Section("requirement", items=_requirement(study), show="json"),
+        only_json("requirement", *_requirement(study)),
         *_parts(study),
         drawn("allocation", title, (allocation_panel(study),)),
-        Section("allocation", "How large each error may be, 1 sd", rows=_rows(study), note=_how(study), folded=True),
+        Section("allocation", "How large each error may be, 1 sd", rows=_rows(study), note=how, folded=True),
         Section("verification", "Simulated runs of the set", rows=_verification(study)),
         *_example(study),
     )
@@ -126,19 +128,12 @@ def _parts(study: RequirementStudy) -> tuple[Section, ...]:
         "what is missing were better than the class. Times: when the error exceeds 1, 10, 100 m"
         + f" (– : not within {study.time[-1]:g} s). Missing: usual figures without a document, see insnav imus PART."
     )
-    near = nearest(study, _NEAR)
+    near, every = nearest(study, _NEAR), tuple(_part(study, each) for each in study.candidates)
     of = f", the {len(near)} of {len(study.candidates)} nearest to it" if len(near) < len(study.candidates) else ""
     return (
         drawn("parts", f"Real IMUs: {study.required.text}", part_panels(study), outages_text(study), columns=2),
         Section("", f"Which IMUs meet it{of}", rows=tuple(_brief(study, each) for each in near)),
-        Section(
-            "parts",
-            f"All IMUs, {outages_text(study)}",
-            rows=tuple(_part(study, each) for each in study.candidates),
-            note=note,
-            show="page",
-            folded=True,
-        ),
+        Section("parts", f"All IMUs, {outages_text(study)}", rows=every, note=note, show="page", folded=True),
     )
 
 
@@ -157,10 +152,8 @@ def _part(study: RequirementStudy, each: Candidate) -> tuple[Quantity, ...]:
             Quantity(f"{key}_meets", found.answer, meaning="meets"),
             Quantity(f"{key}_margin", limit / found.error, meaning="limit / error", digits=2),
             *(
-                Quantity(
-                    f"{key}_time_to_{size:g}_m", time if np.isfinite(time) else None, "s", meaning=f"to {size:g} m"
-                )
-                for size, time in zip(LIMITS, found.reaches, strict=True)
+                Quantity(f"{key}_time_to_{m:g}_m", time if np.isfinite(time) else None, "s", meaning=f"to {m:g} m")
+                for m, time in zip(LIMITS, found.reaches, strict=True)
             ),
         ]
     return (*row, Quantity("missing", len(each.missing), meaning="missing"))
@@ -192,17 +185,12 @@ def _example(study: RequirementStudy) -> tuple[Section, ...]:
         (Quantity("source", name, meaning="error when GPS ends"), Quantity("share", value, "%"))
         for name, value in sorted(study.shares.items(), key=lambda item: -item[1])
     )
+    title = f"What is left when GPS ends, {study.example}: Shapley effects"
+    note = "share of the variance with correlations shared fairly (Owen 2014; Song, Nelson and Staum 2016)"
     return (
         Section("remedies", f"What helps {study.example}", rows=helps),
         Section("elasticity", f"Which figure of {study.example} counts", rows=halves, show="page", folded=True),
-        Section(
-            "shapley",
-            f"What is left when GPS ends, {study.example}: Shapley effects",
-            rows=shares,
-            show="page",
-            folded=True,
-            note="share of the variance with correlations shared fairly (Owen 2014; Song, Nelson and Staum 2016)",
-        ),
+        Section("shapley", title, rows=shares, show="page", folded=True, note=note),
     )
 
 
@@ -222,8 +210,7 @@ def _requirement(study: RequirementStudy) -> tuple[Quantity, ...]:
 
 
 def _rows(study: RequirementStudy) -> tuple[tuple[Quantity, ...], ...]:
-    feasible = study.allocation.feasible
-    return tuple(_row(share, feasible=feasible) for share in study.allocation.shares)
+    return tuple(_row(share, feasible=study.allocation.feasible) for share in study.allocation.shares)
 
 
 def _row(share: Share, *, feasible: bool) -> tuple[Quantity, ...]:
@@ -238,26 +225,17 @@ def _row(share: Share, *, feasible: bool) -> tuple[Quantity, ...]:
 
 
 def _verification(study: RequirementStudy) -> tuple[tuple[Quantity, ...], ...]:
+    wanted = study.required.probability
     return tuple(
         (
             Quantity("set", f"{each.factor:g} x the set"),
             Quantity("runs", each.runs),
             Quantity("within", each.within, meaning="within the limit"),
             Quantity("probability", each.within / each.runs, interval=each.interval, meaning="probability (95 %)"),
-            Quantity("error", each.error, "m", meaning=f"{100 * study.required.probability:g} % error"),
-            Quantity(
-                "meets",
-                each.meets(study.required.probability),
-                meaning=f"agrees with {100 * study.required.probability:g} %",
-            ),
+            Quantity("error", each.error, "m", meaning=f"{100 * wanted:g} % error"),
+            Quantity("meets", each.meets(wanted), meaning=f"agrees with {100 * wanted:g} %"),
         )
         for each in study.verified
-    )
-
-
-def _how(study: RequirementStudy) -> str:
-    return "alone: this error and no other; in the set: all at once" + (
-        f", those of {study.imu} as given" if study.imu else ""
     )
 
 
@@ -266,23 +244,13 @@ def summary(study: RequirementStudy) -> tuple[str, ...]:
     found, required = study.allocation, study.required
     lines = [f"Motion: {study.motion}."]
     if study.imu:
-        lines.append(
-            f"The figures of {study.imu} alone make {number(found.given)} m: "
-            + (
-                "the other errors share what is left."
-                if found.feasible
-                else f"{number(found.given / required.error)} times the limit, so nothing is left for other errors."
-            )
-        )
+        left = f"{number(found.given / required.error)} times the limit, so nothing is left for other errors."
+        left = "the other errors share what is left." if found.feasible else left
+        lines.append(f"The figures of {study.imu} alone make {number(found.given)} m: {left}")
     if found.feasible:
         tight = sorted((share for share in found.shares if not share.given and not share.capped), key=lambda s: -s.part)
-        lines.append(
-            "A balanced set: "
-            + ", ".join(
-                f"{share.family} {number(share.size / UNITS[share.unit][1])} {share.unit}" for share in tight[:6]
-            )
-            + "; see the table."
-        )
+        sizes = (f"{each.family} {number(each.size / UNITS[each.unit][1])} {each.unit}" for each in tight[:6])
+        lines.append(f"A balanced set: {', '.join(sizes)}; see the table.")
     lines += [_verified(each, study) for each in study.verified]
     return tuple(lines)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from insnav.errors.requirement.parts import Candidate
@@ -34,15 +36,15 @@ def nearest(study: RequirementStudy, count: int) -> list[Candidate]:
     return [each for each in study.candidates if any(each is one for one in order)]
 
 
-def part_panels(study: RequirementStudy) -> tuple[Panel, ...]:
+def part_panels(study: RequirementStudy) -> Iterator[Panel]:
     """Draw the error of every part over time, the IMU alone and with the NHC, with the limit.
 
     Parts near the limit have names of their own, the others that of their class.
     """
     required, named = study.required, nearest(study, NAMED)
     kinds: tuple[Kind, ...] = ("line", "dashed") * NAMED
-    x = np.array([required.after])
-    panels = []
+    x, y = np.array([required.after]), np.array([required.error])
+    label = f"{required.component} error, {100 * required.probability:g} % [m]"
     for title, kind in (("the IMU alone", "alone"), ("with non-holonomic constraint (NHC)", "nhc")):
         curves = [
             Curve(f"others, {each.grade}", study.time, _error(each, kind), GRADES[each.grade], "thin")
@@ -54,21 +56,18 @@ def part_panels(study: RequirementStudy) -> tuple[Panel, ...]:
             for each, how in zip(named, kinds, strict=False)
         ]
         text = (f"required: {required.error:g} m after {required.after:g} s",)
-        curves.append(Curve("requirement", x, np.array([required.error]), BLACK, "points", text=text))
-        panels.append(
-            Panel(
-                f"parts_{kind}",
-                f"Error over time, {title}",
-                f"{required.component} error, {100 * required.probability:g} % [m]",
-                "time without GPS [s]",
-                tuple(curves),
-                link="parts",
-                log_y=True,
-                levels=((required.error, "limit"),),
-                height=330,
-            )
+        curves.append(Curve("requirement", x, y, BLACK, "points", text=text))
+        yield Panel(
+            f"parts_{kind}",
+            f"Error over time, {title}",
+            label,
+            "time without GPS [s]",
+            tuple(curves),
+            "parts",
+            log_y=True,
+            levels=((required.error, "limit"),),
+            height=330,
         )
-    return tuple(panels)
 
 
 def _error(each: Candidate, kind: str) -> FloatArray:
@@ -78,23 +77,19 @@ def _error(each: Candidate, kind: str) -> FloatArray:
 def allocation_panel(study: RequirementStudy) -> Panel:
     """Draw what each error may be in the set, as a part of what it may be alone."""
     shares = [share for share in study.allocation.shares if np.isfinite(share.alone)]
-    kinds = {"of the set": BLUE, "given": ORANGE, "hardly acts": GREY}
+    kinds = ["given" if share.given else "hardly acts" if share.capped else "of the set" for share in shares]
+    texts = [
+        f"{share.family}: {number(share.size / UNITS[share.unit][1])} {share.unit} in the set, "
+        f"{number(share.alone / UNITS[share.unit][1])} alone"
+        for share in shares
+    ]
     curves = []
-    for kind, colour in kinds.items():
-        own = [
-            (row, share)
-            for row, share in enumerate(shares)
-            if kind == ("given" if share.given else "hardly acts" if share.capped else "of the set")
-        ]
+    for kind, colour in (("of the set", BLUE), ("given", ORANGE), ("hardly acts", GREY)):
+        own = [row for row, each in enumerate(kinds) if each == kind]
         if own:
-            part = np.array([min(share.size / share.alone, 1.2) for _, share in own])
-            texts = tuple(
-                f"{share.family}: {number(share.size / UNITS[share.unit][1])} {share.unit} in the set, "
-                f"{number(share.alone / UNITS[share.unit][1])} alone"
-                for _, share in own
-            )
-            rows = np.array([float(row) for row, _ in own])
-            curves.append(Curve(kind, part, rows, colour, "bars", np.zeros(len(own)), text=texts))
+            part = np.array([min(shares[row].size / shares[row].alone, 1.2) for row in own])
+            rows, text = np.array(own, dtype=np.float64), tuple(texts[row] for row in own)
+            curves.append(Curve(kind, part, rows, colour, "bars", np.zeros(len(own)), text=text))
     return Panel(
         "allocation",
         "How large each error may be",
