@@ -18,7 +18,7 @@ from insnav.errors.platform_errors import (
 from insnav.errors.schuler import StaticErrors, static_errors
 from insnav.gimbal import INTEGRATORS, PlatformErrors, integral
 from insnav.quantity import Quantity
-from insnav.report.page import Page, Section, Verdict, drawn
+from insnav.report.page import Page, Section, Verdict, drawn, only_json
 from insnav.report.platform.page import periods_section
 from insnav.report.platform.panels import both_panels, convergence_panel, flight_panels, straight_panels
 from insnav.simulate import circle, straight
@@ -48,8 +48,8 @@ def demonstration() -> Page:
     theory = static_errors(rest.time, LAT, 0.0, ERRORS)
     turning = compare_with_strapdown(holding(PATTERN), ERRORS, PATTERN_RATE, 10.0)
     ends = {
-        "platform": float(np.hypot(*turning.platform[-1, :2])),
-        "strapdown": float(np.hypot(*turning.strapdown[-1, :2])),
+        name: float(np.hypot(*error[-1, :2]))
+        for name, error in (("platform", turning.platform), ("strapdown", turning.strapdown))
     }
     apart = float(np.abs(rest.platform[:, :2] - theory.position).max() / np.abs(theory.position).max())
     at_rest, in_turns = "A day at rest, latitude 45°", "The same errors in a turning vehicle"
@@ -73,7 +73,7 @@ def demonstration() -> Page:
             _flown(flight),
             *_day(rest, theory),
             periods_section(records, rest.time, LAT, 0.0),
-            Section("pattern_end", items=tuple(Quantity(name, end, "m") for name, end in ends.items()), show="json"),
+            only_json("pattern_end", *(Quantity(name, end, "m") for name, end in ends.items())),
         ),
         assumptions=(
             f"Errors: {_ERRORS_TEXT}; along north, east, down on the platform, along forward, right, down in the "
@@ -101,14 +101,11 @@ def demonstration() -> Page:
 
 def _known(orders: Sequence[Convergence]) -> Section:
     x = np.linspace(0.0, 3.0, 31)
+    on_line = {each.integrator: float(integral(x, 2.0 * x, each.integrator)[-1] - 9.0) for each in orders}
     rows = tuple(
         (
             Quantity("integrator", each.integrator),
-            Quantity(
-                "error_on_line",
-                float(integral(x, 2.0 * x, each.integrator)[-1] - 9.0),
-                meaning="y = 2x, 30 steps, error at 3",
-            ),
+            Quantity("error_on_line", on_line[each.integrator], meaning="y = 2x, 30 steps, error at 3"),
             Quantity("order_on_sine", each.order, meaning="y = sin t, measured order", decimals=3),
         )
         for each in orders
@@ -117,33 +114,22 @@ def _known(orders: Sequence[Convergence]) -> Section:
 
 
 def _flown(flight: Mapping[float, Sequence[TrajectoryErrors]]) -> Section:
-    rows = tuple(
-        (
-            Quantity("integrator", name),
-            *(
-                each
-                for rate, found in flight.items()
-                for each in (
-                    Quantity(f"position_{rate:g}_Hz", float(found[i].horizontal.max()), "m", meaning=f"{rate:g} Hz"),
-                    Quantity(
-                        f"velocity_{rate:g}_Hz",
-                        float(np.abs(found[i].velocity).max()),
-                        "m/s",
-                        meaning=f"{rate:g} Hz",
-                    ),
-                )
-            ),
-        )
-        for i, name in enumerate(INTEGRATORS)
-    )
+    rows = []
+    for i, name in enumerate(INTEGRATORS):
+        row = [Quantity("integrator", name)]
+        for rate, found in flight.items():
+            position, velocity = float(found[i].horizontal.max()), float(np.abs(found[i].velocity).max())
+            row.append(Quantity(f"position_{rate:g}_Hz", position, "m", meaning=f"{rate:g} Hz"))
+            row.append(Quantity(f"velocity_{rate:g}_Hz", velocity, "m/s", meaning=f"{rate:g} Hz"))
+        rows.append(tuple(row))
     title = f"Largest error against truth in {FLIGHT / 60:g} min of {_MOTION}"
     note = "position, and velocity; the motion has a closed form, the sensors are without error"
-    return Section("flight_largest_error", title, rows=rows, note=note, keyed=True)
+    return Section("flight_largest_error", title, rows=tuple(rows), note=note, keyed=True)
 
 
 def _day(rest: PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
     records = {"closed form": theory.position, "platform": rest.platform[:, :2], "strapdown": rest.strapdown[:, :2]}
-    largest = tuple(Quantity(name, np.abs(error).max(axis=0), "m") for name, error in records.items())
+    largest = (Quantity(name, np.abs(error).max(axis=0), "m") for name, error in records.items())
     rows = []
     for k, axis in enumerate(("north", "east")):
         size = float(np.ptp(theory.position[:, k]))
@@ -157,5 +143,5 @@ def _day(rest: PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
     note = "vertical channel off, height held"
     return (
         Section("", f"{DAY / 3600:g} h at rest", rows=tuple(rows), note=note),
-        Section("day_largest_n_e", items=largest, show="json"),
+        only_json("day_largest_n_e", *largest),
     )

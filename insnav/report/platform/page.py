@@ -12,7 +12,7 @@ from insnav.errors.platform_errors import AGAINST, PlatformStudy
 from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods
 from insnav.gimbal import DAMPING_TIME, Integrator, PlatformRun, torquing_rates
 from insnav.quantity import Quantity
-from insnav.report.page import Page, Section, Verdict, drawn
+from insnav.report.page import Page, Section, Verdict, drawn, only_json
 from insnav.report.platform.panels import (
     difference_panels,
     platform_error_panels,
@@ -45,7 +45,7 @@ def platform_page(study: PlatformStudy) -> Page:
         (f"Integrator {study.chosen}, vertical channel {run.vertical}.",),
         (
             *_drawn(study, theory, differences),
-            Section("", items=(Quantity("integrator", study.chosen), Quantity("vertical", run.vertical)), show="json"),
+            only_json("", Quantity("integrator", study.chosen), Quantity("vertical", run.vertical)),
             Section("end", "At the end", rows=tuple(_state(*each) for each in study.runs.items()), keyed=True),
             _differences(differences, to_reference=study.reference is not None),
             *(_errors(study, theory) if study.errors.any else ()),
@@ -103,13 +103,10 @@ def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, to_refer
         )
         for name, each in differences.items()
     )
-    return Section(
-        f"largest_difference_to_{'reference' if to_reference else AGAINST}",
-        f"Horizontal difference to {'the reference' if to_reference else 'fourth order'}",
-        rows=rows,
-        note="on a platform without errors" if to_reference else "",
-        keyed=True,
-    )
+    which = "the reference" if to_reference else "fourth order"
+    key = f"largest_difference_to_{'reference' if to_reference else AGAINST}"
+    note = "on a platform without errors" if to_reference else ""
+    return Section(key, f"Horizontal difference to {which}", rows=rows, note=note, keyed=True)
 
 
 def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section, ...]:
@@ -142,7 +139,7 @@ def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section,
                 row.append(Quantity("difference", float(np.abs(values - closed)[:, k].max()), unit))
             rows.append(tuple(row))
     sections = (
-        Section("platform_errors", items=tuple(items), show="json"),
+        only_json("platform_errors", *items),
         Section("", "Impact of the platform's errors", rows=tuple(rows)),
     )
     lat, _, height = run.undisturbed.lla[0]

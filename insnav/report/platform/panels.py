@@ -31,24 +31,24 @@ def platform_track(run: PlatformRun, ref: Trajectory | None) -> Track:
     others = [] if ref is None else [("reference", ref, GREY)]
     if run.undisturbed is not solution:
         others.append(("without the platform's errors", run.undisturbed, GREEN))
-    origin = solution.lla[0]
-    behind = []
-    for name, each, colour in others:
-        north, east, _ = ned_offset(each.lla, origin).T
-        behind.append(Curve(name, east, north, colour))
-    north, east, _ = ned_offset(solution.lla, origin).T
-    clock = Clock.of(solution.time)
+
+    def on_map(lla: FloatArray) -> tuple[FloatArray, FloatArray]:
+        north, east, _ = ned_offset(lla, solution.lla[0]).T
+        return east, north
+
+    behind = tuple(Curve(name, *on_map(each.lla), colour=colour) for name, each, colour in others)
     shade = Shade("speed [m/s]", np.linalg.norm(solution.v_n[:, :2], axis=1))
-    return Track("track", "Track", east, north, clock(solution.time), (shade,), "time", behind=tuple(behind))
+    east, north = on_map(solution.lla)
+    time = Clock.of(solution.time)(solution.time)
+    return Track("track", "Track", east, north, time, (shade,), "time", behind=behind)
 
 
 def platform_velocity(run: PlatformRun) -> tuple[Panel, ...]:
     """Draw velocity East, North, Up, and the height if it is computed."""
     v_n, computed = run.solution.v_n, run.vertical != "off"
     lines = [("east", v_n[:, 1], AXIS_COLOURS[0]), ("north", v_n[:, 0], AXIS_COLOURS[1])]
-    rows = [
-        ("Velocity", "velocity [m/s]", [*lines, *([("up", -v_n[:, 2], AXIS_COLOURS[2])] if computed else [])], 1e-3)
-    ]
+    lines += [("up", -v_n[:, 2], AXIS_COLOURS[2])] if computed else []
+    rows = [("Velocity", "velocity [m/s]", lines, 1e-3)]
     if computed:
         rows.append(("Height", "height [m]", [("height", run.solution.lla[:, 2], BLUE)], 0.01))
     return over_time(run.solution.time, rows, f"integrator {run.integrator}, vertical channel {run.vertical}")
@@ -75,23 +75,16 @@ def platform_error_panels(run: PlatformRun, theory: StaticErrors | None) -> tupl
         ("Velocity error", "error [m/s]", velocity, theory.velocity if theory else None),
         ("Tilt", "tilt [arcmin]", run.tilt / arcmin, theory.tilt / arcmin if theory else None),
     )
-    panels = over_time(
-        run.solution.time,
-        [
-            (title, label, list(zip(_NED, values.T, AXIS_COLOURS, strict=False)), 0.0)
-            for title, label, values, _ in blocks
-        ],
-        f"solution minus the same without the platform's errors{'; dashed: closed form' if theory else ''}",
-    )
-    closed = [
-        () if expected is None else tuple(Curve("closed form", p.curves[0].x, y, BLACK, "dashed") for y in expected.T)
-        for p, (*_, expected) in zip(panels, blocks, strict=True)
+    rows = [
+        (title, label, list(zip(_NED, values.T, AXIS_COLOURS, strict=False)), 0.0) for title, label, values, _ in blocks
     ]
-    return tuple(_with(panel, more) for panel, more in zip(panels, closed, strict=True))
-
-
-def _with(panel: Panel, more: tuple[Curve, ...]) -> Panel:
-    return replace(panel, curves=(*panel.curves, *more))
+    note = f"solution minus the same without the platform's errors{'; dashed: closed form' if theory else ''}"
+    found = []
+    for panel, (*_, expected) in zip(over_time(run.solution.time, rows, note), blocks, strict=True):
+        at, closed = panel.curves[0].x, () if expected is None else expected.T
+        more = (Curve("closed form", at, y, BLACK, "dashed") for y in closed)
+        found.append(replace(panel, curves=(*panel.curves, *more)))
+    return tuple(found)
 
 
 def both_panels(found: PlatformComparison, theory: StaticErrors | None, key: str, note: str) -> tuple[Panel, ...]:
@@ -158,37 +151,25 @@ def flight_panels(found: Mapping[float, Sequence[TrajectoryErrors]], motion: str
 
     `found`: by sampling rate [Hz], in the order of `INTEGRATORS`.
     """
-    lines = [each.horizontal for errors in found.values() for each in errors]
-    return tuple(
-        _differing(
-            f"flight_{rate:g}",
-            f"Sampled at {rate:g} Hz",
-            "error [m]",
-            {name: (e.time, e.horizontal) for name, e in zip(INTEGRATORS, errors, strict=True)},
-            _decades(lines),
-            motion,
-        )
-        for rate, errors in found.items()
-    )
+    limits = _decades([each.horizontal for errors in found.values() for each in errors])
+    panels = []
+    for rate, errors in found.items():
+        lines = {name: each.horizontal for name, each in zip(INTEGRATORS, errors, strict=True)}
+        title = f"Sampled at {rate:g} Hz"
+        panels.append(_differing(f"flight_{rate:g}", title, "error [m]", errors[0].time, lines, limits, motion))
+    return tuple(panels)
 
 
 def difference_panels(differences: Mapping[Integrator, TrajectoryErrors], against: str) -> tuple[Panel, ...]:
     """Draw how far the integrators are from one of them, or from a reference."""
-    sizes = (
-        ("Position", "m", {name: (each.time, each.horizontal) for name, each in differences.items()}),
-        ("Velocity", "m/s", {name: (each.time, speed_of(each)) for name, each in differences.items()}),
-    )
-    return tuple(
-        _differing(
-            f"difference_{what}".lower(),
-            f"{what} of the integrators against {against}",
-            f"horizontal [{unit}]",
-            lines,
-            _decades([values for _, values in lines.values()]),
-            "",
-        )
-        for what, unit, lines in sizes
-    )
+    time = next(iter(differences.values())).time
+    panels = []
+    for what, unit, size in (("Position", "m", lambda each: each.horizontal), ("Velocity", "m/s", speed_of)):
+        lines = {name: size(each) for name, each in differences.items()}
+        title = f"{what} of the integrators against {against}"
+        limits = _decades(list(lines.values()))
+        panels.append(_differing(f"difference_{what}".lower(), title, f"horizontal [{unit}]", time, lines, limits))
+    return tuple(panels)
 
 
 def speed_of(errors: TrajectoryErrors) -> FloatArray:
@@ -200,15 +181,16 @@ def _differing(
     key: str,
     title: str,
     label: str,
-    lines: Mapping[Integrator, tuple[FloatArray, FloatArray]],
+    time: FloatArray,
+    lines: Mapping[Integrator, FloatArray],
     limits: tuple[float, float],
-    note: str,
+    note: str = "",
 ) -> Panel:
     """One logarithmic panel with a line for each integrator; backward, which may lie on forward, is dashed."""
-    clock = Clock.of(next(iter(lines.values()))[0])
+    clock = Clock.of(time)
     curves = tuple(
         Curve(name, clock(time), np.maximum(y, limits[0]), COLOURS[name], "dashed" if name == "backward" else "line")
-        for name, (time, y) in lines.items()
+        for name, y in lines.items()
     )
     return Panel(key, title, label, clock.label, curves, "time", note, log_y=True, limits=limits)
 

@@ -63,6 +63,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     columns = dict(zip(FIGURES, runs.figures.T, strict=True))
     share = inside(found).mean(axis=0) if len(found.nees) else ()
     nees = {name: float(columns[f"nees_{name}"].mean()) for name in GROUPS[: len(share)]}
+    inside_band = dict(zip(GROUPS, map(float, share), strict=False))
     horizontal = columns["rms_horizontal"]
     positions, rejected, resets = (int(columns[name].sum()) for name in _COUNTS)
     failed = _failure_lines(runs)
@@ -70,17 +71,13 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
         Quantity("runs", len(runs.number)),
         Quantity("rms_horizontal", {"mean": float(horizontal.mean()), "largest": float(horizontal.max())}, "m"),
         Quantity("nees_per_axis", nees, meaning="NEES per axis"),
-        Quantity(
-            "nees_inside_band", dict(zip(GROUPS, map(float, share), strict=False)), meaning="share inside the band"
-        ),
+        Quantity("nees_inside_band", inside_band, meaning="share inside the band"),
         Quantity("nees_band", BAND, meaning="probability of the band", digits=2),
         Quantity("fixes", positions),
         Quantity("rejected", rejected),
         Quantity("resets", resets),
     )
-    inside_text = ", ".join(
-        f"{name} {number(nees[name])} ({100.0 * part:.0f} %)" for name, part in zip(nees, share, strict=False)
-    )
+    inside_text = ", ".join(f"{name} {number(nees[name])} ({100.0 * part:.0f} %)" for name, part in inside_band.items())
     count = len(runs.number)
     drawings = [drawn("ensemble", f"RMS error and stated sd of {count} runs", ensemble_panels(found), columns=3)]
     if len(found.nees):

@@ -24,7 +24,8 @@ def ensemble_panels(found: Ensemble) -> tuple[Panel, ...]:
     time, columns = broken_at_gaps(
         clock(found.time), np.column_stack((found.rms, found.sd, low * found.sd, high * found.sd))
     )
-    panels: list[Panel] = []
+    panels = []
+    note = f"{100 * BAND:.0f} % of the RMS errors lie in the band if the filter is right"
     for column in (3 * group + axis for axis in range(3) for group in range(3)):
         name, unit = _COMPONENTS[column]
         size = 180.0 / np.pi if unit == "deg" else 1.0
@@ -36,19 +37,9 @@ def ensemble_panels(found: Ensemble) -> tuple[Panel, ...]:
         )
         # by the stated sd: at rest before the start an error may be as good as none
         limits = 0.5 * float(np.nanmin(least)), 1.5 * float(max(np.nanmax(most), np.nanmax(error)))
-        panels.append(
-            Panel(
-                f"ensemble_{name.replace(' ', '_')}",
-                name.capitalize(),
-                f"error [{unit}]",
-                clock.label,
-                curves,
-                "time",
-                "" if panels else f"{100 * BAND:.0f} % of the RMS errors lie in the band if the filter is right",
-                log_y=True,
-                limits=limits,
-            )
-        )
+        key, title, label = f"ensemble_{name.replace(' ', '_')}", name.capitalize(), f"error [{unit}]"
+        panels.append(Panel(key, title, label, clock.label, curves, "time", note, log_y=True, limits=limits))
+        note = ""
     return tuple(panels)
 
 
@@ -64,18 +55,9 @@ def nees_panels(found: Ensemble) -> tuple[Panel, ...]:
             Curve(f"{100 * BAND:.0f} % of a consistent filter", time, columns[:, 4], GREY, "band", columns[:, 3]),
             Curve("mean of the runs and axes", time, columns[:, row], colour),
         )
-        panels.append(
-            Panel(
-                f"nees_{name}",
-                f"Normalised error squared of {name}: {100.0 * share[row]:.0f} % of the fixes inside",
-                "NEES / 3 [-]",
-                clock.label,
-                curves,
-                "time",
-                "" if row else "1 if the stated covariance is right",
-                limits=(0.0, _top(columns[:, row], columns[:, 4])),
-            )
-        )
+        title = f"Normalised error squared of {name}: {100.0 * share[row]:.0f} % of the fixes inside"
+        note, limits = "" if row else "1 if the stated covariance is right", (0.0, _top(columns[:, row], columns[:, 4]))
+        panels.append(Panel(f"nees_{name}", title, "NEES / 3 [-]", clock.label, curves, "time", note, limits=limits))
     return tuple(panels)
 
 

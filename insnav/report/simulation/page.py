@@ -22,7 +22,7 @@ from insnav.output.data_files import write_data
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.page import Page, Section, Verdict, drawn
+from insnav.report.page import Page, Section, Verdict, drawn, only_json
 from insnav.report.provenance import imu_model
 from insnav.report.run_json import json_ready, section_facts, versions
 from insnav.report.save import write_page
@@ -118,14 +118,9 @@ def model_texts(plan: Plan) -> dict[str, str]:
 
 def plan_metadata(plan: Plan) -> dict[str, Any]:
     """Give what every simulation has first in ``run.json``: releases, options, seed and IMU model."""
-    return {
-        "configuration": plan.configuration,
-        "seed": plan.seed,
-        "imu_model": {"name": IDEAL}
-        if plan.imu is None
-        else section_facts([imu_model(plan.imu, "simulated")])["imu_model"],
-        "faults": plan.configuration.get("fault", []),
-    }
+    model = {"name": IDEAL} if plan.imu is None else section_facts([imu_model(plan.imu, "simulated")])["imu_model"]
+    faults = plan.configuration.get("fault", [])
+    return {"configuration": plan.configuration, "seed": plan.seed, "imu_model": model, "faults": faults}
 
 
 def model_name(model: ImuSpec | GpsSpec | None) -> str:
@@ -142,12 +137,10 @@ def sensor_section(plan: Plan, *more: Quantity) -> Section:
         *more,
     )
     if plan.gps is None:
-        return Section("", items=items, show="json")
-    correlated = (
-        Quantity("share", correlated_share(plan.gps)),
-        Quantity("correlation_time", plan.gps.errors.correlation_time, "s"),
-    )
-    return Section("", items=items, parts=(Section("gps_time_correlated", items=correlated),), show="json")
+        return only_json("", *items)
+    share, time = correlated_share(plan.gps), plan.gps.errors.correlation_time
+    correlated = only_json("gps_time_correlated", Quantity("share", share), Quantity("correlation_time", time, "s"))
+    return only_json("", *items, parts=(correlated,))
 
 
 def correlated_share(gps: GpsSpec) -> float:
@@ -299,10 +292,8 @@ def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
         Quantity("start_lon", float(lon), "deg"),
         Quantity("start_height", float(height), "m"),
     )
-    parts = (
-        Section("", items=more, show="json"),
-        *(() if plan.motion.residual is None else (_replica(plan.motion.residual),)),
-    )
+    replica = () if plan.motion.residual is None else (_replica(plan.motion.residual),)
+    parts = (only_json("", *more), *replica)
     return Section("motion", f"Motion: {plan.motion.purpose or plan.motion.name}", shown, parts=parts)
 
 
@@ -316,7 +307,7 @@ def _replica(apart: Residual) -> Section:
         Quantity("max_acceleration_time", apart.acceleration_time, "s", meaning="at", decimals=1),
         Quantity("longest_gap", apart.gap, "s", meaning="longest data gap of the track"),
     )
-    parts = (Section("", items=(Quantity("doubts", apart.doubts),), show="json"),)
+    parts = (only_json("", Quantity("doubts", apart.doubts)),)
     return Section("replica", "Simulated replica minus its track", items, parts=parts)
 
 
