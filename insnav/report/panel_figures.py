@@ -43,7 +43,7 @@ def draw_drawings(drawings: Sequence[Drawing], title: str, note: str = "", *, co
     every = figure.subplots(rows, columns, squeeze=False, sharex="col" if shared else "none", gridspec_kw=grid)
     if any(each.rows for each in panels):
         longest = max(len(name) for each in panels for name in each.rows)
-        figure.subplots_adjust(left=min(0.45, (0.3 + 0.075 * longest) / figure.get_figwidth()))
+        figure.subplots_adjust(left=min(0.6, (0.3 + 0.075 * longest) / figure.get_figwidth()))
     mode = next(iter(modes(panels)), "")
     for i, axes in enumerate(every.flat):
         if i >= len(panels):
@@ -59,10 +59,8 @@ def draw_drawings(drawings: Sequence[Drawing], title: str, note: str = "", *, co
 def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True, letters: int = _BESIDE) -> None:
     """Draw what a panel shows under one position of the switch; `letters`: that title and legend may share."""
     low, high = (-0.6, len(panel.rows) - 0.4) if panel.rows else limits_of(panel, mode) or (0.0, 1.0)
-    for axis, log in ((axes.xaxis, panel.log_x), (axes.yaxis, panel.log_y)):
-        if log:
-            (axes.set_xscale if axis is axes.xaxis else axes.set_yscale)("log")
-            logarithmic(axis)
+    axes.set_xscale("log" if panel.log_x else "linear")
+    axes.set_yscale("log" if panel.log_y else "linear")
     for start, end in panel.spans:
         axes.axvspan(start, end, color=ORANGE, alpha=0.18, linewidth=0.0, zorder=0.5)
     for curve in panel.curves:
@@ -74,6 +72,8 @@ def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True
         axes.set_yticks(range(len(panel.rows)), panel.rows)
         low, high = high, low  # the first row stands at the top
     axes.set_ylim(low, high)
+    for axis in ((axes.xaxis,) if panel.log_x else ()) + ((axes.yaxis,) if panel.log_y else ()):
+        logarithmic(axis)
     axes.set_ylabel(panel.y_label)
     handles, labels = axes.get_legend_handles_labels()
     entries = dict(zip(reversed(labels), reversed(handles), strict=True))

@@ -18,6 +18,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 FigureFormat = Literal["png", "svg", "pdf"]
 
 DOTS_PER_INCH = 130
+_LONG = 1e8  # ends of a logarithmic axis so far apart have no room for more than powers of ten
 
 _RC: Any = {
     "font.family": "sans-serif",
@@ -89,8 +90,9 @@ def save_pages(figures: Sequence[Figure], file: Path) -> Path:
 
 
 def logarithmic(axis: Axis) -> None:
-    """Mark a logarithmic axis at 1, 2 and 5 of each power of ten, as plain numbers."""
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    """Mark a logarithmic axis at 1, 2 and 5 of each power of ten, a long one at powers, as plain numbers."""
+    low, high = sorted(axis.get_view_interval())
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < _LONG * low else (1.0,)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 

@@ -56,9 +56,9 @@ def test_everything_is_drawn(count: int, result: Result, baseline: Baseline, tmp
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         files = write_pages(tmp_path, result, history, baseline, compare(result, baseline), THEN, [peer])
-    assert len([file for file in files if file.suffix == ".png"]) == 9
+    assert len([file for file in files if file.suffix == ".png"]) == 8
     page = (tmp_path / PAGE).read_text()
-    assert page.count("data:image/png;base64,") == 9
+    assert page.count("data:image/png;base64,") == 8
     assert "0.0.9" in page
     text = (tmp_path / SECTION).read_text()
     assert "| sculling | another | 0.100 | 0.200 | – |" in text

@@ -9,9 +9,10 @@ import pytest
 
 from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
-from insnav.report.certificate.figures import draw_certificate
 from insnav.report.certificate.page import certificate_markdown, certificate_page
+from insnav.report.certificate.panel import certificate_panel
 from insnav.report.page import Table, section_tables
+from insnav.report.panel_figures import draw_drawings
 from insnav.report.run_json import page_facts
 from insnav.report.style import drawing
 from insnav.report.terminal import page_text
@@ -65,17 +66,21 @@ def test_markdown_has_a_cell_for_everyone():
     assert lines[5] == "| platform: order of convergence | 0.1 | 0.20 ! |  | 0.010 |"
 
 
-def test_the_figure_has_every_figure_and_reddens_what_failed():
+def test_the_panel_has_every_figure_and_reddens_what_failed():
+    panel = certificate_panel(CHECKS)
+    curves = {curve.name: curve for curve in panel.curves}
+    assert curves["insnav: passed"].y.tolist() == [0, 1, 4]
+    assert curves["insnav: FAILED"].y.tolist() == [2, 3]
+    assert curves["insnav: FAILED"].x[1] == pytest.approx(2.0)
+    assert curves["euler"].x[0] == pytest.approx(810.0)
+    assert curves["euler"].text[0] == "1 deg, 5 Hz, euler: 16.2 of 0.02 deg/h"
+    assert all(np.isfinite(curve.x).all() and (curve.x > 0.0).all() for curve in panel.curves)
+    assert panel.rows[4] == "gravity: equator"
     with drawing():
-        axes = draw_certificate(CHECKS).axes[0]
-    lines = {str(line.get_label()): line for line in axes.lines}
-    assert lines["insnav: passed"].get_ydata().tolist() == [0, 1, 4]
-    assert lines["insnav: FAILED"].get_ydata().tolist() == [2, 3]
-    assert lines["insnav: FAILED"].get_xdata()[1] == pytest.approx(2.0)
-    assert lines["euler"].get_xdata()[0] == pytest.approx(810.0)
-    low, high = axes.get_xlim()
-    assert all((low < line.get_xdata()).all() and (line.get_xdata() < high).all() for line in lines.values())
+        (axes,) = draw_drawings([panel], "certificate").axes
     assert [label.get_text() for label in axes.get_yticklabels()][4] == "gravity: equator"
+    low, high = axes.get_xlim()
+    assert all((low < curve.x).all() and (curve.x < high).all() for curve in panel.curves)
 
 
 def test_where_all_are_judged_the_worst_counts():
@@ -83,14 +88,10 @@ def test_where_all_are_judged_the_worst_counts():
     facts = page_facts(certificate_page(Certificate((check,), 1.0)))
     assert facts["failed"] == ["platform: order"]
     assert facts["checks"][0]["required"] == ["fourth", "mean"]
-    with drawing():
-        axes = draw_certificate((check,)).axes[0]
-    (red,) = (line for line in axes.lines if line.get_label() == "insnav: FAILED")
-    assert red.get_xdata().tolist() == pytest.approx([3.0])
+    (red,) = (curve for curve in certificate_panel((check,)).curves if curve.name == "insnav: FAILED")
+    assert red.x.tolist() == pytest.approx([3.0])
 
 
 def test_a_certificate_that_passes_has_nothing_red():
-    with drawing():
-        axes = draw_certificate(CHECKS[:2]).axes[0]
-    assert "insnav: FAILED" not in axes.get_legend_handles_labels()[1]
+    assert "insnav: FAILED" not in {curve.name for curve in certificate_panel(CHECKS[:2]).curves}
     assert certificate_page(Certificate(CHECKS[:2], 1.0)).warnings == ()

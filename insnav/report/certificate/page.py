@@ -10,8 +10,8 @@ from itertools import groupby
 from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
 from insnav.quantity import Quantity
-from insnav.report.certificate.figures import draw_certificate
-from insnav.report.page import FigureSpec, Page, Section, Verdict, cell
+from insnav.report.certificate.panel import certificate_panel
+from insnav.report.page import Page, Section, Verdict, cell, drawn, only_json
 from insnav.report.run_json import versions
 
 _EXCEEDS = "!"  # behind an error that exceeds the limit
@@ -22,9 +22,6 @@ def certificate_page(certificate: Certificate) -> Page:
     checks, failed = certificate.checks, certificate.failed
     lines = tuple(f"{check.topic}: {check.case}" for check in failed)
     machine = f"{platform.system()} {platform.machine()}"
-    figure = FigureSpec(
-        "certificate", "Error of every integrator in parts of its limit", lambda: draw_certificate(checks)
-    )
     said = f"{len(checks) - len(failed)} of {len(checks)} checks passed in {certificate.seconds:.1f} s"
     return Page(
         "Numerical certificate: " + ("all checks passed" if not failed else f"{len(failed)} FAILED"),
@@ -34,19 +31,16 @@ def certificate_page(certificate: Certificate) -> Page:
             "exceeds the limit, – what is no number.",
         ),
         (
-            Section(
+            only_json(
                 "",
-                items=(
-                    Quantity("machine", machine),
-                    Quantity("duration", certificate.seconds, "s"),
-                    Quantity("passed", not failed),
-                    Quantity("failed", lines),
-                ),
-                show="json",
+                Quantity("machine", machine),
+                Quantity("duration", certificate.seconds, "s"),
+                Quantity("passed", not failed),
+                Quantity("failed", lines),
             ),
             Section("checks", rows=tuple(_facts(check) for check in checks), show="json"),
             *(_topic(topic, list(rows)) for topic, rows in groupby(checks, key=lambda check: check.topic)),
-            Section("", figures=(figure,)),
+            drawn("certificate", "Error of every integrator in parts of its limit", (certificate_panel(checks),)),
         ),
         tuple(f"FAILED: {line}" for line in lines),
         verdict=Verdict(

@@ -1,4 +1,4 @@
-"""Accuracy over versions, error growth, predicted against actual error, and where this version differs."""
+"""Accuracy over versions, error growth, predicted against actual error."""
 
 from __future__ import annotations
 
@@ -9,27 +9,20 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from scipy.special import stdtrit
 
-from insnav.regression.accuracy_metrics import FAILS_FROM, METRICS, Metric
+from insnav.regression.accuracy_metrics import FAILS_FROM, Metric
 from insnav.regression.baseline import Baseline
 from insnav.regression.evaluate import GROWTH
 from insnav.regression.history import Entry
 from insnav.regression.run_corpus import CaseResult
-from insnav.regression.verdict import Comparison
 from insnav.report.colours import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, SKY, VERMILLION
-from insnav.report.style import (
-    blank,
-    legend_above,
-    logarithmic,
-)
+from insnav.report.style import blank, legend_above, logarithmic
 from insnav.types import FloatArray
 
 _COLUMNS = 4
 _TICKS = 5  # versions named below a panel, at most
-_CLIP = 0.25  # relative change at which the heat map is as dark as it gets
 _GROUPS = (
     ("position", "m", slice(0, 3)),
     ("velocity", "m/s", slice(3, 6)),
@@ -206,49 +199,6 @@ def draw_predicted(cases: Mapping[str, CaseResult]) -> Figure | None:
         axes.legend(loc="lower right")
     figure.subplots_adjust(bottom=0.2, left=0.08)
     return figure
-
-
-def draw_heat(comparison: Comparison) -> Figure | None:
-    """Draw how much every figure of every case has changed since the baseline."""
-    changes = [change for change in comparison.changes if change.metric.kind != "cpu"]
-    if not changes:
-        return None
-    names = list(dict.fromkeys(change.case for change in changes))
-    present = {change.metric.key for change in changes}
-    metrics = [metric for metric in METRICS if metric.key in present]
-    value = np.full((len(names), len(metrics)), np.nan)
-    for change in changes:
-        column = next(i for i, metric in enumerate(metrics) if metric.key == change.metric.key)
-        value[names.index(change.case), column] = change.shift.change
-    figure = blank(
-        11.4,
-        3.1 + 0.27 * len(names),
-        "Change of every figure since the baseline",
-        "red: larger errors, blue: smaller; + worse and – better beyond chance; × fails; hatched: not known",
-    )
-    axes = figure.subplots()
-    figure.subplots_adjust(left=0.17, bottom=2.05 / figure.get_figheight(), right=0.97)
-    axes.set_facecolor("#EEEEEE")
-    image = axes.imshow(100.0 * value, cmap="RdBu_r", vmin=-100 * _CLIP, vmax=100 * _CLIP, aspect="auto")
-    for row, column in np.argwhere(~np.isfinite(value)):
-        axes.add_patch(_hatched(row, column))
-    for change in changes:
-        mark = "×" if change.fails else {"better": "–", "worse": "+", "same": ""}[change.verdict]
-        if mark:
-            column = next(i for i, metric in enumerate(metrics) if metric.key == change.metric.key)
-            axes.text(column, names.index(change.case), mark, ha="center", va="center", fontweight="bold", fontsize=10)
-    axes.set_xticks(
-        range(len(metrics)), [metric.label for metric in metrics], rotation=60, ha="right", rotation_mode="anchor"
-    )
-    axes.set_yticks(range(len(names)), names)
-    axes.grid(False)
-    bar = figure.colorbar(image, ax=axes, fraction=0.025, pad=0.015)
-    bar.set_label("change [%]")
-    return figure
-
-
-def _hatched(row: int, column: int) -> Rectangle:
-    return Rectangle((column - 0.5, row - 0.5), 1.0, 1.0, fill=False, hatch="////", edgecolor="#CCCCCC", linewidth=0.0)
 
 
 def _small(names: Sequence[str], title: str, note: str) -> tuple[Figure, list[Axes]]:

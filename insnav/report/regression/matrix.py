@@ -46,23 +46,23 @@ def is_unclear(change: Change, tests: int) -> bool:
     return detectable(change.shift, tests) > FAILS_FROM
 
 
+def unclear_changes(comparison: Comparison) -> int:
+    """How many figures may have changed without being found."""
+    return sum(is_unclear(change, figures_tested(comparison)) for change in comparison.changes)
+
+
 def change_matrix(result: Result, comparison: Comparison, baseline: Baseline, history: Sequence[Entry]) -> Matrix:
     """Every case by every figure of merit: its change since the baseline, its history and drives behind each cell."""
     tests, found = figures_tested(comparison), {(each.case, each.metric.key): each for each in comparison.changes}
-    present = {key for _, key in found}
-    metrics = [metric for metric in METRICS if metric.key in present]
+    metrics = [metric for metric in METRICS if any(key == metric.key for _, key in found)]
     names = [name for name in result.cases if any(case == name for case, _ in found)]
-    rows = []
-    for row, name in enumerate(names):
-        cells = []
-        for column, metric in enumerate(metrics):
-            change = found.get((name, metric.key))
-            cells.append(
-                None
-                if change is None
-                else _cell(change, tests, f"cell-{row}-{column}", _behind(change, result, baseline, history))
-            )
-        rows.append((name, tuple(cells)))
+
+    def cell(row: int, column: int) -> Cell | None:
+        change = found.get((names[row], metrics[column].key))
+        behind = () if change is None else _behind(change, result, baseline, history)
+        return None if change is None else _cell(change, tests, f"cell-{row}-{column}", behind)
+
+    rows = [(name, tuple(cell(row, column) for column in range(len(metrics)))) for row, name in enumerate(names)]
     return Matrix(tuple(metric.label for metric in metrics), tuple(rows), TONES)
 
 
@@ -113,11 +113,8 @@ def _behind(change: Change, result: Result, baseline: Baseline, history: Sequenc
 def _drives(title: str, what: str, old: FloatArray, new: FloatArray) -> Table:
     pairs = list(zip(old.tolist(), new.tolist(), strict=False))[:_DRIVES]
     columns = (what, *(str(k) for k in range(1, len(pairs) + 1)))
-    return Table(
-        title,
-        columns,
-        (("baseline", *(number(a) for a, _ in pairs)), ("now", *(number(b) for _, b in pairs))),
-    )
+    then, now = (tuple(number(each) for each in side) for side in zip(*pairs, strict=True))
+    return Table(title, columns, (("baseline", *then), ("now", *now)))
 
 
 def _with_unit(metric: Metric) -> str:
@@ -135,26 +132,23 @@ def peer_matrix(peers: Sequence[PeerRow]) -> Matrix | None:
     columns = [(program, axis) for program in programs for axis in range(len(_PEER_AXES))]
     if not own or not columns:
         return None
-    rows = []
-    for name in own:
-        cells = []
-        for program, axis in columns:
-            base = "insnav, smoothed" if program.endswith("smoothed") else "insnav"
-            a, b = (_figure(others.get((name, each)), axis) for each in (base, program))
-            cells.append(_peer_cell(name, program, _PEER_AXES[axis], a, b))
-        rows.append((name, tuple(cells)))
+
+    def cell(name: str, program: str, axis: int) -> Cell | None:
+        base = "insnav, smoothed" if program.endswith("smoothed") else "insnav"
+        a, b = (_figure(others.get((name, each)), axis) for each in (base, program))
+        return _peer_cell(name, program, _PEER_AXES[axis], a, b)
+
+    rows = tuple((name, tuple(cell(name, *column) for column in columns)) for name in own)
     tones = (
         ("better2", "insnav has smaller errors"),
         ("same", f"within {100 * _TIE:g} %"),
         ("worse2", "insnav has larger errors"),
     )
-    return Matrix(tuple(f"{program}, {_PEER_AXES[axis]}" for program, axis in columns), tuple(rows), tones)
+    return Matrix(tuple(f"{program}, {_PEER_AXES[axis]}" for program, axis in columns), rows, tones)
 
 
 def _figure(row: PeerRow | None, axis: int) -> float | None:
-    if row is None:
-        return None
-    return (*row.rms, *row.attitude_deg)[axis]
+    return None if row is None else (*row.rms, *row.attitude_deg)[axis]
 
 
 def _peer_cell(case: str, program: str, axis: str, own: float | None, other: float | None) -> Cell | None:

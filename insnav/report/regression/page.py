@@ -19,9 +19,9 @@ from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import CaseResult, Result
 from insnav.regression.verdict import Change, Comparison
 from insnav.report.html import page_html
-from insnav.report.page import FigureSpec, Page, Section, Verdict, section_tables
-from insnav.report.regression.figures import draw_growth, draw_heat, draw_history, draw_predicted
-from insnav.report.regression.matrix import change_matrix, figures_tested, is_unclear, peer_matrix
+from insnav.report.page import FigureSpec, Page, Section, Verdict, only_json, section_tables
+from insnav.report.regression.figures import draw_growth, draw_history, draw_predicted
+from insnav.report.regression.matrix import change_matrix, figures_tested, peer_matrix, unclear_changes
 from insnav.report.regression.tables import (
     PEERS,
     case_section,
@@ -59,7 +59,7 @@ def write_pages(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with drawing():
-            for name, caption, draw in _drawings(result, history, baseline, comparison):
+            for name, (caption, draw) in _drawings(result, history, baseline).items():
                 figure = draw()
                 if figure is not None:
                     drawn.append((name, caption, save(figure, folder / name, "png")))
@@ -77,24 +77,19 @@ def write_pages(
 
 
 def _drawings(
-    result: Result, history: Sequence[Entry], baseline: Baseline | None, comparison: Comparison | None
-) -> list[tuple[str, str, Callable[[], Figure | None]]]:
-    """Names, captions and how to draw them; what has no data draws nothing."""
-    found: list[tuple[str, str, Callable[[], Figure | None]]] = [
-        (
-            f"accuracy_{key}",
+    result: Result, history: Sequence[Entry], baseline: Baseline | None
+) -> dict[str, tuple[str, Callable[[], Figure | None]]]:
+    """Captions and how to draw them, by name; what has no data draws nothing."""
+    over_versions: dict[str, tuple[str, Callable[[], Figure | None]]] = {
+        f"accuracy_{key}": (
             f"{BY_KEY[key].label} over the versions",
             partial(draw_history, history, baseline, BY_KEY[key]),
         )
         for key in (OVER_VERSIONS if history else ())
-    ]
-    growth = partial(draw_growth, result.cases, baseline)
-    found.append(("accuracy_growth", "Error without GPS, now and in the baseline", growth))
-    predicted = partial(draw_predicted, result.cases)
-    found.append(("accuracy_predicted", "Actual error against the one predicted", predicted))
-    if comparison is not None:
-        found.append(("accuracy_change", "Change of every figure since the baseline", partial(draw_heat, comparison)))
-    return found
+    }
+    growth = "Error without GPS, now and in the baseline", partial(draw_growth, result.cases, baseline)
+    predicted = "Actual error against the one predicted", partial(draw_predicted, result.cases)
+    return over_versions | {"accuracy_growth": growth, "accuracy_predicted": predicted}
 
 
 def regression_page(
@@ -150,10 +145,10 @@ def _verdict(comparison: Comparison | None, baseline: Baseline | None) -> Verdic
     """Whether this version is as good as the baseline, as far as the corpus can tell."""
     if comparison is None or baseline is None:
         return Verdict("unknown", "there is no baseline", "Nothing to compare with: --update-baseline makes one.")
-    tests = figures_tested(comparison)
-    unclear = sum(is_unclear(change, tests) for change in comparison.changes)
     text = verdict_text(comparison, baseline.origin)
-    sentence = f"{text[0].upper()}{text[1:]}; of {unclear} it cannot be told whether they changed by 5 %."
+    sentence = (
+        f"{text[0].upper()}{text[1:]}; of {unclear_changes(comparison)} it cannot be told whether they changed by 5 %."
+    )
     if not comparison.passed:
         return Verdict("bad", f"{len(comparison.failing) + len(comparison.broken)} figures or cases fail", sentence)
     if comparison.apart:
@@ -165,25 +160,26 @@ def _merits(result: Result, comparison: Comparison | None) -> tuple[Quantity, ..
     """How many cases, figures, changes."""
     if comparison is None:
         return (Quantity("cases", len(result.cases)),)
-    tests, verdicts = figures_tested(comparison), [change.verdict for change in comparison.changes]
+    verdicts = [change.verdict for change in comparison.changes]
     return (
         Quantity("cases", len(result.cases)),
-        Quantity("figures", tests, meaning="figures compared"),
+        Quantity("figures", figures_tested(comparison), meaning="figures compared"),
         *(Quantity(name, verdicts.count(name)) for name in ("better", "worse")),
         Quantity("failing", len(comparison.failing) + len(comparison.broken), meaning="fail"),
-        Quantity("unclear", sum(is_unclear(change, tests) for change in comparison.changes), meaning="cannot be told"),
+        Quantity("unclear", unclear_changes(comparison), meaning="cannot be told"),
     )
 
 
 def _outcome(result: Result, comparison: Comparison | None) -> Section:
-    items = (
+    found = comparison or Comparison((), {}, {})
+    return only_json(
+        "",
         Quantity("quick", result.quick),
         Quantity("passed", None if comparison is None else comparison.passed),
         Quantity("skipped", result.skipped),
-        Quantity("apart", {} if comparison is None else comparison.apart),
-        Quantity("broken", {} if comparison is None else comparison.broken),
+        Quantity("apart", found.apart),
+        Quantity("broken", found.broken),
     )
-    return Section("", items=items, show="json")
 
 
 def _case(name: str, case: CaseResult) -> tuple[Quantity, ...]:

@@ -65,13 +65,11 @@ def case_section(result: Result, comparison: Comparison | None) -> Section:
             for key, label in HEADLINES.items()
         )
         rows.append((Quantity("case", name), *cells, *_counts(name, comparison)))
-    return Section(
-        "",
-        "Accuracy, and figures that changed",
-        rows=tuple(rows),
-        note="RMS over all drives (seeds) of a case, all pieces or outages of a recorded drive, as in the "
-        "plots; whether a figure has changed is tested by logarithms, so that one bad drive does not decide it",
+    note = (
+        "RMS over all drives (seeds) of a case, all pieces or outages of a recorded drive, as in the plots; whether a "
+        "figure has changed is tested by logarithms, so that one bad drive does not decide it"
     )
+    return Section("", "Accuracy, and figures that changed", rows=tuple(rows), note=note)
 
 
 def _counts(name: str, comparison: Comparison | None) -> tuple[Quantity, ...]:
@@ -108,14 +106,9 @@ def power_section(baseline: Baseline) -> Section:
                 continue
             known = values[np.isfinite(values)]
             least = detectable_apart(known, BY_KEY[key], pieces=case.pieces, tests=tests)
-            rows.append(
-                (
-                    Quantity("case", name),
-                    Quantity("metric", key, meaning=BY_KEY[key].label),
-                    Quantity("drives", known.size, meaning="pieces" if case.pieces else "drives"),
-                    Quantity("detectable", least if least <= UNDETECTABLE else None, "%"),
-                )
-            )
+            row = Quantity("case", name), Quantity("metric", key, meaning=BY_KEY[key].label)
+            drives = Quantity("drives", known.size, meaning="pieces" if case.pieces else "drives")
+            rows.append((*row, drives, Quantity("detectable", least if least <= UNDETECTABLE else None, "%")))
     return Section(
         "power",
         f"Smallest change of each figure that is found in {100 * POWER:g} % of all cases",
