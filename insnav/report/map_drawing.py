@@ -8,9 +8,7 @@ from matplotlib.figure import Figure
 
 from insnav.report.colours import BLACK, GREEN
 from insnav.report.numbers import distance_text
-from insnav.report.style import (
-    blank,
-)
+from insnav.report.style import blank
 from insnav.types import FloatArray
 
 _NARROWEST_M = 4.0  # a vehicle at rest needs a map too

@@ -8,7 +8,7 @@ from typing import Any
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.reading import ReadingFacts
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.page import Section
+from insnav.report.page import Section, only_json
 from insnav.report.run_json import json_ready
 from insnav.result import Result
 
@@ -22,7 +22,7 @@ def provenance(result: Result[Any]) -> tuple[Section, ...]:
     return (
         *(_inputs(result.inputs) if result.inputs else ()),
         *((imu_model(*result.imu_model),) if result.imu_model is not None else ()),
-        Section("", items=(Quantity("configuration", dict(result.options)),), show="json"),
+        only_json("", Quantity("configuration", dict(result.options))),
         Section("", "Options", rows=_options(result.options), show="page", folded=True),
     )
 
@@ -49,7 +49,7 @@ def _inputs(inputs: Mapping[str, ReadingFacts]) -> tuple[Section, ...]:
         for text in (*each.evidence, f"columns: {columns[name]}")
     )
     return (
-        Section("input", parts=tuple(Section(name, items=tuple(items), show="json") for name, items in read.items())),
+        Section("input", parts=tuple(only_json(name, *items) for name, items in read.items())),
         Section("", "Inputs", rows=rows, show="page", folded=True),
         Section("", "How the inputs were understood", rows=how, show="page", folded=True),
     )

@@ -139,8 +139,10 @@ def triad_calibration(
     value, sd = (np.array([getattr(fit, key)[:2] for fit in fits.values()]) for key in ("value", "sd"))
     (zero, scale), (zero_sd, scale_sd) = (np.array(each if len(each) == 3 else [each[0]] * 3).T for each in (value, sd))
     unit, size = record[0].unit, np.abs(scale)
-    known: dict[str, Any] = {f"{sensor}_raw": RawScale(unit, zero, scale / per)}
-    if not record[0].raw:
+    known: dict[str, Any]
+    if record[0].raw:
+        known = {f"{sensor}_raw": RawScale(unit, zero, scale / per)}
+    else:
         si = UNITS[unit][1]
         known = {f"{sensor}_bias": zero * si, f"{sensor}_matrix": np.diag(scale / (per / si))}
     spread: dict[str, Any] = {f"{sensor}_bias": zero_sd / size * per, f"{sensor}_matrix": np.diag(scale_sd / size)}

@@ -13,7 +13,7 @@ from insnav.imu.specification import ImuSpec, gyro_bias_sd
 from insnav.quantity import Quantity
 from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
-from insnav.report.page import Page, Section
+from insnav.report.page import Page, Section, only_json
 from insnav.report.run.quantities import alignment_items
 from insnav.result import Result
 from insnav.types import Alignment
@@ -31,26 +31,22 @@ def page(result: Result[FineAlignment]) -> Page:
     found = result.found
     sd = None if result.imu_model is None else _latitude_sd(result.imu_model[0])
     steps = {"coarse": found.coarse, "fine": found.fine}
+    latitude = (
+        Quantity("latitude_given", found.latitude, "deg", decimals=4),
+        Quantity("latitude_from_sensors", found.sensor_latitude, "deg", sd=sd),
+    )
     contradiction = None if sd is None else _contradiction(found, sd)
     return Page(
         "Alignment",
         (*_summary(found, sd), *([] if contradiction is None else [_entry("warning", contradiction)])),
         (
             *(
-                Section("", items=(Quantity(name, None),), show="json")
+                only_json("", Quantity(name, None))
                 if each is None
                 else Section(name, f"{name.capitalize()} alignment", alignment_items(each), show="page")
                 for name, each in steps.items()
             ),
-            Section(
-                "",
-                "Latitude",
-                (
-                    Quantity("latitude_given", found.latitude, "deg", decimals=4),
-                    Quantity("latitude_from_sensors", found.sensor_latitude, "deg", sd=sd),
-                ),
-                show="page",
-            ),
+            Section("", "Latitude", latitude, show="page"),
         ),
         () if contradiction is None else (contradiction,),
     )

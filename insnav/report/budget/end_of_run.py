@@ -10,7 +10,7 @@ from insnav.errors.diagnosis.end_of_run import EndAxis
 from insnav.imu import ImuSpec
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.page import Page, Section
+from insnav.report.page import Page, Section, only_json
 from insnav.units import DEG, DEG_PER_H, G0
 
 _NAMES = {"t": "velocity at the start", "t²": "tilt or accelerometer bias", "t³": "gyro drift"}
@@ -52,7 +52,7 @@ def end_page(
         tuple(_sentence(axis, time, gravity, given) for axis in axes),
         (
             Section("causes", "Each cause alone", rows=tuple(rows), note="by specification: in 1 sd of the IMU file"),
-            Section("", items=(Quantity("power_of_time", powers), Quantity("gravity", gravity, "m/s^2")), show="json"),
+            only_json("", Quantity("power_of_time", powers), Quantity("gravity", gravity, "m/s^2")),
         ),
         assumptions=(
             "Growth with t, t² and t³ on a vehicle that is about level and does not turn; the run begins without a "

@@ -45,7 +45,7 @@ from insnav.report.budget.windows import (
 from insnav.report.budget.windows_quantities import windows_sections
 from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Page, Section, section_tables
+from insnav.report.page import FigureSpec, Page, Section, only_json, section_tables
 from insnav.result import Result
 from insnav.units import DEG
 
@@ -76,27 +76,26 @@ def page(result: Result[BudgetStudy]) -> Page:
         replace(positions_section(budget), folded=True),
     )
     more = (replace(states_section(budget), folded=True), replace(impact_section(budget), folded=True))
-    if windows is None:
-        found = Page(_title(budget), summary(budget), (*sections, *more), warnings(budget), assumptions(budget))
-    else:
-        figures = Section("", "Recorded windows: figures", parts=windows_drawings(windows), show="page", folded=True)
-        found = Page(
-            _title(budget),
-            summary(budget),
-            (*sections, *_windows(windows), figures, *more),
-            warnings=(*warnings(budget), *windows_warnings(windows)),
-            assumptions=(*assumptions(budget), *windows_assumptions(windows)),
-        )
-    return replace(found, verdict=verdict(budget, windows), merits=merits(budget, windows))
+    return Page(
+        _title(budget),
+        summary(budget),
+        (*sections, *(_windows(windows) if windows is not None else ()), *more),
+        warnings=(*warnings(budget), *(windows_warnings(windows) if windows is not None else ())),
+        assumptions=(*assumptions(budget), *(windows_assumptions(windows) if windows is not None else ())),
+        verdict=verdict(budget, windows),
+        merits=merits(budget, windows),
+    )
 
 
 def _windows(windows: RecordedBudget) -> tuple[Section, ...]:
     """Everything about the recorded windows, folded; their sentences stand first."""
-    sentences = Section("", items=(Quantity("recorded_summary", windows_sentences(windows)),), show="json")
-    rows = tuple((Quantity("finding", line, meaning=" "),) for line in windows_sentences(windows))
+    lines = windows_sentences(windows)
+    sentences = only_json("", Quantity("recorded_summary", lines))
+    rows = tuple((Quantity("finding", line, meaning=" "),) for line in lines)
     said = Section("", "Recorded windows: findings", rows=rows)
     tables = tuple(replace(each, title="Recorded windows: tables", folded=True) for each in windows_sections(windows))
-    return (sentences, said, *tables)
+    figures = Section("", "Recorded windows: figures", parts=windows_drawings(windows), show="page", folded=True)
+    return (sentences, said, *tables, figures)
 
 
 def _title(budget: Budget) -> str:

@@ -18,7 +18,7 @@ from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
 from insnav.report.outage.panels import NOTE, outage_panels
 from insnav.report.outage.quantities import INTERVALS, common_text, corrected, corrected_text
-from insnav.report.page import Light, Page, Section, Verdict, drawn
+from insnav.report.page import Light, Page, Section, Verdict, drawn, only_json
 from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.units import UNITS
@@ -28,6 +28,16 @@ if TYPE_CHECKING:
 
 _INSIDE, _FEW_INSIDE = 0.95, 0.8  # shares inside 3 sd from which the stated sd is right, or at least not far off
 _SAME = 0.98  # of an RMS error: so much of it left without the reference is the same in words
+STATISTICS = {  # of `Growth`: key and attribute
+    "rms": "rms",
+    "p95": "p95",
+    "max": "largest",
+    "reference": "reference",
+    "rms_corrected": "corrected",
+    "rms_corrected_low": "low",
+    "rms_corrected_high": "high",
+    "predicted": "predicted",
+}
 _COMPONENTS = {
     "horizontal": "m",
     "vertical": "m",
@@ -53,11 +63,14 @@ def page(result: Result[OutageStudy]) -> Page:
         f"GNSS outage test: {name}, {len(study.windows)} windows",
         (f"Inside 3 sd (north, east, down): {' to '.join(inside[:: max(len(inside) - 1, 1)])} % after {lengths} s.",),
         (
-            Section("", items=(Quantity("reference", study.reference),), show="json"),
+            only_json("", Quantity("reference", study.reference)),
             Section("outages", rows=rows, show="json"),
             growing,
             first,
-            *(table if _seen(table) else replace(table, folded=True, show="page") for table in others),
+            *(
+                each if each.title.startswith("Smoothed horizontal") else replace(each, folded=True, show="page")
+                for each in others
+            ),
         ),
         warnings=common,
         verdict=_verdict(study),
@@ -72,11 +85,6 @@ def page(result: Result[OutageStudy]) -> Page:
             INTERVALS,
         ),
     )
-
-
-def _seen(table: Section) -> bool:
-    """Whether a table stands on the first screen, and in the terminal."""
-    return table.title.startswith("Smoothed horizontal")
 
 
 def _verdict(study: OutageStudy) -> Verdict:
@@ -138,17 +146,8 @@ def _row(found: Growth) -> tuple[Quantity, ...]:
 
 def _component(found: Growth, name: str, unit: str) -> Quantity:
     column = found.column(name)
-    statistics = {
-        "rms": found.rms,
-        "p95": found.p95,
-        "max": found.largest,
-        "reference": found.reference,
-        "rms_corrected": found.corrected,
-        "rms_corrected_low": found.low,
-        "rms_corrected_high": found.high,
-        "predicted": found.predicted,
-    }
-    return Quantity(name.replace(" ", "_"), {key: float(each[-1, column]) for key, each in statistics.items()}, unit)
+    values = {key: float(getattr(found, attribute)[-1, column]) for key, attribute in STATISTICS.items()}
+    return Quantity(name.replace(" ", "_"), values, unit)
 
 
 def _table(component: str, growth: Sequence[Growth]) -> Section:
@@ -157,12 +156,8 @@ def _table(component: str, growth: Sequence[Growth]) -> Section:
     for found in growth:
         i = found.column(component)
         measured = (
-            Quantity(key, float(values[-1, i]), unit, meaning=meaning)
-            for key, meaning, values in (
-                ("rms", "RMS", found.rms),
-                ("p95", "95 %", found.p95),
-                ("max", "max", found.largest),
-            )
+            Quantity(key, float(getattr(found, STATISTICS[key])[-1, i]), unit, meaning=meaning)
+            for key, meaning in (("rms", "RMS"), ("p95", "95 %"), ("max", "max"))
         )
         predicted = Quantity("predicted", float(found.predicted[-1, i]), unit)
         length = Quantity("length", f"{found.length:g} s", meaning="after")

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
-from insnav.report.page import Page, Table, Verdict, cell
+from insnav.report.page import Page, Table, cell
 from insnav.report.run.verdict import run_merits
 from insnav.report.terminal import WIDTH, light_text, table_text
 
@@ -22,15 +22,13 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
     `page`: that of the run; `width`: of the lines, which may cut long texts; none: nothing is wrapped or cut.
     """
     title = _rows(f"{page.title}: {page.summary[0]}" if page.summary else page.title, 2, width)
-    verdict = [] if page.verdict is None else _verdict(page.verdict, width)
+    verdict = (
+        [] if page.verdict is None else _rows(f"{light_text(page.verdict.light)}: {page.verdict.reason}", 2, width)
+    )
     table = _table(run_merits(found))
     warnings = _listed("warning", page.warnings, _WARNINGS, width)
     assumed = _listed("assumed", page.assumptions, _ASSUMED, width)
     return [*title, *verdict, *table, *warnings, *assumed][:LINES]
-
-
-def _verdict(verdict: Verdict, width: int | None) -> list[str]:
-    return _rows(f"{light_text(verdict.light)}: {verdict.reason}", 2, width)
 
 
 def _table(merits: dict[str, tuple[Quantity, ...]]) -> list[str]:

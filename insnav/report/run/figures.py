@@ -6,18 +6,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from insnav.errors.evaluated_run import EvaluatedRun, outages
+from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import MOVING_M_S, distance_and_time
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
 from insnav.report.numbers import distance_text, duration_text, number
 from insnav.report.panels import Curve, Drawing, Panel
-from insnav.report.run.panels import CHI2_95, GROUPS, gate_levels, run_track
+from insnav.report.run.panels import CHI2_95, GROUPS, RunAxis, gate_levels, run_track
 from insnav.report.series import Clock, broken_at_gaps
 from insnav.sample_statistics import rms
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG, DEG_PER_H, G0, PPM
 
 _COLOURS = {"filtered": (BLUE, SKY), "smoothed": (VERMILLION, ORANGE)}  # line and band
+_FASTER = f"moving: faster than {MOVING_M_S:g} m/s"
 _BEYOND = 90.0  # a heading that goes further beyond 0..360 deg is drawn within [deg]
 _SETTLED = 0.2  # of the run: bands of estimates are shown as they are after it
 _SENSORS = (
@@ -46,11 +47,7 @@ def figure_drawings(name: str, found: EvaluatedRun) -> tuple[str, str, tuple[Dra
         panels, columns = _innovations(found)
         return "Innovations: measured minus predicted", f"accepted: {', '.join(shares)}", panels, columns
     whole = {
-        "error_distribution": (
-            "Distribution of the horizontal error",
-            f"moving: faster than {MOVING_M_S:g} m/s",
-            _distribution,
-        ),
+        "error_distribution": ("Distribution of the horizontal error", _FASTER, _distribution),
         "height": ("Height, counted as the heights of the fixes", "band: ±3 sd; fixes at the antenna", _height),
         "velocity": ("Velocity of the solution", "band: ±3 sd; fixes at the antenna", _velocity),
         "attitude": ("Attitude of the solution", "band: ±3 sd", _attitude),
@@ -62,11 +59,7 @@ def figure_drawings(name: str, found: EvaluatedRun) -> tuple[str, str, tuple[Dra
 
 
 def _panel(found: EvaluatedRun, label: str, curves: Sequence[Curve], *, title: str = "", **how: object) -> Panel:
-    """One panel over the time of the run, outages shaded."""
-    clock = Clock.of(found.run.solution.time)
-    spans = tuple((float(clock(a)), float(clock(b))) for a, b in outages(found.run))
-    known = tuple(each for each in curves if np.isfinite(each.y).any())
-    return Panel("figure", title, label, clock.label, known, "time", spans=spans, **how)  # type: ignore[arg-type]
+    return RunAxis.of(found.run).panel("figure", title, label, curves, **how)
 
 
 def _lines(
@@ -187,11 +180,8 @@ def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
             used: BoolArray = getattr(fixes, f"used_{group}") & np.isfinite(value)
             refused = np.isfinite(value) & ~used
             expected = sd[used] if used.any() else sd[refused]
-            limit = 1.1 * max(
-                float(np.max(np.abs(value[used]), initial=0.0)),
-                float(np.percentile(expected, 98.0)) if expected.size else 0.0,
-                1e-9,
-            )
+            usual = float(np.percentile(expected, 98.0)) if expected.size else 0.0
+            limit = 1.1 * max(float(np.max(np.abs(value[used]), initial=0.0)), usual, 1e-9)
             curves = [
                 Curve("±3 sd", time, sd, SKY, "band", -sd),
                 Curve("accepted", time[used], value[used], BLUE, "points"),
@@ -207,10 +197,8 @@ def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
             Curve("rejected", time[refused], nis[refused], VERMILLION, "crosses"),
         ]
         levels = ((CHI2_95, f"95 % ({CHI2_95:.1f})"), *gate_levels(found.run, group))
-        top = max(100.0, 2.0 * float(np.max(nis[nis > 0.0], initial=0.0)))
-        panels.append(
-            _panel(found, "NIS, 3 dof [-]", curves, title=group, log_y=True, limits=(1e-2, top), levels=levels)
-        )
+        limits = (1e-2, max(100.0, 2.0 * float(np.max(nis[nis > 0.0], initial=0.0))))
+        panels.append(_panel(found, "NIS, 3 dof [-]", curves, title=group, log_y=True, limits=limits, levels=levels))
     return tuple(panels), len(groups)
 
 
@@ -225,8 +213,8 @@ def _sensor_errors(found: EvaluatedRun) -> tuple[Panel, ...]:
         curves = []
         for axis, colour in enumerate(AXIS_COLOURS):
             middle, wide = value[:, axis], half[:, axis]
-            curves += [Curve("", time, middle + wide, colour, "band", middle - wide)]
-            curves += [Curve("xyz"[axis], time, middle, colour)]
+            curves.append(Curve("", time, middle + wide, colour, "band", middle - wide))
+            curves.append(Curve("xyz"[axis], time, middle, colour))
         low = min(float(np.nanmin(value)), float(np.nanmin((value - half)[later:])))
         high = max(float(np.nanmax(value)), float(np.nanmax((value + half)[later:])))
         margin = 0.05 * (high - low) or 1.0

@@ -35,13 +35,20 @@ _GATES = (
 
 
 @dataclass(frozen=True, slots=True)
-class _Axis:
-    """The time axis that all panels share."""
+class RunAxis:
+    """The time axis that all panels of a run share."""
 
     clock: Clock
     spans: tuple[tuple[float, float], ...]  # outages, on the axis
 
+    @classmethod
+    def of(cls, run: Run) -> RunAxis:
+        """From the start of the solution."""
+        clock = Clock.of(run.solution.time)
+        return cls(clock, tuple((float(clock(a)), float(clock(b))) for a, b in outages(run)))
+
     def panel(self, key: str, title: str, y_label: str, curves: Iterable[Curve], **how: object) -> Panel:
+        """One panel over it, outages shaded, of the curves of which something is known."""
         drawn = tuple(each for each in curves if np.isfinite(each.y).any())
         return Panel(key, title, y_label, self.clock.label, drawn, LINK, spans=self.spans, **how)  # type: ignore[arg-type]
 
@@ -52,7 +59,7 @@ def run_panels(found: EvaluatedRun) -> tuple[Track | Panel, ...]:
         return ()
     found = _drawn(found)
     run = found.run
-    axis = _axis(run)
+    axis = RunAxis.of(run)
     panels = [
         *_state_panels(found, axis),
         *_innovation_panels(run, axis),
@@ -79,12 +86,7 @@ def _drawn(found: EvaluatedRun) -> EvaluatedRun:
     return replace(found, run=run, errors=some(found.errors), smoothed_errors=some(found.smoothed_errors))
 
 
-def _axis(run: Run) -> _Axis:
-    clock = Clock.of(run.solution.time)
-    return _Axis(clock, tuple((float(clock(a)), float(clock(b))) for a, b in outages(run)))
-
-
-def _state_panels(found: EvaluatedRun, axis: _Axis) -> list[Panel]:
+def _state_panels(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
     """Errors with three standard deviations where there is a reference, else the standard deviations."""
     errors, panels = found.known_errors, []
     for i, (group, unit, size, names) in enumerate(GROUPS):
@@ -93,9 +95,8 @@ def _state_panels(found: EvaluatedRun, axis: _Axis) -> list[Panel]:
         if errors and any(np.isfinite(getattr(each, group)).any() for each in errors.values()):
             for mode, each in errors.items():
                 sd = np.full((len(each.time), 3), np.nan) if each.sd is None else each.sd[:, columns]
-                curves += _banded(
-                    axis, names, each.time, getattr(each, group) / size, 3.0 * sd / size, mode, around=0.0
-                )
+                value, half = getattr(each, group) / size, 3.0 * sd / size
+                curves += _banded(axis, names, each.time, value, half, mode, around=0.0)
             title, note = f"{group.capitalize()} error", "solution minus reference; band: ±3 sd as stated"
             panels.append(axis.panel(f"{group}_error", title, f"error [{unit}]", curves, note=note))
             continue
@@ -103,15 +104,13 @@ def _state_panels(found: EvaluatedRun, axis: _Axis) -> list[Panel]:
             if solution.sd is not None:
                 time, sd = broken_at_gaps(axis.clock(solution.time), solution.sd[:, columns] / size)
                 curves += [Curve(n, time, sd[:, k], AXIS_COLOURS[k], mode=mode) for k, n in enumerate(names)]
-        title = f"Stated uncertainty of {group}"
-        panels.append(
-            axis.panel(f"{group}_sd", title, f"sd [{unit}]", curves, note="one standard deviation", log_y=True)
-        )
+        title, note = f"Stated uncertainty of {group}", "one standard deviation"
+        panels.append(axis.panel(f"{group}_sd", title, f"sd [{unit}]", curves, note=note, log_y=True))
     return panels
 
 
 def _banded(
-    axis: _Axis,
+    axis: RunAxis,
     names: tuple[str, ...],
     time: FloatArray,
     value: FloatArray,
@@ -135,7 +134,7 @@ def _banded(
     return curves
 
 
-def _innovation_panels(run: Run, axis: _Axis) -> list[Panel]:
+def _innovation_panels(run: Run, axis: RunAxis) -> list[Panel]:
     fixes, panels, nis = run.innovations, [], []
     time = axis.clock(fixes.time)
     for i, (group, unit, _, names) in enumerate(GROUPS[:2]):
@@ -149,7 +148,7 @@ def _innovation_panels(run: Run, axis: _Axis) -> list[Panel]:
             curves.append(Curve("rejected", time[~used], value[~used, k], colour, "crosses"))
         note = "measured minus predicted; band: ±3 sd as predicted"
         title = f"Innovations of GPS {group}"
-        panels.append(axis.panel(f"innovations_{group}", title, f"innovation [{unit}]", _known(curves), note=note))
+        panels.append(axis.panel(f"innovations_{group}", title, f"innovation [{unit}]", curves, note=note))
         size, colour = getattr(fixes, f"nis_{group}"), (BLUE, ORANGE)[i]
         positive = size > 0.0
         nis += [
@@ -158,7 +157,7 @@ def _innovation_panels(run: Run, axis: _Axis) -> list[Panel]:
         ]
     levels = [(CHI2_95, f"95 % ({CHI2_95:.1f})"), *gate_levels(run)]
     note = "normalised innovation squared of each fix, 3 degrees of freedom: 3 on average if the stated sd is right"
-    panels.append(axis.panel("nis", "NIS", "NIS [-]", _known(nis), note=note, log_y=True, levels=tuple(levels)))
+    panels.append(axis.panel("nis", "NIS", "NIS [-]", nis, note=note, log_y=True, levels=tuple(levels)))
     return panels
 
 
@@ -169,11 +168,7 @@ def gate_levels(run: Run, group: str = "") -> list[tuple[float, str]]:
     return [(limit, f"gate ({limit:.1f})") for limit in limits]
 
 
-def _known(curves: list[Curve]) -> list[Curve]:
-    return [each for each in curves if np.isfinite(each.y).any()]
-
-
-def _bias_panels(run: Run, axis: _Axis) -> list[Panel]:
+def _bias_panels(run: Run, axis: RunAxis) -> list[Panel]:
     found = [("filtered", run.sensor_errors)]
     if run.smoothed is not None and len(run.smoothed.sensor_errors.time):
         found.insert(0, ("smoothed", run.smoothed.sensor_errors))
@@ -191,7 +186,7 @@ def _bias_panels(run: Run, axis: _Axis) -> list[Panel]:
     return panels
 
 
-def _separation(run: Run, axis: _Axis) -> list[Panel]:
+def _separation(run: Run, axis: RunAxis) -> list[Panel]:
     """How far the filter is from the smoother, which knows the later fixes too.
 
     For an optimal filter the covariance of the difference is the difference of the covariances (Rauch, Tung and
@@ -209,7 +204,7 @@ def _separation(run: Run, axis: _Axis) -> list[Panel]:
     return [axis.panel("separation", "Forward-backward separation", "separation [m]", curves, note=note)]
 
 
-def _motion(found: EvaluatedRun, axis: _Axis) -> list[Panel]:
+def _motion(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
     speeds, heights, tilts, headings = [], [], [], []
     gps = found.gps
     for mode, solution in found.solutions.items():
@@ -231,7 +226,7 @@ def _motion(found: EvaluatedRun, axis: _Axis) -> list[Panel]:
     ]
 
 
-def _events(run: Run, axis: _Axis) -> list[Panel]:
+def _events(run: Run, axis: RunAxis) -> list[Panel]:
     """Marks of events, a row a kind; most of a kind are told by some."""
     kinds = list(dict.fromkeys(str(each.kind) for each in run.events))
     curves = []
@@ -255,7 +250,7 @@ def _events(run: Run, axis: _Axis) -> list[Panel]:
 
 def run_track(found: EvaluatedRun) -> Track:
     """Draw the track from above, with fixes, outages and rejected positions."""
-    run, gps, axis = found.run, found.gps, _axis(found.run)
+    run, gps, axis = found.run, found.gps, RunAxis.of(found.run)
     solution = next(iter(found.solutions.values()))
     rows = np.unique(np.linspace(0, len(solution.time) - 1, MAP_POINTS).round().astype(np.int64))
     origin, time = solution.lla[0], solution.time[rows]
@@ -282,19 +277,8 @@ def run_track(found: EvaluatedRun) -> Track:
         behind = (Curve("backdrop", east, north, GREY, "thin"), *behind)
     lat, lon = origin[:2] / DEG
     note = f"start at latitude {lat:.5f}°, longitude {lon:.5f}°; point at the track to see the time"
-    return Track(
-        "track",
-        "Track",
-        position[:, 1],
-        position[:, 0],
-        axis.clock(time),
-        tuple(shades),
-        LINK,
-        fixes,
-        axis.spans,
-        note,
-        behind,
-    )
+    shown = position[:, 1], position[:, 0], axis.clock(time), tuple(shades)
+    return Track("track", "Track", *shown, LINK, fixes, axis.spans, note, behind)
 
 
 def _rejected(run: Run, time: FloatArray, position: FloatArray) -> tuple[Curve, ...]:

@@ -13,7 +13,7 @@ from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_moti
 from insnav.errors.reference_offset import ReferenceOffset
 from insnav.filter.noise_identification import NoiseEstimate
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.page import Section, one_each
+from insnav.report.page import Section, one_each, only_json
 from insnav.report.run.short_duration import short_section
 from insnav.sample_statistics import rms
 from insnav.types import Alignment, BoolArray, EventKind, FloatArray, Run, SensorErrors, Trajectory
@@ -73,25 +73,17 @@ def noise_section(found: NoiseEstimate) -> Section:
     """Give the noise of IMU and fixes as found in innovations."""
     items = []
     for figure in found.figures:
-        name = figure.key.replace(".", " ").replace("_", " ")
         told = "" if figure.observable else ", not observable: the prior"
-        items.append(
-            Quantity(
-                figure.key.replace(".", "_"),
-                figure.value,
-                figure.unit,
-                interval=(figure.low, figure.high),
-                meaning=f"{name}{told}",
-            )
-        )
-    items.append(Quantity("log_likelihood_gain", found.gain))
-    items.append(
-        Quantity("mean_square_before", found.mean_before, meaning="mean square of normalised innovations, prior")
-    )
-    items.append(Quantity("mean_square", found.mean_after, meaning="mean square of normalised innovations, as found"))
-    return Section(
-        "noise", "Noise from the innovations", tuple(items), note="imu.toml has the IMU for --imu; gps: factors of sd"
-    )
+        name, interval = f"{figure.key.replace('.', ' ').replace('_', ' ')}{told}", (figure.low, figure.high)
+        items.append(Quantity(figure.key.replace(".", "_"), figure.value, figure.unit, None, interval, name))
+    words = "mean square of normalised innovations"
+    items += [
+        Quantity("log_likelihood_gain", found.gain),
+        Quantity("mean_square_before", found.mean_before, meaning=f"{words}, prior"),
+        Quantity("mean_square", found.mean_after, meaning=f"{words}, as found"),
+    ]
+    note = "imu.toml has the IMU for --imu; gps: factors of sd"
+    return Section("noise", "Noise from the innovations", tuple(items), note=note)
 
 
 def alignment_items(alignment: Alignment) -> tuple[Quantity, ...]:
@@ -188,9 +180,7 @@ def _innovations(innovation: FloatArray, nis: FloatArray, used: BoolArray, unit:
         Quantity("accepted", int((processed & used).sum())),
         Quantity("rejected", int((processed & ~used).sum())),
         Quantity("nis_mean_per_axis", _mean(nis[used & np.isfinite(nis)] / 3.0), meaning="mean NIS per axis"),
-        Quantity(
-            "innovation_rms", [rms(counted[:, axis]) for axis in range(3)], unit, meaning="innovation RMS N, E, D"
-        ),
+        Quantity("innovation_rms", [rms(each) for each in counted.T], unit, meaning="innovation RMS N, E, D"),
     )
 
 
@@ -236,20 +226,9 @@ def _accuracy(title: str, errors: TrajectoryErrors | None, reference: str) -> Se
         Quantity("epochs", len(errors.time)),
         Quantity("moving_is_faster_than", MOVING_M_S, "m/s"),
     )
-    return Section(
-        "accuracy",
-        parts=(
-            Section("", items=counted, show="json"),
-            *(
-                Section(part, items=items, show="json")
-                if items
-                else Section("", items=(Quantity(part, None),), show="json")
-                for part, items in parts.items()
-            ),
-            _accuracy_table(title, parts),
-            _consistency(nees(errors)),
-        ),
-    )
+    each = (only_json(part, *items) if items else only_json("", Quantity(part, None)) for part, items in parts.items())
+    table = _accuracy_table(title, parts)
+    return Section("accuracy", parts=(only_json("", *counted), *each, table, _consistency(nees(errors))))
 
 
 def _reference_offset(found: ReferenceOffset | None) -> tuple[Section, ...]:
@@ -312,9 +291,8 @@ def _smoothed(found: EvaluatedRun, reference: str) -> Section:
     parts: tuple[Section, ...] = ()
     if found.errors is not None and found.smoothed_errors is not None:
         size = [rms(each.horizontal) for each in (found.errors, found.smoothed_errors)]
-        items.append(
-            Quantity("horizontal_rms_ratio", _ratio(size[1], size[0]), meaning="RMS error, smoothed / filtered")
-        )
+        ratio = _ratio(size[1], size[0])
+        items.append(Quantity("horizontal_rms_ratio", ratio, meaning="RMS error, smoothed / filtered"))
         parts = (_accuracy("Accuracy of the smoothed solution", found.smoothed_errors, reference),)
     return Section("smoothed", "Smoothed solution", tuple(items), parts=parts, show="page")
 

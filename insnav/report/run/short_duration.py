@@ -11,6 +11,7 @@ from insnav.quantity import Quantity
 from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.page import Section, drawn, one_each
 from insnav.report.panels import Curve, Panel
+from insnav.sample_statistics import rms
 from insnav.types import FloatArray
 
 TIMES = (10.0, 30.0, 60.0)  # since the start of a window [s]
@@ -29,27 +30,18 @@ def short_section(windows: Sequence[ShortWindow]) -> Section:
     for time in TIMES:
         sizes = {key: size_at(windows, name, time) for name, key, _, _ in _ROWS}
         after[f"after_{time:g}_s"] = tuple(
-            Quantity(
-                key,
-                {"rms": float(np.sqrt(np.mean(sizes[key] ** 2))), "max": float(sizes[key].max())},
-                unit,
-                meaning=label,
-            )
+            Quantity(key, {"rms": rms(sizes[key]), "max": float(sizes[key].max())}, unit, meaning=label)
             for _, key, unit, label in _ROWS
         )
     title = "Short-duration mechanization minus the full one, horizontal"
     shape = f"{len(windows)} windows of {LENGTH:g} s, free-inertial from the same state"
-    drawing = drawn(
-        "short_mechanization", "Short-duration mechanization minus the full one", short_panels(windows), shape
-    )
+    caption = "Short-duration mechanization minus the full one"
+    drawing = drawn("short_mechanization", caption, short_panels(windows), shape)
     note = "Earth and transport rate dropped from the velocity; last columns: position if from the attitude as well"
     return Section(
         "short_mechanization",
         "Short-duration mechanization",
-        (
-            Quantity("windows", len(windows)),
-            Quantity("mean_speed", float(np.mean([w.speed for w in windows])), "m/s"),
-        ),
+        (Quantity("windows", len(windows)), Quantity("mean_speed", float(np.mean([w.speed for w in windows])), "m/s")),
         parts=(one_each("", title, after, "time", note), drawing),
     )
 
