@@ -296,3 +296,21 @@ def _with_sd(value: float | None, sd: Any, each: Quantity) -> str:
     else:
         return number(float(value), each.digits) if value else "0"
     return text if sd is None or not np.isfinite(sd) or not sd > 0.0 else f"{text} ± {number(float(sd), 2)}"
+
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def rows_frame(rows: Iterable[Iterable[Quantity]]) -> pd.DataFrame:
+    """Make a data frame of rows of quantities.
+
+    `rows`: a value of several figures is as many columns, such as ``horizontal_rms_m``.
+    """
+    import pandas as pd
+
+    return pd.DataFrame([_cells(row) for row in rows])
+
+
+def _cells(row: Iterable[Quantity]) -> Mapping[str, Any]:
+    return {key: value for whole in row for each in members(whole) for key, value in each.facts().items()}

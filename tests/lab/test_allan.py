@@ -12,11 +12,13 @@ from insnav.lab.noise.allan import (
     allan_deviation,
     averaging_factors,
     between,
+    chi_square_interval,
+    covariance,
     even_record,
+    freedom,
     silent,
     smallest_step,
 )
-from insnav.lab.noise.allan_confidence import chi_square_interval, covariance, freedom
 from insnav.types import ImuData
 from tests.lab.signals import at_rest, noise
 

@@ -14,7 +14,7 @@ from insnav.lab.drift.allan_before_after import TAUS, drift_study, power_fit
 from insnav.lab.drift.drift_model import DriftRecord, corrected_rates, drift_errors, drift_model, variance_inflation
 from insnav.lab.drift.rate_smoothing import P0, Smoother, choose_smoother, computed_ramp, smooth
 from insnav.lab.noise.allan import AllanDeviation, allan_deviation
-from insnav.report.drift.panels import drift_panels, rate_panels
+from insnav.report.drift.page import drift_panels, rate_panels
 from insnav.units import DEG, DEG_PER_SQRT_H, G0
 from tests.lab.signals import noise
 

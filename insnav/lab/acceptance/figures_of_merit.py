@@ -14,7 +14,7 @@ import numpy as np
 from insnav.exceptions import InputError
 from insnav.lab.bench_data.records import SI, Channel
 from insnav.lab.least_squares import linear_fit
-from insnav.lab.noise.allan_confidence import chi_square_interval
+from insnav.lab.noise.allan import chi_square_interval
 from insnav.lab.single_axis.rate_table import FEWEST, NAMES, RateTable, calibrate_rate_table
 from insnav.types import FloatArray
 from insnav.units import DEG, G0

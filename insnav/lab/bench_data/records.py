@@ -17,14 +17,12 @@ from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
-from insnav.lab.bench_data.dwells import LIMIT_V, dwell_warnings, reduce_dwells
+from insnav.lab.bench_data.dwells import default_limit, dwell_warnings, reduce_dwells
 from insnav.lab.drift.drift_model import DriftRecord
 from insnav.lab.noise.allan import AXES
 from insnav.types import FloatArray
-from insnav.units import UNITS
 
 SI = {"gyro": "rad/s", "accel": "m/s^2"}
-_SETTINGS = {"gyro": "rate", "accel": "force"}
 
 
 def _quantities(axis: str) -> dict[str, Quantity]:
@@ -100,8 +98,7 @@ def read_steps(
     reduced: dict[str, Channel] = {}
     warnings: list[str] = []
     for axis, channel in channels.items():
-        volts = channel.unit != "LSB" and UNITS[channel.unit][0] == "signal"
-        limit = spike_limit if spike_limit is not None else LIMIT_V / UNITS[channel.unit][1] if volts else np.inf
+        limit = spike_limit if spike_limit is not None else default_limit(channel.unit)
         dwells = reduce_dwells(
             settings, channel.output[:, None], limit, table.get("time"), where=f"{table.name}, {axis}"
         )

@@ -12,8 +12,7 @@ from insnav.exceptions import InputError
 from insnav.imu.model import ImuErrors
 from insnav.lab.drift.drift_model import FEWEST, DriftModel, DriftRecord, corrected_rates, drift_errors, drift_model
 from insnav.lab.drift.rate_smoothing import RampAnswer, Smoother, choose_smoother, computed_ramp, recorded_ramp, smooth
-from insnav.lab.noise.allan import GAP, AllanDeviation, allan_deviation
-from insnav.lab.noise.allan_confidence import chi_square_interval, covariance, freedom
+from insnav.lab.noise.allan import GAP, AllanDeviation, allan_deviation, chi_square_interval, covariance, freedom
 from insnav.lab.noise.noise_model import FEWEST_FREEDOM, NAMES, Weights, basis
 from insnav.types import FloatArray, IntArray
 

@@ -19,8 +19,7 @@ from insnav.input.readers.raw_counts import read_counts
 from insnav.input.readers.reading import Reading
 from insnav.lab.calibration import BADLY_CONDITIONED, BenchOptions, Calibration, CalibrationSd
 from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses
-from insnav.lab.multi_position.sections_file import read_sections
-from insnav.lab.multi_position.six_positions import SixPositions, calibrate_six_positions
+from insnav.lab.multi_position.six_positions import SixPositions, calibrate_six_positions, read_sections
 from insnav.lab.multi_position.triad import Triad
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity

@@ -10,11 +10,14 @@ positions, gyros from integrals over the turns.
 from __future__ import annotations
 
 import itertools
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from insnav.config_file import read_toml
 from insnav.exceptions import ConfigError, InputError
 from insnav.lab.multi_position.many_positions import FACTORS, refuse_force_units
 from insnav.lab.multi_position.stationary_spans import Pose, clipped, find_poses, measure_activity, pose_between
@@ -265,3 +268,33 @@ def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
             fix="record what is missing, or give the sections with --sections",
         )
     return {name: found[name] for name in SECTIONS}
+
+
+def read_sections(path: Path) -> dict[str, tuple[int, int]]:
+    """Sections of a record from a JSON or TOML file.
+
+    path: ``{"x_p": {"start": 0, "end": 500}, …}`` or ``{"x_p": [0, 500], …}``. Returns first sample and last plus
+    one. Raises ConfigError: it cannot be read or understood.
+    """
+    if path.suffix.lower() == ".toml":
+        content = read_toml(path)
+    else:
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError) as error:
+            raise ConfigError("cannot read the sections", where=str(path), why=str(error)) from None
+    spans, wrong = {}, []
+    for name, value in content.items() if isinstance(content, dict) else ():
+        pair = [value.get("start"), value.get("end")] if isinstance(value, dict) else value
+        if isinstance(pair, list) and len(pair) == 2 and all(type(item) is int for item in pair):
+            spans[str(name)] = (pair[0], pair[1])
+        else:
+            wrong.append(str(name))
+    if wrong or not spans:
+        raise ConfigError(
+            "the sections cannot be understood",
+            where=str(path),
+            why=f"no first and last sample of {', '.join(wrong) or 'anything'}",
+            fix='write "x_p": {"start": 540, "end": 1271}',
+        )
+    return spans

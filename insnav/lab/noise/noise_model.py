@@ -7,7 +7,7 @@ samples and taken off before (`insnav.lab.noise.sinusoids`).
 
 The variances at different times come from the same samples and are strongly correlated: the squares of the
 coefficients are fitted by generalised least squares, with the covariance that the model itself gives
-(`insnav.lab.noise.allan_confidence`), repeated until both agree. No square is negative.
+(`insnav.lab.noise.allan`), repeated until both agree. No square is negative.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar, nnls
 from scipy.stats import chi2
 
-from insnav.lab.noise.allan import AllanDeviation
-from insnav.lab.noise.allan_confidence import chi_square_interval, covariance, freedom
+from insnav.lab.noise.allan import AllanDeviation, chi_square_interval, covariance, freedom
 from insnav.lab.noise.sinusoids import Sinusoid
 from insnav.types import BoolArray, FloatArray, IntArray
 

@@ -24,7 +24,6 @@ from insnav.types import FloatArray
 CASES = Path(__file__).parent / "cases.toml"
 SEEDS = 3  # drives of a replica
 FIRST, SPACING = 120.0, 15.0  # of the outages in a drive [s]
-_COLUMN = 60.0  # time without GPS at which recorded drives are compared [s]
 Statistic = Literal["RMS of maxima", "RMS at the end", "mean at the end", "maximum"]
 
 

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from insnav.lab.acceptance.acceptance import Acceptance, Accepted
-from insnav.lab.acceptance.figures_of_merit import BENCH_UNIT, Spread
+from insnav.lab.acceptance.figures_of_merit import BENCH_UNIT, Spread, Stability
 from insnav.lab.bench_data.records import SI, BenchRecord
 from insnav.lab.calibration import condition_warnings
 from insnav.quantity import Quantity
-from insnav.report.acceptance.panels import stability_panels
 from insnav.report.calibration.common import quality_rows, residuals_section
 from insnav.report.calibration.panels import Series, residual_panels
+from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
 from insnav.report.page import Page, Section, by_warnings, cell, drawn, only_json
+from insnav.report.panels import Curve, Kind, Panel
+from insnav.report.series import Clock
 from insnav.units import DEG, G0, UNITS
 
 FINE = 0.01 * DEG  # a gyro whose biases are all below is shown in deg/h [rad/s]
@@ -203,3 +205,22 @@ def _drawn(found: Acceptance, units: Mapping[str, str]) -> list[Section]:
             panels = residual_panels(series, label, f"residuals_{sensor}")
             sections.append(drawn(f"residuals_{sensor}", f"Output of the {title} minus the straight line", panels))
     return sections
+
+
+def stability_panels(sensors: Sequence[tuple[str, Sequence[Stability], str]]) -> Iterator[Panel]:
+    """Draw the means of the parts, less the mean of all.
+
+    `sensors`: name, stabilities from the shortest parts to the longest, and unit.
+    """
+    clock = Clock.of(sensors[0][1][0].time)
+    note = "less the mean of the whole record; the scatter of the means is the bias stability"
+    for name, stabilities, unit in sensors:
+        middle = stabilities[0].spread.values.mean()
+        curves = []
+        for place, each in enumerate(stabilities):
+            at, values = clock(each.time), (each.spread.values - middle) / UNITS[unit][1]
+            shade = (GREY, AXIS_COLOURS["xyz".index(name[-1])], BLACK)[min(place, 2)]
+            kinds: tuple[Kind, ...] = ("line", "points") if place and values.size <= 200 else ("line",)
+            curves += [Curve(f"means over {each.length:g} s", at, values, shade, kind) for kind in kinds]
+        key, title = f"stability_{name.replace(' ', '_')}", f"Bias of {name} at rest"
+        yield Panel(key, title, f"{name} [{unit}]", clock.label, tuple(curves), "rest", note)

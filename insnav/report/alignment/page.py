@@ -11,9 +11,8 @@ from insnav.earth import OMEGA_EARTH
 from insnav.filter.fine_alignment import FineAlignment
 from insnav.imu.specification import ImuSpec, gyro_bias_sd
 from insnav.quantity import Quantity
-from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
-from insnav.report.page import Page, Section, only_json
+from insnav.report.page import Page, Section, only_json, rows_frame
 from insnav.report.run.quantities import alignment_items
 from insnav.result import Result
 from insnav.types import Alignment

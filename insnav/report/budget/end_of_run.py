@@ -13,8 +13,6 @@ from insnav.report.numbers import number
 from insnav.report.page import Page, Section, only_json
 from insnav.units import DEG, DEG_PER_H, G0
 
-_NAMES = {"t": "velocity at the start", "t²": "tilt or accelerometer bias", "t³": "gyro drift"}
-
 
 def end_page(
     axes: Sequence[EndAxis], time: float, gravity: float, sd: tuple[float, float], spec: ImuSpec | None

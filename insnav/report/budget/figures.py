@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
+from insnav.report.colours import BLACK, GREEN, GREY, ORANGE, VERMILLION
 from insnav.report.page import Table, Verdict
 from insnav.report.panel_figures import draw_panel
 from insnav.report.panels import Panel
@@ -18,11 +18,7 @@ from insnav.report.style import blank
 WIDTH, HEIGHT = 8.27, 11.69  # A4 [inch]
 _LEFT, _RIGHT = 0.7, 0.25  # margins [inch]
 _ROW, _NOTE = 0.158, 0.142  # heights [inch]
-_SHOWN = 5  # families with a line of their own
-_BARS, _LEAST = 12, 1e-3  # families with a bar of their own: how many, least share of the variance
 _LIGHTS = {"good": GREEN, "attention": ORANGE, "bad": VERMILLION, "unknown": GREY}
-_WINDOWS = 80  # drawn one by one
-_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY)
 _TITLE = 70  # characters of the title
 _NOTE_WIDTH = 150  # characters in a line of the notes
 

@@ -19,7 +19,7 @@ from insnav.output.stored import FILE as FOUND
 from insnav.output.stored import read_stored as read_found
 from insnav.output.stored import store
 from insnav.quantity import Quantity
-from insnav.report.budget.contributions import ranked, shares
+from insnav.report.budget.contributions import extent, ranked, shares
 from insnav.report.budget.headline import (
     estimates_section,
     merits,
@@ -35,7 +35,6 @@ from insnav.report.budget.quantities import (
     positions_section,
     states_section,
 )
-from insnav.report.budget.terms import extent
 from insnav.report.budget.windows import (
     windows_assumptions,
     windows_drawings,
@@ -43,9 +42,8 @@ from insnav.report.budget.windows import (
     windows_warnings,
 )
 from insnav.report.budget.windows_quantities import windows_sections
-from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Page, Section, only_json, section_tables
+from insnav.report.page import FigureSpec, Page, Section, only_json, rows_frame, section_tables
 from insnav.result import Result
 from insnav.units import DEG
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from insnav.errors.budget.error_budget import Budget, Column, RecordedColumn, SimulatedColumn
 from insnav.quantity import Quantity
-from insnav.report.budget.contributions import horizontal, ranked, saved, shares
-from insnav.report.budget.terms import effect, growth, size
+from insnav.report.budget.contributions import effect, growth, horizontal, ranked, saved, shares, size
 from insnav.report.page import Section, one_each, only_json
 from insnav.types import FloatArray
 

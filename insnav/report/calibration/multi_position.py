@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from insnav.input.readers.reading import Reading
-from insnav.lab.calibration import Calibration
+from insnav.lab.calibration import Calibration, measured
 from insnav.lab.multi_position.many_positions import PosesCalibration
 from insnav.lab.multi_position.method import Found
 from insnav.lab.multi_position.six_positions import POSITIONS, TURN_SD, TURNS, SixPositions
+from insnav.lab.multi_position.triad import AXES, Triad
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import corrected_section, impact_section
 from insnav.report.calibration.panels import poses_panels, positions_panels
-from insnav.report.calibration.triad import g_section, triad_section
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json
 from insnav.sample_statistics import rms
-from insnav.types import ImuData
+from insnav.types import FloatArray, ImuData
 from insnav.units import DEG, G0
 
 _MG, _MRAD = 1e-3 * G0, 1e-3
@@ -227,3 +228,58 @@ def _positions(found: SixPositions) -> Section:
         for i, name in enumerate(POSITIONS)
     )
     return Section("", "Positions", rows=rows)
+
+
+def triad_section(key: str, title: str, triad: Triad, counts: bool) -> Section:
+    """Bias, scale factor and misalignment of three sensors with their standard deviations; matrices in JSON."""
+    accel = key == "accel"
+    si, shown = ("m/s^2", "mg") if accel else ("rad/s", "deg/s")
+    bias_unit, matrix_unit = ("counts", f"counts/({si})") if counts else (si, "")
+    rows = [
+        (
+            f"bias {axis}",
+            Quantity("value", float(triad.bias[i]), "counts" if counts else shown, float(triad.bias_sd[i])),
+        )
+        for i, axis in enumerate(AXES)
+    ]
+    for i, axis in enumerate(AXES):
+        value, sd = float(triad.matrix[i, i]), float(triad.matrix_sd[i, i])
+        if counts:
+            per, unit = (G0, "counts/g") if accel else (DEG, "counts/(deg/s)")
+            rows.append((f"scale factor {axis}", measured("value", value * per, unit, sd * per)))
+        else:
+            rows.append((f"scale factor error {axis}", Quantity("value", value - 1.0, "ppm", sd)))
+    for i, j in itertools.permutations(range(3), 2):
+        if triad.matrix_sd[i, j] > 0.0:
+            own = float(triad.matrix[i, i])
+            across, sd = float(triad.matrix[i, j]) / own, float(triad.matrix_sd[i, j]) / abs(own)
+            rows.append((f"{AXES[i]} senses {AXES[j]}", Quantity("value", across, "mrad", sd)))
+    items = (
+        Quantity("bias", triad.bias, bias_unit, triad.bias_sd),
+        Quantity("matrix", triad.matrix, matrix_unit, triad.matrix_sd),
+        Quantity("condition", triad.condition),
+    )
+    named = tuple((Quantity("parameter", name), value) for name, value in rows)
+    table = Section("", title, rows=named, note=f"± 1 sd; condition number {triad.condition:.3g}")
+    return Section(key, parts=(table, only_json("", *items)))
+
+
+def g_section(sensitivity: FloatArray, sd: FloatArray, counts: bool) -> Section:
+    """g-sensitivity of the gyros.
+
+    `sensitivity`, `sd` (3, 3): and standard deviation, unit of the record per m/s^2.
+    """
+    unit, per = ("counts/g", G0) if counts else ("deg/s/g", G0 / DEG)
+    rows = tuple(
+        (
+            Quantity("gyro", axis),
+            *(
+                measured(f"by {other}", sensitivity[i, j] * per, unit, float(sd[i, j]) * per)
+                for j, other in enumerate(AXES)
+            ),
+        )
+        for i, axis in enumerate(AXES)
+    )
+    whole = Quantity("g_sensitivity", sensitivity, "counts/(m/s^2)" if counts else "(rad/s)/(m/s^2)", sd)
+    table = Section("", "g-sensitivity of the gyros", rows=rows, note="± 1 sd")
+    return Section("", parts=(table, only_json("gyro", whole)))

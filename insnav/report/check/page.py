@@ -163,6 +163,6 @@ def _problems(found: Checked) -> Section:
 
 def frame(result: Result[Checked]) -> Any:
     """Give what is to be mended as a table: one row a problem, ``what``, ``why``, ``fix``."""
-    from insnav.report.frames import rows_frame
+    from insnav.report.page import rows_frame
 
     return rows_frame(_problems(result.found).rows)

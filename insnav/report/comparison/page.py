@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import reduce
 from typing import TYPE_CHECKING
@@ -9,14 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from insnav.errors.comparison import Compared, Comparison
-from insnav.errors.metrics import accuracy, nees
+from insnav.errors.metrics import TrajectoryErrors, accuracy, nees
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
-from insnav.report.comparison.panels import comparison_panels
+from insnav.report.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import Light, Page, Section, Verdict, drawn, section_tables
+from insnav.report.panels import Curve, Kind, Panel
+from insnav.report.series import Clock, broken_at_gaps
 from insnav.report.terminal import table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
@@ -45,6 +48,7 @@ _NOTE = (
     "{n} epochs of the reference that every run covers; RMS, and of the horizontal error also 95 % and largest;",
     "in 3 sd: share of position errors inside three stated standard deviations",
 )
+_COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY)
 
 
 def page(result: Result[Comparison]) -> Page:
@@ -137,3 +141,35 @@ def _row(of: Compared) -> tuple[Quantity, ...]:
             row.append(Quantity(key, errors[quantity][statistic] * size, unit, meaning=heading))
     inside = None if position is None else position["inside_3_sd"]
     return (*row, Quantity("inside_3_sd", inside, "%", meaning="in 3 sd"))
+
+
+def comparison_panels(found: Comparison) -> tuple[Panel, ...]:
+    """Draw the errors of every solution; smoothed ones dashed."""
+    clock = Clock.of(found.compared[0].errors.time)
+    over_time, shares = [], []
+    for name, colour, smoothed, each in styled(found):
+        kind: Kind = "dashed" if smoothed else "line"
+        time, error = broken_at_gaps(clock(each.time), each.horizontal)
+        over_time.append(Curve(name, time, error, colour, kind))
+        known = np.sort(each.horizontal[np.isfinite(each.horizontal)])
+        shares.append(Curve(name, known, 100.0 * np.arange(1, len(known) + 1) / max(len(known), 1), colour, kind))
+    return (
+        Panel("compared_error", "Horizontal error", "error [m]", clock.label, tuple(over_time), "time", height=260),
+        Panel(
+            "compared_share",
+            "Distribution of the horizontal error",
+            "epochs below [%]",
+            "horizontal error [m]",
+            tuple(shares),
+            "share",
+            note="further left is better",
+            limits=(0.0, 101.0),
+        ),
+    )
+
+
+def styled(found: Comparison) -> Iterator[tuple[str, str, bool, TrajectoryErrors]]:
+    """Name of every solution, colour of its run, whether it is smoothed, and its errors."""
+    runs = list(dict.fromkeys(each.run for each in found.compared))
+    for (name, errors), each in zip(found.named().items(), found.compared, strict=True):
+        yield name, _COLOURS[runs.index(each.run) % len(_COLOURS)], each.solution == "smoothed", errors

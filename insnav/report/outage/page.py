@@ -14,11 +14,10 @@ from insnav.errors.outage.statistics import Growth, outage_growth
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_run_table, write_run_table
 from insnav.quantity import Quantity
-from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
 from insnav.report.outage.panels import NOTE, outage_panels
 from insnav.report.outage.quantities import INTERVALS, common_text, corrected, corrected_text
-from insnav.report.page import Light, Page, Section, Verdict, drawn, only_json
+from insnav.report.page import Light, Page, Section, Verdict, drawn, only_json, rows_frame
 from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.units import UNITS

@@ -21,9 +21,8 @@ from insnav.errors.requirement.study import TEXT as FIELD_FACTOR
 from insnav.errors.requirement.study import RequirementStudy
 from insnav.errors.requirement.verification import Verified
 from insnav.quantity import Quantity
-from insnav.report.frames import rows_frame
 from insnav.report.numbers import number
-from insnav.report.page import Light, Page, Section, Verdict, drawn, only_json
+from insnav.report.page import Light, Page, Section, Verdict, drawn, only_json, rows_frame
 from insnav.report.requirement.panels import allocation_panel, nearest, outages_text, part_panels
 from insnav.result import Result
 from insnav.units import DEG, UNITS

@@ -15,7 +15,6 @@ from insnav.output.folder import RunFolder
 from insnav.output.kml import write_kml
 from insnav.output.solution_tables import TableFormat, write_events, write_run_table
 from insnav.report.page import FigureSpec, Page, Section
-from insnav.report.run.assumptions import run_assumptions
 from insnav.report.run.backdrop import FILE as BACKDROP
 from insnav.report.run.backdrop import write_backdrop
 from insnav.report.run.brief import brief_lines
@@ -24,7 +23,7 @@ from insnav.report.run.quantities import run_sections
 from insnav.report.run.reopened import read_found as read_found
 from insnav.report.run.short_duration import short_columns
 from insnav.report.run.verdict import run_circles, run_line, run_merits, run_verdict
-from insnav.report.run.warnings import run_warnings
+from insnav.report.run.warnings import run_assumptions, run_warnings
 from insnav.report.terminal import WIDTH
 from insnav.result import Result
 

@@ -1,14 +1,18 @@
-"""What the reader of a run must not overlook, most harmful first."""
+"""What the reader of a run must not overlook, and what was taken for granted, what matters most first."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.filter.whole_record import stretches
+from insnav.result import Result
 from insnav.types import Event, EventKind, Run
 
 HOLDS = 0.95  # share of errors inside 3 sd that needs no word
@@ -19,6 +23,7 @@ _LONG_GAP = 1.0  # of samples [s]: a car turns and brakes in it
 _WRONG = 3.0  # standard deviations of a heading as given that the whole record must not move it by
 _EXPLAINED = 0.5  # part of the epochs outside 3 sd that a constant difference must not leave, to be their cause
 _LARGEST_SCALE = 0.05  # scale factor error [-]: consumer MEMS sensors are sold with at most 0.03
+_ASSUMED = re.compile(r"\bassumed\b")
 
 
 def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
@@ -189,3 +194,27 @@ def _impossible_scale(run: Run) -> list[str]:
         f"scale factor errors larger than any sensor has: {', '.join(found)}; the drive has what the model lacks, such "
         "as vibration, misalignment, wrong units or timestamps. Positions between fixes may be worse than stated"
     ]
+
+
+def run_assumptions(result: Result[Any]) -> tuple[str, ...]:
+    """Give lever arm and IMU model unless they were given, and what the files did not say."""
+    evidence = {text: name for name, each in result.inputs.items() for text in each.evidence if _ASSUMED.search(text)}
+    files = tuple(f"{name}: {text.replace('(assumed; ', '(')}" for text, name in evidence.items())
+    return (*_lever_arm(result.found.run, result.options), *_model(result), *files)
+
+
+def _lever_arm(run: Run, options: Mapping[str, Any]) -> tuple[str, ...]:
+    given = options.get("lever_arm") is not None
+    if given or np.any(run.lever_b) or np.any(run.lever_sd > 0.0) or len(run.innovations.time) == 0:
+        return ()
+    return ("lever arm zero, the antenna at the IMU: give it with lever_arm, --lever-arm",)
+
+
+def _model(result: Result[Any]) -> tuple[str, ...]:
+    given = any(result.options.get(name) is not None for name in ("imu", "imu_model"))
+    if given or result.imu_model is None:
+        return ()
+    spec, how = result.imu_model
+    if spec.name.endswith("as found"):  # in the innovations of the drive
+        return ()
+    return (f"IMU model {spec.name}: {how}",)
