@@ -27,8 +27,8 @@ R = TypeVar("R")
 D = TypeVar("D")
 
 METHODS = {
-    "gyro": "single_axis.gyro",
-    "accel": "single_axis.accel",
+    "gyro": "single_axis.rate_table",
+    "accel": "single_axis.tumble",
     "imu": "rate_sweep.method",
     "nine": "nine_position.method",
     "poses": "multi_position.method",

@@ -12,8 +12,8 @@ from insnav.lab.calibration import BenchOptions, CalibrationSd, carried_over
 from insnav.lab.least_squares import coverage_factor
 from insnav.lab.nine_position.method import calibrate_nine
 from insnav.lab.rate_sweep.method import calibrate_sweeps, sweep_errors
-from insnav.lab.single_axis import accel as accel_method
-from insnav.lab.single_axis import gyro as gyro_method
+from insnav.lab.single_axis import rate_table as gyro_method
+from insnav.lab.single_axis import tumble as accel_method
 from insnav.lab.single_axis.records import read_record
 from insnav.types import ImuData
 from insnav.units import DEG

@@ -10,12 +10,13 @@ import pytest
 from insnav.exceptions import InputError
 from insnav.imu import calibration_to_toml, load_calibration
 from insnav.lab.calibration import BenchOptions, carried_over
-from insnav.lab.single_axis import accel, gyro
-from insnav.lab.single_axis.accel import SCHEMA as TUMBLE
-from insnav.lab.single_axis.accel import calibrate_accel, tumble_warnings
-from insnav.lab.single_axis.gyro import SCHEMA as RATE_TABLE
-from insnav.lab.single_axis.gyro import calibrate_gyro, rate_table_warnings
+from insnav.lab.single_axis import rate_table as gyro
+from insnav.lab.single_axis import tumble as accel
+from insnav.lab.single_axis.rate_table import SCHEMA as RATE_TABLE
+from insnav.lab.single_axis.rate_table import calibrate_gyro, rate_table_warnings
 from insnav.lab.single_axis.records import Record, read_record
+from insnav.lab.single_axis.tumble import SCHEMA as TUMBLE
+from insnav.lab.single_axis.tumble import calibrate_accel, tumble_warnings
 from tests.lab.published import lab_file
 
 RATES = np.array([-80, -60, -40, -20, -10, 0, 10, 20, 40, 60, 80.0])

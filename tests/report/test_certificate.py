@@ -9,8 +9,7 @@ import pytest
 
 from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
-from insnav.report.certificate.page import certificate_markdown, certificate_page
-from insnav.report.certificate.panel import certificate_panel
+from insnav.report.certificate.page import certificate_markdown, certificate_page, certificate_panel
 from insnav.report.page import Table, section_tables
 from insnav.report.panel_figures import draw_drawings
 from insnav.report.run_json import page_facts

@@ -14,8 +14,13 @@ from insnav.imu import load_calibration, load_imu
 from insnav.input import Reading, ReadingFacts
 from insnav.output.folder import RunFolder, verify_folder
 from insnav.report.panel_figures import draw_drawings
-from insnav.report.simulation.ensemble import correlation_notes, ensemble_lines, write_runs
-from insnav.report.simulation.ensemble_panels import ensemble_panels, nees_panels
+from insnav.report.simulation.ensemble import (
+    correlation_notes,
+    ensemble_lines,
+    ensemble_panels,
+    nees_panels,
+    write_runs,
+)
 from insnav.report.simulation.motion_panels import motion_panels, simulated_track, sketch_panel, track_length
 from insnav.report.simulation.page import (
     in_folder,

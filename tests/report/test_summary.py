@@ -12,7 +12,7 @@ from insnav.errors.metrics import position_errors
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
 from insnav.report.page import Section, cell, section_tables
-from insnav.report.run.brief import LINES, brief_lines
+from insnav.report.run.verdict import LINES, brief_lines
 from insnav.report.run.warnings import run_warnings
 from insnav.report.terminal import WIDTH
 from insnav.sample_statistics import rms

@@ -1,20 +1,32 @@
-"""The numerical certificate as a page and as Markdown."""
+"""The numerical certificate as a page, with a row for every check, and as Markdown."""
 
 from __future__ import annotations
 
 import math
 import platform
 from collections.abc import Sequence
-from itertools import groupby
+from itertools import cycle, groupby
+
+import numpy as np
 
 from insnav.certificate.certify import Certificate
 from insnav.certificate.check import Check
 from insnav.quantity import Quantity
-from insnav.report.certificate.panel import certificate_panel
+from insnav.report.colours import BLACK, BLUE, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.page import Page, Section, Verdict, cell, drawn, only_json
+from insnav.report.panels import Curve, Kind, Panel
 from insnav.report.run_json import versions
 
 _EXCEEDS = "!"  # behind an error that exceeds the limit
+_NOTES = {  # by the name of an integrator
+    "fourth": "fourth, mean, forward and backward integrate a north-pointing platform, from instantaneous samples at "
+    "10 Hz, at 0.1 Hz for the day, with the vertical channel off where it is not named.",
+    "pyins": "pyins holds its height to the first, and its normal gravity has no component to the north, which alone "
+    "is metres after an hour; its longitude goes on beyond 180 deg, and at a pole it divides by zero.",
+}
+_LEAST, _MOST = 1e-7, 1e7  # parts of the limit; beyond, figures stand at the edge
+_PASSED, _FAILED = "insnav: passed", "insnav: FAILED"
+_OTHERS = (ORANGE, GREY, PURPLE, SKY, BLACK)
 
 
 def certificate_page(certificate: Certificate) -> Page:
@@ -56,14 +68,6 @@ def certificate_page(certificate: Certificate) -> Page:
             *(_NOTES[name] for name in _names(checks) if name in _NOTES),
         ),
     )
-
-
-_NOTES = {  # by the name of an integrator
-    "fourth": "fourth, mean, forward and backward integrate a north-pointing platform, from instantaneous samples at "
-    "10 Hz, at 0.1 Hz for the day, with the vertical channel off where it is not named.",
-    "pyins": "pyins holds its height to the first, and its normal gravity has no component to the north, which alone "
-    "is metres after an hour; its longitude goes on beyond 180 deg, and at a pole it divides by zero.",
-}
 
 
 def certificate_markdown(certificate: Certificate) -> str:
@@ -112,3 +116,47 @@ def _error(check: Check, name: str, value: float) -> Quantity:
 
 def _names(checks: Sequence[Check]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for check in checks for name, _ in check.values))
+
+
+def certificate_panel(checks: Sequence[Check]) -> Panel:
+    """Draw one row for every check on a logarithmic axis: the figure that counts as a point, others as crosses."""
+    others = dict.fromkeys(name for check in checks for name, _ in check.values[1:])
+    found: dict[str, list[tuple[int, Check, float]]] = {name: [] for name in (*others, _PASSED, _FAILED)}
+    for row, check in enumerate(checks):
+        for name, value in ((_PASSED if check.passed else _FAILED, check.error), *check.values[1:]):
+            found[name].append((row, check, value))
+    styles: dict[str, tuple[str, Kind]] = {
+        name: (each, "crosses") for name, each in zip(others, cycle(_OTHERS), strict=False)
+    }
+    styles |= {_PASSED: (BLUE, "points"), _FAILED: (VERMILLION, "points")}
+    curves = [
+        Curve(
+            name,
+            np.array([_part(check, value) for _, check, value in of]),
+            np.array([float(row) for row, *_ in of]),
+            *styles[name],
+            text=tuple(f"{check.case}, {name}: {value:.3g} of {check.limit:g} {check.unit}" for _, check, value in of),
+        )
+        for name, of in found.items()
+    ]
+    return Panel(
+        "certificate",
+        "Error of every integrator in parts of its limit",
+        "",
+        f"error / limit [-]; at the edges: {_LEAST:g} or less, {_MOST:g} or more",
+        tuple(each for each in curves if len(each.x)),
+        note="shaded: within the limit; points: insnav as it navigates",
+        log_x=True,
+        spans=((_LEAST / 3.0, 1.0),),
+        rows=tuple(f"{check.topic}: {check.case}" for check in checks),
+        height=110 + 20 * len(checks),
+    )
+
+
+def _part(check: Check, value: float) -> float:
+    """Error in parts of the limit, within the axis; what is no number is as bad as can be."""
+    if not np.isfinite(value):
+        return _MOST
+    if check.limit == 0.0:
+        return _LEAST if value <= 0.0 else _MOST
+    return float(np.clip(value / check.limit, _LEAST, _MOST))

@@ -17,12 +17,11 @@ from insnav.output.solution_tables import TableFormat, write_events, write_run_t
 from insnav.report.page import FigureSpec, Page, Section
 from insnav.report.run.backdrop import FILE as BACKDROP
 from insnav.report.run.backdrop import write_backdrop
-from insnav.report.run.brief import brief_lines
 from insnav.report.run.panels import run_panels
 from insnav.report.run.quantities import run_sections
 from insnav.report.run.reopened import read_found as read_found
 from insnav.report.run.short_duration import short_columns
-from insnav.report.run.verdict import run_circles, run_line, run_merits, run_verdict
+from insnav.report.run.verdict import brief_lines, run_circles, run_line, run_merits, run_verdict
 from insnav.report.run.warnings import run_assumptions, run_warnings
 from insnav.report.terminal import WIDTH
 from insnav.result import Result
