@@ -17,7 +17,7 @@ from insnav.imu import ImuSpec, identify, load_imu
 from insnav.imu.imu_file import to_toml
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.output.folder import file_sha256
-from insnav.regression.corpus import AT_REST, RecordedCase, SimulatedCase, digest
+from insnav.regression.corpus import AT_REST, GROUPS, RecordedCase, SimulatedCase, digest
 from insnav.simulate import gps_file as gps_config
 from insnav.simulate.faults import parse_fault
 from insnav.simulate.ideal_sensors import gps_from_truth
@@ -30,7 +30,6 @@ _EXACT_RATE = 1.0  # of these [Hz]
 _NOISE_STREAM = 7
 _MOTION_SEED = 1  # of the vibration
 _STEP = 1.0  # a sparse reference is filled to this interval [s]
-_GROUPS = frozenset({"position", "velocity", "attitude", "heading"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +44,7 @@ class Material:
     truth: Trajectory  # the reference
     truth_lever_b: FloatArray  # (3,) the point of the truth seen from the IMU, body axes [m]
     exact: GpsData | None  # better positions of the antenna as the reference of outages; None for the fixes themselves
-    groups: frozenset[str] = _GROUPS  # what the reference is accurate enough for
+    groups: frozenset[str] = frozenset(GROUPS)  # what the reference is accurate enough for
     whole_state: bool = False  # the reference has position, velocity and attitude of the IMU's own axes
     settle: float = 0.0  # errors count from so long after the first fix [s]
     min_speed: float = 0.0  # slower epochs of the truth do not count [m/s]

@@ -30,12 +30,9 @@ from insnav.config_file import Axes, Table, axes, read_toml, refuse, scalar, val
 from insnav.exceptions import ConfigError
 
 Group = Literal["position", "velocity", "attitude", "heading"]
+GROUPS: tuple[Group, ...] = ("position", "velocity", "attitude", "heading")
 AT_REST = "at rest"  # IMU model by the noise at rest
 CORPUS_FILE = "corpus.toml"
-
-
-def _everything() -> list[Group]:
-    return ["position", "velocity", "attitude", "heading"]
 
 
 class Case(Table):
@@ -89,7 +86,7 @@ class RecordedCase(Case):
     # only every n-th fix is used, and the others are a reference of position: for receivers better than the rest of the
     # system
     use_every: Annotated[int, Field(ge=1, le=100)] = 1
-    judge: list[Group] = Field(default_factory=_everything)  # what the reference is accurate enough for
+    judge: list[Group] = Field(default_factory=lambda: list(GROUPS))  # what the reference is accurate enough for
     min_speed: Annotated[float, scalar("velocity")] = 0.0  # slower epochs of the reference do not count [m/s]
     # a constant difference of position is no error: reference and fixes have base stations of their own
     remove_offset: bool = False

@@ -309,8 +309,5 @@ def rows_frame(rows: Iterable[Iterable[Quantity]]) -> pd.DataFrame:
     """
     import pandas as pd
 
-    return pd.DataFrame([_cells(row) for row in rows])
-
-
-def _cells(row: Iterable[Quantity]) -> Mapping[str, Any]:
-    return {key: value for whole in row for each in members(whole) for key, value in each.facts().items()}
+    flat = ([each for whole in row for each in members(whole)] for row in rows)
+    return pd.DataFrame([{key: value for each in row for key, value in each.facts().items()} for row in flat])

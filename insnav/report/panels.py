@@ -123,7 +123,7 @@ def panel_data(drawing: Drawing) -> dict[str, Any]:
         "key": drawing.key,
         "link": drawing.link,
         "height": drawing.height,
-        "spans": _finite_pairs(drawing.spans),
+        "spans": [[float(a), float(b)] for a, b in drawing.spans if np.isfinite((a, b)).all()],
     }
     return common | (_panel(drawing) if isinstance(drawing, Panel) else _track(drawing))
 
@@ -218,10 +218,6 @@ def _behind(line: Curve) -> dict[str, Any]:
     step = 1 if line.kind in ("thin", "crosses") else max(1, -(-len(line.x) // (2 * LINE_BINS)))
     points = {"x": packed(line.x[::step]), "y": packed(line.y[::step])}
     return {"name": plain_text(line.name), "kind": line.kind, "colour": line.colour, **points}
-
-
-def _finite_pairs(spans: Sequence[tuple[float, float]]) -> list[list[float]]:
-    return [[float(a), float(b)] for a, b in spans if np.isfinite((a, b)).all()]
 
 
 def packed(values: FloatArray) -> str:

@@ -26,16 +26,10 @@ SAME = 0.9  # a deviation of more than this part of the one before is no longer 
 class PowerCoefficient:
     """One coefficient of ``sigma^2(tau) = sum A_m tau^m`` and the noise it stands for."""
 
-    power: float  # A_m and its standard deviation [unit^2 s^-m]
-    power_sd: float
+    power: float  # A_m [unit^2 s^-m]
     value: float  # Q, N, B, K or R; zero if A_m is negative
     low: float  # its 95 % interval, from that of A_m; zero where that of A_m goes below zero
     high: float
-
-    @property
-    def seen(self) -> bool:
-        """Whether it is distinguishable from zero."""
-        return self.low > 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +193,7 @@ def power_fit(allan: AllanDeviation, own: FloatArray) -> dict[str, PowerCoeffici
     found = {}
     for name, square, spread, factor in zip(POWERS, squares, sd, factors, strict=True):
         low, value, high = (math.sqrt(max(0.0, square + shift * spread)) for shift in (-NORMAL, 0.0, NORMAL))
-        found[name] = PowerCoefficient(float(square * factor), float(spread * factor), value, low, high)
+        found[name] = PowerCoefficient(float(square * factor), value, low, high)
     return found
 
 

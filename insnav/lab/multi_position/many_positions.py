@@ -35,7 +35,7 @@ from insnav.lab.multi_position.gyro_rotations import (
     rotations,
 )
 from insnav.lab.multi_position.stationary_spans import Activity, Pose, clipped, find_poses, measure_activity
-from insnav.lab.multi_position.triad import Triad, corrected
+from insnav.lab.multi_position.triad import MultiPosition, Triad, corrected
 from insnav.types import BoolArray, FloatArray, ImuData
 
 FACTORS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # standard deviations at rest that are tried as the limit of rest
@@ -45,24 +45,16 @@ FOLDS = 5
 WRONG_NORM = 0.02  # scatter of gravity over its length that no pose at rest leaves
 
 
-@dataclass(frozen=True, slots=True)
-class PosesCalibration:
-    """Result of a calibration by poses."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PosesCalibration(MultiPosition):
+    """Result of a calibration by poses.
+
+    The gyros refer to the axes of the accelerometers; their bias is that without specific force.
+    """
 
     poses: tuple[Pose, ...]  # stretches at rest, in order of time
     factor: float  # limit of rest that was chosen, in standard deviations at rest
-    # in the unit of the record per SI unit. The gyros refer to the axes of the accelerometers; their bias is that
-    # without specific force
-    accel: Triad
-    gyro: Triad
-    # (3, 3) part of the gyros' output that goes with the specific force [unit of the record per m/s^2]
-    g_sensitivity: FloatArray
-    g_sensitivity_sd: FloatArray
-    g: float  # gravity used [m/s^2]
-    # (n,) length of the specific force minus gravity in each pose, with the first guess and calibrated [m/s^2]
-    norm_before: FloatArray
-    norm_after: FloatArray
-    norm_left_out: FloatArray  # (n,) the same, each pose by a calibration that has not seen it [m/s^2]
+    norm_left_out: FloatArray  # (n,) as `norm_after`, each pose by a calibration that has not seen it [m/s^2]
     # (n - 1,) angle by which each turn misses the next pose [rad]: with the first guess, calibrated without the
     # g-sensitivity, and calibrated
     turn_before: FloatArray
@@ -74,11 +66,9 @@ class PosesCalibration:
     accel_share: FloatArray
     # (n - 1,) the same for each turn and the nine parameters of the gyros; zero where not used [-]
     gyro_share: FloatArray
-    clipped: int  # samples at the end of the range
     # (3,) change of the gyros at rest from the first to the last third of the record, without that which goes with
     # the specific force [rad/s]
     gyro_drift: FloatArray
-    counts: bool  # the record is in raw units
 
 
 def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCalibration:

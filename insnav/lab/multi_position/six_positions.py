@@ -21,7 +21,7 @@ from insnav.config_file import read_toml
 from insnav.exceptions import ConfigError, InputError
 from insnav.lab.multi_position.many_positions import FACTORS, refuse_force_units
 from insnav.lab.multi_position.stationary_spans import Pose, clipped, find_poses, measure_activity, pose_between
-from insnav.lab.multi_position.triad import AXES, Triad, corrected
+from insnav.lab.multi_position.triad import AXES, MultiPosition, Triad, corrected
 from insnav.strapdown import nominal_interval
 from insnav.types import FloatArray, ImuData
 
@@ -34,30 +34,18 @@ SHORT_TURN = 0.2  # a turn that lacks more of its angle is not the turn that was
 _SAME_POSE = np.deg2rad(20.0)  # between the poses around a turn about the vertical [rad]
 
 
-@dataclass(frozen=True, slots=True)
-class SixPositions:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SixPositions(MultiPosition):
     """Result of a calibration by six positions and three turns."""
 
     # samples ``first`` up to, not including, ``last`` of ``x_p`` (x up), ``x_a`` (x down), …, ``x_rot``, …
     sections: dict[str, tuple[int, int]]
-    accel: Triad  # in the unit of the record per SI unit
-    gyro: Triad
-    # (3, 3) part of the gyros' output that goes with the specific force [unit of the record per m/s^2]
-    g_sensitivity: FloatArray
-    g_sensitivity_sd: FloatArray
     angle: float  # angle of each turn [rad]
     # (3,) what the gyros made of it before calibration, with the sign of the turn [unit of the record times s]
     turned: FloatArray
     force_after: FloatArray  # (6, 3) corrected specific force in each position minus the ideal one [m/s^2]
-    # (6,) length of the specific force minus gravity in each position; before: as recorded, or, of raw units, with
-    # one bias and sensitivity for all axes [m/s^2]
-    norm_before: FloatArray
-    norm_after: FloatArray
     # how far the positions are off, one standard deviation, from what the opposite positions disagree [rad]
     tilt: float
-    clipped: int  # samples at the end of the range
-    g: float  # gravity used [m/s^2]
-    counts: bool  # the record is in raw units
 
 
 def calibrate_six_positions(

@@ -26,6 +26,24 @@ class Triad:
     condition: float = 1.0  # condition number of the problem with its columns scaled to unit length
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MultiPosition:
+    """What every calibration without a table finds."""
+
+    accel: Triad  # in the unit of the record per SI unit
+    gyro: Triad
+    # (3, 3) part of the gyros' output that goes with the specific force [unit of the record per m/s^2]
+    g_sensitivity: FloatArray
+    g_sensitivity_sd: FloatArray
+    g: float  # gravity used [m/s^2]
+    # (n,) length of the specific force minus gravity in each position, calibrated, and before: as recorded or, of raw
+    # units, with one bias and sensitivity for all axes [m/s^2]
+    norm_before: FloatArray
+    norm_after: FloatArray
+    clipped: int  # samples at the end of the range
+    counts: bool  # the record is in raw units
+
+
 def corrected(triad: Triad, measured: FloatArray) -> FloatArray:
     """True values of measured ones: ``inverse(matrix) @ (measured - bias)``.
 

@@ -13,7 +13,6 @@ coefficients are fitted by generalised least squares, with the covariance that t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -293,9 +292,11 @@ class _Fitter:
         tried = [at(each) for each in self.times]
         best = int(np.argmin([left for left, _ in tried]))
         low, high = self.times[max(0, best - 1)], self.times[min(best + 1, self.times.size - 1)]
-        time = _smallest(lambda logarithm: at(math.exp(logarithm))[0], math.log(low), math.log(high))
-        return at(math.exp(time))[1], math.exp(time)
-
-
-def _smallest(function: Callable[[float], float], low: float, high: float) -> float:
-    return float(minimize_scalar(function, bounds=(low, high), method="bounded", options={"xatol": 1e-4}).x)
+        least = minimize_scalar(
+            lambda logarithm: at(math.exp(logarithm))[0],
+            bounds=(math.log(low), math.log(high)),
+            method="bounded",
+            options={"xatol": 1e-4},
+        )
+        time = math.exp(float(least.x))
+        return at(time)[1], time

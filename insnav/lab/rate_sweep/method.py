@@ -95,7 +95,8 @@ def calibrate_sweeps(
     a sweep, too few rates, gyros that do not follow the rate about their axis or are not in the unit of their columns,
     or an error so steep that it cannot be undone.
     """
-    own = tuple(_alone(rate, axis) for axis in range(3))
+    # dwells about one axis alone; at rest counts for all
+    own = tuple(np.flatnonzero(~np.delete(rate, axis, axis=1).any(axis=1)) for axis in range(3))
     warnings = check_rates(rate, own, where)
     used: BoolArray = np.ones(rate.shape, dtype=np.bool_)
     dropped: list[tuple[int, Dropped]] = []
@@ -272,11 +273,6 @@ def _parameters(found: SweepCalibration, unit: str) -> tuple[Quantity, ...]:
                 crossed = (1e3 * each.value[j] / own, "mrad", 1e3 * each.sd[j] / abs(own), 1e3 * half[j] / abs(own))
                 items.append(measured(f"gyro {axis} senses {other}", *crossed))
     return tuple(items)
-
-
-def _alone(rate: FloatArray, axis: int) -> IntArray:
-    """Dwells about one axis alone; at rest counts for all."""
-    return np.flatnonzero(~np.delete(rate, axis, axis=1).any(axis=1))
 
 
 def _axis_map(item: Pieces) -> AxisMap:

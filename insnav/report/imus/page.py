@@ -8,7 +8,7 @@ from insnav.imu.error_terms import TERMS
 from insnav.imu.library import PROVENANCE, Figure, Part
 from insnav.imu.presets import PRESETS
 from insnav.quantity import Quantity
-from insnav.report.page import Page, Section, one_each
+from insnav.report.page import Page, Section, one_each, only_json
 from insnav.units import UNITS
 
 _UNITS = {f"{term.sensor}.{term.key}": term.unit for term in TERMS}
@@ -42,13 +42,14 @@ def parts_page(parts: Sequence[Part]) -> Page:
     )
     classes = {grade: [part.name for part in parts if part.grade == grade] for grade in PRESETS}
     named = {grade: (Quantity("parts", names),) for grade, names in classes.items() if names}
+    by_class = only_json("", parts=(one_each("classes", "", named),))
     return Page(
         f"{len(parts)} real IMUs",
         (
             "Any of them goes where an IMU model does: --imu STIM300.",
             "insnav imus STIM300 shows every figure of a part and where it stands.",
         ),
-        (Section("imus", rows=rows), Section("", parts=(one_each("classes", "", named),), show="json")),
+        (Section("imus", rows=rows), by_class),
         assumptions=RULES,
     )
 
@@ -88,12 +89,8 @@ def _row(figure: Figure) -> tuple[Quantity, ...]:
         Quantity("figure", figure.key),
         Quantity("as_written", ", ".join(figure.text), meaning="as written"),
         Quantity("statistic", figure.statistic),
-        Quantity("sd", f"{figure.sd.max() / _si_size(figure):.3g} {_UNITS[figure.key]}", meaning="read as"),
+        Quantity("sd", f"{figure.sd.max() / UNITS[_UNITS[figure.key]][1]:.3g} {_UNITS[figure.key]}", meaning="read as"),
         Quantity("used", figure.used),
         Quantity("document", figure.document),
         Quantity("stated", figure.stated),
     )
-
-
-def _si_size(figure: Figure) -> float:
-    return UNITS[_UNITS[figure.key]][1]

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from insnav.regression.accuracy_metrics import FAILS_FROM, METRICS, Metric
+from insnav.regression.accuracy_metrics import FAILS_FROM, METRICS
 from insnav.regression.baseline import Baseline
 from insnav.regression.history import Entry
 from insnav.regression.paired_tests import detectable
@@ -101,7 +101,8 @@ def _behind(change: Change, result: Result, baseline: Baseline, history: Sequenc
         rows.append((each.origin.version, each.origin.date[:10], number(value[0]), known, verdict))
     tables = []
     if rows:
-        tables.append(Table("over the versions", ("version", "date", _with_unit(metric), "95 %", ""), tuple(rows)))
+        label = f"{metric.label} [{metric.unit}]" if metric.unit else metric.label
+        tables.append(Table("over the versions", ("version", "date", label, "95 %", ""), tuple(rows)))
     measured = result.cases[name].measured
     if measured is not None and metric.key in baseline.cases[name].values:
         old, new = baseline.cases[name].values[metric.key], measured.values[metric.key]
@@ -117,25 +118,23 @@ def _drives(title: str, what: str, old: FloatArray, new: FloatArray) -> Table:
     return Table(title, columns, (("baseline", *then), ("now", *now)))
 
 
-def _with_unit(metric: Metric) -> str:
-    return f"{metric.label} [{metric.unit}]" if metric.unit else metric.label
-
-
 def peer_matrix(peers: Sequence[PeerRow]) -> Matrix | None:
     """Errors of other programs over those of insnav on the same drive, smoothers over its smoother; None without any.
 
     One drive a case: there is no significance.
     """
     programs = list(dict.fromkeys(row.program for row in peers if not row.program.startswith("insnav")))
-    others = {(row.case, row.program): row for row in peers}
+    figures = {(row.case, row.program): (*row.rms, *row.attitude_deg) for row in peers}
     own = list(dict.fromkeys(row.case for row in peers if row.program == "insnav"))
     columns = [(program, axis) for program in programs for axis in range(len(_PEER_AXES))]
     if not own or not columns:
         return None
 
+    none = (None,) * len(_PEER_AXES)
+
     def cell(name: str, program: str, axis: int) -> Cell | None:
         base = "insnav, smoothed" if program.endswith("smoothed") else "insnav"
-        a, b = (_figure(others.get((name, each)), axis) for each in (base, program))
+        a, b = (figures.get((name, each), none)[axis] for each in (base, program))
         return _peer_cell(name, program, _PEER_AXES[axis], a, b)
 
     rows = tuple((name, tuple(cell(name, *column) for column in columns)) for name in own)
@@ -145,10 +144,6 @@ def peer_matrix(peers: Sequence[PeerRow]) -> Matrix | None:
         ("worse2", "insnav has larger errors"),
     )
     return Matrix(tuple(f"{program}, {_PEER_AXES[axis]}" for program, axis in columns), rows, tones)
-
-
-def _figure(row: PeerRow | None, axis: int) -> float | None:
-    return None if row is None else (*row.rms, *row.attitude_deg)[axis]
 
 
 def _peer_cell(case: str, program: str, axis: str, own: float | None, other: float | None) -> Cell | None:

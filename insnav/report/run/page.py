@@ -1,30 +1,52 @@
-"""The report of a navigated drive: accuracy, figures, tables; its files, its main table."""
+"""The report of a navigated drive: accuracy, figures, tables; its files, its main table, and a saved run read again."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.metrics import TrajectoryErrors
+from insnav.exceptions import InputError
 from insnav.imu.imu_file import to_toml
 from insnav.output.data_files import write_table
-from insnav.output.folder import RunFolder
+from insnav.output.folder import RunFolder, read_facts
 from insnav.output.kml import write_kml
-from insnav.output.solution_tables import TableFormat, write_events, write_run_table
+from insnav.output.solution_tables import (
+    TableFormat,
+    has_smoothed,
+    read_events,
+    read_run_table,
+    read_solution,
+    write_events,
+    write_run_table,
+)
 from insnav.report.page import FigureSpec, Page, Section
 from insnav.report.run.backdrop import FILE as BACKDROP
-from insnav.report.run.backdrop import write_backdrop
+from insnav.report.run.backdrop import read_backdrop, write_backdrop
 from insnav.report.run.panels import run_panels
 from insnav.report.run.quantities import run_sections
-from insnav.report.run.reopened import read_found as read_found
 from insnav.report.run.short_duration import short_columns
 from insnav.report.run.verdict import brief_lines, run_circles, run_line, run_merits, run_verdict
 from insnav.report.run.warnings import run_assumptions, run_warnings
 from insnav.report.terminal import WIDTH
 from insnav.result import Result
+from insnav.types import (
+    AidingUse,
+    Alignment,
+    Epochs,
+    FloatArray,
+    GpsData,
+    Innovations,
+    Run,
+    SensorErrors,
+    Smoothed,
+)
+from insnav.units import DEG, DEG_PER_H
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -130,3 +152,72 @@ def frame(result: Result[EvaluatedRun]) -> pd.DataFrame:
     Returns: columns as in ``solution.csv``.
     """
     return result.found.run.solution.to_frame()
+
+
+def read_found(folder: Path) -> EvaluatedRun:
+    """Read a run from its folder; covariances between filter epochs and the short-duration windows are not kept.
+
+    Raises: InputError: a table is missing or damaged.
+    """
+    facts = read_facts(folder)
+    try:
+        fixes, aiding = facts["fixes"], facts["aiding"]
+        alignment = _alignment(facts["alignment"])
+    except (KeyError, TypeError) as error:
+        raise InputError(
+            "run.json is not that of a run of this version", where=str(folder), why=f"no {error}", fix="make it again"
+        ) from error
+    none = np.empty(0)
+    epochs = Epochs(none, np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 4)), np.empty((0, 9, 9)))
+    sensor_errors = read_run_table(folder, SensorErrors)
+    smoothed = None
+    if has_smoothed(folder):
+        biases = read_run_table(folder, SensorErrors, "smoothed_biases")
+        smoothed = Smoothed(read_solution(folder, "smoothed"), epochs, biases)
+    run = Run(
+        read_solution(folder),
+        read_run_table(folder, Innovations),
+        sensor_errors,
+        read_events(folder),
+        alignment,
+        epochs,
+        fixes["delay_s"],
+        fixes["delay_sd_s"],
+        np.array(fixes["lever_arm_m"]),
+        np.array(fixes["lever_arm_sd_m"]),
+        smoothed,
+        tuple(_aiding(each) for each in aiding),
+    )
+    errors, smoothed_errors = (
+        read_run_table(folder, TrajectoryErrors, name) if any(folder.glob(f"{name}.*")) else None
+        for name in ("errors", "smoothed_errors")
+    )
+    gps = read_run_table(folder, GpsData) if any(folder.glob("fixes.*")) else None
+    backdrop = read_backdrop(folder / BACKDROP) if (folder / BACKDROP).is_file() else None
+    return EvaluatedRun(run, gps, errors, smoothed_errors, backdrop=backdrop)
+
+
+def _alignment(facts: Mapping[str, Any]) -> Alignment:
+    rph = (facts[f"{name}_deg"] for name in ("roll", "pitch", "heading"))
+    sd = (facts[f"{name}_sd_deg"] for name in ("tilt_north", "tilt_east", "heading"))
+    bias, bias_sd = (_array(facts[f"gyro_bias{name}_deg_h"]) * DEG_PER_H for name in ("", "_sd"))
+    return Alignment(
+        facts["time_s"],
+        _array(rph) * DEG,
+        _array(sd) * DEG,
+        bias,
+        np.where(np.isnan(bias_sd), np.inf, bias_sd),
+        None if facts["static_s"] is None else tuple(facts["static_s"]),
+        facts["level_method"],
+        facts["heading_method"],
+    )
+
+
+def _array(values: Any) -> FloatArray:
+    return np.array(list(values), dtype=np.float64)
+
+
+def _aiding(facts: Mapping[str, Any]) -> AidingUse:
+    key = next(key for key in facts if key.startswith("innovation_rms_"))
+    unit = key.removeprefix("innovation_rms_").replace("_", "/")
+    return AidingUse(facts["name"], facts["processed"], facts["rejected"], facts[key], facts["nis"], unit)

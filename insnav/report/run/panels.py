@@ -10,7 +10,6 @@ import numpy as np
 
 from insnav.earth import ned_offset
 from insnav.errors.evaluated_run import EvaluatedRun, outages
-from insnav.errors.metrics import TrajectoryErrors
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.panels import Curve, Panel, Shade, Track
 from insnav.report.series import Clock, broken_at_gaps, wrapped
@@ -260,9 +259,10 @@ def run_track(found: EvaluatedRun) -> Track:
         for mode, each in found.solutions.items()
         if each.sd is not None
     ]
-    shades += [
-        Shade("horizontal error [m]", _error_at(each, time), mode=mode) for mode, each in found.known_errors.items()
-    ]
+    for mode, each in found.known_errors.items():
+        shades.append(
+            Shade("horizontal error [m]", np.interp(time, each.time, each.horizontal, np.nan, np.nan), mode=mode)
+        )
     if gps is not None and gps.fix is not None and len(gps.time):
         shades.append(Shade("fix", gps.fix[_nearest(gps.time, time)].astype(np.float64), _FIX_TYPES))
     if np.isfinite(run.innovations.nis_position).any():
@@ -290,10 +290,6 @@ def _rejected(run: Run, time: FloatArray, position: FloatArray) -> tuple[Curve, 
     at, off = fixes.time[refused], fixes.innovation[refused]
     north, east = (np.interp(at, time, position[:, k]) + off[:, k] for k in (0, 1))
     return (Curve(f"position rejected ({len(at)})", east, north, VERMILLION, "crosses"),)
-
-
-def _error_at(errors: TrajectoryErrors, time: FloatArray) -> FloatArray:
-    return np.interp(time, errors.time, errors.horizontal, np.nan, np.nan)
 
 
 def _nearest(times: FloatArray, wanted: FloatArray) -> np.ndarray:

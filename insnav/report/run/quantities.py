@@ -174,12 +174,13 @@ def _fixes(run: Run) -> Section:
 def _innovations(innovation: FloatArray, nis: FloatArray, used: BoolArray, unit: str) -> tuple[Quantity, ...]:
     known = np.isfinite(innovation)
     processed = known.any(axis=1)
+    sizes = nis[used & np.isfinite(nis)] / 3.0
     counted = np.where(known & used[:, None], innovation, np.nan)
     return (
         Quantity("processed", int(processed.sum())),
         Quantity("accepted", int((processed & used).sum())),
         Quantity("rejected", int((processed & ~used).sum())),
-        Quantity("nis_mean_per_axis", _mean(nis[used & np.isfinite(nis)] / 3.0), meaning="mean NIS per axis"),
+        Quantity("nis_mean_per_axis", float(sizes.mean()) if sizes.size else None, meaning="mean NIS per axis"),
         Quantity("innovation_rms", [rms(each) for each in counted.T], unit, meaning="innovation RMS N, E, D"),
     )
 
@@ -283,7 +284,8 @@ def _smoothed(found: EvaluatedRun, reference: str) -> Section:
     run = found.run
     if run.smoothed is None:
         return _only("smoothed", None)
-    sd = [_horizontal_sd(solution) for solution in (run.solution, run.smoothed.solution)]
+    both = (run.solution.sd, run.smoothed.solution.sd)
+    sd = [None if each is None else rms(np.hypot(each[:, 0], each[:, 1])) for each in both]
     items = [
         Quantity("horizontal_sd", sd[1], "m"),
         Quantity("horizontal_sd_ratio", _ratio(sd[1], sd[0]), meaning="horizontal sd, smoothed / filtered"),
@@ -297,16 +299,8 @@ def _smoothed(found: EvaluatedRun, reference: str) -> Section:
     return Section("smoothed", "Smoothed solution", tuple(items), parts=parts, show="page")
 
 
-def _horizontal_sd(solution: Trajectory) -> float | None:
-    return None if solution.sd is None else rms(np.hypot(solution.sd[:, 0], solution.sd[:, 1]))
-
-
 def _ratio(value: float | None, by: float | None) -> float | None:
     return value / by if value is not None and by else None
-
-
-def _mean(values: FloatArray) -> float | None:
-    return float(np.mean(values)) if values.size else None
 
 
 def _taken(run: Run) -> str:
