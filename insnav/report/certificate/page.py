@@ -25,6 +25,7 @@ _NOTES = {  # by the name of an integrator
     "is metres after an hour; its longitude goes on beyond 180 deg, and at a pole it divides by zero.",
 }
 _LEAST, _MOST = 1e-7, 1e7  # parts of the limit; beyond, figures stand at the edge
+_READ = f"shaded: within the limit; points: insnav as it navigates; at the edges {_LEAST:g} or less, {_MOST:g} or more"
 _PASSED, _FAILED = "insnav: passed", "insnav: FAILED"
 _OTHERS = (ORANGE, GREY, PURPLE, SKY, BLACK)
 
@@ -52,7 +53,9 @@ def certificate_page(certificate: Certificate) -> Page:
             ),
             Section("checks", rows=tuple(_facts(check) for check in checks), show="json"),
             *(_topic(topic, list(rows)) for topic, rows in groupby(checks, key=lambda check: check.topic)),
-            drawn("certificate", "Error of every integrator in parts of its limit", (certificate_panel(checks),)),
+            drawn(
+                "certificate", "Error of every integrator in parts of its limit", (certificate_panel(checks),), _READ
+            ),
         ),
         tuple(f"FAILED: {line}" for line in lines),
         verdict=Verdict(
@@ -143,9 +146,9 @@ def certificate_panel(checks: Sequence[Check]) -> Panel:
         "certificate",
         "Error of every integrator in parts of its limit",
         "",
-        f"error / limit [-]; at the edges: {_LEAST:g} or less, {_MOST:g} or more",
+        "error / limit [-]",
         tuple(each for each in curves if len(each.x)),
-        note="shaded: within the limit; points: insnav as it navigates",
+        note=_READ,
         log_x=True,
         spans=((_LEAST / 3.0, 1.0),),
         rows=tuple(f"{check.topic}: {check.case}" for check in checks),
