@@ -44,13 +44,8 @@ class Baseline:
 def stored(result: CaseResult) -> Stored:
     """Keep the values of a case."""
     assert result.measured is not None
-    return Stored(
-        result.digest,
-        result.pieces,
-        result.measured.values,
-        result.measured.growth,
-        tuple(sorted(result.failures)),
-    )
+    measured = result.measured
+    return Stored(result.digest, result.pieces, measured.values, measured.growth, tuple(sorted(result.failures)))
 
 
 def renewed(old: Baseline | None, result: Result, origin: Origin) -> Baseline:
@@ -65,12 +60,9 @@ def read_baseline(path: Path) -> Baseline | None:
 
     Raises: InputError: the file is damaged, or of another format.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
+    text = kept_text(path, "baseline")
+    if text is None:
         return None
-    except (OSError, ValueError) as error:
-        raise InputError("the baseline cannot be read", where=str(path), why=str(error)) from None
     try:
         content = json.loads(text)
         if content["format"] != FORMAT:
@@ -84,6 +76,19 @@ def read_baseline(path: Path) -> Baseline | None:
             why=f"{type(error).__name__}: {error}",
             fix="take it from the last commit, or make it again with --update-baseline",
         ) from None
+
+
+def kept_text(path: Path, what: str) -> str | None:
+    """Text of a file of earlier versions; None if there is none yet.
+
+    Raises: InputError: it cannot be read.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise InputError(f"the {what} cannot be read", where=str(path), why=str(error)) from None
 
 
 def write_baseline(path: Path, baseline: Baseline) -> None:
@@ -136,10 +141,5 @@ def _case(content: Mapping[str, Any]) -> Stored:
         for key, value in content["values"].items()
         if key in BY_KEY
     }
-    return Stored(
-        content["digest"],
-        content["pieces"],
-        values,
-        np.array(content["growth"], dtype=np.float64),
-        tuple(content["failed"]),
-    )
+    growth = np.array(content["growth"], dtype=np.float64)
+    return Stored(content["digest"], content["pieces"], values, growth, tuple(content["failed"]))

@@ -144,10 +144,11 @@ def _accuracy(errors: TrajectoryErrors, edges: FloatArray) -> dict[str, FloatArr
         "roll_pitch_{}_deg": np.linalg.norm(errors.attitude[:, :2], axis=1) / DEG,
         "heading_{}_deg": errors.attitude[:, 2] / DEG,
     }
-    found = {name.format("rms"): np.array([rms(error[rows]) for rows in pieces]) for name, error in sizes.items()}
+    found = {}
     for name, error in sizes.items():
-        found[name.format("p95")] = np.array([_quantile(error[rows], 95.0) for rows in pieces])
-        found[name.format("max")] = np.array([_quantile(error[rows], 100.0) for rows in pieces])
+        found[name.format("rms")] = np.array([rms(error[rows]) for rows in pieces])
+        for key, percent in (("p95", 95.0), ("max", 100.0)):
+            found[name.format(key)] = np.array([_quantile(error[rows], percent) for rows in pieces])
     found["cep50_m"] = np.array([_quantile(errors.horizontal[rows], 50.0) for rows in pieces])
     sums = [nees(errors, rows) for rows in pieces]
     for group in ("position", "velocity", "attitude"):

@@ -11,7 +11,7 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.regression.accuracy_metrics import BY_KEY, METRICS
-from insnav.regression.baseline import write_text
+from insnav.regression.baseline import kept_text, write_text
 from insnav.regression.paired_tests import interval
 from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import Result
@@ -56,14 +56,8 @@ def read_history(path: Path) -> list[Entry]:
 
     Raises: InputError: a line is damaged.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        return []
-    except (OSError, ValueError) as error:
-        raise InputError("the history cannot be read", where=str(path), why=str(error)) from None
     found = []
-    for row, line in enumerate(text.splitlines(), start=1):
+    for row, line in enumerate((kept_text(path, "history") or "").splitlines(), start=1):
         if not line.strip():
             continue
         try:

@@ -127,13 +127,8 @@ def _compared(case: Case, errors: Sequence[FloatArray]) -> Compared:
     count = max(2.0, len(errors) * min(1.0, SPACING / case.length))
     spread = 1.96 / math.sqrt(2.0 * count)
     interval = (value * math.exp(-spread), value * math.exp(spread))
-    return Compared(
-        case,
-        tuple(key for key in load_imu(case.imu).absent if not key.endswith("correlation_time")),
-        value,
-        interval,
-        len(errors),
-    )
+    missing = tuple(key for key in load_imu(case.imu).absent if not key.endswith("correlation_time"))
+    return Compared(case, missing, value, interval, len(errors))
 
 
 def recorded_ratios(growth: Mapping[str, FloatArray]) -> dict[str, float]:
@@ -158,9 +153,5 @@ def field_factor(compared: Sequence[Compared], recorded: Mapping[str, float]) ->
     mean, sd = float(logs.mean()), float(logs.std(ddof=1))
     quantile = float(student.ppf(0.975, n - 1))
     own, further = quantile * sd / math.sqrt(n), quantile * sd * math.sqrt(1.0 + 1.0 / n)
-    return FieldFactor(
-        ratios,
-        math.exp(mean),
-        (math.exp(mean - own), math.exp(mean + own)),
-        (math.exp(mean - further), math.exp(mean + further)),
-    )
+    interval, span = ((math.exp(mean - half), math.exp(mean + half)) for half in (own, further))
+    return FieldFactor(ratios, math.exp(mean), interval, span)

@@ -9,7 +9,7 @@ from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.quantity import Quantity
 from insnav.report.budget.contributions import horizontal, ranked, shares, size
 from insnav.report.numbers import number
-from insnav.report.outage.quantities import BELOW, below_noise
+from insnav.report.outage.windows import BELOW, below_noise
 from insnav.report.page import Light, Section, Verdict
 from insnav.types import FloatArray
 

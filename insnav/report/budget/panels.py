@@ -10,8 +10,7 @@ from insnav.errors.outage.statistics import COMPONENTS, components
 from insnav.report.budget.contributions import horizontal, ranked, saved, shares, source_texts
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
-from insnav.report.outage.panels import power_lines, thin_lines
-from insnav.report.outage.quantities import below_noise
+from insnav.report.outage.windows import below_noise, power_lines, thin_lines
 from insnav.report.panels import Curve, Panel
 
 _WINDOWS, _POINTS = 80, 120  # drawn one by one, and points of each

@@ -20,8 +20,7 @@ from insnav.report.budget.windows_quantities import (
 )
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION
 from insnav.report.numbers import number
-from insnav.report.outage.panels import power_lines, thin_lines
-from insnav.report.outage.quantities import INTERVALS, common_text, corrected_text
+from insnav.report.outage.windows import INTERVALS, common_text, corrected_text, power_lines, thin_lines
 from insnav.report.page import Section, drawn
 from insnav.report.panels import Curve, Panel
 from insnav.units import UNITS as FACTORS

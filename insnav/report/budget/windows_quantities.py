@@ -11,7 +11,7 @@ from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS, Growth
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.outage.quantities import corrected
+from insnav.report.outage.windows import corrected
 from insnav.report.page import Section, one_each, only_json
 from insnav.types import FloatArray
 

@@ -13,35 +13,21 @@ from insnav.lab.calibration import Calibration
 from insnav.report.calibration.common import bench_input
 from insnav.report.page import Page, by_warnings
 
-_PAGES = {
-    "gyro": "single_axis.gyro_page",
-    "accel": "single_axis.accel_page",
-    "imu": "rate_sweep.sweep_page",
-    "nine": "nine_position.nine_page",
-    "poses": "multi_position.multi_position_page",
-    "rotor": "rotor_inertia.rotor_page",
+# name in run.json, function of the page, tables that it was read from
+_METHODS: Mapping[str, tuple[str, str, Callable[[Any], Sequence[BenchTable]]]] = {
+    "gyro": ("gyro rate table", "single_axis.gyro_page", lambda records: [each.table for each in records]),
+    "accel": ("accelerometer tumble", "single_axis.accel_page", lambda records: [each.table for each in records]),
+    "imu": ("rate sweeps", "rate_sweep.sweep_page", lambda record: record.tables),
+    "nine": ("nine positions", "nine_position.nine_page", lambda record: (record.table,)),
+    "poses": ("poses", "multi_position.multi_position_page", lambda record: ()),
+    "rotor": ("rotor", "rotor_inertia.rotor_page", lambda tables: tables),
 }
 _MERITS = 6
-_NAMES = {
-    "gyro": "gyro rate table",
-    "accel": "accelerometer tumble",
-    "imu": "rate sweeps",
-    "nine": "nine positions",
-    "poses": "poses",
-    "rotor": "rotor",
-}
-_TABLES: Mapping[str, Callable[[Any], Sequence[BenchTable]]] = {
-    "gyro": lambda records: [each.table for each in records],
-    "accel": lambda records: [each.table for each in records],
-    "imu": lambda record: record.tables,
-    "nine": lambda record: (record.table,),
-    "rotor": lambda tables: tables,
-}
 
 
 def calibration_page(calibration: Calibration[Any, Any]) -> Page:
     """Report a calibration."""
-    module, function = _PAGES[calibration.method].split(".")
+    module, function = _METHODS[calibration.method][1].split(".")
     report = getattr(import_module(f"insnav.report.calibration.{module}"), function)
     page = cast(Page, report(calibration))
     if not page.summary:
@@ -56,10 +42,8 @@ def calibration_metadata(calibration: Calibration[Any, Any]) -> dict[str, Any]:
     """Give what every calibration has first in ``run.json``: method and input; of a record, the options too."""
     record, how = calibration.record, calibration.options
     if not isinstance(record, Reading):
-        return {
-            "method": _NAMES[calibration.method],
-            "input": bench_input(_TABLES[calibration.method](record)),
-        }
+        name, _, tables = _METHODS[calibration.method]
+        return {"method": name, "input": bench_input(tables(record))}
     configuration = {
         "method": "six" if how.six else "poses",
         "counts": how.counts,

@@ -15,8 +15,7 @@ from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_run_table, write_run_table
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.outage.panels import NOTE, outage_panels
-from insnav.report.outage.quantities import INTERVALS, common_text, corrected, corrected_text
+from insnav.report.outage.windows import INTERVALS, NOTE, common_text, corrected, corrected_text, outage_panels
 from insnav.report.page import Light, Page, Section, Verdict, drawn, only_json, rows_frame
 from insnav.result import Result
 from insnav.sample_statistics import rms
