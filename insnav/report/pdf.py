@@ -17,11 +17,11 @@ from insnav.report.colours import GREEN, GREY, ORANGE, VERMILLION
 from insnav.report.page import LIGHTS, FigureSpec, Page, cell
 from insnav.report.style import drawing
 
-_WIDTH, _HEIGHT, _MARGIN = 8.27, 11.69, 0.6  # A4 [inch]
+WIDTH, HEIGHT, _MARGIN = 8.27, 11.69, 0.6  # A4 [inch]
 _DPI = 200
 _LINE = 0.19  # of text [inch]
 _LETTERS = 92  # a line
-_LIGHTS = {"good": GREEN, "attention": ORANGE, "bad": VERMILLION, "unknown": GREY}
+LIGHT_COLOURS = {"good": GREEN, "attention": ORANGE, "bad": VERMILLION, "unknown": GREY}
 
 
 def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]]) -> None:
@@ -32,43 +32,43 @@ def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]]) -> Non
     known = {each.name: each for each in page.figures}
     with drawing(), PdfPages(file, metadata={"CreationDate": None, "Creator": None, "Producer": None}) as pdf:
         for number, (title, names) in enumerate(pages.items(), 1):
-            sheet = Figure(figsize=(_WIDTH, _HEIGHT))
+            sheet = Figure(figsize=(WIDTH, HEIGHT))
             top = _heading(sheet, f"{page.title}: {title}")
             if number == 1:
                 top = _first(sheet, page, top)
             _figures(sheet, [known[name] for name in names if name in known][:2], top)
             foot = f"insnav {__version__}   page {number} of {len(pages)}"
-            sheet.text(0.5, 0.35 / _HEIGHT, foot, ha="center", fontsize=8.0, color="#555555")
+            sheet.text(0.5, 0.35 / HEIGHT, foot, ha="center", fontsize=8.0, color="#555555")
             pdf.savefig(sheet)
 
 
 def _heading(sheet: Figure, title: str) -> float:
     """Write the title of a page; the height that is left below it [inch]."""
-    top = _HEIGHT - _MARGIN
+    top = HEIGHT - _MARGIN
     short = textwrap.shorten(plain_text(title), 70, placeholder="…")
-    sheet.text(_MARGIN / _WIDTH, top / _HEIGHT, short, va="top", fontsize=14.0, fontweight="bold")
+    sheet.text(_MARGIN / WIDTH, top / HEIGHT, short, va="top", fontsize=14.0, fontweight="bold")
     return top - 0.4
 
 
 def _first(sheet: Figure, page: Page, top: float) -> float:
     """Write verdict, summary, warnings and figures of merit; the height that is left below them [inch]."""
-    left = _MARGIN / _WIDTH
+    left = _MARGIN / WIDTH
     lines: list[tuple[str, str]] = []
     if page.verdict is not None:
-        lines += [(f"{LIGHTS[page.verdict.light]}: {page.verdict.reason}", _LIGHTS[page.verdict.light])]
+        lines += [(f"{LIGHTS[page.verdict.light]}: {page.verdict.reason}", LIGHT_COLOURS[page.verdict.light])]
         lines += [(page.verdict.sentence, "#000000")]
     lines += [(text, "#000000") for text in page.summary]
     lines += [(f"! {text}", VERMILLION) for text in page.warnings]
     for text, colour in lines:
         for row in textwrap.wrap(plain_text(text), _LETTERS):
-            sheet.text(left, top / _HEIGHT, row, va="top", fontsize=9.5, color=colour)
+            sheet.text(left, top / HEIGHT, row, va="top", fontsize=9.5, color=colour)
             top -= _LINE
     top -= 0.5 * _LINE
-    width = (_WIDTH - 2.0 * _MARGIN) / 3.0
+    width = (WIDTH - 2.0 * _MARGIN) / 3.0
     for i, each in enumerate(page.merits):
-        x, y = (_MARGIN + width * (i % 3)) / _WIDTH, top - 0.45 * (i // 3)
-        sheet.text(x, y / _HEIGHT, each.label, va="top", fontsize=8.0, color="#555555")
-        sheet.text(x, (y - 0.15) / _HEIGHT, f"{cell(each)} {each.shown_unit}", va="top", fontsize=12.0)
+        x, y = (_MARGIN + width * (i % 3)) / WIDTH, top - 0.45 * (i // 3)
+        sheet.text(x, y / HEIGHT, each.label, va="top", fontsize=8.0, color="#555555")
+        sheet.text(x, (y - 0.15) / HEIGHT, f"{cell(each)} {each.shown_unit}", va="top", fontsize=12.0)
     return top - 0.45 * -(-len(page.merits) // 3) - 0.1
 
 
@@ -77,10 +77,10 @@ def _figures(sheet: Figure, figures: Sequence[FigureSpec], top: float) -> None:
     images = [_image(each) for each in figures]
     heights = [image.shape[0] / image.shape[1] for image in images]
     room = top - _MARGIN - 0.1
-    width = min(_WIDTH - 2.0 * _MARGIN, room / sum(heights)) if heights else 0.0
+    width = min(WIDTH - 2.0 * _MARGIN, room / sum(heights)) if heights else 0.0
     for image, height in zip(images, heights, strict=True):
         tall = width * height
-        axes = sheet.add_axes((0.5 - 0.5 * width / _WIDTH, (top - tall) / _HEIGHT, width / _WIDTH, tall / _HEIGHT))
+        axes = sheet.add_axes((0.5 - 0.5 * width / WIDTH, (top - tall) / HEIGHT, width / WIDTH, tall / HEIGHT))
         axes.imshow(image, interpolation="lanczos", aspect="auto")
         axes.set_axis_off()
         top -= tall

@@ -9,16 +9,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from insnav.report.colours import BLACK, GREEN, GREY, ORANGE, VERMILLION
+from insnav.report.colours import BLACK, GREY
 from insnav.report.page import Table, Verdict
 from insnav.report.panel_figures import draw_panel
 from insnav.report.panels import Panel
+from insnav.report.pdf import HEIGHT, LIGHT_COLOURS, WIDTH
 from insnav.report.style import blank
 
-WIDTH, HEIGHT = 8.27, 11.69  # A4 [inch]
 _LEFT, _RIGHT = 0.7, 0.25  # margins [inch]
 _ROW, _NOTE = 0.158, 0.142  # heights [inch]
-_LIGHTS = {"good": GREEN, "attention": ORANGE, "bad": VERMILLION, "unknown": GREY}
 _TITLE = 70  # characters of the title
 _NOTE_WIDTH = 150  # characters in a line of the notes
 
@@ -32,7 +31,7 @@ def draw_front(panels: Sequence[Panel], motion: str, title: str, verdict: Verdic
     figure = blank(WIDTH, HEIGHT, short, textwrap.fill(f"Motion: {motion}.", 115))
     figure.text(0.2 / WIDTH, 1.0 - 0.8 / HEIGHT, textwrap.fill(verdict.sentence, 84), va="top", fontsize=11.0)
     light = f"{verdict.light}: {verdict.reason}"
-    figure.text(0.2 / WIDTH, 1.0 - 1.55 / HEIGHT, light, va="top", fontsize=8.5, color=_LIGHTS[verdict.light])
+    figure.text(0.2 / WIDTH, 1.0 - 1.55 / HEIGHT, light, va="top", fontsize=8.5, color=LIGHT_COLOURS[verdict.light])
     place, high, width = _placer(figure), _ROW * (len(estimates.rows) + 3), WIDTH - _LEFT - _RIGHT
     low = HEIGHT - 1.8 - high
     widths = (0.8, *(1.3 if "(" in text else 0.9 for text in estimates.rows[-1][1:]))
@@ -62,7 +61,13 @@ def draw_back(title: str, tables: Sequence[Table], widths: Sequence[Sequence[flo
     if len(lines) > room:
         lines = [*lines[: room - 1], "… more in report.html"]
     high = _NOTE * (len(lines) + 2)
-    _write_notes(place(0.2, WIDTH - 0.4, low - high, high), lines)
+    axes = place(0.2, WIDTH - 0.4, low - high, high)
+    axes.set_axis_off()
+    axes.set_xlim(0.0, 1.0)
+    axes.set_ylim(len(lines) + 2, 0.0)
+    axes.text(0.0, 0.5, "How to read it, and what was assumed", fontsize=9.0, fontweight="bold", va="center")
+    for row_number, line in enumerate(lines):
+        axes.text(0.0, 1.6 + row_number, line, fontsize=7.2, va="center")
     return figure
 
 
@@ -93,12 +98,3 @@ def _write_table(axes: Axes, table: Table, widths: Sequence[float]) -> None:
             axes.text(x, y, text, fontsize=7.2, color=style, ha="left" if first else "right", va="center")
         if row_number % 2:
             axes.axhspan(y - 0.5, y + 0.5, color="#F2F2F2", linewidth=0.0, zorder=0.0)
-
-
-def _write_notes(axes: Axes, notes: Sequence[str]) -> None:
-    axes.set_axis_off()
-    axes.set_xlim(0.0, 1.0)
-    axes.set_ylim(len(notes) + 2, 0.0)
-    axes.text(0.0, 0.5, "How to read it, and what was assumed", fontsize=9.0, fontweight="bold", va="center")
-    for row_number, line in enumerate(notes):
-        axes.text(0.0, 1.6 + row_number, line, fontsize=7.2, va="center")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import reduce
 from typing import TYPE_CHECKING
@@ -10,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from insnav.errors.comparison import Compared, Comparison
-from insnav.errors.metrics import TrajectoryErrors, accuracy, nees
+from insnav.errors.metrics import accuracy, nees
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
 from insnav.report.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
-from insnav.report.page import Light, Page, Section, Verdict, drawn, section_tables
+from insnav.report.page import Light, Page, Section, Verdict, drawn, rows_frame, section_tables
 from insnav.report.panels import Curve, Kind, Panel
 from insnav.report.series import Clock, broken_at_gaps
 from insnav.report.terminal import table_text
@@ -107,11 +106,7 @@ def frame(result: Result[Comparison]) -> pd.DataFrame:
 
     Returns: ``run``, ``solution``, and RMS errors with their unit in the name.
     """
-    import pandas as pd
-
-    return pd.DataFrame(
-        [{name: value for each in _row(of) for name, value in each.facts().items()} for of in result.found.compared]
-    )
+    return rows_frame(_row(each) for each in result.found.compared)
 
 
 def comparison_lines(found: Comparison) -> list[str]:
@@ -143,33 +138,19 @@ def _row(of: Compared) -> tuple[Quantity, ...]:
     return (*row, Quantity("inside_3_sd", inside, "%", meaning="in 3 sd"))
 
 
-def comparison_panels(found: Comparison) -> tuple[Panel, ...]:
-    """Draw the errors of every solution; smoothed ones dashed."""
+def comparison_panels(found: Comparison) -> tuple[Panel, Panel]:
+    """Draw the errors of every solution over time, and how they are distributed; smoothed ones dashed."""
     clock = Clock.of(found.compared[0].errors.time)
+    runs = list(dict.fromkeys(each.run for each in found.compared))
     over_time, shares = [], []
-    for name, colour, smoothed, each in styled(found):
-        kind: Kind = "dashed" if smoothed else "line"
-        time, error = broken_at_gaps(clock(each.time), each.horizontal)
-        over_time.append(Curve(name, time, error, colour, kind))
-        known = np.sort(each.horizontal[np.isfinite(each.horizontal)])
+    for (name, errors), each in zip(found.named().items(), found.compared, strict=True):
+        colour = _COLOURS[runs.index(each.run) % len(_COLOURS)]
+        kind: Kind = "dashed" if each.solution == "smoothed" else "line"
+        over_time.append(Curve(name, *broken_at_gaps(clock(errors.time), errors.horizontal), colour, kind))
+        known = np.sort(errors.horizontal[np.isfinite(errors.horizontal)])
         shares.append(Curve(name, known, 100.0 * np.arange(1, len(known) + 1) / max(len(known), 1), colour, kind))
+    title, across, note = "Distribution of the horizontal error", "horizontal error [m]", "further left is better"
     return (
         Panel("compared_error", "Horizontal error", "error [m]", clock.label, tuple(over_time), "time", height=260),
-        Panel(
-            "compared_share",
-            "Distribution of the horizontal error",
-            "epochs below [%]",
-            "horizontal error [m]",
-            tuple(shares),
-            "share",
-            note="further left is better",
-            limits=(0.0, 101.0),
-        ),
+        Panel("compared_share", title, "epochs below [%]", across, tuple(shares), "share", note, limits=(0.0, 101.0)),
     )
-
-
-def styled(found: Comparison) -> Iterator[tuple[str, str, bool, TrajectoryErrors]]:
-    """Name of every solution, colour of its run, whether it is smoothed, and its errors."""
-    runs = list(dict.fromkeys(each.run for each in found.compared))
-    for (name, errors), each in zip(found.named().items(), found.compared, strict=True):
-        yield name, _COLOURS[runs.index(each.run) % len(_COLOURS)], each.solution == "smoothed", errors

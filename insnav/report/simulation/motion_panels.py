@@ -16,10 +16,7 @@ _AT_REST = 0.01  # largest speed of a motion whose sketch shows rates instead [m
 
 
 def simulated_track(time: FloatArray, motion: Kinematics, key: str = "track") -> Track:
-    """Draw the track seen from above, coloured by speed.
-
-    `time` (n,) [s].
-    """
+    """Draw the track at times (n,) [s] seen from above, coloured by speed."""
     north, east = _on_map(motion.lla)
     shade = Shade("speed [m/s]", np.linalg.norm(motion.v_n, axis=1))
     lat, lon = np.degrees(motion.lla[0, :2])
@@ -28,10 +25,7 @@ def simulated_track(time: FloatArray, motion: Kinematics, key: str = "track") ->
 
 
 def motion_panels(time: FloatArray, motion: Kinematics) -> tuple[Panel, ...]:
-    """Draw speed, height, attitude, angular rate and specific force over time.
-
-    `time` (n,) [s].
-    """
+    """Draw speed, height, attitude, angular rate and specific force over times (n,) [s]."""
     tilt, rate = np.degrees(motion.rph[:, :2]).T, np.degrees(motion.w_ib_b).T
     rows = (
         ("Speed", "speed [m/s]", [("speed", np.linalg.norm(motion.v_n, axis=1), BLUE)], 0.1),
@@ -45,10 +39,7 @@ def motion_panels(time: FloatArray, motion: Kinematics) -> tuple[Panel, ...]:
 
 
 def sketch_panel(time: FloatArray, motion: Kinematics, key: str) -> Panel:
-    """Draw the speed, of a motion at rest the rate: with the track enough to choose a profile by.
-
-    `time` (n,) [s].
-    """
+    """Draw the speed over times (n,) [s], of a motion at rest the rate: enough with the track to choose a profile."""
     speed = np.linalg.norm(motion.v_n, axis=1)
     if speed.max() > _AT_REST:
         row = ("Speed", "speed [m/s]", [("speed", speed, ORANGE)], 0.1)
