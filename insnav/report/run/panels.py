@@ -10,6 +10,7 @@ import numpy as np
 
 from insnav.earth import ned_offset
 from insnav.errors.evaluated_run import EvaluatedRun, outages
+from insnav.errors.metrics import TrajectoryErrors
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.panels import Curve, Panel, Shade, Track
 from insnav.report.series import Clock, broken_at_gaps, wrapped
