@@ -380,6 +380,9 @@ class Smoothed:
     solution: Trajectory  # at the times of the filter's solution
     epochs: Epochs  # state and covariance at each fix that was used
     sensor_errors: SensorErrors  # biases and scale factors at these times
+    # (3,) jump of the fixes [m], change of their velocity and a minute of drift beside true velocities [m/s] that are
+    # told from true fixes nine times in ten; see `insnav.filter.shocks`
+    smallest_seen: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
 
 
 @dataclass(frozen=True, slots=True)

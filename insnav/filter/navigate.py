@@ -111,7 +111,7 @@ def navigate_prepared(
         *_outside(on_time, ready.initial.time, float(ready.imu.time[-1])),
     )
     run = replace(run, events=events, gps_delay=run.gps_delay + ready.clock)
-    return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready)))
+    return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready), *_unseen(run)))
 
 
 def _decided(ready: Prepared, first: Run) -> Reconciled:
@@ -166,6 +166,18 @@ def _axes(run: Run, ready: Prepared) -> tuple[str, ...]:
         f"the {by}), all along the same; without that roll and pitch are known to {own[:2].max():.2g} deg, heading to "
         f"{own[2]:.2g} deg",
     )
+
+
+def _unseen(run: Run) -> tuple[str, ...]:
+    """A note on false fixes that would not be told from true ones."""
+    seen = np.full(3, np.nan) if run.smoothed is None else run.smoothed.smallest_seen
+    forms = (
+        "a jump of {:.2g} m that stays",
+        "a drag by {:.2g} m/s",
+        "one by {:.2g} m/s for a minute beside true velocities",
+    )
+    told = [form.format(least) for form, least in zip(forms, seen, strict=True) if np.isfinite(least)]
+    return (f"false fixes that this drive would not show are smaller than {', '.join(told)}",) if told else ()
 
 
 def _longest_gap(ready: Prepared) -> float:

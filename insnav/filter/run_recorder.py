@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ from insnav.attitude import dcm_from_quat
 from insnav.exceptions import InputError
 from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.settings import FilterSettings
+from insnav.filter.shocks import shock
 from insnav.filter.smoother import SmoothedErrors
 from insnav.filter.state_layout import layout
 from insnav.kernels.dynamics import NAV
@@ -154,7 +155,10 @@ class Record:
         if found is not None and unmoved is not None:
             rows = np.searchsorted(self._time[:n], found.time[found.used] - 1e-6)
             moved = _moved(self._state[rows], delay_sd)
+            changes, smallest = shock(found)
+            self._events += changes
             smoothed = _smoothed(time, unmoved, filtered, found, axes_sd, delay_sd, clock, moved)
+            smoothed = replace(smoothed, smallest_seen=smallest)
         spill.release()
         return Run(
             solution=filtered,

@@ -31,6 +31,7 @@ class SmoothedErrors:
     variance: FloatArray  # (m, 12) of the smoothed sensor errors
     # (m, 25) of each fix, accepted or not, against filter and smoother; see `insnav.kernels.smoother.backward`
     innovations: FloatArray
+    shocks: FloatArray  # (m, 9) changes of the state that later measurements ask for, by the same kernel
 
 
 class History:
@@ -89,10 +90,13 @@ class History:
         head = spill.empty((count, kernel.RESIDUAL))
         after, before, variance = spill.empty((count, m)), spill.empty((count, m)), np.empty((count, SENSOR))
         covariance, innovations = spill.empty((count, NAV, NAV)), spill.empty((count, 25))
+        shocks, cross, ends = spill.empty((count, 9)), np.zeros((9, n + 3)), np.zeros((3, 5, 3))
+        ends[1:, 4] = np.nan
         for number in range(len(self._blocks) - 1, -1, -1):
             last = min(count, (number + 1) * ROWS)
             part = slice(number * ROWS, last)
             block = self._blocks[number][: last - number * ROWS]
+            ends[0, 4, 0] = (self._blocks[number - 1][-1] if number else block[0])[kernel.TIME]
             kernel.backward(
                 block,
                 n,
@@ -103,6 +107,9 @@ class History:
                 covariance[part],
                 variance[part],
                 innovations[part],
+                cross,
+                ends,
+                shocks[part],
             )
             head[part] = block[:, : kernel.RESIDUAL]
             self._blocks.pop()
@@ -118,4 +125,5 @@ class History:
             covariance,
             variance,
             innovations,
+            shocks,
         )

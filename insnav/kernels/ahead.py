@@ -109,7 +109,7 @@ def _kernels() -> Iterator[tuple[tuple[Any, ...], ...]]:
         (smoother.keep_state, d1, d1, d1),
         (smoother.keep_measurement, d1, i, i, d1, d2, d2),
         (likelihood.tape, d2, i, d1, d1, flag[::1]),
-        (smoother.backward, d2, i, d1, d2, d2, d2, d3, d2, d2),
+        (smoother.backward, d2, i, d1, d2, d2, d2, d3, d2, d2, d2, d3, d2),
         (smoother.apply, d1, d2, d2, d1, d2, d2, d3),
     )
     yield (

@@ -21,6 +21,7 @@ JACOBIAN = NOISE + 36
 COAST, RESTART = 0, -1  # kinds; else a bit for each row of the measurement that was used
 POSITION, VELOCITY = 7, 56
 FIX, AIDING = 1, 2  # sources of a measurement
+DRAG = 60.0  # duration of the drags that are looked for [s]
 
 
 @njit(cache=True)
@@ -122,16 +123,21 @@ def product(a, b, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def backward(history, n, adjoint, information, after, before, covariance, variance, innovations):  # type: ignore[no-untyped-def]
+def backward(  # type: ignore[no-untyped-def]
+    history, n, adjoint, information, after, before, covariance, variance, innovations, cross, ends, shocks
+):
     """Carry the adjoint backwards through some epochs, and find the smoothed errors there.
 
     `history` (m, width(n)): epochs in order of time; `adjoint` (n,), `information` (n, n): just after the last of
-    these, zero at the end of the record; on return just after the epoch before the first.
+    these, zero at the end of the record; on return just after the epoch before the first. `cross` (9, n + 3), `ends`
+    (3, 5, 3): the same of drags, zero at the end, but for the time before the first epoch in ``ends[0, 4, 0]`` and
+    ``NaN`` in ``ends[1:, 4, 0]``; see `_minute`.
     Filled: `after`, `before` (m, 21): smoothed error of the filter's state after and before the measurement;
     `covariance` (m, 9, 9) of smoothed position, velocity and attitude, as in `at_fix_time`; `variance` (m, 12) of the
     smoothed sensor errors; `innovations` (m, 25): where there was a fix, predicted minus measured and the variance of
     the prediction, by the filter before it (0 to 11) and smoothed (12 to 23), and the filter's variance of the attitude
-    error about Down (24); elsewhere ``NaN``.
+    error about Down (24); elsewhere ``NaN``; `shocks` (m, 9): see `_change`, of position, velocity, and a minute of
+    drag that begins at the epoch.
     """
     p, part, removed = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
     z, h, hp, weight = np.zeros(6), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n))
@@ -181,6 +187,14 @@ def backward(history, n, adjoint, information, after, before, covariance, varian
                     moved[j] += hp[a, i] * information[i, j]
             for j in range(n):
                 part[a, j] = moved[j]
+        for c in range(9):  # (I - K H)' on what drags have with the states
+            for i in range(m):
+                pull[i] = 0.0
+                for j in range(n):
+                    pull[i] += hp[i, j] * cross[c, j]
+            for i in range(m):
+                for j in range(n):
+                    cross[c, j] -= weight[i, j] * pull[i]
         for i in range(n):
             for a in range(m):
                 for j in range(n):
@@ -200,7 +214,97 @@ def backward(history, n, adjoint, information, after, before, covariance, varian
             x[i] = row[STATE + i]
         at_fix_time(part, x, covariance[k])
         _compare(row, n, p, removed, moved, innovations[k])
+        _change(adjoint[:3], information[:3, :3], shocks[k, :3])
+        _change(adjoint[3:6], information[3:6, 3:6], shocks[k, 3:6])
+        _minute(row[TIME], n, cross, ends, shocks[k, 6:])
+        span = row[TIME] - (history[k - 1, TIME] if k > 0 else ends[0, 4, 0])
+        _undragged(row, n, span, adjoint, information, cross, ends)
         _past(row, n, adjoint, information, part, moved)
+
+
+@njit(cache=True)
+def _minute(time, n, cross, ends, out):  # type: ignore[no-untyped-def]
+    """Ask for a drag that begins now and ended a minute later, if that is one of the ends, and let a new end be now.
+
+    A drag is a state that the filter lacks: the velocity by which positions leave the track, and no velocity does.
+    `cross` (9, n + 3): its information with all states and with itself; from the third and the sixth row on the
+    covariance of its adjoint with that at one of two ends, half a minute apart. `ends` (3, 5, 3): its adjoint now; at
+    each end adjoint, information and the time of the end.
+    """
+    by, block = np.zeros(3), np.zeros((3, 3))
+    out[0] = out[1] = out[2] = np.nan
+    for e in range(2):
+        end, at = ends[1 + e], 3 + 3 * e
+        if time <= end[4, 0] - DRAG:
+            for i in range(3):
+                by[i] = ends[0, 0, i] - end[0, i]
+                for j in range(3):
+                    block[i, j] = cross[i, n + j] + end[1 + i, j] - cross[at + i, n + j] - cross[at + j, n + i]
+            _change(by, block, out)
+            end[4, 0] = np.nan
+        if np.isnan(end[4, 0]) and not ends[2 - e, 4, 0] < time + 0.5 * DRAG:
+            end[4, 0] = time
+            for i in range(3):
+                end[0, i] = ends[0, 0, i]
+                for j in range(3):
+                    end[1 + i, j] = cross[i, n + j]
+                for j in range(n + 3):
+                    cross[at + i, j] = cross[i, j]
+
+
+@njit(cache=True)
+def _undragged(row, n, span, adjoint, information, cross, ends):  # type: ignore[no-untyped-def]
+    """Carry what `_minute` needs to the epoch before, a `span` in which positions are dragged [s]."""
+    first, at = JACOBIAN + 6 * n, JACOBIAN + 6 * n + NAV * STATES - NAV
+    for i in range(3):
+        ends[0, 0, i] += span * adjoint[i]
+        for j in range(3):
+            cross[i, n + j] += span * (cross[i, j] + cross[j, i]) + span * span * information[i, j]
+            cross[3 + i, n + j] += span * cross[3 + i, j]
+            cross[6 + i, n + j] += span * cross[6 + i, j]
+    moved = np.empty(n)
+    for c in range(9):
+        for j in range(n if c < 3 else 0):
+            cross[c, j] += span * information[c, j]
+        for j in range(n):
+            moved[j] = cross[c, j] * row[at + j] if j >= NAV else 0.0
+        for i in range(NAV):
+            for j in range(STATES):
+                moved[j] += row[first + i * STATES + j] * cross[c, i]
+        for j in range(n):
+            cross[c, j] = moved[j]
+    if int(row[KIND]) == RESTART:
+        for i in range(3):
+            ends[0, 0, i] = 0.0
+        ends[1, 4, 0] = ends[2, 4, 0] = np.nan
+        for c in range(9):
+            for j in range(n + 3):
+                cross[c, j] = 0.0
+
+
+@njit(cache=True)
+def _change(by, information, out):  # type: ignore[no-untyped-def]
+    """Change of three states that explains all later innovations best, and how much better.
+
+    `by` (3,), `information` (3, 3): derivative of the log-likelihood by the change, and its variance.
+    `out` (3,): twice the gain of the log-likelihood, chi-square distributed with three degrees of freedom where nothing
+    changed, the size of the change, and the standard deviation of its larger horizontal part; ``NaN`` where later
+    measurements do not tell.
+    """
+    out[0] = out[1] = out[2] = np.nan
+    a, b, c = information[0, 0], information[1, 1], information[2, 2]
+    d, e, f = information[0, 1], information[0, 2], information[1, 2]
+    det = a * (b * c - f * f) - d * (d * c - e * f) + e * (d * f - b * e)
+    if not det > 1e-12 * a * b * c > 0.0:
+        return
+    own = (b * c - f * f) / det, (a * c - e * e) / det, (a * b - d * d) / det
+    de, df, ef = (e * f - d * c) / det, (d * f - b * e) / det, (d * e - a * f) / det
+    x = own[0] * by[0] + de * by[1] + df * by[2]
+    y = de * by[0] + own[1] * by[1] + ef * by[2]
+    z = df * by[0] + ef * by[1] + own[2] * by[2]
+    out[0] = x * by[0] + y * by[1] + z * by[2]
+    out[1] = np.sqrt(x * x + y * y + z * z)
+    out[2] = np.sqrt(max(own[0], own[1]))
 
 
 @njit(cache=True)

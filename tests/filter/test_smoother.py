@@ -15,6 +15,7 @@ from tests.filter import drives
 
 NAV = 9
 EPOCHS = 7
+SPACING = 20.0  # of them: a minute of drag is three [s]
 KINDS = (kernel.COAST, kernel.POSITION, kernel.COAST, kernel.VELOCITY, kernel.POSITION, kernel.COAST, 63)
 
 
@@ -49,7 +50,7 @@ def filtered(system, y, n, start):
         if k:
             x, p = system["phi"][k] @ x, system["phi"][k] @ p @ system["phi"][k].T + system["q"][k]
         row = np.zeros(kernel.width(n))
-        kernel.keep(row, float(k), np.zeros(10), np.zeros(12), system["phi"][k] if k else np.eye(n), p)
+        kernel.keep(row, SPACING * k, np.zeros(10), np.zeros(12), system["phi"][k] if k else np.eye(n), p)
         part = used(KINDS[k])
         if part.stop:
             h, r = system["h"][k], system["r"][k]
@@ -63,24 +64,40 @@ def filtered(system, y, n, start):
     return np.array(rows), np.array(states)
 
 
-def batch(system, y, n, start):
-    """All epochs at once by the normal equations."""
-    normal, right = np.zeros((EPOCHS * n, EPOCHS * n)), np.zeros(EPOCHS * n)
+def batch(system, y, n, start, part_of=slice(0), change=()):
+    """All epochs at once by the normal equations; also what the weighted squares are smaller by than those of `y`.
+
+    `change`: what a further vector adds to the states of `part_of` in each transition; it is estimated, too.
+    """
+    size = EPOCHS * n + 3
+    normal, right = np.zeros((size, size)), np.zeros(size)
     normal[:n, :n] += np.linalg.inv(start)
+    normal[EPOCHS * n :, EPOCHS * n :] += (0.0 if change else 1.0) * np.eye(3)
     for k in range(EPOCHS):
         here = slice(k * n, (k + 1) * n)
         if k:
-            a = np.zeros((n, EPOCHS * n))
+            a = np.zeros((n, size))
             a[:, here], a[:, (k - 1) * n : k * n] = np.eye(n), -system["phi"][k]
+            if change:
+                a[part_of, EPOCHS * n :] = -change[k] * np.eye(3)
             normal += a.T @ np.linalg.inv(system["q"][k]) @ a
         part = used(KINDS[k])
         h, weight = system["h"][k][part], np.linalg.inv(system["r"][k][part, part])
         normal[here, here] += h.T @ weight @ h
         right[here] += h.T @ weight @ y[k][part]
     covariance = np.linalg.inv(normal)
-    return (covariance @ right).reshape(EPOCHS, n), [
-        covariance[k * n : k * n + n, k * n : k * n + n] for k in range(EPOCHS)
-    ]
+    best = covariance @ right
+    return best, [covariance[k * n : k * n + n, k * n : k * n + n] for k in range(EPOCHS)], right @ best
+
+
+def backward(rows, n):
+    """Smoothed errors after and before the measurements, their covariances, comparison with fixes, and changes."""
+    m = len(rows)
+    out = [np.empty((m, *shape)) for shape in ((STATES,), (STATES,), (NAV, NAV), (12,), (25,), (9,))]
+    ends = np.full((3, 5, 3), np.nan)
+    ends[0] = rows[0, kernel.TIME] * (np.arange(5) == 4)[:, None]
+    kernel.backward(rows, n, np.zeros(n), np.zeros((n, n)), *out[:5], np.zeros((9, n + 3)), ends, out[5])
+    return out
 
 
 @pytest.mark.parametrize("n", [21, 22, 25])
@@ -89,11 +106,18 @@ def test_agrees_with_least_squares_over_all_epochs(n):
     system, y = random_system(rng, n), rng.standard_normal((EPOCHS, 6))
     start = np.diag(rng.uniform(0.5, 2.0, n))
     rows, states = filtered(system, y, n, start)
-    after, before = np.empty((EPOCHS, STATES)), np.empty((EPOCHS, STATES))
-    covariance, variance = np.empty((EPOCHS, NAV, NAV)), np.empty((EPOCHS, 12))
-    kernel.backward(rows, n, np.zeros(n), np.zeros((n, n)), after, before, covariance, variance, np.empty((EPOCHS, 25)))
-    best, spread = batch(system, y, n, start)
-    np.testing.assert_allclose(states[:, :STATES] - after, best[:, :STATES], atol=1e-9)
+    after, _, covariance, variance, _, changes = backward(rows, n)
+    best, spread, plain = batch(system, y, n, start)
+    np.testing.assert_allclose(states[:, :STATES] - after, best[:-3].reshape(EPOCHS, n)[:, :STATES], atol=1e-9)
+    for group, row, change in (
+        (0, 2, [0, 0, 1, 0, 0, 0, 0]),
+        (1, 3, [0, 0, 0, 1, 0, 0, 0]),
+        (2, 1, [0, 0, SPACING, SPACING, SPACING, 0, 0]),
+    ):
+        states_of = slice(3, 6) if group == 1 else slice(0, 3)
+        changed, _, gained = batch(system, y, n, start, states_of, change)
+        found = changes[row, 3 * group : 3 * group + 2]
+        np.testing.assert_allclose(found, [gained - plain, np.linalg.norm(changed[-3:])], rtol=1e-8)
     for k in range(EPOCHS):
         np.testing.assert_allclose(covariance[k], spread[k][:NAV, :NAV], atol=1e-10)
         np.testing.assert_allclose(variance[k], spread[k].diagonal()[NAV:STATES], atol=1e-10)
@@ -105,12 +129,7 @@ def test_nothing_is_carried_across_a_restart():
     system, y = random_system(rng, n), rng.standard_normal((EPOCHS, 6))
     rows, _ = filtered(system, y, n, np.eye(n))
     rows[3, kernel.KIND] = kernel.RESTART
-    out = [
-        (np.empty((m, STATES)), np.empty((m, STATES)), np.empty((m, NAV, NAV)), np.empty((m, 12)), np.empty((m, 25)))
-        for m in (7, 3)
-    ]
-    kernel.backward(rows, n, np.zeros(n), np.zeros((n, n)), *out[0])
-    kernel.backward(rows[:3], n, np.zeros(n), np.zeros((n, n)), *out[1])
+    out = backward(rows, n), backward(rows[:3], n)
     for whole, part in zip(out[0], out[1], strict=True):
         np.testing.assert_array_equal(whole[:3], part)
 

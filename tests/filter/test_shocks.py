@@ -1,0 +1,91 @@
+"""Jumps and drags that no gate sees are found by the adjoint of the smoother, down to the size that is stated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from insnav.earth import lla_offset
+from insnav.filter import FilterSettings, Navigator
+from insnav.filter.shocks import LIMITS, shock
+from insnav.filter.smoother import SmoothedErrors
+from insnav.types import GpsData
+from tests.filter import drives
+
+SEEDS = range(5)
+AT = 150.0  # begin of what is wrong [s]
+EAST = np.array([0.0, 1.0, 0.0])
+
+
+@lru_cache(maxsize=200)
+def smoothed(seed: int, kind: str = "", size: float = 0.0) -> SmoothedErrors:
+    """Smoother of a drive whose fixes are wrong from a time on."""
+    rng = np.random.default_rng([140, seed])
+    imu, gps = drives.noisy_imu(drives.perfect_imu(), drives.MODEL, rng), drives.noisy_gps(drives.perfect_gps(), rng)
+    start = drives.begin(drives.MODEL, rng)
+    settings = FilterSettings(lever_b=drives.LEVER_B, output_interval=1.0, gates=drives.UNFAILING)
+    wrong = WRONG[kind](gps, size) if kind else gps
+    navigator = Navigator(start.initial, drives.MODEL, wrong, start.alignment, 0.02, settings)
+    navigator.feed(imu)
+    return navigator.smoothed_errors()
+
+
+def jump(gps: GpsData, size: float) -> GpsData:
+    return replace(gps, lla=lla_offset(gps.lla, size * EAST * (since(gps) >= 0.0)[:, None]))
+
+
+def drag(gps: GpsData, size: float) -> GpsData:
+    """With velocities to match, to the end."""
+    off = size * np.maximum(since(gps), 0.0)[:, None] * EAST
+    return replace(gps, lla=lla_offset(gps.lla, off), v_n=gps.v_n + size * EAST * (since(gps) >= 0.0)[:, None])
+
+
+def minute(gps: GpsData, size: float) -> GpsData:
+    """Of drag while the velocities stay true."""
+    return replace(gps, lla=lla_offset(gps.lla, size * np.clip(since(gps), 0.0, 60.0)[:, None] * EAST))
+
+
+def since(gps: GpsData) -> np.ndarray:
+    return np.asarray(gps.time - drives.truth().start - AT)
+
+
+WRONG = {"jump": jump, "drag": drag, "minute": minute}
+
+
+def test_without_a_fault_the_gains_are_chi_square_distributed_and_nothing_is_said():
+    for group in range(3):
+        gains = np.concatenate([smoothed(seed).shocks[:, 3 * group] for seed in SEEDS])
+        gains = gains[np.isfinite(gains)]
+        assert np.mean(gains) == pytest.approx(3.0, abs=0.4 if group < 2 else 1.2)
+        assert np.mean(gains > chi2.ppf(0.9, 3)) == pytest.approx(0.1, abs=0.04 if group < 2 else 0.12)
+        assert gains.max() < LIMITS[group]
+    assert not any(shock(smoothed(seed))[0] for seed in SEEDS)
+
+
+@pytest.mark.parametrize(("kind", "group", "size"), [("jump", 0, 3.0), ("drag", 1, 0.5), ("minute", 2, 0.2)])
+def test_the_change_that_was_made_is_found_where_and_as_large_as_it_is(kind, group, size):
+    for seed in SEEDS[:2]:
+        ((event,), _) = shock(smoothed(seed, kind, size))
+        if group < 2:
+            assert event.time == pytest.approx(drives.truth().start + AT, abs=5.0)
+            sd = np.nanmedian(smoothed(seed).shocks[:, 3 * group + 2])
+            assert event.value == pytest.approx(size, abs=5.0 * sd)
+        else:
+            assert event.time == pytest.approx(drives.truth().start + AT, abs=40.0)
+            assert 0.4 * size < event.value < 1.6 * size
+
+
+@pytest.mark.parametrize(("kind", "group"), [("jump", 0), ("drag", 1), ("minute", 2)])
+def test_what_is_stated_as_seen_is_seen_and_half_of_it_is_not(kind, group):
+    found = dict.fromkeys((0.5, 1.0), 0)
+    for part in found:
+        for seed in SEEDS[:4]:
+            _, smallest = shock(smoothed(seed))
+            found[part] += bool(shock(smoothed(seed, kind, part * float(smallest[group])))[0])
+    print(f"{kind}: {found}")
+    assert found[1.0] >= 3
+    assert found[0.5] <= 1
