@@ -74,6 +74,8 @@ def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True
     axes.set_ylim(low, high)
     for axis in ((axes.xaxis,) if panel.log_x else ()) + ((axes.yaxis,) if panel.log_y else ()):
         logarithmic(axis)
+    if panel.ticks:
+        axes.set_xticks([at for at, _ in panel.ticks], [name for _, name in panel.ticks])
     axes.set_ylabel(panel.y_label)
     handles, labels = axes.get_legend_handles_labels()
     entries = dict(zip(reversed(labels), reversed(handles), strict=True))

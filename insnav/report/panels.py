@@ -56,6 +56,7 @@ class Panel:
     spans: tuple[tuple[float, float], ...] = ()  # shaded stretches of the horizontal axis
     rows: tuple[str, ...] = ()  # names of the rows of bars or of events, from the top
     height: int = 190  # [px]
+    ticks: tuple[tuple[float, str], ...] = ()  # names on the horizontal axis, of figures for papers alone
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-
-from matplotlib.figure import Figure
 
 from insnav.exceptions import OutputError
 from insnav.quantity import Quantity
-from insnav.regression.accuracy_metrics import BY_KEY
+from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM
 from insnav.regression.baseline import Baseline, write_text
 from insnav.regression.history import Entry
 from insnav.regression.peers.run_peers import PeerRow
@@ -19,9 +16,9 @@ from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import CaseResult, Result
 from insnav.regression.verdict import Change, Comparison
 from insnav.report.html import page_html
-from insnav.report.page import FigureSpec, Page, Section, Verdict, only_json, section_tables
-from insnav.report.regression.figures import draw_growth, draw_history, draw_predicted
+from insnav.report.page import Page, Section, Verdict, drawn, only_json, section_tables
 from insnav.report.regression.matrix import change_matrix, figures_tested, peer_matrix, unclear_changes
+from insnav.report.regression.panels import COLUMNS, growth_panels, history_panels, predicted_panels
 from insnav.report.regression.tables import (
     PEERS,
     case_section,
@@ -55,41 +52,48 @@ def write_pages(
     Raises: OutputError: they cannot be written.
     """
     page = regression_page(result, baseline, comparison, now, peers, history)
-    drawn = []
+    figures = tuple(each for section in _drawings(result, history, baseline) for each in section.figures)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with drawing():
-            for name, (caption, draw) in _drawings(result, history, baseline).items():
-                figure = draw()
-                if figure is not None:
-                    drawn.append((name, caption, save(figure, folder / name, "png")))
+            files = {each.name: save(each.draw(), folder / each.name, "png") for each in figures}
     except OSError as error:
         raise OutputError("the plots cannot be written", where=str(folder), why=error.strerror or str(error)) from error
-    figures = tuple(FigureSpec(name, caption, Figure) for name, caption, _ in drawn)
-    files = {name: file for name, _, file in drawn}
     shown = replace(page, sections=(*page.sections, Section("", "Figures", figures=figures, folded=True)))
     write_text(folder / PAGE, page_html(shown, files))
-    chosen = [(caption, file.name) for name, caption, file in drawn if name in _IN_SECTION]
+    chosen = [(each.caption, files[each.name].name) for each in figures if each.name in _IN_SECTION]
     section = folder / SECTION
     kept = peers_of(section.read_text(encoding="utf-8")) if section.is_file() else ()
     write_text(section, markdown(result, comparison, now, peers, chosen, kept))
     return [*files.values(), folder / PAGE, folder / SECTION]
 
 
-def _drawings(
-    result: Result, history: Sequence[Entry], baseline: Baseline | None
-) -> dict[str, tuple[str, Callable[[], Figure | None]]]:
-    """Captions and how to draw them, by name; what has no data draws nothing."""
-    over_versions: dict[str, tuple[str, Callable[[], Figure | None]]] = {
-        f"accuracy_{key}": (
-            f"{BY_KEY[key].label} over the versions",
-            partial(draw_history, history, baseline, BY_KEY[key]),
-        )
-        for key in (OVER_VERSIONS if history else ())
-    }
-    growth = "Error without GPS, now and in the baseline", partial(draw_growth, result.cases, baseline)
-    predicted = "Actual error against the one predicted", partial(draw_predicted, result.cases)
-    return over_versions | {"accuracy_growth": growth, "accuracy_predicted": predicted}
+def _drawings(result: Result, history: Sequence[Entry], baseline: Baseline | None) -> tuple[Section, ...]:
+    """Sections of figures: over the versions, error growth, predicted against actual error; empty ones without data."""
+    note = (
+        f"with 95 % intervals; grey: the baseline and {100 * FAILS_FROM:g} % about it; crosses: from here on better "
+        "(green) or worse (red) than the baseline of its time; breaks: the case had changed"
+    )
+    over_versions = []
+    for key in OVER_VERSIONS if history else ():
+        unit = f" [{BY_KEY[key].unit}]" if BY_KEY[key].unit else ""
+        title = f"{BY_KEY[key].label}{unit}: {len(history)} versions, {history[-1].origin.version} the last"
+        panels = history_panels(history, baseline, BY_KEY[key])
+        over_versions.append(drawn(f"accuracy_{key}", title, panels, note, columns=COLUMNS))
+    growth = growth_panels(result.cases, baseline)
+    rms = "RMS over all windows of all drives of a case; other aiding (NHC, ZUPT) is used where found"
+    points = "points: RMS over the drives of a case in an eighth of their time; above the grey line: over-confident"
+    return (
+        *over_versions,
+        drawn("accuracy_growth", "Horizontal error without GPS, now and in the baseline", growth, rms, columns=COLUMNS),
+        drawn(
+            "accuracy_predicted",
+            "Actual error against predicted standard deviation",
+            predicted_panels(result.cases),
+            points,
+            columns=3,
+        ),
+    )
 
 
 def regression_page(
