@@ -21,6 +21,7 @@ from numba import types
 from insnav.kernels import (
     aiding_measurements,
     alignment,
+    csv_rows,
     errorstate,
     gps_measurement,
     health,
@@ -160,6 +161,7 @@ def _kernels() -> Iterator[tuple[tuple[Any, ...], ...]]:
             d2,
         ),
         (output.solution, d1, d2, i1, d2, d2, d2),
+        (csv_rows.rows_as_text, d2, d1, types.uint8[::1]),
     )
 
 

@@ -11,6 +11,8 @@ import pyarrow as pa
 import pyarrow.csv
 from numpy.typing import NDArray
 
+from insnav.kernels.csv_rows import WIDEST, rows_as_text
+
 Decimals = tuple[
     tuple[str, int], ...
 ]  # pattern that is found in the name of a column, and its decimals; the first counts
@@ -20,8 +22,12 @@ def rounded(name: str, values: NDArray[Any], decimals: Decimals) -> NDArray[Any]
     """Round a column, unless it counts, to its decimals; zero has no sign, and a heading is below 360 deg."""
     if values.dtype.kind == "i":
         return values
-    values = np.round(values, next(places for pattern, places in decimals if re.search(pattern, name))) + 0.0
+    values = np.round(values, _places(name, decimals)) + 0.0
     return np.where(values == 360.0, 0.0, values) if name == "heading_deg" else values
+
+
+def _places(name: str, decimals: Decimals) -> int:
+    return next(places for pattern, places in decimals if re.search(pattern, name))
 
 
 def arrow_table(columns: Mapping[str, Any]) -> pa.Table:
@@ -39,6 +45,23 @@ def _arrow_array(values: Any) -> Any:
     known = np.isfinite(values)
     bitmap = None if known.all() else pa.py_buffer(np.packbits(known, bitorder="little"))
     return pa.Array.from_buffers(pa.from_numpy_dtype(values.dtype), len(values), [bitmap, pa.py_buffer(values)])
+
+
+def write_numbers(columns: Mapping[str, NDArray[Any]], decimals: Decimals, stream: Any, *, header: bool) -> None:
+    """Write columns of numbers, `rounded`, as `write_csv` does, in a third of its time."""
+    numbers = np.empty((len(next(iter(columns.values()))), len(columns)))
+    for i, (name, values) in enumerate(columns.items()):
+        numbers[:, i] = rounded(name, values, decimals) if name == "heading_deg" else values
+    scale = [1.0 if v.dtype.kind == "i" else 10.0 ** _places(name, decimals) for name, v in columns.items()]
+    text = np.empty(numbers.size * WIDEST, np.uint8)
+    size = rows_as_text(numbers, np.array(scale), text)
+    if size < 0:
+        table = arrow_table({name: rounded(name, values, decimals) for name, values in columns.items()})
+        write_csv(table, stream, header=header)
+        return
+    if header:
+        stream.write((",".join(columns) + "\n").encode())
+    stream.write(text[:size].data)
 
 
 def write_csv(table: pa.Table, stream: Any, *, header: bool = True) -> None:

@@ -7,8 +7,8 @@ and standard deviations in single precision.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Sequence
+import contextlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -18,7 +18,7 @@ import pyarrow.csv
 
 from insnav import spill
 from insnav.exceptions import InputError
-from insnav.output.columns import Decimals, arrow_table, rounded, write_csv
+from insnav.output.columns import Decimals, arrow_table, rounded, write_csv, write_numbers
 from insnav.plain_text import cell_text, plain_text
 from insnav.tabular import Tabular, unit_of
 from insnav.types import Event, EventKind, FloatArray, GpsData, Innovations, SensorErrors, Trajectory
@@ -50,16 +50,24 @@ def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv
     `data`: every row of it is written; a field that is None has no columns; `file_format` {"csv", "parquet"}; `name`:
     of the file, without suffix; default ``solution``, ``innovations``, ``biases`` or ``fixes``.
     """
-
-    def part(rows: slice) -> pa.Table:
-        columns = data.rows(rows).columns().items()
-        numbers = {key: v.astype(np.int64) if v.dtype == np.bool_ else v for key, v in columns}
-        if file_format == "csv":
-            return arrow_table({key: rounded(key, v, _DECIMALS) for key, v in numbers.items()})
-        return arrow_table({key: v.astype(np.float32) if key.startswith("sd_") else v for key, v in numbers.items()})
-
     path, count = folder / f"{name or _NAMES[type(data)]}.{file_format}", len(next(iter(data._arrays().values())))
-    return _write(path, map(part, spill.blocks(max(count, 1), size=spill.ROWS if file_format == "csv" else _GROUP)))
+    with path.open("wb") as stream, contextlib.ExitStack() as closing:
+        writer = None
+        for rows in spill.blocks(max(count, 1), size=spill.ROWS if file_format == "csv" else _GROUP):
+            columns = data.rows(rows).columns().items()
+            numbers = {key: v.astype(np.int64) if v.dtype == np.bool_ else v for key, v in columns}
+            if file_format == "csv":
+                write_numbers(numbers, _DECIMALS, stream, header=rows.start == 0)
+                continue
+            table = arrow_table(
+                {key: v.astype(np.float32) if key.startswith("sd_") else v for key, v in numbers.items()}
+            )
+            if writer is None:
+                # Numbers that never repeat gain nothing from a dictionary or from minima and maxima.
+                how = {"use_dictionary": False, "write_statistics": False, "compression": "snappy"}
+                writer = closing.enter_context(_parquet().ParquetWriter(stream, table.schema, **how))
+            writer.write_table(table)
+    return path
 
 
 def write_events(folder: Path, events: Sequence[Event]) -> Path:
@@ -74,7 +82,10 @@ def write_events(folder: Path, events: Sequence[Event]) -> Path:
     texts["unit"] = ["" if event.unit == "-" else cell_text(event.unit) for event in events]
     columns = {**numbers, **texts}
     order = ("time_s", "kind", "value", "limit", "unit", "action", "hint")
-    return _write(folder / "events.csv", [arrow_table({key: columns[key] for key in order})])
+    path = folder / "events.csv"
+    with path.open("wb") as stream:
+        write_csv(arrow_table({key: columns[key] for key in order}), stream)
+    return path
 
 
 def has_smoothed(folder: Path) -> bool:
@@ -149,22 +160,6 @@ def _number(value: float | None) -> float:
 
 def _matrix(table: Any, names: Sequence[str]) -> FloatArray:
     return np.column_stack([table[name].cast(pa.float64()).to_numpy() * unit_of(name) for name in names])
-
-
-def _write(path: Path, tables: Iterable[pa.Table]) -> Path:
-    with path.open("wb") as stream:
-        if path.suffix == ".csv":
-            for number, table in enumerate(tables):
-                write_csv(table, stream, header=number == 0)
-            return path
-        rest = iter(tables)
-        first = next(rest)
-        # Numbers that never repeat gain nothing from a dictionary or from minima and maxima.
-        how = {"use_dictionary": False, "write_statistics": False, "compression": "snappy"}
-        with _parquet().ParquetWriter(stream, first.schema, **how) as writer:
-            for table in itertools.chain([first], rest):
-                writer.write_table(table)
-    return path
 
 
 def _parquet() -> Any:

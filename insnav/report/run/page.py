@@ -60,21 +60,16 @@ PDF_PAGES = {
 }
 
 
-def page(result: Result[EvaluatedRun], *, drawn: bool = True) -> Page:
-    """Lay out a run, or only what is said of it."""
+def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
+    """Lay out a run, or only what is said of it before all sections."""
     found = result.found
     reference = result.inputs["reference"].path if "reference" in result.inputs else ""
-    accuracy, *others = run_sections(found, reference)
     name = result.inputs["imu"].path if "imu" in result.inputs else "a drive"
     warnings, merits = run_warnings(found), run_merits(found)
     return Page(
         Path(name).name,
         (run_line(result), *run_circles(found, Path(reference).name)),
-        (
-            Section("", panels=run_panels(found) if drawn else (), figures=run_figures(found), show="page"),
-            Section("", "Accuracy, stationary and moving", parts=(accuracy,), folded=True),
-            Section("", "All figures of the run", parts=tuple(others), folded=True),
-        ),
+        _sections(found, reference) if sections else (),
         warnings=warnings,
         assumptions=run_assumptions(result),
         verdict=run_verdict(found, warnings),
@@ -83,9 +78,18 @@ def page(result: Result[EvaluatedRun], *, drawn: bool = True) -> Page:
     )
 
 
+def _sections(found: EvaluatedRun, reference: str) -> tuple[Section, ...]:
+    accuracy, *others = run_sections(found, reference)
+    return (
+        Section("", panels=run_panels(found), figures=run_figures(found), show="page"),
+        Section("", "Accuracy, stationary and moving", parts=(accuracy,), folded=True),
+        Section("", "All figures of the run", parts=tuple(others), folded=True),
+    )
+
+
 def text(result: Result[EvaluatedRun], width: int | None = WIDTH) -> str:
     """Sum up a run in a few lines of some width."""
-    return "\n".join(brief_lines(page(result, drawn=False), result.found, width))
+    return "\n".join(brief_lines(page(result, sections=False), result.found, width))
 
 
 def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:

@@ -176,8 +176,9 @@ def _holds(found: EvaluatedRun) -> str:
 
 def _size(values: FloatArray) -> float:
     """RMS length of the vectors ``(n, k)`` that are known."""
-    known = values[np.isfinite(values).all(axis=1)]
-    return float(np.sqrt(np.mean(np.sum(known**2, axis=1)))) if known.size else float("nan")
+    square = np.sum(values**2, axis=1)
+    known = square[np.isfinite(square)]
+    return float(np.sqrt(np.mean(known))) if known.size else float("nan")
 
 
 def _rate(name: str, facts: ReadingFacts) -> str:
