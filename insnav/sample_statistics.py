@@ -8,10 +8,11 @@ chapter 2).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.special import gammaincinv, stdtrit
+import scipy  # its parts load themselves when they are used: a tenth of a second
 
 from insnav.types import FloatArray, IntArray
 
@@ -26,6 +27,25 @@ def rms(values: FloatArray | Sequence[float]) -> float:
     array = np.asarray(values, dtype=np.float64)
     known = array[np.isfinite(array)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def chi2_limit(count: int, share: float) -> float:
+    """Value that the sum of squares of so many standard normal numbers exceeds with a probability.
+
+    Chance by recurrence from one or two numbers (Abramowitz and Stegun 1964, 26.4.4 and 26.4.5), limit by bisection.
+    """
+
+    def chance(limit: float) -> float:
+        half = 0.5 * limit
+        total = math.erfc(math.sqrt(half)) if count % 2 else 0.0
+        for twice in range(2 + count % 2, count + 1, 2):
+            total += math.exp((0.5 * twice - 1.0) * math.log(half) - half - math.lgamma(0.5 * twice))
+        return total
+
+    low, high = 1e-300, 1e4
+    while low < (middle := 0.5 * (low + high)) < high:
+        low, high = (middle, high) if chance(middle) > share else (low, middle)
+    return high
 
 
 def effective_count(start: FloatArray, length: float) -> float:
@@ -104,7 +124,9 @@ def mean_square_interval(
     freedom = axes / (share + (1.0 - share) / effective_count(start, length))
     middle = means(square, np.ones((1, len(start))))[0]
     tails = (0.5 * (1.0 + CONFIDENCE), 0.5 * (1.0 - CONFIDENCE))
-    by_chi2 = [middle * freedom / np.maximum(2.0 * gammaincinv(0.5 * freedom, tail), 1e-300) for tail in tails]
+    by_chi2 = [
+        middle * freedom / np.maximum(2.0 * scipy.special.gammaincinv(0.5 * freedom, tail), 1e-300) for tail in tails
+    ]
     return np.minimum(low, by_chi2[0]), np.maximum(high, by_chi2[1])
 
 
@@ -128,7 +150,7 @@ def interval(
     count = effective_count(start, length)
     if count < FEWEST:
         return np.full_like(middle, np.nan), np.full_like(middle, np.nan)
-    reach = float(stdtrit(count - 1.0, 0.5 * (1.0 + CONFIDENCE))) * np.sqrt(count / (count - 1.0))
+    reach = float(scipy.special.stdtrit(count - 1.0, 0.5 * (1.0 + CONFIDENCE))) * np.sqrt(count / (count - 1.0))
     # a figure that may be zero has no logarithm
     positive = (found > 0.0).all(axis=0) & (middle > 0.0)
     size = np.where(positive, found, 1.0)

@@ -21,9 +21,9 @@ from PIL.PngImagePlugin import PngInfo
 
 import insnav
 from insnav.errors.budget.from_windows import WindowSettings
+from insnav.library import sample_drive
 from insnav.report.save import page_of
 from insnav.report.style import drawing, save
-from insnav.simulate.motion.library import sample_drive
 
 HERE = Path(__file__).parent
 KEY = "insnav"  # of the numbers in a picture

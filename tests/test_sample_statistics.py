@@ -4,8 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.special import chdtri
 
-from insnav.sample_statistics import FEWEST, block_weights, effective_count, interval, mean_square_interval, means
+from insnav.sample_statistics import (
+    FEWEST,
+    block_weights,
+    chi2_limit,
+    effective_count,
+    interval,
+    mean_square_interval,
+    means,
+)
 
 
 @pytest.mark.parametrize(
@@ -110,3 +119,18 @@ def test_too_few_windows_have_no_interval():
     low, high = interval(start, 60.0, lambda w: means(np.ones((len(start), 1)), w))
     assert np.isnan(low).all()
     assert np.isnan(high).all()
+
+
+@pytest.mark.parametrize(
+    # tables of chi-square: Abramowitz and Stegun (1964), table 26.8
+    ("count", "share", "limit"),
+    [(1, 0.05, 3.84146), (2, 0.01, 9.21034), (3, 0.5, 2.36597), (3, 0.0001, 21.1075), (6, 0.001, 22.4577)],
+)
+def test_limits_of_sums_of_squares_are_those_of_the_table(count: int, share: float, limit: float) -> None:
+    assert chi2_limit(count, share) == pytest.approx(limit, rel=3e-6)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6, 30])
+def test_limits_of_sums_of_squares_are_those_of_scipy(count: int) -> None:
+    shares = (0.999, 0.5, 0.05, 1e-4, 1e-9)
+    assert [chi2_limit(count, share) for share in shares] == pytest.approx(chdtri(count, shares), rel=1e-12)

@@ -7,7 +7,7 @@ Two versions of insnav, or another program's trajectory, are compared in the sam
 """
 
 import insnav
-from insnav.simulate.motion.library import sample_drive
+from insnav.library import sample_drive
 
 imu, gps, ref = sample_drive()
 found = insnav.load(imu, gps=gps, ref=ref).navigate()

@@ -6,7 +6,7 @@ The sample drive: a car in a town, with GPS outages and an exact reference. Noth
 """
 
 import insnav
-from insnav.simulate.motion.library import sample_drive
+from insnav.library import sample_drive
 
 imu, gps, ref = sample_drive()
 drive = insnav.load(imu, gps=gps, ref=ref)

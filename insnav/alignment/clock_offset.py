@@ -11,10 +11,10 @@ levelling leave, and for what turns and accelerations differ by.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 
 from insnav import spill
 from insnav.alignment.in_motion import velocity
@@ -166,11 +166,12 @@ def _masked_correlation(x: FloatArray, mx: BoolArray, y: FloatArray, my: BoolArr
 
     Entry k is for x shifted by ``k - (n - 1)`` steps to later.
     """
-    size = next_fast_len(len(x) + len(y) - 1, real=True)
+    size = len(x) + len(y) - 1
+    size = min(m << math.ceil(math.log2(size / m)) for m in (1, 3, 5, 9, 15))  # of small factors: their FFT is fast
     x, y = np.where(mx, x - x[mx].mean(), 0.0), np.where(my, y - y[my].mean(), 0.0)
 
     def sums(a: FloatArray, b: FloatArray) -> FloatArray:
-        found = irfft(rfft(b, size) * rfft(a[::-1], size), size)
+        found = np.fft.irfft(np.fft.rfft(b, size) * np.fft.rfft(a[::-1], size), size)
         return np.asarray(found[: len(x) + len(y) - 1])
 
     ones_x, ones_y = mx.astype(np.float64), my.astype(np.float64)

@@ -24,7 +24,7 @@ Examples:
 
 def demo(context: typer.Context, out: Out = Path("demo"), force: Force = False) -> None:
     """Run the main job on the sample drive."""
-    from insnav.simulate.motion.library import sample_drive
+    from insnav.library import sample_drive
 
     imu, gps, reference = (str(path) for path in sample_drive())
     arguments = [imu, "--gps", gps, "--ref", reference, "--lever-arm", "0.8,-0.3,-1.2", "--out", str(out)]

@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from scipy.special import chdtri
-
+from insnav.sample_statistics import chi2_limit
 from insnav.types import BoolArray, Event, EventKind, FloatArray
 
 
@@ -49,7 +48,7 @@ class Gates:
 
     def __post_init__(self) -> None:
         # of three numbers; kept, because it is asked for at every fix
-        object.__setattr__(self, "nis_limit", float(chdtri(3, 1.0 - self.probability)))
+        object.__setattr__(self, "nis_limit", chi2_limit(3, 1.0 - self.probability))
 
     def small_of(self, position_sd: FloatArray) -> float:
         """Length of an innovation that is never rejected [m], for a fix of `position_sd` (3,).
@@ -60,7 +59,7 @@ class Gates:
 
     def limit(self, count: int) -> float:
         """Limit of the NIS of so many numbers [-]."""
-        return self.nis_limit if count == 3 else float(chdtri(count, 1.0 - self.probability))
+        return self.nis_limit if count == 3 else chi2_limit(count, 1.0 - self.probability)
 
 
 REJECTED = "rejected"

@@ -20,13 +20,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter.gates import Gates, Trust
 from insnav.filter.parts import LONGEST_GAP
 from insnav.filter.settings import FilterSettings
+from insnav.sample_statistics import chi2_limit
 from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData, IntArray, Run
 
 OPEN = Gates(max_sd=np.inf, max_speed=np.inf, probability=1.0, reset_after=np.inf)  # no gate: the weights decide
@@ -38,9 +38,9 @@ WIDEST = (3000.0, 3.0)
 STRICTNESS = (100.0, 30.0, 10.0, 3.0, 1.0)  # the other schedule: limits so many times wider, deviations as reported
 ALONE = 10.0  # positions without velocities: with more, the IMU alone would lead the track too far
 FALSE = 0.1  # a fix of less weight is not used at all
-LIMIT = float(chdtri(3, 0.01))  # squared normalised residual of three numbers at which a weight falls to a quarter [-]
-GROSS = float(chdtri(3, 1e-9))  # of an accepted fix: filter and smoother contradict each other [-]
-MEDIAN = float(chdtri(3, 0.5))
+LIMIT = chi2_limit(3, 0.01)  # squared normalised residual of three numbers at which a weight falls to a quarter [-]
+GROSS = chi2_limit(3, 1e-9)  # of an accepted fix: filter and smoother contradict each other [-]
+MEDIAN = chi2_limit(3, 0.5)
 AGREEMENT = 2.0  # median squared residual, in parts of what it should be, up to which weights have made fixes agree
 MOST = 0.5  # share of fixes that may be false: beyond it they are not what the others contradict
 FAR = 300.0  # false positions nearer than that are not told from true ones without velocities [m]

@@ -139,7 +139,7 @@ def default_corpus() -> Path:
 
     Raises: ConfigError: it is not here.
     """
-    from insnav.simulate.motion.library import library
+    from insnav.library import library
 
     profiles = library()
     path = profiles[0].parent / CORPUS_FILE if profiles else Path(CORPUS_FILE)

@@ -6,7 +6,7 @@ profile.toml -> segments -> moves -> commands -> Truth
 
 from __future__ import annotations
 
-from insnav.simulate.motion.library import library
+from insnav.library import library
 from insnav.simulate.motion.profile import MotionProfile, load_profile
 
 __all__ = ["MotionProfile", "library", "load_profile"]

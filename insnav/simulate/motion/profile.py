@@ -229,7 +229,7 @@ def _vibration(table: _Vibration, problems: list[str]) -> Vibration:
 
 
 def _find(name_or_path: str | Path, folder: Path | None) -> Path:
-    from insnav.simulate.motion.library import library
+    from insnav.library import library
 
     path = Path(name_or_path)
     if path.suffix == ".toml" or isinstance(name_or_path, Path):

@@ -7,8 +7,6 @@ from pathlib import Path
 from insnav.exceptions import InputError
 
 FOLDER = "trajectories"
-
-
 SAMPLE = ("imu.csv.gz", "gps.csv", "ref.csv")
 
 
@@ -32,6 +30,6 @@ def sample_drive() -> list[Path]:
 
 def _folder() -> Path:
     """Beside the package where it is developed, inside it where it was installed."""
-    package = Path(__file__).parents[2]
+    package = Path(__file__).parent
     beside = package.parent / FOLDER
     return beside if any(beside.glob("*.toml")) else package / FOLDER
