@@ -43,12 +43,14 @@ LEVER_SD = 0.3  # a lever arm that is given may be so far off here: it only wide
 WORTH = 0.05  # smaller delays are linear enough for the state of the filter [s]
 SURE = 5.0  # delays are believed beyond so many of their standard deviations
 ROUNDS = 3  # of moving the clock
+RETURN = 0.5  # part of a delay by which the filter must not go back once the clock was moved
 
 
-def delay_of(ready: Prepared) -> tuple[float, float, float]:
+def delay_of(ready: Prepared) -> tuple[float, float, float, float]:
     """Delay of the fixes at the start of the record, its standard deviation [s], and its surely known drift [s/s].
 
-    The standard deviation is infinite where nothing tells the delay; a drift that is not sure is zero.
+    The standard deviation is infinite where nothing tells the delay; a drift that is not sure is zero. Last, the delay
+    in which the state of the filter ended.
     """
     ready = ready.beginning(LONGEST)
     # a late fix looks false in every bend, and a reset would open heading and biases, which the windows need
@@ -59,7 +61,7 @@ def delay_of(ready: Prepared) -> tuple[float, float, float]:
         feed(navigator, ready.imu)
         epochs = navigator.history()
     except DivergenceError:
-        return 0.0, np.inf, 0.0
+        return 0.0, np.inf, 0.0, 0.0
     parts = strapdown.intervals(ready.imu, ready.nominal)
     gps = _usable(ready)
     windows = [
@@ -67,7 +69,7 @@ def delay_of(ready: Prepared) -> tuple[float, float, float]:
         for rows in _lively(gps, epochs, ready.imu.time)
     ]
     if len(windows) < FEWEST_WINDOWS:
-        return 0.0, np.inf, 0.0
+        return 0.0, np.inf, 0.0, navigator.delay
     lever_b, lever_sd = ready.settings.lever_b, max(ready.settings.lever_sd, LEVER_SD)
     grid = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
     best = int(np.argmin(_cost(_left(windows, grid, lever_b), lever_sd)[0]))
@@ -83,11 +85,11 @@ def delay_of(ready: Prepared) -> tuple[float, float, float]:
     middle = int(np.clip(np.argmin(cost), 1, near.size - 2))
     curve, slope, _ = np.polyfit(near[middle - 1 : middle + 2] - near[middle], cost[middle - 1 : middle + 2], 2)
     if curve <= 0.0 or best in (0, grid.size - 1):  # no top, or one beyond the grid
-        return 0.0, np.inf, 0.0
+        return 0.0, np.inf, 0.0, navigator.delay
     delay = float(near[middle] - 0.5 * slope / curve)
     # the curvature at the top of an uneven likelihood is not its width: no delay at all must be as unlikely, too
     width = abs(delay) / float(np.sqrt(2.0 * max(gain, 1e-9))) if abs(delay) > WORTH else 0.0
-    return delay - drift * halfway, max(float(1.0 / np.sqrt(2.0 * curve)), width), drift
+    return delay - drift * halfway, max(float(1.0 / np.sqrt(2.0 * curve)), width), drift, navigator.delay
 
 
 def _usable(ready: Prepared) -> GpsData:
@@ -242,7 +244,11 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
     if settings.delay_sd <= 0.0:
         return ready
     for _ in range(ROUNDS):
-        delay, sd, drift = delay_of(ready)
+        delay, sd, drift, back = delay_of(ready)
+        if clock * back < 0.0 and abs(back) > RETURN * abs(clock):
+            # windows of steady turns take a heading for a delay; the filter, which has one heading, does not
+            ready, clock, rate = prepared(0.0, 0.0), 0.0, 0.0
+            break
         if abs(delay) < max(WORTH, SURE * sd) and not drift:
             break
         clock, rate = clock + delay, rate + drift

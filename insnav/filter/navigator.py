@@ -121,6 +121,11 @@ class Navigator:
         estimate.go_on(start, span)
         self._aiding.restart(start.time)
 
+    @property
+    def delay(self) -> float:
+        """By how much older the fixes are, beyond what was given, as estimated so far [s]."""
+        return self._estimate.delay
+
     def finish(self) -> Run:
         """Process the samples still waiting and return the result."""
         if self._tail is not None:
