@@ -93,7 +93,7 @@ def steps(values: NDArray[Any]) -> NDArray[Any]:
 def every(array: NDArray[Any], step: int) -> NDArray[Any]:
     """Each so-manieth row."""
     size = step * max(1, LARGE // (step * max(array[:1].nbytes, 1)))
-    return np.concatenate([array[part][::step] for part in blocks(len(array), size=size)])
+    return np.concatenate([array[part][::step].copy() for part in blocks(len(array), size=size)])  # before letting go
 
 
 def chosen(array: NDArray[Any], selection: NDArray[Any]) -> NDArray[Any]:

@@ -44,9 +44,8 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
     scale = per_sample(imu)
     if _plain(imu, scale):
         return imu, []
-    values = np.empty((imu.time.shape[0], 6))
-    np.divide(imu.gyro, scale, out=values[:, :3])
-    np.divide(imu.accel, scale, out=values[:, 3:])
+    each = np.broadcast_to(scale, (imu.time.shape[0], 1))
+    values = spill.by_blocks(lambda *some: np.hstack([some[0] / some[2], some[1] / some[2]]), imu.gyro, imu.accel, each)
     events: list[Event] = []
     change = _changes(values)
     spikes = _spikes(values, change)
@@ -67,15 +66,23 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
             values[row, axis] = mean
         change = _changes(values)
     # of the samples as they are: divided by intervals, equal increments would differ in their last digits
-    same = np.hstack([imu.gyro[1:] == imu.gyro[:-1], imu.accel[1:] == imu.accel[:-1]])
-    repeats = (same[1:] & same[:-1]).any(axis=0)  # most axes never show a value three times: there is no row to judge
-    quiet = change <= CONSTANT * np.maximum(values.max(axis=0), -values.min(axis=0))
+    same = spill.by_blocks(
+        lambda *some: np.hstack([some[0] == some[1], some[2] == some[3]]),
+        *(imu.gyro[1:], imu.gyro[:-1], imu.accel[1:], imu.accel[:-1]),
+    )
+    repeats, high = np.zeros(6, dtype=np.bool_), np.zeros(6)
+    for block in spill.blocks(same.shape[0], before=1):
+        # most axes never show a value three times: there is no row to judge
+        repeats |= (same[block][1:] & same[block][:-1]).any(axis=0)
+    for block in spill.blocks(values.shape[0]):
+        high = np.maximum(high, np.abs(values[block]).max(axis=0))
+    quiet = spill.by_blocks(lambda some: some <= CONSTANT * high, change)
     _refuse_constant(values, quiet)
     activity = _Activity.of(change, max(STUCK, int(np.ceil(STUCK_TIME / np.median(np.diff(imu.time))))))
     lost = np.zeros(imu.time.shape[0], dtype=np.bool_)
     found = []
     for axis in np.flatnonzero(repeats).tolist():
-        column = values[:, axis]
+        column = spill.by_blocks(np.copy, values[:, axis])
         first, count = _runs(same[:, axis])
         largest = float(np.abs(column).max())
         step = np.abs(np.diff(column[: 1 << 16]))
@@ -109,7 +116,7 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
     if not events:
         return imu, []
     events.sort(key=lambda event: event.time)
-    gyro, accel = values[:, :3] * scale, values[:, 3:] * scale
+    gyro, accel = (spill.by_blocks(np.multiply, half, each) for half in (values[:, :3], values[:, 3:]))
     return replace(imu, gyro=gyro, accel=accel).rows(~lost), events
 
 
@@ -135,14 +142,15 @@ def _far(change: FloatArray) -> FloatArray:
 
 def _changes(values: FloatArray) -> FloatArray:
     """Size of the changes from sample to sample, (n - 1, 6)."""
-    change = np.diff(values, axis=0)
-    return np.asarray(np.abs(change, out=change))
+    return spill.by_blocks(lambda after, before: np.abs(after - before), values[1:], values[:-1])
 
 
 def _spikes(values: FloatArray, change: FloatArray) -> tuple[IntArray, IntArray]:
     """Rows and axes of single samples far from both neighbours, which agree with each other."""
-    far = change > _far(change)
-    row, axis = np.nonzero(far[:-1] & far[1:])
+    limit = _far(change)
+    row, axis = np.nonzero(
+        spill.by_blocks(lambda one, next_one: (one > limit) & (next_one > limit), change[:-1], change[1:])
+    )
     before, after = values[row + 1, axis] - values[row, axis], values[row + 2, axis] - values[row + 1, axis]
     # out by about as much as back
     out = np.minimum(np.abs(before), np.abs(after))
@@ -164,10 +172,12 @@ class _Activity:
     @classmethod
     def of(cls, change: FloatArray, length: int) -> _Activity:
         """From the changes from sample to sample."""
-        squares = change**2
-        blocks = squares[: change.shape[0] // length * length].reshape(-1, length, 6)
-        square = np.asarray(np.mean(blocks, axis=1))
-        return cls(length, square / np.maximum(np.mean(squares, axis=0), 1e-300))
+        blocks = change[: change.shape[0] // length * length].reshape(-1, length, 6)
+        parts = spill.blocks(blocks.shape[0], size=-(-spill.ROWS // length))
+        square = np.concatenate([np.empty((0, 6)), *(np.mean(blocks[part] ** 2, axis=1) for part in parts)])
+        rest = change[blocks.shape[0] * length :] ** 2
+        mean = (length * square.sum(axis=0) + rest.sum(axis=0)) / change.shape[0]
+        return cls(length, square / np.maximum(mean, 1e-300))
 
     def unusual(self, column: FloatArray, axis: int, first: IntArray, count: IntArray) -> BoolArray:
         """Rows of repeats that the sensor does not show elsewhere when the vehicle moves as it does in the row."""
