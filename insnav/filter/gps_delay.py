@@ -75,21 +75,27 @@ def delay_of(ready: Prepared) -> tuple[float, float, float, float]:
     best = int(np.argmin(_cost(_left(windows, grid, lever_b), lever_sd)[0]))
     near = grid[best] + FINE * np.arange(-FINE_STEPS, FINE_STEPS + 1)
     left = _left(windows, np.append(near, 0.0), lever_b)
-    cost, _ = _cost(left, lever_sd)
+    cost, _, each = _cost(left, lever_sd)
     gain, cost = float(cost[-1] - cost[:-1].min()), cost[:-1]
     begin, end = float(ready.imu.time[0]), float(ready.imu.time[-1])
     halfway = 0.5 * (end - begin)
-    drift, drifting = _drift(windows, left, lever_sd, begin + halfway)
+    drift, drifting, moved = _drift(windows, left, lever_sd, begin + halfway)
     if drift:
-        gain, cost = SURE**2, drifting  # more than that
+        gain, cost, each = SURE**2, drifting, moved  # more than that
     middle = int(np.clip(np.argmin(cost), 1, near.size - 2))
-    curve, slope, _ = np.polyfit(near[middle - 1 : middle + 2] - near[middle], cost[middle - 1 : middle + 2], 2)
-    if curve <= 0.0 or best in (0, grid.size - 1):  # no top, or one beyond the grid
+    before, top, after = (cost[middle + k] for k in (-1, 0, 1))
+    curvature = float(before - 2.0 * top + after) / FINE**2
+    if curvature <= 0.0 or best in (0, grid.size - 1):  # no top, or one beyond the grid
         return 0.0, np.inf, 0.0, navigator.delay
-    delay = float(near[middle] - 0.5 * slope / curve)
-    # the curvature at the top of an uneven likelihood is not its width: no delay at all must be as unlikely, too
+    away = 0.5 * float(before - after) / FINE / curvature
+    delay = float(near[middle]) + away
+    # the curvature at the top of an uneven likelihood is not its width: no delay at all must be as unlikely, too, and
+    # windows must agree: the variance of the sum of their slopes, by their scatter (White, Econometrica 50 (1982) 1-25)
     width = abs(delay) / float(np.sqrt(2.0 * max(gain, 1e-9))) if abs(delay) > WORTH else 0.0
-    return delay - drift * halfway, max(float(1.0 / np.sqrt(2.0 * curve)), width), drift, navigator.delay
+    before, top, after = (each[:, middle + k] for k in (-1, 0, 1))
+    slopes = 0.5 * (after - before) / FINE + away * (before - 2.0 * top + after) / FINE**2
+    scatter = float(np.sqrt(len(windows) * np.var(slopes, ddof=1))) / curvature
+    return delay - drift * halfway, max(1.0 / np.sqrt(curvature), width, scatter), drift, navigator.delay
 
 
 def _usable(ready: Prepared) -> GpsData:
@@ -188,8 +194,8 @@ def _left(windows: list[_Window], delays: FloatArray, lever_b: FloatArray) -> _L
     return by_lever, mixed, fixes, freedom
 
 
-def _drift(windows: list[_Window], left: _Left, lever_sd: float, middle: float) -> tuple[float, FloatArray]:
-    """Drift of the delay [s/s], zero unless surely known, and the cost of delays with it.
+def _drift(windows: list[_Window], left: _Left, lever_sd: float, middle: float) -> tuple[float, FloatArray, FloatArray]:
+    """Drift of the delay [s/s], zero unless surely known, and the cost of delays with it, in all and by window.
 
     `left`: with delays `FINE` apart and one more; `middle`: time at which the delay is asked for [s].
     """
@@ -206,32 +212,34 @@ def _drift(windows: list[_Window], left: _Left, lever_sd: float, middle: float) 
             one, two, three = (values[rows, near + k] for k in (-1, 0, 1))
             return np.asarray(two + 0.5 * u * (three - one) + 0.5 * u * u * (three - 2.0 * two + one))
 
-        cost, unscaled = _cost((moved(left[0]), moved(left[1]), moved(left[2]), left[3]), lever_sd)
+        cost, unscaled, each = _cost((moved(left[0]), moved(left[1]), moved(left[2]), left[3]), lever_sd)
         known = np.abs(at - near).max(axis=0) <= 0.5 + 1e-9
-        costs.append(np.where(known, cost, np.inf))
+        costs.append((np.where(known, cost, np.inf), each))
         least[number] = unscaled[known].min()
     best, none = int(np.argmin(least)), DRIFTS.size // 2
     gain = least[none] - least[max(best - 1, 0) : best + 2]  # a single high step is an accident of the weights
     # twice what it would be of white errors: those of urban fixes last (gain 15 of a clock that was right)
     sure = gain.size == 3 and gain.min() > SURE**2 and abs(DRIFTS[best]) > DRIFT_WORTH
     drift = float(DRIFTS[best] / reach)
-    return drift if sure and abs(drift) < LARGEST_DRIFT else 0.0, costs[best]
+    return drift if sure and abs(drift) < LARGEST_DRIFT else 0.0, *costs[best]
 
 
-def _cost(left: _Left, lever_sd: float) -> tuple[FloatArray, FloatArray]:
+def _cost(left: _Left, lever_sd: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Negative log-likelihood of delays; windows that no delay explains weigh less.
 
-    Returns: with the weights of the likeliest; and with those of each delay, to compare with another call.
+    Returns: with the weights of the likeliest; with those of each delay, to compare with another call; the first by
+    window, without the prior of the lever arm.
     """
     by_lever, mixed, fixes, freedom = left
-    weight, cost, rest = np.ones(freedom.size), np.empty(0), np.empty(0)
+    weight, cost, rest, each = np.ones(freedom.size), np.empty(0), np.empty(0), np.empty(0)
     for _ in range(3):
         total = np.einsum("w,wkij->kij", weight, by_lever) + np.eye(3) / lever_sd**2
         arm = np.linalg.solve(total, np.einsum("w,wki->ki", weight, mixed)[..., None])[..., 0]
         rest = fixes - 2.0 * np.einsum("wki,ki->wk", mixed, arm) + np.einsum("ki,wkij,kj->wk", arm, by_lever, arm)
-        cost = 0.5 * (weight @ rest + np.sum(arm**2, axis=1) / lever_sd**2)
+        each = 0.5 * weight[:, None] * rest
+        cost = each.sum(axis=0) + 0.5 * np.sum(arm**2, axis=1) / lever_sd**2
         weight = freedom / np.maximum(rest[:, np.argmin(cost)], 0.05 * freedom)
-    return cost, 0.5 * freedom @ np.log(np.maximum(rest, 0.05 * freedom[:, None]))
+    return cost, 0.5 * freedom @ np.log(np.maximum(rest, 0.05 * freedom[:, None])), each
 
 
 def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettings) -> Prepared:
