@@ -51,7 +51,8 @@ class NonHolonomic:
             return None, f"NHC: not used, {across}"
         sd = np.maximum(LEAST_SD, [time_correlated_sd(each, first.step) for each in (found.right, found.down)])
         note = (
-            f"NHC: {across}; IMU in the vehicle: pitch {pitch:.2f} ± {pitch_sd:.2f}, yaw {yaw:.2f} ± {yaw_sd:.2f} deg, "
+            f"NHC: {across}; "
+            f"IMU in the vehicle: pitch {pitch:z.2f} ± {pitch_sd:.2f}, yaw {yaw:z.2f} ± {yaw_sd:.2f} deg, "
             f"axle {round(-float(found.lever_b[0]), 1) + 0.0:.1f} m behind the IMU"
         )
         return cls(found.to_vehicle, found.lever_b, sd), note
