@@ -29,7 +29,7 @@ from insnav.kernels import noise_likelihood as kernel
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import COAST, FIX, NOISE, SOURCE, TIME
-from insnav.types import Alignment, BoolArray, FloatArray, GpsData
+from insnav.types import Alignment, BoolArray, Event, EventKind, FloatArray, GpsData
 from insnav.units import G0, UNITS
 
 LONGEST = 1800.0  # of the record that is looked at [s]
@@ -51,6 +51,9 @@ NEAR = 3.0  # smaller ones end the first steps
 FAR = 5.0  # after a larger one the derivatives serve another step
 OBSERVABLE = 0.8  # a figure is observable if the drive narrows its interval to this part of the prior's
 INTERVAL = np.array([0.0, -1.96, 1.96])  # middle and ends of 95 % of a normal distribution, in its sd
+UNDERSTATED = (
+    2.0  # times the reported standard deviations: a receiver that is so wrong is wrong in what is not seen, too
+)
 FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told
 WHITE_AGAIN = 20.0  # so much log-likelihood the figures of the IMU may make up for if fixes are white after all
 WORTH = -4.6  # log posterior odds: time correlation is left out only where 100 to 1 against it
@@ -550,6 +553,23 @@ def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
         noise=found,
     )
     return _with_axes(prepared, found.axes)
+
+
+def understated(ready: Prepared, read: GpsData) -> tuple[Event, ...]:
+    """An event if innovations are far larger than the standard deviations that came with the fixes `read`."""
+    found = ready.noise
+    if found is None or not np.isfinite(read.position_sd).all():
+        return ()
+    velocity = float(found.velocity_factor[0]) if np.isfinite(read.velocity_sd).all() else 1.0
+    position = float(found.position_factor.max())
+    if max(position, velocity) < UNDERSTATED:
+        return ()
+    told = (
+        f"the standard deviations of the fixes are too small: by the innovations {position:.2g} times for positions, "
+        f"{velocity:.2g} for velocities; errors that change slowly do not show there, and may be larger than stated"
+    )
+    kind = EventKind.CONTRADICTION
+    return (Event(ready.initial.time, kind, max(position, velocity), UNDERSTATED, "", told),)
 
 
 def _words(found: NoiseEstimate) -> list[str]:

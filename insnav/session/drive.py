@@ -28,7 +28,7 @@ from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.lever_check import lever_contradicted
 from insnav.filter.navigate import AidingChoice, aided, navigate_prepared
-from insnav.filter.noise_identification import identify_noise, with_known_noise, with_noise
+from insnav.filter.noise_identification import identify_noise, understated, with_known_noise, with_noise
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
@@ -283,7 +283,9 @@ class Drive:
         ready = replace(ready, settings=replace(ready.settings, smooth=smooth, output_interval=output_interval))
         done = navigate_prepared(ready, spec, aiding=aiding, progress=progress)
         given = self.readings.inputs.get("lever_arm") is not None and not ready.settings.lever_sd
-        events = self._events((*(lever_contradicted(ready) if given else ()), *done.run.events))
+        doubts = lever_contradicted(ready) if given else ()
+        doubts = doubts if self.gps is None else (*understated(ready, self.gps.data), *doubts)
+        events = self._events((*doubts, *done.run.events))
         done = replace(done, run=replace(done.run, events=events))
         point = None if self.reference is None else reference_point(self.readings.inputs, self.reference.data)
         found, notes = evaluate_run(done, self.reference, done.run.lever_b if point is None else point)
