@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import gammaincinv
+import scipy  # its parts load themselves when they are used
 
 from insnav.attitude import dcm_from_quat, quat_conjugate, quat_from_rph, quat_multiply
 from insnav.earth import ned_offset
@@ -194,7 +194,7 @@ def band(degrees: FloatArray | IntArray) -> tuple[FloatArray, FloatArray]:
     """
     half = 0.5 * np.asarray(degrees, dtype=np.float64)
     tail = 0.5 * (1.0 - BAND)
-    return gammaincinv(half, tail) / half, gammaincinv(half, 1.0 - tail) / half
+    return scipy.special.gammaincinv(half, tail) / half, scipy.special.gammaincinv(half, 1.0 - tail) / half
 
 
 def inside(found: Ensemble) -> BoolArray:

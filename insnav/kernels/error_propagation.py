@@ -243,3 +243,13 @@ def corrupted_run(  # type: ignore[no-untyped-def]
             for i in range(10):
                 out[row, i] = x[i]
             row += 1
+
+
+@njit(cache=True)
+def first_order(drive, decay):  # type: ignore[no-untyped-def]
+    """Process (n, 3) of steps `drive` that keeps the part `decay` of itself from each to the next."""
+    process = drive.copy()
+    for k in range(1, drive.shape[0]):
+        for axis in range(drive.shape[1]):
+            process[k, axis] += decay * process[k - 1, axis]
+    return process

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import lfilter
+import scipy  # its parts load themselves when they are used
 
 from insnav.imu import ClockSpec, ErrorTerms, ImuErrors, ImuSpec, SensorSpec, corrupt, sample_errors, sample_intervals
 from insnav.imu.error_terms import Sensor, terms_of
+from insnav.kernels.error_propagation import first_order
 from insnav.types import BoolArray, FloatArray, ImuData
 
 _FLICKER_RATIO = 3.0  # between the correlation times whose processes make flicker noise together
@@ -166,8 +166,8 @@ def local_variance(force: FloatArray, dt: float) -> FloatArray:
     """Variance of the specific force ``(n, 3)`` within half a second around each sample [(m/s^2)^2]."""
     width = max(3, round(_VIBRATION_WINDOW / dt))
     off = force - force.mean(axis=0)
-    mean = uniform_filter1d(off, width, axis=0, mode="nearest")
-    square = uniform_filter1d(off * off, width, axis=0, mode="nearest")
+    mean = scipy.ndimage.uniform_filter1d(off, width, axis=0, mode="nearest")
+    square = scipy.ndimage.uniform_filter1d(off * off, width, axis=0, mode="nearest")
     return np.asarray(np.maximum(square - mean * mean, 0.0))
 
 
@@ -220,5 +220,5 @@ def gauss_markov(rng: np.random.Generator, time: FloatArray, sd: FloatArray, cor
     decay = math.exp(-ratio)
     drive = rng.standard_normal((len(time), 3)) * sd
     drive[1:] *= math.sqrt(-math.expm1(-2.0 * ratio))
-    process: FloatArray = lfilter([1.0], [1.0, -decay], drive, axis=0)
+    process: FloatArray = first_order(drive, decay)
     return process

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.special import gammaincinv
+import scipy  # its parts load themselves when they are used
 
 from insnav.errors.budget import laws
 from insnav.errors.budget.analytic import analytic, gravity_of, schuler_rate
@@ -61,7 +61,7 @@ class SimulatedColumn:
     def band(self) -> tuple[float, float]:
         """Limits of RMS error over true standard deviation that hold with the probability `BAND`."""
         tails = (0.5 * (1.0 - BAND), 0.5 * (1.0 + BAND))
-        low, high = (float(np.sqrt(2.0 * gammaincinv(0.5 * self.runs, p) / self.runs)) for p in tails)
+        low, high = (float(np.sqrt(2.0 * scipy.special.gammaincinv(0.5 * self.runs, p) / self.runs)) for p in tails)
         return low, high
 
 

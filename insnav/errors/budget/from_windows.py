@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+import scipy  # its parts load themselves when they are used
 
 from insnav.engine import Workers
 from insnav.errors.diagnosis.causes import Diagnosis, diagnose
@@ -194,7 +194,10 @@ def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
         samples = 1.0 / (common**2 + (1.0 - common) ** 2 / max(found.effective, 1.0))
         if one_sensor:
             samples = 2.0 if name == "horizontal" else 1.0
-        below, above = (predicted * float(np.sqrt(chi2.ppf(p, samples) / samples)) for p in (tail, 1.0 - tail))
+        below, above = (
+            predicted * float(np.sqrt(2.0 * scipy.special.gammaincinv(0.5 * samples, p) / samples))
+            for p in (tail, 1.0 - tail)
+        )
         explained, cautious = recorded <= above, rms < below
         if np.isfinite(low) and not one_sensor:
             explained |= low <= predicted

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+import scipy  # its parts load themselves when they are used
 
 from insnav.attitude import dcm_from_quat
 from insnav.earth import gravity_n
@@ -126,7 +126,7 @@ def _axis(
     part = np.mean(grown**2, axis=0)
     units = np.array([1.0, 1.0, 1.0 / gravity])  # from jerk to drift
     draws = 1.0 if windows.uncalibrated else max(count, 1.0)  # turn-on errors are the same in all windows
-    limit = float(chi2.ppf(0.5 + 0.5 * CONFIDENCE, draws) / draws)
+    limit = float(2.0 * scipy.special.gammaincinv(0.5 * draws, 0.5 + 0.5 * CONFIDENCE) / draws)
     causes = []
     for k in range(3):
         square, noise = float(np.mean(value[:, k] ** 2)), float(np.mean(fit[:, k] ** 2))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+import scipy  # its parts load themselves when they are used
 
 from insnav.errors.diagnosis.growth_curves import FITS, fit_curve, position_terms, velocity_terms
 from insnav.errors.evaluated_run import EvaluatedRun
@@ -33,7 +33,7 @@ class EndAxis:
     @property
     def fits(self) -> tuple[bool, ...]:
         """Whether each alone explains it, at 95 %."""
-        return tuple(bool(each**2 <= chi2.ppf(FITS, 1)) for each in self.left)
+        return tuple(bool(each**2 <= 2.0 * scipy.special.gammaincinv(0.5, FITS)) for each in self.left)
 
 
 def explain_end(

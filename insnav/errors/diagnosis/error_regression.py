@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+import scipy  # its parts load themselves when they are used
 
 from insnav.errors.outage.free_inertial import Windows
 from insnav.errors.outage.statistics import columns_at, components, table_times
@@ -53,7 +53,8 @@ def regression(windows: Windows) -> Regression:
     low, high = interval(windows.start, windows.length, slope)
     found = float(np.mean(ratio[known]))
     freedom = _ONE_SENSOR if windows.uncalibrated else 2.0 * effective_count(windows.start, windows.length)
-    narrow, wide = (found * np.sqrt(freedom / chi2.ppf(0.5 + sign * 0.5 * CONFIDENCE, freedom)) for sign in (1.0, -1.0))
+    ends = (2.0 * scipy.special.gammaincinv(0.5 * freedom, 0.5 + sign * 0.5 * CONFIDENCE) for sign in (1.0, -1.0))
+    narrow, wide = (found * np.sqrt(freedom / end) for end in ends)
     low, high = np.minimum(low, narrow), np.maximum(high, wide)
     x, y = predicted[known], recorded[known]
     left = float(np.sum((y - found * x) ** 2 / x**2))

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import t as student
+import scipy  # its parts load themselves when they are used
 
 from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import lla_offset
@@ -187,7 +187,7 @@ def _among(windows: Windows, rms: FloatArray, times: FloatArray, far: Residual, 
     size = np.log(np.maximum(rms, 1e-12))
     # a third of the probability of a miss for each axis, so that together they miss no more often
     certain = 1.0 - 0.5 * (1.0 - CONFIDENCE) / 3.0
-    half = float(student.ppf(certain, n - 1)) * np.std(size, axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / n)
+    half = float(scipy.special.stdtrit(n - 1, certain)) * np.std(size, axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / n)
     middle, summed = size.mean(axis=0), growth(windows, times)
     low, high = np.exp(middle - half), np.exp(middle + half)
     return Replicas(times, rms, low, high, summed.rms, summed.reference, far, failures)

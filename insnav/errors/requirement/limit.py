@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 from scipy.optimize import brentq
-from scipy.special import erf
-from scipy.stats import beta, chi2
+from scipy.special import betaincinv, erf, gammaincinv
 
 from insnav.exceptions import ConfigError
 from insnav.sample_statistics import CONFIDENCE
@@ -112,7 +111,7 @@ def length_quantile(variances: FloatArray, probability: float) -> float:
     if largest <= 0.0:
         return 0.0
     scaled = np.maximum(variances, 0.0) / largest
-    low, high = (np.sqrt(chi2.ppf(probability, n)) for n in (1, len(scaled)))
+    low, high = (np.sqrt(2.0 * gammaincinv(0.5 * n, probability)) for n in (1, len(scaled)))
     if high - low < 1e-12:
         return float(low * np.sqrt(largest))
     found = brentq(lambda r: length_probability(scaled, r) - probability, 0.99 * low, 1.01 * high, xtol=1e-10)
@@ -131,6 +130,6 @@ def _table(axes: int, probability: float) -> tuple[FloatArray, FloatArray]:
 def binomial_interval(count: int, of: int) -> tuple[float, float]:
     """95 % interval of a probability, `count` of `of` trials known (Clopper and Pearson, Biometrika 26 (1934) 404)."""
     tail = 0.5 * (1.0 - CONFIDENCE)
-    low = float(beta.ppf(tail, count, of - count + 1)) if count else 0.0
-    high = float(beta.ppf(1.0 - tail, count + 1, of - count)) if count < of else 1.0
+    low = float(betaincinv(count, of - count + 1, tail)) if count else 0.0
+    high = float(betaincinv(count + 1, of - count, 1.0 - tail)) if count < of else 1.0
     return low, high
