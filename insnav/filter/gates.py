@@ -64,6 +64,7 @@ class Gates:
 
 REJECTED = "rejected"
 WHOLE_SD = 3.0  # so many of its standard deviations may a fix step, whatever part of them is white [-]
+_IMPOSSIBLE = "no vehicle moves this fast"
 _CONTRADICTED = "all other fixes and the IMU contradict it"
 
 
@@ -84,7 +85,7 @@ def physical_position(gates: Gates, time: float, distance: float, position_sd: F
     limit = gates.max_speed * gap + gates.physical_sd * max(position_sd.tolist())
     if distance <= limit:
         return None
-    return Event(time, EventKind.GATE_PHYSICAL_POSITION, distance, limit, "m", REJECTED, "no vehicle moves this fast")
+    return Event(time, EventKind.GATE_PHYSICAL_POSITION, distance, limit, "m", REJECTED, _IMPOSSIBLE)
 
 
 def physical_velocity(gates: Gates, time: float, v_n: FloatArray) -> Event | None:
@@ -92,15 +93,7 @@ def physical_velocity(gates: Gates, time: float, v_n: FloatArray) -> Event | Non
     speed = math.hypot(*v_n.tolist())
     if speed <= gates.max_speed:
         return None
-    return Event(
-        time,
-        EventKind.GATE_PHYSICAL_VELOCITY,
-        speed,
-        gates.max_speed,
-        "m/s",
-        REJECTED,
-        "no vehicle moves this fast",
-    )
+    return Event(time, EventKind.GATE_PHYSICAL_VELOCITY, speed, gates.max_speed, "m/s", REJECTED, _IMPOSSIBLE)
 
 
 def statistical(

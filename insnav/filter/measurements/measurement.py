@@ -29,31 +29,17 @@ class FilterView:
 
 
 class Measurement(Protocol):
-    """One kind of aiding measurement; each is a file of its own in this folder.
+    """One kind of aiding measurement; each is a file of its own in this folder."""
 
-    Attributes
-    ----------
-    order : int
-        Place among the measurements of one time: the lower come first.
-    name : str
-        Also that of its event, ``gate.<name>``, and of its row in the result.
-    when : {"interval", "fix"}
-        Whether it is used every `INTERVAL`, or at the GPS fixes.
-    excluded_by : frozenset of str
-        Kinds beside which, at the same time, it has nothing to add.
-    sd : (m,) array
-        Standard deviation of each of its numbers, as noise that is new every time.
-    """
-
-    order: ClassVar[int]
-    name: ClassVar[str]
+    order: ClassVar[int]  # place among the measurements of one time: the lower come first
+    name: ClassVar[str]  # also that of its event, ``gate.<name>``, and of its row in the result
     unit: ClassVar[str]
-    when: ClassVar[Literal["interval", "fix"]]
-    excluded_by: ClassVar[frozenset[str]]
+    when: ClassVar[Literal["interval", "fix"]]  # used every `INTERVAL`, or at the GPS fixes
+    excluded_by: ClassVar[frozenset[str]]  # kinds beside which, at the same time, it has nothing to add
 
     @property
     def sd(self) -> FloatArray:
-        """Standard deviation of each of its numbers, (m,)."""
+        """Standard deviation of each of its numbers, as noise that is new every time, (m,)."""
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
         """Write predicted minus measured into `z`, (6,), and its derivative by the error states into `h`, (6, n).
