@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,13 +25,15 @@ LOOP = "s = 0\nfor i in range(20_000_000): s += i * i"  # at module level: what 
 @dataclass(frozen=True)
 class Processes:
     """Cost of the program: noise and lever arm given; the start, too; nothing given, with page; with 200 Hz as text;
-    of its imports alone, of its help, and of the calibration loop.
+    of the sample drive, of that with all to be compiled, of imports alone, of the help, and of the calibration loop.
     """
 
     aligned: Cost
     given_start: Cost
     nothing_given: Cost
     text: Cost
+    sample: Cost
+    first: Cost
     imports: Cost
     help: Cost
     loop: Cost
@@ -45,6 +48,7 @@ def measure_processes(job: Job, out: Path, repeat: int) -> Processes:
         "aligned": ["-c", PROGRAM, *job.command(out, given_start=False)],
         "nothing_given": ["-c", PROGRAM, *job.plain(out.with_name(out.name + "-plain"))],
         "text": ["-c", PROGRAM, *job.plain(out.with_name(out.name + "-text")), "--rate", "full", "--figures", "none"],
+        "sample": ["-c", PROGRAM, "demo", "--force", "--out", str(out.with_name(out.name + "-sample"))],
         "imports": ["-W", "ignore", "-c", IMPORT],
         "help": ["-c", PROGRAM, "--help"],
         "loop": ["-c", LOOP],
@@ -52,4 +56,6 @@ def measure_processes(job: Job, out: Path, repeat: int) -> Processes:
     rounds = [
         {name: run_child([sys.executable, *call], **modules) for name, call in calls.items()} for _ in range(repeat)
     ]
-    return Processes(**{name: best([each[name] for each in rounds]) for name in calls})
+    with tempfile.TemporaryDirectory() as empty:
+        first = run_child([sys.executable, *calls["sample"]], NUMBA_CACHE_DIR=empty)
+    return Processes(**{name: best([each[name] for each in rounds]) for name in calls}, first=first)

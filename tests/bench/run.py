@@ -15,11 +15,13 @@ from pathlib import Path
 # nothing heavy is imported before the children have run: their peak memory would include ours (see child.py)
 from tests.bench.bars import (
     FILTER_US,
+    FIRST_LOOPS,
     GIVEN_LOOPS,
     HELP_WALL_S,
     PEAK_MB,
     PLAIN_LOOPS,
     RATIO,
+    SAMPLE_LOOPS,
     TEXT_LOOPS,
     Line,
     accuracy_lines,
@@ -75,6 +77,8 @@ def _process_lines(p: Processes) -> list[Line]:
         Line("program, csv to parquet, noise and arm given", p.aligned.cpu_s / loop, "loops", GIVEN_LOOPS),
         Line("program, nothing given, with page", p.nothing_given.cpu_s / loop, "loops", PLAIN_LOOPS),
         Line("program, nothing given, smoothed, 200 Hz as csv", p.text.cpu_s / loop, "loops", TEXT_LOOPS),
+        Line("demo, second run", p.sample.cpu_s / loop, "loops", SAMPLE_LOOPS),
+        Line("demo, first run: wall", p.first.wall_s / loop, "loops", FIRST_LOOPS),
         Line("program, csv to parquet, self-aligned: CPU", p.aligned.cpu_s, "s"),
         Line("program, csv to parquet, self-aligned: wall", p.aligned.wall_s, "s"),
         Line("program, csv to parquet, --initial: CPU", p.given_start.cpu_s, "s"),
