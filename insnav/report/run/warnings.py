@@ -33,9 +33,9 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     return (
         *_failed(found.run),
         *_same_data(found),
-        *_contradictions(found.run),
         *_wrong_heading(found.run),
         *_many_rejected(found.run),
+        *_contradictions(found.run),
         *overconfident[:1],
         *_diverged(found.run),
         *_impossible_scale(found.run),
