@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from insnav.certificate.check import Check
 from insnav.certificate.coning_sculling import coning, sculling, spin, upright
@@ -50,13 +51,10 @@ def certify(peers: Sequence[Integrator] = (), progress: Callable[[float], None] 
     """
     begin = time.perf_counter()
     asked = (*integrators(), *peers)
+    topics: list[Callable[[], list[Check]]] = [*(partial(topic, asked) for topic in TOPICS), *OTHERS]
     checks: list[Check] = []
-    for number, topic in enumerate(TOPICS):
-        checks += topic(asked)
+    for number, topic in enumerate(topics, start=1):
+        checks += topic()
         if progress is not None:
-            progress((number + 1) / (len(TOPICS) + len(OTHERS)))
-    for number, other in enumerate(OTHERS):
-        checks += other()
-        if progress is not None:
-            progress((len(TOPICS) + number + 1) / (len(TOPICS) + len(OTHERS)))
+            progress(number / len(topics))
     return Certificate(tuple(checks), time.perf_counter() - begin)

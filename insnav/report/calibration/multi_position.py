@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,6 +29,7 @@ def multi_position_page(calibration: Calibration[Reading[ImuData], Found]) -> Pa
     """Report a multi-position calibration."""
     found = calibration.detail
     own = _of_poses(found) if isinstance(found, PosesCalibration) else _of_six_positions(found)
+    drawing, quality, every, more = own.sections
     without = "Without: one zero and one scale factor for three sensors." if found.counts else ""
     gravity = [Quantity("before", found.norm_before, "mg"), Quantity("after", found.norm_after, "mg")]
     if isinstance(found, PosesCalibration):
@@ -37,16 +38,16 @@ def multi_position_page(calibration: Calibration[Reading[ImuData], Found]) -> Pa
         f"Multi-position calibration: {calibration.record.facts.path}",
         own.summary,
         (
-            own.drawn,
+            drawing,
             triad_section("accel", "Accelerometers", found.accel, found.counts),
             triad_section("gyro", "Gyros", found.gyro, found.counts),
             g_section(found.g_sensitivity, found.g_sensitivity_sd, found.counts),
             only_json("gravity_error", *gravity),
-            own.quality,
+            quality,
             corrected_section(calibration),
             impact_section(calibration, without),
-            own.every,
-            only_json("", Quantity("gravity", found.g, "m/s^2"), *own.items),
+            every,
+            only_json("", Quantity("gravity", found.g, "m/s^2"), parts=(more,)),
         ),
         calibration.warnings,
         merits=(
@@ -66,20 +67,8 @@ def multi_position_page(calibration: Calibration[Reading[ImuData], Found]) -> Pa
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Own:
-    """What poses and six positions each have of their own; `every` lists each position: too long for a terminal."""
-
-    summary: tuple[str, ...]
-    quality: Section
-    every: Section
-    items: tuple[Quantity, ...]
-    drawn: Section
-    assumptions: tuple[str, ...]
-    merits: tuple[Quantity, ...]
-
-
-def _of_poses(found: PosesCalibration) -> _Own:
+def _of_poses(found: PosesCalibration) -> Page:
+    """What poses have of their own; all positions are too long for a terminal."""
     turns = only_json(
         "turn_error",
         Quantity("before", found.turn_before, "deg"),
@@ -89,22 +78,20 @@ def _of_poses(found: PosesCalibration) -> _Own:
         Quantity("used", [bool(used) for used in found.turn_used]),
     )
     every = Section("", parts=(_poses(found), turns), show="page")
-    return _Own(
+    times = np.array([[pose.start, pose.end] for pose in found.poses])
+    more = only_json("", Quantity("poses", times, "s"), Quantity("rest_limit_sd", found.factor))
+    drawing = drawn("poses", "Gravity in every pose, and turns between them", poses_panels(found))
+    return Page(
+        "",
         _poses_summary(found),
-        _quality(found),
-        every,
-        (
-            Quantity("poses", np.array([[pose.start, pose.end] for pose in found.poses]), "s"),
-            Quantity("rest_limit_sd", found.factor),
-        ),
-        drawn("poses", "Gravity in every pose, and turns between them", poses_panels(found)),
-        (
+        (drawing, _quality(found), every, more),
+        assumptions=(
             "Body x is the sensitive axis of accelerometer x; body y lies in the plane of x and y.",
             "Standard deviations come from the scatter of the residuals, "
             f"{len(found.poses) - 9} degrees of freedom for the accelerometers.",
             "Method: Tedaldi, Pretto, Menegatti (ICRA 2014), plus g-sensitivity from the stationary spans.",
         ),
-        tuple(
+        merits=tuple(
             Quantity(f"turn_{name}", rms(values[found.turn_used]), "deg", meaning=f"error of turn, {name}")
             for name, values in zip(
                 ("before", "after", "left out"), (found.turn_before, found.turn_after, found.turn_left_out), strict=True
@@ -113,21 +100,21 @@ def _of_poses(found: PosesCalibration) -> _Own:
     )
 
 
-def _of_six_positions(found: SixPositions) -> _Own:
+def _of_six_positions(found: SixPositions) -> Page:
     sections = only_json("sections", *(Quantity(name, list(span)) for name, span in found.sections.items()))
     every = Section("", parts=(_positions(found), sections), show="page")
-    return _Own(
+    more = only_json("", Quantity("position_tilt", found.tilt, "mrad"), Quantity("turn", found.angle, "deg"))
+    drawing = drawn("positions", "Gravity in the six positions", positions_panels(found))
+    return Page(
+        "",
         _six_summary(found),
-        _turns(found),
-        every,
-        (Quantity("position_tilt", found.tilt, "mrad"), Quantity("turn", found.angle, "deg")),
-        drawn("positions", "Gravity in the six positions", positions_panels(found)),
-        (
+        (drawing, _turns(found), every, more),
+        assumptions=(
             f"Turns are by {found.angle / DEG:g} deg within {TURN_SD / DEG:g} deg (1 sd), to either side.",
             "Axes are those of the housing, as well as it stood: off the diagonal that is the uncertainty.",
             "Method: Ferraris, Grimaldi, Parvis (1995).",
         ),
-        (Quantity("position_tilt", found.tilt, "mrad", meaning="positions off by, 1 sd"),),
+        merits=(Quantity("position_tilt", found.tilt, "mrad", meaning="positions off by, 1 sd"),),
     )
 
 

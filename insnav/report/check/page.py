@@ -100,26 +100,21 @@ def _gps(found: Checked) -> tuple[Section, ...]:
     if each is None:
         return ()
     types = ", ".join(f"{kind}: {count}" for kind, count in sorted(each.fix_types.items()))
-    return (
-        Section(
-            "gps",
-            "GPS",
-            items=(
-                Quantity("rate", each.rate, "Hz"),
-                Quantity("largest_speed", each.largest_speed, "m/s"),
-                Quantity("with_velocity", each.with_velocity, "%", meaning="fixes with velocity"),
-                Quantity("with_sd", each.with_sd, "%", meaning="fixes with standard deviations"),
-                Quantity("reported_sd", each.reported_sd, "m", meaning="reported sd N, E, D, median"),
-                Quantity("scatter", each.scatter, "m", meaning="scatter from fix to fix N, E, D"),
-                Quantity("velocity_lag", each.velocity_lag, "s", sd=each.velocity_lag_sd, meaning="velocity lag"),
-                Quantity("false_velocities", each.false_velocities, "%"),
-                Quantity("worst_velocity", each.worst_velocity, "m/s", meaning="largest false velocity"),
-                Quantity("jumps", each.jumps, meaning="jumps of the position"),
-                Quantity("largest_jump", each.largest_jump, "m"),
-                Quantity("fix_types", types or None),
-            ),
-        ),
+    items = (
+        Quantity("rate", each.rate, "Hz"),
+        Quantity("largest_speed", each.largest_speed, "m/s"),
+        Quantity("with_velocity", each.with_velocity, "%", meaning="fixes with velocity"),
+        Quantity("with_sd", each.with_sd, "%", meaning="fixes with standard deviations"),
+        Quantity("reported_sd", each.reported_sd, "m", meaning="reported sd N, E, D, median"),
+        Quantity("scatter", each.scatter, "m", meaning="scatter from fix to fix N, E, D"),
+        Quantity("velocity_lag", each.velocity_lag, "s", sd=each.velocity_lag_sd, meaning="velocity lag"),
+        Quantity("false_velocities", each.false_velocities, "%"),
+        Quantity("worst_velocity", each.worst_velocity, "m/s", meaning="largest false velocity"),
+        Quantity("jumps", each.jumps, meaning="jumps of the position"),
+        Quantity("largest_jump", each.largest_jump, "m"),
+        Quantity("fix_types", types or None),
     )
+    return (Section("gps", "GPS", items),)
 
 
 def _both(found: Checked) -> tuple[Section, ...]:

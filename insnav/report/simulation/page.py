@@ -266,21 +266,15 @@ def entry(name: str, text: str) -> str:
 def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
     """Extent and dynamics of the motion, and how far a simulated replica is from its track."""
     lat, lon, height = plan.truth.evaluate(np.array([plan.truth.start])).lla[0]
-    heights = motion.lla[:, 2]
+    heights = np.array([motion.lla[:, 2].min(), motion.lla[:, 2].max()])
+    rate, force = (np.abs(values).max(axis=0) for values in (motion.w_ib_b, motion.f_b))
     shown = (
         Quantity("duration", plan.truth.duration, "s", decimals=1),
         Quantity("distance", track_length(time, motion), "m", digits=4),
         Quantity("max_speed", float(np.linalg.norm(motion.v_n, axis=1).max()), "m/s", meaning="largest speed"),
-        Quantity(
-            "height_range", np.array([heights.min(), heights.max()]), "m", meaning="height, from and to", decimals=1
-        ),
-        Quantity("max_rate", np.abs(motion.w_ib_b).max(axis=0), "deg/s", meaning="largest rate x, y, z"),
-        Quantity(
-            "max_specific_force",
-            np.abs(motion.f_b).max(axis=0),
-            "m/s^2",
-            meaning="largest specific force x, y, z",
-        ),
+        Quantity("height_range", heights, "m", meaning="height, from and to", decimals=1),
+        Quantity("max_rate", rate, "deg/s", meaning="largest rate x, y, z"),
+        Quantity("max_specific_force", force, "m/s^2", meaning="largest specific force x, y, z"),
     )
     more = (
         Quantity("name", plan.motion.name),
