@@ -74,7 +74,7 @@ POSITION_PRIOR = (0.6, 0.03)
 VELOCITY_PRIOR = 0.6
 SHARE = (0.0, 1.5)  # log odds of the time-correlated share of the variance of a position, and their sd
 CORRELATION_TIME = (float(np.log(45.0)), 1.0)  # logarithm of its correlation time [s], and its sd
-LARGEST_SHARE = 0.999  # beyond it the white rest would be too small for a filter
+LARGEST_SHARE = 0.95  # of code positions: the white rest, a fifth of the sd, is also what the IMU model lacks in a turn
 STARTS = [(share, time) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0.85)]
 
 

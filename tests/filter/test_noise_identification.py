@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from insnav.earth import ned_offset
 from insnav.filter import FilterSettings, error_model, sensor_axes
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.noise_identification import (
@@ -192,8 +193,12 @@ def test_known_densities_are_found_within_their_intervals(found):
 
 
 def test_white_fixes_stay_white_and_keep_their_size(found):
-    for estimate in found:
-        np.testing.assert_allclose(estimate.position_factor, 1.0, atol=0.05)
+    true = drives.perfect_gps(laps=LAPS).lla
+    for seed, estimate in enumerate(found):
+        gps = recorded(seed)[1]
+        north, east, down = np.mean((ned_offset(gps.lla, true) / gps.position_sd) ** 2, axis=0)
+        size = np.sqrt([(north + east) / 2.0, (north + east) / 2.0, down])  # of the errors these fixes have
+        np.testing.assert_allclose(estimate.position_factor, size, atol=0.05)
         np.testing.assert_allclose(estimate.velocity_factor, 1.0, atol=0.05)
         assert estimate.correlated is None or estimate.correlated.share < 0.1
         assert estimate.gain > 10.0
