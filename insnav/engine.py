@@ -187,7 +187,9 @@ def _pool(engine: Engine, jobs: int, shared: tuple[Any, ...]) -> Iterator[Pool]:
     if engine.dask is None:
         config = {"backend": "loky", "inner_max_num_threads": 1, "n_jobs": min(engine.processes, jobs)}
         how = {"idle_worker_timeout": IDLE, "initializer": _serve, "initargs": (os.getpid(),)}
-        yield partial(work, config, how)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="A worker stopped")  # its jobs are given to another one
+            yield partial(work, config, how)
         return
     with _client(engine, jobs) as client:
         yield partial(work, {"backend": _dask_backend(client, shared)}, {})

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from insnav.cli.console import Stages, result, result_facts
-from insnav.cli.data_options import READING, Data, takes_data
+from insnav.cli.data_options import READING, Data, compile_at_first, takes_data
 from insnav.cli.options import RESULT, Force, Json, argument, option
 
 HELP = """What recorded files are, what is wrong with them, and how to run them.
@@ -44,6 +44,8 @@ def check(
         from insnav.report.save import text_of
         from insnav.session.check import check as checked
 
+        if all(each.exists() for each in files):
+            compile_at_first()
         found = replace(checked(files, data.inputs), options=data.options)
     where = None
     if out is not None:

@@ -66,7 +66,7 @@ class Data:
 
         assert self.imu is not None
         if self.imu.exists():
-            _compile_at_first()
+            compile_at_first()
         readings = read(self.imu, self.gps, self.ref, self.inputs)
         for facts in readings.facts.values():
             say_reading(facts)
@@ -211,12 +211,14 @@ def _renamed(columns: Mapping[str, str]) -> str:
     )
 
 
-def _compile_at_first() -> None:
-    """The first run after an installation compiles the kernels; say why it takes longer."""
+def compile_at_first() -> None:
+    """Compile the kernels ahead of the first use after an installation, and say why it takes longer."""
     from insnav.kernels import ahead, errorstate
 
     if not hasattr(errorstate.propagate, "stats"):
         note("NUMBA_DISABLE_JIT is set: the numerical kernels are interpreted, a thousand times slower")
     elif ahead.needed():
-        note("first run on this machine: compiling the numerical kernels, about 10 s; later runs start at once")
+        note(
+            "first run on this machine: compiling the numerical kernels, up to half a minute; later runs start at once"
+        )
         ahead.compile_ahead()

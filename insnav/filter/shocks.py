@@ -22,11 +22,13 @@ USUAL = 4.0  # times what the drive shows a third time: recorded ones have more 
 BEGIN_AND_END = 2  # a drag has both
 BESIDE = 20.0  # so near a change shows, too [s]
 SETTLING = 60.0  # after the start the attitude is not yet that of a linear model [s]
+NEARLY_ALL = 0.9  # of the epochs see what is stated as seen
 NINE_IN_TEN = 1.28  # standard deviations by which a change must exceed the limit to be seen nine times in ten
 UNITS = "m", "m/s", "m/s"
 TOLD = (
     "fixes jump by {:.2g} m at {:.1f} s, against the IMU and all other fixes, and stay there: either side may be wrong",
-    "the velocity of the fixes changes by {:.2g} m/s at {:.1f} s without the IMU: dragged fixes, or false samples",
+    "the velocity of the fixes changes by {:.2g} m/s at {:.1f} s without the IMU: dragged fixes, "
+    "false velocities or false samples",
     "the positions drift by {:.2g} m/s in the minute from {:.1f} s on, against GPS velocities and IMU: dragged fixes, "
     "or false velocities",
 )
@@ -36,7 +38,7 @@ def shock(found: SmoothedErrors) -> tuple[list[Event], FloatArray]:
     """Event of the change that stands out most, if one does, and the smallest changes that would have been seen.
 
     These are a jump of the position [m], a change of velocity and a minute of drift [m/s], (3,), each seen nine times
-    in ten in the half of the record where it is seen best.
+    in ten in all but a tenth of the record.
     """
     rows = found.time > found.time[0] + SETTLING
     time, smallest = found.time[rows], np.full(3, np.inf)
@@ -49,7 +51,8 @@ def shock(found: SmoothedErrors) -> tuple[list[Event], FloatArray]:
         row = int(np.argmax(gain))
         if group < 2:  # a drag fills many of the few minutes
             limit = max(limit, USUAL * _third(time, gain))
-        smallest[group] = (np.sqrt(limit) + NINE_IN_TEN) * np.nanmedian(sd)
+        excess = np.sqrt(limit / LIMITS[group])  # of what the drive shows over what the model has
+        smallest[group] = (np.sqrt(limit) + NINE_IN_TEN * excess) * np.nanquantile(sd, NEARLY_ALL)
         if gain[row] > worst * limit:
             worst, at = float(gain[row]) / limit, float(time[row])
             told = TOLD[group].format(size[row], at)

@@ -38,6 +38,7 @@ _FIGURES = (
 )
 _COMPARED = ("horizontal_error", "horizontal_sd", "nis_position", "nis_velocity", "rejected")
 _NONE_REJECTED = 0.01  # a share below which one is as good as another
+UNNAMED = "of no named vehicle"  # drives in a folder of their own name, not of a vehicle's
 _NOISE = (
     *("gyro_random_walk", "gyro_bias_instability", "accel_random_walk", "accel_bias_instability"),
     *("gps_horizontal", "gps_vertical", "gps_velocity"),
@@ -148,7 +149,7 @@ def vehicle_noise(rows: Iterable[Row]) -> dict[str, list[Quantity]]:
     found: dict[str, list[Quantity]] = {}
     for row in rows:
         if row.noise:
-            found.setdefault(row.drive.vehicle or "all", []).extend(row.noise)
+            found.setdefault(row.drive.vehicle or UNNAMED, []).extend(row.noise)
     return {
         name: [
             _mean([q for q in found[name] if q.key == key]) for key in _NOISE if any(q.key == key for q in found[name])

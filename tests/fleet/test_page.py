@@ -7,7 +7,7 @@ import pytest
 
 from insnav.engine import Failed
 from insnav.fleet.batch import Navigated
-from insnav.fleet.page import OUTLIER, fleet_page, modified_z, rows_of, vehicle_noise
+from insnav.fleet.page import OUTLIER, UNNAMED, fleet_page, modified_z, rows_of, vehicle_noise
 
 HALF = 1.3  # factor of the ends of the intervals
 
@@ -57,7 +57,7 @@ def test_failures_and_outliers_come_first():
 def test_noise_of_a_vehicle_is_the_weighted_mean_of_its_drives():
     rows = rows_of([drive(1, 1.0, 0.2, vehicle="van"), drive(2, 1.0, 0.21, vehicle="van"), drive(3, 1.0, 0.9)])
     found = vehicle_noise(rows)
-    assert found.keys() == {"van", "all"}
+    assert found.keys() == {"van", UNNAMED}
     (van,) = found["van"]
     degrees = np.deg2rad(1.0) / 60.0
     assert van.value == pytest.approx(np.sqrt(0.2 * 0.21) * degrees)

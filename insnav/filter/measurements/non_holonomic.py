@@ -53,6 +53,6 @@ class NonHolonomic:
         note = (
             f"NHC: {across}; "
             f"IMU in the vehicle: pitch {pitch:z.2f} ± {pitch_sd:.2f}, yaw {yaw:z.2f} ± {yaw_sd:.2f} deg, "
-            f"axle {round(-float(found.lever_b[0]), 1) + 0.0:.1f} m behind the IMU"
+            f"axle {abs(found.lever_b[0]):.1f} m {'ahead of' if found.lever_b[0] > 0.0 else 'behind'} the IMU"
         )
         return cls(found.to_vehicle, found.lever_b, sd), note

@@ -29,7 +29,9 @@ _ASSUMED = re.compile(r"\bassumed\b")
 def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     """Warn of what makes a solution worse than it states."""
     stated = [("position", found.errors), ("smoothed position", found.smoothed_errors)]
-    overconfident = [text for name, errors in stated for text in _overconfident(name, errors)]
+    overconfident = [
+        text for name, errors in stated for text in _overconfident(name, errors, same_data=found.reference_is_gps)
+    ]
     return (
         *_failed(found.run),
         *_same_data(found),
@@ -148,15 +150,17 @@ def _late(run: Run) -> list[str]:
     ]
 
 
-def _overconfident(name: str, errors: TrajectoryErrors | None) -> list[str]:
+def _overconfident(name: str, errors: TrajectoryErrors | None, *, same_data: bool) -> list[str]:
     """The reference is outside 3 sd much more often than it should be."""
     position = None if errors is None else (nees(errors) or {}).get("position")
     if errors is None or not position or position["inside_3_sd"] >= HOLDS:
         return []
     outside = 1.0 - position["inside_3_sd"]
+    said = f"{name} is outside 3 sd at {100.0 * outside:.0f} % of the epochs; "
+    if same_data:
+        return [f"{said}positions and velocities of the fixes contradict each other, or the IMU"]
     constant = np.nanmedian(errors.position, axis=0)
     without = (nees(replace(errors, position=errors.position - constant)) or {}).get("position")
-    said = f"{name} is outside 3 sd at {100.0 * outside:.0f} % of the epochs; "
     if without and 1.0 - without["inside_3_sd"] < _EXPLAINED * outside:
         size = ", ".join(
             f"{each:+.3f} m {axis}" for each, axis in zip(constant, ("north", "east", "down"), strict=True)
