@@ -46,11 +46,11 @@ ROUNDS = 3  # of moving the clock
 RETURN = 0.5  # part of a delay by which the filter must not go back once the clock was moved
 
 
-def delay_of(ready: Prepared) -> tuple[float, float, float, float]:
+def delay_of(ready: Prepared) -> tuple[float, float, float, float, float]:
     """Delay of the fixes at the start of the record, its standard deviation [s], and its surely known drift [s/s].
 
-    The standard deviation is infinite where nothing tells the delay; a drift that is not sure is zero. Last, the delay
-    in which the state of the filter ended.
+    The standard deviation is infinite where nothing tells the delay; a drift that is not sure is zero. Then the delay
+    in which the state of the filter ended, and how unlikely the positions were to it, see `Record.misfit`.
     """
     ready = ready.beginning(LONGEST)
     # a late fix looks false in every bend, and a reset would open heading and biases, which the windows need
@@ -61,7 +61,8 @@ def delay_of(ready: Prepared) -> tuple[float, float, float, float]:
         feed(navigator, ready.imu)
         epochs = navigator.history()
     except DivergenceError:
-        return 0.0, np.inf, 0.0, 0.0
+        return 0.0, np.inf, 0.0, 0.0, np.inf
+    seen = navigator.delay, navigator.misfit()
     parts = strapdown.intervals(ready.imu, ready.nominal)
     gps = _usable(ready)
     windows = [
@@ -69,7 +70,7 @@ def delay_of(ready: Prepared) -> tuple[float, float, float, float]:
         for rows in _lively(gps, epochs, ready.imu.time)
     ]
     if len(windows) < FEWEST_WINDOWS:
-        return 0.0, np.inf, 0.0, navigator.delay
+        return 0.0, np.inf, 0.0, *seen
     lever_b, lever_sd = ready.settings.lever_b, max(ready.settings.lever_sd, LEVER_SD)
     grid = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
     best = int(np.argmin(_cost(_left(windows, grid, lever_b), lever_sd)[0]))
@@ -86,7 +87,7 @@ def delay_of(ready: Prepared) -> tuple[float, float, float, float]:
     before, top, after = (cost[middle + k] for k in (-1, 0, 1))
     curvature = float(before - 2.0 * top + after) / FINE**2
     if curvature <= 0.0 or best in (0, grid.size - 1):  # no top, or one beyond the grid
-        return 0.0, np.inf, 0.0, navigator.delay
+        return 0.0, np.inf, 0.0, *seen
     away = 0.5 * float(before - after) / FINE / curvature
     delay = float(near[middle]) + away
     # the curvature at the top of an uneven likelihood is not its width: no delay at all must be as unlikely, too, and
@@ -95,7 +96,7 @@ def delay_of(ready: Prepared) -> tuple[float, float, float, float]:
     before, top, after = (each[:, middle + k] for k in (-1, 0, 1))
     slopes = 0.5 * (after - before) / FINE + away * (before - 2.0 * top + after) / FINE**2
     scatter = float(np.sqrt(len(windows) * np.var(slopes, ddof=1))) / curvature
-    return delay - drift * halfway, max(1.0 / np.sqrt(curvature), width, scatter), drift, navigator.delay
+    return delay - drift * halfway, max(1.0 / np.sqrt(curvature), width, scatter), drift, *seen
 
 
 def _usable(ready: Prepared) -> GpsData:
@@ -248,14 +249,18 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
     `prepared`: prepares with the clock of the samples moved by so much at the start [s], and made faster by so much
     [s/s]; `settings`: of the filter; a delay that is given is not looked for.
     """
-    ready, clock, rate = prepared(0.0, 0.0), 0.0, 0.0
+    start = ready = prepared(0.0, 0.0)
+    clock = rate = 0.0
     if settings.delay_sd <= 0.0:
         return ready
-    for _ in range(ROUNDS):
-        delay, sd, drift, back = delay_of(ready)
-        if clock * back < 0.0 and abs(back) > RETURN * abs(clock):
+    own, least = 0.0, np.inf  # delay that the filter finds with its own clock, and how unlikely positions are then
+    for number in range(ROUNDS):
+        delay, sd, drift, back, misfit = delay_of(ready)
+        if number == 0:
+            own, least = back, misfit
+        if (clock * back < 0.0 and abs(back) > RETURN * abs(clock)) or misfit > least:
             # windows of steady turns take a heading for a delay; the filter, which has one heading, does not
-            ready, clock, rate = prepared(0.0, 0.0), 0.0, 0.0
+            ready, clock, rate = *_by_the_filter(start, prepared, own, least), 0.0
             break
         if abs(delay) < max(WORTH, SURE * sd) and not drift:
             break
@@ -269,3 +274,19 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
         which = "slow" if rate > 0.0 else "fast"
         notes.append(f"the clock of the IMU is {abs(1e6 * rate):.0f} ppm {which} against GPS time: corrected")
     return replace(ready, notes=(*ready.notes, *notes))
+
+
+def _by_the_filter(
+    ready: Prepared, prepared: Callable[[float, float], Prepared], back: float, least: float
+) -> tuple[Prepared, float]:
+    """Follow the delay that the filter itself finds, step by step, as long as positions become likelier."""
+    clock = 0.0
+    for _ in range(ROUNDS):
+        if abs(back) < WORTH:
+            break
+        moved = prepared(clock + back, 0.0)
+        *_, further, misfit = delay_of(moved)
+        if misfit > least:
+            break
+        ready, clock, back, least = moved, clock + back, further, misfit
+    return ready, clock

@@ -141,6 +141,10 @@ class Navigator:
             estimate.history.smooth() if estimate.history is not None else None,
         )
 
+    def misfit(self) -> float:
+        """How unlikely positions were so far, on average; see `Record.misfit`."""
+        return self._record.misfit()
+
     def smoothed_errors(self) -> SmoothedErrors:
         """Process the samples still waiting, smooth, and compare every fix, accepted or not, with the result."""
         if self._tail is not None:

@@ -41,6 +41,7 @@ CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long: time-correlated err
 # Mean NIS, by its expectation, beyond which the filter has diverged. A mean far below one is no divergence: stationary,
 # and with the cautious standard deviations of many receivers, it is the rule (30 minutes of a good recorded drive).
 TOO_LARGE = 5.0
+FALSE_FROM = 30.0  # a larger NIS of a position says no more, chi-square with three degrees of freedom [-]
 ROOM = 1 << 16  # outputs, first: these stay in memory
 
 
@@ -105,6 +106,11 @@ class Record:
         self._sensor[i], self._sensor_sd[i] = estimate.correction, estimate.covariance.diagonal()[NAV:STATES]
         self._count += 1
 
+    def misfit(self) -> float:
+        """Twice the negative log-likelihood of a position's innovation, on average; false ones limited."""
+        nis, sd = self._nis[: self._count, 0], self._sd[: self._count, :3]
+        return float(np.mean(np.minimum(nis, FALSE_FROM) + 2.0 * np.log(sd).sum(axis=1)))
+
     def finish(
         self,
         alignment: Alignment,
@@ -155,7 +161,7 @@ class Record:
         if found is not None and unmoved is not None:
             rows = np.searchsorted(self._time[:n], found.time[found.used] - 1e-6)
             moved = _moved(self._state[rows], delay_sd)
-            changes, smallest = shock(found)
+            changes, smallest = shock(found, velocities=bool(np.isfinite(innovations.nis_velocity).any()))
             self._events += changes
             smoothed = _smoothed(time, unmoved, filtered, found, axes_sd, delay_sd, clock, moved)
             smoothed = replace(smoothed, smallest_seen=smallest)

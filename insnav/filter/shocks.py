@@ -34,16 +34,16 @@ TOLD = (
 )
 
 
-def shock(found: SmoothedErrors) -> tuple[list[Event], FloatArray]:
+def shock(found: SmoothedErrors, *, velocities: bool = True) -> tuple[list[Event], FloatArray]:
     """Event of the change that stands out most, if one does, and the smallest changes that would have been seen.
 
     These are a jump of the position [m], a change of velocity and a minute of drift [m/s], (3,), each seen nine times
-    in ten in all but a tenth of the record.
+    in ten in all but a tenth of the record. Without GPS `velocities` there is nothing a drift is beside of.
     """
     rows = found.time > found.time[0] + SETTLING
     time, smallest = found.time[rows], np.full(3, np.inf)
     worst, events = 1.0, list[Event]()
-    for group, limit in enumerate(LIMITS):
+    for group, limit in enumerate(LIMITS if velocities else LIMITS[:2]):
         gain, size, sd = found.shocks[rows, 3 * group : 3 * group + 3].T
         if not np.isfinite(gain).any():
             continue

@@ -168,3 +168,8 @@ def test_an_infinite_velocity_is_refused_with_its_place(tmp_path: Path, cell):
     with pytest.raises(InputError, match=f"velocity is {cell}") as caught:
         read_gps(tmp_path / "gps.csv")
     assert caught.value.where.endswith("gps.csv:9:ve_m_s")
+
+
+def test_a_damaged_kernel_file_says_what_to_delete(capsys):
+    assert cli._explain(pickle.UnpicklingError("invalid load key, 'x'.")) == 3
+    assert "delete what numba keeps in" in capsys.readouterr().err

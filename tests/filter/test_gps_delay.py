@@ -45,7 +45,7 @@ def late(ready: Prepared, delay: float) -> Prepared:
 
 @pytest.mark.parametrize("delay", [-1.3, -0.4, -0.1, 0.0, 0.1, 0.3, 1.0, 1.7])
 def test_a_delay_is_found_from_anywhere(delay):
-    found, sd, drift, _ = delay_of(late(recorded(), delay))
+    found, sd, drift, *_ = delay_of(late(recorded(), delay))
     assert drift == 0.0
     assert found == pytest.approx(delay, abs=0.03)  # the filter goes on from there
     assert 0.0 < sd < 0.02 + 0.01 * abs(delay)  # far from its start the filter is bent: windows agree less
@@ -74,7 +74,7 @@ def test_a_clock_that_drifts_is_found(rate):
     ready = recorded()
     begin = ready.imu.time[0]
     imu = replace(ready.imu, time=ready.imu.time - rate * (ready.imu.time - begin))
-    found, sd, drift, _ = delay_of(prepare(imu, ready.gps, drives.SPEC, ready.settings))
+    found, sd, drift, *_ = delay_of(prepare(imu, ready.gps, drives.SPEC, ready.settings))
     assert drift == pytest.approx(rate, abs=0.25 * abs(rate))
     assert found == pytest.approx(0.0, abs=0.03)
     assert sd < 0.02
@@ -195,3 +195,22 @@ def test_steady_turns_are_no_delay():
     ready = insnav.load(imu, gps).prepared()
     assert ready.clock == 0.0
     assert delay_of(ready)[0] < -0.1
+
+
+@pytest.mark.parametrize(
+    ("profile", "grade", "gps", "seed"), [("bends", "consumer", "rtk", 306), ("round_trip", "consumer", "single", 301)]
+)
+def test_windows_are_not_believed_where_they_make_positions_unlikelier(profile, grade, gps, seed):
+    """Three minutes: windows claim 0.8 s, at which the heading is 10 deg off; there is none."""
+    made = plan_of(profiled(profile, seed), {"imu": grade, "gps": gps, "seed": seed}).measured()
+    found = insnav.load(made.imu, made.gps).navigate().found.run
+    assert abs(found.gps_delay) < 3.0 * found.gps_delay_sd
+    assert found.gps_delay_sd < 0.03
+
+
+def test_where_windows_are_not_believed_the_filter_leads_to_the_delay():
+    made = plan_of(profiled("motorway", 5), {"imu": "consumer", "seed": 5}).measured()
+    fixes = replace(made.gps, time=made.gps.time + 0.3)
+    found = insnav.load(made.imu, fixes).navigate()
+    assert found.found.run.gps_delay == pytest.approx(0.3, abs=0.04)
+    assert not [note for note in found.notes if "clock of the IMU" in note]
