@@ -69,7 +69,7 @@ def test_n30_without_a_compiler_it_is_only_slower(monkeypatch, capsys):
     from insnav.kernels import errorstate
 
     monkeypatch.setattr(errorstate, "propagate", lambda: None)
-    data_options._compile_at_first()
+    data_options.compile_at_first()
     assert "interpreted" in capsys.readouterr().err
 
 
