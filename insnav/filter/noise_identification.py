@@ -144,7 +144,8 @@ class InnovationLikelihood:
         h, jitter = self._tape[6], ready.settings.jitter
         # of fixes: what the scatter of the timestamps makes of speed and acceleration, the negatives of the column of
         # the delay; of other aiding: its noise
-        self._other = rows[:, NOISE : NOISE + 36 : 7].copy()
+        measured = rows[:, SOURCE, None] != 0.0
+        self._other = np.where(measured, rows[:, NOISE : NOISE + 36 : 7], 0.0)
         self._other[self._offered] = (jitter * h[self._offered][:, :, STATES]) ** 2
         fix = np.searchsorted(gps.time - ready.settings.delay, time - 1e-4)
         fix = np.minimum(fix, gps.time.shape[0] - 1)

@@ -169,6 +169,21 @@ def test_the_beginning_of_a_drive_has_the_first_of_its_innovations():
         np.testing.assert_array_equal(all_of_them[: first.size], first)
 
 
+def test_memory_that_nothing_was_written_to_is_not_looked_at(monkeypatch):
+    def poisoned(shape, dtype=np.float64, **_how):
+        signalling = np.full(shape, 0x7FF4000000000000, np.int64)  # a NaN of which every sum warns
+        return signalling.view(np.float64) if dtype is np.float64 else np.zeros(shape, dtype)
+
+    imu, gps = recorded(1, laps=4)
+    gap = np.abs(np.arange(gps.time.size) - 100) > 10  # epochs without a measurement
+    ready = prepared(imu, gps.rows(gap), drives.SPEC, 1, laps=4)
+    monkeypatch.setattr("insnav.filter.smoother.spill.empty", poisoned)
+    drive = InnovationLikelihood(ready, drives.SPEC)
+    at = np.array([p.middle for p in drive.parameters])
+    with np.errstate(invalid="raise"):
+        assert np.isfinite(drive.normalised(at)).all()
+
+
 @pytest.fixture(scope="module")
 def found() -> list[NoiseEstimate]:
     estimates = []
