@@ -156,7 +156,7 @@ def _explain(error: BaseException) -> int:
     if isinstance(error, MemoryError) or no_memory or (isinstance(error, ImportError) and "map segment" in str(error)):
         error_block("the memory does not suffice", (("fix", "cut the recording, or give the process more memory"),))
         return 3
-    if type(error).__name__ == "UnpicklingError":  # numba's cache is all that is kept so
+    if type(error).__name__ == "UnpicklingError":  # numba's cache is all that is kept so; its module is used nowhere
         from insnav.kernels.errorstate import propagate
 
         fix = f"delete what numba keeps in {propagate.stats.cache_path}; it is made again"

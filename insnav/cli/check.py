@@ -44,8 +44,7 @@ def check(
         from insnav.report.save import text_of
         from insnav.session.check import check as checked
 
-        if all(each.exists() for each in files):
-            compile_at_first()
+        compile_at_first(*files)
         found = replace(checked(files, data.inputs), options=data.options)
     where = None
     if out is not None:

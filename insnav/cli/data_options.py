@@ -65,8 +65,7 @@ class Data:
         from insnav.session.read import read
 
         assert self.imu is not None
-        if self.imu.exists():
-            compile_at_first()
+        compile_at_first(self.imu)
         readings = read(self.imu, self.gps, self.ref, self.inputs)
         for facts in readings.facts.values():
             say_reading(facts)
@@ -211,8 +210,13 @@ def _renamed(columns: Mapping[str, str]) -> str:
     )
 
 
-def compile_at_first() -> None:
-    """Compile the kernels ahead of the first use after an installation, and say why it takes longer."""
+def compile_at_first(*files: Path) -> None:
+    """Compile the kernels ahead of the first use after an installation, and say why it takes longer.
+
+    Not where one of `files` is missing: that is to be said at once.
+    """
+    if not all(file.exists() for file in files):
+        return
     from insnav.kernels import ahead, errorstate
 
     if not hasattr(errorstate.propagate, "stats"):

@@ -12,7 +12,7 @@ everything else at its best (profile likelihood: Murphy and van der Vaart, "On p
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,12 +46,18 @@ ROUNDS = 3  # of moving the clock
 RETURN = 0.5  # part of a delay by which the filter must not go back once the clock was moved
 
 
-def delay_of(ready: Prepared) -> tuple[float, float, float, float, float]:
-    """Delay of the fixes at the start of the record, its standard deviation [s], and its surely known drift [s/s].
+@dataclass(frozen=True, slots=True)
+class Filtered:
+    """The beginning of a drive as the filter sees it with the clock of its samples as it is."""
 
-    The standard deviation is infinite where nothing tells the delay; a drift that is not sure is zero. Then the delay
-    in which the state of the filter ended, and how unlikely the positions were to it, see `Record.misfit`.
-    """
+    ready: Prepared  # the beginning
+    epochs: FloatArray | None  # see `insnav.kernels.smoother.keep`; none if the filter diverged
+    delay: float  # in which its state ended [s]
+    misfit: float  # how unlikely positions were, see `Record.misfit`
+
+
+def filtered(ready: Prepared) -> Filtered:
+    """Navigate the beginning of a drive with what windows and the comparison of clocks need."""
     ready = ready.beginning(LONGEST)
     # a late fix looks false in every bend, and a reset would open heading and biases, which the windows need
     gates = replace(ready.settings.gates, reset_after=np.inf)
@@ -61,8 +67,18 @@ def delay_of(ready: Prepared) -> tuple[float, float, float, float, float]:
         feed(navigator, ready.imu)
         epochs = navigator.history()
     except DivergenceError:
-        return 0.0, np.inf, 0.0, 0.0, np.inf
-    seen = navigator.delay, navigator.misfit()
+        return Filtered(ready, None, 0.0, np.inf)
+    return Filtered(ready, epochs, navigator.delay, navigator.misfit())
+
+
+def delay_of(seen: Filtered) -> tuple[float, float, float]:
+    """Delay of the fixes at the start of the record, its standard deviation [s], and its surely known drift [s/s].
+
+    The standard deviation is infinite where nothing tells the delay; a drift that is not sure is zero.
+    """
+    ready, epochs = seen.ready, seen.epochs
+    if epochs is None:
+        return 0.0, np.inf, 0.0
     parts = strapdown.intervals(ready.imu, ready.nominal)
     gps = _usable(ready)
     windows = [
@@ -70,7 +86,7 @@ def delay_of(ready: Prepared) -> tuple[float, float, float, float, float]:
         for rows in _lively(gps, epochs, ready.imu.time)
     ]
     if len(windows) < FEWEST_WINDOWS:
-        return 0.0, np.inf, 0.0, *seen
+        return 0.0, np.inf, 0.0
     lever_b, lever_sd = ready.settings.lever_b, max(ready.settings.lever_sd, LEVER_SD)
     grid = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
     best = int(np.argmin(_cost(_left(windows, grid, lever_b), lever_sd)[0]))
@@ -87,7 +103,7 @@ def delay_of(ready: Prepared) -> tuple[float, float, float, float, float]:
     before, top, after = (cost[middle + k] for k in (-1, 0, 1))
     curvature = float(before - 2.0 * top + after) / FINE**2
     if curvature <= 0.0 or best in (0, grid.size - 1):  # no top, or one beyond the grid
-        return 0.0, np.inf, 0.0, *seen
+        return 0.0, np.inf, 0.0
     away = 0.5 * float(before - after) / FINE / curvature
     delay = float(near[middle]) + away
     # the curvature at the top of an uneven likelihood is not its width: no delay at all must be as unlikely, too, and
@@ -96,7 +112,7 @@ def delay_of(ready: Prepared) -> tuple[float, float, float, float, float]:
     before, top, after = (each[:, middle + k] for k in (-1, 0, 1))
     slopes = 0.5 * (after - before) / FINE + away * (before - 2.0 * top + after) / FINE**2
     scatter = float(np.sqrt(len(windows) * np.var(slopes, ddof=1))) / curvature
-    return delay - drift * halfway, max(1.0 / np.sqrt(curvature), width, scatter), drift, *seen
+    return delay - drift * halfway, max(1.0 / np.sqrt(curvature), width, scatter), drift
 
 
 def _usable(ready: Prepared) -> GpsData:
@@ -253,15 +269,15 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
     clock = rate = 0.0
     if settings.delay_sd <= 0.0:
         return ready
-    own, least = 0.0, np.inf  # delay that the filter finds with its own clock, and how unlikely positions are then
-    for number in range(ROUNDS):
-        delay, sd, drift, back, misfit = delay_of(ready)
-        if number == 0:
-            own, least = back, misfit
-        if (clock * back < 0.0 and abs(back) > RETURN * abs(clock)) or misfit > least:
+    first = None
+    for _ in range(ROUNDS):
+        seen = filtered(ready)
+        first = first or seen
+        if (clock * seen.delay < 0.0 and abs(seen.delay) > RETURN * abs(clock)) or seen.misfit > first.misfit:
             # windows of steady turns take a heading for a delay; the filter, which has one heading, does not
-            ready, clock, rate = *_by_the_filter(start, prepared, own, least), 0.0
+            ready, clock, rate = *_by_the_filter(start, first, prepared), 0.0
             break
+        delay, sd, drift = delay_of(seen)
         if abs(delay) < max(WORTH, SURE * sd) and not drift:
             break
         clock, rate = clock + delay, rate + drift
@@ -277,16 +293,16 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
 
 
 def _by_the_filter(
-    ready: Prepared, prepared: Callable[[float, float], Prepared], back: float, least: float
+    ready: Prepared, seen: Filtered, prepared: Callable[[float, float], Prepared]
 ) -> tuple[Prepared, float]:
     """Follow the delay that the filter itself finds, step by step, as long as positions become likelier."""
     clock = 0.0
     for _ in range(ROUNDS):
-        if abs(back) < WORTH:
+        if abs(seen.delay) < WORTH:
             break
-        moved = prepared(clock + back, 0.0)
-        *_, further, misfit = delay_of(moved)
-        if misfit > least:
+        moved = prepared(clock + seen.delay, 0.0)
+        further = filtered(moved)
+        if further.misfit > seen.misfit:
             break
-        ready, clock, back, least = moved, clock + back, further, misfit
+        ready, clock, seen = moved, clock + seen.delay, further
     return ready, clock

@@ -178,11 +178,9 @@ def _unseen(run: Run) -> tuple[str, ...]:
         "one by {:.2g} m/s for a minute beside true velocities",
     )
     told = [form.format(ABSORBED * least) for form, least in zip(forms, seen, strict=True) if np.isfinite(least)]
-    return (
-        (f"false fixes that this drive would not show are, horizontally, smaller than about {', '.join(told)}",)
-        if told
-        else ()
-    )
+    if not told:
+        return ()
+    return (f"false fixes that this drive would not show are, horizontally, smaller than about {', '.join(told)}",)
 
 
 def _longest_gap(ready: Prepared) -> float:

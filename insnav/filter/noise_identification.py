@@ -51,9 +51,8 @@ NEAR = 3.0  # smaller ones end the first steps
 FAR = 5.0  # after a larger one the derivatives serve another step
 OBSERVABLE = 0.8  # a figure is observable if the drive narrows its interval to this part of the prior's
 INTERVAL = np.array([0.0, -1.96, 1.96])  # middle and ends of 95 % of a normal distribution, in its sd
-UNDERSTATED = (
-    2.0  # times the reported standard deviations: a receiver that is so wrong is wrong in what is not seen, too
-)
+# times the reported standard deviations: a receiver that is so wrong is wrong in what is not seen, too
+UNDERSTATED = 2.0
 FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told
 WHITE_AGAIN = 20.0  # so much log-likelihood the figures of the IMU may make up for if fixes are white after all
 # log posterior odds: time correlation is left out only where 100 to 1 against it. In seven minutes a share of 9 % is
