@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 import scipy  # its parts load themselves when they are used: a tenth of a second
@@ -29,6 +30,7 @@ def rms(values: FloatArray | Sequence[float]) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
+@cache  # asked for at every fix
 def chi2_limit(count: int, share: float) -> float:
     """Value that the sum of squares of so many standard normal numbers exceeds with a probability.
 

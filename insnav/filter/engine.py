@@ -7,44 +7,20 @@ enters or leaves here unchecked.
 from __future__ import annotations
 
 import math
-import sys
-from collections.abc import Callable
 from importlib import import_module
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from insnav.deferred import deferred
 from insnav.exceptions import DivergenceError
 from insnav.kernels.gps_measurement import covariance_fault, inverse, measurement_fault
 from insnav.types import FloatArray
 
 MAX_REPAIRS = 10  # rounding costs one or two in hours; more are a defect of model or data
-# of filterpy, which imports all its parts at once, these need scipy.stats and scipy.ndimage, half a second; no run does
-UNUSED = ("filterpy.discrete_bayes", "filterpy.stats")
-
-
-class _Later(ModuleType):
-    """Stands for a module while others are imported: a function of it loads the module when it is called."""
-
-    def __getattr__(self, name: str) -> Callable[..., Any]:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        return lambda *given, **named: getattr(import_module(self.__name__), name)(*given, **named)
-
-
-def _kalman_filter() -> Any:
-    """Filterpy's class, without the parts of the package that it does not need."""
-    later = {name: _Later(name) for name in UNUSED if name not in sys.modules}
-    sys.modules.update(later)
-    try:
-        return import_module("filterpy.kalman").KalmanFilter
-    finally:
-        for name in later:
-            del sys.modules[name]
-
-
-KalmanFilter = _kalman_filter()
+# filterpy imports all its parts at once; scipy.stats and scipy.linalg for these take half a second; no run does
+with deferred("filterpy.discrete_bayes", "filterpy.stats", "scipy.linalg"):
+    KalmanFilter: Any = import_module("filterpy.kalman").KalmanFilter
 
 
 class Engine:

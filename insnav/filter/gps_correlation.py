@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its parts load themselves when they are used: only where fixes have velocities
 
 from insnav.earth import ned_offset
+from insnav.spline import Spline, positive_parts
 from insnav.types import FloatArray, GpsData
 
 LONGEST = 400.0  # longest time over which errors are compared [s]
@@ -59,9 +59,9 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
     gap = step > 1.5 * usual
     lla, v = gps.lla[good], gps.v_n[good][:, :2]
     gone = ned_offset(lla[1:], lla[:-1])[:, :2]
-    integrated = np.diff(scipy.interpolate.CubicSpline(t, v).antiderivative()(t + lag), axis=0)
+    integrated = np.diff(Spline(t, v).integral(t + lag), axis=0)
     # what half as many velocities would change, by the fourth order of the spline 16 times the error of all
-    half = np.diff(scipy.interpolate.CubicSpline(t[::2], v[::2]).antiderivative()(t + lag), axis=0)
+    half = np.diff(Spline(t[::2], v[::2]).integral(t + lag), axis=0)
     even = ~np.logical_or(gap[0:-1:2], gap[1::2])
     missing = (half - integrated)[: 2 * even.shape[0]].reshape(-1, 2, 2).sum(axis=1)[even] / 16.0
     if missing.size == 0 or np.sqrt(np.mean(missing**2)) > ROUGH * float(np.median(sd[:, :2])):
@@ -86,7 +86,7 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
     x, y = lags[: len(level)] * usual, np.array(level)
     scale = np.array(weight) / (y + 0.05)
     ones = np.ones_like(x)
-    white_only = scipy.optimize.nnls(np.column_stack([ones, x]) * scale[:, None], y * scale)[1]
+    white_only = positive_parts(np.column_stack([ones, x]) * scale[:, None], y * scale)[1]
     misfit, time, (white, correlated, _) = min(
         (_fit(x, y, scale, float(each)) for each in TIMES), key=lambda found: found[0]
     )
@@ -108,8 +108,8 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
 def _fit(x: FloatArray, y: FloatArray, scale: FloatArray, time: float) -> tuple[float, float, FloatArray]:
     """Misfit, correlation time, and the parts: white, time-correlated, growing with time (velocity noise)."""
     terms = np.column_stack([np.ones_like(x), 1.0 - np.exp(-x / time), x])
-    parts, misfit = scipy.optimize.nnls(terms * scale[:, None], y * scale)
-    return float(misfit), time, parts
+    parts, misfit = positive_parts(terms * scale[:, None], y * scale)
+    return misfit, time, parts
 
 
 def _by_reported(x: FloatArray, y: FloatArray, scale: FloatArray, white_only: float) -> tuple[float, float]:
@@ -122,8 +122,6 @@ def _by_reported(x: FloatArray, y: FloatArray, scale: FloatArray, white_only: fl
     best = np.inf, 0.0, 0.0
     for time in TIMES[TIMES >= SHORTEST_REPORTED]:
         fading = np.exp(-x / time)  # white + (1 - white) (1 - fading) + slope x
-        (white, _), rest = scipy.optimize.nnls(
-            np.column_stack([fading, x]) * scale[:, None], (y - 1.0 + fading) * scale
-        )
-        best = min(best, (float(rest), 1.0 - float(white), float(time)))
+        (white, _), rest = positive_parts(np.column_stack([fading, x]) * scale[:, None], (y - 1.0 + fading) * scale)
+        best = min(best, (rest, 1.0 - float(white), float(time)))
     return (best[1], best[2]) if best[0] <= MISFIT * white_only else (0.0, 0.0)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import scipy  # its parts load themselves when they are used
 
 from insnav.earth import ned_offset
+from insnav.spline import Spline
 from insnav.types import BoolArray, FloatArray, GpsData
 
 POSITION_FLOOR, VELOCITY_FLOOR = 0.03, 0.05  # smallest standard deviation assumed [m], [m/s]
@@ -41,7 +41,7 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
         return 0.0, np.inf
     step = np.diff(t)
     gone = ned_offset(gps.lla[usable][1:], gps.lla[usable][:-1])[:, :2]  # fix by fix: the track may be long
-    position = scipy.interpolate.CubicSpline(t, np.vstack([np.zeros(2), np.cumsum(gone, axis=0)]))
+    position = Spline(t, np.vstack([np.zeros(2), np.cumsum(gone, axis=0)]))
     even: BoolArray = np.asarray(np.abs(step / np.median(step) - 1.0) < 0.1)
     inside: BoolArray = np.zeros(t.shape[0], dtype=bool)
     inside[3:-2] = np.asarray(np.lib.stride_tricks.sliding_window_view(even, 5).all(axis=1), dtype=bool)
@@ -56,8 +56,8 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
         # Gauss-Newton on the spline of velocity shifted by the lag found so far. Its acceleration is noisy, and that
         # noise is in the difference too; the change of the measured velocity is free of it and stands in for it as
         # instrumental variable (Soderstrom and Stoica, "System Identification", 1989, chapter 8).
-        a = position(t - lag, 2).ravel()
-        d = (position(t - lag, 1) - v).ravel()
+        speed, a = position.changes(t - lag)
+        d, a = (speed - v).ravel(), a.ravel()
         scale = 1.4826 * float(np.median(np.abs(d))) + 1e-9
         weight = 1.0 / (1.0 + (d / (3.0 * scale)) ** 2) ** 2
         power = float(np.sum(weight * instrument * a))

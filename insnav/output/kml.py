@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from html import escape
 from pathlib import Path
-from xml.sax.saxutils import escape
 
 import numpy as np
 
@@ -46,7 +46,7 @@ def kml_text(solution: Trajectory, name: str) -> str:
             ("end", solution.time[-1], points[-1]),
         )
     )
-    title = escape(plain_text(name))
+    title = escape(plain_text(name), quote=False)
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n'

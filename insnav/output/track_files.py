@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from xml.sax.saxutils import escape
+from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +71,7 @@ def gpx(track: Track) -> str:
         f'<trkpt lat="{lat:.9f}" lon="{lon:.9f}"><ele>{h:.3f}</ele><time>{t}Z</time></trkpt>\n'
         for (lat, lon, h), t in zip(track.degrees.tolist(), instants.tolist(), strict=True)
     )
-    title, about = escape(track.name), f"elevations are {track.height} heights"
+    title, about = escape(track.name, quote=False), f"elevations are {track.height} heights"
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
         '<gpx version="1.1" creator="insnav" xmlns="http://www.topografix.com/GPX/1/1">\n'

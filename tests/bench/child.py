@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 PROJECT = Path(__file__).parents[2]
+BYTECODE = str(Path(tempfile.gettempdir()) / "insnav_bench" / "bytecode")
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,9 @@ def run_child(arguments: Sequence[str], **environment: str) -> Cost:
             stdout=output,
             stderr=log,
             stdin=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": search, **environment},
+            # an installation compiles the sources to bytecode, a checkout does not always
+            env={**os.environ, "PYTHONPATH": search, "PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": BYTECODE}
+            | environment,
         )
         _, status, usage = os.wait4(process.pid, 0)
         wall = time.perf_counter() - begin
