@@ -67,13 +67,15 @@ def find_drives(folder: Path, without: Path, workers: Workers) -> tuple[list[Dri
 
 def _places(folder: Path, without: Path, left: list[str]) -> Iterator[list[Path]]:
     """Files of every folder, or itself if it is one recording; `left` gets those that cannot be read."""
+    seen: set[Path] = set()  # links lead to folders, too, and in circles
     for name, folders, files in os.walk(
-        folder, onerror=lambda error: left.append(f"{error.filename}: {error.strerror}")
+        folder, onerror=lambda error: left.append(f"{error.filename}: {error.strerror}"), followlinks=True
     ):
-        here = Path(name)
-        if here == without or _result(here):
+        here, real = Path(name), Path(name).resolve()
+        if real == without or real in seen or _result(here):
             folders.clear()
             continue
+        seen.add(real)
         names = sorted(each for each in files if not each.startswith(".") and Path(each).suffix.lower() not in NO_DATA)
         data = [here / each for each in names]
         inner = any(_whole(here / each) for each in folders)  # formats look into the folders of a folder

@@ -22,10 +22,12 @@ QUICK = ("--imu", "automotive", "--figures", "none", "--engine", "1")
 
 @pytest.fixture
 def drives(drive: Path) -> Path:
-    """Folder of two vehicles: a drive in a folder, two by their names, one without fixes, and one that is broken."""
+    """Folder of two vehicles: a drive in a folder on another disk, two by their names, and one that is broken."""
     folder = drive.parent / "recordings"
-    (folder / "van" / "monday").mkdir(parents=True)
-    (folder / "car").mkdir()
+    (drive.parent / "disk" / "monday").mkdir(parents=True)
+    (folder / "car").mkdir(parents=True)
+    (folder / "van").symlink_to(drive.parent / "disk")
+    (folder / "car" / "again").symlink_to(folder)  # in a circle
     for name in ("imu", "gps", "ref"):
         shutil.copy(drive / f"{name}.csv", folder / "van" / "monday")
     for day in ("tuesday", "friday"):
