@@ -60,7 +60,8 @@ def white_noise(imu: ImuData, start: float, end: float) -> tuple[FloatArray, Flo
         raise InputError(
             "the static stretch is too short or too slow to estimate the noise of the IMU from it",
             where=f"{start:.3f} s to {end:.3f} s",
-            why=f"it has {count} samples; {SEGMENT:g} s at 2.5 Hz or more are needed",
+            why=f"it has {count} samples of the record, which is from {imu.time[0]:.3f} s to {imu.time[-1]:.3f} s; "
+            f"{SEGMENT:g} s at 2.5 Hz or more are needed",
             fix="give the IMU with --imu, a preset or a file",
         )
     values = np.hstack([imu.gyro[chosen], imu.accel[chosen]])
