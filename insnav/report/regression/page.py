@@ -236,4 +236,4 @@ def peers_of(text: str) -> list[str]:
 
 def _where(now: Origin) -> str:
     commit = f", commit {now.commit}" if now.commit else ""
-    return f"{_MADE}{now.version}{commit}, {now.date}, {now.computer}; made by `insnav regress --peers --plot`."
+    return f"{_MADE}{now.version}{commit}, {now.date}, {now.computer}; made by `insnav regress --plot`."
