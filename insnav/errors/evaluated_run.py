@@ -73,7 +73,7 @@ def evaluate_run(
         if done.run.smoothed is not None:
             smoothed_errors = position_errors(done.run.smoothed.solution, good, lever_b=lever_b)
         offset = reference_offset(errors, done.run.solution)
-        notes += offset_notes(offset) if offset is not None else []
+        notes += [] if offset is None else offset_notes(offset, done.run.lever_b if lever_b is None else lever_b)
     same = reference is not None and done.gps is not None and _same_positions(done.gps, reference.data)
     return EvaluatedRun(done.run, done.gps, errors, smoothed_errors, reference_is_gps=same), tuple(notes)
 

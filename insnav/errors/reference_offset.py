@@ -77,15 +77,16 @@ def reference_offset(errors: TrajectoryErrors, track: Trajectory) -> ReferenceOf
     )
 
 
-def offset_notes(found: ReferenceOffset) -> list[str]:
-    """What it is, and what to do about it, in words."""
+def offset_notes(found: ReferenceOffset, taken: FloatArray) -> list[str]:
+    """What it is, and what to do about it, in words; `taken` (3,): the point compared with, from the IMU [m]."""
     notes = []
     if found.clear:
         (forward, right), sd = found.body, found.body_sd
+        point = ",".join(f"{each:.2f}" for each in (*(taken[:2] + found.body), taken[2]))
         notes.append(
             f"the reference is of another point of the vehicle: {forward:+.2f} ± {sd[0]:.2f} m forward, {right:+.2f} ± "
             f"{sd[1]:.2f} m right; horizontal RMS difference {found.horizontal_rms:.3g} m, "
-            f"{found.horizontal_rms_without:.3g} m with that moved (--ref-lever-arm)"
+            f"{found.horizontal_rms_without:.3g} m with that moved: --ref-lever-arm={point}"
         )
     if found.geoid:
         notes.append(

@@ -289,8 +289,6 @@ class Drive:
         done = replace(done, run=replace(done.run, events=events))
         point = None if self.reference is None else reference_point(self.readings.inputs, self.reference.data)
         found, notes = evaluate_run(done, self.reference, done.run.lever_b if point is None else point)
-        if self.reference is not None and point is None:
-            notes = (*notes, "reference: without attitude, so its positions are of the antenna; else --ref-lever-arm")
         if mechanization == "short":
             windows = short_windows(ready.imu, done.run.solution, done.run.sensor_errors)
             found = replace(found, short_duration=tuple(windows))

@@ -44,8 +44,10 @@ def test_a_point_of_the_vehicle_is_found_exactly_without_errors():
     assert found.horizontal_rms == pytest.approx(np.hypot(*POINT[:2]), abs=0.03)
     assert found.horizontal_rms_without < 0.05
     assert found.down == pytest.approx(-47.0, abs=0.1)
-    told = " ".join(offset_notes(found))
+    told = " ".join(offset_notes(found, np.array([0.5, 0.0, -1.0])))
     assert "+1.40" in told
+    assert "--ref-lever-arm=1.9" in told  # from the IMU, not from the point compared with
+    assert told.count(",-1.00") == 1
     assert "geoid" in told
 
 
@@ -65,7 +67,7 @@ def test_an_error_of_the_run_is_no_other_point():
         track, truth = driven(seed, 1.0)
         found = reference_offset(position_errors(track, truth), track)
         assert found is not None
-        assert offset_notes(found) == []
+        assert offset_notes(found, np.zeros(3)) == []
 
 
 def test_without_turns_nothing_is_told():

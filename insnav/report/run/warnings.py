@@ -204,7 +204,14 @@ def run_assumptions(result: Result[Any]) -> tuple[str, ...]:
     """Give lever arm and IMU model unless they were given, and what the files did not say."""
     evidence = {text: name for name, each in result.inputs.items() for text in each.evidence if _ASSUMED.search(text)}
     files = tuple(f"{name}: {text.replace('(assumed; ', '(')}" for text, name in evidence.items())
-    return (*_lever_arm(result.found.run, result.options), *_model(result), *files)
+    return (*_reference(result), *_lever_arm(result.found.run, result.options), *_model(result), *files)
+
+
+def _reference(result: Result[Any]) -> tuple[str, ...]:
+    errors = result.found.errors
+    if errors is None or result.options.get("ref_lever_arm") is not None or np.isfinite(errors.attitude).any():
+        return ()
+    return ("the reference has no attitude, so its positions are of the antenna: else give --ref-lever-arm",)
 
 
 def _lever_arm(run: Run, options: Mapping[str, Any]) -> tuple[str, ...]:
