@@ -190,7 +190,7 @@ def test_bare_positions_are_of_the_antenna_for_every_command(drive: Path) -> Non
     bare = insnav.Trajectory(at_antenna.time, at_antenna.lla, unknown, unknown)
     of_antenna = insnav.load("imu.csv", "gps.csv", bare, lever_arm=LEVER, imu_model="automotive")
     run = of_antenna.navigate()
-    assert "its positions are of the antenna" in " ".join(run.notes)
+    assert "its positions are of the antenna" in " ".join(run.page().assumptions)
     size = rms(of_imu.navigate().found.errors.horizontal)
     assert rms(run.found.errors.horizontal) == pytest.approx(size, rel=0.02)
     (other, *_) = insnav.compare(run, ref=bare).found.compared
