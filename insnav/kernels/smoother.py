@@ -136,8 +136,8 @@ def backward(  # type: ignore[no-untyped-def]
     `covariance` (m, 9, 9) of smoothed position, velocity and attitude, as in `at_fix_time`; `variance` (m, 12) of the
     smoothed sensor errors; `innovations` (m, 25): where there was a fix, predicted minus measured and the variance of
     the prediction, by the filter before it (0 to 11) and smoothed (12 to 23), and the filter's variance of the attitude
-    error about Down (24); elsewhere ``NaN``; `shocks` (m, 9): see `_change`, of position, velocity, and a minute of
-    drag that begins at the epoch.
+    error about Down (24); elsewhere ``NaN``; `shocks` (m, 15): see `_change`, of position, velocity, a minute of drag
+    that begins at the epoch, and biases of gyros and accelerometers.
     """
     p, part, removed = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
     z, h, hp, weight = np.zeros(6), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n))
@@ -216,7 +216,9 @@ def backward(  # type: ignore[no-untyped-def]
         _compare(row, n, p, removed, moved, innovations[k])
         _change(adjoint[:3], information[:3, :3], shocks[k, :3])
         _change(adjoint[3:6], information[3:6, 3:6], shocks[k, 3:6])
-        _minute(row[TIME], n, cross, ends, shocks[k, 6:])
+        _minute(row[TIME], n, cross, ends, shocks[k, 6:9])
+        for i in range(NAV, NAV + 6, 3):
+            _change(adjoint[i : i + 3], information[i : i + 3, i : i + 3], shocks[k, i : i + 3])
         span = row[TIME] - (history[k - 1, TIME] if k > 0 else ends[0, 4, 0])
         _undragged(row, n, span, adjoint, information, cross, ends)
         _past(row, n, adjoint, information, part, moved)
@@ -288,7 +290,7 @@ def _change(by, information, out):  # type: ignore[no-untyped-def]
 
     `by` (3,), `information` (3, 3): derivative of the log-likelihood by the change, and its variance.
     `out` (3,): twice the gain of the log-likelihood, chi-square distributed with three degrees of freedom where nothing
-    changed, the size of the change, and the standard deviation of its larger horizontal part; ``NaN`` where later
+    changed, the size of the change, and the larger standard deviation of its first two parts; ``NaN`` where later
     measurements do not tell.
     """
     out[0] = out[1] = out[2] = np.nan

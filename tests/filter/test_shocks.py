@@ -11,9 +11,9 @@ from scipy.stats import chi2
 
 from insnav.earth import lla_offset
 from insnav.filter import FilterSettings, Navigator
-from insnav.filter.shocks import LIMITS, shock
+from insnav.filter.shocks import CHANGES, DRIFT, shock
 from insnav.filter.smoother import SmoothedErrors
-from insnav.types import GpsData
+from insnav.types import GpsData, ImuData
 from tests.filter import drives
 
 SEEDS = range(5)
@@ -27,8 +27,10 @@ def smoothed(seed: int, kind: str = "", size: float = 0.0) -> SmoothedErrors:
     rng = np.random.default_rng([140, seed])
     imu, gps = drives.noisy_imu(drives.perfect_imu(), drives.MODEL, rng), drives.noisy_gps(drives.perfect_gps(), rng)
     start = drives.begin(drives.MODEL, rng)
+    if kind == "step":
+        imu = replace(imu, gyro=imu.gyro + np.deg2rad(size) * 0.02 * np.outer(since(imu) >= 0.0, [0.0, 0.0, 1.0]))
     settings = FilterSettings(lever_b=drives.LEVER_B, output_interval=1.0, gates=drives.UNFAILING)
-    wrong = WRONG[kind](gps, size) if kind else gps
+    wrong = WRONG[kind](gps, size) if kind in WRONG else gps
     navigator = Navigator(start.initial, drives.MODEL, wrong, start.alignment, 0.02, settings)
     navigator.feed(imu)
     return navigator.smoothed_errors()
@@ -49,20 +51,20 @@ def minute(gps: GpsData, size: float) -> GpsData:
     return replace(gps, lla=lla_offset(gps.lla, size * np.clip(since(gps), 0.0, 60.0)[:, None] * EAST))
 
 
-def since(gps: GpsData) -> np.ndarray:
-    return np.asarray(gps.time - drives.truth().start - AT)
+def since(data: GpsData | ImuData) -> np.ndarray:
+    return np.asarray(data.time - drives.truth().start - AT)
 
 
 WRONG = {"jump": jump, "drag": drag, "minute": minute}
 
 
 def test_without_a_fault_the_gains_are_chi_square_distributed_and_nothing_is_said():
-    for group in range(3):
+    for group, change in enumerate(CHANGES):
         gains = np.concatenate([smoothed(seed).shocks[:, 3 * group] for seed in SEEDS])
         gains = gains[np.isfinite(gains)]
-        assert np.mean(gains) == pytest.approx(3.0, abs=0.4 if group < 2 else 1.2)
-        assert np.mean(gains > chi2.ppf(0.9, 3)) == pytest.approx(0.1, abs=0.04 if group < 2 else 0.12)
-        assert gains.max() < LIMITS[group]
+        assert np.mean(gains) == pytest.approx(3.0, abs=1.2 if group == DRIFT else 0.4)
+        assert np.mean(gains > chi2.ppf(0.9, 3)) == pytest.approx(0.1, abs=0.12 if group == DRIFT else 0.04)
+        assert gains.max() < change.limit
     assert not any(shock(smoothed(seed))[0] for seed in SEEDS)
 
 
@@ -77,6 +79,14 @@ def test_the_change_that_was_made_is_found_where_and_as_large_as_it_is(kind, gro
         else:
             assert event.time == pytest.approx(drives.truth().start + AT, abs=40.0)
             assert 0.4 * size < event.value < 1.6 * size
+
+
+def test_a_step_of_the_gyro_bias_is_found_where_and_as_large_as_it_is():
+    for seed in SEEDS[:2]:
+        ((event,), _) = shock(smoothed(seed, "step", 0.05))
+        assert "gyro bias" in event.action
+        assert event.time == pytest.approx(drives.truth().start + AT, abs=5.0)
+        assert event.value == pytest.approx(0.05, rel=0.2)
 
 
 @pytest.mark.parametrize(("kind", "group"), [("jump", 0), ("drag", 1), ("minute", 2)])
