@@ -283,7 +283,7 @@ class Drive:
         ready = replace(ready, settings=replace(ready.settings, smooth=smooth, output_interval=output_interval))
         done = navigate_prepared(ready, spec, aiding=aiding, progress=progress)
         given = self.readings.inputs.get("lever_arm") is not None and not ready.settings.lever_sd
-        doubts = lever_contradicted(ready) if given else ()
+        doubts, unseen = lever_contradicted(ready) if given else ((), ())
         doubts = doubts if self.gps is None else (*understated(ready, self.gps.data), *doubts)
         events = self._events((*doubts, *done.run.events))
         done = replace(done, run=replace(done.run, events=events))
@@ -300,7 +300,7 @@ class Drive:
             "mechanization": mechanization,
         }
         found = replace(found, noise=ready.noise)
-        return self._result("run", found, options, (*self.notes, *done.notes, *notes), events, spec)
+        return self._result("run", found, options, (*self.notes, *done.notes, *notes, *unseen), events, spec)
 
     def outage(
         self,
