@@ -30,11 +30,11 @@ class FixFigures:
     with_sd: float  # share whose position has a standard deviation
     reported_sd: FloatArray  # (3,) median of the standard deviations as reported, N, E, D [m]; NaN without
     scatter: FloatArray  # (3,) white part of the position error by third differences [m]
-    velocity_lag: float  # of velocities behind positions [s]
+    velocity_lag: float  # of velocities behind positions [s]; NaN where they do not tell
     velocity_lag_sd: float
     false_velocities: float  # share that contradict the positions
     worst_velocity: float  # largest such difference [m/s]
-    jumps: int  # positions that jump against velocities
+    jumps: int | None  # positions that jump against velocities
     largest_jump: float  # [m]
     fix_types: Mapping[int, int]  # fixes of each type
 
@@ -62,8 +62,8 @@ def look_at_fixes(gps: GpsData) -> FixFigures:
         float(reported.mean()),
         np.median(gps.position_sd[reported], axis=0) if reported.any() else np.full(3, np.nan),
         scatter,
-        lag,
-        lag_sd,
+        lag if lag_sd < np.inf else np.nan,
+        lag_sd if lag_sd < np.inf else np.nan,
         false,
         worst,
         jumps,
@@ -74,8 +74,8 @@ def look_at_fixes(gps: GpsData) -> FixFigures:
 
 def _contradictions(
     gps: GpsData, gone: FloatArray, step: FloatArray, even: BoolArray, lag: float
-) -> tuple[float, float, int, float]:
-    """Share of false velocities and the worst; number of jumps of the position and the largest.
+) -> tuple[float, float, int | None, float]:
+    """Share of false velocities and the worst; number of jumps of the position and the largest; unknown without both.
 
     Between fixes the positions move by the mean of both velocities. Where one step differs and its neighbours agree the
     position has jumped and stays; where a velocity is false both steps beside it differ, and their sum is that of it.
@@ -83,7 +83,7 @@ def _contradictions(
     v = gps.v_n.copy()
     rows = np.isfinite(v).all(axis=1)
     if rows.sum() < 10:
-        return 0.0, 0.0, 0, 0.0
+        return np.nan, np.nan, None, np.nan
     if lag:
         for i in range(3):
             v[rows, i] = np.interp(gps.time[rows] + lag, gps.time[rows], v[rows, i])
@@ -94,7 +94,7 @@ def _contradictions(
     level, vertical = np.linalg.norm(off[:, :2], axis=1), np.abs(off[:, 2])
     usable = even[1:] & even[:-1] & np.isfinite(level)
     if not usable.any():
-        return 0.0, 0.0, 0, 0.0
+        return np.nan, np.nan, None, np.nan
     limits = [max(FALSE, SIGMAS * float(np.median(each[usable]))) for each in (level, vertical)]
     limit, apart = limits[0], np.maximum(level, vertical)
     # positions that are as poor as reported tell no velocity: the slope is that of two of them

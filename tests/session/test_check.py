@@ -15,7 +15,7 @@ from insnav.filter.fix_figures import look_at_fixes
 from insnav.imu.inspection import inspect_samples
 from insnav.report.run.warnings import run_warnings
 from insnav.session.check import check
-from insnav.types import ImuData, Trajectory
+from insnav.types import GpsData, ImuData, Trajectory
 from tests.input.spellings.imu_files import FLU, SHORT, iso
 from tests.input.spellings.recorded import DEG, GPS_HEADERS, IMU_HEADERS, drive, fixes, samples, table, text
 
@@ -197,3 +197,11 @@ def test_the_place_of_a_bench_is_no_fix(tmp_path):
     found = check([table(tmp_path / "imu.csv", rows), ref], {}).found
     assert found.roles[str(ref)] == "reference"
     assert all("too few fixes" not in each.what for each in found.problems)
+
+
+def test_velocities_that_are_not_there_have_no_figures() -> None:
+    time = np.arange(60.0)
+    lla = np.stack([np.full(60, 0.8), 0.2 + 1e-7 * time, np.full(60, 300.0)], axis=1)
+    found = look_at_fixes(GpsData(time, lla, np.full((60, 3), np.nan), np.full((60, 3), 2.0), np.full((60, 3), np.nan)))
+    assert found.jumps is None
+    assert np.isnan([found.velocity_lag, found.velocity_lag_sd, found.false_velocities, found.worst_velocity]).all()
