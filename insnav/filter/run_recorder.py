@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from insnav import spill
-from insnav.attitude import dcm_from_quat
 from insnav.exceptions import InputError
 from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.settings import FilterSettings
@@ -17,7 +16,7 @@ from insnav.filter.smoother import SmoothedErrors
 from insnav.filter.state_layout import layout
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES, at_fix_time, feed_back, move_along
-from insnav.kernels.output import solution
+from insnav.kernels.output import moved, solution
 from insnav.kernels.smoother import apply
 from insnav.types import (
     AidingUse,
@@ -195,14 +194,11 @@ def _aiding_use(name: str, unit: str, rows: FloatArray) -> AidingUse:
 
 
 def _moved(state: FloatArray, delay_sd: float) -> FloatArray:
-    """What the error of the clock makes of velocity and attitude in a state with its motion (n, 16), (n, 9).
-
-    Their own errors hardly know of it: gyros and accelerometers turn and push in the time of the samples.
-    """
-    moved = np.zeros((state.shape[0], NAV))
-    moved[:, 3:6] = -delay_sd * state[:, 13:]
-    moved[:, 6:] = delay_sd * np.einsum("nij,nj->ni", dcm_from_quat(state[:, 6:10]), state[:, 10:13])
-    return moved
+    """`moved` of states (n, 16), (n, 9)."""
+    out = np.empty((state.shape[0], NAV))
+    for row, by in zip(state, out, strict=True):
+        moved(row, delay_sd, by)
+    return out
 
 
 def _squared(error: FloatArray) -> FloatArray:
@@ -224,16 +220,12 @@ def _trajectory(
     """
     rph, sd = spill.empty((time.shape[0], 3)), spill.empty((time.shape[0], NAV))
     for block in spill.blocks(known.shape[0]):
-        moved = _moved(state[known[block]], delay_sd)
-        variance[block, 3:NAV] += moved[:, 3:] ** 2
-        variance[block, NAV:] += moved[:, [6, 6, 7]] * moved[:, [7, 8, 8]]
         # what lies between two known rows needs both
         before = slice(max(block.start - 1, 0), block.stop)
         first = known[before.start] if before.start else 0
         rows = slice(first, known[block.stop - 1] + 1 if block.stop < known.shape[0] else None)
-        solution(time[rows], state[rows], known[before] - first, variance[before], rph[rows], sd[rows])
-    for block in spill.blocks(time.shape[0]):
-        sd[block, 6:] = np.hypot(sd[block, 6:], axes_sd)
+        between = known[before] - first
+        solution(time[rows], state[rows], between, variance[before], delay_sd, axes_sd, rph[rows], sd[rows])
     return Trajectory(time, state[:, :3], state[:, 3:6], rph, sd)
 
 

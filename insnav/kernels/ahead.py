@@ -125,7 +125,7 @@ def _kernels() -> Iterator[tuple[tuple[Any, ...], ...]]:
             errorstate.Moments(*3 * [d2]),
             errorstate.Outputs(d1, d1, d2, d2),
             i,
-            (d2, d2, d2, d1, d2, d2, d1, d2, d2),
+            (d2, d2, d2, d1, d2, d2, d1, d2),
         ),
         (errorstate.reset_transition, d2, d2, d1),
         (errorstate.feed_back, d1, d1, d1),
@@ -160,7 +160,8 @@ def _kernels() -> Iterator[tuple[tuple[Any, ...], ...]]:
             d,
             d2,
         ),
-        (output.solution, d1, d2, i1, d2, d2, d2),
+        (output.solution, d1, d2, i1, d2, d, d1, d2, d2),
+        (output.moved, d1, d, d1),
         (csv_rows.rows_as_text, d2, d1, types.uint8[::1]),
     )
 

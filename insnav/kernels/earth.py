@@ -22,17 +22,17 @@ G_NORTH = 8.08e-9  # north component above the ellipsoid [1/s^2]         Groves 
 @njit(cache=True)
 def radii(sin_lat):  # type: ignore[no-untyped-def]
     """Meridian and transverse radius of curvature [m] (Groves 2013, section 2.4.2)."""
-    w2 = 1.0 - E2 * sin_lat * sin_lat
-    transverse = A / np.sqrt(w2)
-    return transverse * (1.0 - E2) / w2, transverse
+    root = 1.0 / np.sqrt(1.0 - E2 * (sin_lat * sin_lat))  # as below: compiled, both of a latitude share it
+    transverse = A * root
+    return transverse * (1.0 - E2) * (root * root), transverse
 
 
 @njit(cache=True)
 def gravity_down(sin_lat, height):  # type: ignore[no-untyped-def]
     """Down component of normal gravity [m/s^2] (NIMA TR8350.2, eq. 4-1 and 4-3)."""
     s2 = sin_lat * sin_lat
-    surface = G_EQUATOR * (1.0 + K_SOMIGLIANA * s2) / np.sqrt(1.0 - E2 * s2)
-    r = height / A
+    surface = G_EQUATOR * (1.0 + K_SOMIGLIANA * s2) * (1.0 / np.sqrt(1.0 - E2 * s2))
+    r = height * (1.0 / A)
     return surface * (1.0 - 2.0 * (1.0 + F + M - 2.0 * F * s2) * r + 3.0 * r * r)
 
 

@@ -166,8 +166,9 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, cx, cy, cz, sx, sy, sz, c, north, hold, 
     # be a velocity of 1e-7 m/s at 50 Hz, whose transport rate moves a vehicle at rest by a millimetre in 4 h; Coriolis
     # left out is 0.03 m/s^2 at 250 m/s, and metres after an hour.
     en, ed = OMEGA * cos_lat, -OMEGA * sin_lat
-    wn, we = ve / (rn + h), -vn / (rm + h)
-    wd = -wn * sin_lat / cos_lat
+    north_by, east_by = 1.0 / (rm + h), 1.0 / (rn + h)
+    wn, we = ve * east_by, -vn * north_by
+    wd = -wn * (sin_lat / cos_lat)
     zn, ze, zd = 0.5 * (en + wn) * dt, 0.5 * we * dt, 0.5 * (ed + wd) * dt
     kn, ke, kd = 2.0 * en + wn, we, 2.0 * ed + wd
     g_north = north * gravity_north(sin_lat, cos_lat, h)
@@ -177,12 +178,12 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, cx, cy, cz, sx, sy, sz, c, north, hold, 
     if hold:
         md = 0.5 * (vd + v_down)
     # latitude half-way: the change of the sine and cosine over half a step is far below their second-order term
-    half = 0.5 * dt * mn / (rm + h)
+    half = 0.5 * dt * mn * north_by
     sin_mid, cos_mid = sin_lat + half * cos_lat, cos_lat - half * sin_lat
     h_mid = h - 0.5 * dt * md
-    rm, rn = rm + h_mid, rn + h_mid
-    wn, we = me / rn, -mn / rm
-    wd = -wn * sin_mid / cos_mid
+    north_by, east_by, secant = 1.0 / (rm + h_mid), 1.0 / (rn + h_mid), 1.0 / cos_mid
+    wn, we = me * east_by, -mn * north_by
+    wd = -wn * sin_mid * secant
     en, ed = OMEGA * cos_mid, -OMEGA * sin_mid
     zn, ze, zd = (en + wn) * dt, we * dt, (ed + wd) * dt
     kn, ke, kd = 2.0 * en + wn, we, 2.0 * ed + wd
@@ -196,8 +197,8 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, cx, cy, cz, sx, sy, sz, c, north, hold, 
     v1d = vd + ud + (gravity_down(sin_mid, h_mid) - (kn * me - ke * mn)) * dt
     if hold:
         v1d = v_down
-    x[0] = lat + 0.5 * dt * (vn + v1n) / rm
-    lon += 0.5 * dt * (ve + v1e) / (rn * cos_mid)
+    x[0] = lat + 0.5 * dt * (vn + v1n) * north_by
+    lon += 0.5 * dt * (ve + v1e) * (east_by * secant)
     if lon >= np.pi:
         lon -= TWO_PI
     elif lon < -np.pi:

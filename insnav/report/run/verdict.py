@@ -176,7 +176,7 @@ def _holds(found: EvaluatedRun) -> str:
 
 def _size(values: FloatArray) -> float:
     """RMS length of the vectors ``(n, k)`` that are known."""
-    square = np.sum(values**2, axis=1)
+    square = np.einsum("ij,ij->i", values, values)
     known = square[np.isfinite(square)]
     return float(np.sqrt(np.mean(known))) if known.size else float("nan")
 
