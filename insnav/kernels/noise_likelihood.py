@@ -179,14 +179,11 @@ def innovations(  # type: ignore[no-untyped-def]
                         fade[lasting + j] = np.exp(-dt / lasting_time)
             f = phi[k]
             for i in range(NAV):
-                for j in range(n):
-                    w[i, j] = 0.0
-                for a in range(STATES):
-                    share = f[i, a]
-                    if share != 0.0:
-                        source = p[a]
-                        for j in range(n):
-                            w[i, j] += share * source[j]
+                for j in range(n):  # zeros included: compiled for many columns at a time
+                    total = 0.0
+                    for a in range(STATES):
+                        total += f[i, a] * p[a, j]
+                    w[i, j] = total
                 moved[i] = 0.0
                 for a in range(STATES):
                     moved[i] += f[i, a] * mean[a]
