@@ -42,6 +42,8 @@ CLEAN = 0.9973
 ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
 AXES_STEP = 1e-4  # of those by misalignments [rad]
+PASSES = 2  # so often is the filter run, where the first run is far off
+FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error whose square counts [rad], in this part of a drive [-]
 SETTLING = 4  # the attitude of a filter settles in this part of a drive, one in so many
 ENOUGH_FOR_AXES = 900.0  # of the record, where nothing else is looked for [s]
 WORTH_TURNING = 0.5  # of what is not known of attitude: if misalignments that are known do more, samples are corrected
@@ -106,6 +108,7 @@ class NoiseEstimate:
     # mean square of the normalised innovations with the figures before and with those found [-]
     mean_before: float
     mean_after: float
+    at: FloatArray  # (p,) what was found, as the logarithms that `InnovationLikelihood` takes
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,26 +122,27 @@ class _Parameter:
 
 
 class InnovationLikelihood:
-    """Innovations of one drive as a function of the noise."""
+    """Innovations of one drive as a function of the noise; `about`: noise of the run they are a linear function of."""
 
-    def __init__(self, ready: Prepared, spec: ImuSpec) -> None:
+    def __init__(self, ready: Prepared, spec: ImuSpec, about: NoiseEstimate | None = None) -> None:
         ready = ready.longest_part()
+        run = ready if about is None else _refined(ready, about)
         gps = _thinned(ready.gps)
         self.median_sd: FloatArray = np.median(gps.position_sd, axis=0)
-        correlated = ready.settings.correlated
+        correlated = run.settings.correlated
         if correlated is None:  # the nominal run needs the states, whatever their size
             correlated = CorrelatedNoise(0.1, 40.0, np.sqrt(0.1) * self.median_sd)
         self._settings = replace(ready.settings, correlated=correlated, aiding=None, smooth=True, output_interval=10.0)
-        self._ready, self.prior = ready, spec
+        self._ready, self._run, self.prior = ready, run, spec
         self._states = STATES if ready.model.sd[6:].any() else STATES - 6
-        navigator = Navigator(ready.initial, ready.model, gps, ready.alignment, ready.nominal, self._settings)
+        navigator = Navigator(run.initial, run.model, _thinned(run.gps), ready.alignment, ready.nominal, self._settings)
         imu = ready.imu.rows(ready.imu.time <= ready.initial.time + LONGEST)
         navigator.feed(imu)
         rows = navigator.history()
         time = rows[:, TIME]
         at = layout(self._settings)
         self._lasting = at.correlated
-        self._tape = kernel.tape(rows, at.states, ready.model.noise, ready.model.decay, _bridged(imu.time, time))
+        self._tape = kernel.tape(rows, at.states, run.model.noise, run.model.decay, _bridged(imu.time, time))
         self._offered = rows[:, SOURCE] == FIX
         h, jitter = self._tape[6], ready.settings.jitter
         # of fixes: what the scatter of the timestamps makes of speed and acceleration, the negatives of the column of
@@ -204,13 +208,13 @@ class InnovationLikelihood:
             replace(self._settings, correlated=correlated),
         )
         mean = np.zeros(start.covariance.shape[0])
-        mean[NAV : NAV + 3] = self._ready.initial.gyro_bias - start.correction[:3]
+        mean[NAV : NAV + 3] = self._run.initial.gyro_bias - start.correction[:3]
         factor = np.concatenate([np.sqrt(1.0 - share) * position, velocity])
         factor = np.where(self._sd < OPEN_VELOCITY, factor, 1.0)  # what was not measured says nothing of it
         variance = self._other + self._offered[:, None] * (factor * self._sd) ** 2
         count = kernel.innovations(
             self._tape,
-            self._ready.model.decay,
+            self._run.model.decay,
             np.array([np.mean(model.noise[:3]), np.mean(model.noise[3:6]), *model.noise[18:]]),
             model.noise[6:18],
             model.decay,
@@ -243,6 +247,12 @@ class InnovationLikelihood:
         late = slice(int(np.bitwise_count(kind[kind > COAST]).sum()), None)
         weighted = np.array(by) / (s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0))
         return weighted[:, late] @ np.transpose(by)[late], -weighted[:, late] @ e[late], np.array(turned)
+
+    def far_off(self, at: FloatArray) -> bool:
+        """Whether the attitude of the run was so far off so long that the innovations are no linear function of it."""
+        mean = np.zeros((self._offered.size, NAV))
+        self.normalised(at, mean)
+        return float(np.mean(np.abs(mean[:, 6:]).max(axis=1) > FAR_OFF)) > FAR_OFF_SHARE
 
     def bias_seen(self, at: FloatArray) -> float:
         """Negative log-likelihood of the gyro bias that a static alignment saw."""
@@ -430,6 +440,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
         before[2] - cost,
         float(np.mean(before[0] ** 2 / before[1])),
         float(np.mean(e**2 / s)),
+        top.at,
     )
 
 
@@ -472,12 +483,12 @@ def _figure(parameter: _Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
     return NoiseFigure(parameter.key, unit, prior, value, low, high, told)
 
 
-def _likelihood(ready: Prepared, spec: ImuSpec) -> InnovationLikelihood | None:
+def _likelihood(ready: Prepared, spec: ImuSpec, about: NoiseEstimate | None = None) -> InnovationLikelihood | None:
     """Innovations of a drive; none where it is too short to tell, or the filter diverges."""
     if _thinned(ready.gps).time.shape[0] < FEWEST:
         return None
     try:
-        drive = InnovationLikelihood(ready, spec)
+        drive = InnovationLikelihood(ready, spec, about)
     except DivergenceError:
         return None
     return drive if drive.fixes >= FEWEST else None
@@ -488,8 +499,15 @@ def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
 
     `spec`: IMU error specification it was prepared with: the prior.
     """
-    drive = _likelihood(ready, spec)
-    return None if drive is None else maximise([drive])
+    found = None
+    for _ in range(PASSES):
+        drive = _likelihood(ready, spec, found)
+        if drive is None:
+            break
+        found = maximise([drive])
+        if not drive.far_off(found.at):
+            break
+    return found
 
 
 def with_known_noise(ready: Prepared, spec: ImuSpec) -> Prepared:
@@ -520,6 +538,10 @@ def _with_axes(ready: Prepared, found: Misalignment) -> Prepared:
 
 def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
     """The recording prepared with the noise that was found."""
+    return _with_axes(_refined(ready, found), found.axes)
+
+
+def _refined(ready: Prepared, found: NoiseEstimate) -> Prepared:
     model = error_model(found.filter_spec, STATES if ready.model.sd[6:].any() else STATES - 6)
     gps = replace(
         ready.gps,
@@ -530,7 +552,7 @@ def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
     def start(initial: InitialState, alignment: Alignment) -> InitialState:
         return _start(initial, alignment, ready.model, model, found.position_factor)
 
-    prepared = replace(
+    return replace(
         ready,
         gps=gps,
         model=model,
@@ -540,7 +562,6 @@ def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
         notes=(*(each for each in ready.notes if not each.startswith(CORRELATED)), *_words(found)),
         noise=found,
     )
-    return _with_axes(prepared, found.axes)
 
 
 def understated(ready: Prepared, read: GpsData) -> tuple[Event, ...]:

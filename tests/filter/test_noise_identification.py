@@ -341,6 +341,24 @@ def test_samples_lose_what_misalignments_make_of_them_beside_a_bias():
         assert np.std(each - true, axis=0).max() < 0.02 * np.std(askew - true, axis=0).max()
 
 
+def test_a_run_that_is_far_off_is_run_again_with_the_noise_it_showed():
+    """In-run biases a hundred times those of the preset turn the heading by tens of degrees."""
+    gyro = drives.SPEC.gyro
+    far = replace(drives.SPEC, gyro=replace(gyro, bias_instability=100.0 * gyro.bias_instability))
+    imu = drives.noisy_imu(drives.perfect_imu(laps=8), error_model(far, 21), np.random.default_rng([31, 2]))
+    ready = prepared(imu, recorded(2, laps=8)[1], drives.SPEC, 2, laps=8)
+    first = InnovationLikelihood(ready, drives.SPEC)
+    once, found = maximise([first]), identify_noise(ready, drives.SPEC)
+    assert found is not None
+    assert first.far_off(once.at)
+    widths = []
+    for estimate in (once, found):
+        (figure,) = (each for each in estimate.figures if each.key == "gyro.bias_instability")
+        assert figure.low < 100.0 * figure.prior < figure.high
+        widths.append(np.log(figure.high / figure.low))
+    assert widths[1] < 0.8 * widths[0]
+
+
 def test_a_short_drive_tells_nothing():
     imu, gps = recorded(0, laps=1)
     assert identify_noise(prepared(imu, gps, drives.SPEC, 0, laps=1), drives.SPEC) is None
