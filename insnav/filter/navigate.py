@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -12,6 +12,8 @@ from insnav import spill
 from insnav.filter.gates import Trust
 from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.first_pass import FirstPass
+from insnav.filter.measurements.measurement import Measurement
+from insnav.filter.measurements.non_holonomic import NonHolonomic
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
@@ -148,7 +150,15 @@ def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | No
     found, notes = measurements_from_drive(first)
     given = ready.settings.aiding or ()
     aiding = (*given, *(each for each in found if each.name not in {other.name for other in given}))
-    return replace(ready, settings=replace(ready.settings, aiding=aiding), notes=(*ready.notes, *notes))
+    axes_sd = ready.model.axes_sd.copy()
+    if first.mounting is not None and _constrained(aiding):  # no heading by it is surer than straight ahead is known
+        axes_sd[2] = max(axes_sd[2], first.mounting.sd[1])
+    model, settings = replace(ready.model, axes_sd=axes_sd), replace(ready.settings, aiding=aiding)
+    return replace(ready, model=model, settings=settings, notes=(*ready.notes, *notes))
+
+
+def _constrained(aiding: Iterable[Measurement] | None) -> bool:
+    return any(each.name == NonHolonomic.name for each in aiding or ())
 
 
 def _axes(run: Run, ready: Prepared) -> tuple[str, ...]:
@@ -162,6 +172,7 @@ def _axes(run: Run, ready: Prepared) -> tuple[str, ...]:
     if (own > axes).all():
         return ()
     by = "IMU model" if ready.noise is None else "innovations"
+    by += ", heading also by the mounting" * _constrained(ready.settings.aiding)
     return (
         f"attitude is that of the IMU, in which the sensors are turned by {axes.max():.2g} deg (1 sd, misalignment by "
         f"the {by}), all along the same; without that roll and pitch are known to {own[:2].max():.2g} deg, heading to "

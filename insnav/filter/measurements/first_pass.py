@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -50,10 +50,15 @@ class FirstPass:
 
     @cached_property
     def mounting(self) -> Mounting | None:
-        """How the IMU sits in its vehicle; None if the drive is too short to tell."""
+        """How the IMU sits in its vehicle; None if the drive is too short to tell.
+
+        An attitude that is off all along shows in no residual: it is at most as large as attitude is ever known to.
+        """
         if self.fast_time < ENOUGH:
             return None
-        return mounting(self.v_b[self.fast], self._rate()[self.fast], self.step)
+        found = mounting(self.v_b[self.fast], self._rate()[self.fast], self.step)
+        sd = self.solution.sd
+        return found if sd is None else replace(found, sd=np.hypot(found.sd, sd[self.fast, 7:].min(axis=0)))
 
     @cached_property
     def forward(self) -> FloatArray:
