@@ -60,11 +60,15 @@ def velocity(gps: GpsData) -> Velocity:
     i = np.flatnonzero(ahead < gps.time.shape[0])
     j = ahead[i]
     base = gps.time[j] - gps.time[i]
-    near = base < 2.0 * DIFFERENCE
+    near = base < 2.0 * max(DIFFERENCE, _interval(gps.time))
     i, j, base = i[near], j[near], base[near]
     moved = ned_offset(gps.lla[j], gps.lla[i]) / base[:, None]
     sd = np.hypot(gps.position_sd[i, :2].max(axis=1), gps.position_sd[j, :2].max(axis=1)) / base
     return Velocity(0.5 * (gps.time[i] + gps.time[j]), moved, sd)
+
+
+def _interval(time: FloatArray) -> float:
+    return float(np.median(np.diff(time))) if time.size > 1 else 0.0
 
 
 def history(parts: Intervals, start: float, end: float, rph: FloatArray, bias: FloatArray, lat: float) -> History:
@@ -90,10 +94,11 @@ class Course:
 
 def first_motion(speed: Velocity, start: float) -> float | None:
     """Time at which the vehicle first is surely moving: for `SURELY` seconds at every epoch, two at least [s]."""
+    surely = max(SURELY, 1.5 * _interval(speed.time))
     fast = np.hypot(speed.v_n[:, 0], speed.v_n[:, 1]) > np.maximum(SLOWEST, 5.0 * speed.sd)
     fast &= speed.time >= start
     slow = np.concatenate([[0], np.cumsum(~fast)])
-    last = np.searchsorted(speed.time, speed.time + SURELY, side="right")
+    last = np.searchsorted(speed.time, speed.time + surely, side="right")
     first = np.arange(speed.time.shape[0])
     moving = np.flatnonzero((slow[last] == slow[first]) & (last - first >= 2))
     return float(speed.time[moving[0]]) if moving.size else None

@@ -191,7 +191,8 @@ def _unseen(run: Run) -> tuple[str, ...]:
     told = [form.format(ABSORBED * least) for form, least in zip(forms, seen, strict=True) if np.isfinite(least)]
     if not told:
         return ()
-    return (f"false fixes that this drive would not show are, horizontally, smaller than about {', '.join(told)}",)
+    what = "false fixes that this drive would not show, but for its first and last minute, are horizontally smaller"
+    return (f"{what} than about {', '.join(told)}",)
 
 
 def _longest_gap(ready: Prepared) -> float:

@@ -31,22 +31,18 @@ class Change(NamedTuple):
 
 
 CHANGES = (
-    Change("fixes jump by {} and stay there, against the IMU and all others: either may be wrong", "m", 35.0, 20.0),
-    Change("the velocity of the fixes changes by {} without the IMU: false fixes or samples", "m/s", 35.0, 20.0),
-    Change("positions drift by {}, for a minute, against GPS velocities: either may be wrong", "m/s", 26.0, np.inf),
-    Change("the gyro bias changes by {} and stays so, against all fixes: false samples or fixes", "deg/s", 60.0, 120.0),
-    Change(
-        "the accelerometer bias changes by {} and stays so, against all fixes: false samples or fixes",
-        "m/s^2",
-        60.0,
-        120.0,
-    ),
+    Change("fixes jump by {} at {} and stay there, against IMU and all others: either may be wrong", "m", 35.0, 20.0),
+    Change("the velocity of the fixes changes by {} at {} without the IMU: false fixes or samples", "m/s", 35.0, 20.0),
+    Change("positions drift by {} or more in the minute from {} on, unlike the velocities", "m/s", 26.0, np.inf),
+    Change("the gyro bias changes by {} at {} and stays so, against all fixes", "deg/s", 60.0, 120.0),
+    Change("the accelerometer bias changes by {} at {} and stays so, against all fixes", "m/s^2", 60.0, 120.0),
 )
 DRIFT = 2  # beside velocities
 OF_FIXES = 3  # the first of them: the smallest that would be seen is stated
 USUAL = 4.0  # times what the drive shows a third time: recorded ones have more than the model has
 BEGIN_AND_END = 2  # a drag has both
-SETTLING = 60.0  # after the start the attitude is not yet that of a linear model [s]
+SETTLING = 10.0, 60.0  # after a start at rest, in motion, the attitude is not yet that of a linear model [s]
+AT_REST = 1.0  # [m/s]
 NEARLY_ALL = 0.9  # of the epochs see what is stated as seen
 NINE_IN_TEN = 1.28  # standard deviations by which a change must exceed the limit to be seen nine times in ten
 
@@ -57,7 +53,7 @@ def shock(found: SmoothedErrors, *, velocities: bool = True) -> tuple[list[Event
     These are a jump of the position [m], a change of velocity and a minute of drift [m/s], (3,), each seen nine times
     in ten in all but a tenth of the record. Without GPS `velocities` there is nothing a drift is beside of.
     """
-    rows = found.time > found.time[0] + SETTLING
+    rows = found.time > found.time[0] + SETTLING[int(np.linalg.norm(found.state[0, 3:6]) > AT_REST)]
     time, smallest = found.time[rows], np.full(OF_FIXES, np.inf)
     worst, events = 1.0, list[Event]()
     for group, (told, unit, least, beside) in enumerate(CHANGES):
@@ -73,7 +69,7 @@ def shock(found: SmoothedErrors, *, velocities: bool = True) -> tuple[list[Event
         if gain[row] > worst * limit:
             worst, at = float(gain[row]) / limit, float(time[row])
             value = float(size[row]) / (DEG if unit == "deg/s" else 1.0)
-            said = told.format(f"{value:.2g} {unit} at {at:.1f} s")
+            said = told.format(f"{value:.2g} {unit}", f"{at:.1f} s")
             events = [Event(at, EventKind.CONTRADICTION, value, float("nan"), unit, said)]
     return events, smallest
 

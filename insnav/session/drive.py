@@ -237,8 +237,13 @@ class Drive:
             return with_known_noise(ready, self.imu_spec), self.imu_spec
         found = identify_noise(ready, self.imu_spec)
         if found is None:
-            said = "IMU noise as in the preset: the drive is too short to tell more"
-            return replace(ready, notes=(*ready.notes, said)), self.imu_spec
+            said = ["IMU noise as in the preset: the drive is too short to tell more"]
+            if ready.settings.correlated is None:
+                said.append(
+                    "errors of fixes taken as white: the drive does not show how long they last; if they do, "
+                    "positions are worse than stated"
+                )
+            return replace(ready, notes=(*ready.notes, *said)), self.imu_spec
         return with_noise(ready, found), found.spec
 
     def navigate(

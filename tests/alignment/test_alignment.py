@@ -284,6 +284,18 @@ def test_course_from_positions_alone():
     assert (np.abs(error(found, record.truth)) <= 3 * found.sd).all()
 
 
+@pytest.mark.parametrize("velocities", [True, False])
+def test_course_from_a_fix_every_five_seconds(velocities):
+    for seed in range(8):
+        record = log(started(heading=0.7 * seed), CAR, seed)
+        gps = record.gps.rows(slice(seed % 5, None, 5))
+        if not velocities:
+            gps = replace(gps, v_n=np.full_like(gps.v_n, np.nan), velocity_sd=np.full_like(gps.v_n, np.nan))
+        found = aligned(replace(record, gps=gps))
+        assert found.heading_method == "GPS course"
+        assert (np.abs(error(found, record.truth)) <= 3 * found.sd).all()
+
+
 def test_gyrocompass_needs_no_motion():
     spec = navigation_grade()
     truth = straight(PLACE, 0.0, 5.0, 90.0, roll=0.05)
