@@ -201,7 +201,7 @@ def sample_errors(spec: ImuSpec, rng: np.random.Generator) -> ImuErrors:
         )
         g_sensitivity = rng.standard_normal((3, 3)) * sensor.g_sensitivity[:, None]
         values = (asymmetry, quadratic, bias_slope, scale_slope, g_sensitivity, positions)
-        terms.append(ErrorTerms(*values) if any(np.any(value) for value in values) else None)
+        terms.append(ErrorTerms(*values) if any(value.any() for value in values) else None)
     return ImuErrors(
         gyro_bias,
         gyro_matrix,

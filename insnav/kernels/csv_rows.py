@@ -13,15 +13,15 @@ _EXACT = 1e15  # a number of so many digits is the only one with its digits
 
 @njit(cache=True)
 def rows_as_text(values, scale, out):  # type: ignore[no-untyped-def]
-    """Write rows of numbers (n, k), each column rounded to parts of one by its `scale` (k,), into bytes `out`.
+    """Write numbers (k, n) as n rows, each column rounded to parts of one by its `scale` (k,), into bytes `out`.
 
     What is not finite is an empty cell. Returns: number of bytes; -1 if a number needs an exponent or more digits.
     """
     at = 0
     digits = np.zeros(20, np.uint8)
-    for row in range(values.shape[0]):
-        for column in range(values.shape[1]):
-            value = values[row, column]
+    for row in range(values.shape[1]):
+        for column in range(values.shape[0]):
+            value = values[column, row]
             if np.isfinite(value):
                 parts = np.rint(value * scale[column])
                 size = abs(parts)

@@ -49,9 +49,9 @@ def _arrow_array(values: Any) -> Any:
 
 def write_numbers(columns: Mapping[str, NDArray[Any]], decimals: Decimals, stream: Any, *, header: bool) -> None:
     """Write columns of numbers, `rounded`, as `write_csv` does, in a third of its time."""
-    numbers = np.empty((len(next(iter(columns.values()))), len(columns)))
-    for i, (name, values) in enumerate(columns.items()):
-        numbers[:, i] = rounded(name, values, decimals) if name == "heading_deg" else values
+    numbers = np.empty((len(columns), len(next(iter(columns.values())))))
+    for row, (name, values) in zip(numbers, columns.items(), strict=True):
+        row[:] = rounded(name, values, decimals) if name == "heading_deg" else values
     scale = [1.0 if v.dtype.kind == "i" else 10.0 ** _places(name, decimals) for name, v in columns.items()]
     text = np.empty(numbers.size * WIDEST, np.uint8)
     size = rows_as_text(numbers, np.array(scale), text)

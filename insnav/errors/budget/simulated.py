@@ -19,7 +19,7 @@ from insnav.engine import Workers, every
 from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.sources import SENSORS, STATES, Source
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, sample_errors
-from insnav.imu.error_terms import terms_of
+from insnav.imu.error_terms import ErrorTerm, terms_of
 from insnav.kernels import error_propagation as _kernel
 from insnav.simulate.imu_errors import flicker
 from insnav.types import FloatArray, IntArray
@@ -97,12 +97,17 @@ def _states(
     base = (motion.rate[:n], motion.force[:n], inc.coning[:n], inc.sculling[:n])
     carried = np.array([source.sd * np.array(source.joint) for source in known]).reshape(len(known), STATES)
     dt, changes = motion.dt[:n], _changes(motion, n) if spec.clock.offset or spec.clock.drift else None
+    some = changes is not None or any(
+        np.any(getattr(getattr(spec, each), t.key)) for each in SENSORS for t in _made(each)
+    )
+    more, of_spec = np.zeros((0, 6)), _of_spec(spec)
     for place, run in enumerate(numbers):
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,)))
         errors = sample_errors(spec, rng)
         together = rng.standard_normal(len(known)) @ carried if known else np.zeros(STATES)
         x = _start(spec.initial or InitialSpec(), motion, start_q, rng, hold, together[:9])
-        more = _more(spec, motion, n, rng, changes)
+        if some:
+            more = _more(spec, motion, n, rng, changes)
         gravity = -deflection * G0 * rng.standard_normal(3)
         _kernel.corrupted_run(
             rng,
@@ -111,7 +116,7 @@ def _states(
             *base,
             more,
             *_of_errors(errors, together[9:].reshape(4, 3)),
-            *_of_spec(spec),
+            *of_spec,
             gravity,
             hold,
             height,
@@ -160,6 +165,11 @@ def _start(
     return np.concatenate([lla_offset(motion.truth.lla[0], position), motion.truth.v_n[0] + velocity, q_hat])
 
 
+def _made(sensor: str) -> list[ErrorTerm]:
+    """Terms of a sensor that the kernel does not make."""
+    return [term for term in terms_of(sensor) if term.in_budget and term.key not in _IN_KERNEL]
+
+
 def _changes(motion: SampledMotion, n: int) -> FloatArray:
     """How fast the true samples change, ``(n, 6)``: what a clock that is late does is this times the delay."""
     middle = motion.elapsed - 0.5 * motion.dt
@@ -169,20 +179,13 @@ def _changes(motion: SampledMotion, n: int) -> FloatArray:
 def _more(
     spec: ImuSpec, motion: SampledMotion, n: int, rng: np.random.Generator, changes: FloatArray | None
 ) -> FloatArray:
-    """Sample the errors that the kernel does not make, ``(n, 6)``, ``(0, 6)`` if there are none."""
-    terms = {
-        sensor: [term for term in terms_of(sensor) if term.in_budget and term.key not in _IN_KERNEL]
-        for sensor in SENSORS
-    }
-    sizes = [getattr(getattr(spec, sensor), term.key) for sensor in SENSORS for term in terms[sensor]]
-    if changes is None and not any(np.any(size) for size in sizes):
-        return np.zeros((0, 6))
+    """Sample the errors that the kernel does not make, ``(n, 6)``."""
     elapsed = motion.elapsed[:n]
     made = np.zeros((n, 6))
     since = (elapsed - elapsed[0])[:, None]
     for part, name in enumerate(SENSORS):
         sensor: SensorSpec = getattr(spec, name)
-        for term in terms[name]:
+        for term in _made(name):
             size = getattr(sensor, term.key)
             # a ramp takes its random numbers even if it is zero, so that others stay as they are
             elsewhere = term.process in ("flicker", "quantisation")
