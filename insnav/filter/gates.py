@@ -55,7 +55,7 @@ class Gates:
 
         Where most of the error is time-correlated, the NIS tests its small white part: a step within the whole is none.
         """
-        return max(self.small_position, WHOLE_SD * min(position_sd.tolist()))
+        return max(self.small_position, WHOLE_SD * float(min(position_sd.tolist())))
 
     def limit(self, count: int) -> float:
         """Limit of the NIS of so many numbers [-]."""

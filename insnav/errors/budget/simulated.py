@@ -19,7 +19,7 @@ from insnav.engine import Workers, every
 from insnav.errors.budget.sampled_motion import SampledMotion
 from insnav.errors.budget.sources import SENSORS, STATES, Source
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, sample_errors
-from insnav.imu.error_terms import ErrorTerm, terms_of
+from insnav.imu.error_terms import ErrorTerm, Sensor, terms_of
 from insnav.kernels import error_propagation as _kernel
 from insnav.simulate.imu_errors import flicker
 from insnav.types import FloatArray, IntArray
@@ -165,7 +165,7 @@ def _start(
     return np.concatenate([lla_offset(motion.truth.lla[0], position), motion.truth.v_n[0] + velocity, q_hat])
 
 
-def _made(sensor: str) -> list[ErrorTerm]:
+def _made(sensor: Sensor) -> list[ErrorTerm]:
     """Terms of a sensor that the kernel does not make."""
     return [term for term in terms_of(sensor) if term.in_budget and term.key not in _IN_KERNEL]
 
