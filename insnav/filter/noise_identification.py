@@ -142,9 +142,9 @@ class InnovationLikelihood:
         time = rows[:, TIME]
         at = layout(self._settings)
         self._lasting = at.correlated
-        self._tape = kernel.tape(rows, at.states, run.model.noise, run.model.decay, _bridged(imu.time, time))
+        self._tape = kernel.tape(rows, at.states, run.model.noise, _bridged(imu.time, time))
         self._offered = rows[:, SOURCE] == FIX
-        h, jitter = self._tape[6], ready.settings.jitter
+        h, jitter = self._tape[7], ready.settings.jitter
         # of fixes: what the scatter of the timestamps makes of speed and acceleration, the negatives of the column of
         # the delay; of other aiding: its noise
         measured = rows[:, SOURCE, None] != 0.0

@@ -109,7 +109,6 @@ def _kernels() -> Iterator[tuple[tuple[Any, ...], ...]]:
         (smoother.keep, d1, d, d1, d1, d2, d2),
         (smoother.keep_state, d1, d1, d1),
         (smoother.keep_measurement, d1, i, i, d1, d2, d2),
-        (likelihood.tape, d2, i, d1, d1, flag[::1]),
         (smoother.backward, d2, i, d1, d2, d2, d2, d3, d2, d2, d2, d3, d2),
         (smoother.apply, d1, d2, d2, d1, d2, d2, d3),
     )
@@ -146,7 +145,7 @@ def _kernels() -> Iterator[tuple[tuple[Any, ...], ...]]:
         ),
         (
             likelihood.innovations,
-            (d1, i1, d3, d4, d2, d2, d3, d2, d2, d2),
+            (d1, i1, d3, d4, d2, d2, d2, d3, d2, d2, d2),
             d1,
             d1,
             d1,

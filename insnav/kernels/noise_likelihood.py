@@ -14,122 +14,82 @@ from numba import njit
 
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES
-from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, RESIDUAL, RESTART, TIME, used
+from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, RESTART, TIME
 
-GROUPS = 4  # of white noise: gyro, accelerometer, gyro misalignment, accelerometer misalignment
-GYRO, ACCEL, GYRO_AXES, ACCEL_AXES = 0, 1, 2, 3
 OPENED = 15  # states that a reset opens: navigation errors and biases
 
 
-@njit(cache=True)
-def _white(phi, span, column, out):  # type: ignore[no-untyped-def]
-    """Noise at the end of a span of unit white noise on three states from `column` on, isotropic, (9, 9).
+def _white(phi: np.ndarray, span: np.ndarray, column: int) -> np.ndarray:
+    """Noise at the end of spans of unit white noise on three states from `column` on, isotropic, (m, 9, 9).
 
     Injected at s, it shows at the end by the transition over the rest of the span, whose blocks grow as powers of that
     rest: attitude to velocity and velocity to position with the first, attitude to position with the second.
     """
-    for a in range(3):
-        power_a = column // 3 - a if a <= column // 3 else 1
-        for b in range(3):
-            power_b = column // 3 - b if b <= column // 3 else 1
-            share = span / (power_a + power_b + 1.0)
-            for i in range(3):
-                for j in range(3):
-                    total = 0.0
-                    for k in range(3):
-                        total += phi[3 * a + i, column + k] * phi[3 * b + j, column + k]
-                    out[3 * a + i, 3 * b + j] = share * total
+    injected = phi[:, :, column : column + 3]
+    power = np.repeat([column // 3 - a if a <= column // 3 else 1 for a in range(3)], 3)
+    share = span[:, None, None] / (power[:, None] + power + 1.0)
+    return np.asarray(share * (injected @ np.swapaxes(injected, 1, 2)))
 
 
-@njit(cache=True)
-def tape(history, n, noise, decay, bridged):  # type: ignore[no-untyped-def]
+def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) -> tuple[np.ndarray, ...]:
     """Take from the history of a run what the likelihood of its innovations needs.
 
-    `history` (m, width(n)): epochs, see `insnav.kernels.smoother`; `noise` (20,), `decay` (12,): spectral densities and
-    inverse correlation times [1/s] of the run, see `insnav.kernels.errorstate`; `bridged` (m,): a gap of the samples
-    was bridged on the way to the epoch.
-    Returns, for each epoch: span since the one before [s]; kind, as in the history; transition (9, 21); noise by group
-    of unit density (4, 9, 9), that of misalignment of one rad^2 s; variance that bridging added to velocity, attitude
-    (2,); measurement (6,), predicted minus measured, and derivative (6, n); error that the run took off its state (n,);
-    sensor errors it used from then on (12,); variances of position, velocity, attitude and biases that an explicit
-    reset set or added (15,), zero elsewhere.
+    `history` (m, width(n)): epochs, see `insnav.kernels.smoother`; `noise` (20,): spectral densities of the run, see
+    `insnav.kernels.errorstate`; `bridged` (m,): a gap of the samples was bridged on the way to the epoch.
+    Returns, for each epoch: span since the one before [s]; kind, as in the history; transition (9, 21); noise of unit
+    density, of gyros and accelerometers (2, 9, 9), and so many times that of misalignment of one rad^2 s (2,); variance
+    that bridging added to velocity, attitude (2,); measurement (6,), predicted minus measured, and derivative (6, n);
+    error that the run took off its state (n,); sensor errors it used from then on (12,); variances of position,
+    velocity, attitude and biases that an explicit reset set or added (15,), zero elsewhere.
     """
-    m = history.shape[0]
-    span, kind = np.zeros(m), np.zeros(m, dtype=np.int64)
-    phi, white = np.zeros((m, NAV, STATES)), np.zeros((m, GROUPS, NAV, NAV))
-    bridge, z, h = np.zeros((m, 2)), np.zeros((m, 6)), np.zeros((m, 6, n))
-    fed, correction, restart = np.zeros((m, n)), np.zeros((m, SENSOR)), np.zeros((m, OPENED))
-    before, after = np.zeros((n, n)), np.zeros((n, n))
-    residual, used_h, hp = np.zeros(6), np.zeros((6, n)), np.zeros((6, n))
-    unit, rest, row_of = np.zeros((2, NAV, NAV)), np.zeros(NAV), np.zeros(STATES)
-    for k in range(m):
-        row = history[k]
-        kind[k] = int(row[KIND])
-        span[k] = row[TIME] - history[k - 1, TIME] if k > 0 else 0.0
-        for j in range(SENSOR):  # element by element: assigning slices takes seconds to compile
-            correction[k, j] = row[CORRECTION + j]
-        at = JACOBIAN + 6 * n
-        for i in range(NAV):
-            for j in range(STATES):
-                phi[k, i, j] = row[at]
-                at += 1
-        at += n - NAV
-        for i in range(n):
-            for j in range(i + 1):
-                before[i, j] = before[j, i] = row[at]
-                at += 1
-        if k > 0 and span[k] > 0.0:
-            # what white noise and driving noise leave of the whole is that of misalignment, or of a bridged gap
-            for g in range(2):
-                _white(phi[k], span[k], 6 - 3 * g, unit[g])
-            for i in range(NAV):
-                for j in range(STATES):
-                    row_of[j] = 0.0
-                for a in range(STATES):
-                    for j in range(STATES):
-                        row_of[j] += phi[k, i, a] * after[a, j]
-                rest[i] = before[i, i] - (noise[0] * unit[0, i, i] + noise[3] * unit[1, i, i])
-                for j in range(STATES):
-                    rest[i] -= row_of[j] * phi[k, i, j]
-            turned = max(0.0, rest[6] + rest[7] + rest[8]) / 3.0
-            pushed = max(0.0, rest[3] + rest[4] + rest[5]) / 3.0
-            by_axes = 0.0
-            if bridged[k]:
-                bridge[k, 0], bridge[k, 1] = pushed, turned
-            elif noise[18] > 0.0:
-                by_axes = turned / span[k]
-                for i in range(3, 6):
-                    pushed -= by_axes * unit[0, i, i] / 3.0
-            by_push = 0.0
-            if not bridged[k] and noise[19] > 0.0:
-                by_push = max(0.0, pushed) / noise[19] / span[k]
-            for i in range(NAV):
-                for j in range(NAV):
-                    gyro, accel = unit[0, i, j], unit[1, i, j]
-                    white[k, GYRO, i, j], white[k, ACCEL, i, j] = gyro, accel
-                    if by_axes > 0.0:
-                        white[k, GYRO_AXES, i, j] = gyro * (by_axes / noise[18])
-                    white[k, ACCEL_AXES, i, j] = accel * by_push
-        if kind[k] == RESTART:
-            for i in range(OPENED):
-                restart[k, i] = before[i, i] - (after[i, i] if i > 5 else 0.0)
-        if kind[k] > COAST:
-            for i in range(6):
-                z[k, i] = row[RESIDUAL + i]
-                for j in range(n):
-                    h[k, i, j] = row[JACOBIAN + n * i + j]
-        for i in range(n):
-            for j in range(n):
-                after[i, j] = before[i, j]
-        inverse = used(row, n, before, residual, used_h, hp)
-        for a in range(inverse.shape[0]):
-            for b in range(inverse.shape[0]):
-                for i in range(n):
-                    share = inverse[a, b] * hp[b, i]  # of the gain
-                    fed[k, i] += share * residual[a]
-                    for j in range(n):
-                        after[i, j] -= share * hp[a, j]
-    return span, kind, phi, white, bridge, z, h, fed, correction, restart
+    m, kind, time = history.shape[0], history[:, KIND].astype(np.int64), history[:, TIME]
+    span = np.diff(time, prepend=time[:1])
+    jacobian, transition, covariance = np.split(
+        history[:, JACOBIAN:], [6 * n, history.shape[1] - JACOBIAN - n * (n + 1) // 2], axis=1
+    )
+    phi = transition[:, : NAV * STATES].reshape(m, NAV, STATES)
+    before = np.empty((m, n, n))
+    rows, columns = np.tril_indices(n)
+    before[:, rows, columns] = before[:, columns, rows] = covariance
+    measured = (kind > COAST)[:, None]
+    h = np.where(measured[:, :, None], jacobian.reshape(m, 6, n), 0.0)
+    used = measured & (kind[:, None] >> np.arange(6) & 1 > 0)
+    z = np.where(used, history[:, RESIDUAL : RESIDUAL + 6], 0.0)
+    of_used = np.where(used[:, :, None], h, 0.0)
+    hp = of_used @ before
+    both = used[:, :, None] & used[:, None]
+    noise_of = np.where(both, history[:, NOISE : NOISE + 36].reshape(m, 6, 6), np.eye(6))
+    s = hp @ np.swapaxes(of_used, 1, 2) + noise_of
+    gain = np.linalg.inv(s) @ hp
+    after = np.roll(before - np.swapaxes(gain, 1, 2) @ hp, 1, axis=0)  # the epoch before
+    gyro, accel = _white(phi, span, 6), _white(phi, span, 3)
+    by_gyro, own = (np.diagonal(each, axis1=1, axis2=2) for each in (gyro, before))
+    # what white noise and driving noise leave of the whole is that of misalignment, or of a bridged gap
+    rest = own[:, :NAV] - noise[0] * by_gyro - noise[3] * np.diagonal(accel, axis1=1, axis2=2)
+    rest -= np.sum(phi @ after[:, :STATES, :STATES] * phi, axis=2)
+    rest[span <= 0.0] = 0.0
+    pushed, turned = (np.maximum(0.0, rest[:, i : i + 3].sum(axis=1)) / 3.0 for i in (3, 6))
+    bridge = bridged[:, None] * np.column_stack([pushed, turned])
+    share, open_span = np.zeros((m, 2)), ~bridged & (span > 0.0)
+    if noise[18] > 0.0:
+        share[open_span, 0] = (turned / noise[18])[open_span] / span[open_span]
+        pushed = np.maximum(0.0, pushed - noise[18] * share[:, 0] * by_gyro[:, 3:6].sum(axis=1) / 3.0)
+    if noise[19] > 0.0:
+        share[open_span, 1] = (pushed / noise[19])[open_span] / span[open_span]
+    restart = own[:, :OPENED] - (np.arange(OPENED) > 5) * np.diagonal(after, axis1=1, axis2=2)[:, :OPENED]
+    return (
+        span,
+        kind,
+        phi.copy(),
+        np.stack([gyro, accel], axis=1),
+        share,
+        bridge,
+        z,
+        h,
+        np.einsum("mi,mij->mj", z, gain),
+        history[:, CORRECTION : CORRECTION + SENSOR].copy(),
+        restart * (kind == RESTART)[:, None],
+    )
 
 
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
@@ -151,124 +111,129 @@ def innovations(  # type: ignore[no-untyped-def]
     """Innovations of the filter that other noise makes, about the nominal run.
 
     `run`: from `tape`; `nominal_decay`, `decay` (12,): inverse correlation times of the sensor errors in the nominal
-    run and in the other [1/s]; `density` (4,): of each group of white noise; `driving` (12,): of what drives the sensor
-    errors; `lasting`: first of three states of a time-correlated position error, or negative, with `lasting_sd` (3,)
-    [m] and `lasting_time` [s]; `variance` (m, 6): white noise of the measurements; `start`: mean (n,) and covariance
-    (n, n) of the error of the nominal run; `push` (m, 9): known errors that each span adds to position, velocity and
-    attitude, overwritten by the mean of these errors at the end of each epoch; `limit`: an innovation beyond so many
-    standard deviations is de-weighted, in the manner of Huber; `out` (2, 6 m): filled with innovation and variance of
-    every component of a measurement used, one given those before.
+    run and in the other [1/s]; `density` (4,): of white noise of gyros and accelerometers, and by misalignment of each;
+    `driving` (12,): of what drives the sensor errors; `lasting`: first of three states of a time-correlated position
+    error, or negative, with `lasting_sd` (3,) [m] and `lasting_time` [s]; `variance` (m, 6): white noise of the
+    measurements; `start`: mean (n,) and covariance (n, n) of the error of the nominal run; `push` (m, 9): known errors
+    that each span adds to position, velocity and attitude, overwritten by the mean of these errors at the end of each
+    epoch; `limit`: an innovation beyond so many standard deviations is de-weighted, in the manner of Huber;
+    `out` (2, 6 m): filled with innovation and variance of every component of a measurement used, one given those
+    before.
     Returns: number of components.
     """
-    span, kind, phi, white, bridge, z, h, fed, correction, restart = run
+    span, kind, phi, white, share, bridge, z, h, fed, correction, restart = run
     mean, p = start[0].copy(), start[1].copy()
     n = mean.shape[0]
-    w, fade = np.zeros((NAV, n)), np.ones(n)
-    ph, moved = np.zeros(n), np.zeros(NAV)
-    last, pace, usual = np.zeros(SENSOR), np.ones(SENSOR), -1.0
-    count = 0
+    work = np.zeros((19, n))
+    w, ph, moved = work[:9], work[9:15], work[15]
+    fade, pace, last, inverse = np.ones(n), work[16], work[17], work[18]
+    fades = np.ones((n, n))
+    usual, count = -1.0, 0
     for k in range(span.shape[0]):
         dt = span[k]
         if dt > 0.0:
-            if dt != usual:
+            if abs(dt - usual) > 1e-9:
                 usual = dt
                 for j in range(SENSOR):
                     fade[NAV + j], pace[j] = np.exp(-dt * decay[j]), np.exp(-dt * nominal_decay[j])
-                if lasting >= 0:
-                    for j in range(3):
-                        fade[lasting + j] = np.exp(-dt / lasting_time)
-            f = phi[k]
+                for j in range(lasting, lasting + 3 if lasting > 0 else lasting):
+                    fade[j] = np.exp(-dt / lasting_time)
+                for i in range(n):
+                    for j in range(n):
+                        fades[i, j] = fade[i] * fade[j]
+            gyro = density[0] + density[2] * share[k, 0]
+            accel = density[1] + density[3] * share[k, 1]
             for i in range(NAV):
-                for j in range(n):  # zeros included: compiled for many columns at a time
+                for j in range(n):  # compiled for many columns at a time
                     total = 0.0
                     for a in range(STATES):
-                        total += f[i, a] * p[a, j]
+                        total += phi[k, i, a] * p[a, j]
                     w[i, j] = total
-                moved[i] = 0.0
+                moved[i] = push[k, i]
                 for a in range(STATES):
-                    moved[i] += f[i, a] * mean[a]
+                    moved[i] += phi[k, i, a] * mean[a]
             for i in range(NAV):
-                mean[i] = moved[i] + push[k, i]
+                mean[i] = moved[i]
                 for j in range(i + 1):
-                    total = 0.0
+                    total = gyro * white[k, 0, i, j] + accel * white[k, 1, i, j]
                     for a in range(STATES):
-                        total += w[i, a] * f[j, a]
-                    for g in range(GROUPS):
-                        total += density[g] * white[k, g, i, j]
-                    p[i, j] = total
-                for j in range(NAV, n):
-                    p[i, j] = w[i, j] * fade[j]
+                        total += w[i, a] * phi[k, j, a]
+                    p[i, j] = p[j, i] = total
                 # noise that drives the sensor errors shows in the navigation errors with half a span's delay
                 for j in range(SENSOR):
-                    p[i, NAV + j] += 0.5 * dt * driving[j] * f[i, NAV + j]
+                    w[i, NAV + j] = w[i, NAV + j] * fade[NAV + j] + 0.5 * dt * driving[j] * phi[k, i, NAV + j]
                 for j in range(NAV, n):
-                    p[j, i] = p[i, j]
-            for i in range(NAV):
-                for j in range(i):
-                    p[j, i] = p[i, j]
+                    p[i, j] = p[j, i] = w[i, j] * (fade[j] if j >= STATES else 1.0)
             for i in range(3):
                 p[3 + i, 3 + i] += bridge[k, 0]
                 p[6 + i, 6 + i] += bridge[k, 1]
             for i in range(NAV, n):
                 for j in range(NAV, n):
-                    p[i, j] *= fade[i] * fade[j]
+                    p[i, j] *= fades[i, j]
             for j in range(SENSOR):
                 p[NAV + j, NAV + j] += dt * driving[j]
                 # the nominal run let its correction decay at its own pace
                 mean[NAV + j] = fade[NAV + j] * mean[NAV + j] + (pace[j] - fade[NAV + j]) * last[j]
-            if lasting >= 0:
-                for j in range(3):
-                    at = lasting + j
-                    p[at, at] += (1.0 - fade[at] ** 2) * lasting_sd[j] ** 2
-                    mean[at] *= fade[at]
+            for j in range(3 if lasting > 0 else 0):
+                at = lasting + j
+                p[at, at] += (1.0 - fades[at, at]) * lasting_sd[j] ** 2
+                mean[at] *= fade[at]
         if kind[k] == RESTART:
-            for i in range(6):  # element by element: assigning slices takes seconds to compile
-                for j in range(n):
-                    p[i, j] = p[j, i] = 0.0
-                mean[i] = 0.0
+            for i in range(n):
+                if i < 6 or 0 <= i - lasting < 3 <= lasting:
+                    mean[i] = 0.0
+                    for j in range(n):
+                        p[i, j] = p[j, i] = 0.0
             for i in range(OPENED):
                 p[i, i] += restart[k, i]
-            if lasting >= 0:
-                for j in range(3):
-                    at = lasting + j
-                    for i in range(n):
-                        p[at, i] = p[i, at] = 0.0
-                    mean[at] = 0.0
-                    p[at, at] = lasting_sd[j] ** 2
-                    p[j, j] = max(p[j, j], 1.0001 * lasting_sd[j] ** 2)
-                    p[j, at] = p[at, j] = -(lasting_sd[j] ** 2)
+            for j in range(3 if lasting > 0 else 0):
+                at, own = lasting + j, lasting_sd[j] ** 2
+                p[at, at] = own
+                p[j, j] = max(p[j, j], 1.0001 * own)
+                p[j, at] = p[at, j] = -own
         elif kind[k] > COAST:
+            used = 0
             for i in range(6):
                 if not kind[k] & (1 << i):
                     continue
+                error, s = z[k, i], variance[k, i]
                 for j in range(n):
-                    ph[j] = 0.0
-                error = z[k, i]
+                    ph[used, j] = 0.0
                 for a in range(n):
-                    share = h[k, i, a]
-                    if share != 0.0:
-                        error -= share * mean[a]
-                        source = p[a]
+                    by = h[k, i, a]
+                    if by != 0.0:
+                        error -= by * mean[a]
                         for j in range(n):
-                            ph[j] += share * source[j]
-                s = variance[k, i]
+                            ph[used, j] += by * p[a, j]
+                for b in range(used):  # less what the components before have told
+                    by = 0.0
+                    for a in range(n):
+                        by += h[k, i, a] * ph[b, a]
+                    by *= inverse[b]
+                    for a in range(n):
+                        ph[used, a] -= by * ph[b, a]
                 for a in range(n):
-                    s += h[k, i, a] * ph[a]
+                    s += h[k, i, a] * ph[used, a]
                 out[0, count], out[1, count] = error, s
                 count += 1
                 far = abs(error) / np.sqrt(s)
                 if far > limit:
                     s *= far / limit
-                inv = 1.0 / s
+                inverse[used] = 1.0 / s
                 for a in range(n):
-                    share = ph[a] * inv
-                    mean[a] += share * error
-                    target = p[a]
+                    mean[a] += error / s * ph[used, a]
+                used += 1
+            for b in range(used, 6):
+                inverse[b] = 0.0
+            for b in range(0, used, 3):
+                for a in range(n):
+                    g0, g1, g2 = inverse[b] * ph[b, a], inverse[b + 1] * ph[b + 1, a], inverse[b + 2] * ph[b + 2, a]
                     for j in range(n):
-                        target[j] -= share * ph[j]
+                        p[a, j] -= g0 * ph[b, j] + g1 * ph[b + 1, j] + g2 * ph[b + 2, j]
             for a in range(n):
                 mean[a] -= fed[k, a]
         for i in range(NAV):
             push[k, i] = mean[i]
-        last = correction[k]
+        for i in range(SENSOR):
+            last[i] = correction[k, i]
     return count

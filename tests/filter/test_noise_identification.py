@@ -76,12 +76,13 @@ def random_run(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, ..
     phi = np.zeros((m, 9, 21))
     phi[:, :, :9] = np.eye(9)
     phi += 0.1 * rng.standard_normal(phi.shape)
-    root = 0.3 * rng.standard_normal((m, kernel.GROUPS, 9, 9))
+    root = 0.3 * rng.standard_normal((m, 2, 9, 9))
     white = root @ np.swapaxes(root, 2, 3)
     bridge = rng.uniform(0.0, 0.1, (m, 2))
     z, h = rng.standard_normal((m, 6)), rng.standard_normal((m, 6, n))
     fed = 0.1 * rng.standard_normal((m, n)) * (kind[:, None] > 0)
-    return span, kind, phi, white, bridge, z, h, fed, rng.standard_normal((m, 12)), np.zeros((m, kernel.OPENED))
+    share, correction = rng.uniform(0.0, 1.0, (m, 2)), rng.standard_normal((m, 12))
+    return span, kind, phi, white, share, bridge, z, h, fed, correction, np.zeros((m, kernel.OPENED))
 
 
 def test_the_likelihood_is_that_of_a_textbook_filter():
@@ -89,7 +90,7 @@ def test_the_likelihood_is_that_of_a_textbook_filter():
     rng = np.random.default_rng(3)
     n, m, lasting = 25, 40, 22
     run = random_run(rng, n, m)
-    span, kind, phi, white, bridge, z, h, fed, correction, _ = run
+    span, kind, phi, white, share, bridge, z, h, fed, correction, _ = run
     before, decay = rng.uniform(0.0, 0.1, 12), rng.uniform(0.0, 0.1, 12)
     density, driving = rng.uniform(0.1, 1.0, 4), rng.uniform(0.1, 1.0, 12)
     sd, time = np.array([0.5, 0.7, 0.9]), 3.0
@@ -116,7 +117,7 @@ def test_the_likelihood_is_that_of_a_textbook_filter():
                 q[lasting + i, lasting + i] = (1.0 - fade**2) * sd[i] ** 2
                 q[3 + i, 3 + i] += bridge[k, 0]
                 q[6 + i, 6 + i] += bridge[k, 1]
-            q[:9, :9] += np.einsum("g,gij->ij", density, white[k])
+            q[:9, :9] += np.einsum("g,gij->ij", density[:2] + density[2:] * share[k], white[k])
             q[9:21, 9:21] = np.diag(driving * dt)
             q[:9, 9:21] = 0.5 * dt * phi[k][:, 9:] * driving
             q[9:21, :9] = q[:9, 9:21].T
