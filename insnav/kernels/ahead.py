@@ -1,7 +1,7 @@
 """Kernels of a run compiled before they are needed, in as many processes as there are cores, up to four.
 
 Numba holds a lock while it compiles: threads would wait for each other. What a process compiles it leaves in numba's
-cache on the disk, for all others. ``python -m insnav.kernels.ahead SHARE SHARES`` is such a process.
+cache on the disk, for all others. ``python -m insnav.kernels.ahead`` is such a process; a pipe says what it compiles.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import hashlib
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -48,37 +47,40 @@ def _mark() -> Path:
 
 
 def compile_ahead() -> None:
-    """Compile all shares, one of them in this process; one that fails is made up for when a kernel is called."""
+    """Compile all kernels, some of them in this process; one that fails is made up for when a kernel is called.
+
+    Who is free takes the next number from a pipe.
+    """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    count = min(MOST, cores)
+    numbers, ours = os.pipe()
+    os.write(ours, bytes(range(len(_kernels()))))
+    os.close(ours)
+    command = [sys.executable, "-m", __name__]
+    nowhere = subprocess.DEVNULL
     others = [
-        subprocess.Popen(
-            [sys.executable, "-m", __name__, str(share), str(count)],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-        for share in range(1, count)
+        subprocess.Popen(command, stdin=numbers, stdout=nowhere, stderr=nowhere) for _ in range(1, min(MOST, cores))
     ]
     try:
-        _compile(0, count)
+        _compile(numbers)
     except BaseException:
         for other in others:
             other.terminate()
         raise
     finally:
+        os.close(numbers)
         for other in others:
             other.wait()
     _mark().touch()
 
 
-def _compile(share: int, count: int) -> None:
+def _compile(numbers: int) -> None:
+    """Compile the kernels whose numbers can be read from a file descriptor."""
     collects = gc.isenabled()
     gc.disable()  # a sixth of the time
-    for number, kernels in enumerate(_kernels()):
-        if number % count == share:
-            for kernel, *given in kernels:
-                kernel.compile(tuple(map(_type, given)))
+    kernels = _kernels()
+    while number := os.read(numbers, 1):
+        for kernel, *given in kernels[number[0]]:
+            kernel.compile(tuple(map(_type, given)))
     if collects:
         gc.enable()
 
@@ -90,80 +92,53 @@ def _type(given: Any) -> Any:
     return _tuple(tuple(map(_type, given)), type(given) if hasattr(given, "_fields") else None)
 
 
-def _kernels() -> Iterator[tuple[tuple[Any, ...], ...]]:
-    """Kernels with the types of their arguments, in groups that take equally long and share what they call."""
+def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
+    """Kernels with the types of their arguments, those that take longest first; signatures of one kernel together."""
     d: Any = types.float64
     i, flag = types.int64, types.boolean
     d1, d2, d3, d4, i1 = d[::1], d[:, ::1], d[:, :, ::1], d[:, :, :, ::1], i[::1]
-    yield (
-        (alignment.joined, d1, d1, d2, d2, d1, flag, i, i, d2),
-        (alignment.level_history, d1, d2, d2, d, d1, d2),
-        (alignment.gyro_history, d1, d1, d1, d2, d2, d2, d2),
-        (alignment.felt_changes, d1, d1, d2, d2, d1, d1, d1, d2, d3),
-        (health.glance, d2, d2, d1, d1),
-        (increments.increments, flag, d1, d1, d2, d2, i1, d4, d4, i1, d1, d1, d2, d2, d2, d2),
+    propagation = (
+        *(i, i, flag),
+        errorstate.Samples(*(d1, d1, d2, d2, d2, d2, d1)),
+        errorstate.Carried(*5 * [d1]),
+        errorstate.Model(*4 * [d1]),
+        errorstate.Moments(*3 * [d2]),
+        errorstate.Outputs(d1, d1, d2, d2),
+        i,
+        (d2, d2, d2, d1, d2, d2, d1, d2),
     )
-    yield (
-        (gps_measurement.inverse, d2),
-        (smoother.width, i),
-        (smoother.keep, d1, d, d1, d1, d2, d2),
-        (smoother.keep_state, d1, d1, d1),
-        (smoother.keep_measurement, d1, i, i, d1, d2, d2),
-        (smoother.backward, d2, i, d1, d2, d2, d2, d3, d2, d2, d2, d3, d2),
-        (smoother.apply, d1, d2, d2, d1, d2, d2, d3),
+    assessment = (
+        gps_measurement.Predicted(d1, d1, d1, d1, d, d2),
+        gps_measurement.Fix(d1, d1, d1, d1),
+        *(d, d, d, i, i),
+        gps_measurement.Assessment(d1, d2, d2, d2, d1),
     )
-    yield (
-        (errorstate.at_fix_time, d2, d1, d2),
-        (errorstate.move_along, d2, d1),
-        (
-            errorstate.propagate,
-            *(i, i, flag),
-            errorstate.Samples(*(d1, d1, d2, d2, d2, d2, d1)),
-            errorstate.Carried(*5 * [d1]),
-            errorstate.Model(*4 * [d1]),
-            errorstate.Moments(*3 * [d2]),
-            errorstate.Outputs(d1, d1, d2, d2),
-            i,
-            (d2, d2, d2, d1, d2, d2, d1, d2),
-        ),
-        (errorstate.reset_transition, d2, d2, d1),
-        (errorstate.feed_back, d1, d1, d1),
-    )
-    yield (
-        (aiding_measurements.zero_velocity, d1, d1, d1, d1, d2),
-        (aiding_measurements.innovation, d2, d1, d2, d1, i, i, d2),
-        (aiding_measurements.vehicle_velocity, d1, d1, d2, d1, d, d1, d2),
-        (gps_measurement.covariance_fault, d2),
-        (gps_measurement.measurement_fault, d1, d2, d2),
-        (gps_measurement.measurement_fault, d1, d2, d[:, :]),
-        (
-            gps_measurement.assess,
-            gps_measurement.Predicted(d1, d1, d1, d1, d, d2),
-            gps_measurement.Fix(d1, d1, d1, d1),
-            *(d, d, d, i, i),
-            gps_measurement.Assessment(d1, d2, d2, d2, d1),
-        ),
-        (
-            likelihood.innovations,
-            (d1, i1, d3, d4, d2, d2, d2, d3, d2, d2, d2),
-            d1,
-            d1,
-            d1,
-            d1,
-            i,
-            d1,
-            d,
-            d2,
-            (d1, d2),
-            d2,
-            d,
-            d2,
-        ),
-        (output.solution, d1, d2, i1, d2, d, d1, d2, d2),
-        (output.moved, d1, d, d1),
-        (csv_rows.rows_as_text, d2, d1, types.uint8[::1]),
+    run = (d1, i1, d3, d4, d2, d2, d2, d3, d2, d2, d2)
+    return (
+        ((errorstate.propagate, *propagation),),
+        ((smoother.backward, d2, i, d1, d2, d2, d2, d3, d2, d2, d2, d3, d2),),
+        ((increments.increments, flag, d1, d1, d2, d2, i1, d4, d4, i1, d1, d1, d2, d2, d2, d2),),
+        ((likelihood.innovations, run, *4 * [d1], i, d1, d, d2, (d1, d2), d2, d, d2),),
+        ((gps_measurement.assess, *assessment),),
+        ((alignment.felt_changes, d1, d1, d2, d2, d1, d1, d1, d2, d3),),
+        ((alignment.level_history, d1, d2, d2, d, d1, d2),),
+        ((alignment.gyro_history, d1, d1, d1, d2, d2, d2, d2),),
+        ((smoother.apply, d1, d2, d2, d1, d2, d2, d3), (errorstate.feed_back, d1, d1, d1)),
+        ((output.solution, d1, d2, i1, d2, d, d1, d2, d2), (output.moved, d1, d, d1)),
+        ((csv_rows.rows_as_text, d2, d1, types.uint8[::1]),),
+        ((health.glance, d2, d2, d1, d1),),
+        ((alignment.joined, d1, d1, d2, d2, d1, flag, i, i, d2),),
+        ((aiding_measurements.zero_velocity, d1, d1, d1, d1, d2),),
+        ((aiding_measurements.innovation, d2, d1, d2, d1, i, i, d2),),
+        ((aiding_measurements.vehicle_velocity, d1, d1, d2, d1, d, d1, d2),),
+        ((smoother.keep, d1, d, d1, d1, d2, d2), (smoother.keep_state, d1, d1, d1), (smoother.width, i)),
+        ((smoother.keep_measurement, d1, i, i, d1, d2, d2),),
+        ((gps_measurement.inverse, d2), (gps_measurement.covariance_fault, d2)),
+        ((gps_measurement.measurement_fault, d1, d2, d2), (gps_measurement.measurement_fault, d1, d2, d[:, :])),
+        ((errorstate.at_fix_time, d2, d1, d2), (errorstate.move_along, d2, d1)),
+        ((errorstate.reset_transition, d2, d2, d1),),
     )
 
 
 if __name__ == "__main__":
-    _compile(int(sys.argv[1]), int(sys.argv[2]))
+    _compile(sys.stdin.fileno())
