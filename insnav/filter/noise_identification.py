@@ -73,6 +73,7 @@ UNITS_SHOWN = {
 # errors that hardly change from fix to fix leave no trace in them. Smaller innovations are time correlation.
 POSITION_PRIOR = (0.6, 0.03)
 VELOCITY_PRIOR = 0.6
+AVERAGED = {"gps.horizontal": 1.0, "gps.vertical": 1.0, "gps.correlation_time": 0.5}  # by their variance
 SHARE = (0.0, 1.5)  # log odds of the time-correlated share of the variance of a position, and their sd
 CORRELATION_TIME = (float(np.log(45.0)), 1.0)  # logarithm of its correlation time [s], and its sd
 LARGEST_SHARE = 0.95  # of code positions: the white rest, a fifth of the sd, is also what the IMU model lacks in a turn
@@ -413,7 +414,10 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
         top = other
     e, s, cost = posterior.innovations(top.at)
     drive = drives[0]
-    position, velocity, share, time = drive.fixes_of(top.at)
+    # mean variances and mean correlation time over what is plausible: of errors that last as long as the drive these
+    # are known to a factor, and where they are likeliest is too small (the means of a log-normal distribution)
+    wide = top.at + np.diag(top.covariance) * [AVERAGED.get(p.key, 0.0) for p in posterior.parameters]
+    position, velocity, share, time = drive.fixes_of(wide)
     lasting = None
     if share > 0.0:
         lasting = CorrelatedNoise(share, time, np.sqrt(share) * position * drive.median_sd)
