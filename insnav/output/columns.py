@@ -17,6 +17,8 @@ Decimals = tuple[
     tuple[str, int], ...
 ]  # pattern that is found in the name of a column, and its decimals; the first counts
 
+TEXT_ROWS = 1 << 13  # made text at a time: their numbers stay in the processor's cache
+
 
 def rounded(name: str, values: NDArray[Any], decimals: Decimals) -> NDArray[Any]:
     """Round a column, unless it counts, to its decimals; zero has no sign, and a heading is below 360 deg."""

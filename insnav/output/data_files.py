@@ -6,15 +6,17 @@ compressed files carry no time of writing.
 
 from __future__ import annotations
 
+import contextlib
 import gzip
-import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from insnav import spill
 from insnav.exceptions import OutputError
-from insnav.output.columns import Decimals, arrow_table, rounded, write_csv
+from insnav.output.columns import TEXT_ROWS, Decimals, arrow_table, write_csv, write_numbers
 from insnav.types import FloatArray, GpsData, ImuData, IntArray, Trajectory
 
 # Decimals far below what any sensor resolves or any test looks at.
@@ -35,8 +37,11 @@ def write_data(path: Path, data: ImuData | GpsData | Trajectory) -> None:
     file: they are options of whoever reads it.
     Raises: OutputError: the file cannot be written.
     """
-    columns = data.columns().items()
-    write_table(path, {name: rounded(name, v, _DECIMALS) for name, v in columns if not np.isnan(v).all()})
+    known = [name for name, values in data.columns().items() if not np.isnan(values).all()]
+    with _opened(path) as stream:
+        for rows in spill.blocks(len(data.time), size=TEXT_ROWS):
+            columns = data.rows(rows).columns()
+            write_numbers({name: columns[name] for name in known}, _DECIMALS, stream, header=rows.start == 0)
 
 
 def csv_text(columns: Mapping[str, FloatArray], digits: int) -> str:
@@ -50,13 +55,20 @@ def write_table(path: Path, columns: Mapping[str, FloatArray | IntArray]) -> Non
 
     Raises: OutputError: the file cannot be written.
     """
-    text = io.BytesIO()
-    write_csv(arrow_table({name: np.asarray(values) for name, values in columns.items()}), text)
-    content = text.getvalue()
-    if path.suffix == ".gz":
-        content = gzip.compress(content, compresslevel=9, mtime=0)
+    with _opened(path) as stream:
+        write_csv(arrow_table({name: np.asarray(values) for name, values in columns.items()}), stream)
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """File to be written, compressed if its name says so."""
     try:
-        path.write_bytes(content)
+        with path.open("wb") as stream:
+            if path.suffix == ".gz":
+                with gzip.GzipFile("", "wb", 9, stream, 0) as packed:
+                    yield packed
+            else:
+                yield stream
     except OSError as error:
         raise OutputError(
             f"{path.name} cannot be written",

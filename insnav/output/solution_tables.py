@@ -18,7 +18,7 @@ import pyarrow.csv
 
 from insnav import spill
 from insnav.exceptions import InputError
-from insnav.output.columns import Decimals, arrow_table, rounded, write_csv, write_numbers
+from insnav.output.columns import TEXT_ROWS, Decimals, arrow_table, rounded, write_csv, write_numbers
 from insnav.plain_text import cell_text, plain_text
 from insnav.tabular import Tabular, unit_of
 from insnav.types import Event, EventKind, FloatArray, GpsData, Innovations, SensorErrors, Trajectory
@@ -33,7 +33,6 @@ _NAMES: dict[type, str] = {
     GpsData: "fixes",
 }
 _GROUP = 1 << 20  # rows of a group of a parquet file
-_TEXT = 1 << 13  # rows made text at a time: their numbers stay in the processor's cache
 _OPTIONAL = ("sd", "fix", "heading")  # fields that may have no columns
 _DECIMALS: Decimals = (
     ("^lat|^lon", 10),
@@ -54,7 +53,7 @@ def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv
     path, count = folder / f"{name or _NAMES[type(data)]}.{file_format}", len(next(iter(data._arrays().values())))
     with path.open("wb") as stream, contextlib.ExitStack() as closing:
         writer = None
-        for rows in spill.blocks(max(count, 1), size=_TEXT if file_format == "csv" else _GROUP):
+        for rows in spill.blocks(max(count, 1), size=TEXT_ROWS if file_format == "csv" else _GROUP):
             columns = data.rows(rows).columns().items()
             numbers = {key: v.astype(np.int64) if v.dtype == np.bool_ else v for key, v in columns}
             if file_format == "csv":
