@@ -191,7 +191,7 @@ def _unseen(run: Run) -> tuple[str, ...]:
     told = [form.format(ABSORBED * least) for form, least in zip(forms, seen, strict=True) if np.isfinite(least)]
     if not told:
         return ()
-    what = "false fixes that this drive would not show, but for its first and last minute, are horizontally smaller"
+    what = "false fixes that this drive would not show, but near start, departure and end, are horizontally smaller"
     return (f"{what} than about {', '.join(told)}",)
 
 

@@ -89,6 +89,22 @@ def test_a_step_of_the_gyro_bias_is_found_where_and_as_large_as_it_is():
         assert event.value == pytest.approx(0.05, rel=0.2)
 
 
+@pytest.mark.parametrize(
+    ("departs", "seen", "unseen"),
+    [(0.0, [70.0, 200.0], [5.0, 50.0]), (80.0, [30.0, 60.0, 110.0], [5.0, 75.0, 95.0]), (1e4, [30.0, 90.0], [5.0])],
+)
+def test_a_change_is_looked_for_where_the_attitude_is_that_of_a_linear_model(departs, seen, unseen):
+    found = smoothed(0)
+    since_start, quiet = found.time - found.time[0], np.tile([1.0, 1.0, 0.1], 5)
+    state = found.state.copy()
+    state[:, 3:6] = np.outer(since_start >= departs, [10.0, 0.0, 0.0])
+    for at in (*seen, *unseen):
+        one = np.abs(since_start - at) < 0.6
+        gains = np.where(one[:, None], [500.0, 1.0, 0.1] * 5, quiet)
+        events, _ = shock(replace(found, state=state, shocks=gains))
+        assert [event.time == pytest.approx(found.time[0] + at, abs=1.0) for event in events] == [True] * (at in seen)
+
+
 @pytest.mark.parametrize(("kind", "group"), [("jump", 0), ("drag", 1), ("minute", 2)])
 def test_what_is_stated_as_seen_is_seen_and_half_of_it_is_not(kind, group):
     found = dict.fromkeys((0.5, 1.0), 0)
