@@ -10,7 +10,7 @@ from insnav.types import FloatArray, GpsData
 
 SPAN = 2.0  # over which turns are compared [s]
 FEWEST = 20  # spans that can tell
-TURNS = 0.1  # RMS turn of the spans that can tell [rad]
+TURNS = 0.04  # RMS turn of the spans that can tell [rad]
 SHARP = 2.5  # larger turns may go the other way round [rad]
 
 

@@ -45,9 +45,12 @@ def on_one_clock(
     if offset:
         imu, logs = _moved(imu, logs, offset)
     parts, fixes = joined(pieces(imu.data)), with_sd(gps.data)[0]
+    apart = overlap(imu.data, gps.data) == 0.0
+    if not apart:  # first: turns that are too large by far fit at another time
+        _check_gyro_unit(imu.facts.path, parts, fixes)
     found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
     if found is not None and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
-        apart, offset = overlap(imu.data, gps.data) == 0.0, round(offset + found.offset, 3)
+        offset = round(offset + found.offset, 3)
         raise InputError(
             "IMU and GPS have no time in common" if apart else "the clocks of IMU and GPS differ",
             where=f"{imu.facts.path}, {gps.facts.path}",
@@ -56,7 +59,6 @@ def on_one_clock(
             gives={"time_offset": offset},
         )
     check_overlap(imu.data, gps.data)
-    _check_gyro_unit(imu.facts.path, parts, fixes)
     return imu, logs, tuple(notes)
 
 

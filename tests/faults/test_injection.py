@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from tests.faults.injection import OUTCOMES, cases, clean, outcome
+from insnav.exceptions import InputError
+from insnav.units import DEG
+from tests.faults.injection import OUTCOMES, cases, clean, drive, navigated, outcome
 
 WANTED = {
     "spike 1000m": "good",
@@ -32,3 +37,22 @@ def test_a_fault_is_never_silent(name):
     (case,) = [case for case in cases() if case.name == name]
     found = outcome("short", case)
     assert OUTCOMES.index(found.kind) >= OUTCOMES.index(WANTED[name]), found
+
+
+def test_gyros_in_degrees_are_named_where_nothing_rests():
+    data = drive("short")
+    with pytest.raises(InputError, match="deg/s"):
+        navigated(replace(data.imu, gyro=data.imu.gyro / DEG), data.gps, {})
+
+
+@pytest.mark.parametrize("period", [604800.0, 86400.0])
+def test_n20_a_week_or_a_day_that_ends_within_a_drive_changes_nothing(period):
+    def counted(data, over):
+        return replace(data, time=(data.time - drive("short").imu.time[0] + period - 100.0) % over)
+
+    whole, wrapped = (
+        navigated(counted(drive("short").imu, over), counted(drive("short").gps, over), {}).found.run.smoothed.solution
+        for over in (1e9, period)
+    )
+    np.testing.assert_array_equal(whole.lla, wrapped.lla)
+    np.testing.assert_array_equal(whole.time, wrapped.time)
