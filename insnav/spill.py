@@ -11,7 +11,7 @@ import mmap
 import os
 import tempfile
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,16 +37,41 @@ def empty(shape: Sequence[int], dtype: Any = np.float64, *, large: bool = False)
         try:
             _reserve(file.fileno(), size)
         except OSError as error:
-            if error.errno not in _FULL:
-                raise
-            raise OutputError(
-                "there is no room for the samples of so long a drive",
-                where=tempfile.gettempdir(),
-                why=f"{size >> 20} MB more are needed: {os.strerror(error.errno)}",
-                fix="make room there, or name another folder in the environment: TMPDIR=/large/disk insnav …",
-            ) from error
+            raise _no_room(error, size) from error
         memory = mmap.mmap(file.fileno(), size)
     return np.ndarray(shape, dtype, buffer=watched(memory))
+
+
+def together(pieces: Iterable[bytes]) -> bytes | mmap.mmap:
+    """Bytes one after the other; in a file if they are more than `LARGE`.
+
+    Raises: OutputError: there is no room for the file.
+    """
+    size = 0
+    try:
+        with tempfile.SpooledTemporaryFile(LARGE, prefix="insnav-") as file:
+            for piece in pieces:
+                size += len(piece)
+                file.write(piece)
+            file.flush()
+            if size > LARGE:
+                return watched(mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ))
+            file.seek(0)
+            return file.read()
+    except OSError as error:
+        raise _no_room(error, size) from error
+
+
+def _no_room(error: OSError, size: int) -> OSError | OutputError:
+    """What to raise where a file of so many bytes could not be written."""
+    if error.errno not in _FULL:
+        return error
+    return OutputError(
+        "there is no room for the samples of so long a drive",
+        where=tempfile.gettempdir(),
+        why=f"{size >> 20} MB more are needed: {os.strerror(error.errno)}",
+        fix="make room there, or name another folder in the environment: TMPDIR=/large/disk insnav …",
+    )
 
 
 def watched(memory: mmap.mmap) -> mmap.mmap:

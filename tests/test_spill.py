@@ -1,11 +1,16 @@
 """Arrays of long drives: in files that leave nothing behind, by blocks that change nothing."""
 
+import bz2
 import errno
+import gzip
+import lzma
+import mmap
 import os
 import subprocess
 import sys
 import tracemalloc
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +21,7 @@ from insnav.exceptions import OutputError
 from insnav.filter import run_recorder, smoother
 from insnav.imu.health import inspect
 from insnav.input import read_imu
+from insnav.input.formats.source import open_source
 from insnav.input.interpret.clean import IMU_KINDS, find_gaps
 from insnav.output.data_files import write_data
 from insnav.strapdown import intervals, joined, pieces
@@ -93,6 +99,18 @@ def test_helpers_give_what_numpy_gives(small):
     np.testing.assert_array_equal(find_gaps(time, IMU_KINDS), np.flatnonzero(np.diff(time) > 0.1))
 
 
+@pytest.mark.parametrize("pack", [gzip.compress, bz2.compress, lzma.compress, bytes])
+def test_a_compressed_file_is_unpacked_onto_the_disk(small, tmp_path, pack):
+    text = np.random.default_rng(3).bytes(20_000).hex().encode()
+    (tmp_path / "imu").write_bytes(pack(text))
+    source = open_source(tmp_path / "imu")
+    spill.release()
+    assert isinstance(source.data, mmap.mmap)
+    assert source.data[:] == text
+    assert spill.together([text[:100], text[100:200]]) == text[:200]
+    assert [path.name for path in small.iterdir()] == ["imu"]
+
+
 def test_what_was_written_stays_when_the_memory_is_let_go(small):
     array = spill.empty((3000, 2))
     array[:] = np.arange(6000).reshape(3000, 2)
@@ -114,6 +132,10 @@ def test_a_full_disk_is_said(small, monkeypatch):
     assert str(small) in told.value.where
     assert "No space left" in told.value.why
     assert "TMPDIR" in told.value.fix
+    with Path("/dev/full").open("wb") as file:
+        monkeypatch.setattr(spill.tempfile, "SpooledTemporaryFile", lambda *_, **__: file)
+        with pytest.raises(OutputError, match="no room for the samples"):
+            spill.together([b"1", b"2"])
 
 
 def test_memory_does_not_grow_with_the_drive(monkeypatch, tmp_path):

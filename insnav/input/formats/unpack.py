@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
+from insnav import spill
 from insnav.exceptions import InputError
 from insnav.plain_text import plain_text
 
@@ -66,17 +67,18 @@ def unpacked(raw: bytes | mmap.mmap, name: str) -> bytes | mmap.mmap:
             kind, pieces = word, _members(raw, start, word, name)
     if pieces is None:
         return raw
-    found: list[bytes] = []
-    total = 0
-    try:
+
+    def sensible(total: int = 0) -> Iterator[bytes]:
         for piece in pieces:
             total += len(piece)
             refuse_bomb(f"{kind} file", name, len(raw), total, "unpack it and give the file itself")
-            found.append(piece)
+            yield piece
+
+    try:
+        return spill.together(sensible())
     except _DAMAGE as error:
         why = plain_text(error)
         raise InputError(f"the {kind} file is damaged", where=name, why=why, fix="copy it again") from error
-    return b"".join(found)
 
 
 def _members(raw: bytes | mmap.mmap, start: Callable[[], Any], kind: str, name: str) -> Iterator[bytes]:
@@ -120,7 +122,7 @@ def _zstd(raw: bytes | mmap.mmap) -> Iterator[bytes]:
             yield piece
 
 
-def archive_members(raw: bytes | mmap.mmap, name: str) -> dict[str, Callable[[], bytes]]:
+def archive_members(raw: bytes | mmap.mmap, name: str) -> dict[str, Callable[[], bytes | mmap.mmap]]:
     """Files of a ZIP archive, without those that systems add, each to be unpacked when asked for."""
     import zipfile
 
@@ -137,17 +139,16 @@ def archive_members(raw: bytes | mmap.mmap, name: str) -> dict[str, Callable[[],
     return {entry.filename: _member(archive, entry, name) for entry in entries}
 
 
-def _member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Callable[[], bytes]:
-    def unpack() -> bytes:
+def _member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Callable[[], bytes | mmap.mmap]:
+    def unpack() -> bytes | mmap.mmap:
         import zipfile
 
         try:
             with archive.open(entry) as file:
-                data = file.read(entry.file_size + 1)
+                return spill.together(iter(lambda: file.read(_PIECE), b""))
         except (zipfile.BadZipFile, *_DAMAGE) as error:
             where = f"{name}: {plain_text(entry.filename)}"
             why = plain_text(error)
             raise InputError("the ZIP archive is damaged", where=where, why=why, fix="copy it again") from error
-        return data
 
     return unpack
