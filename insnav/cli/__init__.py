@@ -16,7 +16,7 @@ from typer.main import get_command
 
 from insnav.cli import calibrate, console, signals
 from insnav.cli.console import discard_output, error_block, result
-from insnav.cli.help import GroupedCommand
+from insnav.cli.help import GroupedCommand, LightGroup
 
 EPILOG = """\b
 Examples:
@@ -30,6 +30,7 @@ Exit codes:
 
 app = typer.Typer(
     name="insnav",
+    cls=LightGroup,
     help="Strapdown INS / GPS navigation and INS error analysis.",
     no_args_is_help=True,
     epilog=EPILOG,

@@ -1,18 +1,34 @@
-"""Help texts with the options in named groups, as plain text: rich is not worth its import time here."""
+"""Commands whose help has the options in named groups, as plain text: rich is not worth its import time here."""
 
 from __future__ import annotations
 
 import re
+from functools import partial
+from pathlib import Path
 from typing import Any
 
-from typer.core import TyperCommand
+from typer.core import TyperCommand, TyperGroup
 
 _TYPE = re.compile(r" <[^>]*>$")  # Python's type of an argument behind its name
 _TWICE = re.compile(r"(?<=\])\s+\[(default: [^]]*|[-\d.<=>x]+)\]$")  # what the text in brackets before it says better
 _WHOLE = re.compile(r"(\[default: -?\d+)\.0\]")
 
 
-class GroupedCommand(TyperCommand):
+class _Light:
+    """Without pydantic, which takes a tenth of a second to import, where typer uses that for texts, paths, defaults."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        for param in params:
+            param.__dict__["process_value"] = partial(_processed, param)
+        return params
+
+
+class LightGroup(_Light, TyperGroup):
+    """The commands."""
+
+
+class GroupedCommand(_Light, TyperCommand):
     """A command whose help lists its options under the panel each was given."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
@@ -30,3 +46,15 @@ class GroupedCommand(TyperCommand):
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """Write arguments as most programs do: RUN, not {RUN}."""
         return [piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
+
+
+def _processed(param: Any, ctx: Any, value: Any) -> Any:
+    kind = getattr(getattr(param, "type_descriptor", None), "annotation", None)
+    source = ctx.get_parameter_source(param.name)
+    if param.nargs != 1 or getattr(param, "multiple", False) or source is None or (param.required and value is None):
+        return type(param).process_value(param, ctx, value)
+    if isinstance(value, str) and kind in (str, Path):
+        value = kind(value)
+    elif source.name != "DEFAULT":
+        return type(param).process_value(param, ctx, value)
+    return value if param.callback is None else param.callback(ctx, param, value)
