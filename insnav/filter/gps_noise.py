@@ -21,6 +21,7 @@ FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever 
 FIXED, DGPS = 1, 4  # further fix types; with corrections of a satellite system 1.0 m CEP, same data sheet
 BY_FIX = {FIXED: (POSITION_FLOOR,) * 3, FLOAT: (FLOAT_SD, FLOAT_SD, 2.0 * FLOAT_SD), DGPS: (1.0, 1.0, 2.0)}  # [m]
 OPEN_VELOCITY = 100.0  # of a vertical velocity that was not measured: it counts as nothing [m/s]
+BY_SCATTER = "estimated from successive fixes"
 LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
 
 
@@ -118,6 +119,12 @@ def _by_fix(gps: GpsData, scatter: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(sd, scatter))
 
 
+def _told(sd: FloatArray, kind: str, how: str, floor: float, unit: str) -> str:
+    """Note on standard deviations that were filled in, (k, 3)."""
+    middle = "/".join(f"{each:.2f}" for each in np.median(sd, axis=0))
+    return f"{sd.shape[0]} fixes without {kind} sigma: {how}, median N/E/D {middle} {unit} (floor {floor:g} {unit})"
+
+
 def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple[str, ...]]:
     """Fill in missing standard deviations; also notes on what was assumed.
 
@@ -129,18 +136,14 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     position_sd, velocity_sd = gps.position_sd, gps.velocity_sd
     missing: BoolArray = np.asarray(np.isnan(position_sd).any(axis=1))
     if missing.any():
-        carrier, how = CARRIER, "estimated from successive fixes"
+        carrier, how = CARRIER, BY_SCATTER
         if not scatter_alone:
             carrier, how = np.inf, "that of the fix type" if gps.fix is not None else "a receiver without corrections"
         found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, carrier)
         if not scatter_alone:
             found = _by_fix(gps, found / ALIKE)
         position_sd = np.where(missing[:, None], found, position_sd)
-        middle: FloatArray = np.median(position_sd[missing], axis=0)
-        notes.append(
-            f"{missing.sum()} fixes without position sigma: {how}, median N/E/D "
-            f"{middle[0]:.2f}/{middle[1]:.2f}/{middle[2]:.2f} m (floor {POSITION_FLOOR:g} m)"
-        )
+        notes.append(_told(position_sd[missing], "position", how, POSITION_FLOOR, "m"))
     if gps.fix is not None:
         sure = (gps.fix == FLOAT) & (position_sd.max(axis=1) < FLOAT_SD)
         if sure.any():
@@ -159,9 +162,5 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
         found = _scatter(gps.time, v_n, VELOCITY_FLOOR, DEFAULT_VELOCITY, np.inf)
         found[level, 2] = OPEN_VELOCITY
         velocity_sd = np.where(missing[:, None], found, velocity_sd)
-        middle = np.median(velocity_sd[missing], axis=0)
-        notes.append(
-            f"{missing.sum()} fixes without velocity sigma: estimated from successive fixes, median N/E/D "
-            f"{middle[0]:.2f}/{middle[1]:.2f}/{middle[2]:.2f} m/s (floor {VELOCITY_FLOOR:g} m/s)"
-        )
+        notes.append(_told(velocity_sd[missing], "velocity", BY_SCATTER, VELOCITY_FLOOR, "m/s"))
     return replace(gps, v_n=v_n, position_sd=position_sd, velocity_sd=velocity_sd), tuple(notes)

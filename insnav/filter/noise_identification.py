@@ -29,7 +29,7 @@ from insnav.kernels import noise_likelihood as kernel
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import COAST, FIX, NOISE, SOURCE, TIME
-from insnav.types import Alignment, BoolArray, Event, EventKind, FloatArray, GpsData
+from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData
 from insnav.units import G0, UNITS
 
 LONGEST = 1800.0  # of the record that is looked at [s]
@@ -56,10 +56,6 @@ INTERVAL = np.array([0.0, -1.96, 1.96])  # middle and ends of 95 % of a normal d
 # times the reported standard deviations: a receiver that is so wrong is wrong in what is not seen, too
 UNDERSTATED = 2.0
 FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told
-WHITE_AGAIN = 20.0  # so much log-likelihood the figures of the IMU may make up for if fixes are white after all
-# log posterior odds: time correlation is left out only where 100 to 1 against it. In seven minutes a share of 9 % is
-# not told from none; taken for none it makes smoothed errors twice what is stated (error2/variance 3 to 4)
-WORTH = -4.6
 
 # how far figures of an IMU may be from those of the nearest grade, one sd of their logarithm: datasheets of parts of
 # one grade differ by factors of two to three in noise, by ten in what is called in-run bias
@@ -74,7 +70,9 @@ UNITS_SHOWN = {
 POSITION_PRIOR = (0.6, 0.03)
 VELOCITY_PRIOR = 0.6
 AVERAGED = {"gps.horizontal": 1.0, "gps.vertical": 1.0, "gps.correlation_time": 0.5}  # by their variance
-SHARE = (0.0, 1.5)  # log odds of the time-correlated share of the variance of a position, and their sd
+# Log odds of the time-correlated share of the variance of a position, and their sd: it is never none. In seven minutes
+# 9 % are not told from none; taken for none they make smoothed errors twice what is stated (error2/variance 3 to 4).
+SHARE = (0.0, 1.5)
 CORRELATION_TIME = (float(np.log(45.0)), 1.0)  # logarithm of its correlation time [s], and its sd
 LARGEST_SHARE = 0.95  # of code positions: the white rest, a fifth of the sd, is also what the IMU model lacks in a turn
 STARTS = [(share, time) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0.85)]
@@ -103,7 +101,7 @@ class NoiseEstimate:
     axes: Misalignment  # its misalignments
     position_factor: FloatArray  # (3,) of the standard deviations of positions, North, East, Down [-]
     velocity_factor: FloatArray  # (3,) of those of velocities [-]
-    correlated: CorrelatedNoise | None  # time-correlated part of the position error
+    correlated: CorrelatedNoise  # time-correlated part of the position error
     figures: tuple[NoiseFigure, ...]  # what was found, with intervals
     gain: float  # log-likelihood gained over the prior's figures
     # mean square of the normalised innovations with the figures before and with those found [-]
@@ -346,21 +344,20 @@ class _Posterior:
         off = np.where(np.isfinite(at), at - self.middle, 0.0)
         return 0.5 * float(np.sum(self.weight(at) * off**2)) + sum(drive.bias_seen(at) for drive in self.drives)
 
-    def climb(self, at: FloatArray, free: BoolArray, settled: float = ENOUGH) -> _Top:
-        """Fisher scoring on the free figures, with Levenberg's damping.
+    def climb(self, at: FloatArray, settled: float = ENOUGH) -> _Top:
+        """Fisher scoring with Levenberg's damping.
 
         In a round the derivatives of the innovations are those of its start, as long as steps with them gain enough.
         """
         e, s, cost = self.innovations(at)
-        rows, damping = np.flatnonzero(free), 1e-3
-        steps = STEP * np.eye(at.size)[rows]
+        damping, steps = 1e-3, STEP * np.eye(at.size)
         for _ in range(ROUNDS):
-            by_e, by_s, slope = np.empty((rows.size, e.size)), np.empty((rows.size, e.size)), np.empty(rows.size)
+            by_e, by_s, slope = np.empty((at.size, e.size)), np.empty((at.size, e.size)), np.empty(at.size)
             for i, step in enumerate(steps):
                 e1, s1, cost1 = self.innovations(at + step)
                 by_e[i], by_s[i], slope[i] = (e1 - e) / STEP, (s1 - s) / STEP / s, (cost1 - cost) / STEP
             clean = by_e / np.sqrt(s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0))
-            fisher = clean @ clean.T + 0.5 * by_s @ by_s.T + np.diag(self.weight(at)[rows])
+            fisher = clean @ clean.T + 0.5 * by_s @ by_s.T + np.diag(self.weight(at))
             start, gained = cost, np.inf
             while gained > FAR and damping < 1e4:
                 if start != cost:
@@ -370,8 +367,7 @@ class _Posterior:
                     slope += np.array([self._before(at + step) - before for step in steps]) / STEP
                 move = -np.linalg.solve(fisher + damping * np.diag(np.diag(fisher)), slope)
                 move *= min(1.0, LARGEST_STEP / float(np.max(np.abs(move))))
-                there = at.copy()
-                there[rows] += move
+                there = at + move
                 e1, s1, cost1 = self.innovations(there)
                 if cost1 < cost:
                     gained = cost - cost1
@@ -383,9 +379,7 @@ class _Posterior:
                     break
             if start - cost < settled:
                 break
-        covariance = np.diag(1.0 / self.weight(at))
-        covariance[np.ix_(rows, rows)] = np.linalg.inv(fisher)
-        return _Top(at, covariance, cost)
+        return _Top(at, np.linalg.inv(fisher).astype(np.float64), cost)
 
 
 def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
@@ -394,49 +388,27 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     white = posterior.middle.copy()
     white[-2] = -np.inf
     before = posterior.innovations(white)
-    starts = [white]
-    for share, time in STARTS:
-        there = posterior.middle.copy()
-        there[-2:] = np.log(share / (1.0 - share)), np.log(time)
-        starts.append(there)
-    every = np.ones(white.shape[0], dtype=bool)
+    lasting = np.array([(np.log(share / (1.0 - share)), np.log(time)) for share, time in STARTS])
+    starts = [np.concatenate([posterior.middle[:-2], each]) for each in lasting]
     short = _Posterior([drive.beginning(SHORT) for drive in drives])
-    first = short.climb(min(starts[1:], key=lambda at: short.innovations(at)[2]), every, NEAR).at
-    top = posterior.climb(first, every)
-    only_white = top.at.copy()
-    only_white[-2:] = -np.inf, posterior.middle[-1]
-    every[-2:] = False
-    of_fixes = every & np.array([p.key.startswith("gps.") for p in posterior.parameters])
-    other = posterior.climb(only_white, of_fixes)
-    if other.cost < top.cost + WHITE_AGAIN:
-        other = posterior.climb(other.at, every)
-    if other.cost < top.cost + WORTH:
-        top = other
+    first = short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR).at
+    top = posterior.climb(first)
     e, s, cost = posterior.innovations(top.at)
     drive = drives[0]
     # mean variances and mean correlation time over what is plausible: of errors that last as long as the drive these
     # are known to a factor, and where they are likeliest is too small (the means of a log-normal distribution)
     wide = top.at + np.diag(top.covariance) * [AVERAGED.get(p.key, 0.0) for p in posterior.parameters]
     position, velocity, share, time = drive.fixes_of(wide)
-    lasting = None
-    if share > 0.0:
-        lasting = CorrelatedNoise(share, time, np.sqrt(share) * position * drive.median_sd)
+    correlated = CorrelatedNoise(share, time, np.sqrt(share) * position * drive.median_sd)
     filter_spec = drive.spec(top.at)
     axes = _misalignment(drives, top.at, IMU_PRIOR["misalignment"])
-    spec = _turned(drive.prior, filter_spec, axes.size[0])
-    spec = replace(
-        spec,
-        name=f"{spec.name}, as found",
-        source=f"By maximum likelihood from the innovations of a drive (insnav), prior: {drive.prior.name}. "
-        f"{drive.prior.source}",
-    )
     return NoiseEstimate(
-        spec,
+        _turned(drive.prior, filter_spec, axes.size[0]),
         filter_spec,
         axes,
         position,
         velocity,
-        lasting,
+        correlated,
         tuple(
             _figure(p, np.log(axes.size) if p.key.endswith("misalignment") else x + INTERVAL * sd, drive.prior)
             for p, x, sd in zip(posterior.parameters, top.at, np.sqrt(np.diag(top.covariance)), strict=True)
@@ -458,11 +430,13 @@ def _misalignment(drives: Sequence[InnovationLikelihood], at: FloatArray, prior_
 
 
 def _turned(prior: ImuSpec, found: ImuSpec, size: float) -> ImuSpec:
-    """IMU with misalignments of a size by those of the prior; what gravity makes of them stays, as a bias."""
+    """IMU as found, with misalignments of a size by those of the prior; what gravity makes of them stays, as a bias."""
     gyro, accel = (size * sensor.misalignment for sensor in (prior.gyro, prior.accel))
     bias = np.sqrt(np.maximum(level_bias(found.accel) ** 2 - (G0 * accel) ** 2, (0.1 * found.accel.bias) ** 2))
     return replace(
         found,
+        name=f"{prior.name}, as found",
+        source=f"By maximum likelihood from the innovations of a drive (insnav), prior: {prior.name}. {prior.source}",
         gyro=replace(found.gyro, misalignment=gyro),
         accel=replace(found.accel, misalignment=accel, bias=bias),
     )
@@ -597,9 +571,7 @@ def _words(found: NoiseEstimate) -> list[str]:
         notes.append(f"GPS position sd times {level:.2f} horizontally, {down:.2f} vertically, from the innovations")
     if abs(found.velocity_factor[0] - 1.0) > FACTOR_WORTH:
         notes.append(f"GPS velocity sd times {found.velocity_factor[0]:.2f}, from the innovations")
-    if found.correlated is not None:
-        time = found.correlated.time
-        lasting = f"correlation time about {time:.0f} s" if time < LONGEST else "lasting longer than the drive tells"
-        share = f"{100 * found.correlated.share:.0f} % of the variance"
-        notes.append(f"{CORRELATED}: {share}, {lasting}, from the innovations; estimated as states")
-    return notes
+    time = found.correlated.time
+    lasting = f"correlation time about {time:.0f} s" if time < LONGEST else "lasting longer than the drive tells"
+    share = f"{100 * found.correlated.share:.0f} % of the variance"
+    return [*notes, f"{CORRELATED}: {share}, {lasting}, from the innovations; estimated as states"]

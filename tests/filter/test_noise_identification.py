@@ -217,7 +217,7 @@ def test_white_fixes_stay_white_and_keep_their_size(found):
         size = np.sqrt([(north + east) / 2.0, (north + east) / 2.0, down])  # of the errors these fixes have
         np.testing.assert_allclose(estimate.position_factor, size, atol=0.05)
         np.testing.assert_allclose(estimate.velocity_factor, 1.0, atol=0.05)
-        assert estimate.correlated is None or estimate.correlated.share < 0.1
+        assert estimate.correlated.share < 0.1
         assert estimate.gain > 10.0
         assert estimate.mean_after == pytest.approx(1.0, abs=0.05)
 
@@ -230,7 +230,6 @@ def test_time_correlated_errors_are_found_without_velocities():
     gps = replace(gps, v_n=np.full((n, 3), np.nan), velocity_sd=np.full((n, 3), np.nan), position_sd=sd)
     estimate = identify_noise(prepared(imu, gps, drives.SPEC, 3), drives.SPEC)
     assert estimate is not None
-    assert estimate.correlated is not None
     assert estimate.correlated.share == pytest.approx(1.2**2 / 1.3**2, abs=0.06)
     assert estimate.correlated.time == pytest.approx(60.0, rel=0.5)
 

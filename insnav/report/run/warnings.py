@@ -196,7 +196,8 @@ def _impossible_scale(run: Run) -> list[str]:
         return []
     return [
         f"scale factor errors larger than any sensor has: {', '.join(found)}; the drive has what the model lacks, such "
-        "as vibration, misalignment, wrong units or timestamps. Positions between fixes may be worse than stated"
+        "as velocities smoothed by the receiver, vibration, misalignment, wrong units or timestamps. Positions between "
+        "fixes may be worse than stated"
     ]
 
 
