@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from insnav.attitude import dcm_from_rph, quat_from_dcm, quat_from_rph, rph_from_quat, skew, wrap_pi
+from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat, wrap_pi
 from insnav.earth import earth_rate_n, gravity_n, ned_offset
 from insnav.kernels.alignment import gyro_history
 from insnav.strapdown import Intervals
@@ -179,7 +179,7 @@ def _level(
     parts: Intervals, start: float, end: float, speed: Velocity, lla: FloatArray, yaw: float
 ) -> tuple[FloatArray, float, float] | None:
     """Attitude from one span, and the standard deviation and size of the mean acceleration [m/s^2]."""
-    near = max(1.5, 1.5 * float(np.median(np.diff(speed.time[:50]))))
+    near = max(1.5, 1.5 * _interval(speed.time))
     first = np.abs(speed.time - start) <= near
     last = np.abs(speed.time - end) <= near
     if not first.any() or not last.any():
@@ -204,15 +204,7 @@ def _level(
         if length == 0.0 or (angle < 1e-7 and abs(float(wrap_pi(rph[2] - heading))) < 1e-7):
             break
         axis = turn / length * angle
-        c = _rotation(axis) @ dcm_from_rph(rph)
-        rph = rph_from_quat(quat_from_dcm(c))
+        rph = rph_from_quat(quat_multiply(quat_from_rotvec(axis), quat_from_rph(rph)))
         rph[2] = heading  # the level correction is not to move the heading
     noise = np.sqrt(np.median(speed.sd[first]) ** 2 / first.sum() + np.median(speed.sd[last]) ** 2 / last.sum())
     return rph, float(noise / (t1 - t0)), float(np.hypot(slope[0], slope[1]))
-
-
-def _rotation(axis: FloatArray) -> FloatArray:
-    """Rotation matrix of a rotation vector (Rodrigues)."""
-    angle = float(np.linalg.norm(axis))
-    k = skew(axis / angle)
-    return np.asarray(np.eye(3) + np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.resources import files
 from typing import Literal
 
@@ -32,21 +32,8 @@ def matrix_lines(rows: tuple[FaultRow, ...]) -> list[str]:
     lines = []
     for row in rows:
         lines.append(f"{row.key:<4} {row.state:<7} {row.fault}")
-        lines += [
-            f"{'':<12} {name}: {text}"
-            for name, text in (
-                ("limit", row.bar),
-                ("measured", row.measured),
-                ("test", row.test),
-                ("changed", row.reason),
-            )
-            if text
-        ]
+        parts = {"limit": row.bar, "measured": row.measured, "test": row.test, "changed": row.reason}
+        lines += [f"{'':<12} {name}: {text}" for name, text in parts.items() if text]
     count = {state: sum(row.state == state for row in rows) for state in ("met", "partly", "open")}
     lines.append(f"{len(rows)} faults: {count['met']} met, {count['partly']} in part, {count['open']} open")
     return lines
-
-
-def matrix_facts(rows: tuple[FaultRow, ...]) -> list[dict[str, str]]:
-    """The matrix, JSON-ready."""
-    return [asdict(row) for row in rows]

@@ -69,8 +69,9 @@ def verify(
 
 def _print_faults(*, as_json: bool) -> None:
     import json
+    from dataclasses import asdict
 
-    from insnav.certificate.faults import fault_matrix, matrix_facts, matrix_lines
+    from insnav.certificate.faults import fault_matrix, matrix_lines
 
     rows = fault_matrix()
-    result(json.dumps(matrix_facts(rows), indent=1) if as_json else "\n".join(matrix_lines(rows)))
+    result(json.dumps([asdict(row) for row in rows], indent=1) if as_json else "\n".join(matrix_lines(rows)))

@@ -29,11 +29,7 @@ def lever_contradicted(ready: Prepared) -> tuple[tuple[Event, ...], tuple[str]]:
         ",".join(f"{value + 0.0:.2f}" for value in each)
         for each in (limit + MARGIN * run.lever_sd, run.lever_b, run.lever_sd, given)
     )
-    note = (
-        f"errors of the lever arm given that this drive would not show are smaller than {seen} m, forward, right, down"
-    )
-    if not (off > limit).any():
-        return (), (note,)
+    note = f"errors of the lever arm given that this drive would not show are smaller than {seen} m (x, y, z)"
     told = f"the antenna seems to be at {found} (± {sd}) m from the IMU, forward, right, down, not at {arm} as given"
     event = Event(begin, EventKind.CONTRADICTION, float(off.max()), WRONG, "m", f"{told}: --lever-arm {found}")
-    return (event,), (note,)
+    return (event,) * bool((off > limit).any()), (note,)
