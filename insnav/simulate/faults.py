@@ -31,6 +31,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -63,11 +64,10 @@ class Fault:
         """
         begin = self.begin + (float(imu.time[0]) if start is None else start)
         span = begin, begin + self.length
-        verb = VERBS[self.verb]
-        if verb.gps is not None:
-            return imu, verb.gps(gps, self.size, span)
-        assert verb.imu is not None
-        return verb.imu(imu, self.size, span), gps
+        change = VERBS[self.verb].change
+        if self.verb.startswith("gps-"):
+            return imu, change(gps, self.size, span)
+        return change(imu, self.size, span), gps
 
 
 def parse_fault(text: str) -> Fault:
@@ -135,7 +135,7 @@ def gps_flap(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
 
 def gps_duplicate(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
     """Repeat the fix at the begin of `span`, ten metres off."""
-    row = min(int(np.searchsorted(gps.time, span[0] - 1e-6)), gps.time.shape[0] - 1)
+    row = _first(gps.time, span)
     again = gps.rows(np.insert(np.arange(gps.time.shape[0]), row + 1, row))
     lla = again.lla.copy()
     lla[row + 1] = lla_offset(lla[row + 1], 10.0 * NORTH_EAST)
@@ -156,11 +156,9 @@ def gps_shuffle(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
 def imu_clip(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
     """Hold gyros or accelerometers in `span` within a range; increments by its share of an interval."""
     dimension, limit = _sensor_quantity(str(size))
-    name = "gyro" if dimension == "rate" else "accel"
-    limit *= _scale(imu)
-    values = getattr(imu, name)
-    held = np.where(_inside(imu.time, span)[:, None], np.clip(values, -limit, limit), values)
-    return replace(imu, gyro=held) if name == "gyro" else replace(imu, accel=held)
+    largest = np.where(_inside(imu.time, span), limit * _scale(imu), np.inf)[:, None]
+    gyro, accel = (largest, np.inf) if dimension == "rate" else (np.inf, largest)
+    return replace(imu, gyro=np.clip(imu.gyro, -gyro, gyro), accel=np.clip(imu.accel, -accel, accel))
 
 
 def imu_stuck(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
@@ -168,16 +166,15 @@ def imu_stuck(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
     rows = np.flatnonzero(_inside(imu.time, span))
     values = np.hstack([imu.gyro, imu.accel])
     if rows.size:
-        columns = range(6) if size == "all" else [_AXES.index(str(size))]
-        for column in columns:
-            values[rows, column] = values[rows[0], column]
+        columns = slice(None) if size == "all" else _AXES.index(str(size))
+        values[rows, columns] = values[rows[0], columns]
     return replace(imu, gyro=values[:, :3].copy(), accel=values[:, 3:].copy())
 
 
 def imu_spike(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
     """Add a spike to one sample, of the z gyro or of the x accelerometer."""
     dimension, value = _sensor_quantity(str(size))
-    row = min(int(np.searchsorted(imu.time, span[0] - 1e-6)), imu.time.shape[0] - 1)
+    row = _first(imu.time, span)
     gyro, accel = imu.gyro.copy(), imu.accel.copy()
     if dimension == "rate":
         gyro[row, 2] += value * _scale(imu)
@@ -237,8 +234,11 @@ class Verb:
 
     example: str
     size: Callable[[str], float | str] | None
-    gps: Callable[..., GpsData] | None = None
-    imu: Callable[..., ImuData] | None = None
+    change: Callable[..., Any]  # fixes or samples, size, begin and end [s] -> what comes of them
+
+
+def _first(time: FloatArray, span: tuple[float, float]) -> int:
+    return min(int(np.searchsorted(time, span[0] - 1e-6)), len(time) - 1)
 
 
 def _inside(time: FloatArray, span: tuple[float, float]) -> BoolArray:
@@ -266,45 +266,40 @@ def _scale(imu: ImuData) -> float:
     return float(np.median(np.diff(imu.time))) if imu.sampling == "increment" else 1.0
 
 
-VERBS: dict[str, Verb] = {
-    "gps-spike": Verb("gps-spike:60m@120s", _quantity("length"), gps=gps_spike),
-    "gps-jump": Verb("gps-jump:60m@120s+8s", _quantity("length"), gps=gps_jump),
-    "gps-drag": Verb("gps-drag:1m/s@120s+60s", _quantity("velocity"), gps=gps_drag),
-    "gps-outage": Verb(
-        "gps-outage@120s+30s", None, gps=lambda gps, _, span: without_fixes(gps, span[0] - 1e-6, span[1] - 1e-6)
-    ),
-    "gps-flap": Verb("gps-flap:50m@120s+60s", _quantity("length"), gps=gps_flap),
-    "gps-latency": Verb(
-        "gps-latency:0.3s", _quantity("time"), gps=lambda gps, size, _: replace(gps, time=gps.time + size)
-    ),
-    "gps-sd": Verb(
+_ALL = (
+    Verb("gps-spike:60m@120s", _quantity("length"), gps_spike),
+    Verb("gps-jump:60m@120s+8s", _quantity("length"), gps_jump),
+    Verb("gps-drag:1m/s@120s+60s", _quantity("velocity"), gps_drag),
+    Verb("gps-outage@120s+30s", None, lambda gps, _, span: without_fixes(gps, span[0] - 1e-6, span[1] - 1e-6)),
+    Verb("gps-flap:50m@120s+60s", _quantity("length"), gps_flap),
+    Verb("gps-latency:0.3s", _quantity("time"), lambda gps, size, _: replace(gps, time=gps.time + size)),
+    Verb(
         "gps-sd:0.1",
         _factor,
-        gps=lambda gps, size, _: replace(gps, position_sd=gps.position_sd * size, velocity_sd=gps.velocity_sd * size),
+        lambda gps, size, _: replace(gps, position_sd=gps.position_sd * size, velocity_sd=gps.velocity_sd * size),
     ),
-    "gps-duplicate": Verb("gps-duplicate@120s", None, gps=gps_duplicate),
-    "gps-shuffle": Verb("gps-shuffle@120s+10s", None, gps=gps_shuffle),
-    "imu-gap": Verb("imu-gap@120s+0.5s", None, imu=lambda imu, _, span: imu.rows(~_inside(imu.time, span))),
-    "imu-nan": Verb(
+    Verb("gps-duplicate@120s", None, gps_duplicate),
+    Verb("gps-shuffle@120s+10s", None, gps_shuffle),
+    Verb("imu-gap@120s+0.5s", None, lambda imu, _, span: imu.rows(~_inside(imu.time, span))),
+    Verb(
         "imu-nan@120s+0.05s",
         None,
-        imu=lambda imu, _, span: _times(imu, *[np.where(_inside(imu.time, span), np.nan, 1.0)[:, None]] * 2),
+        lambda imu, _, span: _times(imu, *[np.where(_inside(imu.time, span), np.nan, 1.0)[:, None]] * 2),
     ),
-    "imu-clip": Verb("imu-clip:20deg/s@120s+2s", _sensor_text, imu=imu_clip),
-    "imu-stuck": Verb("imu-stuck:gyro-z@120s+2s", _one_of(*_AXES, "all"), imu=imu_stuck),
-    "imu-spike": Verb("imu-spike:3rad/s@120s", _sensor_text, imu=imu_spike),
-    "imu-units": Verb(
+    Verb("imu-clip:20deg/s@120s+2s", _sensor_text, imu_clip),
+    Verb("imu-stuck:gyro-z@120s+2s", _one_of(*_AXES, "all"), imu_stuck),
+    Verb("imu-spike:3rad/s@120s", _sensor_text, imu_spike),
+    Verb(
         "imu-units:deg/s",
         _one_of("deg/s", "g"),
-        imu=lambda imu, size, _: _times(imu, 1.0 / DEG, 1.0) if size == "deg/s" else _times(imu, 1.0, 1.0 / G0),
+        lambda imu, size, _: _times(imu, 1.0 / DEG, 1.0) if size == "deg/s" else _times(imu, 1.0, 1.0 / G0),
     ),
-    "imu-axes": Verb("imu-axes:FLU", _directions, imu=_turned),
-    "imu-reverse": Verb(
-        "imu-reverse@120s", None, imu=lambda imu, _, span: replace(imu, time=imu.time - (imu.time >= span[0] - 1e-6))
-    ),
-    "imu-duplicate": Verb(
+    Verb("imu-axes:FLU", _directions, _turned),
+    Verb("imu-reverse@120s", None, lambda imu, _, span: replace(imu, time=imu.time - (imu.time >= span[0] - 1e-6))),
+    Verb(
         "imu-duplicate@120s+0.1s",
         None,
-        imu=lambda imu, _, span: imu.rows(np.repeat(np.arange(imu.time.shape[0]), 1 + _inside(imu.time, span))),
+        lambda imu, _, span: imu.rows(np.repeat(np.arange(imu.time.shape[0]), 1 + _inside(imu.time, span))),
     ),
-}
+)
+VERBS = {re.split("[:@]", verb.example)[0]: verb for verb in _ALL}
