@@ -23,24 +23,24 @@ class Spline:
         rise = np.diff(values, axis=0) / h
         slope = _slopes(h, rise)
         bend = (slope[:-1] + slope[1:] - 2.0 * rise) / h
-        self._time, self._c = time, (values[:-1], slope[:-1], (rise - slope[:-1]) / h - bend, bend / h)
         area = h * (values[:-1] + values[1:]) / 2.0 + h**2 * (slope[:-1] - slope[1:]) / 12.0
-        self._area = np.vstack([np.zeros(values.shape[1]), np.cumsum(area[:-1], axis=0)])
+        before = np.cumsum(area, axis=0) - area
+        self._time, self._parts = time, (before, values[:-1], slope[:-1], (rise - slope[:-1]) / h - bend, bend / h)
 
-    def _at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, tuple[FloatArray, ...]]:
-        """Piece of each of `time` (k,), the way into it, and the coefficients there."""
+    def _at(self, time: FloatArray) -> tuple[FloatArray, ...]:
+        """The way into the piece of each of `time` (k,), the integral before it, and its coefficients."""
         piece = np.clip(np.searchsorted(self._time, time, side="right") - 1, 0, self._time.size - 2)
-        return self._area[piece], (time - self._time[piece])[:, None], tuple(each[piece] for each in self._c)
+        return (time - self._time[piece])[:, None], *(each[piece] for each in self._parts)
 
     def changes(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """First and second derivative, (k, m) each."""
-        _, u, (_, b, c, d) = self._at(time)
+        u, _, _, b, c, d = self._at(time)
         return b + u * (2.0 * c + 3.0 * u * d), 2.0 * c + 6.0 * u * d
 
     def integral(self, time: FloatArray) -> FloatArray:
         """Integral from the first time on, (k, m)."""
-        area, u, (a, b, c, d) = self._at(time)
-        return area + u * (a + u * (b / 2.0 + u * (c / 3.0 + u * d / 4.0)))
+        u, before, a, b, c, d = self._at(time)
+        return before + u * (a + u * (b / 2.0 + u * (c / 3.0 + u * d / 4.0)))
 
 
 def _slopes(h: FloatArray, rise: FloatArray) -> FloatArray:

@@ -57,6 +57,7 @@ class Engine:
         Returns: `error` (n,): estimated error, for the caller to correct the state by.
         Raises: DivergenceError: as `predict`; also where the measurement is not finite or its covariance not positive.
         """
+        r = np.ascontiguousarray(r)  # one kind of array, one kernel
         if measurement_fault(z, h, r):
             raise DivergenceError(
                 "a measurement is not finite or has no positive variance",

@@ -47,7 +47,6 @@ class Gates:
     nis_limit: float = field(init=False)  # limit of the NIS of three numbers that follows from `probability` [-]
 
     def __post_init__(self) -> None:
-        # of three numbers; kept, because it is asked for at every fix
         object.__setattr__(self, "nis_limit", chi2_limit(3, 1.0 - self.probability))
 
     def small_of(self, position_sd: FloatArray) -> float:

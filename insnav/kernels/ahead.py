@@ -93,7 +93,7 @@ def _type(given: Any) -> Any:
 
 
 def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
-    """Kernels with the types of their arguments, those that take longest first; signatures of one kernel together."""
+    """Kernels with the types of their arguments, those that take longest first."""
     d: Any = types.float64
     i, flag = types.int64, types.boolean
     d1, d2, d3, d4, i1 = d[::1], d[:, ::1], d[:, :, ::1], d[:, :, :, ::1], i[::1]
@@ -131,10 +131,10 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         ((aiding_measurements.zero_velocity, d1, d1, d1, d1, d2),),
         ((aiding_measurements.innovation, d2, d1, d2, d1, i, i, d2),),
         ((aiding_measurements.vehicle_velocity, d1, d1, d2, d1, d, d1, d2),),
-        ((smoother.keep, d1, d, d1, d1, d2, d2), (smoother.keep_state, d1, d1, d1), (smoother.width, i)),
+        ((smoother.keep, d1, d, d1, d1, d2, d2), (smoother.keep_state, d1, d1, d1)),
         ((smoother.keep_measurement, d1, i, i, d1, d2, d2),),
         ((gps_measurement.inverse, d2), (gps_measurement.covariance_fault, d2)),
-        ((gps_measurement.measurement_fault, d1, d2, d2), (gps_measurement.measurement_fault, d1, d2, d[:, :])),
+        ((gps_measurement.measurement_fault, d1, d2, d2),),
         ((errorstate.at_fix_time, d2, d1, d2), (errorstate.move_along, d2, d1)),
         ((errorstate.reset_transition, d2, d2, d1),),
     )

@@ -23,32 +23,18 @@ def gyro_history(q, w_ie_n, dt, dtheta, dvel, q_out, u_out):  # type: ignore[no-
         q_out[0, i] = q[i]
     u_out[0, 0] = u_out[0, 1] = u_out[0, 2] = 0.0
     for k in range(dt.shape[0]):
-        h = dt[k]
         # specific force along the attitude half-way through the interval
-        quaternion_step(
-            x,
-            0.5 * h * w_ie_n[0],
-            0.5 * h * w_ie_n[1],
-            0.5 * h * w_ie_n[2],
-            0.5 * dtheta[k, 0],
-            0.5 * dtheta[k, 1],
-            0.5 * dtheta[k, 2],
-        )
+        h = 0.5 * dt[k]
+        wn, we, wd = h * w_ie_n[0], h * w_ie_n[1], h * w_ie_n[2]
+        rx, ry, rz = 0.5 * dtheta[k, 0], 0.5 * dtheta[k, 1], 0.5 * dtheta[k, 2]
+        quaternion_step(x, wn, we, wd, rx, ry, rz)
         a, b, c, d = x[6], x[7], x[8], x[9]
         fx, fy, fz = dvel[k, 0], dvel[k, 1], dvel[k, 2]
         tx, ty, tz = 2.0 * (c * fz - d * fy), 2.0 * (d * fx - b * fz), 2.0 * (b * fy - c * fx)
         u_out[k + 1, 0] = u_out[k, 0] + fx + a * tx + c * tz - d * ty
         u_out[k + 1, 1] = u_out[k, 1] + fy + a * ty + d * tx - b * tz
         u_out[k + 1, 2] = u_out[k, 2] + fz + a * tz + b * ty - c * tx
-        quaternion_step(
-            x,
-            0.5 * h * w_ie_n[0],
-            0.5 * h * w_ie_n[1],
-            0.5 * h * w_ie_n[2],
-            0.5 * dtheta[k, 0],
-            0.5 * dtheta[k, 1],
-            0.5 * dtheta[k, 2],
-        )
+        quaternion_step(x, wn, we, wd, rx, ry, rz)
         for i in range(4):
             q_out[k + 1, i] = x[6 + i]
 

@@ -24,8 +24,7 @@ FIX, AIDING = 1, 2  # sources of a measurement
 DRAG = 60.0  # duration of the drags that are looked for [s]
 
 
-@njit(cache=True)
-def width(n):  # type: ignore[no-untyped-def]
+def width(n: int) -> int:
     """Numbers in a row of the history of a filter with `n` states."""
     return JACOBIAN + 6 * n + NAV * STATES + (n - NAV) + n * (n + 1) // 2
 
