@@ -214,27 +214,10 @@ def corrupted_run(  # type: ignore[no-untyped-def]
         x[4] += 0.5 * h * gravity[1]
         if not hold:
             x[5] += 0.5 * h * gravity[2]
-        step(
-            x,
-            h,
-            h * y[0],
-            h * y[1],
-            h * y[2],
-            h * y[3],
-            h * y[4],
-            h * y[5],
-            coning[k, 0],
-            coning[k, 1],
-            coning[k, 2],
-            sculling[k, 0],
-            sculling[k, 1],
-            sculling[k, 2],
-            c,
-            1.0,
-            hold,
-            height[k],
-            v_down[k],
-        )
+        for i in range(6):
+            y[i] *= h
+        held, down = height[k], v_down[k]
+        step(x, h, y[0], y[1], y[2], y[3], y[4], y[5], coning, sculling, k, c, 1.0, hold, held, down)
         x[3] += 0.5 * h * gravity[0]
         x[4] += 0.5 * h * gravity[1]
         if not hold:

@@ -257,27 +257,7 @@ def propagate(first, last, close, samples, carried, model, moments, out, rows, w
         vy = (dvel[k, 1] - correction[4] * h) * ia1
         vz = (dvel[k, 2] - correction[5] * h) * ia2
         vn, ve, vd = x[3], x[4], x[5]
-        un, ue, ud = step(
-            x,
-            h,
-            tx,
-            ty,
-            tz,
-            vx,
-            vy,
-            vz,
-            coning[k, 0],
-            coning[k, 1],
-            coning[k, 2],
-            sculling[k, 0],
-            sculling[k, 1],
-            sculling[k, 2],
-            c,
-            1.0,
-            False,
-            0.0,
-            0.0,
-        )
+        un, ue, ud = step(x, h, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, 1.0, False, 0.0, 0.0)
         sums[0] += h
         sums[1] += un
         sums[2] += ue

@@ -119,11 +119,11 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
 
 
 @njit(cache=True)
-def step(x, dt, tx, ty, tz, vx, vy, vz, cx, cy, cz, sx, sy, sz, c, north, hold, height, v_down):  # type: ignore[no-untyped-def]
+def step(x, dt, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, north, hold, height, v_down):  # type: ignore[no-untyped-def]
     """Advance the state by one interval and return the velocity increment of the specific force, ``(3,)`` in n.
 
     `x` (10,): state, changed in place; `dt`: interval [s]; `tx`, `ty`, `tz`, `vx`, `vy`, `vz`: corrected angle [rad]
-    and velocity [m/s] increment in body axes; `cx`, `cy`, `cz`, `sx`, `sy`, `sz`: coning [rad] and sculling [m/s]; `c`
+    and velocity [m/s] increment in body axes; `coning` [rad], `sculling` [m/s] (n, 3), of which row `k` counts; `c`
     (9,): filled with ``C_nb`` at the start of the interval, row by row; `north`: share of normal gravity's north
     component: 1, or 0 to leave it out as most other packages do; `hold`: hold the vertical channel to `height` [m] and
     `v_down` [m/s] at the end of the interval.
@@ -134,6 +134,8 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, cx, cy, cz, sx, sy, sz, c, north, hold, 
     Coriolis, transport rate and gravity at the middle of the interval, from the velocity extrapolated with the
     specific force just measured. Position: trapezoid, whose error telescopes. Attitude: quaternions of both frames.
     """
+    px, py, pz = tx + coning[k, 0], ty + coning[k, 1], tz + coning[k, 2]
+    sx, sy, sz = sculling[k, 0], sculling[k, 1], sculling[k, 2]
     q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
     c[0] = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3
     c[1] = 2.0 * (q1 * q2 - q0 * q3)
@@ -145,7 +147,6 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, cx, cy, cz, sx, sy, sz, c, north, hold, 
     c[7] = 2.0 * (q2 * q3 + q0 * q1)
     c[8] = q0 * q0 - q1 * q1 - q2 * q2 + q3 * q3
 
-    px, py, pz = tx + cx, ty + cy, tz + cz
     f1, f2 = turn_factors(tx * tx + ty * ty + tz * tz)
     kx, ky, kz = ty * vz - tz * vy, tz * vx - tx * vz, tx * vy - ty * vx
     bx = vx + f1 * kx + f2 * (ty * kz - tz * ky) + sx
@@ -218,27 +219,9 @@ def free_inertial(x, dt, dtheta, dvel, coning, sculling, north, hold, height, v_
     for k in range(dt.shape[0]):
         h = height[k] if hold else 0.0
         d = v_down[k] if hold else 0.0
-        step(
-            x,
-            dt[k],
-            dtheta[k, 0],
-            dtheta[k, 1],
-            dtheta[k, 2],
-            dvel[k, 0],
-            dvel[k, 1],
-            dvel[k, 2],
-            coning[k, 0],
-            coning[k, 1],
-            coning[k, 2],
-            sculling[k, 0],
-            sculling[k, 1],
-            sculling[k, 2],
-            c,
-            north,
-            hold,
-            h,
-            d,
-        )
+        tx, ty, tz = dtheta[k, 0], dtheta[k, 1], dtheta[k, 2]
+        vx, vy, vz = dvel[k, 0], dvel[k, 1], dvel[k, 2]
+        step(x, dt[k], tx, ty, tz, vx, vy, vz, coning, sculling, k, c, north, hold, h, d)
         if (k + 1) % every == 0:
             for i in range(10):
                 out[row, i] = x[i]
