@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -12,7 +12,6 @@ from insnav import spill
 from insnav.filter.gates import Trust
 from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.first_pass import FirstPass
-from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.measurements.non_holonomic import NonHolonomic
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared, Start, prepare
@@ -106,13 +105,8 @@ def navigate_prepared(
         progress = None if progress is None else _half_of(progress, 0.5)
     found = _decided(ready, _run(ready, progress))
     run = found.run
-    on_time = ready.gps.time - ready.settings.delay
-    events = (
-        *ready.faults,
-        *found.events,
-        *run.events,
-        *_outside(on_time, ready.initial.time, float(ready.imu.time[-1])),
-    )
+    outside = _outside(ready.gps.time - ready.settings.delay, ready.initial.time, float(ready.imu.time[-1]))
+    events = (*ready.faults, *found.events, *run.events, *outside)
     run = replace(run, events=events, gps_delay=run.gps_delay + ready.clock)
     return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready), *_unseen(run)))
 
@@ -151,14 +145,10 @@ def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | No
     given = ready.settings.aiding or ()
     aiding = (*given, *(each for each in found if each.name not in {other.name for other in given}))
     axes_sd = ready.model.axes_sd.copy()
-    if first.mounting is not None and _constrained(aiding):  # no heading by it is surer than straight ahead is known
-        axes_sd[2] = max(axes_sd[2], first.mounting.sd[1])
+    if first.mounting is not None and any(each.name == NonHolonomic.name for each in aiding):
+        axes_sd[2] = max(axes_sd[2], first.mounting.sd[1])  # no heading by it is surer than straight ahead is known
     model, settings = replace(ready.model, axes_sd=axes_sd), replace(ready.settings, aiding=aiding)
     return replace(ready, model=model, settings=settings, notes=(*ready.notes, *notes))
-
-
-def _constrained(aiding: Iterable[Measurement] | None) -> bool:
-    return any(each.name == NonHolonomic.name for each in aiding or ())
 
 
 def _axes(run: Run, ready: Prepared) -> tuple[str, ...]:
@@ -172,7 +162,8 @@ def _axes(run: Run, ready: Prepared) -> tuple[str, ...]:
     if (own > axes).all():
         return ()
     by = "IMU model" if ready.noise is None else "innovations"
-    by += ", heading also by the mounting" * _constrained(ready.settings.aiding)
+    nhc = any(each.name == NonHolonomic.name for each in ready.settings.aiding or ())
+    by += ", heading also by the mounting" * nhc
     return (
         f"attitude is that of the IMU, in which the sensors are turned by {axes.max():.2g} deg (1 sd, misalignment by "
         f"the {by}), all along the same; without that roll and pitch are known to {own[:2].max():.2g} deg, heading to "

@@ -166,11 +166,12 @@ class InnovationLikelihood:
         return part
 
     def _choose(self, *, velocities: bool) -> tuple[_Parameter, ...]:
-        found = []
-        for name, sensor in (("gyro", self.prior.gyro), ("accel", self.prior.accel)):
-            for key, sd in IMU_PRIOR.items():
-                if np.any(getattr(sensor, key) > 0.0) and not (self._states == 15 and key == "scale_factor"):
-                    found.append(_Parameter(f"{name}.{key}", 0.0, sd, sd))
+        found = [
+            _Parameter(f"{name}.{key}", 0.0, sd, sd)
+            for name, sensor in (("gyro", self.prior.gyro), ("accel", self.prior.accel))
+            for key, sd in IMU_PRIOR.items()
+            if np.any(getattr(sensor, key) > 0.0) and not (self._states == 15 and key == "scale_factor")
+        ]
         found += [_Parameter(f"gps.{name}", 0.0, *POSITION_PRIOR) for name in ("horizontal", "vertical")]
         if velocities:
             found.append(_Parameter("gps.velocity", 0.0, VELOCITY_PRIOR, VELOCITY_PRIOR))
@@ -277,20 +278,15 @@ def _start(
     initial: InitialState, alignment: Alignment, before: ErrorModel, model: ErrorModel, factor: FloatArray
 ) -> InitialState:
     """Initial state for another error model: alignment errors by the sensor errors change with these, others stay."""
-    variance = np.diag(initial.covariance)
-    sd = np.sqrt(variance[:6])
-
+    sd = np.sqrt(np.diag(initial.covariance)[:6])
     place = initial.lla, initial.v_n, sd[:3] * factor if initial.from_fix else sd[:3], sd[3:]
 
     def tilt(of: ErrorModel, attitude_sd: FloatArray) -> InitialState:
         return initial_state(replace(alignment, sd=attitude_sd), of, *place, from_fix=initial.from_fix)
 
-    def by_sensors(of: ErrorModel) -> FloatArray:
-        variance: FloatArray = np.diag(tilt(of, np.zeros(3)).covariance)[6:9]
-        return variance
-
-    own = np.maximum(alignment.sd**2 - by_sensors(before), 1e-4 * alignment.sd**2)
-    return tilt(model, np.sqrt(own + by_sensors(model)))
+    was, by_sensors = (np.diag(tilt(of, np.zeros(3)).covariance)[6:9] for of in (before, model))
+    own = np.maximum(alignment.sd**2 - was, 1e-4 * alignment.sd**2)
+    return tilt(model, np.sqrt(own + by_sensors))
 
 
 def _bridged(samples: FloatArray, epochs: FloatArray) -> FloatArray:

@@ -50,10 +50,7 @@ class FirstPass:
 
     @cached_property
     def mounting(self) -> Mounting | None:
-        """How the IMU sits in its vehicle; None if the drive is too short to tell.
-
-        An attitude that is off all along shows in no residual: it is at most as large as attitude is ever known to.
-        """
+        """How the IMU sits in its vehicle, as far as attitude is ever known; None if the drive is too short to tell."""
         if self.fast_time < ENOUGH:
             return None
         found = mounting(self.v_b[self.fast], self._rate()[self.fast], self.step)
