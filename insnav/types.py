@@ -373,6 +373,17 @@ class Epochs(Tabular):
     covariance: FloatArray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StateChange:
+    """Change of three states of the filter that explains all later innovations best."""
+
+    time: float  # of the epoch before which it is [s], in the time of the samples
+    first: int  # of the three error states
+    change: FloatArray  # (3,) of the error, estimate minus truth
+    gain: float  # twice the gain of the log-likelihood [-]
+    since: float = np.inf  # positions from then to its time are not used, if that is earlier [s]
+
+
 @dataclass(frozen=True, slots=True)
 class Smoothed:
     """The smoothed (RTS) solution: every epoch from the whole recording, later fixes included."""
@@ -383,6 +394,7 @@ class Smoothed:
     # (3,) jump of the fixes [m], change of their velocity and a minute of drift beside true velocities [m/s] that are
     # told from true fixes nine times in ten; see `insnav.filter.shocks`
     smallest_seen: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    changed: StateChange | None = None  # attitude or bias of the IMU, where that may have stepped
 
 
 @dataclass(frozen=True, slots=True)

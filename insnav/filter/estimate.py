@@ -16,7 +16,8 @@ from insnav.filter.state_layout import cross_covariance, layout, reset_correlate
 from insnav.kernels import errorstate
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
-from insnav.types import Event, EventKind, FloatArray, Increments
+from insnav.strapdown import TIME_TOLERANCE
+from insnav.types import Event, EventKind, FloatArray, Increments, StateChange
 
 SUBSTEP = 0.1  # longest sub-step of transition and noise: a car turns by less than 6 deg in it [s]
 # unseen change of rate [rad/s^2] and specific force [m/s^3] in a gap, and the most assumed of it [rad], [m/s]
@@ -26,6 +27,7 @@ NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame i
 ATTITUDE_RESET_SD = np.deg2rad([6.0, 6.0, 10.0])
 BIAS_RESET_SD = np.array([*np.deg2rad([0.5, 0.5, 0.5]), 0.2, 0.2, 0.2])  # of such a step [rad/s], [m/s^2]
 VELOCITY_RESET_SD = 5.0  # velocity of a reset by fixes without velocity [m/s]
+CHANGE_KNOWN = 0.3  # part of a change of the IMU by which it may be another [-]
 RESET_FACTOR = 3.0  # the fix of a reset follows many that were rejected: its standard deviation counts so many times
 
 
@@ -40,7 +42,7 @@ class Estimate:
     def __init__(
         self, start: FilterState, model: ErrorModel, settings: FilterSettings, record: Record, coast: float
     ) -> None:
-        self.at = layout(settings)
+        self.at, self._coast = layout(settings), coast
         n = self.at.states
         self.x, self.correction = start.x.copy(), start.correction.copy()
         self.delay, self.correlated, self.lever = start.delay, start.correlated.copy(), start.lever_b.copy()
@@ -51,6 +53,7 @@ class Estimate:
         self._carried = errorstate.Carried(self.x, self.correction, self.motion, np.zeros(errorstate.SUMS), self.span)
         self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
         self._work = errorstate.scratch(n)
+        self._changes = [change for change in settings.changes if change.time > start.time]
         self._noise = errorstate.Model(np.array([SUBSTEP, coast]), model.noise, GAP_NOISE, model.decay)
         if self.history is not None:
             self.history.epoch(start.time, self.x, self.correction, self._phi, self.covariance)
@@ -108,10 +111,27 @@ class Estimate:
                 at = self.at.correlated + i
                 self._phi[at, at] = fade
                 self._q[at, at] = (1.0 - fade**2) * self._gps_noise.sd[i] ** 2
+        while self._changes and self._changes[0].time <= time + TIME_TOLERANCE:
+            self._change(self._changes.pop(0))
         self._note_repair(time, self._engine.predict(self._phi, self._q, time))
         if self.history is not None:
             self.history.epoch(time, self.x, self.correction, self._phi, self.covariance)
         errorstate.reset_transition(self._phi, self._q, self.span)
+
+    def _change(self, found: StateChange) -> None:
+        """Take a change off the state, and open the covariance for what is not known of it."""
+        error, part = np.zeros(self.at.states), slice(found.first, found.first + 3)
+        drag = found.since < found.time  # how far it went is not known before it is over
+        error[part] = 0.0 if drag else found.change
+        errorstate.feed_back(self.x, self.correction, error)
+        size = float(np.linalg.norm(found.change))
+        self._q[part, part] += ((1.0 if drag else CHANGE_KNOWN) * size) ** 2 * np.eye(3)
+        if found.first == NAV:  # it has turned the IMU for as long as from one epoch to the next
+            self._q[6:9, 6:9] += (self._coast * size) ** 2 * np.eye(3)
+        if found.first >= NAV:  # what stepped does not fade
+            decay = self._noise.decay.copy()
+            decay[found.first - NAV : found.first - NAV + 3] = 0.0
+            self._noise = self._noise._replace(decay=decay)
 
     def epoch(self, time: float) -> None:
         """Another epoch at the time of the last, for one more measurement."""

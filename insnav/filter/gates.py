@@ -47,7 +47,8 @@ class Gates:
     nis_limit: float = field(init=False)  # limit of the NIS of three numbers that follows from `probability` [-]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "nis_limit", chi2_limit(3, 1.0 - self.probability))
+        limit = chi2_limit(3, 1.0 - self.probability) if self.probability < 1.0 else math.inf
+        object.__setattr__(self, "nis_limit", limit)
 
     def small_of(self, position_sd: FloatArray) -> float:
         """Length of an innovation that is never rejected [m], for a fix of `position_sd` (3,).

@@ -9,19 +9,21 @@ from typing import Literal
 import numpy as np
 
 from insnav import spill
-from insnav.filter.gates import Trust
+from insnav.filter.changes import BETTER, changes_of, false_between, mixed, told, unused
+from insnav.filter.gates import Gates, Trust
 from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.first_pass import FirstPass
 from insnav.filter.measurements.non_holonomic import NonHolonomic
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
-from insnav.filter.whole_record import OPEN, Reconciled, reconcile
+from insnav.filter.whole_record import OPEN, Reconciled, contradicted, reconcile, residuals, told_false, unlikely
 from insnav.imu.specification import ImuSpec
-from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, Run
+from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, Run, StateChange
 
 AidingChoice = Literal["auto", "on", "off"]
 ABSORBED = 1.5  # times what a model shows: noise that is found anew, with the fault in it, hides a part of it
+SURELY = 1.0  # twice the log-likelihood of a fix, on average, by which another explanation is better [-]
 GAP_WORTH = 3.0  # a GPS gap from which other aiding is worth a second pass: less drifts by centimetres [s]
 FIRST_PASS_INTERVAL = 0.1  # of the solution from which the aiding is calibrated [s]
 
@@ -112,18 +114,58 @@ def navigate_prepared(
 
 
 def _decided(ready: Prepared, first: Run) -> Reconciled:
-    """Let the whole record decide which fixes were false; a run that is not smoothed stays as it is."""
+    """Let the whole record decide which fixes were false, or whether the IMU changed; only where something contradicts.
 
-    def again(fixes: GpsData, trust: Trust | None, opened: float) -> Run:
+    A run that is not smoothed stays as it is.
+    """
+
+    def again(
+        fixes: GpsData,
+        trust: Trust | None,
+        opened: float,
+        changes: tuple[StateChange, ...] = (),
+        gates: Gates = OPEN,
+    ) -> Run:
         covariance = ready.initial.covariance.copy()
         covariance[:3, :3] += opened**2 * np.eye(3)
         initial = replace(ready.initial, covariance=covariance, from_fix=ready.initial.from_fix and not opened)
-        settings = replace(ready.settings, gates=OPEN, trust=trust)
+        trust = trust or unused(changes, fixes, ready.settings.delay)
+        settings = replace(ready.settings, gates=gates, trust=trust, changes=changes)
         return _run(replace(ready, gps=fixes, settings=settings, initial=initial), None)
 
-    if first.smoothed is None:
+    said = any(event.kind is EventKind.CONTRADICTION for event in first.events)
+    against = first.smoothed is not None and contradicted(first, ready.gps, ready.settings)
+    if first.smoothed is None or not (said or against):
         return Reconciled(first)
-    return reconcile(first, ready.gps, ready.settings, again)
+
+    def worth(run: Run, changes: tuple[StateChange, ...] = ()) -> float:
+        return unlikely(run, ready.gps, ready.settings, unused(changes, ready.gps, ready.settings.delay))
+
+    found = reconcile(first, ready.gps, ready.settings, again) if against else Reconciled(first)
+    changes = changes_of(lambda changes: again(ready.gps, None, 0.0, changes), worth)
+    if not changes:
+        return found
+    of_imu = tuple(change for change in changes if change.first >= 6)
+    of_fixes = tuple(change for change in changes if change.first < 6)
+    trust = false_between(of_fixes, ready.gps, ready.settings.delay)
+    runs = [again(ready.gps, None, 0.0, changes, gates) for gates in (ready.settings.gates, OPEN)]
+    run = min(runs, key=lambda run: worth(run, changes))
+    # where false fixes explain it, changes must explain much more
+    margin = BETTER if found.run is first else max(BETTER, SURELY * run.innovations.time.size)
+    if worth(run, changes) > worth(found.run) - margin:
+        return found
+    events = told(of_imu, "likelier than false fixes; taken into account")
+    if trust is not None:
+        left = residuals(again(ready.gps, trust, 0.0, of_imu), ready.gps, ready.settings)
+        sizes = np.linalg.norm(left.position, axis=1), np.linalg.norm(left.velocity, axis=1)
+        trust = Trust(trust.false_position, trust.false_velocity, *sizes)
+        run = again(ready.gps, trust, 0.0, of_imu)
+        events += told_false(ready.gps, trust)
+    elif of_fixes:
+        run = mixed(run, of_fixes)
+        why = "against the IMU and all others; those before or those after are false, standard deviations hold both"
+        events += told(of_fixes, why)
+    return Reconciled(run, tuple(events))
 
 
 def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> Prepared:

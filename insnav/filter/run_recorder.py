@@ -9,6 +9,7 @@ import numpy as np
 
 from insnav import spill
 from insnav.exceptions import InputError
+from insnav.filter.changes import largest_change
 from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.settings import FilterSettings
 from insnav.filter.shocks import shock
@@ -163,7 +164,7 @@ class Record:
             changes, smallest = shock(found, velocities=bool(np.isfinite(innovations.nis_velocity).any()))
             self._events += changes
             smoothed = _smoothed(time, unmoved, filtered, found, axes_sd, delay_sd, clock, moved)
-            smoothed = replace(smoothed, smallest_seen=smallest)
+            smoothed = replace(smoothed, smallest_seen=smallest, changed=largest_change(found))
         spill.release()
         return Run(
             solution=filtered,

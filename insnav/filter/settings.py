@@ -9,7 +9,7 @@ import numpy as np
 from insnav.filter.gates import Gates, Trust
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.measurements.measurement import Measurement
-from insnav.types import FloatArray, SensorLog
+from insnav.types import FloatArray, SensorLog, StateChange
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,4 +35,5 @@ class FilterSettings:
     logs: tuple[SensorLog, ...] = ()  # of further sensors; the first pass over a drive makes measurements of them
     aiding: tuple[Measurement, ...] | None = None  # besides fixes, in the order of use; None: not looked for
     smooth: bool = True  # backward over the recording at its end; see `insnav.filter.smoother`
+    changes: tuple[StateChange, ...] = ()  # in order of time; see `insnav.filter.changes`
     trust: Trust | None = None  # fixes to leave out, found by `insnav.filter.whole_record`

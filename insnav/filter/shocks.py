@@ -56,7 +56,7 @@ def shock(found: SmoothedErrors, *, velocities: bool = True) -> tuple[list[Event
     These are a jump of the position [m], a change of velocity and a minute of drift [m/s], (3,), each seen nine times
     in ten in all but a tenth of the record. Without GPS `velocities` there is nothing a drift is beside of.
     """
-    rows = _settled(found)
+    rows = settled(found)
     time, smallest = found.time[rows], np.full(OF_FIXES, np.inf)
     worst, events = 1.0, list[Event]()
     for group, (told, unit, limit, beside, least) in enumerate(CHANGES):
@@ -65,7 +65,7 @@ def shock(found: SmoothedErrors, *, velocities: bool = True) -> tuple[list[Event
             continue
         gain = np.nan_to_num(gain)
         row = int(np.argmax(gain))
-        seen = max(limit, USUAL * _third(time, gain, beside))
+        seen = max(limit, USUAL * third_largest(time, gain, beside))
         value = float(size[row]) / (DEG if unit == "deg/s" else 1.0)
         if group < OF_FIXES:
             excess = np.sqrt(seen / limit)  # of what the drive shows over what the model has
@@ -77,7 +77,7 @@ def shock(found: SmoothedErrors, *, velocities: bool = True) -> tuple[list[Event
     return events, smallest
 
 
-def _settled(found: SmoothedErrors) -> BoolArray:
+def settled(found: SmoothedErrors) -> BoolArray:
     """Epochs that are neither soon after the start nor near the first departure, (m,)."""
     moving = np.linalg.norm(found.state[:, 3:6], axis=1) > AT_REST
     off = found.time[np.argmax(moving)] if moving.any() else np.inf
@@ -85,7 +85,7 @@ def _settled(found: SmoothedErrors) -> BoolArray:
     return np.asarray(at_rest | (found.time > off + (IN_MOTION if moving[0] else AFTER)))
 
 
-def _third(time: FloatArray, gain: FloatArray, beside: float) -> float:
+def third_largest(time: FloatArray, gain: FloatArray, beside: float) -> float:
     """Largest gain beside the two largest and what belongs to them."""
     rest = gain.copy()
     for _ in range(BEGIN_AND_END):

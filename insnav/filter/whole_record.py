@@ -46,6 +46,9 @@ MOST = 0.5  # share of fixes that may be false: beyond it they are not what the 
 FAR = 300.0  # false positions nearer than that are not told from true ones without velocities [m]
 LONGEST = 3.0  # fixes that the smoothed track supports may be rejected for so long [s]
 ENDS = 0.2  # a fix so little before or after the track is compared with its end [s]
+# likelihood of runs, twice its negative logarithm: from where on the NIS of a fix counts by its logarithm, what a
+# fix costs that was not used, and as much more a row of them, however long: a false one is seldom alone [-]
+LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
 OPEN_START = 3000.0  # standard deviation of a first position that may be false [m]
 
 
@@ -108,11 +111,8 @@ def reconcile(
 
     `settings`: of the first run; a residual that its gates call small is never false; `again`: navigates once more:
     fixes, which of them to leave out, and a standard deviation to be added to the first position [m].
-    Returns: the first run itself, bit for bit, where nothing contradicts it.
     """
-    scale = _scale(first.innovations.nis_position), _scale(first.innovations.nis_velocity)
-    if not _contradicted(first, gps, settings, residuals(first, gps, settings), scale):
-        return Reconciled(first)
+    scale = _scales(first)
     reason = ""
     # the first schedule holds where fixes are good, the second where many in a row are false
     for annealed in [True, False] if np.isfinite(gps.v_n).any() else [True]:
@@ -161,10 +161,11 @@ def _decide(
     if false.any() and float(np.mean(trust.false_velocity[false])) > MOST:
         return None, "positions and velocities of the same fixes contradict the IMU: either may be wrong"
     begin = int(np.searchsorted(gps.time, first.alignment.time, side="right")) + 1  # fixes up to the first one used
+    weights = np.where(false, 1.0, weights[0]), np.where(trust.false_velocity, 1.0, weights[1])
     run = again(_weighted(gps, *weights), trust, OPEN_START if false[:begin].any() else 0.0)
     if _diverged(run) > _diverged(first):
         return None, "fixes and IMU contradict each other, and leaving fixes out makes it worse"
-    return Reconciled(run, tuple(_told(gps, trust))), ""
+    return Reconciled(run, tuple(told_false(gps, trust))), ""
 
 
 def _diverged(run: Run) -> int:
@@ -172,20 +173,48 @@ def _diverged(run: Run) -> int:
     return sum(event.kind == EventKind.DIVERGED for event in run.events)
 
 
-def _scale(nis: FloatArray) -> float:
-    """How much larger squared innovations are than they should be; no less than one."""
-    known = nis[np.isfinite(nis)]
-    return max(1.0, float(np.median(known)) / MEDIAN) if known.size else 1.0
+def _scales(run: Run) -> tuple[float, float]:
+    """How much larger squared innovations of position and velocity are than they should be; no less than one."""
+    both = run.innovations.nis_position, run.innovations.nis_velocity
+    first, second = (
+        max(1.0, float(np.median(nis[np.isfinite(nis)])) / MEDIAN) if np.isfinite(nis).any() else 1.0 for nis in both
+    )
+    return first, second
 
 
-def _contradicted(
-    run: Run, gps: GpsData, settings: FilterSettings, found: Residuals, scale: tuple[float, float]
-) -> bool:
+def unlikely(run: Run, gps: GpsData, settings: FilterSettings, dragged: Trust | None = None) -> float:
+    """Twice the negative log-likelihood of all fixes against white noise of the reported standard deviations.
+
+    A fix that was not used costs more than those that were, but for positions that were `dragged` all together.
+    """
+    found, rows = run.innovations, _rows_of(run, gps, settings)
+    total = EPISODE * sum(event.kind is EventKind.RESET for event in run.events)
+    for nis, sd, reported, used in (
+        (found.nis_position, found.sd[:, :3], gps.position_sd[rows], found.used_position),
+        (found.nis_velocity, found.sd[:, 3:], gps.velocity_sd[rows], found.used_velocity),
+    ):
+        known = np.isfinite(nis)
+        large = LARGEST * (1.0 + np.log(np.maximum(nis, LARGEST) / LARGEST))  # heavy tails
+        cost = (np.where(nis > LARGEST, large, nis) + 2.0 * np.log(sd / reported).sum(axis=1))[known & used]
+        usual = float(np.median(cost)) if cost.size else 0.0
+        total += float(np.sum(cost)) + int((known & ~used).sum()) * (UNUSED + usual)
+        total += EPISODE * len(stretches(found.time, known & ~used))
+    if dragged is not None:
+        total -= (UNUSED - 1.0) * int(dragged.false_position[rows].sum())
+    return total
+
+
+def _rows_of(run: Run, gps: GpsData, settings: FilterSettings) -> IntArray:
+    """Row of the fix of each innovation."""
+    return np.searchsorted(gps.time - settings.delay, run.innovations.time - 1e-6)
+
+
+def contradicted(run: Run, gps: GpsData, settings: FilterSettings) -> bool:
     """Whether the filter reset, believed a fix that the smoothed track contradicts, or rejected many it supports."""
     if any(event.kind is EventKind.RESET for event in run.events):
         return True
-    gates = settings.gates
-    rows = np.searchsorted(gps.time - settings.delay, run.innovations.time - 1e-6)
+    gates, found, scale = settings.gates, residuals(run, gps, settings), _scales(run)
+    rows = _rows_of(run, gps, settings)
     squares = found.square_position[rows] / scale[0], found.square_velocity[rows] / scale[1]
     believed = run.innovations.used_position, run.innovations.used_velocity
     large = (
@@ -222,7 +251,7 @@ def _event(time: float, size: float, unit: str, told: str) -> Event:
     return Event(time, EventKind.CONTRADICTION, size, float("nan"), unit, told)
 
 
-def _told(gps: GpsData, trust: Trust) -> list[Event]:
+def told_false(gps: GpsData, trust: Trust) -> list[Event]:
     """What was found false, as a warning each."""
     found = []
     for name, false, size, unit in (

@@ -93,7 +93,7 @@ def batch(system, y, n, start, part_of=slice(0), change=()):
 def backward(rows, n):
     """Smoothed errors after and before the measurements, their covariances, comparison with fixes, and changes."""
     m = len(rows)
-    out = [np.empty((m, *shape)) for shape in ((STATES,), (STATES,), (NAV, NAV), (12,), (25,), (15,))]
+    out = [np.empty((m, *shape)) for shape in ((STATES,), (STATES,), (NAV, NAV), (12,), (25,), (39,))]
     ends = np.full((3, 5, 3), np.nan)
     ends[0] = rows[0, kernel.TIME] * (np.arange(5) == 4)[:, None]
     kernel.backward(rows, n, np.zeros(n), np.zeros((n, n)), *out[:5], np.zeros((9, n + 3)), ends, out[5])

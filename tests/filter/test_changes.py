@@ -1,0 +1,119 @@
+"""Biases that step, an IMU that is turned, fixes that jump or are dragged: modelled, or left open by the variance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.attitude import dcm_from_rph
+from insnav.earth import ned_offset
+from insnav.errors.metrics import position_errors
+from insnav.filter.changes import false_between, largest_change, mixed, offset
+from insnav.filter.navigate import Navigated, navigate_recording
+from insnav.imu import load_imu
+from insnav.kernels.smoother import VECTORS
+from insnav.simulate.faults import gps_drag, gps_jump
+from insnav.simulate.gps_file import load_gps
+from insnav.simulate.motion import load_profile
+from insnav.simulate.recording import MOTION_STREAM, simulate_recording
+from insnav.types import EventKind, FloatArray, ImuData, StateChange
+from tests.filter.test_shocks import AT as SHOCK
+from tests.filter.test_shocks import drives, smoothed
+from tests.filter.test_whole_record import AT, SETTINGS, false, navigated, recording, span, told
+
+
+def ratios(done: Navigated, truth) -> FloatArray:
+    """Error by standard deviation of the smoothed position, (n, 3)."""
+    solution = done.run.smoothed.solution
+    lla = np.column_stack([np.interp(solution.time, truth.time, column) for column in truth.lla.T])
+    return np.abs(ned_offset(solution.lla, lla)) / solution.sd[:, :3]
+
+
+def with_imu(seed: int, imu: ImuData) -> Navigated:
+    return navigate_recording(imu, recording(seed).gps, load_imu("automotive"), SETTINGS)
+
+
+@pytest.mark.parametrize(("seed", "axis"), [(5, 2), (8, 0)])
+def test_a_gyro_bias_that_steps_is_found_and_taken_into_account(seed, axis):
+    imu = recording(seed).imu
+    step = np.deg2rad(0.5) * (imu.time > imu.time[0] + AT)
+    scale = np.median(np.diff(imu.time)) if imu.sampling == "increment" else 1.0
+    done = with_imu(seed, replace(imu, gyro=imu.gyro + scale * step[:, None] * np.eye(3)[axis]))
+    assert np.mean(ratios(done, recording(seed).reference) < 3.0) > 0.99
+    assert not any(event.kind is EventKind.RESET for event in done.run.events)
+    (event,) = (event for event in done.run.events if event.kind is EventKind.CONTRADICTION)
+    assert "gyro bias steps" in event.action
+    assert event.time == pytest.approx(imu.time[0] + AT, abs=2.0)
+    assert event.value == pytest.approx(0.5, rel=0.1)
+
+
+def test_an_imu_that_is_turned_in_its_place_is_found():
+    imu = recording(5).imu
+    turn, after = dcm_from_rph(np.deg2rad([0.0, 0.0, 90.0])), (imu.time > imu.time[0] + AT)[:, None]
+    gyro, accel = (np.where(after, each @ turn, each) for each in (imu.gyro, imu.accel))
+    done = with_imu(5, replace(imu, gyro=gyro, accel=accel))
+    assert np.mean(ratios(done, recording(5).reference) < 3.0) > 0.99
+    assert any("the IMU turns" in text for text in told(done))
+
+
+def test_dragged_fixes_leave_open_which_are_true():
+    gps = recording(5).gps
+    done = navigated(5, gps_drag(gps, 2.0, span(gps, 60.0)))
+    assert any("standard deviations hold both" in text for text in told(done))
+    assert np.mean(ratios(done, recording(5).reference) < 3.0) > 0.99
+    assert done.run.smoothed.solution.sd[:, :2].max() < 120.0
+
+
+def test_a_jump_of_metres_by_a_receiver_good_to_centimetres_is_left_out():
+    truth = load_profile("motorway").truth((17, MOTION_STREAM))
+    made = simulate_recording(truth, load_imu("tactical"), load_gps("rtk"), 17)
+    imu, fixes = (each.rows(each.time < each.time[0] + 300.0) for each in (made.imu, made.gps))
+    done = navigate_recording(imu, gps_jump(fixes, 3.0, span(fixes, 30.0)), load_imu("tactical"), SETTINGS)
+    assert len(false(done)) == 150
+    assert np.hypot(*position_errors(done.run.smoothed.solution, made.reference).position[:, :2].T).max() < 0.3
+
+
+def test_the_largest_change_is_that_of_the_shocks():
+    found = smoothed(0, "step", 0.05)
+    change = largest_change(found)
+    assert change is not None
+    assert change.first == 9
+    assert change.time == pytest.approx(drives.truth().start + SHOCK, abs=5.0)
+    np.testing.assert_allclose(np.rad2deg(change.change), [0.0, 0.0, -0.05], atol=0.01)
+    for group, first in ((0, 0), (1, 3), (3, 9), (4, 12)):  # the same as in words
+        gain, *vector = found.shocks[:, VECTORS + 4 * (first // 3) :][:, :4].T
+        np.testing.assert_array_equal(gain, found.shocks[:, 3 * group])
+        np.testing.assert_allclose(np.linalg.norm(vector, axis=0), found.shocks[:, 3 * group + 1])
+    assert largest_change(smoothed(0)) is None
+
+
+def jump(time: float, metres: float) -> StateChange:
+    return StateChange(time, 0, np.array([-metres, 0.0, 0.0]), 100.0)
+
+
+def test_fixes_that_come_back_were_false_and_others_leave_it_open():
+    gps = recording(5).gps
+    begin = gps.time[0]
+    there_and_back = jump(begin + 50.0, 5.0), jump(begin + 70.0, -4.9)
+    trust = false_between(there_and_back, gps, 0.0)
+    assert trust is not None
+    np.testing.assert_array_equal(trust.false_position, (gps.time >= begin + 50.0) & (gps.time < begin + 70.0))
+    assert not trust.false_velocity.any()
+    assert false_between(there_and_back[:1], gps, 0.0) is None
+    faster = StateChange(10.0, 3, np.array([0.0, -2.0, 0.0]), 100.0)
+    np.testing.assert_allclose(offset((faster,), np.array([5.0, 10.0, 14.0]))[:, 1], [0.0, 0.0, 8.0])
+    over = faster, StateChange(20.0, 3, np.array([0.0, 1.9, 0.0]), 100.0)
+    np.testing.assert_allclose(offset(over, np.array([30.0, 99.0]))[:, 1], 20.0)
+
+
+def test_the_variance_of_a_jump_is_that_of_both_explanations():
+    """A third of the record before it: the later fixes are false with that probability."""
+    run = navigated(5, recording(5).gps).run
+    time = run.smoothed.solution.time
+    at = time[0] + np.ptp(time) / 3.0
+    wider = mixed(run, (jump(at, 30.0),))
+    added = wider.smoothed.solution.sd[:, 0] ** 2 - run.smoothed.solution.sd[:, 0] ** 2
+    np.testing.assert_allclose(added, np.where(time < at, 2.0 / 3.0, 1.0 / 3.0) * 900.0)
+    np.testing.assert_array_equal(wider.smoothed.solution.sd[:, 1:], run.smoothed.solution.sd[:, 1:])
