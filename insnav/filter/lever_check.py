@@ -19,11 +19,9 @@ MARGIN = 3.0  # further ones by which what is surely seen exceeds that: noise fo
 def lever_contradicted(ready: Prepared) -> tuple[tuple[Event, ...], tuple[str]]:
     """Navigate the begin of a drive with the lever arm as a state; an event if it ends far from that given."""
     given, begin = ready.settings.lever_b, ready.initial.time
-    some = ready.imu.rows(slice(int(np.searchsorted(ready.imu.time, begin + LOOK))))
     settings = replace(ready.settings, lever_sd=OPENED, smooth=False)
-    navigator = replace(ready, settings=settings).navigator()
-    feed(navigator, some)
-    run = navigator.finish()
+    some = replace(ready.beginning(LOOK), settings=settings)
+    run = feed(some.navigator(), some.imu).finish()
     off, limit = np.abs(run.lever_b - given), np.maximum(WRONG, SURE * run.lever_sd)
     seen, found, sd, arm = (
         ",".join(f"{value + 0.0:.2f}" for value in each)

@@ -236,18 +236,17 @@ def _longest_gap(ready: Prepared) -> float:
     return float(np.diff(inside, prepend=ready.initial.time, append=ready.imu.time[-1]).max())
 
 
-def feed(navigator: Navigator, imu: ImuData, progress: Callable[[float], None] | None = None) -> None:
-    """Give a filter the samples of a recording in blocks; `progress` is called with the fraction done."""
+def feed(navigator: Navigator, imu: ImuData, progress: Callable[[float], None] | None = None) -> Navigator:
+    """A filter, given the samples of a recording in blocks; `progress` is called with the fraction done."""
     for block in spill.blocks(imu.time.shape[0]):
         navigator.feed(imu.rows(block))
         if progress is not None:
             progress(block.stop / imu.time.shape[0])
+    return navigator
 
 
 def _run(ready: Prepared, progress: Callable[[float], None] | None) -> Run:
-    navigator = ready.navigator()
-    feed(navigator, ready.imu, progress)
-    return navigator.finish()
+    return feed(ready.navigator(), ready.imu, progress).finish()
 
 
 def _half_of(progress: Callable[[float], None], before: float) -> Callable[[float], None]:

@@ -190,8 +190,7 @@ def _navigated(
     """Navigate one window from its first state to the last of its epochs."""
     delay = part.settings.delay
     navigator = Navigator(first, part.model, compared, part.alignment, part.nominal, settings)
-    feed(navigator, part.imu)
-    run = navigator.finish()
+    run = feed(navigator, part.imu).finish()
     seen, at = run.innovations, run.epochs
     reference_sd = np.column_stack([compared.position_sd, compared.velocity_sd])
     covariance = at.covariance[:, :6, :6].copy()
