@@ -19,6 +19,7 @@ SLOW = (
     "tests/errors/budget/test_from_windows.py",
     "tests/errors/requirement/test_aided.py::test_the_filter_itself",
     "tests/faults/test_navigation.py::test_n5_outages",
+    "tests/filter/test_changes.py::test_a_jump_of_metres",
     "tests/filter/test_truth_of_sd.py",
     "tests/filter/test_whole_record.py",
     "tests/lab/test_multi_position.py::test_the_truth_lies_within",

@@ -40,11 +40,11 @@ TOLD = {
 }
 
 
-def largest_change(found: SmoothedErrors) -> StateChange | None:
-    """Change that later innovations ask for most clearly."""
+def largest_change(found: SmoothedErrors, *, velocities: bool = True) -> StateChange | None:
+    """Change that later innovations ask for most clearly; without GPS `velocities` there is no drag beside them."""
     rows = np.flatnonzero(settled(found))
     best = None
-    for group, first in enumerate((*TOLD, 0) if rows.size else ()):
+    for group, first in enumerate((*TOLD, *([0] if velocities else [])) if rows.size else ()):
         vectors = found.shocks[:, VECTORS + 4 * group :]
         gains = np.nan_to_num(vectors[rows, 0])
         row = rows[np.argmax(gains)]

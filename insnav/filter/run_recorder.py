@@ -161,10 +161,11 @@ class Record:
         if found is not None and unmoved is not None:
             rows = np.searchsorted(self._time[:n], found.time[found.used] - 1e-6)
             moved = _moved(self._state[rows], delay_sd)
-            changes, smallest = shock(found, velocities=bool(np.isfinite(innovations.nis_velocity).any()))
+            velocities = bool(np.isfinite(innovations.nis_velocity).any())
+            changes, smallest = shock(found, velocities=velocities)
             self._events += changes
             smoothed = _smoothed(time, unmoved, filtered, found, axes_sd, delay_sd, clock, moved)
-            smoothed = replace(smoothed, smallest_seen=smallest, changed=largest_change(found))
+            smoothed = replace(smoothed, smallest_seen=smallest, changed=largest_change(found, velocities=velocities))
         spill.release()
         return Run(
             solution=filtered,

@@ -87,6 +87,11 @@ def test_the_largest_change_is_that_of_the_shocks():
         np.testing.assert_array_equal(gain, found.shocks[:, 3 * group])
         np.testing.assert_allclose(np.linalg.norm(vector, axis=0), found.shocks[:, 3 * group + 1])
     assert largest_change(smoothed(0)) is None
+    dragged = smoothed(0, "minute", 0.5)
+    assert np.isfinite(largest_change(dragged).since)
+    assert (
+        largest_change(dragged, velocities=False) is None or largest_change(dragged, velocities=False).since == np.inf
+    )
 
 
 def jump(time: float, metres: float) -> StateChange:
