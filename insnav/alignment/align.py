@@ -63,11 +63,12 @@ def align(
     static_span: tuple[float, float] | None = None,
     heading: float | None = None,
     yaw: float = 0.0,
+    lever_sd: float = 0.0,
 ) -> Alignment:
     """Attitude at the first fix that the samples cover, from whatever the data offer.
 
     `static_span`: stationary interval as given [s]; found by default; `heading`: heading at the start as given [rad];
-    `yaw`: by which the IMU is turned in the vehicle [rad].
+    `yaw`: by which the IMU is turned in the vehicle [rad]; `lever_sd`: standard deviation of the lever arm [m].
     Raises: AlignmentError: nothing in the data determines the heading, or the level.
     """
     speed = motion.velocity(gps)
@@ -80,7 +81,7 @@ def align(
     lla = gps.lla[covered][0]
     if rest is not None and (static_span is not None or rest[0] <= first_fix + SOON):
         return _from_rest(parts, spec, gps, speed, rest, heading, yaw)
-    return _in_motion(parts, spec, speed, gps.time[covered], lla, heading, yaw)
+    return _in_motion(parts, spec, speed, gps.time[covered], lla, heading, yaw, lever_sd)
 
 
 def stationary_of(parts: Intervals, gps: GpsData) -> tuple[float, float] | None:
@@ -154,6 +155,7 @@ def _in_motion(
     lla: FloatArray,
     heading: float | None,
     yaw: float,
+    lever_sd: float,
 ) -> Alignment:
     start = float(fixes[0])
     moving = motion.first_motion(speed, start)
@@ -181,14 +183,9 @@ def _in_motion(
     rates, _ = static.rates(parts)
     around = np.abs(parts.end - begin) <= 1.0
     turning = float(np.max(np.abs(rates[around].mean(axis=0)))) if around.any() else 0.0
-    # in a turn the course is not that of one instant
-    course_sd = float(
-        np.sqrt(
-            motion.SLIP_SD**2
-            + (np.median(speed.sd[near]) / max(np.hypot(v[0], v[1]), 1e-9)) ** 2
-            + (turning * COURSE_TIME) ** 2
-        )
-    )
+    # in a turn the course is not that of one instant, nor that of antenna and IMU the same
+    across = float(np.hypot(np.median(speed.sd[near]), turning * lever_sd)) / max(np.hypot(v[0], v[1]), 1e-9)
+    course_sd = float(np.sqrt(motion.SLIP_SD**2 + across**2 + (turning * COURSE_TIME) ** 2))
     method = "GPS course"
     if heading is not None:
         rph[2], course_sd, method = wrap_two_pi(heading), GIVEN_HEADING_SD, "given"

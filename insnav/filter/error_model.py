@@ -55,6 +55,7 @@ class FilterState:
     delay: float  # estimated GPS delay, beyond the one given [s]
     correlated: FloatArray  # (3,) estimated time-correlated GPS position error, North, East, Down [m]
     lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
+    shaken_b: FloatArray  # (3,) the same as vibration moves it, for the receiver [m]
     motion: FloatArray  # (6,) body rate [rad/s] and acceleration in n [m/s^2]
     covariance: FloatArray  # (n, n) of the error states
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+
 import numpy as np
 
 from insnav.attitude import dcm_from_rph, quat_from_rph
@@ -34,9 +36,9 @@ RESET_FACTOR = 3.0  # the fix of a reset follows many that were rejected: its st
 class Estimate:
     """State and covariance of the filter.
 
-    `x`, `correction`, `delay`, `correlated`, `lever` and `motion` are those of `insnav.filter.error_model.FilterState`,
-    `at` the indices of the states, `span` the time since the last filter epoch, (1,) [s], and `history` what the
-    smoother needs. `coast` is the longest time between filter epochs [s].
+    `x`, `correction`, `delay`, `correlated`, `lever`, `shaken` and `motion` are those of
+    `insnav.filter.error_model.FilterState`, `at` the indices of the states, `span` the time since the last epoch, (1,)
+    [s], and `history` what the smoother needs. `coast` is the longest time between filter epochs [s].
     """
 
     def __init__(
@@ -45,7 +47,8 @@ class Estimate:
         self.at, self._coast = layout(settings), coast
         n = self.at.states
         self.x, self.correction = start.x.copy(), start.correction.copy()
-        self.delay, self.correlated, self.lever = start.delay, start.correlated.copy(), start.lever_b.copy()
+        self.delay, self.correlated = start.delay, start.correlated.copy()
+        self.lever, self.shaken = start.lever_b.copy(), start.shaken_b.copy()
         self.motion, self.span = start.motion.copy(), np.zeros(1)
         self.history = History(n) if settings.smooth else None
         self._engine = Engine(start.covariance)
@@ -65,16 +68,9 @@ class Estimate:
 
     def kept(self, time: float) -> FilterState:
         """Copy of everything, to go on from."""
-        return FilterState(
-            time,
-            self.x.copy(),
-            self.correction.copy(),
-            self.delay,
-            self.correlated.copy(),
-            self.lever.copy(),
-            self.motion.copy(),
-            self.covariance.copy(),
-        )
+        levers = self.lever, self.shaken
+        state = (self.x, self.correction, self.delay, self.correlated, *levers, self.motion, self.covariance)
+        return FilterState(time, *deepcopy(state))
 
     def propagate(
         self, inc: Increments, gap: FloatArray, first: int, last: int, close: bool, grid: FloatArray, out: Record.Rows
@@ -225,6 +221,8 @@ class Estimate:
             self.correlated -= error[at.correlated : at.correlated + 3]
         if at.lever >= 0:
             self.lever -= error[at.lever : at.lever + 3]
+        if at.shaken >= 0:
+            self.shaken -= error[at.shaken : at.shaken + 3]
 
     def _note_repair(self, time: float, repaired: bool) -> None:
         if repaired:

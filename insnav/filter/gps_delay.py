@@ -53,6 +53,7 @@ class Filtered:
     ready: Prepared  # the beginning
     epochs: FloatArray | None  # see `insnav.kernels.smoother.keep`; none if the filter diverged
     delay: float  # in which its state ended [s]
+    shaken: bool  # whether vibration moves the antenna otherwise than turns do
     misfit: float  # how unlikely positions were, see `Record.misfit`
 
 
@@ -61,14 +62,15 @@ def filtered(ready: Prepared) -> Filtered:
     ready = ready.beginning(LONGEST)
     # a late fix looks false in every bend, and a reset would open heading and biases, which the windows need
     gates = replace(ready.settings.gates, reset_after=np.inf)
-    settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0, gates=gates)
+    settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0, gates=gates, shaken=True)
     navigator = replace(ready, settings=settings).navigator()
     try:
         feed(navigator, ready.imu)
         epochs = navigator.history()
     except DivergenceError:
-        return Filtered(ready, None, 0.0, np.inf)
-    return Filtered(ready, epochs, navigator.delay, navigator.misfit())
+        return Filtered(ready, None, 0.0, False, np.inf)
+    other, sd = navigator.vibration()
+    return Filtered(ready, epochs, navigator.delay, bool((np.abs(other) > SURE * sd).any()), navigator.misfit())
 
 
 def delay_of(seen: Filtered) -> tuple[float, float, float]:
@@ -262,17 +264,17 @@ def _cost(left: _Left, lever_sd: float) -> tuple[FloatArray, FloatArray, FloatAr
 def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettings) -> Prepared:
     """Prepare a recording, its samples moved into the time of the fixes where these are late or early.
 
+    Whether vibration moves the antenna otherwise than turns do is seen on the way.
     `prepared`: prepares with the clock of the samples moved by so much at the start [s], and made faster by so much
     [s/s]; `settings`: of the filter; a delay that is given is not looked for.
     """
     start = ready = prepared(0.0, 0.0)
     clock = rate = 0.0
-    if settings.delay_sd <= 0.0:
+    if settings.delay_sd <= 0.0 and settings.lever_sd <= 0.0 and not settings.lever_b.any():
         return ready
-    first = None
-    for _ in range(ROUNDS):
-        seen = filtered(ready)
-        first = first or seen
+    first = seen = filtered(ready)
+    for number in range(ROUNDS if settings.delay_sd > 0.0 else 0):
+        seen = filtered(ready) if number else first
         if (clock * seen.delay < 0.0 and abs(seen.delay) > RETURN * abs(clock)) or seen.misfit > first.misfit:
             # windows of steady turns take a heading for a delay; the filter, which has one heading, does not
             ready, clock, rate = *_by_the_filter(start, first, prepared), 0.0
@@ -282,6 +284,7 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
             break
         clock, rate = clock + delay, rate + drift
         ready = prepared(clock, rate)
+    ready = replace(ready, settings=replace(ready.settings, shaken=seen.shaken))
     notes = []
     if ready.clock != 0.0:
         which = "late" if ready.clock > 0.0 else "early"

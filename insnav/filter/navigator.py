@@ -22,7 +22,7 @@ from insnav.filter.measurements.measurement import INTERVAL
 from insnav.filter.parts import Part
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
-from insnav.filter.smoother import SmoothedErrors
+from insnav.filter.smoother import History, SmoothedErrors
 from insnav.filter.state_layout import first_state
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import at_fix_time
@@ -34,7 +34,7 @@ POSITION = (EventKind.GATE_POSITION, EventKind.DEWEIGHTED_POSITION)
 VELOCITY = (EventKind.GATE_VELOCITY, EventKind.DEWEIGHTED_VELOCITY)
 DEWEIGHTED = (EventKind.DEWEIGHTED_POSITION, EventKind.DEWEIGHTED_VELOCITY)
 MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # newest samples that must wait for their neighbours
-CONTEXT = 2 * MARGIN  # samples kept before the first unprocessed one
+SEEN = 0.1  # before and after a fix: what its receiver has smoothed over, at most [s]
 COAST = 1.0  # longest time between filter epochs: the transition is of second order [s]
 BROKEN = 3.0  # a longer time without a rejected fix ends a row of rejections, if fixes come more often [s]
 FEWEST_REJECTIONS = 5  # before a reset: at low rates a second or two of multipath must not cause one
@@ -84,6 +84,8 @@ class Navigator:
         self._grid = np.array([start.time if every > 0 else np.inf, every, start.time])
         self._start, self._done = start.time, -np.inf
         self._next = 0  # first fix not yet processed
+        self._rates, self._motion = np.empty((0, 3)), np.zeros(9)  # at the next fixes; of `Predicted`
+        self._margin = MARGIN + int(SEEN / nominal)  # newest samples that wait; twice as many processed ones are kept
         self._last_good = start.time  # time of the last accepted position
         often = float(np.median(np.diff(gps.time))) if gps.time.shape[0] > 1 else 1.0
         self._broken = max(BROKEN, 2.5 * often)
@@ -126,6 +128,15 @@ class Navigator:
         """By how much older the fixes are, beyond what was given, as estimated so far [s]."""
         return self._estimate.delay
 
+    def vibration(self) -> tuple[FloatArray, FloatArray]:
+        """Lever arm by which vibration moves the antenna less that of turns, (3,) [m], and its standard deviation."""
+        at, other = self._estimate.at, self._estimate.shaken - self._estimate.lever
+        by = np.zeros((3, at.states))
+        for first, sign in ((at.shaken, 1.0), (at.lever, -1.0)):
+            if first >= 0:
+                by[:, first : first + 3] = sign * np.eye(3)
+        return other, np.sqrt(np.diagonal(by @ self._estimate.covariance @ by.T))
+
     def finish(self) -> Run:
         """Process the samples still waiting and return the result."""
         if self._tail is not None:
@@ -147,24 +158,23 @@ class Navigator:
 
     def smoothed_errors(self) -> SmoothedErrors:
         """Process the samples still waiting, smooth, and compare every fix, accepted or not, with the result."""
-        if self._tail is not None:
-            self._advance(None, last=True)
-        if self._estimate.history is None:
-            raise ConfigError("only a filter that smooths compares fixes", where="settings.smooth")
-        return self._estimate.history.smooth()
+        return self._ended().smooth()
 
     def history(self) -> FloatArray:
         """Process the samples still waiting and return every epoch; see `insnav.kernels.smoother.keep`."""
+        return self._ended().rows()
+
+    def _ended(self) -> History:
         if self._tail is not None:
             self._advance(None, last=True)
         if self._estimate.history is None:
             raise ConfigError("only a filter that smooths keeps its epochs", where="settings.smooth")
-        return self._estimate.history.rows()
+        return self._estimate.history
 
     def _advance(self, imu: ImuData | None, *, last: bool) -> None:
         buffer = _join(self._tail, imu)
         n = buffer.time.shape[0]
-        ready = n if last else n - MARGIN
+        ready = n if last else n - self._margin
         if ready < 2:
             self._tail = buffer
             return
@@ -177,14 +187,16 @@ class Navigator:
             cuts = np.concatenate([[self._start], self._fix_time[self._next :]])
             pieces = strapdown.split(parts, cuts, first, stop)
             inc = strapdown.increments(parts, pieces)
+            if self._estimate.at.shaken >= 0:
+                self._rates = _rates_at(self._fix_time[self._next :], parts)
             self._process(inc, parts.gap[pieces[0]])
             self._done = parts.end[stop - 1]
-        self._tail = buffer.rows(slice(max(0, ready - CONTEXT), None))
+        self._tail = buffer.rows(slice(max(0, ready - 2 * self._margin), None))
 
     def _process(self, inc: Increments, gap: FloatArray) -> None:
         begin = int(np.searchsorted(inc.time, self._start + strapdown.TIME_TOLERANCE))
         # index of the piece that ends at each fix
-        fixes = self._fix_time[self._next :]
+        fixes, before = self._fix_time[self._next :], self._next
         at = np.searchsorted(inc.time, fixes - strapdown.TIME_TOLERANCE)
         at = at[at < inc.time.shape[0]]
         out = self._record.reserve(inc.time.shape[0] if self._grid[1] == 0.0 else _rows(inc, self._grid[1]))
@@ -194,7 +206,7 @@ class Navigator:
                 self._next += 1
                 continue
             k = self._run(inc, gap, k, int(i) + 1, True, out)
-            self._update(inc.time[i])
+            self._update(inc.time[i], self._next - before)
             row = int(self._fix[self._next])
             self._aiding.at_fix(inc.time[i])
             self._aiding.at_epoch(inc.time[i])
@@ -218,9 +230,14 @@ class Navigator:
         out.delay[begin : out.used] = estimate.delay
         return k
 
-    def _update(self, time: float) -> None:
+    def _update(self, time: float, number: int) -> None:
+        """Use a fix; `number`: its row of the rates."""
         estimate = self._estimate
         estimate.predict(time)
+        self._motion[:6], self._motion[6:] = estimate.motion, 0.0
+        if estimate.at.shaken >= 0:
+            self._motion[:3] = (self._rates[number] - estimate.correction[:3]) / (1.0 + estimate.correction[6:9])
+            self._motion[6:] = estimate.motion[:3] - self._motion[:3]
         row = self._fix[self._next]
         z, h, r = self._z, self._h, self._r
         nis_position, nis_velocity, distance, change = self._assess(row)
@@ -276,8 +293,9 @@ class Navigator:
         found: tuple[float, float, float, float] = assess(
             Predicted(
                 estimate.x,
-                estimate.motion,
+                self._motion,
                 estimate.lever,
+                estimate.shaken,
                 estimate.correlated,
                 estimate.delay,
                 estimate.covariance,
@@ -288,6 +306,7 @@ class Navigator:
             settings.correlated.share if settings.correlated is not None else 0.0,
             estimate.at.correlated,
             estimate.at.lever,
+            estimate.at.shaken,
             Assessment(self._z, self._h, self._r, self._s, self._sd),
         )
         return found
@@ -342,6 +361,14 @@ class Navigator:
         )
         self._last_good = time
         self._rejections.clear()
+
+
+def _rates_at(times: FloatArray, parts: strapdown.Intervals) -> FloatArray:
+    """Mean body rate about each of the fixes (k,) [s], without what vibrates: (k, 3) [rad/s]."""
+    turned = np.cumsum(parts.gyro * parts.dt[:, None] if parts.instant else parts.gyro, axis=0)
+    window = np.clip(times + np.array([[-SEEN], [SEEN]]), parts.end[0], parts.end[-1])
+    angle = np.array([np.interp(window, parts.end, column) for column in turned.T])
+    return np.asarray((angle[:, 1] - angle[:, 0]) / np.maximum(window[1] - window[0], SEEN)).T
 
 
 def _rows(inc: Increments, every: float) -> int:

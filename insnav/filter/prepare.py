@@ -138,6 +138,7 @@ def prepare(
             static_span=static_span if first or inside else None,
             heading=heading if first else None,
             yaw=settings.mounting_yaw,
+            lever_sd=settings.lever_sd,
         )
         return found, _at_fix(found, here, model, settings)
 

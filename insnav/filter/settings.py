@@ -20,6 +20,7 @@ class FilterSettings:
     """
 
     lever_b: FloatArray = field(default_factory=lambda: np.zeros(3))  # antenna seen from the IMU, body axes, (3,) [m]
+    shaken: bool = False  # vibration moves the antenna, for the receiver, by a lever arm of its own, which is estimated
     lever_sd: float = 0.0  # of each component of that [m]
     delay: float = 0.0  # how much older the fixes are than their timestamps [s]
     delay_sd: float = 0.0  # of that [s]; estimated, it puts the solution into the time of the fixes

@@ -22,20 +22,28 @@ class Layout(NamedTuple):
     """The three of the time-correlated GPS position error."""
     lever: int
     """The three of the lever arm, body axes."""
+    shaken: int
+    """The three of the lever arm by which vibration moves the antenna for the receiver.
+
+    A receiver measures velocity over its own 20 to 200 ms, and what shakes an IMU need not move the antenna.
+    """
 
 
 def layout(settings: FilterSettings) -> Layout:
     """States that the settings ask for; whatever follows the delay needs its place, if only as a known zero."""
-    more = settings.correlated is not None or settings.lever_sd > 0.0
+    swings = settings.shaken and (settings.lever_sd > 0.0 or settings.lever_b.any())
+    more = settings.correlated is not None or settings.lever_sd > 0.0 or swings
     if not more and settings.delay_sd <= 0.0:
-        return Layout(STATES, -1, -1, -1)
+        return Layout(STATES, -1, -1, -1, -1)
     count = STATES + 1
-    correlated = lever = -1
+    correlated = lever = shaken = -1
     if settings.correlated is not None:
         correlated, count = count, count + 3
     if settings.lever_sd > 0.0:
         lever, count = count, count + 3
-    return Layout(count, STATES, correlated, lever)
+    if swings:
+        shaken, count = count, count + 3
+    return Layout(count, STATES, correlated, lever, shaken)
 
 
 def first_state(start: InitialState, settings: FilterSettings) -> FilterState:
@@ -50,6 +58,9 @@ def first_state(start: InitialState, settings: FilterSettings) -> FilterState:
     if at.lever >= 0:
         part = slice(at.lever, at.lever + 3)
         covariance[part, part] = settings.lever_sd**2 * np.eye(3)
+    if at.shaken >= 0:
+        part = slice(at.shaken, at.shaken + 3)
+        covariance[part, part] = np.diag(settings.lever_sd**2 + settings.lever_b**2)
     if start.from_fix and at.delay >= 0:
         # the position is that of a fix: wrong by its time-correlated error and by the way travelled in the delay
         if settings.correlated is not None:
@@ -61,7 +72,8 @@ def first_state(start: InitialState, settings: FilterSettings) -> FilterState:
             covariance[:3, :3] += settings.lever_sd**2 * np.eye(3)
     x = np.concatenate([start.lla, start.v_n, quat_from_rph(start.rph)])
     correction = np.concatenate([start.gyro_bias, np.zeros(9)])
-    return FilterState(start.time, x, correction, 0.0, np.zeros(3), settings.lever_b.copy(), np.zeros(6), covariance)
+    levers = settings.lever_b.copy(), settings.lever_b.copy()
+    return FilterState(start.time, x, correction, 0.0, np.zeros(3), *levers, np.zeros(6), covariance)
 
 
 def reset_correlated(covariance: FloatArray, at: int, sd: FloatArray) -> None:

@@ -108,9 +108,9 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         (d2, d2, d2, d1, d2, d2, d1, d2),
     )
     assessment = (
-        gps_measurement.Predicted(d1, d1, d1, d1, d, d2),
+        gps_measurement.Predicted(d1, d1, d1, d1, d1, d, d2),
         gps_measurement.Fix(d1, d1, d1, d1),
-        *(d, d, d, i, i),
+        *(d, d, d, i, i, i),
         gps_measurement.Assessment(d1, d2, d2, d2, d1),
     )
     run = (d1, i1, d3, d4, d2, d2, d2, d3, d2, d2, d2)

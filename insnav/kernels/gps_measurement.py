@@ -105,25 +105,22 @@ def _nis(z, s, o):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _by_lever(x, motion, at, h):  # type: ignore[no-untyped-def]
-    """Derivative of antenna position and velocity by the lever arm: ``C_nb`` and ``C_nb [w x]``."""
-    wx, wy, wz = motion[0], motion[1], motion[2]
-    c = np.empty((3, 3))
-    rotation(x, c)
+def _by_lever(rotated, rate, at, h):  # type: ignore[no-untyped-def]
+    """Derivative of the antenna's velocity by a lever arm, ``C_nb [w x]``, from column `at` on; `rotated`: ``C_nb``."""
     for i in range(3):
-        for j in range(3):
-            h[i, at + j] = c[i, j]
-        h[3 + i, at] = c[i, 1] * wz - c[i, 2] * wy
-        h[3 + i, at + 1] = c[i, 2] * wx - c[i, 0] * wz
-        h[3 + i, at + 2] = c[i, 0] * wy - c[i, 1] * wx
+        h[3 + i, at] = rotated[i, 1] * rate[2] - rotated[i, 2] * rate[1]
+        h[3 + i, at + 1] = rotated[i, 2] * rate[0] - rotated[i, 0] * rate[2]
+        h[3 + i, at + 2] = rotated[i, 0] * rate[1] - rotated[i, 1] * rate[0]
 
 
 class Predicted(NamedTuple):
     """What the filter believes when a fix arrives; see `antenna`."""
 
     x: np.ndarray  # (10,) state
-    motion: np.ndarray  # (6,) body rate [rad/s], acceleration in n [m/s^2]
+    # (9,) body rate [rad/s], acceleration in n [m/s^2]; what vibration adds to the rate [rad/s]
+    motion: np.ndarray
     lever: np.ndarray  # (3,) antenna seen from the IMU, body axes [m]
+    shaken: np.ndarray  # (3,) the same as vibration moves it for the receiver [m]
     correlated: np.ndarray  # (3,) time-correlated position error [m]
     delay: float  # estimated [s]
     covariance: np.ndarray  # (n, n)
@@ -149,18 +146,18 @@ class Assessment(NamedTuple):
 
 
 @njit(cache=True)
-def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, out):  # type: ignore[no-untyped-def]
+def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_at, out):  # type: ignore[no-untyped-def]
     """Everything about a fix that the gates and the filter need.
 
     `predicted`; `fix`; `lag`: how much older than its position the velocity of the fix is [s]; `jitter`: standard
     deviation of the timestamps [s]; `share`: share of the time-correlated error in the variance of a fix, which is not
-    white [-]; `correlated_at`, `lever_at`: first state of the time-correlated error and of the lever arm; negative
-    where they are not estimated; `out`.
+    white [-]; `correlated_at`, `lever_at`, `shaken_at`: first state of the time-correlated error, of the lever arm and
+    of that by which vibration moves the antenna; negative where they are not estimated; `out`.
 
     Returns: `position`, `velocity`: NIS of each half, 3 degrees of freedom; ``NaN`` where nothing was measured;
     `distance`, `change`: length of the innovation of position [m] and of velocity [m/s].
     """
-    x, motion, lever, correlated, delay, p = predicted
+    x, motion, lever, shaken, correlated, delay, p = predicted
     lla, v_n, position_sd, velocity_sd = fix
     z, h, r, s, sd = out
     antenna(x, motion, lever, delay, lag, lla, v_n, z, h)
@@ -168,8 +165,16 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, out):  #
         for i in range(3):
             z[i] += correlated[i]
             h[i, correlated_at + i] = 1.0
+    rotated = np.empty((3, 3))
+    rotation(x, rotated)
     if lever_at >= 0:
-        _by_lever(x, motion, lever_at, h)
+        h[:3, lever_at : lever_at + 3] = rotated
+        _by_lever(rotated, motion[:3], lever_at, h)
+    if shaken_at >= 0:
+        _by_lever(rotated, motion[6:], shaken_at, h)
+        for i in range(3):
+            for j in range(3):
+                z[3 + i] += h[3 + i, shaken_at + j] * shaken[j]
     for i in range(3):
         for j in range(3):
             r[i, j] = jitter * jitter * x[3 + i] * x[3 + j]

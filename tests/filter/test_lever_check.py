@@ -1,11 +1,18 @@
-"""A lever arm that is given wrong is said, with where the antenna is; one that is right is not."""
+"""Where the antenna is: found, and a lever arm that is given wrong is said, one that is right is not."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
 
 import insnav
+from insnav.attitude import dcm_from_rph
+from insnav.earth import lla_offset
+from insnav.session.simulation import plan_of, profiled
+from insnav.types import GpsData, ImuData
 
 
 @pytest.mark.parametrize(
@@ -37,3 +44,40 @@ def test_an_error_as_large_as_the_note_says_is_said():
     sizes = [float(value) for value in note.split()[-5].split(",")]
     wrong = insnav.load(imu, gps, lever_arm=(sizes[0], 0.0, 0.0)).navigate()
     assert [text for text in wrong.page().warnings if "the antenna seems" in text]
+
+
+AHEAD = np.array([5.0, 0.0, 0.0])
+
+
+@lru_cache(maxsize=1)
+def smoothing(profile: str, imu: str, gps: str, seed: int, span: tuple[float, float]) -> tuple[ImuData, GpsData]:
+    """A receiver that smooths velocities over 0.2 s, its antenna far ahead; vibration moves it as it does the IMU."""
+    plan = plan_of(profiled(profile, seed), {"imu": imu, "gps": gps, "seed": seed})
+    made, truth = plan.measured(), plan.truth
+
+    def ahead(time):
+        return dcm_from_rph(truth.evaluate(np.clip(time, truth.start, truth.start + truth.duration)).rph) @ AHEAD
+
+    time = made.gps.time
+    faster = (ahead(time + 0.1) - ahead(time - 0.1)) / 0.2
+    fixes = replace(made.gps, lla=lla_offset(made.gps.lla, ahead(time)), v_n=made.gps.v_n + faster)
+    first, last = made.imu.time[0] + np.array(span)
+    return tuple(each.rows((each.time >= first) & (each.time <= last)) for each in (made.imu, fixes))
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        ("motorway", "consumer", "urban", 12, (60.0, 360.0)),
+        ("mountain_road", "tactical", "rtk", 13, (0.0, 240.0)),
+    ],
+    ids=["motorway", "mountain"],
+)
+def test_a_long_lever_arm_is_found_and_not_called_wrong_where_the_imu_vibrates(drive):
+    """With the rate of one sample taken for that of the antenna it was 0.95 and 4.4 m, and called wrong where given."""
+    imu, gps = smoothing(*drive)
+    run = insnav.load(imu, gps).navigate(smooth=False).found.run
+    assert abs(run.lever_b[0] - AHEAD[0]) < 3.0 * run.lever_sd[0]
+    assert abs(run.lever_b[0] - AHEAD[0]) < 0.2 or run.lever_sd[0] > 0.1
+    said = insnav.load(imu, gps, lever_arm=tuple(AHEAD)).navigate(smooth=False).events
+    assert not [event for event in said if "the antenna seems" in event.action]

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from insnav.filter.navigator import _rates_at
 from insnav.kernels.gps_measurement import Assessment, Fix, Predicted, antenna, assess
+from insnav.strapdown import Intervals
 from tests.physics import equations as eq
 
 LEVER, LAG, DELAY = np.array([1.2, -0.7, -1.5]), 0.02, 0.03
@@ -97,13 +99,12 @@ class Assessed:
         motion, white, none = np.concatenate([RATE, ACCELERATION]), 0.0, np.zeros(3)
         self.z, self.h, self.r, self.s, self.sd = (np.empty(n) for n in (6, (6, 21), (6, 6), (6, 6), 6))
         self.nis_position, self.nis_velocity, self.distance, self.change = assess(
-            Predicted(state, motion, LEVER, none, 0.0, p),
+            Predicted(state, motion, LEVER, none, none, 0.0, p),
             Fix(lla, velocity + v, sd_p, sd_v),
             LAG,
             jitter,
             white,
-            -1,
-            -1,
+            *(-1, -1, -1),
             Assessment(self.z, self.h, self.r, self.s, self.sd),
         )
 
@@ -132,3 +133,32 @@ def test_a_fix_without_velocity_has_no_statistics_of_it():
     assert np.isnan(found.nis_velocity)
     assert np.isfinite(found.sd[:3]).all()
     assert np.isnan(found.sd[3:]).all()
+
+
+@pytest.mark.parametrize("column", range(6))
+def test_lever_arms_of_turns_and_of_vibration_show_in_position_and_velocity(column):
+    """A rigid antenna is moved by both parts of the rate; here by 2 m more about one axis of one of them."""
+    x, vibration, off = case("car"), np.array([-0.3, 0.5, 0.2]), 2.0 * np.eye(6)[column]
+    lla, velocity = predicted(x, 0.0, RATE + vibration)
+    state = np.concatenate([x.lla, x.v, Rotation.from_matrix(x.c).as_quat(scalar_first=True)])
+    motion, fix = np.concatenate([RATE, ACCELERATION, vibration]), Fix(lla, velocity, np.ones(3), np.ones(3))
+    found = Assessment(*(np.empty(n) for n in (6, (6, 27), (6, 6), (6, 6), 6)))
+    arm, shaken = LEVER + off[:3], LEVER + off[3:]
+    assess(Predicted(state, motion, arm, shaken, np.zeros(3), 0.0, np.eye(27)), fix, LAG, 0.0, 0.0, -1, 21, 24, found)
+    expected = np.concatenate([x.c @ off[:3], x.c @ (np.cross(RATE, off[:3]) + np.cross(vibration, off[3:]))])
+    np.testing.assert_allclose(found.z, expected, atol=1e-3)
+    np.testing.assert_allclose(found.h[:, 21 + column] * 2.0, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("instant", [False, True])
+def test_the_rate_without_vibration_is_the_mean_about_a_fix(instant):
+    """Of a rate that grows, and vibrates with 10 Hz; before the first sample and after the last nothing is known."""
+    end = 0.01 * np.arange(301.0)
+    angle, rate = 0.1 * end**2 + 0.003 * np.sin(20.0 * np.pi * end), 0.2 * end
+    gyro = rate + 0.06 * np.pi * np.cos(20.0 * np.pi * end) if instant else np.diff(angle, prepend=0.0)
+    dt = np.diff(end, prepend=0.0)
+    parts = Intervals(
+        end, dt, np.outer(gyro, [1.0, -2.0, 0.5]), np.zeros((301, 3)), np.zeros(301, int), 0.0 * dt, instant
+    )
+    times = np.array([0.5, 1.7, 2.9])
+    np.testing.assert_allclose(_rates_at(times, parts), np.outer(0.2 * times, [1.0, -2.0, 0.5]), atol=2e-3)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -24,7 +24,6 @@ class Heading:
     order: ClassVar[int] = 0
     name: ClassVar[str] = "heading"
     unit: ClassVar[str] = "rad"
-    when: ClassVar[Literal["interval", "fix"]] = "fix"
     excluded_by: ClassVar[frozenset[str]] = frozenset()
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:

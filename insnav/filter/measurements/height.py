@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -27,7 +27,6 @@ class HeightAiding:
     order: ClassVar[int] = 10
     name: ClassVar[str] = "height"
     unit: ClassVar[str] = "m"
-    when: ClassVar[Literal["interval", "fix"]] = "interval"
     excluded_by: ClassVar[frozenset[str]] = frozenset()
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:

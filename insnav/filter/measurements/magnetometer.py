@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -28,7 +28,6 @@ class Magnetometer(Heading):
     __slots__ = ()
     order: ClassVar[int] = 50
     name: ClassVar[str] = "magnetometer"
-    when: ClassVar[Literal["interval", "fix"]] = "interval"
     # at a stop the error of the field stays the same, and would be taken for many independent ones
     excluded_by: ClassVar[frozenset[str]] = frozenset({"zupt"})
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal, Protocol, Self
+from typing import TYPE_CHECKING, ClassVar, Protocol, Self
 
 from insnav.types import FloatArray
 
@@ -34,7 +34,6 @@ class Measurement(Protocol):
     order: ClassVar[int]  # place among the measurements of one time: the lower come first
     name: ClassVar[str]  # also that of its event, ``gate.<name>``, and of its row in the result
     unit: ClassVar[str]
-    when: ClassVar[Literal["interval", "fix"]]  # used every `INTERVAL`, or at the GPS fixes
     excluded_by: ClassVar[frozenset[str]]  # kinds beside which, at the same time, it has nothing to add
 
     @property

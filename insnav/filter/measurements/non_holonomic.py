@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -28,7 +28,6 @@ class NonHolonomic:
     order: ClassVar[int] = 90
     name: ClassVar[str] = "nhc"
     unit: ClassVar[str] = "m/s"
-    when: ClassVar[Literal["interval", "fix"]] = "interval"
     excluded_by: ClassVar[frozenset[str]] = frozenset({"zupt"})
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -34,7 +34,6 @@ class Odometer:
     order: ClassVar[int] = 30
     name: ClassVar[str] = "odometer"
     unit: ClassVar[str] = "m/s"
-    when: ClassVar[Literal["interval", "fix"]] = "interval"
     excluded_by: ClassVar[frozenset[str]] = frozenset({"zupt"})
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -33,7 +33,6 @@ class ZeroVelocity:
     order: ClassVar[int] = 20
     name: ClassVar[str] = "zupt"
     unit: ClassVar[str] = "m/s, rad/s"
-    when: ClassVar[Literal["interval", "fix"]] = "interval"
     excluded_by: ClassVar[frozenset[str]] = frozenset()
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
