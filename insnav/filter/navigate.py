@@ -19,13 +19,13 @@ from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
 from insnav.filter.whole_record import OPEN, Reconciled, contradicted, reconcile, residuals, told_false, unlikely
 from insnav.imu.specification import ImuSpec
-from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, Run, StateChange
+from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, Run, StateChange, Trajectory
 
 AidingChoice = Literal["auto", "on", "off"]
 ABSORBED = 1.5  # times what a model shows: noise that is found anew, with the fault in it, hides a part of it
 SURELY = 1.0  # twice the log-likelihood of a fix, on average, by which another explanation is better [-]
 GAP_WORTH = 3.0  # a GPS gap from which other aiding is worth a second pass: less drifts by centimetres [s]
-FIRST_PASS_INTERVAL = 0.1  # of the solution from which the aiding is calibrated [s]
+DENSE = 0.1  # of the solution from which aiding is calibrated, and with which fixes are compared [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +102,9 @@ def navigate_prepared(
     progress: Callable[[float], None] | None = None,
 ) -> Navigated:
     """Navigate a recording that is aligned; see `navigate_recording`."""
+    every = ready.settings.output_interval
+    inner = every / np.ceil(max(every / DENSE, 1.0))  # the fixes are compared with it, too
+    ready = replace(ready, settings=replace(ready.settings, output_interval=float(inner)))
     if aiding == "on" or (aiding == "auto" and (ready.settings.logs or _longest_gap(ready) > GAP_WORTH)):
         ready = aided(ready, spec, None if progress is None else _half_of(progress, 0.0))
         progress = None if progress is None else _half_of(progress, 0.5)
@@ -109,8 +112,19 @@ def navigate_prepared(
     run = found.run
     outside = _outside(ready.gps.time - ready.settings.delay, ready.initial.time, float(ready.imu.time[-1]))
     events = (*ready.faults, *found.events, *run.events, *outside)
-    run = replace(run, events=events, gps_delay=run.gps_delay + ready.clock)
+    run = replace(_thinned(run, every) if every > inner else run, events=events, gps_delay=run.gps_delay + ready.clock)
     return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready), *_unseen(run)))
+
+
+def _thinned(run: Run, every: float) -> Run:
+    """A run whose solutions have the first row of each interval only."""
+
+    def few(track: Trajectory) -> Trajectory:
+        number = np.floor((track.time - track.time[0]) / every + 1e-6)
+        return track.rows(np.flatnonzero(np.diff(number, prepend=-1.0) > 0.0))
+
+    smoothed = run.smoothed and replace(run.smoothed, solution=few(run.smoothed.solution))
+    return replace(run, solution=few(run.solution), smoothed=smoothed)
 
 
 def _decided(ready: Prepared, first: Run) -> Reconciled:
@@ -170,7 +184,7 @@ def _decided(ready: Prepared, first: Run) -> Reconciled:
 
 def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> Prepared:
     """Navigate once, calibrate the aiding by the smoothed solution, and add it to the settings, with notes on it."""
-    settings = replace(ready.settings, smooth=True, output_interval=FIRST_PASS_INTERVAL)
+    settings = replace(ready.settings, smooth=True, output_interval=DENSE)
     run = _run(replace(ready, settings=settings), progress)
     assert run.smoothed is not None
     # the solution is in the time of the fixes, moved by the delay found beyond the one given; the samples are not

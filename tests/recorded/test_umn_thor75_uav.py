@@ -93,3 +93,13 @@ def test_what_the_fixes_say_of_noise_is_looked_for_about_a_run_that_is_near() ->
     nis = np.mean((run.innovations.innovation[used, 3:] / run.innovations.sd[used, 3:]) ** 2)
     print(f"normalised innovations of velocity squared {nis:.2f}")
     assert 0.66 < nis < 1.2  # 0.59 about that run
+
+
+def test_how_dense_the_solution_is_wanted_changes_no_decision() -> None:
+    drive = insnav.load(recorded(NAME) / "imu.csv.gz", gps=recorded(NAME) / "gps.csv")
+    dense, sparse = (drive.navigate(output_interval=every).found.run for every in (0.1, 1.0))
+    assert [str(event) for event in sparse.events] == [str(event) for event in dense.events]
+    for few, all_ in ((sparse.solution, dense.solution), (sparse.smoothed, dense.smoothed)):
+        few, all_ = (getattr(each, "solution", each) for each in (few, all_))
+        assert 9.0 < len(all_.time) / len(few.time) < 11.0
+        np.testing.assert_array_equal(few.lla, all_.lla[np.searchsorted(all_.time, few.time)])
