@@ -383,6 +383,11 @@ class StateChange:
     gain: float  # twice the gain of the log-likelihood [-]
     since: float = np.inf  # positions from then to its time are not used, if that is earlier [s]
 
+    @property
+    def begin(self) -> float:
+        """When it begins [s]."""
+        return min(self.since, self.time)
+
 
 @dataclass(frozen=True, slots=True)
 class Smoothed:

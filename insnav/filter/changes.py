@@ -11,13 +11,13 @@ true, and the variance is that of the mixture of both.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from insnav.filter.gates import Trust
-from insnav.filter.shocks import USUAL, settled, third_largest
+from insnav.filter.shocks import clearest, settled
 from insnav.filter.smoother import SmoothedErrors
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.smoother import DRAG, VECTORS
@@ -47,11 +47,10 @@ def largest_change(found: SmoothedErrors, *, velocities: bool = True) -> StateCh
     for group, first in enumerate((*TOLD, *([0] if velocities else [])) if rows.size else ()):
         vectors = found.shocks[:, VECTORS + 4 * group :]
         gains = np.nan_to_num(vectors[rows, 0])
-        row = rows[np.argmax(gains)]
-        if vectors[row, 0] < USUAL * third_largest(found.time[rows], gains, SHOWN[group]):
-            continue
-        gain, at, drag = float(vectors[row, 0]), float(found.time[row]), group == len(TOLD)
-        if gain > (CLEAR if best is None else best.gain):
+        largest, usual = clearest(found.time[rows], gains, SHOWN[group])
+        row, gain, drag = rows[largest], float(gains[largest]), group == len(TOLD)
+        at = float(found.time[row])
+        if gain >= usual and gain > (CLEAR if best is None else best.gain):
             change = vectors[row, 1:4] * (DRAG if drag else 1.0)
             best = StateChange(at + DRAG, first, change, gain, at) if drag else StateChange(at, first, change, gain)
     return best
@@ -90,41 +89,31 @@ def _with(changes: tuple[StateChange, ...], found: StateChange) -> list[tuple[St
     same = [each for each in changes if (each.time, each.first) == (found.time, found.first)]
     rest = [each for each in changes if each not in same]
     if found.first == 0:
-        near = [each for each in rest if each.first == 0 and _between(each, found) < BESIDE]
+        near = [
+            each
+            for each in rest
+            if each.first == 0 and max(each.begin, found.begin) - min(each.time, found.time) < BESIDE
+        ]
         if len(near) > 1 or any(np.isfinite(each.since) for each in (found, *near)):
             same, rest = [*same, *near], [each for each in rest if each not in near]
     if same:
         every = (found, *same)
-        since = min(min(each.since, each.time) for each in every)
-        end = max(each.time for each in every)
-        since = since if since < end else np.inf
-        found = replace(found, change=_sum(every, since < end), since=since, time=end)
+        since, end = min(each.begin for each in every), max(each.time for each in every)
+        parts = [each.change for each in every]
+        drag = since < end  # of which only its size matters before it is measured
+        change = max(parts, key=lambda part: float(np.linalg.norm(part))) if drag else np.sum(parts, axis=0)
+        found = replace(found, change=change, since=since if drag else np.inf, time=end)
     less = [each for each in rest if not found.time < each.time < found.time + BESIDE]
     both = [rest] if len(less) == len(rest) else [rest, less]
     return [tuple(sorted([*some, found], key=lambda each: each.time)) for some in both]
 
 
-def _sum(every: Sequence[StateChange], drag: bool) -> FloatArray:
-    """Change of all; of a drag only its size matters before it is measured."""
-    if drag:
-        return max((each.change for each in every), key=lambda change: float(np.linalg.norm(change)))
-    return np.asarray(np.sum([each.change for each in every], axis=0))
-
-
-def _between(one: StateChange, other: StateChange) -> float:
-    """Time between two changes; negative if they overlap [s]."""
-    begins = min(one.since, one.time), min(other.since, other.time)
-    return max(begins) - min(one.time, other.time)
-
-
 def unused(changes: tuple[StateChange, ...], gps: GpsData, delay: float) -> Trust | None:
     """Positions that changes leave out."""
-    time, none = gps.time - delay, np.zeros(gps.time.shape[0], dtype=np.bool_)
-    false = none.copy()
+    time, false = gps.time - delay, np.zeros((2, gps.time.shape[0]), dtype=np.bool_)
     for each in changes:
-        false |= (time >= each.since) & (time < each.time)
-    unknown = np.full(time.shape[0], np.nan)
-    return Trust(false, none, unknown, unknown) if false.any() else None
+        false[0] |= (time >= each.since) & (time < each.time)
+    return Trust(false, np.full(false.shape, np.nan)) if false.any() else None
 
 
 def offset(changes: tuple[StateChange, ...], time: FloatArray) -> FloatArray:
@@ -145,20 +134,19 @@ def offset(changes: tuple[StateChange, ...], time: FloatArray) -> FloatArray:
 def false_between(changes: tuple[StateChange, ...], gps: GpsData, delay: float) -> Trust | None:
     """Fixes between changes that take each other back; None if fixes end elsewhere than they began."""
     dragged = unused(changes, gps, delay)
-    away = np.zeros(gps.time.shape[0], dtype=np.bool_) if dragged is None else dragged.false_position
-    off = offset(changes, gps.time - delay)
-    size = np.linalg.norm(off, axis=1)
-    if size.any():
-        if size[-1] > BACK * size.max():
-            return None
-        away = away | (size > BACK * size.max())
+    size = np.linalg.norm(offset(changes, gps.time - delay), axis=1)
+    if size.any() and size[-1] > BACK * size.max():
+        return None
+    away = size > BACK * size.max()
+    if dragged is not None:
+        away = away | dragged.false[0]
     faster = away & any(each.first == 3 for each in changes)
-    return Trust(away, faster, size, size) if away.any() and np.mean(away) < MINORITY else None
+    return Trust(np.array([away, faster]), np.array([size, size])) if 0.0 < np.mean(away) < MINORITY else None
 
 
 def mixed(run: Run, changes: tuple[StateChange, ...]) -> Run:
     """Standard deviations that hold both: fixes before the first change are true, or fixes after the last."""
-    begin, end = min(min(each.since, each.time) for each in changes), changes[-1].time
+    begin, end = min(each.begin for each in changes), changes[-1].time
     assert run.smoothed is not None
     time = run.smoothed.solution.time
     early = (begin - time[0]) / (begin - time[0] + time[-1] - end)
@@ -176,10 +164,9 @@ def mixed(run: Run, changes: tuple[StateChange, ...]) -> Run:
 
 def told(changes: tuple[StateChange, ...], why: str) -> list[Event]:
     """An event for each change, and what was made of it."""
-    events = []
-    for each in changes:
-        text, unit, scale = TOLD[each.first]
-        size = scale * float(np.linalg.norm(each.change))
-        said = f"{text.format(size)} at {each.time:.1f} s: {why}"
-        events.append(Event(each.time, EventKind.CONTRADICTION, size, float("nan"), unit, said))
-    return events
+
+    def event(time: float, change: FloatArray, text: str, unit: str, scale: float) -> Event:
+        size = scale * float(np.linalg.norm(change))
+        return Event(time, EventKind.CONTRADICTION, size, np.nan, unit, f"{text.format(size)} at {time:.1f} s: {why}")
+
+    return [event(each.time, each.change, *TOLD[each.first]) for each in changes]

@@ -159,12 +159,8 @@ class Estimate:
         else:
             p[3:6, 3:6] += VELOCITY_RESET_SD**2 * np.eye(3)
         p[6:15, 6:15] += np.diag(np.concatenate([ATTITUDE_RESET_SD, BIAS_RESET_SD]) ** 2)
-        if self._gps_noise is not None:
-            reset_correlated(p, self.at.correlated, self._gps_noise.sd)
-            cross_covariance(p, self.at.correlated, self._gps_noise.sd)
-            self.correlated[:] = 0.0
         errorstate.feed_back(self.x, self.correction, error)
-        self._engine.replace_covariance(p)
+        self._begin_at_fix(p)
         if self.history is not None:
             self.history.restart(time, self.x, self.correction, p)
 
@@ -200,16 +196,20 @@ class Estimate:
             p[:3, :3] += p[at.delay, at.delay] * np.outer(start.v_n, start.v_n)
         if at.lever >= 0:
             p[:3, :3] += p[at.lever, at.lever] * np.eye(3)
-        if self._gps_noise is not None:
-            reset_correlated(p, at.correlated, self._gps_noise.sd)
-            cross_covariance(p, at.correlated, self._gps_noise.sd)
-            self.correlated[:] = 0.0
         self.x[:] = x
         self.motion[:] = 0.0
-        self._engine.replace_covariance(p)
+        self._begin_at_fix(p)
         errorstate.reset_transition(self._phi, self._q, self.span)
         if self.history is not None:
             self.history.epoch(start.time, self.x, self.correction, phi, p)
+
+    def _begin_at_fix(self, p: FloatArray) -> None:
+        """Set the covariance where the position is that of a fix, with its time-correlated error."""
+        if self._gps_noise is not None:
+            reset_correlated(p, self.at.correlated, self._gps_noise.sd)
+            cross_covariance(p, self.at.correlated, self._gps_noise.sd)
+            self.correlated[:] = 0.0
+        self._engine.replace_covariance(p)
 
     def _take(self, error: FloatArray) -> None:
         """Correct the state by an estimated error (closed loop)."""

@@ -15,14 +15,10 @@ from insnav.types import BoolArray, Event, EventKind, FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Trust:
-    """Which fixes the whole record contradicts; see `insnav.filter.whole_record`."""
+    """Which positions and velocities the whole record contradicts; see `insnav.filter.whole_record`."""
 
-    # (n,) not to be used
-    false_position: BoolArray
-    false_velocity: BoolArray
-    # (n,) distance from the smoothed track [m], [m/s]
-    position_residual: FloatArray
-    velocity_residual: FloatArray
+    false: BoolArray  # (2, n) not to be used
+    residual: FloatArray  # (2, n) distance from the smoothed track [m], [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,11 +108,9 @@ def statistical(
 
 def whole_record(time: float, row: int, trust: Trust) -> tuple[Event | None, Event | None]:
     """Reject position or velocity of a fix that the whole record contradicts."""
-    position = velocity = None
-    if trust.false_position[row]:
-        size = float(trust.position_residual[row])
-        position = Event(time, EventKind.GATE_RECORD_POSITION, size, float("nan"), "m", REJECTED, _CONTRADICTED)
-    if trust.false_velocity[row]:
-        size = float(trust.velocity_residual[row])
-        velocity = Event(time, EventKind.GATE_RECORD_VELOCITY, size, float("nan"), "m/s", REJECTED, _CONTRADICTED)
+    kinds = (EventKind.GATE_RECORD_POSITION, "m"), (EventKind.GATE_RECORD_VELOCITY, "m/s")
+    position, velocity = (
+        Event(time, kind, float(size), float("nan"), unit, REJECTED, _CONTRADICTED) if false else None
+        for (kind, unit), false, size in zip(kinds, trust.false[:, row], trust.residual[:, row], strict=True)
+    )
     return position, velocity

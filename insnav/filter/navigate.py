@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from insnav import spill
-from insnav.filter.changes import BETTER, changes_of, false_between, mixed, told, unused
+from insnav.filter.changes import unused
 from insnav.filter.gates import Gates, Trust
 from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.first_pass import FirstPass
@@ -17,13 +17,12 @@ from insnav.filter.measurements.non_holonomic import NonHolonomic
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
-from insnav.filter.whole_record import OPEN, Reconciled, contradicted, reconcile, residuals, told_false, unlikely
+from insnav.filter.whole_record import OPEN, decided
 from insnav.imu.specification import ImuSpec
 from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, Run, StateChange, Trajectory
 
 AidingChoice = Literal["auto", "on", "off"]
 ABSORBED = 1.5  # times what a model shows: noise that is found anew, with the fault in it, hides a part of it
-SURELY = 1.0  # twice the log-likelihood of a fix, on average, by which another explanation is better [-]
 GAP_WORTH = 3.0  # a GPS gap from which other aiding is worth a second pass: less drifts by centimetres [s]
 DENSE = 0.1  # of the solution from which aiding is calibrated, and with which fixes are compared [s]
 
@@ -108,10 +107,9 @@ def navigate_prepared(
     if aiding == "on" or (aiding == "auto" and (ready.settings.logs or _longest_gap(ready) > GAP_WORTH)):
         ready = aided(ready, spec, None if progress is None else _half_of(progress, 0.0))
         progress = None if progress is None else _half_of(progress, 0.5)
-    found = _decided(ready, _run(ready, progress))
-    run = found.run
+    run, found = _decided(ready, _run(ready, progress))
     outside = _outside(ready.gps.time - ready.settings.delay, ready.initial.time, float(ready.imu.time[-1]))
-    events = (*ready.faults, *found.events, *run.events, *outside)
+    events = (*ready.faults, *found, *run.events, *outside)
     run = replace(_thinned(run, every) if every > inner else run, events=events, gps_delay=run.gps_delay + ready.clock)
     return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready), *_unseen(run)))
 
@@ -127,16 +125,13 @@ def _thinned(run: Run, every: float) -> Run:
     return replace(run, solution=few(run.solution), smoothed=smoothed)
 
 
-def _decided(ready: Prepared, first: Run) -> Reconciled:
-    """Let the whole record decide which fixes were false, or whether the IMU changed; only where something contradicts.
-
-    A run that is not smoothed stays as it is.
-    """
+def _decided(ready: Prepared, first: Run) -> tuple[Run, tuple[Event, ...]]:
+    """See `decided`."""
 
     def again(
         fixes: GpsData,
-        trust: Trust | None,
-        opened: float,
+        trust: Trust | None = None,
+        opened: float = 0.0,
         changes: tuple[StateChange, ...] = (),
         gates: Gates = OPEN,
     ) -> Run:
@@ -147,39 +142,7 @@ def _decided(ready: Prepared, first: Run) -> Reconciled:
         settings = replace(ready.settings, gates=gates, trust=trust, changes=changes)
         return _run(replace(ready, gps=fixes, settings=settings, initial=initial), None)
 
-    said = any(event.kind is EventKind.CONTRADICTION for event in first.events)
-    against = first.smoothed is not None and contradicted(first, ready.gps, ready.settings)
-    if first.smoothed is None or not (said or against):
-        return Reconciled(first)
-
-    def worth(run: Run, changes: tuple[StateChange, ...] = ()) -> float:
-        return unlikely(run, ready.gps, ready.settings, unused(changes, ready.gps, ready.settings.delay))
-
-    found = reconcile(first, ready.gps, ready.settings, again) if against else Reconciled(first)
-    changes = changes_of(lambda changes: again(ready.gps, None, 0.0, changes), worth)
-    if not changes:
-        return found
-    of_imu = tuple(change for change in changes if change.first >= 6)
-    of_fixes = tuple(change for change in changes if change.first < 6)
-    trust = false_between(of_fixes, ready.gps, ready.settings.delay)
-    runs = [again(ready.gps, None, 0.0, changes, gates) for gates in (ready.settings.gates, OPEN)]
-    run = min(runs, key=lambda run: worth(run, changes))
-    # where false fixes explain it, changes must explain much more
-    margin = BETTER if found.run is first else max(BETTER, SURELY * run.innovations.time.size)
-    if worth(run, changes) > worth(found.run) - margin:
-        return found
-    events = told(of_imu, "likelier than false fixes; taken into account")
-    if trust is not None:
-        left = residuals(again(ready.gps, trust, 0.0, of_imu), ready.gps, ready.settings)
-        sizes = np.linalg.norm(left.position, axis=1), np.linalg.norm(left.velocity, axis=1)
-        trust = Trust(trust.false_position, trust.false_velocity, *sizes)
-        run = again(ready.gps, trust, 0.0, of_imu)
-        events += told_false(ready.gps, trust)
-    elif of_fixes:
-        run = mixed(run, of_fixes)
-        why = "against the IMU and all others; those before or those after are false, standard deviations hold both"
-        events += told(of_fixes, why)
-    return Reconciled(run, tuple(events))
+    return decided(first, ready.gps, ready.settings, again)
 
 
 def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> Prepared:

@@ -307,15 +307,6 @@ def _thinned(gps: GpsData) -> GpsData:
     return gps.rows(np.array(keep, dtype=int))
 
 
-@dataclass(frozen=True, slots=True)
-class _Top:
-    """Where the posterior density is largest, and how sharp the top is."""
-
-    at: FloatArray
-    covariance: FloatArray
-    cost: float
-
-
 class _Posterior:
     """Innovation likelihood of drives that share one IMU, with the prior."""
 
@@ -340,8 +331,8 @@ class _Posterior:
         off = np.where(np.isfinite(at), at - self.middle, 0.0)
         return 0.5 * float(np.sum(self.weight(at) * off**2)) + sum(drive.bias_seen(at) for drive in self.drives)
 
-    def climb(self, at: FloatArray, settled: float = ENOUGH) -> _Top:
-        """Fisher scoring with Levenberg's damping.
+    def climb(self, at: FloatArray, settled: float = ENOUGH) -> tuple[FloatArray, FloatArray]:
+        """Where the posterior density is largest, and the covariance there, by Fisher scoring with Levenberg's damping.
 
         In a round the derivatives of the innovations are those of its start, as long as steps with them gain enough.
         """
@@ -375,7 +366,7 @@ class _Posterior:
                     break
             if start - cost < settled:
                 break
-        return _Top(at, np.linalg.inv(fisher).astype(np.float64), cost)
+        return at, np.linalg.inv(fisher).astype(np.float64)
 
 
 def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
@@ -387,17 +378,17 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     lasting = np.array([(np.log(share / (1.0 - share)), np.log(time)) for share, time in STARTS])
     starts = [np.concatenate([posterior.middle[:-2], each]) for each in lasting]
     short = _Posterior([drive.beginning(SHORT) for drive in drives])
-    first = short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR).at
-    top = posterior.climb(first)
-    e, s, cost = posterior.innovations(top.at)
+    first, _ = short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR)
+    top, covariance = posterior.climb(first)
+    e, s, cost = posterior.innovations(top)
     drive = drives[0]
     # mean variances and mean correlation time over what is plausible: of errors that last as long as the drive these
     # are known to a factor, and where they are likeliest is too small (the means of a log-normal distribution)
-    wide = top.at + np.diag(top.covariance) * [AVERAGED.get(p.key, 0.0) for p in posterior.parameters]
+    wide = top + np.diag(covariance) * [AVERAGED.get(p.key, 0.0) for p in posterior.parameters]
     position, velocity, share, time = drive.fixes_of(wide)
     correlated = CorrelatedNoise(share, time, np.sqrt(share) * position * drive.median_sd)
-    filter_spec = drive.spec(top.at)
-    axes = _misalignment(drives, top.at, IMU_PRIOR["misalignment"])
+    filter_spec = drive.spec(top)
+    axes = _misalignment(drives, top, IMU_PRIOR["misalignment"])
     return NoiseEstimate(
         _turned(drive.prior, filter_spec, axes.size[0]),
         filter_spec,
@@ -407,12 +398,12 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
         correlated,
         tuple(
             _figure(p, np.log(axes.size) if p.key.endswith("misalignment") else x + INTERVAL * sd, drive.prior)
-            for p, x, sd in zip(posterior.parameters, top.at, np.sqrt(np.diag(top.covariance)), strict=True)
+            for p, x, sd in zip(posterior.parameters, top, np.sqrt(np.diag(covariance)), strict=True)
         ),
         before[2] - cost,
         float(np.mean(before[0] ** 2 / before[1])),
         float(np.mean(e**2 / s)),
-        top.at,
+        top,
     )
 
 

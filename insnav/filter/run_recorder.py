@@ -140,10 +140,8 @@ class Record:
             self._time[:n],
             -self._innovation[:n],
             self._sd[:n],
-            self._nis[:n, 0],
-            self._nis[:n, 1],
-            self._use[:n, 0],
-            self._use[:n, 1],
+            *self._nis[:n].T,
+            *self._use[:n].T,
         )
         self._events += _divergence(innovations)
         # an offset that was estimated, not given, is attributed to the IMU clock: GPS time is the better one

@@ -64,8 +64,8 @@ def shock(found: SmoothedErrors, *, velocities: bool = True) -> tuple[list[Event
         if not np.isfinite(gain).any() or (group == DRIFT and not velocities):
             continue
         gain = np.nan_to_num(gain)
-        row = int(np.argmax(gain))
-        seen = max(limit, USUAL * third_largest(time, gain, beside))
+        row, usual = clearest(time, gain, beside)
+        seen = max(limit, usual)
         value = float(size[row]) / (DEG if unit == "deg/s" else 1.0)
         if group < OF_FIXES:
             excess = np.sqrt(seen / limit)  # of what the drive shows over what the model has
@@ -85,9 +85,9 @@ def settled(found: SmoothedErrors) -> BoolArray:
     return np.asarray(at_rest | (found.time > off + (IN_MOTION if moving[0] else AFTER)))
 
 
-def third_largest(time: FloatArray, gain: FloatArray, beside: float) -> float:
-    """Largest gain beside the two largest and what belongs to them."""
+def clearest(time: FloatArray, gain: FloatArray, beside: float) -> tuple[int, float]:
+    """Row of the largest gain, and what it must exceed: the largest beside the two largest and what belongs to them."""
     rest = gain.copy()
     for _ in range(BEGIN_AND_END):
         rest[np.abs(time - time[np.argmax(rest)]) < beside] = 0.0
-    return float(rest.max())
+    return int(np.argmax(gain)), USUAL * float(rest.max())

@@ -17,25 +17,25 @@ Signal Processing 60 (2012) 5024-5037: smoothing repeated with weights of each m
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
+from insnav.filter.changes import BETTER, changes_of, false_between, mixed, told, unused
 from insnav.filter.gates import Gates, Trust
 from insnav.filter.parts import LONGEST_GAP
 from insnav.filter.settings import FilterSettings
 from insnav.sample_statistics import chi2_limit
-from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData, IntArray, Run
+from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData, IntArray, Run, StateChange
 
 OPEN = Gates(max_sd=np.inf, max_speed=np.inf, probability=1.0, reset_after=np.inf)  # no gate: the weights decide
-PASSES = 5
-# In the first pass standard deviations are so many times those reported, in the last as reported: this is the control
-# parameter, from nearly convex to strict. Positions start the weaker: frozen or shifted ones contradict the velocities
-# beside them only by their integral, and many of them together would decide against few velocities.
+# In the first pass standard deviations are so many times those reported. Positions start the weaker: frozen or shifted
+# ones contradict the velocities beside them only by their integral, and many together would decide against few of them.
 WIDEST = (3000.0, 3.0)
-STRICTNESS = (100.0, 30.0, 10.0, 3.0, 1.0)  # the other schedule: limits so many times wider, deviations as reported
+STRICTNESS = (100.0, 30.0, 10.0, 3.0, 1.0)  # limits of the passes, from nearly convex to strict
 ALONE = 10.0  # positions without velocities: with more, the IMU alone would lead the track too far
 FALSE = 0.1  # a fix of less weight is not used at all
 LIMIT = chi2_limit(3, 0.01)  # squared normalised residual of three numbers at which a weight falls to a quarter [-]
@@ -49,31 +49,16 @@ ENDS = 0.2  # a fix so little before or after the track is compared with its end
 # likelihood of runs, twice its negative logarithm: from where on the NIS of a fix counts by its logarithm, what a
 # fix costs that was not used, and as much more a row of them, however long: a false one is seldom alone [-]
 LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
+SURELY = 1.0  # twice the log-likelihood of a fix, on average, by which another explanation is better [-]
 OPEN_START = 3000.0  # standard deviation of a first position that may be false [m]
 
 
-@dataclass(frozen=True, slots=True)
-class Residuals:
-    """Fixes minus smoothed track, both at the antenna."""
+def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> tuple[FloatArray, FloatArray]:
+    """Compare fixes with the smoothed track at the antenna, velocities with that of the time they are of.
 
-    # (n, 3) North, East, Down [m], [m/s]; ``NaN`` where the fix has none or lies outside the track
-    position: FloatArray
-    velocity: FloatArray
-    # (n,) squared and normalised by reported and smoothed standard deviation: 3 on average, if both are true
-    square_position: FloatArray
-    square_velocity: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class Reconciled:
-    """What the whole record says of the fixes."""
-
-    run: Run  # the first run if nothing contradicted it, else that with the weights found
-    events: tuple[Event, ...] = ()  # which fixes were found false, or that it cannot be told
-
-
-def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> Residuals:
-    """Compare fixes with the smoothed track, velocities with that of the time they are of."""
+    Returns: (2, n, 3) what positions and velocities are off, North, East, Down [m], [m/s]; (2, n) its square, by the
+    variance reported and smoothed: 3 on average, if both are true. ``NaN`` without a value, or outside the track.
+    """
     assert run.smoothed is not None
     track = run.smoothed.solution
     assert track.sd is not None
@@ -83,18 +68,13 @@ def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> Residuals:
     antenna = lla_offset(lla, dcm_from_rph(track.rph[after]) @ run.lever_b)
     turned = dcm_from_rph(track.rph[late]) - dcm_from_rph(track.rph[late - 1])  # the antenna swings about the IMU
     swing = turned @ run.lever_b / (track.time[late] - track.time[late - 1])[:, None]
-    position, velocity = ned_offset(gps.lla, antenna), gps.v_n - v_n - swing
+    off = np.array([ned_offset(gps.lla, antenna), gps.v_n - v_n - swing])
     outside = (time < track.time[0] - ENDS) | (time > track.time[-1] + ENDS)
     near = np.minimum(time - track.time[after - 1], track.time[after] - time) <= ENDS
     outside |= (track.time[after] - track.time[after - 1] > LONGEST_GAP) & ~near
-    position[outside] = velocity[outside] = np.nan
-    sd = track.sd[after]
-    return Residuals(
-        position,
-        velocity,
-        np.sum(position**2 / (gps.position_sd**2 + sd[:, :3] ** 2), axis=1),
-        np.sum(velocity**2 / (gps.velocity_sd**2 + sd[:, 3:6] ** 2), axis=1),
-    )
+    off[:, outside] = np.nan
+    smoothed = np.array([track.sd[after, :3], track.sd[after, 3:6]])
+    return off, np.sum(off**2 / (np.array([gps.position_sd, gps.velocity_sd]) ** 2 + smoothed**2), axis=2)
 
 
 def _between(time: FloatArray, values: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -104,68 +84,86 @@ def _between(time: FloatArray, values: FloatArray, wanted: FloatArray) -> tuple[
     return after, values[after - 1] + part * (values[after] - values[after - 1])
 
 
-def reconcile(
-    first: Run, gps: GpsData, settings: FilterSettings, again: Callable[[GpsData, Trust | None, float], Run]
-) -> Reconciled:
-    """Find the fixes that the whole record contradicts, where filter and smoother contradict each other.
+def decided(
+    first: Run, gps: GpsData, settings: FilterSettings, again: Callable[..., Run]
+) -> tuple[Run, tuple[Event, ...]]:
+    """Let the whole record decide which fixes were false, or what changed and stayed so; only where it contradicts.
 
-    `settings`: of the first run; a residual that its gates call small is never false; `again`: navigates once more:
-    fixes, which of them to leave out, and a standard deviation to be added to the first position [m].
+    `first`: with `settings`; one that is not smoothed stays as it is; `again`: navigates once more: fixes, which of
+    them to leave out, a standard deviation to be added to the first position [m], changes, and gates.
+    Returns: the run to be believed, and what was found.
     """
-    scale = _scales(first)
-    reason = ""
-    # the first schedule holds where fixes are good, the second where many in a row are false
-    for annealed in [True, False] if np.isfinite(gps.v_n).any() else [True]:
-        decided, reason = _decide(first, gps, settings, again, scale, annealed=annealed)
-        if decided is not None:
-            return decided
-    told = f"{reason}; the decisions of the filter stand (events.csv)"
-    return Reconciled(first, (_event(float(first.innovations.time[0]), float("nan"), "", told),))
+    if first.smoothed is None:
+        return first, ()
+
+    def worth(run: Run, changes: tuple[StateChange, ...] = ()) -> float:
+        return unlikely(run, gps, settings, unused(changes, gps, settings.delay))
+
+    against = contradicted(first, gps, settings)
+    if not against and all(event.kind is not EventKind.CONTRADICTION for event in first.events):
+        return first, ()
+    found, events = reconcile(first, gps, settings, again) if against else (first, ())
+    changes = changes_of(lambda changes: again(gps, changes=changes), worth)
+    if not changes:
+        return found, events
+    of_imu = tuple(change for change in changes if change.first >= 6)
+    of_fixes = tuple(change for change in changes if change.first < 6)
+    runs = [again(gps, changes=changes, gates=gates) for gates in (settings.gates, OPEN)]
+    run = min(runs, key=lambda run: worth(run, changes))
+    # where false fixes explain it, changes must explain much more
+    margin = BETTER if found is first else max(BETTER, SURELY * run.innovations.time.size)
+    if worth(run, changes) > worth(found) - margin:
+        return found, events
+    said = told(of_imu, "likelier than false fixes; taken into account")
+    trust = false_between(of_fixes, gps, settings.delay)
+    if trust is not None:
+        off, _ = residuals(again(gps, trust, changes=of_imu), gps, settings)
+        trust = replace(trust, residual=np.linalg.norm(off, axis=2))
+        run = again(gps, trust, changes=of_imu)
+        said += told_false(gps, trust)
+    elif of_fixes:
+        run = mixed(run, of_fixes)
+        why = "against the IMU and all others; those before or those after are false, standard deviations hold both"
+        said += told(of_fixes, why)
+    return run, tuple(said)
 
 
-def _decide(
-    first: Run,
-    gps: GpsData,
-    settings: FilterSettings,
-    again: Callable[[GpsData, Trust | None, float], Run],
-    scale: tuple[float, float],
-    *,
-    annealed: bool,
-) -> tuple[Reconciled | None, str]:
-    """Weights by one schedule, and the run made with them; or None, and why they are not believed."""
-    gates, alone = settings.gates, not np.isfinite(gps.v_n).any()
-    widest = (ALONE, 1.0) if alone else WIDEST
-    ones = np.ones(gps.time.shape[0])
-    weights = (ones, ones) if annealed else (ones * widest[0] ** -2.0, ones * widest[1] ** -2.0)
-    for left, strictness in zip(np.linspace(1.0, 0.0, PASSES), STRICTNESS, strict=True):
-        wide = _weighted(gps, widest[0] ** (-2.0 * left), widest[1] ** (-2.0 * left)) if annealed else gps
-        found = residuals(again(_weighted(wide, *weights), None, OPEN_START), wide, settings)
-        squares = found.square_position / scale[0], found.square_velocity / scale[1]
-        limit = LIMIT if annealed else strictness * LIMIT
-        weights = _geman_mcclure(squares[0], limit), _geman_mcclure(squares[1], limit)
-    size = np.linalg.norm(found.position, axis=1), np.linalg.norm(found.velocity, axis=1)
-    trust = Trust(
-        (weights[0] < FALSE) & (size[0] > gates.small_position),
-        (weights[1] < FALSE) & (size[1] > gates.small_velocity),
-        *size,
-    )
-    agreement = max(float(np.nanmedian(square)) / MEDIAN for square in squares if np.isfinite(square).any())
-    false = trust.false_position
-    if agreement > AGREEMENT or float(np.mean(false)) > MOST:
-        return None, (
-            "fixes and IMU contradict each other, and no weighting of the fixes makes them agree: half of the "
-            f"residuals from the smoothed track exceed {np.sqrt(agreement):.2g} times their size"
+def reconcile(
+    first: Run, gps: GpsData, settings: FilterSettings, again: Callable[..., Run]
+) -> tuple[Run, tuple[Event, ...]]:
+    """Weigh the fixes until they agree with the smoothed track, and leave out those of no weight; see `decided`.
+
+    A residual that the gates of `settings` call small is never false.
+    """
+    scale, alone = _scales(first), not np.isfinite(gps.v_n).any()
+    weights = np.array((ALONE, 1.0) if alone else WIDEST)[:, None] ** -2.0
+    for limit in LIMIT * np.array(STRICTNESS):
+        off, square = residuals(again(_weighted(gps, weights), opened=OPEN_START), gps, settings)
+        square = square / scale[:, None]
+        weights = np.where(np.isfinite(square), (limit / (limit + square)) ** 2, 1.0)
+    size, gates = np.linalg.norm(off, axis=2), settings.gates
+    false = (weights < FALSE) & (size > np.array([[gates.small_position], [gates.small_velocity]]))
+    agreement = max(float(np.nanmedian(each)) / MEDIAN for each in square if np.isfinite(each).any())
+    if agreement > AGREEMENT or float(np.mean(false[0])) > MOST:
+        reason = (
+            "no weighting of the fixes makes them agree: half of the residuals from the smoothed track exceed "
+            f"{np.sqrt(agreement):.2g} times their size"
         )
-    if alone and float(np.max(size[0][false], initial=0.0)) < FAR:
-        return None, "fixes and IMU contradict each other, and without GPS velocities it cannot be told which are false"
-    if false.any() and float(np.mean(trust.false_velocity[false])) > MOST:
-        return None, "positions and velocities of the same fixes contradict the IMU: either may be wrong"
-    begin = int(np.searchsorted(gps.time, first.alignment.time, side="right")) + 1  # fixes up to the first one used
-    weights = np.where(false, 1.0, weights[0]), np.where(trust.false_velocity, 1.0, weights[1])
-    run = again(_weighted(gps, *weights), trust, OPEN_START if false[:begin].any() else 0.0)
-    if _diverged(run) > _diverged(first):
-        return None, "fixes and IMU contradict each other, and leaving fixes out makes it worse"
-    return Reconciled(run, tuple(told_false(gps, trust))), ""
+    elif alone and float(np.max(size[0][false[0]], initial=0.0)) < FAR:
+        reason = "without GPS velocities it cannot be told which are false"
+    elif false[0].any() and float(np.mean(false[1][false[0]])) > MOST:
+        reason = "positions and velocities of the same fixes are false: either may be wrong"
+    else:
+        begin = int(np.searchsorted(gps.time, first.alignment.time, side="right")) + 1  # up to the first one used
+        opened = OPEN_START if false[0, :begin].any() else 0.0
+        trust = Trust(false, size)
+        run = again(_weighted(gps, np.where(false, 1.0, weights)), trust, opened)
+        if _diverged(run) <= _diverged(first):
+            return run, tuple(told_false(gps, trust))
+        reason = "leaving fixes out makes it worse"
+    said = f"fixes and IMU contradict each other, and {reason}; the decisions of the filter stand (events.csv)"
+    begin_at = float(first.innovations.time[0])
+    return first, (Event(begin_at, EventKind.CONTRADICTION, float("nan"), float("nan"), "", said),)
 
 
 def _diverged(run: Run) -> int:
@@ -173,13 +171,10 @@ def _diverged(run: Run) -> int:
     return sum(event.kind == EventKind.DIVERGED for event in run.events)
 
 
-def _scales(run: Run) -> tuple[float, float]:
-    """How much larger squared innovations of position and velocity are than they should be; no less than one."""
-    both = run.innovations.nis_position, run.innovations.nis_velocity
-    first, second = (
-        max(1.0, float(np.median(nis[np.isfinite(nis)])) / MEDIAN) if np.isfinite(nis).any() else 1.0 for nis in both
-    )
-    return first, second
+def _scales(run: Run) -> FloatArray:
+    """How much larger squared innovations of position and velocity are than they should be, (2,); no less than one."""
+    both = [nis[np.isfinite(nis)] for nis in (run.innovations.nis_position, run.innovations.nis_velocity)]
+    return np.array([max(1.0, float(np.median(nis)) / MEDIAN) if nis.size else 1.0 for nis in both])
 
 
 def unlikely(run: Run, gps: GpsData, settings: FilterSettings, dragged: Trust | None = None) -> float:
@@ -200,7 +195,7 @@ def unlikely(run: Run, gps: GpsData, settings: FilterSettings, dragged: Trust | 
         total += float(np.sum(cost)) + int((known & ~used).sum()) * (UNUSED + usual)
         total += EPISODE * len(stretches(found.time, known & ~used))
     if dragged is not None:
-        total -= (UNUSED - 1.0) * int(dragged.false_position[rows].sum())
+        total -= (UNUSED - 1.0) * int(dragged.false[0, rows].sum())
     return total
 
 
@@ -213,31 +208,21 @@ def contradicted(run: Run, gps: GpsData, settings: FilterSettings) -> bool:
     """Whether the filter reset, believed a fix that the smoothed track contradicts, or rejected many it supports."""
     if any(event.kind is EventKind.RESET for event in run.events):
         return True
-    gates, found, scale = settings.gates, residuals(run, gps, settings), _scales(run)
-    rows = _rows_of(run, gps, settings)
-    squares = found.square_position[rows] / scale[0], found.square_velocity[rows] / scale[1]
-    believed = run.innovations.used_position, run.innovations.used_velocity
-    large = (
-        np.linalg.norm(found.position[rows], axis=1) > 2.0 * gates.small_position,
-        np.linalg.norm(found.velocity[rows], axis=1) > 2.0 * gates.small_velocity,
-    )
-    if any(
-        bool(np.any(square[used & far] > GROSS)) for square, used, far in zip(squares, believed, large, strict=True)
-    ):
+    gates, rows = settings.gates, _rows_of(run, gps, settings)
+    off, square = (each[:, rows] for each in residuals(run, gps, settings))
+    square = square / _scales(run)[:, None]
+    believed = np.array([run.innovations.used_position, run.innovations.used_velocity])
+    far = np.linalg.norm(off, axis=2) > 2.0 * np.array([[gates.small_position], [gates.small_velocity]])
+    if (believed & far & (square > GROSS)).any():
         return True
     offered = np.isfinite(run.innovations.nis_position)
-    supported = np.asarray(offered & ~believed[0] & (squares[0] < LIMIT))
+    supported = np.asarray(offered & ~believed[0] & (square[0] < LIMIT))
     return any(stop - start > LONGEST for start, stop in stretches(run.innovations.time, supported))
 
 
-def _geman_mcclure(square: FloatArray, limit: float) -> FloatArray:
-    """Weight of a squared normalised residual; one where there is none."""
-    return np.asarray(np.where(np.isfinite(square), (limit / (limit + square)) ** 2, 1.0))
-
-
-def _weighted(gps: GpsData, position: FloatArray | float, velocity: FloatArray | float) -> GpsData:
-    """Fixes whose standard deviations say how much they are trusted."""
-    factors = [np.reshape(np.sqrt(np.maximum(weight, 1e-8)), (-1, 1)) for weight in (position, velocity)]
+def _weighted(gps: GpsData, weights: ArrayLike) -> GpsData:
+    """Fixes whose standard deviations say how much positions and velocities are trusted, (2, n) or (2,)."""
+    factors = np.reshape(np.sqrt(np.maximum(weights, 1e-8)), (2, -1, 1))
     return replace(gps, position_sd=gps.position_sd / factors[0], velocity_sd=gps.velocity_sd / factors[1])
 
 
@@ -247,17 +232,11 @@ def stretches(time: FloatArray, chosen: BoolArray) -> list[tuple[float, float]]:
     return [(float(time[start]), float(time[stop - 1])) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _event(time: float, size: float, unit: str, told: str) -> Event:
-    return Event(time, EventKind.CONTRADICTION, size, float("nan"), unit, told)
-
-
 def told_false(gps: GpsData, trust: Trust) -> list[Event]:
     """What was found false, as a warning each."""
     found = []
-    for name, false, size, unit in (
-        ("position", trust.false_position, trust.position_residual, "m"),
-        ("velocity", trust.false_velocity, trust.velocity_residual, "m/s"),
-    ):
+    kinds = ("position", "m"), ("velocity", "m/s")
+    for (name, unit), false, size in zip(kinds, trust.false, trust.residual, strict=True):
         if false.any():
             spans = [
                 f"{start:.1f} s" if start == stop else f"{start:.1f} to {stop:.1f} s"
@@ -268,5 +247,6 @@ def told_false(gps: GpsData, trust: Trust) -> list[Event]:
             several = false.sum() > 1
             told = f"{int(false.sum())} {name} " + ("fixes contradict" if several else "fix contradicts")
             told += f" the whole record by up to {largest:.3g} {unit} and {'were' if several else 'was'} not used: "
-            found.append(_event(float(gps.time[false][0]), largest, unit, told + listed))
+            begin = float(gps.time[false][0])
+            found.append(Event(begin, EventKind.CONTRADICTION, largest, float("nan"), unit, told + listed))
     return found

@@ -104,8 +104,8 @@ def test_fixes_that_come_back_were_false_and_others_leave_it_open():
     there_and_back = jump(begin + 50.0, 5.0), jump(begin + 70.0, -4.9)
     trust = false_between(there_and_back, gps, 0.0)
     assert trust is not None
-    np.testing.assert_array_equal(trust.false_position, (gps.time >= begin + 50.0) & (gps.time < begin + 70.0))
-    assert not trust.false_velocity.any()
+    np.testing.assert_array_equal(trust.false[0], (gps.time >= begin + 50.0) & (gps.time < begin + 70.0))
+    assert not trust.false[1].any()
     assert false_between(there_and_back[:1], gps, 0.0) is None
     faster = StateChange(10.0, 3, np.array([0.0, -2.0, 0.0]), 100.0)
     np.testing.assert_allclose(offset((faster,), np.array([5.0, 10.0, 14.0]))[:, 1], [0.0, 0.0, 8.0])
