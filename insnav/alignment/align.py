@@ -12,7 +12,7 @@ from insnav.attitude import wrap_two_pi
 from insnav.exceptions import AlignmentError
 from insnav.imu.specification import ImuSpec, gyro_bias_sd, level_bias_sd
 from insnav.strapdown import Intervals
-from insnav.types import Alignment, BoolArray, FloatArray, GpsData
+from insnav.types import Alignment, BoolArray, GpsData
 from insnav.units import G0
 
 GYROCOMPASS_SD = np.deg2rad(15.0)  # beyond it the filter's small-angle errors no longer hold
@@ -71,17 +71,15 @@ def align(
     `yaw`: by which the IMU is turned in the vehicle [rad]; `lever_sd`: standard deviation of the lever arm [m].
     Raises: AlignmentError: nothing in the data determines the heading, or the level.
     """
-    speed = motion.velocity(gps)
     begin, stop = parts.end[0] - parts.dt[0], parts.end[-1]
     covered = (gps.time >= begin) & (gps.time <= stop)
     if not covered.any():
         raise AlignmentError("no GPS fix lies inside the IMU record", fix="check the time bases of both files")
     first_fix = float(gps.time[covered][0])
     rest = static_span or stationary_of(parts, gps)
-    lla = gps.lla[covered][0]
     if rest is not None and (static_span is not None or rest[0] <= first_fix + SOON):
-        return _from_rest(parts, spec, gps, speed, rest, heading, yaw)
-    return _in_motion(parts, spec, speed, gps.time[covered], lla, heading, yaw, lever_sd)
+        return _from_rest(parts, spec, gps, rest, heading, yaw)
+    return _in_motion(parts, spec, gps, first_fix, heading, yaw, lever_sd)
 
 
 def stationary_of(parts: Intervals, gps: GpsData) -> tuple[float, float] | None:
@@ -99,13 +97,7 @@ def _slow(parts: Intervals, speed: motion.Velocity) -> BoolArray | None:
 
 
 def _from_rest(
-    parts: Intervals,
-    spec: ImuSpec,
-    gps: GpsData,
-    speed: motion.Velocity,
-    rest: tuple[float, float],
-    heading: float | None,
-    yaw: float,
+    parts: Intervals, spec: ImuSpec, gps: GpsData, rest: tuple[float, float], heading: float | None, yaw: float
 ) -> Alignment:
     fixes = gps.time[(gps.time >= rest[0]) & (gps.time <= rest[1])]
     if fixes.size == 0:
@@ -120,6 +112,7 @@ def _from_rest(
     found = replace(align_static(parts, spec, lat, height, rest, heading), time=start)
     if found.sd[2] <= SURE_SD or found.heading_method == "given":
         return found
+    speed = motion.velocity(gps)
     moving = motion.first_motion(speed, start)
     course = None
     if moving is not None:
@@ -148,16 +141,10 @@ def _from_rest(
 
 
 def _in_motion(
-    parts: Intervals,
-    spec: ImuSpec,
-    speed: motion.Velocity,
-    fixes: FloatArray,
-    lla: FloatArray,
-    heading: float | None,
-    yaw: float,
-    lever_sd: float,
+    parts: Intervals, spec: ImuSpec, gps: GpsData, start: float, heading: float | None, yaw: float, lever_sd: float
 ) -> Alignment:
-    start = float(fixes[0])
+    """`start`: first fix that the samples cover [s]."""
+    speed = motion.velocity(gps)
     moving = motion.first_motion(speed, start)
     if moving is None:
         raise AlignmentError(
@@ -165,9 +152,10 @@ def _in_motion(
             why=f"no static interval was found, and the vehicle never moves faster than {motion.SLOWEST:g} m/s",
             fix="give a static interval with --static START:END, or an initial state with --initial FILE",
         )
-    later = fixes[fixes >= max(start, moving)]
+    later = gps.time[gps.time >= max(start, moving)]
     begin = float(later[0]) if later.size else max(start, moving)
     end = min(begin + LEVEL_SPAN, float(parts.end[-1]) - 0.5, float(speed.time[-1]))
+    lla = gps.lla[np.searchsorted(gps.time, start)]
     found = motion.level_in_motion(parts, begin, end, speed, lla, yaw) if end - begin > 5.0 else None
     if found is None:
         raise AlignmentError(
@@ -188,20 +176,10 @@ def _in_motion(
     course_sd = float(np.sqrt(motion.SLIP_SD**2 + across**2 + (turning * COURSE_TIME) ** 2))
     method = "GPS course"
     if heading is not None:
-        rph[2], course_sd, method = wrap_two_pi(heading), GIVEN_HEADING_SD, "given"
+        rph[2], course_sd, method = heading, GIVEN_HEADING_SD, "given"
     # gyro bias tilts the frame in which the specific force was averaged; a wrong heading turns the acceleration
-    tilt = float(
-        np.sqrt(
-            level_sd**2 + (bias / G0) ** 2 + (0.5 * gyro * (end - begin)) ** 2 + (acceleration / G0 * course_sd) ** 2
-        )
-    )
-    return Alignment(
-        begin,
-        np.array([rph[0], rph[1], wrap_two_pi(rph[2])]),
-        np.array([tilt, tilt, course_sd]),
-        np.zeros(3),
-        np.full(3, np.inf),
-        None,
-        "change of GPS velocity",
-        method,
-    )
+    drift = 0.5 * gyro * (end - begin)
+    tilt = float(np.linalg.norm([level_sd, bias / G0, drift, acceleration / G0 * course_sd]))
+    rph[2] = wrap_two_pi(rph[2])
+    sd, none = np.array([tilt, tilt, course_sd]), np.zeros(3)
+    return Alignment(begin, rph, sd, none, np.full(3, np.inf), None, "change of GPS velocity", method)

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat, wrap_pi
-from insnav.earth import earth_rate_n, gravity_n, ned_offset
+from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat, wrap_pi
+from insnav.earth import earth_rate_n, gravity_n, lla_offset, ned_offset
 from insnav.kernels.alignment import gyro_history
 from insnav.strapdown import Intervals
-from insnav.types import FloatArray, GpsData
+from insnav.types import Alignment, FloatArray, GpsData, IntArray
 from insnav.units import G0
 
 SLOWEST = 2.0  # below this the noise of GPS velocity turns the course by degrees [m/s]
 SURELY = 3.0  # a spike of the positions looks like motion for less than this [s]
 SPAN = 15.0  # motion that a heading is found from: longer, gyro drift counts [s]
 SLIP_SD = np.deg2rad(3.0)  # of the direction of travel against the body's forward axis: slip and mounting
+RATE_SPAN = 0.1  # turn of the lever arm before and after a fix that its velocity is taken from [s]
 DIFFERENCE = 2.0  # base of velocities from positions: 1 m of noise makes 0.7 m/s [s]
 CLEAR_SD = np.deg2rad(20.0)  # of the direction of acceleration, beyond which it decides nothing
 TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)  # course and acceleration so far apart, or from opposite
@@ -41,13 +42,14 @@ class History:
 
     def heading(self, time: FloatArray) -> FloatArray:
         """Heading at the interval ends nearest to `time` [rad]."""
-        return np.asarray(rph_from_quat(self.q_nb[self._nearest(time)])[..., 2])
+        return np.asarray(rph_from_quat(self.q_nb[self.nearest(time)])[..., 2])
 
     def integral(self, time: FloatArray) -> FloatArray:
         """Integrated specific force at `time` [m/s], linear between interval ends."""
         return np.column_stack([np.interp(time, self.time, self.u_n[:, i]) for i in range(3)])
 
-    def _nearest(self, time: FloatArray) -> FloatArray:
+    def nearest(self, time: FloatArray) -> IntArray:
+        """Rows at interval ends, the first that are not before `time`."""
         return np.clip(np.searchsorted(self.time, time), 0, self.time.shape[0] - 1)
 
 
@@ -81,6 +83,25 @@ def history(parts: Intervals, start: float, end: float, rph: FloatArray, bias: F
     q, u = np.empty((n + 1, 4)), np.empty((n + 1, 3))
     gyro_history(quat_from_rph(rph), earth_rate_n(lat), dt, dtheta, parts.accel[first:last] * scale, q, u)
     return History(np.concatenate([[parts.end[first] - dt[0]], parts.end[first:last]]), q, u)
+
+
+def at_imu(gps: GpsData, parts: Intervals, found: Alignment, lever_b: FloatArray) -> GpsData:
+    """Fixes as of an antenna at the IMU: less the lever arm, turned as by an alignment and the gyros, and its change.
+
+    `parts`: samples as intervals, around the alignment `found`; `lever_b`: (3,) antenna seen from the IMU [m].
+    """
+    track = history(parts, parts.end[0] - parts.dt[0], parts.end[-1], found.rph, found.gyro_bias, gps.lla[0, 0])
+
+    def arm(time: FloatArray) -> tuple[FloatArray, FloatArray]:
+        rows = track.nearest(time)
+        return track.time[rows], dcm_from_quat(track.q_nb[rows]) @ lever_b @ turn.T
+
+    turn = (
+        dcm_from_quat(quat_from_rph(found.rph)) @ dcm_from_quat(track.q_nb[track.nearest(np.array([found.time]))[0]]).T
+    )
+    (before, first), (after, last) = arm(gps.time - RATE_SPAN), arm(gps.time + RATE_SPAN)
+    change = (last - first) / np.maximum(after - before, 1e-9)[:, None]
+    return replace(gps, lla=lla_offset(gps.lla, -arm(gps.time)[1]), v_n=gps.v_n - change)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,6 @@ from insnav import strapdown
 from insnav.alignment import align, stationary_of
 from insnav.alignment import in_motion as motion
 from insnav.alignment.align import LEVEL_SPAN
-from insnav.attitude import dcm_from_rph
-from insnav.earth import lla_offset
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.gates import Gates
@@ -36,6 +34,7 @@ DELAY_SD = 0.05  # how well receivers and loggers agree on time if nothing else 
 ACCELERATION = 2.0  # vehicles seldom accelerate faster [m/s^2]
 CORRELATED = "time-correlated GPS position errors"
 FEWEST_FIXES = 5  # of a part of the record that is aligned by itself
+ROUNDS = 3  # of alignment, and of fixes less the lever arm that it turns
 START_VELOCITY_SD = 0.1  # lever arm and turn between antenna and IMU at the start, on top of the fix [m/s]
 
 
@@ -131,16 +130,19 @@ def prepare(
         if start is not None and first:
             return _as_given(start, model)
         inside = static_span is not None and some.time[0] - nominal <= static_span[0] < some.time[-1]
-        found = align(
-            strapdown.intervals(_first_part(some, here), nominal),
-            spec,
-            here,
-            static_span=static_span if first or inside else None,
-            heading=heading if first else None,
-            yaw=settings.mounting_yaw,
-            lever_sd=settings.lever_sd,
-        )
-        return found, _at_fix(found, here, model, settings)
+        intervals, fixes = strapdown.intervals(_first_part(some, here), nominal), here
+        for _ in range(ROUNDS if settings.lever_b.any() else 1):  # the course is that of the antenna, in a turn
+            found = align(
+                intervals,
+                spec,
+                fixes,
+                static_span=static_span if first or inside else None,
+                heading=heading if first else None,
+                yaw=settings.mounting_yaw,
+                lever_sd=settings.lever_sd,
+            )
+            fixes = motion.at_imu(here, intervals, found, settings.lever_b)
+        return found, _at_fix(found, fixes, model, settings)
 
     imu, parts, told, left_out = _parts(imu, good, aligned, -np.inf if start is None else start.time)
     alignment, initial = parts[0].alignment, parts[0].initial
@@ -274,11 +276,9 @@ def _first_part(imu: ImuData, gps: GpsData) -> ImuData:
 
 
 def _at_fix(alignment: Alignment, gps: GpsData, model: ErrorModel, settings: FilterSettings) -> InitialState:
-    """Initial state at the fix the alignment was made for."""
+    """Initial state at the fix the alignment was made for; `gps`: as of an antenna at the IMU."""
     row = int(np.argmin(np.abs(gps.time - alignment.time)))
     alignment = replace(alignment, time=float(gps.time[row]))
-    arm = dcm_from_rph(alignment.rph) @ settings.lever_b
-    lla = lla_offset(gps.lla[row], -arm)
     # an uncertain heading swings the horizontal part of the lever arm, by its length at most
     horizontal = float(np.hypot(settings.lever_b[0], settings.lever_b[1]))
     position_sd = np.hypot(gps.position_sd[row], horizontal * min(float(alignment.sd[2]), 1.0))
@@ -292,4 +292,4 @@ def _at_fix(alignment: Alignment, gps: GpsData, model: ErrorModel, settings: Fil
         v_n = speed.v_n[near].mean(axis=0)
         away = float(np.abs(speed.time[near].mean() - alignment.time))
         velocity_sd = np.full(3, np.hypot(np.median(speed.sd[near]), ACCELERATION * away))
-    return initial_state(alignment, model, lla, v_n, position_sd, velocity_sd, from_fix=True)
+    return initial_state(alignment, model, gps.lla[row], v_n, position_sd, velocity_sd, from_fix=True)

@@ -129,20 +129,31 @@ def test_a_very_short_rest_is_aligned_or_refused(length):
     assert (found.fine is None) == (length < 2.0)
 
 
-@pytest.mark.parametrize("begin", [1002.0, 1009.0, 1015.0, 1030.0])
-def test_a_start_in_a_bend_is_as_sure_as_it_says(begin):
-    """The course is that of a while, and a wrong heading turns the centripetal acceleration into a wrong level."""
-    ratios = []
+@pytest.mark.parametrize(
+    ("begin", "arm"),
+    [*((begin, drives.LEVER_B) for begin in (1002.0, 1009.0, 1015.0, 1030.0)), (1009.0, (5.0, 0.0, 0.0))],
+)
+def test_a_start_in_a_bend_is_as_sure_as_it_says(begin, arm):
+    """The course is that of a while, and a wrong heading turns the centripetal acceleration into a wrong level.
+
+    It is that of the antenna, which swings out by some ten degrees where it is five metres ahead.
+    """
+    ratios, turned = [], []
     for seed in range(3):
         rng = np.random.default_rng([3, seed])
         imu = drives.noisy_imu(drives.perfect_imu(laps=2), drives.MODEL, rng)
-        gps = drives.noisy_gps(drives.perfect_gps(laps=2), rng)
+        gps = drives.perfect_gps(laps=2)
+        there = gps_from_truth(drives.truth(2), gps.time, np.array(arm))
+        gps = drives.noisy_gps(replace(gps, lla=there.lla, v_n=there.v_n), rng)
         keep, later = imu.time >= begin, gps.time >= begin + 0.5
         imu = replace(imu, time=imu.time[keep], gyro=imu.gyro[keep], accel=imu.accel[keep])
         gps = GpsData(*(getattr(gps, name)[later] for name in ("time", "lla", "v_n", "position_sd", "velocity_sd")))
-        run = navigate_recording(imu, gps, drives.SPEC, FilterSettings(lever_b=np.asarray(drives.LEVER_B))).run
+        run = navigate_recording(imu, gps, drives.SPEC, FilterSettings(lever_b=np.array(arm))).run
         found = run.alignment
         true = reference(drives.truth(2), np.array([found.time, found.time + 0.1]))
-        ratios.append(wrap_pi(found.rph - true.rph[0]) / found.sd)
+        off = wrap_pi(found.rph - true.rph[0])
+        ratios.append(off / found.sd)
+        turned.append(abs(off[2]))
         assert run.innovations.used_position.all()
     assert np.sqrt(np.mean(np.square(ratios), axis=0)).max() < 1.0
+    assert max(turned) < np.radians(4.0)
