@@ -25,12 +25,7 @@ LEVEL_SPAN = 20.0  # of the level from GPS velocity change: longer, gyro drift t
 
 
 def align_static(
-    parts: Intervals,
-    spec: ImuSpec,
-    lat: float,
-    height: float,
-    rest: tuple[float, float],
-    heading: float | None = None,
+    parts: Intervals, spec: ImuSpec, lat: float, height: float, rest: tuple[float, float], heading: float | None = None
 ) -> Alignment:
     """Attitude of a stationary IMU.
 

@@ -131,9 +131,8 @@ def course_heading(
     """Heading offset of a history from the direction of travel and from the direction of acceleration.
 
     The course assumes that the vehicle travels where its forward axis points, and that the IMU is turned by `yaw` in it
-    [rad]. The velocity change seen by the
-    accelerometers, compared with that seen by GPS, needs no such assumption but is less precise: it decides between
-    forward and reverse, and takes over where the IMU sits turned in the vehicle.
+    [rad]. The velocity change seen by the accelerometers, compared with that seen by GPS, needs no such assumption but
+    is less precise: it decides between forward and reverse, and takes over where the IMU sits turned in the vehicle.
 
     `track` starts with heading zero and reaches at least to 15 s after `moving`, the time from `first_motion` [s];
     `drift_sd` is the standard deviation of the gyro bias [rad/s], `tilt` that of the level [rad]. None if there are too

@@ -1,11 +1,15 @@
-"""A lever arm that was given, and that the drive contradicts: turns and tilts show where the antenna is."""
+"""A lever arm or a heading that was given and that the drive contradicts: turns show where the antenna is."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from insnav.attitude import wrap_pi
+from insnav.exceptions import AlignmentError
+from insnav.filter.gps_delay import filtered
 from insnav.filter.navigate import feed
 from insnav.filter.prepare import Prepared
 from insnav.types import Event, EventKind
@@ -14,6 +18,29 @@ LOOK = 600.0  # so much of a drive tells it [s]
 OPENED = 2.0  # standard deviation of each component in the pass that looks for it [m]
 WRONG, SURE = 0.4, 6.0  # smallest error that is said [m], and in standard deviations of what was found
 MARGIN = 3.0  # further ones by which what is surely seen exceeds that: noise found with an error in it is larger
+WRONG_HEADING = 3.0  # standard deviations of a heading given from which another one that the drive shows is tried
+
+
+def with_right_heading(given: Prepared, alone: Callable[[], Prepared]) -> Prepared:
+    """A recording as prepared with a heading that was given, or `alone`, without it, if that makes fixes likelier."""
+    try:
+        found = alone()
+    except AlignmentError:  # the drive shows none
+        return given
+    said, shown = given.alignment, found.alignment
+    off = abs(float(wrap_pi(shown.rph[2] - said.rph[2])))
+    limit = WRONG_HEADING * float(said.sd[2])
+    if off < limit:
+        return given
+    ready, how = found, "not used"
+    if filtered(given).misfit <= filtered(found).misfit:
+        ready, how = given, "used: without it fixes are no likelier"
+        if off < WRONG_HEADING * np.hypot(said.sd[2], shown.sd[2]):
+            return given
+    was, now, sd, off, limit = np.rad2deg([said.rph[2], shown.rph[2], shown.sd[2], off, limit])
+    text = f"heading given, {was:.0f} deg, contradicts the drive, which shows {now:.0f} ± {sd:.2g} deg: {how}"
+    event = Event(ready.initial.time, EventKind.CONTRADICTION, off, limit, "deg", f"the {text}")
+    return replace(ready, faults=(*ready.faults, event), notes=(*ready.notes, text))
 
 
 def lever_contradicted(ready: Prepared) -> tuple[tuple[Event, ...], tuple[str]]:

@@ -26,7 +26,7 @@ from insnav.filter import FilterSettings
 from insnav.filter.fine_alignment import FineAlignment, fine_alignment
 from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
-from insnav.filter.lever_check import lever_contradicted
+from insnav.filter.lever_check import lever_contradicted, with_right_heading
 from insnav.filter.navigate import AidingChoice, aided, navigate_prepared
 from insnav.filter.noise_identification import identify_noise, understated, with_known_noise, with_noise
 from insnav.filter.prepare import Prepared, Start, prepare
@@ -194,10 +194,15 @@ class Drive:
                 why=f"there are no fixes{moves}",
                 fix="give fixes with --gps; for a bench, --ref with its place at the start and the end, velocity zero",
             )
-        fixes = self.fixes
-        return on_time(lambda clock, rate: self._prepared(fixes, states, clock, rate), self.settings)
+        fixes, given = self.fixes, self.readings.inputs.get("heading")
 
-    def _prepared(self, fixes: GpsData, states: int, clock: float, rate: float) -> Prepared:
+        def with_heading(heading: float | None) -> Prepared:
+            return on_time(lambda clock, rate: self._prepared(fixes, states, clock, rate, heading), self.settings)
+
+        ready = with_heading(given)
+        return ready if given is None else with_right_heading(ready, lambda: with_heading(None))
+
+    def _prepared(self, fixes: GpsData, states: int, clock: float, rate: float, heading: float | None) -> Prepared:
         """Prepare with all that has the time of the samples moved by `clock` at the start [s], and by `rate` [s/s]."""
         inputs, imu = self.readings.inputs, self.imu.data
         initial, span = inputs.get("initial"), inputs.get("static")
@@ -215,7 +220,7 @@ class Drive:
             states=states,
             start=replace(initial, time=moved(initial.time)) if isinstance(initial, Start) else None,
             static_span=None if span is None else (moved(span[0]), moved(span[1])),
-            heading=inputs.get("heading"),
+            heading=heading,
         )
         return replace(ready, clock=clock + 0.5 * rate * (end - begin))
 

@@ -153,7 +153,7 @@ INPUTS: dict[str, Input] = {
     "lever_arm_sd": Input(
         "--lever-arm-sd",
         "M",
-        "Standard deviation of each component of that; above 0 it is estimated, which takes turns. [0; 1 without "
+        "Standard deviation of each component of that; above 0 it is estimated, which takes turns. [0; 2 without "
         "--lever-arm]",
         GPS,
         "number",
@@ -222,11 +222,7 @@ INPUTS: dict[str, Input] = {
         "--heading", "DEG", "Heading at the start, good to 2 deg. [found]", START, "number", "deg", -720.0, 720.0
     ),
     "initial": Input(
-        "--initial",
-        "FILE",
-        "Initial state and its standard deviations (JSON) instead of an alignment.",
-        START,
-        "file",
+        "--initial", "FILE", "Initial state and its standard deviations (JSON) instead of an alignment.", START, "file"
     ),
     "logs": Input("", "FILE", "Logs of further sensors, by name.", AIDING),
     "lat": Input(

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.attitude import dcm_from_rph
+from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import lla_offset
 from insnav.session.simulation import plan_of, profiled
 from insnav.types import GpsData, ImuData
+from insnav.units import DEG
 
 
 @pytest.mark.parametrize(
@@ -44,6 +45,19 @@ def test_an_error_as_large_as_the_note_says_is_said():
     sizes = [float(value) for value in note.split()[-5].split(",")]
     wrong = insnav.load(imu, gps, lever_arm=(sizes[0], 0.0, 0.0)).navigate()
     assert [text for text in wrong.page().warnings if "the antenna seems" in text]
+
+
+@pytest.mark.parametrize(("off", "said"), [(0.0, False), (4.0, False), (-20.0, True), (83.0, True)])
+def test_a_heading_that_the_drive_contradicts_is_not_used(off, said):
+    drive = insnav.simulate("city", imu="automotive", seed=1)
+    heading = float(drive.reference.data.rph[0, 2])
+    ready = insnav.load(drive.imu.data, drive.gps.data, heading=heading + off * DEG).prepared()
+    warned = [event.action for event in ready.faults if event.action.startswith("the heading given")]
+    assert bool(warned) == any(note.startswith("heading given") for note in ready.notes) == said
+    assert (ready.alignment.heading_method == "given") != said
+    if said:
+        assert abs(wrap_pi(ready.alignment.rph[2] - heading)) < 3.0 * ready.alignment.sd[2]
+        assert f"shows {np.rad2deg(ready.alignment.rph[2]):.0f} ±" in warned[0]
 
 
 AHEAD = np.array([5.0, 0.0, 0.0])

@@ -16,7 +16,6 @@ from insnav.report.run.verdict import LINES, brief_lines
 from insnav.report.run.warnings import run_warnings
 from insnav.report.terminal import WIDTH
 from insnav.sample_statistics import rms
-from insnav.types import Smoothed
 from tests.report.conftest import result_of
 
 
@@ -154,18 +153,3 @@ def test_units_of_keys_are_put_in_brackets():
         assert row == (text, "1.00")
     assert cell(Quantity("any", ("1", "a\x1b[0m"))) == "1, a"
     assert cell(Quantity("any", {"a": True})) == "a yes"
-
-
-@pytest.mark.parametrize(("off", "said"), [(1.0, 0), (20.0, 1)])
-def test_a_wrong_heading_that_was_given_is_named(driven, off, said):
-    run, gps, _ = driven
-    smoothed = Smoothed(run.solution, run.epochs, run.sensor_errors)
-    heading = run.solution.rph[0, 2] + np.radians(off)
-    given = replace(
-        run.alignment,
-        rph=np.array([*run.alignment.rph[:2], heading]),
-        sd=np.radians([0.1, 0.1, 2.0]),
-        heading_method="given",
-    )
-    texts = run_warnings(EvaluatedRun(replace(run, smoothed=smoothed, alignment=given), gps))
-    assert sum(f"contradicts the drive by {-off:+.0f} deg" in text for text in texts) == said

@@ -15,7 +15,6 @@ from insnav.report.page import Page, Section
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.session.check import TO_MEND, Checked
-from insnav.types import Run
 
 _UNITS = {"gyro": ("deg/s", "deg/sqrt(h)"), "accel": ("m/s^2", "m/s/sqrt(h)")}
 
@@ -133,17 +132,16 @@ def _both(found: Checked) -> tuple[Section, ...]:
             Quantity("mounting_yaw_sd", found.mounting.sd, "deg"),
         ]
     if found.run is not None and found.gps is not None:
+        arm, sd = (found.run.lever_b, found.run.lever_sd) if np.any(found.run.lever_sd) else (None, None)
+        unknown = " (not estimated)" * (arm is None)
         items += [
-            Quantity("delay", found.run.gps_delay, "s", sd=found.run.gps_delay_sd, meaning="GPS delay by the filter"),
-            *_lever_arm(found.run),
+            Quantity("delay", found.run.gps_delay, "s", sd=found.run.gps_delay_sd, meaning="GPS delay, as run uses it"),
+            Quantity("lever_arm", arm, "m", sd=sd, meaning=f"lever arm by the filter{unknown}"),
         ]
-    return (Section("together", "IMU and GPS together", items=tuple(items)),) if items else ()
-
-
-def _lever_arm(run: Run) -> tuple[Quantity, ...]:
-    if not np.any(run.lever_sd):
-        return (Quantity("lever_arm", None, "m", meaning="lever arm by the filter (not estimated)"),)
-    return (Quantity("lever_arm", run.lever_b, "m", sd=run.lever_sd, meaning="lever arm by the filter"),)
+    if not items:
+        return ()
+    note = "The offset by motion shows clocks that differ; the delay that counts is that by the filter."
+    return (Section("together", "IMU and GPS together", items=tuple(items), note=note),)
 
 
 def _problems(found: Checked) -> Section:

@@ -20,7 +20,6 @@ _MANY = 0.1  # share of rejected fixes that wants an explanation
 _ROW, _ROW_TIME = 3, 1.9  # rejected fixes in a row, and over so long [s], that are more than chance
 _LATE = 0.1  # delay of the fixes that receivers and loggers do not make by themselves [s]
 _LONG_GAP = 1.0  # of samples [s]: a car turns and brakes in it
-_WRONG = 3.0  # standard deviations of a heading as given that the whole record must not move it by
 _EXPLAINED = 0.5  # part of the epochs outside 3 sd that a constant difference must not leave, to be their cause
 _LARGEST_SCALE = 0.05  # scale factor error [-]: consumer MEMS sensors are sold with at most 0.03
 _ASSUMED = re.compile(r"\bassumed\b")
@@ -35,7 +34,6 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     return (
         *_failed(found.run),
         *_same_data(found),
-        *_wrong_heading(found.run),
         *_many_rejected(found.run),
         *_contradictions(found.run),
         *overconfident[:1],
@@ -69,21 +67,6 @@ def _contradictions(run: Run) -> list[str]:
             f"{first.value:.3g} m, after every position had been rejected for {first.limit:g} s"
         )
     return found
-
-
-def _wrong_heading(run: Run) -> list[str]:
-    """The heading at the start, as given, is not that of the whole record."""
-    if run.smoothed is None or run.alignment.heading_method != "given":
-        return []
-    start = run.smoothed.solution
-    given, sd = run.alignment.rph[2], float(run.alignment.sd[2])
-    off = float(np.angle(np.exp(1j * (start.rph[0, 2] - given))))
-    if abs(off) < _WRONG * sd:
-        return []
-    return [
-        f"the heading given, {np.degrees(given):.0f} deg, contradicts the drive by {np.degrees(off):+.0f} deg: it was "
-        f"taken as good to {np.degrees(sd):.2g} deg, so that the first minutes are wrong"
-    ]
 
 
 def _no_heights(found: EvaluatedRun) -> list[str]:
