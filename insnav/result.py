@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 F = TypeVar("F")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Result(Generic[F]):
     """What was found, from which data, with which options.
 
@@ -67,9 +68,18 @@ class Result(Generic[F]):
         -------
         Page
         """
+        return self._page
+
+    @cached_property
+    def _page(self) -> Page:
         from insnav.report.save import page_of
 
         return page_of(self)
+
+    @property
+    def laid_out(self) -> Page | None:
+        """The page, if it has been asked for."""
+        return self.__dict__.get("_page")
 
     def save(
         self,

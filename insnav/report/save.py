@@ -89,7 +89,7 @@ def save_result(
     room = _room(result.kind)
     if hasattr(room, "write_files"):
         room.write_files(result, folder, table_format)
-    return write_page(folder, page_of(result), {"kind": result.kind}, figures=figures)
+    return write_page(folder, result.page(), {"kind": result.kind}, figures=figures)
 
 
 def write_result_pdf(result: Result[Any], file: Path) -> None:

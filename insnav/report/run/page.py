@@ -31,7 +31,7 @@ from insnav.report.run.backdrop import read_backdrop, write_backdrop
 from insnav.report.run.panels import run_panels
 from insnav.report.run.quantities import run_sections
 from insnav.report.run.short_duration import short_columns
-from insnav.report.run.verdict import brief_lines, run_circles, run_line, run_merits, run_verdict
+from insnav.report.run.verdict import brief_lines, rated, run_circles, run_line, run_merits, run_verdict
 from insnav.report.run.warnings import run_assumptions, run_warnings
 from insnav.report.terminal import WIDTH
 from insnav.result import Result
@@ -65,7 +65,7 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
     found = result.found
     reference = result.inputs["reference"].path if "reference" in result.inputs else ""
     name = result.inputs["imu"].path if "imu" in result.inputs else "a drive"
-    warnings, merits = run_warnings(found), run_merits(found)
+    warnings, best = run_warnings(found), next(iter(rated(found)), "")
     return Page(
         Path(name).name,
         (run_line(result), *run_circles(found, Path(reference).name)),
@@ -73,8 +73,8 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
         warnings=warnings,
         assumptions=run_assumptions(result),
         verdict=run_verdict(found, warnings),
-        merits=next(iter(merits.values()), ()),
-        merits_note=f"Root mean square over the drive, of the {next(iter(merits))} solution." if merits else "",
+        merits=run_merits(found, best) if best else (),
+        merits_note=f"Root mean square over the drive, of the {best} solution." if best else "",
     )
 
 
@@ -89,7 +89,7 @@ def _sections(found: EvaluatedRun, reference: str) -> tuple[Section, ...]:
 
 def text(result: Result[EvaluatedRun], width: int | None = WIDTH) -> str:
     """Sum up a run in a few lines of some width."""
-    return "\n".join(brief_lines(page(result, sections=False), result.found, width))
+    return "\n".join(brief_lines(result.laid_out or page(result, sections=False), result.found, width))
 
 
 def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:

@@ -86,23 +86,24 @@ def run_circles(found: EvaluatedRun, reference: str) -> tuple[str, ...]:
     return ()
 
 
-def run_merits(found: EvaluatedRun) -> dict[str, tuple[Quantity, ...]]:
-    """Six figures of merit of each solution, the better one first.
+def rated(found: EvaluatedRun) -> list[str]:
+    """Solutions that have figures of merit, the better one first."""
+    return [*found.known_errors] or [mode for mode, each in found.solutions.items() if each.sd is not None]
 
-    Returns: smoothed, filtered: RMS errors, or standard deviations where there is no reference; and whether they agree
-    with what is stated.
+
+def run_merits(found: EvaluatedRun, mode: str) -> tuple[Quantity, ...]:
+    """Six figures of merit of a solution.
+
+    RMS errors, or standard deviations where there is no reference; and whether they agree with what is stated.
     """
-    merits = {}
-    for mode, errors in found.known_errors.items():
+    errors, sd = found.known_errors.get(mode), found.solutions[mode].sd
+    if errors is not None:
         whole = np.hstack((errors.position, errors.velocity, errors.attitude))
         share = inside(errors)
-        holds = Quantity("inside_3_sd", share, "%", meaning="position inside 3 sd")
-        merits[mode] = (*_sizes(whole, "error RMS"), holds)
-    if merits:
-        return merits
+        return *_sizes(whole, "error RMS"), Quantity("inside_3_sd", share, "%", meaning="position inside 3 sd")
+    assert sd is not None
     agree = Quantity("nis_mean_per_axis", consistency(found.run), meaning="mean NIS per axis (1 ideal)")
-    stated = [(mode, each.sd) for mode, each in found.solutions.items() if each.sd is not None]
-    return {mode: (*_sizes(sd, "sd"), agree) for mode, sd in stated}
+    return *_sizes(sd, "sd"), agree
 
 
 def _sizes(values: FloatArray, what: str) -> list[Quantity]:
@@ -196,7 +197,8 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
     verdict = (
         [] if page.verdict is None else _rows(f"{light_text(page.verdict.light)}: {page.verdict.reason}", 2, width)
     )
-    table = _table(run_merits(found))
+    best, *others = rated(found) or [""]
+    table = _table({best: page.merits} | {mode: run_merits(found, mode) for mode in others})
     warnings = _listed("warning", page.warnings, _WARNINGS, width)
     assumed = _listed("assumed", page.assumptions, _ASSUMED, width)
     return [*title, *verdict, *table, *warnings, *assumed][:LINES]
@@ -204,9 +206,9 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
 
 def _table(merits: dict[str, tuple[Quantity, ...]]) -> list[str]:
     """One row a figure, one column a solution."""
-    if not merits:
-        return []
     first = next(iter(merits.values()))
+    if not first:
+        return []
     names = [f"{each.label} [{each.shown_unit}]" if each.shown_unit else each.label for each in first]
     rows = tuple((name, *(cell(own[i]) for own in merits.values())) for i, name in enumerate(names))
     return table_text(Table("", ("", *merits), rows)).splitlines()
