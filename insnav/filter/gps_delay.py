@@ -43,7 +43,9 @@ LEVER_SD = 0.3  # a lever arm that is given may be so far off here: it only wide
 WORTH = 0.05  # smaller delays are linear enough for the state of the filter [s]
 SURE = 5.0  # delays are believed beyond so many of their standard deviations
 ROUNDS = 3  # of moving the clock
-RETURN = 0.5  # part of a delay by which the filter must not go back once the clock was moved
+RETURN = 0.5  # part of a delay by which filter or windows must not go back once the clock was moved
+SHAKEN = 1.5  # from which vibration is said to move the antenna otherwise than turns: up to 1.3 where it does not [m]
+WORSE = 0.02  # by which a position's misfit may grow by chance when the clock is moved rightly (up to 0.0095 seen)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +72,8 @@ def filtered(ready: Prepared) -> Filtered:
     except DivergenceError:
         return Filtered(ready, None, 0.0, False, np.inf)
     other, sd = navigator.vibration()
-    return Filtered(ready, epochs, navigator.delay, bool((np.abs(other) > SURE * sd).any()), navigator.misfit())
+    shaken = bool((np.abs(other) > SURE * sd).any()) and float(np.linalg.norm(other)) > SHAKEN
+    return Filtered(ready, epochs, navigator.delay, shaken, navigator.misfit())
 
 
 def delay_of(seen: Filtered) -> tuple[float, float, float]:
@@ -275,11 +278,13 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
     first = seen = filtered(ready)
     for number in range(ROUNDS if settings.delay_sd > 0.0 else 0):
         seen = filtered(ready) if number else first
-        if (clock * seen.delay < 0.0 and abs(seen.delay) > RETURN * abs(clock)) or seen.misfit > first.misfit:
+        delay, sd, drift = delay_of(seen)
+        returns = (seen.delay, delay if abs(delay) > SURE * sd else 0.0)
+        back = any(ready.clock * each < 0.0 and abs(each) > RETURN * abs(ready.clock) for each in returns)
+        if back or seen.misfit > first.misfit + WORSE:
             # windows of steady turns take a heading for a delay; the filter, which has one heading, does not
             ready, clock, rate = *_by_the_filter(start, first, prepared), 0.0
             break
-        delay, sd, drift = delay_of(seen)
         if abs(delay) < max(WORTH, SURE * sd) and not drift:
             break
         clock, rate = clock + delay, rate + drift

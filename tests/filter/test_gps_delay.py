@@ -219,3 +219,12 @@ def test_where_windows_are_not_believed_the_filter_leads_to_the_delay():
     found = insnav.load(made.imu, fixes).navigate()
     assert found.found.run.gps_delay == pytest.approx(0.3, abs=0.04)
     assert not [note for note in found.notes if "clock of the IMU" in note]
+
+
+def test_a_clock_that_is_off_leaves_the_lever_arm_as_it_is() -> None:
+    """A clock was moved rightly, and back as positions became less likely by chance: the arm was 1.7 m off."""
+    for off in (0.08, -0.08):
+        drive = insnav.load(SAMPLE / "imu.csv.gz", gps=SAMPLE / "gps.csv", time_offset=off)
+        run = drive.navigate(smooth=False).found.run
+        assert (np.abs(run.lever_b - (0.8, -0.3, -1.2)) < 3.0 * run.lever_sd).all()
+        assert run.gps_delay == pytest.approx(-off, abs=0.015)
