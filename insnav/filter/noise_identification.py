@@ -69,6 +69,7 @@ UNITS_SHOWN = {
 # errors that hardly change from fix to fix leave no trace in them. Smaller innovations are time correlation.
 POSITION_PRIOR = (0.6, 0.03)
 VELOCITY_PRIOR = 0.6
+KINK = 3.0  # sd of the steeper side of a prior from its middle: the other side is what is plausible there
 AVERAGED = {"gps.horizontal": 1.0, "gps.vertical": 1.0, "gps.correlation_time": 0.5}  # by their variance
 # Log odds of the time-correlated share of the variance of a position, and their sd: it is never none. In seven minutes
 # 9 % are not told from none; taken for none they make smoothed errors twice what is stated (error2/variance 3 to 4).
@@ -269,6 +270,8 @@ def cost_of(innovation: FloatArray, variance: FloatArray) -> float:
 
     `innovation`, `variance` (k,): innovations and their variances.
     """
+    if not (variance > 0.0).all():  # rounding, where errors of the model are far too large
+        return np.inf
     u = np.abs(innovation) / np.sqrt(variance)
     square = np.where(u <= HUBER, 0.5 * u * u, HUBER * u - 0.5 * HUBER**2)
     return float(np.sum(square) + 0.5 * CLEAN * np.sum(np.log(variance)))
@@ -344,7 +347,8 @@ class _Posterior:
                 e1, s1, cost1 = self.innovations(at + step)
                 by_e[i], by_s[i], slope[i] = (e1 - e) / STEP, (s1 - s) / STEP / s, (cost1 - cost) / STEP
             clean = by_e / np.sqrt(s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0))
-            fisher = clean @ clean.T + 0.5 * by_s @ by_s.T + np.diag(self.weight(at))
+            weight = self.weight(at)
+            fisher = clean @ clean.T + 0.5 * by_s @ by_s.T + np.diag(weight)
             start, gained = cost, np.inf
             while gained > FAR and damping < 1e4:
                 if start != cost:
@@ -366,6 +370,7 @@ class _Posterior:
                     break
             if start - cost < settled:
                 break
+        fisher += np.diag(self.weight(at + KINK * self._sd[1]) - weight)
         return at, np.linalg.inv(fisher).astype(np.float64)
 
 
