@@ -102,20 +102,26 @@ def navigate_prepared(
 ) -> Navigated:
     """Navigate a recording that is aligned; see `navigate_recording`."""
     every = ready.settings.output_interval
-    inner = every / np.ceil(max(every / DENSE, 1.0))  # the fixes are compared with it, too
-    ready = replace(ready, settings=replace(ready.settings, output_interval=float(inner)))
+    ready = replace(ready, settings=replace(ready.settings, output_interval=dense(every)))
     if aiding == "on" or (aiding == "auto" and (ready.settings.logs or _longest_gap(ready) > GAP_WORTH)):
         ready = aided(ready, spec, None if progress is None else _half_of(progress, 0.0))
         progress = None if progress is None else _half_of(progress, 0.5)
     run, found = _decided(ready, _run(ready, progress))
     outside = _outside(ready.gps.time - ready.settings.delay, ready.initial.time, float(ready.imu.time[-1]))
     events = (*ready.faults, *found, *run.events, *outside)
-    run = replace(_thinned(run, every) if every > inner else run, events=events, gps_delay=run.gps_delay + ready.clock)
+    run = replace(thinned(run, every), events=events, gps_delay=run.gps_delay + ready.clock)
     return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready), *_unseen(run)))
 
 
-def _thinned(run: Run, every: float) -> Run:
-    """A run whose solutions have the first row of each interval only."""
+def dense(every: float) -> float:
+    """Interval of a solution with which fixes, or a reference, can be compared: a part of `every` [s]."""
+    return every / float(np.ceil(max(every / DENSE, 1.0)))
+
+
+def thinned(run: Run, every: float) -> Run:
+    """A run whose solutions have the first row of each interval only, where that is longer than a dense one [s]."""
+    if every <= DENSE:
+        return run
 
     def few(track: Trajectory) -> Trajectory:
         number = np.floor((track.time - track.time[0]) / every + 1e-6)

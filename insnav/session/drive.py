@@ -27,7 +27,7 @@ from insnav.filter.fine_alignment import FineAlignment, fine_alignment
 from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.lever_check import lever_contradicted, with_right_heading
-from insnav.filter.navigate import AidingChoice, aided, navigate_prepared
+from insnav.filter.navigate import AidingChoice, aided, dense, navigate_prepared, thinned
 from insnav.filter.noise_identification import identify_noise, understated, with_known_noise, with_noise
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.imu import load_imu
@@ -290,7 +290,7 @@ class Drive:
         one_of("aiding", aiding, get_args(AidingChoice))
         one_of("mechanization", mechanization, ("full", "short"))
         ready, spec = self.prepared_with_noise(states)
-        ready = replace(ready, settings=replace(ready.settings, smooth=smooth, output_interval=output_interval))
+        ready = replace(ready, settings=replace(ready.settings, smooth=smooth, output_interval=dense(output_interval)))
         done = navigate_prepared(ready, spec, aiding=aiding, progress=progress)
         given = self.readings.inputs.get("lever_arm") is not None and not ready.settings.lever_sd
         doubts, unseen = lever_contradicted(ready) if given else ((), ())
@@ -309,7 +309,7 @@ class Drive:
             "output_interval_s": output_interval,
             "mechanization": mechanization,
         }
-        found = replace(found, noise=ready.noise)
+        found = replace(found, run=thinned(found.run, output_interval), noise=ready.noise)
         return self._result("run", found, options, (*self.notes, *done.notes, *notes, *unseen), events, spec)
 
     def outage(

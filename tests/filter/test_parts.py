@@ -148,7 +148,8 @@ def test_no_part_that_can_be_aligned_is_refused_with_the_first_reason():
 
 
 def test_blocks_make_no_difference():
-    ready = prepare(*recording(2, (100.0, 105.0), (150.0, 200.0)), drives.SPEC, SETTINGS)
+    dense = replace(SETTINGS, output_interval=0.1)
+    ready = prepare(*recording(2, (100.0, 105.0), (150.0, 200.0)), drives.SPEC, dense)
     whole = navigate_prepared(ready, drives.SPEC, aiding="off").run
     navigator = ready.navigator()
     for first in range(0, ready.imu.time.shape[0], 97):
