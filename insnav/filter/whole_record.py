@@ -33,8 +33,9 @@ from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData, IntAr
 
 OPEN = Gates(max_sd=np.inf, max_speed=np.inf, probability=1.0, reset_after=np.inf)  # no gate: the weights decide
 # In the first pass standard deviations are so many times those reported. Positions start the weaker: frozen or shifted
-# ones contradict the velocities beside them only by their integral, and many together would decide against few of them.
-WIDEST = (3000.0, 3.0)
+# ones contradict the velocities beside them only by their integral, and many would decide against few. Where that
+# decides nothing, less may (RTK).
+STARTS = (3000.0, 3.0), (1000.0, 3.0)
 STRICTNESS = (100.0, 30.0, 10.0, 3.0, 1.0)  # limits of the passes, from nearly convex to strict
 ALONE = 10.0  # positions without velocities: with more, the IMU alone would lead the track too far
 FALSE = 0.1  # a fix of less weight is not used at all
@@ -102,7 +103,12 @@ def decided(
     against = contradicted(first, gps, settings)
     if not against and all(event.kind is not EventKind.CONTRADICTION for event in first.events):
         return first, ()
-    found, events = reconcile(first, gps, settings, again) if against else (first, ())
+    found, events = first, tuple[Event, ...]()
+    alone = not np.isfinite(gps.v_n).any()
+    for widest in STARTS[: 1 if alone else 2] if against else ():
+        found, events = reconcile(first, gps, settings, again, widest)
+        if found is not first:
+            break
     changes = changes_of(lambda changes: again(gps, changes=changes), worth)
     if not changes:
         return found, events
@@ -129,14 +135,15 @@ def decided(
 
 
 def reconcile(
-    first: Run, gps: GpsData, settings: FilterSettings, again: Callable[..., Run]
+    first: Run, gps: GpsData, settings: FilterSettings, again: Callable[..., Run], widest: tuple[float, float]
 ) -> tuple[Run, tuple[Event, ...]]:
     """Weigh the fixes until they agree with the smoothed track, and leave out those of no weight; see `decided`.
 
-    A residual that the gates of `settings` call small is never false.
+    `widest`: by which the standard deviations of positions and velocities are larger at first. A residual that the
+    gates of `settings` call small is never false.
     """
     scale, alone = _scales(first), not np.isfinite(gps.v_n).any()
-    weights = np.array((ALONE, 1.0) if alone else WIDEST)[:, None] ** -2.0
+    weights = np.array((ALONE, 1.0) if alone else widest)[:, None] ** -2.0
     for limit in LIMIT * np.array(STRICTNESS):
         off, square = residuals(again(_weighted(gps, weights), opened=OPEN_START), gps, settings)
         square = square / scale[:, None]

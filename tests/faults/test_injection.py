@@ -56,3 +56,11 @@ def test_n20_a_week_or_a_day_that_ends_within_a_drive_changes_nothing(period):
     )
     np.testing.assert_array_equal(whole.lla, wrapped.lla)
     np.testing.assert_array_equal(whole.time, wrapped.time)
+
+
+def test_frozen_fixes_in_curves_are_named_and_left_out():
+    """Precise fixes: weak at first they let the velocities of a curve be false, and a jump stood for all of it."""
+    (case,) = [case for case in cases() if case.name == "frozen [s] 20"]
+    found = outcome("figure", case)
+    assert found.inside > 0.95
+    assert found.largest < 1.0
