@@ -113,9 +113,10 @@ def test_every_input_has_a_type_and_a_meaning() -> None:
 
 
 def test_what_is_given_about_the_start_holds_for_every_method(drive: Path) -> None:
-    at_0 = insnav.load("imu.csv", "gps.csv", imu_model="automotive", heading=1.0, static=(100000.0, 100050.0))
+    at_0 = insnav.load("imu.csv", "gps.csv", imu_model="automotive", heading=0.75, static=(100000.0, 100050.0))
     alignment = at_0.prepared().alignment
-    assert alignment.rph[2] == pytest.approx(1.0, abs=0.05)
+    assert alignment.rph[2] == pytest.approx(0.75, abs=0.01)
+    assert alignment.heading_method == "given"
     assert alignment.static is not None
     assert alignment.static[1] <= 100050.1
 
