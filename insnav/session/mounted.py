@@ -14,7 +14,7 @@ from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.physics import check_axes, quiet_part
 from insnav.session.inputs import Inputs
 from insnav.strapdown import intervals
-from insnav.types import GpsData, ImuData
+from insnav.types import Event, EventKind, GpsData, ImuData
 from insnav.units import DEG
 
 LOOK = 1800.0  # a drive of that length tells the mounting [s]
@@ -69,10 +69,12 @@ def as_mounted(
     left = replace(found, to_vehicle=matrix)
     yaw = float(left.angles[2])
     if given is not None and left.letters != UPRIGHT:
-        notes.append(
+        text = (
             f"--imu-axes {given} contradicts the drive ({how}), by which x, y, z point {_words(letters)}: roll, pitch "
             "and heading are those of the axes given"
         )
+        said = Event(float(data.time[0]), EventKind.CONTRADICTION, yaw, float("nan"), "rad", text)
+        imu = replace(imu, events=(*imu.events, said))
     elif abs(yaw) > max(TURNED, 4.0 * found.sd):
         whole = replace(found, to_vehicle=matrix @ as_read).angles / DEG
         notes.append(

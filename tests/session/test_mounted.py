@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -84,6 +85,21 @@ def test_left_handed_axes_are_refused(plain):
     with pytest.raises(InputError, match="left-handed") as caught:
         turned(plain, np.diag([1.0, -1.0, 1.0]))
     assert "forward, left, down" in caught.value.why
+
+
+def test_level_turns_of_an_aircraft_are_not_left_handed():
+    """Coordinated turns fit a mirrored set of axes, too, and by chance better: a good flight was refused."""
+    flight = insnav.simulate("aircraft_pattern", imu="tactical", gps="single", seed=904)
+    found = find_mounting(intervals(flight.imu.data), flight.gps.data)
+    assert found is not None
+    assert found.right_handed
+
+
+def test_axes_given_that_the_drive_contradicts_are_a_warning():
+    sample = Path(__file__).parents[2] / "trajectories" / "sample"
+    wrong = insnav.load(sample / "imu.csv.gz", gps=sample / "gps.csv", axes="FLU")
+    (event,) = [each for each in wrong.imu.events if "--imu-axes FLU contradicts the drive" in each.action]
+    assert event.time == wrong.imu.data.time[0]
 
 
 def test_angles_as_axes_are_a_rotation():
