@@ -34,8 +34,8 @@ from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData, IntAr
 OPEN = Gates(max_sd=np.inf, max_speed=np.inf, probability=1.0, reset_after=np.inf)  # no gate: the weights decide
 # In the first pass standard deviations are so many times those reported. Positions start the weaker: frozen or shifted
 # ones contradict the velocities beside them only by their integral, and many would decide against few. Where that
-# decides nothing, less may (RTK).
-STARTS = (3000.0, 3.0), (1000.0, 3.0)
+# decides nothing, less may (RTK), or all fixes that fade in together, with strict limits throughout (velocities alone).
+STARTS = (3000.0, 3.0, False), (1000.0, 3.0, False), (3000.0, 3.0, True)
 STRICTNESS = (100.0, 30.0, 10.0, 3.0, 1.0)  # limits of the passes, from nearly convex to strict
 ALONE = 10.0  # positions without velocities: with more, the IMU alone would lead the track too far
 FALSE = 0.1  # a fix of less weight is not used at all
@@ -105,8 +105,8 @@ def decided(
         return first, ()
     found, events = first, tuple[Event, ...]()
     alone = not np.isfinite(gps.v_n).any()
-    for widest in STARTS[: 1 if alone else 2] if against else ():
-        found, events = reconcile(first, gps, settings, again, widest)
+    for start in STARTS[: 1 if alone else 3] if against else ():
+        found, events = reconcile(first, gps, settings, again, start)
         if found is not first:
             break
     changes = changes_of(lambda changes: again(gps, changes=changes), worth)
@@ -135,17 +135,20 @@ def decided(
 
 
 def reconcile(
-    first: Run, gps: GpsData, settings: FilterSettings, again: Callable[..., Run], widest: tuple[float, float]
+    first: Run, gps: GpsData, settings: FilterSettings, again: Callable[..., Run], start: tuple[float, float, bool]
 ) -> tuple[Run, tuple[Event, ...]]:
     """Weigh the fixes until they agree with the smoothed track, and leave out those of no weight; see `decided`.
 
-    `widest`: by which the standard deviations of positions and velocities are larger at first. A residual that the
-    gates of `settings` call small is never false.
+    `start`: by which the standard deviations of positions and velocities are larger at first, and whether that fades
+    from pass to pass for all alike. A residual that the gates of `settings` call small is never false.
     """
     scale, alone = _scales(first), not np.isfinite(gps.v_n).any()
-    weights = np.array((ALONE, 1.0) if alone else widest)[:, None] ** -2.0
-    for limit in LIMIT * np.array(STRICTNESS):
-        off, square = residuals(again(_weighted(gps, weights), opened=OPEN_START), gps, settings)
+    *widest, fades = (ALONE, 1.0, False) if alone else start
+    open_ = np.array(widest)[:, None] ** -2.0
+    weights = np.ones((2, 1)) if fades else open_
+    for left, strictness in zip(np.linspace(1.0, 0.0, len(STRICTNESS)), STRICTNESS, strict=True):
+        wide, limit = (_weighted(gps, open_**left), LIMIT) if fades else (gps, LIMIT * strictness)
+        off, square = residuals(again(_weighted(wide, weights), opened=OPEN_START), wide, settings)
         square = square / scale[:, None]
         weights = np.where(np.isfinite(square), (limit / (limit + square)) ** 2, 1.0)
     size, gates = np.linalg.norm(off, axis=2), settings.gates
