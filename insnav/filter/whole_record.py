@@ -37,7 +37,7 @@ OPEN = Gates(max_sd=np.inf, max_speed=np.inf, probability=1.0, reset_after=np.in
 # decides nothing, less may (RTK), or all fixes that fade in together, with strict limits throughout (velocities alone).
 STARTS = (3000.0, 3.0, False), (1000.0, 3.0, False), (3000.0, 3.0, True)
 STRICTNESS = (100.0, 30.0, 10.0, 3.0, 1.0)  # limits of the passes, from nearly convex to strict
-ALONE = 10.0  # positions without velocities: with more, the IMU alone would lead the track too far
+ALONE = ((10.0, 1.0, False),)  # positions without velocities: with more, the IMU alone would lead the track too far
 FALSE = 0.1  # a fix of less weight is not used at all
 LIMIT = chi2_limit(3, 0.01)  # squared normalised residual of three numbers at which a weight falls to a quarter [-]
 GROSS = chi2_limit(3, 1e-9)  # of an accepted fix: filter and smoother contradict each other [-]
@@ -104,8 +104,8 @@ def decided(
     if not against and all(event.kind is not EventKind.CONTRADICTION for event in first.events):
         return first, ()
     found, events = first, tuple[Event, ...]()
-    alone = not np.isfinite(gps.v_n).any()
-    for start in STARTS[: 1 if alone else 3] if against else ():
+    starts = STARTS if np.isfinite(gps.v_n).any() else ALONE
+    for start in starts if against else ():
         found, events = reconcile(first, gps, settings, again, start)
         if found is not first:
             break
@@ -142,8 +142,7 @@ def reconcile(
     `start`: by which the standard deviations of positions and velocities are larger at first, and whether that fades
     from pass to pass for all alike. A residual that the gates of `settings` call small is never false.
     """
-    scale, alone = _scales(first), not np.isfinite(gps.v_n).any()
-    *widest, fades = (ALONE, 1.0, False) if alone else start
+    scale, (*widest, fades) = _scales(first), start
     open_ = np.array(widest)[:, None] ** -2.0
     weights = np.ones((2, 1)) if fades else open_
     for left, strictness in zip(np.linspace(1.0, 0.0, len(STRICTNESS)), STRICTNESS, strict=True):
@@ -159,7 +158,7 @@ def reconcile(
             "no weighting of the fixes makes them agree: half of the residuals from the smoothed track exceed "
             f"{np.sqrt(agreement):.2g} times their size"
         )
-    elif alone and float(np.max(size[0][false[0]], initial=0.0)) < FAR:
+    elif start in ALONE and float(np.max(size[0][false[0]], initial=0.0)) < FAR:
         reason = "without GPS velocities it cannot be told which are false"
     elif false[0].any() and float(np.mean(false[1][false[0]])) > MOST:
         reason = "positions and velocities of the same fixes are false: either may be wrong"
