@@ -141,7 +141,8 @@ def prepare(
                 yaw=settings.mounting_yaw,
                 lever_sd=settings.lever_sd,
             )
-            fixes = motion.at_imu(here, intervals, found, settings.lever_b)
+            if settings.lever_b.any():
+                fixes = motion.at_imu(here, intervals, found, settings.lever_b)
         return found, _at_fix(found, fixes, model, settings)
 
     imu, parts, told, left_out = _parts(imu, good, aligned, -np.inf if start is None else start.time)
