@@ -45,6 +45,7 @@ SURE = 5.0  # delays are believed beyond so many of their standard deviations
 ROUNDS = 3  # of moving the clock
 RETURN = 0.5  # part of a delay by which filter or windows must not go back once the clock was moved
 SHAKEN = 1.5  # from which vibration is said to move the antenna otherwise than turns: up to 1.3 where it does not [m]
+OPENED, FREEDOM = 2.0, 3.0  # times the scale of the prior of a lever arm at first; its degrees of freedom
 WORSE = 0.02  # by which a position's misfit may grow by chance when the clock is moved rightly (up to 0.0095 seen)
 
 
@@ -56,6 +57,7 @@ class Filtered:
     epochs: FloatArray | None  # see `insnav.kernels.smoother.keep`; none if the filter diverged
     delay: float  # in which its state ended [s]
     shaken: bool  # whether vibration moves the antenna otherwise than turns do
+    lever_sd: float  # of each component of the lever arm as given; see `lever_scale` [m]
     misfit: float  # how unlikely positions were, see `Record.misfit`
 
 
@@ -64,16 +66,38 @@ def filtered(ready: Prepared) -> Filtered:
     ready = ready.beginning(LONGEST)
     # a late fix looks false in every bend, and a reset would open heading and biases, which the windows need
     gates = replace(ready.settings.gates, reset_after=np.inf)
+    lever_sd = ready.settings.lever_sd
     settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0, gates=gates, shaken=True)
+    settings = replace(settings, lever_sd=OPENED * lever_sd)
     navigator = replace(ready, settings=settings).navigator()
     try:
         feed(navigator, ready.imu)
         epochs = navigator.history()
     except DivergenceError:
-        return Filtered(ready, None, 0.0, False, np.inf)
+        return Filtered(ready, None, 0.0, False, lever_sd, np.inf)
     other, sd = navigator.vibration()
     shaken = bool((np.abs(other) > SURE * sd).any()) and float(np.linalg.norm(other)) > SHAKEN
-    return Filtered(ready, epochs, navigator.delay, shaken, navigator.misfit())
+    if lever_sd > 0.0:
+        lever_sd = lever_scale(*navigator.lever(), lever_sd)
+    return Filtered(ready, epochs, navigator.delay, shaken, lever_sd, navigator.misfit())
+
+
+def lever_scale(arm: FloatArray, covariance: FloatArray, sd: float) -> float:
+    """Standard deviation of the normal prior of a lever arm, given what a filter found with `OPENED` times `sd`.
+
+    Antennas are within a metre or so, and now and then five: the prior is Student's distribution in three dimensions,
+    a normal one whose variance is unknown, too; its likeliest logarithm by expectation and maximisation (Lange, Little
+    and Taylor, "Robust statistical modeling using the t distribution", J. Am. Stat. Assoc. 84 (1989) 881-896).
+
+    `arm` (3,) found, less as given [m], and its covariance; `sd`: scale of the prior [m].
+    """
+    known, scale = np.linalg.inv(covariance), OPENED * sd
+    for _ in range(50):
+        now = np.linalg.inv(known + (scale**-2 - (OPENED * sd) ** -2) * np.eye(3))
+        there = now @ known @ arm
+        scale = float(np.sqrt((FREEDOM * sd**2 + there @ there + np.trace(now)) / (FREEDOM + 3.0)))
+        scale = min(max(scale, sd), OPENED * sd)
+    return scale
 
 
 def delay_of(seen: Filtered) -> tuple[float, float, float]:
@@ -289,7 +313,7 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
             break
         clock, rate = clock + delay, rate + drift
         ready = prepared(clock, rate)
-    ready = replace(ready, settings=replace(ready.settings, shaken=seen.shaken))
+    ready = replace(ready, settings=replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd))
     notes = []
     if ready.clock != 0.0:
         which = "late" if ready.clock > 0.0 else "early"

@@ -128,6 +128,11 @@ class Navigator:
         """By how much older the fixes are, beyond what was given, as estimated so far [s]."""
         return self._estimate.delay
 
+    def lever(self) -> tuple[FloatArray, FloatArray]:
+        """Lever arm less as it was given, (3,) [m], and its covariance, (3, 3); it must be estimated."""
+        part = slice(self._estimate.at.lever, self._estimate.at.lever + 3)
+        return self._estimate.lever - self._settings.lever_b, self._estimate.covariance[part, part].copy()
+
     def vibration(self) -> tuple[FloatArray, FloatArray]:
         """Lever arm by which vibration moves the antenna less that of turns, (3,) [m], and its standard deviation."""
         at, other = self._estimate.at, self._estimate.shaken - self._estimate.lever

@@ -23,7 +23,7 @@ from insnav.types import GpsData, ImuData, SensorLog, Trajectory
 
 SHORTEST_REST = 5.0  # shorter ones do not show the noise of an IMU [s]
 BENCH_SD = (0.01, 0.005)  # how well a place that is not left is known [m], [m/s]
-LEVER_SD = 2.0  # of each component of a lever arm that was not given: antenna and IMU are on one vehicle [m]
+LEVER_SD = 1.0  # of each component of a lever arm that was not given: antenna and IMU are on one vehicle [m]
 REFERENCE_SD = (0.05, None)  # of reference positions; velocities count only if theirs is given [m], [m/s]
 
 

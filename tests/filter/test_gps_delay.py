@@ -13,7 +13,7 @@ import insnav
 from insnav.errors.ensemble import normalised
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.filter import FilterSettings, error_model
-from insnav.filter.gps_delay import REACH, delay_of, filtered
+from insnav.filter.gps_delay import FREEDOM, OPENED, REACH, delay_of, filtered, lever_scale
 from insnav.filter.prepare import DELAY_SD, Prepared, prepare
 from insnav.kernels import errorstate
 from insnav.report.run.warnings import run_warnings
@@ -228,3 +228,22 @@ def test_a_clock_that_is_off_leaves_the_lever_arm_as_it_is() -> None:
         run = drive.navigate(smooth=False).found.run
         assert (np.abs(run.lever_b - (0.8, -0.3, -1.2)) < 3.0 * run.lever_sd).all()
         assert run.gps_delay == pytest.approx(-off, abs=0.015)
+
+
+@pytest.mark.parametrize(("arm", "known"), [(0.2, 0.05), (2.5, 0.3), (3.5, 1.0), (3.5, 0.1), (8.0, 0.1)])
+def test_the_prior_of_a_lever_arm_is_as_wide_as_the_drive_says(arm, known):
+    """Against the density of the logarithm of the scale, point by point: evidence of the arm times its prior."""
+    scale, seen = 1.0, np.diag([known, 2.0 * known, 5.0]) ** 2.0  # the third is hardly seen
+    true = np.array([arm, -0.3, 0.0])
+    after = np.linalg.inv(np.linalg.inv(seen) + np.eye(3) / (OPENED * scale) ** 2)
+    sd = np.geomspace(scale, OPENED * scale, 4001)
+    total = np.diagonal(seen) + sd[:, None] ** 2
+    likely = -0.5 * np.sum(true**2 / total + np.log(total), axis=1) - FREEDOM * (np.log(sd) + 0.5 * scale**2 / sd**2)
+    found = lever_scale(after @ np.linalg.solve(seen, true), after, scale)
+    assert found == pytest.approx(sd[np.argmax(likely)], abs=0.01)
+
+
+@pytest.mark.parametrize(("off", "wide"), [(0.3, False), (4.0, True)])
+def test_a_lever_arm_that_is_far_off_keeps_the_wide_prior(off, wide):
+    settings = FilterSettings(lever_b=drives.LEVER_B - [off, 0.0, 0.0], lever_sd=1.0, delay_sd=DELAY_SD)
+    assert (filtered(replace(recorded(), settings=settings)).lever_sd > 1.5) == wide

@@ -70,7 +70,7 @@ def test_a_budget_uses_the_noise_that_was_found():
 def test_a_lever_arm_of_zero_is_zero():
     drive = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", lever_arm=(0.0, 0.0, 0.0))
     assert drive.settings.lever_sd == 0.0
-    assert insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv").settings.lever_sd == 2.0
+    assert insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv").settings.lever_sd == 1.0
 
 
 def test_drives_of_one_imu_are_tuned_together(tmp_path):
