@@ -247,6 +247,7 @@ class EventKind(StrEnum):
     REF_UNSORTED = "ref.unsorted"
     REF_NAN = "ref.nan"
     REF_CUT_ROW = "ref.cut_row"
+    REF_CONTRADICTION = "ref.contradiction"
     GATE_QUALITY = "gate.quality"
     GATE_PHYSICAL_POSITION = "gate.physical.position"
     GATE_PHYSICAL_VELOCITY = "gate.physical.velocity"

@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from insnav.errors.metrics import TrajectoryErrors, position_errors
-from insnav.errors.reference_offset import ReferenceOffset, offset_notes, reference_offset
+from insnav.errors.reference_check import check_reference
+from insnav.errors.reference_offset import ReferenceOffset, reference_offset
 from insnav.errors.short_duration_errors import ShortWindow
 from insnav.filter.navigate import Navigated
 from insnav.filter.noise_identification import NoiseEstimate
@@ -63,19 +64,21 @@ def evaluate_run(
     `lever_b` (3,): point of the reference seen from the IMU, body axes [m].
     Raises: InputError: run and reference have no time in common.
     """
-    notes: list[str] = []
-    errors = smoothed_errors = None
+    notes: tuple[str, ...] = ()
+    errors, smoothed_errors, same = None, None, False
     if reference is not None:
-        good, said = fixed_epochs(reference)
-        notes += said
-        good = _held(good, done.run.solution.time)
+        good, notes = fixed_epochs(reference)
+        best, events = done.run.solution if done.run.smoothed is None else done.run.smoothed.solution, done.run.events
+        same = done.gps is not None and _same_positions(done.gps, good)
+        good = _held(good, best.time)
+        if not same:
+            good, doubts = check_reference(good, best, done.gps, done.run.lever_b if lever_b is None else lever_b)
+            events = tuple(sorted((*doubts, *events), key=lambda event: event.time))
+            done = replace(done, run=replace(done.run, events=events))
         errors = position_errors(done.run.solution, good, lever_b=lever_b)
         if done.run.smoothed is not None:
             smoothed_errors = position_errors(done.run.smoothed.solution, good, lever_b=lever_b)
-        offset = reference_offset(errors, done.run.solution)
-        notes += [] if offset is None else offset_notes(offset, done.run.lever_b if lever_b is None else lever_b)
-    same = reference is not None and done.gps is not None and _same_positions(done.gps, reference.data)
-    return EvaluatedRun(done.run, done.gps, errors, smoothed_errors, reference_is_gps=same), tuple(notes)
+    return EvaluatedRun(done.run, done.gps, errors, smoothed_errors, reference_is_gps=same), notes
 
 
 def _held(reference: Trajectory, time: FloatArray) -> Trajectory:

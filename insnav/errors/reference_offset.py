@@ -45,8 +45,7 @@ def reference_offset(errors: TrajectoryErrors, track: Trajectory) -> ReferenceOf
     """Fit a body-fixed and a local offset to the horizontal errors.
 
     Error = estimate - reference, so that a reference elsewhere on the vehicle makes ``-C b``; a constant of the datum
-    does not turn with it. The standard deviation is that of a jackknife over ten parts of the drive (Efron and
-    Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 11), as errors are alike for long.
+    does not turn with it.
 
     Returns: none where there are few epochs, or the vehicle does not turn.
     """
@@ -58,15 +57,9 @@ def reference_offset(errors: TrajectoryErrors, track: Trajectory) -> ReferenceOf
     c = dcm_from_rph(track.rph[row])[:, :2, :2]
     if np.sqrt(np.sum(np.var(c[:, :, 0], axis=0))) < TURNED:
         return None
-    ones = np.broadcast_to(np.eye(2), c.shape)
-    terms = np.concatenate([-c, ones], axis=2)  # (n, 2, 4): body forward, right; north, east
-    normal, right = np.swapaxes(terms, 1, 2) @ terms, np.einsum("nij,ni->nj", terms, position[:, :2])
-    parts = np.array_split(np.arange(position.shape[0]), BLOCKS)
-    sums = [(normal[part].sum(axis=0), right[part].sum(axis=0)) for part in parts]
-    whole = sum(each[0] for each in sums), sum(each[1] for each in sums)
-    body = np.linalg.solve(*whole)[:2]
-    left_out = np.array([np.linalg.lstsq(whole[0] - a, whole[1] - b, rcond=None)[0][:2] for a, b in sums])
-    sd = np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0))
+    terms = np.concatenate([-c, np.broadcast_to(np.eye(2), c.shape)], axis=2)  # body forward, right; north, east
+    value, value_sd = jackknifed(terms, position[:, :2])
+    body, sd = value[:2], value_sd[:2]
     moved = position[:, :2] + c @ body
     return ReferenceOffset(
         body,
@@ -75,6 +68,21 @@ def reference_offset(errors: TrajectoryErrors, track: Trajectory) -> ReferenceOf
         rms(np.hypot(moved[:, 0], moved[:, 1])),
         float(position[:, 2].mean()),
     )
+
+
+def jackknifed(terms: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Fit k unknowns to pairs of values ``(n, 2)`` by their `terms` ``(n, 2, k)``, with standard deviations.
+
+    These are of a jackknife over ten parts of the drive, as errors are alike for long (Efron and Tibshirani, "An
+    Introduction to the Bootstrap", 1993, chapter 11).
+    """
+    normal, right = np.swapaxes(terms, 1, 2) @ terms, np.einsum("nij,ni->nj", terms, values)
+    parts = np.array_split(np.arange(len(values)), BLOCKS)
+    sums = [(normal[part].sum(axis=0), right[part].sum(axis=0)) for part in parts]
+    whole = sum(each[0] for each in sums), sum(each[1] for each in sums)
+    found = np.linalg.lstsq(*whole, rcond=None)[0]
+    left_out = np.array([np.linalg.lstsq(whole[0] - a, whole[1] - b, rcond=None)[0] for a, b in sums])
+    return found, np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0))
 
 
 def offset_notes(found: ReferenceOffset, taken: FloatArray) -> list[str]:

@@ -73,6 +73,8 @@ def complete_fixes(
 
     Without GPS, a reference that never moves stands for it: the place of a bench.
     """
+    if reference is not None:
+        refuse_confused(reference, "--ref-columns", velocities=False)
     if gps is not None:
         refuse_confused(gps)
         return with_sd(gps.data, scatter_alone=False)
@@ -84,15 +86,21 @@ def complete_fixes(
     )
 
 
-def refuse_confused(gps: Reading[GpsData]) -> None:
-    """Refuse fixes whose velocities contradict their positions in a way that has a name."""
-    fit = fit_velocities(gps.data.time, gps.data.lla, gps.data.v_n)
-    if fit is not None and fit.confusion:
+def refuse_confused(
+    read: Reading[GpsData] | Reading[Trajectory], option: str = "--gps-columns", *, velocities: bool = True
+) -> None:
+    """Refuse positions and velocities that contradict each other in a way that has a name.
+
+    `velocities`: also where it is these that are wrong.
+    """
+    fit = fit_velocities(read.data.time, read.data.lla, read.data.v_n)
+    if fit is not None and fit.confusion and (velocities or fit.radians or fit.exchanged):
         raise InputError(
-            f"positions and velocities of the fixes contradict each other: it looks as if {fit.confusion}",
-            where=gps.facts.path,
-            why="displacements between fixes fit their velocities only so",
-            fix="name the right columns and units with --gps-columns, or mend the file",
+            f"positions and velocities of the {'fixes' if velocities else 'reference'} contradict each other: it looks "
+            f"as if {fit.confusion}",
+            where=read.facts.path,
+            why="displacements fit the velocities only so",
+            fix=f"name the right columns and units with {option}, or mend the file",
         )
 
 

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import insnav
 from insnav.exceptions import InputError
+from insnav.input import read_gps
 from insnav.input.interpret.velocities import fit_velocities
 from insnav.types import GpsData
 from tests.filter import drives
+from tests.shared import recorded
 
 CONFUSED = {
     "sign of north and east": lambda gps: replace(gps, v_n=-gps.v_n),
@@ -54,6 +57,22 @@ def test_false_fixes_and_an_outage_are_no_confusion():
 def test_each_confusion_has_its_name(name):
     for seed in range(3):
         assert name in confusion(CONFUSED[name](fixes(seed)))
+
+
+RECORDED = ("rtklib_drive_20250708", "ixr_tsukishima_20210412", "umn_thor75_uav")
+
+
+@pytest.mark.parametrize("name", RECORDED)
+def test_a_velocity_up_is_told_on_recorded_drives(name):
+    gps = read_gps(recorded(name) / "gps.csv").data
+    assert confusion(gps) == ""
+    assert "vertical velocity is up" in confusion(CONFUSED["vertical velocity is up"](gps))
+
+
+def test_long_climbs_tell_it_where_noise_hides_short_ones():
+    sample = read_gps(Path(__file__).parents[2] / "trajectories" / "sample" / "gps.csv").data
+    assert confusion(sample) == ""
+    assert "vertical velocity is up" in confusion(CONFUSED["vertical velocity is up"](sample))
 
 
 def test_a_confused_file_is_refused():

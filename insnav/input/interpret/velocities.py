@@ -17,7 +17,9 @@ _SLOWEST = 1.0  # slower ones tell nothing [m/s]
 _FITS, _WRONG, _BETTER = 0.2, 0.35, 0.35
 _UNITS = {unit: ALL_UNITS[unit][1] for unit in ("m/s", "km/h", "knot", "cm/s", "mm/s", "ft/s", "mph")}
 _LEAST_CLIMB = 0.01  # moves in height that tell which way is up [m]
-_RISES = 6.0  # standard deviations of the slope of climb by vertical velocity, for its sign
+_CLIMBS = (2.0, 8.0, 32.0)  # lengths of moves in height: noise of heights hides short ones [s]
+_OUTSIDE = 5.0  # times the median difference from either sign, beyond which a move is that of a false velocity
+_RISES = 4.5  # standard deviations of the slope of climb by vertical velocity, for its sign
 _RADIANS = 180.0 / np.pi
 _EARTH_RADIUS = 6.37e6  # a rough one will do [m]
 
@@ -81,7 +83,7 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     start, stop = start[near], stop[near]
     if start.size < _FEWEST:
         return None
-    span, overlap = t[stop] - t[start], float(np.median(stop - start))
+    span = t[stop] - t[start]
     moved, said = path[stop] - path[start], gone[stop] - gone[start]
     level = np.linalg.norm(said[:, :2], axis=1)
     firm = np.linalg.norm(moved[:, :2], axis=1) > np.maximum(_SLOWEST * span, _FIRM * _scatter(path[:, :2]))
@@ -102,7 +104,7 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     ratio = float(np.median(size / np.maximum(np.linalg.norm(said[:, :2], axis=1), 1e-9)))
     given = difference((0, 1), (1.0, 1.0), 1.0)
     if given < _WRONG:
-        return Fit((0, 1), (1.0, 1.0), "m/s", ratio, _upward(moved[:, 2], said[:, 2], overlap))
+        return Fit((0, 1), (1.0, 1.0), "m/s", ratio, _upward(t, lla[known, 2], gone[:, 2]))
     orders: tuple[tuple[int, int], ...] = ((0, 1), (1, 0))
     across = np.column_stack([lla[known, 1], lla[known, 0] * np.cos(lla[known[0], 1])]) * _EARTH_RADIUS
     other = (across[stop] - across[start])[firm]
@@ -119,7 +121,7 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     if best[0] > min(_FITS, _BETTER * given):
         return None
     factor = _UNITS[best[3]]
-    return Fit(best[1], (best[2][0], best[2][1]), best[3], ratio, _upward(moved[:, 2], said[:, 2] * factor, overlap))
+    return Fit(best[1], (best[2][0], best[2][1]), best[3], ratio, _upward(t, lla[known, 2], gone[:, 2] * factor))
 
 
 def _scatter(path: FloatArray) -> float:
@@ -129,11 +131,23 @@ def _scatter(path: FloatArray) -> float:
     return float(1.4826 * np.median(np.abs(np.diff(path, n=3, axis=0))) / np.sqrt(20.0))
 
 
-def _upward(moved: FloatArray, said: FloatArray, overlap: float) -> bool:
-    """Whether heights rise where the third velocity is positive; `overlap`: moves that begin before one ends."""
-    power = float(np.sum(said**2))
-    if not power > len(said) * _LEAST_CLIMB**2:  # nor where one is not known
-        return False
-    slope = float(np.sum(moved * said)) / power
-    scatter = float(np.std(moved - slope * said)) * np.sqrt(overlap)
-    return slope < -0.5 and slope < -_RISES * scatter / np.sqrt(power)
+def _upward(time: FloatArray, height: FloatArray, fallen: FloatArray) -> bool:
+    """Whether heights rise where the third velocity is positive, over moves of some length; `fallen`: its integral."""
+    for span in _CLIMBS:
+        stop = np.searchsorted(time, time + span)
+        start = np.flatnonzero(stop < len(time))
+        stop = stop[start]
+        near = time[stop] - time[start] < 2.0 * span
+        start, stop = start[near], stop[near]
+        said, moved = fallen[stop] - fallen[start], height[start] - height[stop]
+        apart = np.minimum(np.abs(moved - said), np.abs(moved + said))  # false velocities are neither
+        kept = apart <= _OUTSIDE * np.median(apart) if len(apart) else apart < 0.0
+        said, moved = said[kept], moved[kept]
+        power = float(np.sum(said**2))
+        if len(said) < _FEWEST or not power > len(said) * _LEAST_CLIMB**2:  # nor where one is not known
+            continue
+        slope = float(np.sum(moved * said)) / power
+        scatter = float(np.std(moved - slope * said)) * np.sqrt(float(np.median(stop - start)))  # they overlap
+        if slope < -0.5 and slope < -_RISES * scatter / np.sqrt(power):
+            return True
+    return False

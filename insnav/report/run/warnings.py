@@ -34,6 +34,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     return (
         *_failed(found.run),
         *_same_data(found),
+        *(event.action for event in found.run.events if event.kind == EventKind.REF_CONTRADICTION),
         *_many_rejected(found.run),
         *_contradictions(found.run),
         *overconfident[:1],

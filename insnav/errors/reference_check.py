@@ -1,0 +1,168 @@
+"""What of a reference cannot be right: its clock, velocities that are those of the fixes, its headings.
+
+Each is compared with the solution, which knows what gyros and fixes say, and said with what was done about it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from insnav.attitude import dcm_from_rph, wrap_pi
+from insnav.earth import ned_offset
+from insnav.errors.metrics import TrajectoryErrors, position_errors
+from insnav.errors.reference_offset import FEWEST, WORTH, jackknifed, offset_notes, reference_offset
+from insnav.input.interpret.velocities import fit_velocities
+from insnav.sample_statistics import rms
+from insnav.types import Event, EventKind, FloatArray, GpsData, Trajectory
+from insnav.units import DEG
+
+FARTHEST, STEP = 30.0, 0.25  # errors of the clock looked for, and steps of the search [s]
+LEAST_CLOCK, CLEAR = 0.03, 5.0  # what is corrected: errors so large [s], and so many standard deviations
+MOST_EPOCHS = 2000  # of the search: a drive shows its turns in as many
+STEADY = 1.0  # scatter of the speed below which an error of the clock is like one of the position [m/s]
+FAST = 2.0  # speed above which the course is a heading [m/s]
+LEAST_HEADING, LEAST_TURN, SURE = 1.0 * DEG, 5.0 * DEG, 5.0  # that contradict: all, some, and standard deviations
+_MOST = 0.9  # share of epochs that stands for all
+
+
+def check_reference(
+    reference: Trajectory, track: Trajectory, gps: GpsData | None, lever_b: FloatArray
+) -> tuple[Trajectory, list[Event]]:
+    """Bring a reference to the clock of a solution, leave out what cannot be right, and say both.
+
+    `lever_b` (3,): point of the reference seen from the IMU, body axes [m]. Raises: InputError: no time in common.
+    """
+    said: list[Event] = []
+
+    def say(value: float, limit: float, unit: str, action: str) -> None:
+        said.append(Event(float(track.time[0]), EventKind.REF_CONTRADICTION, value, limit, unit, action))
+
+    fit = fit_velocities(reference.time, reference.lla, reference.v_n)
+    if fit is not None and fit.confusion:
+        reference = replace(reference, v_n=np.full_like(reference.v_n, np.nan))
+        say(0.0, 0.0, "", f"reference: {fit.confusion}: its velocities are not used")
+    elif gps is not None and _copied(reference.v_n, gps.v_n):
+        reference = replace(reference, v_n=np.full_like(reference.v_n, np.nan))
+        say(0.0, 0.0, "", "the velocities of the reference are those of the fixes, which proves nothing: not used")
+    late, before, after = clock_error(reference, track, lever_b)
+    if late:
+        reference = replace(reference, time=reference.time - late)
+        say(
+            late,
+            LEAST_CLOCK,
+            "s",
+            f"the clock of the reference is {abs(late):.2f} s {'ahead' if late > 0.0 else 'behind'}: corrected "
+            f"(horizontal RMS difference {before:.3g} m before, {after:.3g} m after)",
+        )
+    errors = position_errors(track, reference, lever_b=lever_b)
+    until, constant, by_course = heading_error(errors, track)
+    heading = np.arange(3) == 2
+    if constant:
+        size = f"headings of the reference are {constant / DEG:+.1f} deg off the solution's throughout"
+        how = "the course does not tell which are right: other axes, or another north?"
+        if by_course:
+            reference = replace(reference, rph=np.where(heading, np.nan, reference.rph))
+            how = "as much off the course: of other axes, or another north; not used"
+        say(constant / DEG, LEAST_HEADING / DEG, "deg", f"{size}, {how}")
+    if until is not None and not by_course:
+        largest = float(np.nanmax(np.abs(errors.attitude[errors.time < until, 2]))) / DEG
+        rows = (reference.time < until)[:, None]
+        reference = replace(reference, rph=np.where(rows & heading, np.nan, reference.rph))
+        first = f"in the first {until - track.time[0]:.0f} s"
+        say(
+            largest,
+            LEAST_TURN / DEG,
+            "deg",
+            f"headings of the reference are up to {largest:.0f} deg off {first} and right later, which no turn of the "
+            "gyros explains: not used until then",
+        )
+    offset = reference_offset(errors, track)
+    for action in () if offset is None else offset_notes(offset, lever_b):
+        say(0.0, 0.0, "", action)
+    return reference, said
+
+
+def _copied(values: FloatArray, others: FloatArray) -> bool:
+    """Whether nearly all horizontal velocities in motion are among those of others, to a millimetre a second."""
+    mine, theirs = (np.round(each[:, 0], 3) + 1j * np.round(each[:, 1], 3) for each in (values, others))
+    mine = mine[np.abs(mine) > FAST]
+    return len(mine) >= FEWEST and bool(np.mean(np.isin(mine, theirs)) > _MOST)
+
+
+def clock_error(reference: Trajectory, track: Trajectory, lever_b: FloatArray) -> tuple[float, float, float]:
+    """How far the clock of a reference is ahead [s]; horizontal RMS difference as it is, and with that corrected [m].
+
+    By the lag with which the two tracks lie closest, then by least squares with a constant offset and another point of
+    the vehicle, which a clock must not be taken for. Returns: zeros where the difference is small, or not clear.
+    """
+    errors = position_errors(track, reference, lever_b=lever_b)
+    before = rms(errors.horizontal)
+    late, sd, after = _coarse(reference, track), np.inf, before
+    for _ in range(3):
+        moved = replace(reference, time=reference.time - late)
+        if moved.time[-1] < track.time[0] or moved.time[0] > track.time[-1]:
+            return 0.0, 0.0, 0.0
+        errors = position_errors(track, moved, lever_b=lever_b)
+        after = rms(errors.horizontal)
+        row = np.searchsorted(track.time, errors.time).clip(max=len(track.time) - 1)
+        v = track.v_n[row, :2]
+        if len(v) < FEWEST or float(np.std(np.hypot(v[:, 0], v[:, 1]))) < STEADY:
+            return 0.0, 0.0, 0.0
+        c = dcm_from_rph(track.rph[row])[:, :2, :2]
+        terms = np.concatenate([v[:, :, None], -c, np.broadcast_to(np.eye(2), c.shape)], axis=2)
+        value, value_sd = jackknifed(terms, errors.position[:, :2])
+        late, sd = late + float(value[0]), float(value_sd[0])
+    clear = abs(late) > max(LEAST_CLOCK, CLEAR * sd) and after < WORTH * before
+    return (round(late, 3), before, after) if clear else (0.0, 0.0, 0.0)
+
+
+def _coarse(reference: Trajectory, track: Trajectory) -> float:
+    """Lag of a reference with which its track is closest, a constant difference apart; zero if it is no other [s]."""
+    rows = np.unique(np.linspace(0, len(reference.time) - 1, MOST_EPOCHS).astype(np.int64))
+    time, origin = reference.time[rows], track.lla[0]
+    there, here = ned_offset(reference.lla[rows], origin)[:, :2], ned_offset(track.lla, origin)[:, :2]
+
+    def scatter(lag: float) -> float:
+        inside = (time - lag >= track.time[0]) & (time - lag <= track.time[-1])
+        if np.count_nonzero(inside) < FEWEST:
+            return np.inf
+        apart = [there[inside, i] - np.interp(time[inside] - lag, track.time, here[:, i]) for i in range(2)]
+        return float(np.hypot(*(np.std(each) for each in apart)))
+
+    best = min(np.arange(-FARTHEST, FARTHEST + STEP, STEP), key=scatter)
+    return float(best) if scatter(float(best)) < WORTH * scatter(0.0) else 0.0
+
+
+def heading_error(errors: TrajectoryErrors, track: Trajectory) -> tuple[float | None, float, bool]:
+    """Whether headings of a reference contradict a solution, all or only at first.
+
+    Returns: until when they do, and not afterwards [s]; the constant difference of the rest, reference minus solution
+    [rad], or zero; and whether the course over ground says that it is the reference that is wrong.
+    """
+    apart = -errors.attitude[:, 2]
+    known = np.isfinite(apart)
+    if errors.sd is None or np.count_nonzero(known) < FEWEST:
+        return None, 0.0, False
+    time, apart, sd = errors.time[known], apart[known], errors.sd[known, 8]
+    row = np.searchsorted(track.time, time).clip(max=len(track.time) - 1)
+    v = track.v_n[row, :2]
+    fast = np.hypot(v[:, 0], v[:, 1]) > FAST
+    tells = np.count_nonzero(fast) >= FEWEST
+    middle, scatter = _middle(apart[fast] if tells else apart)
+    clear = abs(middle) > LEAST_HEADING + SURE * np.median(sd[fast] if tells else sd) and scatter < 0.5 * abs(middle)
+    constant = middle if clear else 0.0
+    drift = _middle(track.rph[row[fast], 2] - np.arctan2(v[fast, 1], v[fast, 0]))[0] if tells else np.inf
+    by_course = clear and abs(drift) < 0.5 * abs(constant) < abs(wrap_pi(drift + constant))
+    far = np.abs(wrap_pi(apart - constant)) > LEAST_TURN + SURE * sd
+    last = int(np.argmax(np.cumsum(np.where(far, 1, -1)))) + 1
+    at_first = FEWEST <= last < len(time) - FEWEST and np.mean(far[:last]) > _MOST and np.mean(~far[last:]) > _MOST
+    return float(time[last]) if at_first else None, constant, bool(by_course)
+
+
+def _middle(angle: FloatArray) -> tuple[float, float]:
+    """Median of angles about their mean direction, and the median distance from it [rad]."""
+    mean = float(np.angle(np.mean(np.exp(1j * angle))))
+    value = float(wrap_pi(mean + float(np.median(wrap_pi(angle - mean)))))
+    return value, float(np.median(np.abs(wrap_pi(angle - value))))

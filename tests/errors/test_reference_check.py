@@ -1,0 +1,95 @@
+"""A reference that is wrong is named, and brought into shape where that can be done; a good one is left as it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.errors.reference_check import check_reference
+from insnav.types import GpsData, Trajectory
+from insnav.units import DEG
+from tests.errors.test_reference_offset import driven, moved
+
+SIZE = 0.5  # of the errors of the solution [m]
+HERE = np.zeros(3)
+
+
+@pytest.fixture(scope="module")
+def pair() -> tuple[Trajectory, Trajectory]:
+    track, truth = driven(3, SIZE)
+    sd = np.tile([SIZE] * 3 + [0.05] * 3 + [0.2 * DEG] * 3, (len(track.time), 1))
+    return replace(track, sd=sd), truth
+
+
+def yawed(track: Trajectory, angle: float) -> Trajectory:
+    return replace(track, rph=track.rph + np.array([0.0, 0.0, angle * DEG]))
+
+
+def test_a_good_reference_is_left_as_it_is(pair: tuple[Trajectory, Trajectory]):
+    for seed in range(5):
+        track, truth = driven(seed, SIZE)
+        assert check_reference(truth, replace(track, sd=pair[0].sd), None, HERE) == (truth, [])
+
+
+@pytest.mark.parametrize("late", [-5.0, -0.5, 0.2, 1.0, 18.0])
+def test_its_clock_is_found_and_corrected(pair: tuple[Trajectory, Trajectory], late: float):
+    track, truth = pair
+    found, (event,) = check_reference(replace(truth, time=truth.time + late), track, None, HERE)
+    np.testing.assert_allclose(found.time, truth.time, atol=0.06)
+    assert event.value == pytest.approx(late, abs=0.06)
+    assert f"{'ahead' if late > 0 else 'behind'}: corrected" in event.action
+
+
+def test_another_point_of_the_vehicle_is_no_clock(pair: tuple[Trajectory, Trajectory]):
+    track, truth = pair
+    found, (event,) = check_reference(moved(truth, np.array([3.0, 0.0, 0.0])), track, None, HERE)
+    assert "another point of the vehicle" in event.action
+    np.testing.assert_array_equal(found.time, truth.time)
+
+
+@pytest.mark.parametrize("wrong", [-4.0, 73.0, 180.0])
+def test_headings_of_other_axes_are_not_used(pair: tuple[Trajectory, Trajectory], wrong: float):
+    track, truth = pair
+    found, (event,) = check_reference(yawed(truth, wrong), track, None, HERE)
+    assert np.cos(event.value * DEG - wrong * DEG) == pytest.approx(1.0, abs=1e-4)
+    assert "course" in event.action
+    assert np.isnan(found.rph[:, 2]).all()
+    np.testing.assert_array_equal(found.rph[:, :2], truth.rph[:, :2])
+
+
+def test_where_the_solution_is_off_the_course_the_headings_are_kept(pair: tuple[Trajectory, Trajectory]):
+    track, truth = pair
+    turned = yawed(track, 30.0)  # as of a yawed IMU
+    found, (event,) = check_reference(truth, turned, None, HERE)
+    assert "does not tell" in event.action
+    np.testing.assert_array_equal(found.rph, truth.rph)
+
+
+def test_headings_before_the_reference_was_aligned_are_not_used(pair: tuple[Trajectory, Trajectory]):
+    track, truth = pair
+    begin = np.arange(len(truth.time)) < 150
+    wrong = np.where(begin, 120.0 * DEG, 0.0)[:, None] * [0.0, 0.0, 1.0]
+    found, (event,) = check_reference(replace(truth, rph=truth.rph + wrong), track, None, HERE)
+    assert "120 deg off in the first 75 s" in event.action
+    np.testing.assert_array_equal(np.isnan(found.rph[:, 2]), begin)
+
+
+def test_velocities_that_prove_nothing_are_not_used(pair: tuple[Trajectory, Trajectory]):
+    track, truth = pair
+    unknown = np.full_like(truth.lla, np.nan)
+    gps = GpsData(truth.time, track.lla, truth.v_n, unknown, unknown)
+    for reference in (truth, replace(truth, time=truth.time + 2.0)):  # whatever its clock says
+        found, events = check_reference(reference, track, gps, HERE)
+        assert "those of the fixes" in events[0].action
+        assert np.isnan(found.v_n).all()
+    others = replace(gps, v_n=truth.v_n + np.random.default_rng(1).normal(0.0, 0.02, truth.v_n.shape))
+    assert check_reference(truth, track, others, HERE)[1] == []
+
+
+def test_velocities_under_wrong_names_are_not_used(pair: tuple[Trajectory, Trajectory]):
+    track, truth = pair
+    found, (event,) = check_reference(replace(truth, v_n=truth.v_n[:, [1, 0, 2]]), track, None, HERE)
+    assert "north and east are exchanged" in event.action
+    assert np.isnan(found.v_n).all()
