@@ -19,7 +19,7 @@ from insnav.types import Event, EventKind, FloatArray, GpsData, Trajectory
 from insnav.units import DEG
 
 FARTHEST, STEP = 30.0, 0.25  # errors of the clock looked for, and steps of the search [s]
-LEAST_CLOCK, CLEAR = 0.03, 5.0  # what is corrected: errors so large [s], and so many standard deviations
+LEAST_CLOCK, CLEAR = 0.03, 5.0  # what is said: errors so large [s], and so many standard deviations
 MOST_EPOCHS = 2000  # of the search: a drive shows its turns in as many
 STEADY = 1.0  # scatter of the speed below which an error of the clock is like one of the position [m/s]
 FAST = 2.0  # speed above which the course is a heading [m/s]
@@ -30,7 +30,7 @@ _MOST = 0.9  # share of epochs that stands for all
 def check_reference(
     reference: Trajectory, track: Trajectory, gps: GpsData | None, lever_b: FloatArray
 ) -> tuple[Trajectory, list[Event]]:
-    """Bring a reference to the clock of a solution, leave out what cannot be right, and say both.
+    """Leave out of a reference what cannot be right, and say it; its clock is said, but not moved to flatter us.
 
     `lever_b` (3,): point of the reference seen from the IMU, body axes [m]. Raises: InputError: no time in common.
     """
@@ -48,14 +48,15 @@ def check_reference(
         say(0.0, 0.0, "", "the velocities of the reference are those of the fixes, which proves nothing: not used")
     late, before, after = clock_error(reference, track, lever_b)
     if late:
-        reference = replace(reference, time=reference.time - late)
+        which = "ahead of" if late > 0.0 else "behind"
         say(
             late,
             LEAST_CLOCK,
             "s",
-            f"the clock of the reference is {abs(late):.2f} s {'ahead' if late > 0.0 else 'behind'}: corrected "
-            f"(horizontal RMS difference {before:.3g} m before, {after:.3g} m after)",
+            f"the clock of the reference is {abs(late):.2f} s {which} the solution: accuracy is against it as it "
+            f"is; with {-late:+.2f} s added to its times the horizontal RMS is {after:.3g} m instead of {before:.3g} m",
         )
+    given, reference = reference.time, replace(reference, time=reference.time - late)
     errors = position_errors(track, reference, lever_b=lever_b)
     until, constant, by_course = heading_error(errors, track)
     heading = np.arange(3) == 2
@@ -81,7 +82,7 @@ def check_reference(
     offset = reference_offset(errors, track)
     for action in () if offset is None else offset_notes(offset, lever_b):
         say(0.0, 0.0, "", action)
-    return reference, said
+    return replace(reference, time=given), said
 
 
 def _copied(values: FloatArray, others: FloatArray) -> bool:
