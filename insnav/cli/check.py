@@ -13,22 +13,23 @@ from insnav.cli.options import RESULT, Force, Json, argument, option
 
 HELP = """What recorded files are, what is wrong with them, and how to run them.
 
-Any files of one recording, in any order: columns, units, axes, clocks, gaps, noise, vibration, mounting, the offset
-between IMU and GPS, reported standard deviations against scatter. Ends with the three things to mend first and the
-line to run them with, which was seen to run; there is none before what is missing is given.
+Any files of one recording in any order, or its folder: columns, units, axes, clocks, gaps, noise, vibration, mounting,
+the offset between IMU and GPS, reported standard deviations against scatter. Ends with the three things to mend first
+and the line to run them with, which was seen to run; there is none before what is missing is given.
 
 Exit code 0: insnav run takes the files as they are. 1: it refuses them, or wants what the line says.
 
 \b
 Examples:
   insnav check imu.csv gps.csv
+  insnav check imu.csv --gps fixes.csv --ref ins.csv
   insnav check drive.ubx
   insnav check imu.csv gps.csv --out checked
   insnav check imu.csv gps.csv --json | jq .mend
 """
 
 
-@takes_data(None, files={}, only=(*READING, "time_offset", "topic", "lever_arm", "gps_height", "gps_columns"))
+@takes_data(None, only=(*READING, "time_offset", "topic", "lever_arm", "gps_height", "gps_columns"))
 def check(
     data: Data,
     files: Annotated[list[Path], argument("FILES", "Files.")],
@@ -44,8 +45,9 @@ def check(
         from insnav.report.save import text_of
         from insnav.session.check import check as checked
 
-        compile_at_first(*files)
-        found = replace(checked(files, data.inputs), options=data.options)
+        roles = {each: role for each, role in ((data.gps, "gps"), (data.ref, "reference")) if each is not None}
+        compile_at_first(*files, *roles)
+        found = replace(checked(files, data.inputs, roles), options=data.options)
     where = None
     if out is not None:
         where = found.save(out, force=force, figures="page")

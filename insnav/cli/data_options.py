@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 from insnav.cli import parse
 from insnav.cli.console import Stages, detail, note, quiet_figures
 from insnav.cli.options import FILES, argument, option
+from insnav.exceptions import OutputError
 from insnav.session.inputs import INPUTS, LOGS, Input, Inputs
 
 if TYPE_CHECKING:
@@ -127,7 +128,11 @@ def takes_data(
                 cast(Inputs, inputs),
                 parse.configuration(options),
             )
-            function(data, **{each.name: options[each.name] for each in own})
+            try:
+                function(data, **{each.name: options[each.name] for each in own})
+            except OutputError:
+                _refuse_nothing(data.imu, data.gps, data.ref)
+                raise
 
         keyword = inspect.Parameter.KEYWORD_ONLY
         command.__dict__["__signature__"] = inspect.Signature([each.replace(kind=keyword) for each in parameters])
@@ -135,6 +140,16 @@ def takes_data(
         return command
 
     return decorate
+
+
+def _refuse_nothing(*files: Path | None) -> None:
+    """Refuse what is not there, or empty: to be said before a folder that is in the way."""
+    for each in files:
+        if each is None or str(each) == "-" or (each.exists() and (not each.is_file() or each.stat().st_size)):
+            continue
+        from insnav.input.formats.source import open_source
+
+        open_source(each)
 
 
 def _option(what: Input) -> inspect.Parameter:

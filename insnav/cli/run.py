@@ -21,6 +21,7 @@ from insnav.cli.console import (
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import RESULT, START, Aiding, Backdrop, Force, Json, Out, Rate, flag, option
 from insnav.cli.report import with_backdrop
+from insnav.exceptions import ConfigError
 
 if TYPE_CHECKING:
     from insnav.errors.metrics import TrajectoryErrors
@@ -88,9 +89,13 @@ def run(
     from insnav.output.folder import RunFolder
 
     interval = parse.interval(rate)
-    _check_limit(fail_above, data.ref)
+    _check_limit(fail_above)
     with RunFolder(out, force=force) as folder, Stages() as stage:
-        outcome = data.load(stage).navigate(
+        drive = data.load(stage)
+        if fail_above is not None and drive.reference is None:
+            why, fix = "there is no reference to evaluate the solution against", "give a reference with --ref"
+            raise ConfigError(why, where="--fail-above", fix=fix)
+        outcome = drive.navigate(
             states=states,
             aiding=aiding,
             smooth=smooth,
@@ -121,21 +126,13 @@ def run(
         _check_accuracy(outcome.found.errors, fail_above)
 
 
-def _check_limit(fail_above: float | None, ref: Path | None) -> None:
-    """Refuse a limit that cannot be checked before the long run, not after it."""
-    from insnav.exceptions import ConfigError
-
+def _check_limit(fail_above: float | None) -> None:
+    """Refuse a limit that makes no sense."""
     if fail_above is None:
         return
     parse.finite(fail_above, "--fail-above")
     if fail_above <= 0.0:
         raise ConfigError(f"{fail_above:g} is not a limit", where="--fail-above", fix="give metres, above zero")
-    if ref is None:
-        raise ConfigError(
-            "there is no reference to evaluate the solution against",
-            where="--fail-above",
-            fix="give a reference with --ref",
-        )
 
 
 def _check_failure(run: Run) -> None:

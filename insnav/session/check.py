@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import cast
 
 import numpy as np
@@ -19,6 +20,7 @@ from insnav.filter.gps_noise import with_sd
 from insnav.imu.health import inspect
 from insnav.imu.inspection import JOLT, ImuFigures, inspect_samples
 from insnav.input import Reading, ReadingFacts, read_gps
+from insnav.input.formats.recording_folder import NO_DATA
 from insnav.input.formats.registry import open_tables
 from insnav.input.formats.table import Table
 from insnav.input.interpret.columns import match_header
@@ -100,14 +102,16 @@ class _Patient:
         return known
 
 
-def check(files: Sequence[str | Path], inputs: Inputs) -> Result[Checked]:
-    """Examine files of a recording, in any order.
+def check(
+    files: Sequence[str | Path], inputs: Inputs, roles: Mapping[Path, str] = MappingProxyType({})
+) -> Result[Checked]:
+    """Examine files of a recording, in any order, or its folder; `roles`: those that are known: gps or reference.
 
     Nothing is refused: what cannot be read or navigated is the first thing to mend. What a refusal says to give is
     tried, and stands in the line to copy, which is given only if it was seen to run.
     """
     patient = _Patient({**inputs})
-    given = _sorted(files, patient)
+    given = _sorted([*files, *roles], patient, roles)
     data, drive = _opened(given, patient)
     found = Checked(dict(patient.roles), "", ())
     if data is not None:
@@ -123,24 +127,41 @@ def check(files: Sequence[str | Path], inputs: Inputs) -> Result[Checked]:
     return Result("check", found, facts, {}, None, () if drive is None else drive.notes, events)
 
 
-def _sorted(files: Iterable[str | Path], patient: _Patient) -> dict[str, str | Path]:
+def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path, str]) -> dict[str, str | Path]:
     """Which file is what: IMU, GPS, reference."""
     held: dict[str | Path, set[str]] = {}
-    for each in files:
+    for each in [inside for path in files for inside in _inside(path)]:
         try:
             held[each] = kinds_of(open_tables(each), imu_known=any("imu" in kinds for kinds in held.values()))
         except InsnavError as error:
             patient.roles[str(each)] = "not readable"
             patient.refused(error)
     given: dict[str, str | Path] = {}
-    for each, kinds in sorted(held.items(), key=lambda item: item[1] == {"reference"}):  # fixes are better than none
+    # fixes are better than none, and what is known comes first
+    order = {
+        path: ("imu" not in kinds, Path(path) not in roles, kinds == {"reference"}) for path, kinds in held.items()
+    }
+    for each, kinds in sorted(held.items(), key=lambda item: order[item[0]]):
         role = "imu" if "imu" in kinds and "imu" not in given else "gps" if "gps" not in given else "reference"
+        role = roles.get(Path(each), role)
         given[role] = each
         both = {"imu", "gps"} <= kinds
         patient.roles[str(each)] = "IMU and GPS" if both else {"imu": "IMU", "gps": "GPS"}.get(role, role)
         if both:
             given.setdefault("gps", each)
     return given
+
+
+def _inside(path: str | Path) -> list[str | Path]:
+    """A file, or a folder that is a recording by its names; the files of any other folder."""
+    if not Path(path).is_dir():
+        return [path]
+    try:
+        open_tables(path)
+        return [path]
+    except InsnavError:
+        files = sorted(each for each in Path(path).iterdir() if each.is_file() and each.suffix.lower() not in NO_DATA)
+        return [each for each in files if not each.name.startswith(".")] or [path]
 
 
 def kinds_of(tables: Mapping[str, Table], *, imu_known: bool = False) -> set[str]:

@@ -71,14 +71,17 @@ def read(imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Traject
     one_from_stdin({"IMU_FILE": imu, "--gps": gps, "--ref": ref, **options})
     given = _parts({"imu": imu, "gps": gps, "reference": ref}, inputs)
     fixes = None if given["gps"] is None else _read_gps(given["gps"], inputs)
-    reference = None if ref is None else read_ref(given["reference"], inputs)
+    reference = None if given["reference"] is None else read_ref(given["reference"], inputs)
     logs = {name: read_sensor_log(_table(log), name) for name, log in given_logs.items()}
     samples = read_samples(given["imu"], inputs, any_way=fixes is not None)
     return Readings(samples, fixes, reference, logs, inputs)
 
 
 def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
-    """Table of each file that is its ``imu``, ``gps``, ``reference``; a log with samples and fixes gives both."""
+    """Table of each file that is its ``imu``, ``gps``, ``reference``; a log with samples and fixes gives both.
+
+    A folder gives the reference, too, if that is a file of its own: that in a log is of the device that wrote it.
+    """
     logs = {str(each): open_tables(each) for each in sources.values() if isinstance(each, str | Path)}
     if not logs:
         return dict(sources)
@@ -86,6 +89,9 @@ def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
     given = dict(sources)
     if given.get("gps", "") is None and any(key.startswith("gps") for key in logs.get(str(given["imu"]), {})):
         given["gps"] = given["imu"]
+    parts = logs.get(str(given["imu"]), {})
+    if given.get("reference", "") is None and "reference" in parts and parts["reference"].name != parts["imu"].name:
+        given["reference"] = given["imu"]
     for part, each in given.items():
         if isinstance(each, str | Path):
             given[part] = choose_table(logs[str(each)], part, topics, plain_text(each))

@@ -30,3 +30,12 @@ def test_a_folder_of_a_recording_is_no_phone(cli, tmp_path):
     rates = [line.split() for line in found.out.splitlines() if line.strip().startswith(str(folder))]
     assert [line[1] for line in rates] == ["IMU", "GPS"]
     assert [float(line[4]) for line in rates] == [50.0, 5.0]
+
+
+def test_files_may_be_given_as_for_a_run_or_as_a_folder_of_any_names(cli, tmp_path):
+    imu, gps = table(tmp_path / "a.csv", samples(IMU_HEADERS)), table(tmp_path / "b.csv", fixes(GPS_HEADERS))
+    ref = table(tmp_path / "c.csv", fixes(GPS_HEADERS))
+    line = f"run:  insnav run {imu} --gps {gps} --ref {ref}"
+    assert cli("check", imu, "--gps", gps, "--ref", ref).out.rstrip().splitlines()[-1] == line
+    assert cli("check", tmp_path).out.rstrip().splitlines()[-1] == line
+    assert f"insnav check {tmp_path}" in " ".join(cli("run", tmp_path).err.split())

@@ -129,6 +129,25 @@ def test_the_same_input_gives_the_same_bytes(drive: Path, cli: Cli):
         assert Path("first", name).read_bytes() == Path("second", name).read_bytes(), name
 
 
+def test_a_folder_brings_its_reference_and_is_as_its_files(drive: Path, cli: Cli):
+    folder = Path("recording")
+    folder.mkdir()
+    for name in ("imu.csv", "gps.csv", "ref.csv"):
+        (folder / name).write_bytes(Path(name).read_bytes())
+    options = ("--imu", "automotive", "--figures", "none")
+    assert cli("run", "imu.csv", "--gps", "gps.csv", "--ref", "ref.csv", *options, "--out", "files").code == 0
+    assert cli("run", folder, *options, "--out", "folder", "--fail-above", "100").code == 0
+    assert Path("files/errors.csv").read_bytes() == Path("folder/errors.csv").read_bytes()
+
+
+def test_what_is_empty_or_not_there_is_said_before_the_folder_in_the_way(drive: Path, cli: Cli):
+    Path("run").mkdir()
+    Path("empty.csv").touch()
+    assert "the file is empty" in cli("run", "imu.csv", "--gps", "empty.csv").err
+    assert "no such file" in cli("run", "imu.csv", "--gps", "gone.csv").err
+    assert "exists already" in cli("run", "imu.csv", "--gps", "gps.csv").err
+
+
 def test_a_limit_on_the_error_decides_the_exit_code(drive: Path, cli: Cli):
     good = cli("run", *WITH_REFERENCE, "--fail-above", "5", "--out", "good")
     bad = cli("run", *WITH_REFERENCE, "--fail-above", "0.01", "--out", "bad", "--json")

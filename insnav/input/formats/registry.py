@@ -131,5 +131,7 @@ def _folder(folder: Source) -> InputError:
         f"this {kind} holds no recording of a kind that is known",
         where=folder.name,
         why=f"{len(folder.members)} files: {shown}" if shown else "it is empty",
-        fix=f"give a file in it{': ' + shown if names else ''}",
+        fix=f"give a file in it: {shown}; insnav check {folder.name} says what each is"
+        if names
+        else "give a file in it",
     )
