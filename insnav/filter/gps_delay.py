@@ -21,10 +21,14 @@ from insnav.alignment import in_motion
 from insnav.attitude import dcm_from_quat, rph_from_quat
 from insnav.earth import ned_offset
 from insnav.exceptions import DivergenceError
+from insnav.filter.error_model import initial_state
 from insnav.filter.navigate import feed
 from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
+from insnav.filter.smoother import History
+from insnav.kernels.errorstate import feed_back
 from insnav.kernels.smoother import CORRECTION, STATE, TIME
+from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import FloatArray, GpsData, IntArray
 from insnav.units import DEG
 
@@ -46,6 +50,9 @@ ROUNDS = 3  # of moving the clock
 RETURN = 0.5  # part of a delay by which filter or windows must not go back once the clock was moved
 SHAKEN = 1.5  # from which vibration is said to move the antenna otherwise than turns: up to 1.3 where it does not [m]
 OPENED, FREEDOM = 2.0, 3.0  # times the scale of the prior of a lever arm at first; its degrees of freedom
+LOOKED = 3.0  # times the standard deviation of the first look for the second: its measurements hardly count twice
+LEAST_START = 0.5 * DEG  # least standard deviation of attitude from there [rad]
+TRUE_FIXES = 0.9  # part of the fixes that the first look must have accepted for that
 WORSE = 0.02  # by which a position's misfit may grow by chance when the clock is moved rightly (up to 0.0095 seen)
 
 
@@ -54,7 +61,7 @@ class Filtered:
     """The beginning of a drive as the filter sees it with the clock of its samples as it is."""
 
     ready: Prepared  # the beginning
-    epochs: FloatArray | None  # see `insnav.kernels.smoother.keep`; none if the filter diverged
+    history: History | None  # none if the filter diverged
     delay: float  # in which its state ended [s]
     shaken: bool  # whether vibration moves the antenna otherwise than turns do
     lever_sd: float  # of each component of the lever arm as given; see `lever_scale` [m]
@@ -72,14 +79,14 @@ def filtered(ready: Prepared) -> Filtered:
     navigator = replace(ready, settings=settings).navigator()
     try:
         feed(navigator, ready.imu)
-        epochs = navigator.history()
+        history = navigator.history()
     except DivergenceError:
         return Filtered(ready, None, 0.0, False, lever_sd, np.inf)
     other, sd = navigator.vibration()
     shaken = bool((np.abs(other) > SURE * sd).any()) and float(np.linalg.norm(other)) > SHAKEN
     if lever_sd > 0.0:
         lever_sd = lever_scale(*navigator.lever(), lever_sd)
-    return Filtered(ready, epochs, navigator.delay, shaken, lever_sd, navigator.misfit())
+    return Filtered(ready, history, navigator.delay, shaken, lever_sd, navigator.misfit())
 
 
 def lever_scale(arm: FloatArray, covariance: FloatArray, sd: float) -> float:
@@ -105,9 +112,10 @@ def delay_of(seen: Filtered) -> tuple[float, float, float]:
 
     The standard deviation is infinite where nothing tells the delay; a drift that is not sure is zero.
     """
-    ready, epochs = seen.ready, seen.epochs
-    if epochs is None:
+    ready = seen.ready
+    if seen.history is None:
         return 0.0, np.inf, 0.0
+    epochs = seen.history.rows()
     parts = strapdown.intervals(ready.imu, ready.nominal)
     gps = _usable(ready)
     windows = [
@@ -291,7 +299,7 @@ def _cost(left: _Left, lever_sd: float) -> tuple[FloatArray, FloatArray, FloatAr
 def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettings) -> Prepared:
     """Prepare a recording, its samples moved into the time of the fixes where these are late or early.
 
-    Whether vibration moves the antenna otherwise than turns do is seen on the way.
+    Whether vibration moves the antenna otherwise than turns do is seen on the way, and where a moving start was.
     `prepared`: prepares with the clock of the samples moved by so much at the start [s], and made faster by so much
     [s/s]; `settings`: of the filter; a delay that is given is not looked for.
     """
@@ -307,13 +315,14 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
         back = any(ready.clock * each < 0.0 and abs(each) > RETURN * abs(ready.clock) for each in returns)
         if back or seen.misfit > first.misfit + WORSE:
             # windows of steady turns take a heading for a delay; the filter, which has one heading, does not
-            ready, clock, rate = *_by_the_filter(start, first, prepared), 0.0
+            (ready, seen), rate = _by_the_filter(start, first, prepared), 0.0
             break
         if abs(delay) < max(WORTH, SURE * sd) and not drift:
             break
         clock, rate = clock + delay, rate + drift
         ready = prepared(clock, rate)
     ready = replace(ready, settings=replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd))
+    ready = with_surer_start(ready, seen)
     notes = []
     if ready.clock != 0.0:
         which = "late" if ready.clock > 0.0 else "early"
@@ -324,17 +333,50 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
     return replace(ready, notes=(*ready.notes, *notes))
 
 
+def with_surer_start(ready: Prepared, seen: Filtered) -> Prepared:
+    """Start in motion with attitude and gyro bias as the first look has smoothed them.
+
+    A lever arm is seen through the attitude: one that is off by degrees and is corrected on the way looks like turns,
+    which show the arm surely and wrongly (G. P. Huang, A. I. Mourikis and S. I. Roumeliotis, "Observability-based rules
+    for designing consistent EKF SLAM estimators", Int. J. Robotics Research 29 (2010) 502-528).
+    """
+    alignment, initial = ready.alignment, ready.initial
+    told = alignment.static is not None or alignment.heading_method == "given"
+    if told or seen.history is None or seen.ready.clock != ready.clock or ready.parts:
+        return ready
+    found = seen.history.smooth()
+    time = ready.gps.time - ready.settings.delay
+    fixes = np.count_nonzero((time > found.time[0]) & (time <= found.time[-1] + TIME_TOLERANCE))
+    if np.count_nonzero(found.used) < TRUE_FIXES * fixes:
+        return ready
+    x, correction = found.state[0].copy(), found.correction[0].copy()
+    feed_back(x, correction, found.after[0])
+    sd = LOOKED * np.sqrt(np.diagonal(found.covariance[0])[6:])
+    alignment = replace(
+        alignment,
+        rph=rph_from_quat(x[6:10]),
+        sd=np.minimum(np.maximum(sd, LEAST_START), alignment.sd),
+        gyro_bias=correction[:3],
+        gyro_bias_sd=LOOKED * np.sqrt(found.variance[0, :3]),
+        level_method=f"{alignment.level_method}, then filter",
+        heading_method=f"{alignment.heading_method}, then filter",
+    )
+    own = np.sqrt(np.diagonal(initial.covariance)[:6])
+    place = initial.lla, initial.v_n, own[:3], own[3:]
+    initial = initial_state(alignment, ready.model, *place, from_fix=initial.from_fix)
+    return replace(ready, alignment=alignment, initial=initial)
+
+
 def _by_the_filter(
     ready: Prepared, seen: Filtered, prepared: Callable[[float, float], Prepared]
-) -> tuple[Prepared, float]:
+) -> tuple[Prepared, Filtered]:
     """Follow the delay that the filter itself finds, step by step, as long as positions become likelier."""
-    clock = 0.0
     for _ in range(ROUNDS):
         if abs(seen.delay) < WORTH:
             break
-        moved = prepared(clock + seen.delay, 0.0)
+        moved = prepared(ready.clock + seen.delay, 0.0)
         further = filtered(moved)
         if further.misfit > seen.misfit:
             break
-        ready, clock, seen = moved, clock + seen.delay, further
-    return ready, clock
+        ready, seen = moved, further
+    return ready, seen

@@ -163,13 +163,10 @@ class Navigator:
 
     def smoothed_errors(self) -> SmoothedErrors:
         """Process the samples still waiting, smooth, and compare every fix, accepted or not, with the result."""
-        return self._ended().smooth()
+        return self.history().smooth()
 
-    def history(self) -> FloatArray:
-        """Process the samples still waiting and return every epoch; see `insnav.kernels.smoother.keep`."""
-        return self._ended().rows()
-
-    def _ended(self) -> History:
+    def history(self) -> History:
+        """Process the samples still waiting and return every epoch."""
         if self._tail is not None:
             self._advance(None, last=True)
         if self._estimate.history is None:

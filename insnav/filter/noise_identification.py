@@ -138,7 +138,7 @@ class InnovationLikelihood:
         navigator = Navigator(run.initial, run.model, _thinned(run.gps), ready.alignment, ready.nominal, self._settings)
         imu = ready.imu.rows(ready.imu.time <= ready.initial.time + LONGEST)
         navigator.feed(imu)
-        rows = navigator.history()
+        rows = navigator.history().rows()
         time = rows[:, TIME]
         at = layout(self._settings)
         self._lasting = at.correlated
