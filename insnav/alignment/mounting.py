@@ -12,7 +12,7 @@ than those given, the axes are no right-handed set.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,9 @@ AS_GIVEN = SIGNS[0]
 ROUNDS = 3  # of Gauss-Newton
 NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02])  # steps of its derivatives [rad/s], [s]
 LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
+# what is known of gyro bias [rad/s] and delay [s] before: a bias turns the accelerations of every window alike, much as
+# the mounting does; at rest it is seen, but may warm up, as on a recorded flight by 0.07 deg/s
+AT_REST, AT_ALL, DELAY_SD = np.deg2rad(0.1), np.deg2rad(0.5), 1.0
 _DIRECTIONS = dict(zip("FBRLDU", np.repeat(np.eye(3), 2, axis=0) * np.tile([1.0, -1.0], 3)[:, None], strict=True))
 # right-handed and left-handed sets of axes by their letters
 _SETS: tuple[list[tuple[str, FloatArray]], list[tuple[str, FloatArray]]] = ([], [])
@@ -93,6 +96,7 @@ def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
         return None
     rest = stationary_of(parts, gps)
     still = np.append(summarize(parts, *rest).rate if rest is not None else np.zeros(3), 0.0)
+    still_sd = np.append(np.full(3, AT_ALL if rest is None else AT_REST), DELAY_SD)
     parts, telling = joined([parts]), windows.telling
     signs, mirrored = AS_GIVEN, False
     if telling.bends >= FEWEST:
@@ -105,27 +109,41 @@ def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
                     given = best = misfit
                 elif given > FITS and misfit < min(best, HANDED * given):
                     signs, mirrored, best = other, reflected, misfit
-    refined = _refined(telling, parts, still, signs, mirrored=mirrored)
+    refined, sd = _refined(telling, parts, (still, still_sd), signs, mirrored=mirrored)
     found = _fit(windows, _felt(windows, parts, refined, signs), signs, mirrored=mirrored)[0]
+    found = replace(found, sd=float(np.hypot(found.sd, sd)))
     return found if found.misfit < MISFIT and found.sd < SCATTER else None
 
 
-def _refined(windows: _Windows, parts: Intervals, start: FloatArray, signs: Signs, *, mirrored: bool) -> FloatArray:
-    """Gyro bias [rad/s] and how much later the samples are stamped than the velocities [s], by Gauss-Newton, (4,)."""
+def _refined(
+    windows: _Windows, parts: Intervals, before: tuple[FloatArray, FloatArray], signs: Signs, *, mirrored: bool
+) -> tuple[FloatArray, float]:
+    """Gyro bias [rad/s] and how much later the samples are stamped than the velocities [s], by Gauss-Newton.
+
+    `before`: mean (4,) and standard deviation (4,) of both before. Returns them, (4,), and the standard deviation of
+    the yaw by what is not known of them [rad].
+    """
 
     def fitted(at: FloatArray) -> tuple[Mounting, FloatArray]:
         return _fit(windows, _felt(windows, parts, at, signs), signs, mirrored=mirrored)
 
+    start, sd = before
     at = start.copy()
     found, left = fitted(at)
     for _ in range(ROUNDS):
-        slope = np.column_stack([(fitted(at + step)[1] - left) / step.sum() for step in NUDGE])
-        change = np.linalg.lstsq(slope, -left, rcond=None)[0]
+        pushed = [fitted(at + step) for step in NUDGE]
+        slope = np.column_stack([(each[1] - left) / step.sum() for each, step in zip(pushed, NUDGE, strict=True)])
+        noise = float(np.mean(left**2))
+        covariance = np.linalg.inv(slope.T @ slope / noise + np.diag(sd**-2))
+        turns = [each[0].to_vehicle @ found.to_vehicle.T for each in pushed]
+        yaw = np.array([np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1]) for turn in turns])
+        yaw /= NUDGE.sum(axis=0)
+        change = covariance @ ((start - at) / sd**2 - slope.T @ left / noise)
         other, other_left = fitted(at + change)
         if np.abs(change[:3]).max() > LARGEST_BIAS or other.misfit >= found.misfit:
             break
         at, found, left = at + change, other, other_left
-    return at
+    return at, float(np.sqrt(yaw @ covariance @ yaw))
 
 
 @dataclass(frozen=True, slots=True)

@@ -495,10 +495,11 @@ def with_known_noise(ready: Prepared, spec: ImuSpec) -> Prepared:
 def _with_axes(ready: Prepared, found: Misalignment) -> Prepared:
     """Samples corrected by the misalignments found, and attitude as uncertain as these leave it.
 
-    Roll and pitch are told apart from biases by the prior of these, too: a correction is doubted by its own size.
+    Only where there are likelier some than none. Roll and pitch are told apart from biases by the prior of these, too:
+    a correction is doubted by its own size.
     """
     imu, notes = ready.imu, ready.notes
-    if (np.abs(found.attitude) > WORTH_TURNING * found.attitude_sd).any():
+    if found.evidence > 0.0 and (np.abs(found.attitude) > WORTH_TURNING * found.attitude_sd).any():
         imu = found.corrected(imu)
         largest = 1e3 * float(np.abs(found.terms).max())
         notes = (*notes, f"samples corrected by the misalignments found, up to {largest:.2g} mrad")

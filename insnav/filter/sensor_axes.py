@@ -68,6 +68,7 @@ class Misalignment:
     terms: FloatArray  # (12,) mean of each [rad]
     attitude: FloatArray  # (3,) mean of what they do to roll, pitch, heading [rad]
     attitude_sd: FloatArray  # (3,) standard deviation of that [rad]
+    evidence: float  # log odds of misalignments, their size averaged over, against none
 
     def corrected(self, imu: ImuData) -> ImuData:
         """Samples less what the terms make of them beside a bias."""
@@ -99,6 +100,7 @@ def misalignment(
         means[k] = spreads[k] @ (slope * sd)
         log[k] += 0.5 * (slope * sd @ means[k] + np.linalg.slogdet(spreads[k])[1]) - x * sd.size
     weight = np.exp(log - log.max())
+    evidence = float(log.max() + np.log(weight.sum() / np.sum(np.exp(-0.5 * (grid / max(prior_sd, 1e-9)) ** 2))))
     weight /= weight.sum()
     low, high = np.exp(np.interp([0.025, 0.975], np.cumsum(weight), grid)).tolist()
     terms = weight @ means
@@ -109,4 +111,5 @@ def misalignment(
         sd * terms,
         np.einsum("a,akx->x", terms, turned) / turned.shape[1],
         np.sqrt(np.einsum("akx,ab,bkx->x", turned, spread, turned) / turned.shape[1]),
+        evidence,
     )

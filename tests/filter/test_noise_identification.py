@@ -282,6 +282,7 @@ def test_the_size_of_misalignments_is_found_and_the_axes_are_no_surer(true, low,
         ready = replace(exact, imu=replace(imu, gyro=imu.gyro @ gyro.T, accel=imu.accel @ accel.T))
         estimate = identify_noise(ready, spec)
         assert estimate is not None
+        assert (estimate.axes.evidence > 0.0) == (true > 0.0)
         size = estimate.spec.gyro.misalignment / 8e-3
         after = with_noise(ready, estimate)
         assert np.all(after.model.axes_sd < 1.2 * 8e-3 * size)
@@ -322,6 +323,9 @@ def test_the_size_is_averaged_over_what_is_plausible(prior_sd):
     assert (found.attitude_sd < 1e-3).all()
     if prior_sd == 0.0:
         assert found.size == (1.0, 1.0, 1.0)
+        variance = np.array([1e-8, 1.0 + 1e-8])[:, None]  # of what is seen, without misalignments and with them
+        log = -0.5 * np.sum(x**2 / variance + np.log(variance), axis=1)
+        assert found.evidence == pytest.approx(log[1] - log[0], rel=1e-6)
         return
     k = np.exp(np.linspace(-6.0, 6.0, 20001))
     density = k**-3.0 * np.exp(-0.5 * np.sum(x**2) / k**2 - 0.5 * np.log(k) ** 2)  # by log k
@@ -346,7 +350,7 @@ def test_samples_lose_what_misalignments_make_of_them_beside_a_bias():
         askew = np.zeros((3, 3))
         askew[tuple(np.transpose(sensor_axes.TERMS))] = terms[6 * k : 6 * k + 6]
         turned.append(values + values @ askew.T)
-    found = sensor_axes.Misalignment((1.0, 1.0, 1.0), terms, np.zeros(3), np.zeros(3))
+    found = sensor_axes.Misalignment((1.0, 1.0, 1.0), terms, np.zeros(3), np.zeros(3), 1.0)
     mended = found.corrected(replace(imu, gyro=turned[0], accel=turned[1]))
     for each, true, askew in ((mended.gyro, imu.gyro, turned[0]), (mended.accel, imu.accel, turned[1])):
         assert np.std(each - true, axis=0).max() < 0.02 * np.std(askew - true, axis=0).max()
