@@ -24,6 +24,7 @@ from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, Run, St
 AidingChoice = Literal["auto", "on", "off"]
 ABSORBED = 1.5  # times what a model shows: noise that is found anew, with the fault in it, hides a part of it
 GAP_WORTH = 3.0  # a GPS gap from which other aiding is worth a second pass: less drifts by centimetres [s]
+PLAUSIBLE = 3.0  # a lever arm found within so many standard deviations of the one given, or none, is believed
 DENSE = 0.1  # of the solution from which aiding is calibrated, and with which fixes are compared [s]
 
 
@@ -133,6 +134,8 @@ def thinned(run: Run, every: float) -> Run:
 
 def _decided(ready: Prepared, first: Run) -> tuple[Run, tuple[Event, ...]]:
     """See `decided`."""
+    off = np.abs(first.lever_b - ready.settings.lever_b)
+    lever_b = first.lever_b if (off <= PLAUSIBLE * ready.settings.lever_sd).all() else ready.settings.lever_b
 
     def again(
         fixes: GpsData,
@@ -146,6 +149,8 @@ def _decided(ready: Prepared, first: Run) -> tuple[Run, tuple[Event, ...]]:
         initial = replace(ready.initial, covariance=covariance, from_fix=ready.initial.from_fix and not opened)
         trust = trust or unused(changes, fixes, ready.settings.delay)
         settings = replace(ready.settings, gates=gates, trust=trust, changes=changes)
+        if gates is OPEN and trust is None and not changes:  # false fixes that count would make an arm of 50 m
+            settings = replace(settings, lever_b=lever_b, lever_sd=0.0)
         return _run(replace(ready, gps=fixes, settings=settings, initial=initial), None)
 
     return decided(first, ready.gps, ready.settings, again)

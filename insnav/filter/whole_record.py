@@ -36,7 +36,7 @@ OPEN = Gates(max_sd=np.inf, max_speed=np.inf, probability=1.0, reset_after=np.in
 # ones contradict the velocities beside them only by their integral, and many would decide against few. Where that
 # decides nothing, less may (RTK), or all fixes that fade in together, with strict limits throughout (velocities alone).
 STARTS = (3000.0, 3.0, False), (1000.0, 3.0, False), (3000.0, 3.0, True)
-STRICTNESS = (100.0, 30.0, 10.0, 3.0, 1.0)  # limits of the passes, from nearly convex to strict
+STRICTNESS = (100.0, 30.0, 10.0, 3.0, 1.0, 1.0)  # limits of the passes, from nearly convex to strict
 ALONE = ((10.0, 1.0, False),)  # positions without velocities: with more, the IMU alone would lead the track too far
 FALSE = 0.1  # a fix of less weight is not used at all
 LIMIT = chi2_limit(3, 0.01)  # squared normalised residual of three numbers at which a weight falls to a quarter [-]
