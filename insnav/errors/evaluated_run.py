@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -123,8 +124,16 @@ def failure(run: Run) -> str:
     return ""
 
 
-def outages(run: Run) -> list[tuple[float, float]]:
-    """Start and end of the times without a used position fix, at the ends of the run too [s].
+class Unaided(NamedTuple):
+    """A time without a used position fix."""
+
+    start: float  # [s]
+    end: float
+    rejected: int  # fixes that were there but rejected; zero in an outage
+
+
+def outages(run: Run) -> list[Unaided]:
+    """Times without a used position fix, at the ends of the run too.
 
     Returns: longer than `MISSED_FIXES` median intervals between fixes and than `SHORTEST_OUTAGE_S`; empty if the run
     had no position fix at all.
@@ -138,4 +147,9 @@ def outages(run: Run) -> list[tuple[float, float]]:
     start, end = run.solution.time[0], run.solution.time[-1]
     inside = used[(used > start) & (used < end)]
     edges = np.concatenate(([start], inside, [end]))
-    return [(float(a), float(b)) for a, b in pairwise(edges) if b - a > limit]
+    lost = np.setdiff1d(processed, used)
+    return [
+        Unaided(float(a), float(b), int(np.count_nonzero((lost >= a) & (lost <= b))))
+        for a, b in pairwise(edges)
+        if b - a > limit
+    ]

@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.errors.evaluated_run import outages
+from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import position_errors
+from insnav.report.run.verdict import run_line
 from insnav.report.run_json import json_ready
+from insnav.result import Result
 from insnav.types import EventKind
 from tests.report.conftest import facts_of
 
@@ -92,13 +94,21 @@ def test_sensor_errors_are_in_the_units_of_the_field(driven):
 
 def test_outages_are_found_inside_and_at_both_ends(driven):
     run, _, _ = driven
-    assert outages(run) == [(400.0, 430.0)]
+    assert outages(run) == [(400.0, 430.0, 0)]
     late = run.innovations.time >= 50.0
     early = run.innovations.time <= 550.0
     cut = replace(run.innovations, used_position=run.innovations.used_position & late & early)
-    assert outages(replace(run, innovations=cut)) == [(0.0, 50.0), (400.0, 430.0), (550.0, 600.0)]
+    assert outages(replace(run, innovations=cut)) == [(0.0, 50.0, 50), (400.0, 430.0, 0), (550.0, 600.0, 50)]
     none = replace(run.innovations, used_position=np.zeros_like(late))
-    assert outages(replace(run, innovations=none)) == [(0.0, 600.0)]
+    assert outages(replace(run, innovations=none)) == [(0.0, 600.0, len(late))]
+
+
+def test_a_time_with_fixes_that_were_rejected_is_no_outage(driven):
+    run, gps, _ = driven
+    inside = (run.innovations.time > 100.0) & (run.innovations.time < 110.0)
+    lost = replace(run.innovations, used_position=run.innovations.used_position & ~inside)
+    found = Result("run", EvaluatedRun(replace(run, innovations=lost), gps))
+    assert "GPS outage of 30.0 s; fixes rejected for 10.0 s" in run_line(found)
 
 
 def test_everything_a_configuration_may_hold_becomes_json():

@@ -45,7 +45,7 @@ class RunAxis:
     def of(cls, run: Run) -> RunAxis:
         """From the start of the solution."""
         clock = Clock.of(run.solution.time)
-        return cls(clock, tuple((float(clock(a)), float(clock(b))) for a, b in outages(run)))
+        return cls(clock, tuple((float(clock(a)), float(clock(b))) for a, b, _ in outages(run)))
 
     def panel(self, key: str, title: str, y_label: str, curves: Iterable[Curve], **how: object) -> Panel:
         """One panel over it, outages shaded, of the curves of which something is known."""

@@ -46,8 +46,13 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
     run = found.run
     kinds = Counter(str(event.kind) for event in run.events)
     spans = [
-        (Quantity("start", a, "s", decimals=1), Quantity("end", b, "s", decimals=1), Quantity("duration", b - a, "s"))
-        for a, b in outages(run)
+        (
+            Quantity("start", a, "s", decimals=1),
+            Quantity("end", b, "s", decimals=1),
+            Quantity("duration", b - a, "s"),
+            Quantity("rejected", rejected, meaning="fixes rejected"),
+        )
+        for a, b, rejected in outages(run)
     ]
     return (
         _accuracy("Accuracy of the filtered solution", found.errors, reference),
@@ -56,7 +61,7 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
         _solution(run.solution),
         _fixes(run),
         _aiding(run),
-        Section("outages", "GPS outages", rows=tuple(spans)),
+        Section("outages", "GPS outages, and times with every position rejected", rows=tuple(spans)),
         Section("sensor_errors", "Estimated sensor errors at the end", _sensor_errors(run.sensor_errors)),
         *((noise_section(found.noise),) if found.noise is not None else ()),
         Section("alignment", "Initial alignment", alignment_items(run.alignment), show="page"),

@@ -62,15 +62,22 @@ def run_line(result: Result[EvaluatedRun]) -> str:
     distance, _ = distance_and_time(run.solution)
     time = run.solution.time
     spans = outages(run)
-    lost = [(start, end) for start, end in spans if start > time[0] and end < time[-1]]
+    inside = [(end - start, rejected) for start, end, rejected in spans if start > time[0] and end < time[-1]]
     parts = [f"{duration_text(float(np.ptp(run.solution.time)))}, {distance_text(distance)}"]
     parts += [_rate(name, result.inputs[name]) for name in ("imu", "gps") if name in result.inputs]
-    if lost:
-        longest = duration_text(max(end - start for start, end in lost))
-        parts.append(f"{len(lost)} GPS outages, longest {longest}" if lost[1:] else f"GPS outage of {longest}")
-    ends = {"before the first fix": (0, time[0]), "after the last fix": (1, time[-1])}
+    for one, many, lost in (
+        ("GPS outage of", "GPS outages, longest", [length for length, rejected in inside if not rejected]),
+        (
+            "fixes rejected for",
+            "times fixes rejected, longest for",
+            [length for length, rejected in inside if rejected],
+        ),
+    ):
+        if lost:
+            parts.append(f"{f'{len(lost)} {many}' if lost[1:] else one} {duration_text(max(lost))}")
+    ends = {"before the first used fix": (0, time[0]), "after the last used fix": (1, time[-1])}
     for words, (side, edge) in ends.items():
-        parts += [f"{duration_text(end - start)} {words}" for start, end in spans if (start, end)[side] == edge]
+        parts += [f"{duration_text(each.end - each.start)} {words}" for each in spans if each[side] == edge]
     return "; ".join(parts) + "."
 
 
