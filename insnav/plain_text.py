@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Callable
 
 _ESCAPE = re.compile(
     r"\x1b\[[0-?]*[ -/]*[@-~]"  # CSI: colours, cursor
     r"|\x1b[\]PX^_].*?(?:\x07|\x1b\\|$)"  # OSC and other strings: titles, links
     r"|\x1b[ -/]*[0-~]"  # two-character sequences
 )
+_MOMENT = re.compile(r"\bt = (-?\d+\.\d)(?: to (-?\d+\.\d))? s")
+_LARGE = re.compile(r"\b\d(?:\.\d+)?e\+\d\d\b")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -25,3 +28,19 @@ def cell_text(text: object) -> str:
     plain = plain_text(text)
     dangerous = str(text).startswith(_FORMULA) or plain.lstrip().startswith(_FORMULA)
     return "'" + plain if dangerous else plain
+
+
+def without_exponents(text: str) -> str:
+    """Text with large numbers written out, as people do: 1.9e+02 is 190."""
+    return _LARGE.sub(lambda found: f"{float(found[0]):.0f}", text)
+
+
+def moment(start: float, stop: float | None = None) -> str:
+    """A time, or stretch, of the record [s] in a text: ``t = 12.0 s``, for `moments`."""
+    return f"t = {start:.1f} s" if stop in (None, start) else f"t = {start:.1f} to {stop:.1f} s"
+
+
+def moments(text: str, told: Callable[[float], str], unit: str) -> str:
+    """Text with its times of the record as they stand on another axis."""
+    replaced = _MOMENT.sub(lambda at: " to ".join(told(float(each)) for each in at.groups() if each) + f" {unit}", text)
+    return without_exponents(replaced)

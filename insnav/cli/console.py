@@ -157,9 +157,9 @@ def _log(text: str, lead: str) -> None:
 
 
 def _plain(text: str) -> str:
-    from insnav.plain_text import plain_text
+    from insnav.plain_text import plain_text, without_exponents
 
-    return "\n         ".join(plain_text(line) for line in text.splitlines())
+    return "\n         ".join(plain_text(line) for line in without_exponents(text).splitlines())
 
 
 class Stages:

@@ -21,6 +21,7 @@ from insnav.filter.shocks import clearest, settled
 from insnav.filter.smoother import SmoothedErrors
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.smoother import DRAG, VECTORS
+from insnav.plain_text import moment
 from insnav.types import Event, EventKind, FloatArray, GpsData, Run, StateChange, Trajectory
 
 CLEAR = 45.0  # twice the gain of the log-likelihood from which a change is tried [-]
@@ -167,6 +168,6 @@ def told(changes: tuple[StateChange, ...], why: str) -> list[Event]:
 
     def event(time: float, change: FloatArray, text: str, unit: str, scale: float) -> Event:
         size = scale * float(np.linalg.norm(change))
-        return Event(time, EventKind.CONTRADICTION, size, np.nan, unit, f"{text.format(size)} at {time:.1f} s: {why}")
+        return Event(time, EventKind.CONTRADICTION, size, np.nan, unit, f"{text.format(size)} at {moment(time)}: {why}")
 
     return [event(each.time, each.change, *TOLD[each.first]) for each in changes]

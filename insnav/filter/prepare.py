@@ -23,6 +23,7 @@ from insnav.filter.parts import LONGEST_GAP, SHORTEST, Part, spans
 from insnav.filter.settings import FilterSettings
 from insnav.imu.health import inspect
 from insnav.imu.specification import ImuSpec
+from insnav.plain_text import moment
 from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData
 
 if TYPE_CHECKING:
@@ -201,9 +202,9 @@ def _parts(
             parts.append(Part(after, alignment, initial))
             kept[span] = True
             sure = f"{alignment.heading_method}, ± {np.rad2deg(alignment.sd[2]):.2g} deg"
-            told = f"is navigated from {initial.time:.1f} s on; level: {alignment.level_method}, heading: {sure}"
+            told = f"is navigated from {moment(initial.time)} on; level: {alignment.level_method}, heading: {sure}"
             gap, hint = begin - after, "sensor errors are carried across the gap"
-        notes.append(f"part {number}, {begin:.1f} to {end:.1f} s, {told}")
+        notes.append(f"part {number}, {moment(begin, end)}, {told}")
         events.append(Event(begin, EventKind.PART, gap, LONGEST_GAP, "s", told, hint))
     if not parts:
         raise errors[0]

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from insnav.filter.smoother import SmoothedErrors
+from insnav.plain_text import moment
 from insnav.types import BoolArray, Event, EventKind, FloatArray
 from insnav.units import DEG
 
@@ -72,7 +73,7 @@ def shock(found: SmoothedErrors, *, velocities: bool = True) -> tuple[list[Event
             smallest[group] = (np.sqrt(seen) + NINE_IN_TEN * excess) * np.nanquantile(sd, NEARLY_ALL)
         if gain[row] > worst * seen and value > least:
             worst, at = float(gain[row]) / seen, float(time[row])
-            said = told.format(f"{value:.2g} {unit}", f"{at:.1f} s")
+            said = told.format(f"{value:.2g} {unit}", moment(at))
             events = [Event(at, EventKind.CONTRADICTION, value, float("nan"), unit, said)]
     return events, smallest
 

@@ -28,6 +28,7 @@ from insnav.filter.changes import BETTER, changes_of, false_between, mixed, told
 from insnav.filter.gates import Gates, Trust
 from insnav.filter.parts import LONGEST_GAP
 from insnav.filter.settings import FilterSettings
+from insnav.plain_text import moment
 from insnav.sample_statistics import chi2_limit
 from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData, IntArray, Run, StateChange
 
@@ -247,10 +248,7 @@ def told_false(gps: GpsData, trust: Trust) -> list[Event]:
     kinds = ("position", "m"), ("velocity", "m/s")
     for (name, unit), false, size in zip(kinds, trust.false, trust.residual, strict=True):
         if false.any():
-            spans = [
-                f"{start:.1f} s" if start == stop else f"{start:.1f} to {stop:.1f} s"
-                for start, stop in stretches(gps.time, false)
-            ]
+            spans = [moment(start, stop) for start, stop in stretches(gps.time, false)]
             listed = ", ".join(spans[:3]) + (f" and {len(spans) - 3} more" if len(spans) > 3 else "")
             largest = float(np.nanmax(size[false]))
             several = false.sum() > 1

@@ -38,7 +38,6 @@ _FIGURES = (
 )
 _COMPARED = ("horizontal_error", "horizontal_sd", "nis_position", "nis_velocity", "rejected")
 _NONE_REJECTED = 0.01  # a share below which one is as good as another
-UNNAMED = "of no named vehicle"  # drives in a folder of their own name, not of a vehicle's
 _NOISE = (
     *("gyro_random_walk", "gyro_bias_instability", "accel_random_walk", "accel_bias_instability"),
     *("gps_horizontal", "gps_vertical", "gps_velocity"),
@@ -149,7 +148,7 @@ def vehicle_noise(rows: Iterable[Row]) -> dict[str, list[Quantity]]:
     found: dict[str, list[Quantity]] = {}
     for row in rows:
         if row.noise:
-            found.setdefault(row.drive.vehicle or UNNAMED, []).extend(row.noise)
+            found.setdefault(row.drive.vehicle or row.drive.name, []).extend(row.noise)
     return {
         name: [
             _mean([q for q in found[name] if q.key == key]) for key in _NOISE if any(q.key == key for q in found[name])
@@ -191,7 +190,7 @@ def fleet_page(rows: Sequence[Row], left_out: Sequence[str]) -> Page:
     note = (
         f"outliers first; z-score: largest of error, sd, NIS and rejected fixes, against the fleet; ! beyond {OUTLIER}"
     )
-    noise = "with 95 % interval; those of GPS are factors on the stated sd"
+    noise = "with 95 % interval; a drive of no named vehicle stands alone; those of GPS are factors on the stated sd"
     return Page(
         f"Fleet of {total} drives",
         (f"Each drive has its run folder in {DRIVES}/; {kept} of {total} were finished already.",),

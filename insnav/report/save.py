@@ -20,6 +20,7 @@ from insnav.input.readers.reading import ReadingFacts
 from insnav.output.contents import FACTS_FILE
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat
+from insnav.plain_text import without_exponents
 from insnav.report.html import page_html
 from insnav.report.page import FigureSpec, Page
 from insnav.report.provenance import provenance
@@ -37,7 +38,11 @@ FigureFiles = Literal["page", "png", "svg", "none"]
 def page_of(result: Result[Any]) -> Page:
     """Lay out a result."""
     page = cast(Page, _of_room(result.kind, "page")(result))
-    return replace(page, sections=(*page.sections, *provenance(result)), notes=result.notes)
+    return replace(
+        page,
+        sections=(*page.sections, *provenance(result)),
+        notes=page.notes or tuple(map(without_exponents, result.notes)),
+    )
 
 
 def frame(result: Result[Any]) -> pd.DataFrame:

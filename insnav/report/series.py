@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from insnav.plain_text import moments
 from insnav.types import FloatArray
 
 BINS = 1200  # about one a pixel: more cannot be seen
@@ -21,6 +22,7 @@ class Clock:
 
     start: float  # zero of the axis, in the time of the data [s]
     unit_s: float  # length of the axis' unit [s]
+    unit: str
     label: str  # axis label
 
     @classmethod
@@ -30,11 +32,16 @@ class Clock:
         length = float(time[-1]) - start if len(time) else 0.0
         unit_s, unit = (3600.0, "h") if length > 6 * 3600.0 else (60.0, "min") if length > 900.0 else (1.0, "s")
         since = f" since {start:.1f} s" if start else ""
-        return cls(start, unit_s, f"time{since} [{unit}]")
+        return cls(start, unit_s, unit, f"time{since} [{unit}]")
 
     def __call__(self, time: Any) -> Any:
         """Return times of the data [s] as places on the axis."""
         return (np.asarray(time) - self.start) / self.unit_s
+
+    def tell(self, text: str) -> str:
+        """Write the times in a text as they stand on the axis."""
+        decimals = {"s": 1, "min": 2, "h": 4}[self.unit]
+        return moments(text, lambda time: f"{self(time):.{decimals}f}", self.unit)
 
 
 def envelope(

@@ -517,9 +517,8 @@ class Drive:
                 )
             data = at_point(data, lever_b - point)
         sd = np.full((len(data.time), 6), np.nan) if data.sd is None else data.sd[:, :6].copy()
-        given = reference_sd(self.readings.inputs)
-        if given is not None:
-            sd[:, :3] = np.where(np.isfinite(sd[:, :3]), sd[:, :3], given[0])
+        position_sd, _ = reference_sd(self.readings.inputs) or defaults.REFERENCE_SD
+        sd[:, :3] = np.where(np.isfinite(sd[:, :3]), sd[:, :3], position_sd)
         complete, _ = with_sd(GpsData(data.time, data.lla, data.v_n, sd[:, :3], sd[:, 3:], reference.fix))
         fix = complete.fix
         return complete if fix is None or not (fix == 1).any() else complete.rows(fix == 1)

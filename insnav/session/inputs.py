@@ -202,7 +202,7 @@ INPUTS: dict[str, Input] = {
         "--ref-sd",
         "M[,M/S]",
         "Standard deviation of the reference where errors are compared with their prediction; its velocities count "
-        "only if theirs is given. [budget: 0.05]",
+        "only if theirs is given. [0.05, or as in the file]",
         GPS,
         "numbers",
     ),

@@ -7,7 +7,7 @@ import pytest
 
 from insnav.engine import Failed
 from insnav.fleet.batch import Navigated
-from insnav.fleet.page import OUTLIER, UNNAMED, fleet_page, modified_z, rows_of, vehicle_noise
+from insnav.fleet.page import OUTLIER, fleet_page, modified_z, rows_of, vehicle_noise
 
 HALF = 1.3  # factor of the ends of the intervals
 
@@ -55,9 +55,11 @@ def test_failures_and_outliers_come_first():
 
 
 def test_noise_of_a_vehicle_is_the_weighted_mean_of_its_drives():
-    rows = rows_of([drive(1, 1.0, 0.2, vehicle="van"), drive(2, 1.0, 0.21, vehicle="van"), drive(3, 1.0, 0.9)])
+    rows = rows_of(
+        [drive(1, 1.0, 0.2, vehicle="van"), drive(2, 1.0, 0.21, vehicle="van"), drive(3, 1.0, 0.9), drive(4, 1.0, 0.1)]
+    )
     found = vehicle_noise(rows)
-    assert found.keys() == {"van", UNNAMED}
+    assert found.keys() == {"van", "d3", "d4"}
     (van,) = found["van"]
     degrees = np.deg2rad(1.0) / 60.0
     assert van.value == pytest.approx(np.sqrt(0.2 * 0.21) * degrees)
@@ -69,7 +71,8 @@ def test_the_interval_of_a_vehicle_covers_the_truth_also_where_drives_differ_mor
     inside = 0
     for _ in range(300):
         noise = 0.2 * np.exp(0.5 * rng.normal(size=8))  # scattered by much more than the intervals of 0.13
-        ((mean,),) = vehicle_noise(rows_of([drive(n, 1.0, float(each)) for n, each in enumerate(noise)])).values()
+        drives = [drive(n, 1.0, float(each), vehicle="van") for n, each in enumerate(noise)]
+        ((mean,),) = vehicle_noise(rows_of(drives)).values()
         low, high = mean.interval
         inside += low < 0.2 * np.deg2rad(1.0) / 60.0 < high
     assert 0.85 < inside / 300 < 0.98  # 0.95 of a normal mean, less for a deviation from eight drives

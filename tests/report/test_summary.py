@@ -9,13 +9,16 @@ import pytest
 
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import position_errors
+from insnav.plain_text import moment
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.numbers import number
 from insnav.report.page import Section, cell, section_tables
 from insnav.report.run.verdict import LINES, brief_lines
 from insnav.report.run.warnings import run_warnings
+from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH
 from insnav.sample_statistics import rms
+from insnav.types import Event, EventKind
 from tests.report.conftest import result_of
 
 
@@ -28,6 +31,21 @@ def test_a_few_lines_say_what_matters(navigated):
         assert words in text
     row = next(line for line in lines if line.strip().startswith("horizontal error RMS [m]"))
     assert row.split()[-1] == number(rms(navigated.found.errors.horizontal))
+
+
+def test_times_in_a_text_stand_on_the_axis_of_the_plots_and_lengths_as_they_are():
+    short, long = (Clock.of(np.array([1000.0, 1000.0 + length])) for length in (600.0, 1800.0))
+    text = f"rejected for 30.0 s at {moment(1100.0)} and {moment(1300.04, 1330.0)}, off by 1.9e+02 m"
+    assert short.tell(text) == "rejected for 30.0 s at 100.0 s and 300.0 to 330.0 s, off by 190 m"
+    assert long.tell(text) == "rejected for 30.0 s at 1.67 min and 5.00 to 5.50 min, off by 190 m"
+
+
+def test_warnings_count_from_the_start_of_the_run(driven):
+    run, gps, _ = driven
+    later = replace(run, solution=replace(run.solution, time=run.solution.time + 1000.0))
+    lost = Event(1012.0, EventKind.IMU_STUCK, 3.0, np.nan, "s", "gyro x stuck: left out")
+    (said,) = [text for text in run_warnings(EvaluatedRun(replace(later, events=(lost,)), gps)) if "stuck" in text]
+    assert "first at 12.0 s" in said
 
 
 def test_a_constant_difference_is_named_as_what_it_is(driven, navigated):

@@ -33,6 +33,7 @@ from insnav.report.run.quantities import run_sections
 from insnav.report.run.short_duration import short_columns
 from insnav.report.run.verdict import brief_lines, rated, run_circles, run_line, run_merits, run_verdict
 from insnav.report.run.warnings import run_assumptions, run_warnings
+from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH
 from insnav.result import Result
 from insnav.types import (
@@ -72,6 +73,7 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
         _sections(found, reference) if sections else (),
         warnings=warnings,
         assumptions=run_assumptions(result),
+        notes=tuple(map(Clock.of(found.run.solution.time).tell, result.notes)),
         verdict=run_verdict(found, warnings),
         merits=run_merits(found, best) if best else (),
         merits_note=f"Root mean square over the drive, of the {best} solution." if best else "",

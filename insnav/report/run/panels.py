@@ -11,6 +11,7 @@ import numpy as np
 from insnav.earth import ned_offset
 from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors
+from insnav.plain_text import moment
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.panels import Curve, Panel, Shade, Track
 from insnav.report.series import Clock, broken_at_gaps, wrapped
@@ -234,9 +235,9 @@ def _events(run: Run, axis: RunAxis) -> list[Panel]:
         own = [each for each in run.events if str(each.kind) == kind]
         some = own[:: max(1, -(-len(own) // EVENTS))]
         texts = tuple(
-            f"{kind} at {each.time:.1f} s: {each.value:.3g}"
+            axis.clock.tell(f"{kind} at {moment(each.time)}: {each.value:.3g}")
             + (f", limit {each.limit:.3g}" if np.isfinite(each.limit) else "")
-            + f" {each.unit}; {each.action}"
+            + f" {each.unit}; {axis.clock.tell(each.action)}"
             for each in some
         )
         at = axis.clock(np.array([each.time for each in some]))

@@ -63,7 +63,8 @@ def run_line(result: Result[EvaluatedRun]) -> str:
     time = run.solution.time
     spans = outages(run)
     inside = [(end - start, rejected) for start, end, rejected in spans if start > time[0] and end < time[-1]]
-    parts = [f"{duration_text(float(np.ptp(run.solution.time)))}, {distance_text(distance)}"]
+    since = f" from {time[0]:.1f} s" if abs(time[0]) > 1.0 else ""
+    parts = [f"{duration_text(float(np.ptp(time)))}{since}, {distance_text(distance)}"]
     parts += [_rate(name, result.inputs[name]) for name in ("imu", "gps") if name in result.inputs]
     for one, many, lost in (
         ("GPS outage of", "GPS outages, longest", [length for length, rejected in inside if not rejected]),

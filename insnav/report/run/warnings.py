@@ -12,6 +12,8 @@ import numpy as np
 from insnav.errors.evaluated_run import EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.filter.whole_record import stretches
+from insnav.plain_text import moment
+from insnav.report.series import Clock
 from insnav.result import Result
 from insnav.types import Event, EventKind, Run
 
@@ -31,7 +33,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     overconfident = [
         text for name, errors in stated for text in _overconfident(name, errors, same_data=found.reference_is_gps)
     ]
-    return (
+    warnings = (
         *_failed(found.run),
         *_same_data(found),
         *(event.action for event in found.run.events if event.kind == EventKind.REF_CONTRADICTION),
@@ -44,6 +46,8 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
         *_samples_lost(found.run),
         *_no_heights(found),
     )
+    clock = Clock.of(found.run.solution.time)
+    return tuple(clock.tell(text) for text in warnings)
 
 
 def _failed(run: Run) -> list[str]:
@@ -64,7 +68,7 @@ def _contradictions(run: Run) -> list[str]:
     if resets:
         first = resets[0]
         found.append(
-            f"the filter was reset to the fixes {_times(len(resets))}, first at {first.time:.1f} s by "
+            f"the filter was reset to the fixes {_times(len(resets))}, first at {moment(first.time)} by "
             f"{first.value:.3g} m, after every position had been rejected for {first.limit:g} s"
         )
     return found
@@ -87,7 +91,7 @@ def _samples_lost(run: Run) -> list[str]:
             lost.setdefault("samples are missing", []).append(event)
     return [
         f"{what}: {_times(len(found))}, {sum(event.value for event in found):.3g} s in all, first at "
-        f"{found[0].time:.1f} s; bridged like a data gap"
+        f"{moment(found[0].time)}; bridged like a data gap"
         for what, found in lost.items()
     ]
 
@@ -118,7 +122,7 @@ def _many_rejected(run: Run) -> list[str]:
             return []
         name, start, stop = longest
         more = f", and so it was {_times(len(rows) - 1)} for a shorter time" * (len(rows) > 1)
-        return [f"every {name} from {start:.1f} to {stop:.1f} s was rejected{more}: false fixes, or false samples"]
+        return [f"every {name} from {moment(start, stop)} was rejected{more}: false fixes, or false samples"]
     causes = "is a heading, lever arm, axis, clock or standard deviation wrong?"
     return [f"many fixes were rejected, {' and '.join(groups)}: {causes} See innovations and events"]
 
@@ -164,7 +168,7 @@ def _diverged(run: Run) -> list[str]:
     first = found[0]
     return [
         f"innovations inconsistent with their predicted sd in {len(found)} window{'s' * (len(found) > 1)} of 1 min, "
-        f"first at {first.time:.1f} s: {first.unit} = {first.value:.2g}; {first.hint}"
+        f"first at {moment(first.time)}: {first.unit} = {first.value:.2g}; {first.hint}"
     ]
 
 
