@@ -214,7 +214,10 @@ def _felt(windows: _Windows, parts: Intervals, given: FloatArray, signs: Signs) 
     sign, lat = np.array(signs, dtype=float), float(windows.lla[0])
     shifted = np.clip(windows.times + given[3], parts.end[0] - parts.dt[0], parts.end[-1])
     felt = np.empty_like(windows.change)
-    felt_changes(parts.end, parts.dt, parts.gyro, parts.accel, sign, given[:3] * sign, earth_rate_n(lat), shifted, felt)
+    after = np.minimum(np.searchsorted(parts.end, shifted[:, -1] - 1e-6) + 1, parts.end.size)
+    ends = np.column_stack([np.searchsorted(parts.end, shifted[:, 0] + 1e-6, side="right"), after])
+    bias, w_ie_n = given[:3] * sign, earth_rate_n(lat)
+    felt_changes(parts.end, parts.dt, parts.gyro, parts.accel, sign, bias, w_ie_n, shifted, ends, felt)
     return felt
 
 

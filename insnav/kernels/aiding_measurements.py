@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from insnav.kernels import njit
 from insnav.kernels.earth import OMEGA
 from insnav.kernels.gps_measurement import rotation
 
@@ -20,9 +20,9 @@ def vehicle_velocity(x, rate, to_vehicle, lever, speed, z, h):  # type: ignore[n
     ``z = C_vb (C_bn v + w x lever)``; with ``C_hat = (I - [phi x]) C`` the derivative by velocity is ``C_vb C_bn``, by
     attitude ``-C_vb C_bn [v x]``, by gyro bias ``C_vb [lever x]``.
     """
-    c = np.empty((3, 3))
+    c = np.zeros((3, 3))
     rotation(x, c)
-    swing = np.empty(3)
+    swing = np.zeros(3)
     swing[0] = rate[1] * lever[2] - rate[2] * lever[1]
     swing[1] = rate[2] * lever[0] - rate[0] * lever[2]
     swing[2] = rate[0] * lever[1] - rate[1] * lever[0]
@@ -54,7 +54,7 @@ def zero_velocity(x, bias, rate, z, h):  # type: ignore[no-untyped-def]
     `bias` is the estimated gyro bias, `rate` the mean gyro output with the bias in it [rad/s]; ``z``, (6,), is
     predicted minus measured, ``h``, (6, n), its derivative by the error states.
     """
-    c = np.empty((3, 3))
+    c = np.zeros((3, 3))
     rotation(x, c)
     north, down = OMEGA * np.cos(x[0]), -OMEGA * np.sin(x[0])
     h[:] = 0.0
@@ -76,7 +76,7 @@ def body_heading(x, heading, z, h):  # type: ignore[no-untyped-def]
 
     ``C_hat = (I - [phi x]) C`` turns the body by ``-phi``; the derivative of ``atan2(C_hat_10, C_hat_00)`` follows.
     """
-    c = np.empty((3, 3))
+    c = np.zeros((3, 3))
     rotation(x, c)
     for j in range(h.shape[1]):
         h[0, j] = 0.0

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from insnav.kernels import njit
 from insnav.kernels.mechanization import quaternion_step
 
 
@@ -76,23 +76,26 @@ def joined(end, dt, gyro, accel, gap, instant, count, inside, out):  # type: ign
 
 
 @njit(cache=True)
-def felt_changes(end, dt, gyro, accel, turn, bias, w_ie_n, times, out):  # type: ignore[no-untyped-def]
+def felt_changes(end, dt, gyro, accel, turn, bias, w_ie_n, times, ends, out):  # type: ignore[no-untyped-def]
     """Specific force integrated between the times of windows, (w, m + 1) [s], in the axes of the start of each.
 
-    Intervals without the instantaneous form; `turn` (3,): signs of the gyros; `out` (w, m, 3) [m/s].
+    Intervals without the instantaneous form; `turn` (3,): signs of the gyros; `ends` (w, 2): the first interval of each
+    window and the one after its last; `out` (w, m, 3) [m/s].
     """
-    level, u = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3)
+    level, u = np.zeros(4), np.zeros(3)
+    level[0] = 1.0
     for w in range(times.shape[0]):
-        first = np.searchsorted(end, times[w, 0] + 1e-6, side="right")
-        n = min(np.searchsorted(end, times[w, -1] - 1e-6) + 1, end.shape[0]) - first
-        span, angles, forces = dt[first : first + n].copy(), np.empty((n, 3)), np.empty((n, 3))
+        first, n = ends[w, 0], ends[w, 1] - ends[w, 0]
+        span, angles, forces = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3))
+        for k in range(n):
+            span[k] = dt[first + k]
         span[0] = min(end[first] - times[w, 0], dt[first])  # the window begins inside of it
         for k in range(n):
             part = span[k] / dt[first + k]
             for i in range(3):
                 angles[k, i] = part * gyro[first + k, i] * turn[i] - bias[i] * span[k]
                 forces[k, i] = part * accel[first + k, i]
-        attitude, integral = np.empty((n + 1, 4)), np.empty((n + 1, 3))
+        attitude, integral = np.zeros((n + 1, 4)), np.zeros((n + 1, 3))
         gyro_history(level, w_ie_n, span, angles, forces, attitude, integral)
         k = 0
         for m in range(times.shape[1]):

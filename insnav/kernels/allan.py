@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from insnav.kernels import njit
 
 BLOCK = 2048  # terms added up before the sum joins the others: keeps rounding small, and the block in the cache
 FAR = 30.0  # lags beyond so many times both averaging times: differences as derivatives, as they would cancel

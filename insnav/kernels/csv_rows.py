@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from insnav.kernels import njit
 
 WIDEST = 26  # bytes of a cell with what follows it
 LARGEST = 1e10  # from it on, and below `SMALLEST`, shortest texts have exponents

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from insnav.kernels import njit
 from insnav.kernels.earth import OMEGA, A, gravity_down, radii
 
 NAV = 9  # errors of position N, E, D [m], velocity [m/s] and attitude [rad]

@@ -7,7 +7,8 @@ loops and, through ``py_func``, whole arrays in `insnav.earth`.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from insnav.kernels import njit
 
 A = 6378137.0  # semi-major axis [m]                                     NIMA TR8350.2 table 3.1
 F = 1.0 / 298.257223563  # flattening [-]                                NIMA TR8350.2 table 3.1

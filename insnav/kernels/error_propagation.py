@@ -6,8 +6,8 @@ Error = estimate - truth; the nine states are those of `insnav.kernels.dynamics`
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from insnav.kernels import njit
 from insnav.kernels.dynamics import NAV, second_order, system_matrix
 from insnav.kernels.mechanization import step
 

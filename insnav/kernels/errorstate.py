@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from insnav.kernels import njit
 from insnav.kernels.dynamics import NAV, second_order, system_matrix
 from insnav.kernels.earth import radii
 from insnav.kernels.mechanization import quaternion_step, step

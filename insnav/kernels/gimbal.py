@@ -9,8 +9,8 @@ by the same method from the same samples, so that their difference is what the e
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from insnav.kernels import njit
 from insnav.kernels.earth import OMEGA, gravity_down, gravity_north, radii
 from insnav.kernels.increments import turned
 from insnav.kernels.mechanization import TWO_PI

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from insnav.kernels import njit
 from insnav.kernels.earth import OMEGA, radii
 from insnav.kernels.errorstate import STATES
 
@@ -36,13 +36,13 @@ def antenna(x, motion, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-un
     Filled: `z` (6,), position N, E, D [m], velocity N, E, D [m/s]; `h` (6, n), with a 22nd state that is the delay [s].
     Lever arm: Groves (2013), section 14.3.1, with errors as estimate minus truth.
     """
-    c = np.empty((3, 3))
+    c = np.zeros((3, 3))
     rotation(x, c)
     wx, wy, wz = motion[0], motion[1], motion[2]
     lx, ly, lz = lever[0], lever[1], lever[2]
     sx, sy, sz = wy * lz - wz * ly, wz * lx - wx * lz, wx * ly - wy * lx  # w x lever
-    arm = np.empty(3)
-    swing = np.empty(3)
+    arm = np.zeros(3)
+    swing = np.zeros(3)
     for i in range(3):
         arm[i] = c[i, 0] * lx + c[i, 1] * ly + c[i, 2] * lz
         swing[i] = c[i, 0] * sx + c[i, 1] * sy + c[i, 2] * sz
@@ -165,10 +165,12 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
         for i in range(3):
             z[i] += correlated[i]
             h[i, correlated_at + i] = 1.0
-    rotated = np.empty((3, 3))
+    rotated = np.zeros((3, 3))
     rotation(x, rotated)
     if lever_at >= 0:
-        h[:3, lever_at : lever_at + 3] = rotated
+        for i in range(3):
+            for j in range(3):
+                h[i, lever_at + j] = rotated[i, j]
         _by_lever(rotated, motion[:3], lever_at, h)
     if shaken_at >= 0:
         _by_lever(rotated, motion[6:], shaken_at, h)
@@ -199,7 +201,7 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
         sd[i] = np.sqrt(s[i, i]) if np.isfinite(z[i]) else np.nan
     distance = np.sqrt(z[0] ** 2 + z[1] ** 2 + z[2] ** 2)
     change = np.sqrt(z[3] ** 2 + z[4] ** 2 + z[5] ** 2)
-    half = np.empty(2)
+    half = np.zeros(2)
     for i in range(2):  # not by constants: for each of these there would be a compiled function
         half[i] = _nis(z, s, 3 * i)
     return half[0], half[1], distance, change
@@ -225,7 +227,7 @@ def inverse(s):  # type: ignore[no-untyped-def]
             for k in range(j, i):
                 total -= low[i, k] * inv[k, j]
             inv[i, j] = total / low[i, i]
-    out = np.empty((n, n))
+    out = np.zeros((n, n))
     for i in range(n):
         for j in range(i + 1):
             total = 0.0

@@ -8,7 +8,8 @@ increment by Simpson's rule on the rotated specific force.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from insnav.kernels import njit
 
 WINDOW = 5  # increments in the polynomial; instantaneous samples: one more
 LOOKAHEAD = WINDOW - 1  # samples needed after an interval before it can be computed, at the start of a segment
@@ -173,9 +174,9 @@ def increments(  # type: ignore[no-untyped-def]
     `dtheta`, `dvel`, `coning`, `sculling` (m, 3): results; see `insnav.types.Increments`.
     """
     n = end.shape[0]
-    coefficient, stage = np.zeros((6, WINDOW + 1)), np.empty((6, 3))
-    node = np.empty(WINDOW + 2)
-    table = np.empty(WINDOW + 2)
+    coefficient, stage = np.zeros((6, WINDOW + 1)), np.zeros((6, 3))
+    node = np.zeros(WINDOW + 2)
+    table = np.zeros(WINDOW + 2)
     wanted = WINDOW + 1 if instant else WINDOW
     before = 3 if instant else 2
     last, a, size, offset = -1, 0, 0, 0

@@ -7,8 +7,8 @@ where North turns as fast as one likes, a step is made in axes fixed to the Eart
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from insnav.kernels import njit
 from insnav.kernels.earth import OMEGA, gravity_down, gravity_north, radii
 from insnav.kernels.increments import turn_factors, turned
 
@@ -214,7 +214,7 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, north, hold, hei
 @njit(cache=True)
 def free_inertial(x, dt, dtheta, dvel, coning, sculling, north, hold, height, v_down, every, out):  # type: ignore[no-untyped-def]
     """Mechanize a whole record; the state after each `every`-th interval goes to the rows of `out`."""
-    c = np.empty(9)
+    c = np.zeros(9)
     row = 0
     for k in range(dt.shape[0]):
         h = height[k] if hold else 0.0

@@ -10,8 +10,8 @@ estimation", IEEE Trans. Autom. Control 13 (1968) 646-655).
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from insnav.kernels import njit
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES
 from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, RESTART, TIME

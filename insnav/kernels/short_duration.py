@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from numba import njit
 from numpy import cos, sin
 
+from insnav.kernels import njit
 from insnav.kernels.earth import OMEGA, gravity_down, gravity_north, radii
 from insnav.kernels.increments import turned
 from insnav.kernels.mechanization import TWO_PI, quaternion_step

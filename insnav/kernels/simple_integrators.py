@@ -7,8 +7,8 @@ navigate with.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from insnav.kernels import njit
 from insnav.kernels.increments import quaternion_rate, turn_factors, turned
 
 EULER, ROTVEC, RK4 = 0, 1, 2

@@ -9,8 +9,8 @@ error to be zero, so the smoothed error is all that later data add.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from insnav.kernels import njit
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES, at_fix_time, feed_back
 from insnav.kernels.gps_measurement import inverse
@@ -270,7 +270,7 @@ def _undragged(row, n, span, adjoint, information, cross, ends):  # type: ignore
             cross[i, n + j] += span * (cross[i, j] + cross[j, i]) + span * span * information[i, j]
             cross[3 + i, n + j] += span * cross[3 + i, j]
             cross[6 + i, n + j] += span * cross[6 + i, j]
-    moved = np.empty(n)
+    moved = np.zeros(n)
     for c in range(9):
         for j in range(n if c < 3 else 0):
             cross[c, j] += span * information[c, j]
