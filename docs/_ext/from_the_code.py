@@ -120,13 +120,10 @@ class Commands(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Call the command line."""
-        from typer.main import get_command
+        from insnav.cli import commands
 
-        from insnav.cli import app
-
-        group = get_command(app)
         found: list[nodes.Node] = []
-        for name, command in _commands(group, "insnav"):
+        for name, command in _commands(commands(), "insnav"):
             section = nodes.section(ids=[nodes.make_id(name)])
             section += nodes.title("", name)
             text = io.StringIO()

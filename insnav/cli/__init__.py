@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import gc
 import io
 import itertools
 import os
@@ -14,7 +15,7 @@ from typing import Any
 import typer
 from typer.main import get_command
 
-from insnav.cli import calibrate, console, signals
+from insnav.cli import console, signals
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand, LightGroup
 
@@ -28,30 +29,40 @@ Exit codes:
   3 unusable data   4 cannot write      70 defect of insnav    130, 143 interrupted
 """
 
-app = typer.Typer(
-    name="insnav",
-    cls=LightGroup,
-    help="Strapdown INS / GPS navigation and INS error analysis.",
-    no_args_is_help=True,
-    epilog=EPILOG,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-)
 # each is the function of its name in a file of its name, in the order of the help
 COMMANDS = (
     *("run", "batch", "check", "demo", "align", "compare", "report", "export", "outage", "budget", "require"),
     *("simulate", "imus", "allan", "tune", "acceptance", "drift", "platform", "verify", "regress"),
 )
-for _name in COMMANDS:
-    _about = vars(import_module(f"insnav.cli.{_name}"))
-    app.command(
-        _name,
-        cls=GroupedCommand,
-        context_settings=_about.get("SETTINGS"),
-        help=_about["HELP"],
-        short_help=_about.get("SHORT_HELP", _about["HELP"].partition("\n")[0]),
-    )(_about[_name])
-app.add_typer(calibrate.app, name="calibrate", help=calibrate.HELP, short_help=calibrate.SHORT_HELP)
+
+
+def commands(*names: str) -> Any:
+    """Group of these commands, or of all if there is none among them: making them all takes 50 ms."""
+    app = typer.Typer(
+        name="insnav",
+        cls=LightGroup,
+        help="Strapdown INS / GPS navigation and INS error analysis.",
+        no_args_is_help=True,
+        epilog=EPILOG,
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+    )
+    app.callback()(_common)
+    chosen = [name for name in COMMANDS if name in names]
+    for name in chosen or COMMANDS:
+        about = vars(import_module(f"insnav.cli.{name}"))
+        app.command(
+            name,
+            cls=GroupedCommand,
+            context_settings=about.get("SETTINGS"),
+            help=about["HELP"],
+            short_help=about.get("SHORT_HELP", about["HELP"].partition("\n")[0]),
+        )(about[name])
+    if not chosen:
+        from insnav.cli import calibrate
+
+        app.add_typer(calibrate.app, name="calibrate", help=calibrate.HELP, short_help=calibrate.SHORT_HELP)
+    return get_command(app)
 
 
 # options of earlier versions, which went by private words
@@ -69,7 +80,6 @@ def _version(value: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _common(
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
     verbose: bool = typer.Option(False, "-v", "--verbose", help="Print everything; goes with every command."),
@@ -81,6 +91,7 @@ def _common(
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
+    gc.set_threshold(100_000, 50)  # what is imported lasts: looking for garbage among it takes 3 % of a short run
     words = list(itertools.takewhile(lambda text: text != "--", sys.argv[1:]))  # these may stand anywhere before it
     debug = "--debug" in words
     console.level = -1 if QUIET & set(words) else 1 if VERBOSE & set(words) else 0
@@ -91,7 +102,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that does not know ± gets a question mark
     if COMPLETE in os.environ:  # the shell asks what may follow
-        get_command(app)(prog_name="insnav")
+        commands()(prog_name="insnav")
     signals.listen()
     try:
         code = _run(arguments)
@@ -108,9 +119,9 @@ def main() -> None:
 
 
 def _run(arguments: list[str]) -> int:
-    command = get_command(app)
+    command = commands(*itertools.islice((word for word in arguments if not word.startswith("-")), 1))
     try:
-        # not `app()`, which has its own words and exit codes for errors
+        # not called, which has its own words and exit codes for errors
         with command.make_context("insnav", arguments) as context:
             _check_memory()
             command.invoke(context)

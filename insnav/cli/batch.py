@@ -172,13 +172,10 @@ def _absolute(words: Sequence[str], folder: Path) -> list[str]:
 
 def _parsed(arguments: list[str], where: str) -> None:
     """Refuse options that insnav run does not take, before the first drive."""
-    from typer.main import get_command
+    from insnav.cli import commands
 
-    from insnav.cli import app
-
-    command: Any = get_command(app)
     try:
-        command.commands["run"].make_context("insnav run", list(arguments))
+        commands("run").commands["run"].make_context("insnav run", list(arguments))
     except Exception as error:
         if not hasattr(error, "format_message"):
             raise

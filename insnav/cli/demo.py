@@ -24,13 +24,12 @@ Examples:
 
 def demo(context: typer.Context, out: Out = Path("demo"), force: Force = False) -> None:
     """Run the main job on the sample drive."""
+    from insnav.cli import commands
     from insnav.library import sample_drive
 
     imu, gps, reference = (str(path) for path in sample_drive())
     arguments = [imu, "--gps", gps, "--ref", reference, "--lever-arm", "0.8,-0.3,-1.2", "--out", str(out)]
     typer.echo("$ " + shlex.join(["insnav", "run", *arguments]), err=True)  # not wrapped: it is to be copied
-    group = context.find_root().command
-    assert isinstance(group, typer.core.TyperGroup)
-    run = group.commands["run"]
+    run = commands("run").commands["run"]
     with run.make_context("run", [*arguments, *["--force"] * force], parent=context.find_root()) as inner:
         run.invoke(inner)

@@ -9,10 +9,9 @@ from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
-from typer.main import get_command
 
 import insnav
-from insnav.cli import app
+from insnav.cli import commands
 from tests.cli.conftest import ROOT
 
 PAGES = sorted(p for p in (ROOT / "docs").rglob("*.md") if "auto_gallery" not in p.parts)
@@ -61,7 +60,7 @@ def test_every_command_has_the_options_it_is_shown_with(page: Path):
 
 def understood(words: list[str]) -> None:
     """The words of a command line are a command, its options and as many arguments as it takes."""
-    command = get_command(app)
+    command = commands()
     while hasattr(command, "commands"):
         assert words[0] in command.commands, f"there is no command {words[0]}"
         command, words = command.commands[words[0]], words[1:]
