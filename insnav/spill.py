@@ -19,20 +19,28 @@ from numpy.typing import NDArray
 
 from insnav.exceptions import OutputError
 
-LARGE = 16 << 20  # bytes of an array that does not stay in memory
+LARGE = 64 << 20  # bytes of an array that never stays in memory
+SMALL = 1 << 20  # bytes of one that always does
+MOST = 192 << 20  # bytes of those between that do together: page faults of a file cost more
 ROWS = 1 << 16  # of a block
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _mapped: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
+_held: dict[int, int] = {}  # bytes of arrays in memory that are not small
 
 
-def empty(shape: Sequence[int], dtype: Any = np.float64, *, large: bool = False) -> NDArray[Any]:
-    """Array to be filled; in a file if it is larger than `LARGE`, or because it is one of many that together are.
+def empty(shape: Sequence[int], dtype: Any = np.float64) -> NDArray[Any]:
+    """Array to be filled; in a file if it is larger than `LARGE`, or others already fill the memory.
 
     Raises: OutputError: there is no room for the file.
     """
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-    if size == 0 or not (large or size > LARGE):
+    if size <= min(SMALL, LARGE):
         return np.empty(shape, dtype)
+    if size <= LARGE and size + sum(_held.values()) <= MOST:
+        array = np.empty(shape, dtype)
+        _held[id(array)] = size
+        weakref.finalize(array, _held.pop, id(array)).atexit = False
+        return array
     with tempfile.TemporaryFile(prefix="insnav-") as file:
         try:
             _reserve(file.fileno(), size)

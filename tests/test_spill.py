@@ -34,7 +34,7 @@ def small(monkeypatch, tmp_path):
     monkeypatch.setattr(spill, "LARGE", 1 << 12)
     monkeypatch.setattr(spill, "ROWS", 777)
     monkeypatch.setattr(smoother, "ROWS", 50)
-    monkeypatch.setattr(smoother, "IN_MEMORY", 0)
+    monkeypatch.setattr(spill, "MOST", 0)
     monkeypatch.setattr(run_recorder, "ROOM", 100)
     monkeypatch.setattr(spill.tempfile, "tempdir", str(tmp_path))
     return tmp_path

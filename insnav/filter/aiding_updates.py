@@ -11,7 +11,8 @@ from insnav.filter.measurements.measurement import INTERVAL, FilterView, Measure
 from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.kernels.aiding_measurements import innovation
-from insnav.types import Event, FloatArray, GpsData, Increments
+from insnav.kernels.errorstate import Samples
+from insnav.types import Event, FloatArray, GpsData
 
 
 class AidingUpdates:
@@ -34,11 +35,11 @@ class AidingUpdates:
         self._turned[:] = 0.0
         self._last = time
 
-    def turned(self, inc: Increments, first: int, last: int) -> None:
+    def turned(self, samples: Samples, first: int, last: int) -> None:
         """Sum up how the body turned."""
         if self._every is not None:
-            self._turned[:3] += inc.dtheta[first:last].sum(axis=0)
-            self._turned[3] += inc.dt[first:last].sum()
+            self._turned[:3] += samples.dtheta[first:last].sum(axis=0)
+            self._turned[3] += samples.dt[first:last].sum()
 
     def at_fix(self, time: float) -> None:
         """Use the measurements that come with the fixes."""

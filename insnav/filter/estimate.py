@@ -19,7 +19,7 @@ from insnav.kernels import errorstate
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.strapdown import TIME_TOLERANCE
-from insnav.types import Event, EventKind, FloatArray, Increments, StateChange
+from insnav.types import Event, EventKind, FloatArray, StateChange
 
 SUBSTEP = 0.1  # longest sub-step of transition and noise: a car turns by less than 6 deg in it [s]
 # unseen change of rate [rad/s^2] and specific force [m/s^3] in a gap, and the most assumed of it [rad], [m/s]
@@ -55,7 +55,8 @@ class Estimate:
         self._gps_noise, self._record, self._lever_given = settings.correlated, record, settings.lever_b
         self._carried = errorstate.Carried(self.x, self.correction, self.motion, np.zeros(errorstate.SUMS), self.span)
         self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
-        self._work = errorstate.scratch(n)
+        self._work = errorstate.scratch()
+        self.before = np.zeros(12)  # variances predicted for the last epoch
         self._changes = [change for change in settings.changes if change.time > start.time]
         self._noise = errorstate.Model(np.array([SUBSTEP, coast]), model.noise, GAP_NOISE, model.decay)
         if self.history is not None:
@@ -73,21 +74,11 @@ class Estimate:
         return FilterState(time, *deepcopy(state))
 
     def propagate(
-        self, inc: Increments, gap: FloatArray, first: int, last: int, close: bool, grid: FloatArray, out: Record.Rows
+        self, samples: errorstate.Samples, first: int, last: int, close: bool, out: errorstate.Outputs
     ) -> int:
-        """Carry the state over increments from `first`, at most to `last`; see `errorstate.propagate`."""
-        k: int
-        k, out.used = errorstate.propagate(
-            first,
-            last,
-            close,
-            errorstate.Samples(inc.time, inc.dt, inc.dtheta, inc.dvel, inc.coning, inc.sculling, gap),
-            self._carried,
-            self._noise,
-            errorstate.Moments(self._phi, self._q, self.covariance),
-            errorstate.Outputs(grid, out.time, out.state, out.variance),
-            out.used,
-            self._work,
+        """Carry the state over samples from `first`, at most to `last`; see `errorstate.propagate`."""
+        k: int = errorstate.propagate(
+            first, last, close, samples, self._carried, self._noise, self._phi, self._q, out, self._work
         )
         return k
 
@@ -110,6 +101,7 @@ class Estimate:
         while self._changes and self._changes[0].time <= time + TIME_TOLERANCE:
             self._change(self._changes.pop(0))
         self._note_repair(time, self._engine.predict(self._phi, self._q, time))
+        errorstate.variances(self.covariance, self.x, self.before)
         if self.history is not None:
             self.history.epoch(time, self.x, self.correction, self._phi, self.covariance)
         errorstate.reset_transition(self._phi, self._q, self.span)

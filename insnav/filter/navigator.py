@@ -24,8 +24,7 @@ from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History, SmoothedErrors
 from insnav.filter.state_layout import first_state
-from insnav.kernels.dynamics import NAV
-from insnav.kernels.errorstate import at_fix_time
+from insnav.kernels.errorstate import Outputs, Samples
 from insnav.kernels.gps_measurement import Assessment, Fix, Predicted, assess
 from insnav.kernels.increments import LOOKAHEAD
 from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData, ImuData, Increments, Run
@@ -76,6 +75,7 @@ class Navigator:
         self._coast = COAST if settings.aiding is None else INTERVAL
         self._record = Record(self._fix.shape[0])
         self._estimate = Estimate(start, model, settings, self._record, self._coast)
+        self._record.epoch(start.time, self._estimate)
         self._aiding = AidingUpdates(self._estimate, settings, self._record, gps, start.time)
         n = self._estimate.at.states
         self._z, self._h, self._sd = np.zeros(6), np.zeros((6, n)), np.zeros(6)
@@ -111,8 +111,7 @@ class Navigator:
         if self._tail is not None:
             self._advance(None, last=True)
         estimate, start = self._estimate, part.initial
-        if estimate.span[0] > 0.0:
-            estimate.predict(self._done)
+        self._close()
         span = start.time - max(self._done, self._start)
         self._tail, self._start, self._done = None, start.time, -np.inf
         self._next = int(np.searchsorted(self._fix_time, start.time + strapdown.TIME_TOLERANCE, side="right"))
@@ -121,7 +120,14 @@ class Navigator:
         if self._grid[1] > 0.0:
             self._grid[:] = start.time, self._grid[1], start.time
         estimate.go_on(start, span)
+        self._record.epoch(start.time, estimate)
         self._aiding.restart(start.time)
+
+    def _close(self) -> None:
+        """End with an epoch, so that every row lies between two."""
+        if self._estimate.span[0] > 0.0:
+            self._estimate.predict(self._done)
+            self._record.epoch(self._done, self._estimate)
 
     @property
     def delay(self) -> float:
@@ -147,6 +153,7 @@ class Navigator:
         if self._tail is not None:
             self._advance(None, last=True)
         estimate = self._estimate
+        self._close()
         return self._record.finish(
             self._alignment,
             self._settings,
@@ -201,13 +208,14 @@ class Navigator:
         fixes, before = self._fix_time[self._next :], self._next
         at = np.searchsorted(inc.time, fixes - strapdown.TIME_TOLERANCE)
         at = at[at < inc.time.shape[0]]
-        out = self._record.reserve(inc.time.shape[0] if self._grid[1] == 0.0 else _rows(inc, self._grid[1]))
+        out = self._record.reserve(inc.time.shape[0] if self._grid[1] == 0.0 else _rows(inc, self._grid[1]), self._grid)
+        samples = Samples(inc.time, inc.dt, inc.dtheta, inc.dvel, inc.coning, inc.sculling, gap)
         k = begin
         for i in at:
             if i < begin:
                 self._next += 1
                 continue
-            k = self._run(inc, gap, k, int(i) + 1, True, out)
+            k = self._run(samples, k, int(i) + 1, True, out)
             self._update(inc.time[i], self._next - before)
             row = int(self._fix[self._next])
             self._aiding.at_fix(inc.time[i])
@@ -216,20 +224,19 @@ class Navigator:
             if row in self._marks:
                 self.kept[row] = self._estimate.kept(inc.time[i])
             self._next += 1
-        self._run(inc, gap, k, inc.time.shape[0], False, out)
+        self._run(samples, k, inc.time.shape[0], False, out)
 
-    def _run(self, inc: Increments, gap: FloatArray, first: int, last: int, close: bool, out: Record.Rows) -> int:
+    def _run(self, samples: Samples, first: int, last: int, close: bool, out: Outputs) -> int:
         """Carry on to `last`; a filter epoch there if `close`, and in between wherever the next fix is far."""
-        estimate, k, begin = self._estimate, first, out.used
+        estimate, k = self._estimate, first
         while k < last:
             done = k
-            k = estimate.propagate(inc, gap, k, last, close, self._grid, out)
-            self._aiding.turned(inc, done, k)
+            k = estimate.propagate(samples, k, last, close, out)
+            self._aiding.turned(samples, done, k)
             if estimate.span[0] >= self._coast - 1e-9 and not (close and k == last):
-                estimate.predict(inc.time[k - 1])
-                self._aiding.at_epoch(inc.time[k - 1])
-                self._show(inc.time[k - 1], out)
-        out.delay[begin : out.used] = estimate.delay
+                estimate.predict(samples.time[k - 1])
+                self._aiding.at_epoch(samples.time[k - 1])
+                self._show(samples.time[k - 1], out)
         return k
 
     def _update(self, time: float, number: int) -> None:
@@ -275,16 +282,11 @@ class Navigator:
             self._consider_reset(time, row)
         self._note_fix(time, nis, use)
 
-    def _show(self, time: float, out: Record.Rows) -> None:
+    def _show(self, time: float, out: Outputs) -> None:
         """Put the state after an epoch's measurements into the row of the solution at its time, if there is one."""
-        if out.used and out.time[out.used - 1] >= time - strapdown.TIME_TOLERANCE:
-            p = np.empty((NAV, NAV))
-            at_fix_time(self._estimate.covariance, self._estimate.x, p)
-            out.state[out.used - 1, :10] = self._estimate.x
-            out.delay[out.used - 1] = self._estimate.delay
-            variance = out.variance[out.used - 1]
-            variance[:NAV] = p.diagonal()
-            variance[9], variance[10], variance[11] = p[6, 7], p[6, 8], p[7, 8]
+        self._record.epoch(time, self._estimate)
+        if out.used[0] and out.time[out.used[0] - 1] >= time - strapdown.TIME_TOLERANCE:
+            out.state[out.used[0] - 1] = self._estimate.x
 
     def _note_fix(self, time: float, nis: tuple[float, float], use: list[bool]) -> None:
         self._record.fix(time, self._z, self._sd, nis, use, self._estimate)

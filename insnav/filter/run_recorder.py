@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,9 +17,10 @@ from insnav.filter.shocks import shock
 from insnav.filter.smoother import SmoothedErrors
 from insnav.filter.state_layout import layout
 from insnav.kernels.dynamics import NAV
-from insnav.kernels.errorstate import SENSOR, STATES, at_fix_time, feed_back, move_along
-from insnav.kernels.output import moved, solution
-from insnav.kernels.smoother import apply
+from insnav.kernels.errorstate import SENSOR, STATES, Outputs, at_fix_time, feed_back, move_along, variances
+from insnav.kernels.output import add_moved, deviations, moved, sides
+from insnav.kernels.smoother import correct
+from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import (
     AidingUse,
     Alignment,
@@ -42,24 +44,16 @@ CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long: time-correlated err
 # and with the cautious standard deviations of many receivers, it is the rule (30 minutes of a good recorded drive).
 TOO_LARGE = 5.0
 FALSE_FROM = 30.0  # a larger NIS of a position says no more, chi-square with three degrees of freedom [-]
-ROOM = 1 << 16  # outputs, first: these stay in memory
+ROOM = 1 << 12  # outputs for which there is room at a time, at least
+ROWS = 1 << 13  # outputs that are put into shape at a time: they stay in the processor's cache
 
 
 class Record:
-    """Growing record of outputs, fixes and events."""
-
-    @dataclass(slots=True)
-    class Rows:
-        """Room for outputs; the first `used` rows are filled."""
-
-        time: FloatArray
-        state: FloatArray
-        variance: FloatArray
-        delay: FloatArray
-        used: int = 0
+    """Growing record of outputs, epochs, fixes and events."""
 
     def __init__(self, fixes: int) -> None:
-        self._rooms: list[Record.Rows] = []
+        self._rooms: list[Outputs] = []
+        self._epochs, self._epoch = np.empty((fixes + 2, 26)), 0  # time, variances before and after, delay
         self._events: list[Event] = []
         self._aiding: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
         self._count = 0
@@ -69,15 +63,23 @@ class Record:
         self._delays = np.empty(fixes)
         self._sensor, self._sensor_sd = np.empty((fixes, 12)), np.empty((fixes, 12))
 
-    def reserve(self, rows: int) -> Rows:
-        """Room for at most `rows` more outputs."""
-        before = sum(room.used for room in self._rooms)
-        if not self._rooms or self._rooms[-1].time.shape[0] < self._rooms[-1].used + rows:
-            size = max(ROOM, rows, before)  # few rooms however long the drive is
-            room = spill.empty((30 * size,), large=bool(self._rooms))
-            time, delay, state, variance = np.split(room, [size, 2 * size, 18 * size])
-            self._rooms.append(Record.Rows(time, state.reshape(size, 16), variance.reshape(size, 12), delay))
+    def reserve(self, rows: int, grid: FloatArray) -> Outputs:
+        """Room for at most `rows` more outputs at the times of a `grid`, see there."""
+        if not self._rooms or self._rooms[-1].time.shape[0] < self._rooms[-1].used[0] + rows:
+            size = max(ROOM, rows)
+            time, state, motion = np.split(spill.empty((17 * size,)), [size, 11 * size])
+            used, known = np.zeros(2, np.int64), np.empty(size, np.int64)
+            self._rooms.append(Outputs(grid, used, time, state.reshape(size, 10), known, motion.reshape(size, 6)))
         return self._rooms[-1]
+
+    def epoch(self, time: float, estimate: Estimate) -> None:
+        """Note the variances at a filter epoch, before and after its measurements."""
+        if self._epoch == len(self._epochs):
+            self._epochs = np.concatenate([self._epochs, np.empty_like(self._epochs)])
+        row = self._epochs[self._epoch]
+        row[0], row[1:13], row[25] = time, estimate.before, estimate.delay
+        variances(estimate.covariance, estimate.x, row[13:25])
+        self._epoch += 1
 
     def event(self, event: Event) -> None:
         """Note an event."""
@@ -111,6 +113,49 @@ class Record:
         nis, sd = self._nis[: self._count, 0], self._sd[: self._count, :3]
         return float(np.mean(np.minimum(nis, FALSE_FROM) + 2.0 * np.log(sd).sum(axis=1)))
 
+    def _trajectory(
+        self,
+        epochs: FloatArray,
+        variance: tuple[FloatArray, FloatArray],
+        change: Callable[[FloatArray, FloatArray], None],
+        common: tuple[float, float, FloatArray],
+    ) -> Trajectory:
+        """Outputs as a trajectory with roll, pitch, heading and standard deviations.
+
+        `epochs` (m,) [s]; `variance`: before and after these, see `variances`; `change` of states (n, 10) at times (n,)
+        from those of the filter, in place; `common`: of the clock by which times are later and its standard deviation
+        [s], and standard deviations (3,) of what all attitudes share [rad]. Misalignment is no state of the filter but
+        noise, which averages out as the misalignment does not: the attitude is that of the IMU, in which the axes of
+        the sensors are turned by these.
+        """
+        clock, delay_sd, axes_sd = common
+        (rows, some), begin, first = np.sum([room.used for room in self._rooms], axis=0).tolist(), 0, 0
+        time, known = spill.empty((rows,)), spill.empty((some,), np.int64)
+        lla, v_n, rph = (spill.empty((rows, 3)) for _ in range(3))
+        sd, found = spill.empty((rows, NAV)), spill.empty((some, NAV + 3))
+        opposite, adjacent = np.empty((2, ROWS, 3))
+        for room in self._rooms:
+            for block in spill.blocks(int(room.used[0]), size=ROWS):
+                here, state, count = room.time[block], room.state[block].copy(), block.stop - block.start
+                change(here, state)
+                part, begin = slice(begin, begin + count), begin + count
+                sides(state, opposite, adjacent)
+                np.arctan2(opposite[:count], adjacent[:count], out=rph[part])
+                time[part], lla[part], v_n[part] = here + clock, state[:, :3], state[:, 3:6]
+                own = slice(*np.searchsorted(room.known[: room.used[1]], [block.start, block.stop]))
+                at = room.known[own] - block.start
+                between = _between(here[at], epochs, *variance)
+                add_moved(state, at, room.motion[own], delay_sd, between)
+                part, first = slice(first, first + len(at)), first + len(at)
+                known[part], found[part] = at + begin - count, between
+        for block in spill.blocks(some):
+            # what lies between two known rows needs both
+            before = slice(max(block.start - 1, 0), block.stop)
+            first = int(known[before.start]) if before.start else 0
+            part = slice(first, int(known[block.stop - 1]) + 1 if block.stop < some else None)
+            deviations(time[part], known[before] - first, found[before], axes_sd, rph[part], sd[part])
+        return Trajectory(time, lla, v_n, rph, sd)
+
     def finish(
         self,
         alignment: Alignment,
@@ -123,19 +168,12 @@ class Record:
     ) -> Run:
         """Put everything into shape."""
         n, at = self._count, layout(settings)
-        if not any(room.used for room in self._rooms):
+        if not any(room.used[0] for room in self._rooms):
             raise InputError(
                 "no sample lies after the start of navigation",
                 why="the IMU record ends where the first usable fix, or the initial state, is",
                 fix="give a longer record, or check the time bases of both files",
             )
-        time, delays, state, variance = (
-            spill.joined([getattr(room, name)[: room.used] for room in self._rooms])
-            for name in ("time", "delay", "state", "variance")
-        )
-        self._rooms.clear()
-        known = np.flatnonzero(variance[:, 0] >= 0.0)
-        variance = variance if known.size == time.size else spill.chosen(variance, known)
         innovations = Innovations(
             self._time[:n],
             -self._innovation[:n],
@@ -147,22 +185,32 @@ class Record:
         # an offset that was estimated, not given, is attributed to the IMU clock: GPS time is the better one
         clock = delay if settings.delay_sd > 0 else 0.0
         delay_sd = float(np.sqrt(covariance[STATES, STATES])) if at.delay >= 0 else 0.0
-        unmoved = spill.by_blocks(np.copy, state) if found is not None else None
         if clock != 0.0:  # the offset as estimated at the time has put the state elsewhere along its velocity
-            for block in spill.blocks(time.size):
-                move_along(state[block], clock - delays[block])
             move_along(self._state[:n], clock - self._delays[:n])
-        filtered = _trajectory(time + clock, state, known, variance, axes_sd, delay_sd)
+        epochs, self._epochs = self._epochs[: self._epoch], self._epochs[:0]
+        filtered = self._trajectory(
+            epochs[:, 0],
+            (epochs[:, 1:13], epochs[:, 13:25]),
+            lambda time, state: move_along(state, clock - epochs[_before(time, epochs[:, 0]), 25]),
+            (clock, delay_sd, axes_sd),
+        )
         for block in spill.blocks(n):
             self._covariance[block] += _squared(_moved(self._state[block], delay_sd))
         smoothed = None
-        if found is not None and unmoved is not None:
+        if found is not None:
             rows = np.searchsorted(self._time[:n], found.time[found.used] - 1e-6)
             moved = _moved(self._state[rows], delay_sd)
             velocities = bool(np.isfinite(innovations.nis_velocity).any())
             changes, smallest = shock(found, velocities=velocities)
             self._events += changes
-            smoothed = _smoothed(time, unmoved, filtered, found, axes_sd, delay_sd, clock, moved)
+            both = np.column_stack([np.diagonal(found.covariance, axis1=1, axis2=2), *_turned(found.covariance)])
+            track = self._trajectory(
+                found.time,
+                (both, both),
+                lambda time, state: correct(time, state, found.time, found.after, found.before),
+                (clock, delay_sd, axes_sd),
+            )
+            smoothed = _smoothed(track, found, clock, moved)
             smoothed = replace(smoothed, smallest_seen=smallest, changed=largest_change(found, velocities=velocities))
         spill.release()
         return Run(
@@ -197,7 +245,7 @@ def _moved(state: FloatArray, delay_sd: float) -> FloatArray:
     """`moved` of states (n, 16), (n, 9)."""
     out = np.empty((state.shape[0], NAV))
     for row, by in zip(state, out, strict=True):
-        moved(row, delay_sd, by)
+        moved(row[:10], row[10:], delay_sd, by)
     return out
 
 
@@ -205,62 +253,36 @@ def _squared(error: FloatArray) -> FloatArray:
     return error[:, :, None] * error[:, None]
 
 
-def _trajectory(
-    time: FloatArray,
-    state: FloatArray,
-    known: IntArray,
-    variance: FloatArray,
-    axes_sd: FloatArray,
-    delay_sd: float,
-) -> Trajectory:
-    """States, and variances of the `known` ones, to a trajectory with roll, pitch, heading and standard deviations.
+def _turned(covariance: FloatArray) -> list[FloatArray]:
+    """Covariances of attitude N-E, N-D, E-D, of covariances (n, 9, 9)."""
+    return [covariance[:, 6, 7], covariance[:, 6, 8], covariance[:, 7, 8]]
 
-    Misalignment is no state of the filter but noise, which averages out as the misalignment does not: the attitude is
-    that of the IMU, in which the axes of the sensors are turned by `axes_sd`.
+
+def _before(time: FloatArray, epochs: FloatArray) -> IntArray:
+    """Last of the epochs up to each time."""
+    return np.maximum(np.searchsorted(epochs, time + TIME_TOLERANCE, side="right") - 1, 0)
+
+
+def _between(time: FloatArray, epochs: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
+    """Values at some times (n,) of what changes in a straight line from after an epoch to before the next."""
+    k = _before(time, epochs)
+    following = np.minimum(k + 1, epochs.shape[0] - 1)
+    span = epochs[following] - epochs[k]
+    share = np.clip((time - epochs[k]) / np.where(span > 0.0, span, 1.0), 0.0, 1.0)[:, None]
+    share[time - epochs[k] <= TIME_TOLERANCE] = 0.0
+    return np.asarray((1.0 - share) * after[k] + share * before[following])
+
+
+def _smoothed(track: Trajectory, found: SmoothedErrors, clock: float, moved: FloatArray) -> Smoothed:
+    """The smoothed solution, and its states and sensor errors at the epochs with a fix that was used.
+
+    `moved` (m, 9): see `_moved`, at these.
     """
-    rph, sd = spill.empty((time.shape[0], 3)), spill.empty((time.shape[0], NAV))
-    for block in spill.blocks(known.shape[0]):
-        # what lies between two known rows needs both
-        before = slice(max(block.start - 1, 0), block.stop)
-        first = known[before.start] if before.start else 0
-        rows = slice(first, known[block.stop - 1] + 1 if block.stop < known.shape[0] else None)
-        between = known[before] - first
-        solution(time[rows], state[rows], between, variance[before], delay_sd, axes_sd, rph[rows], sd[rows])
-    return Trajectory(time, state[:, :3], state[:, 3:6], rph, sd)
-
-
-def _smoothed(
-    time: FloatArray,
-    state: FloatArray,
-    filtered: Trajectory,
-    found: SmoothedErrors,
-    axes_sd: FloatArray,
-    delay_sd: float,
-    clock: float,
-    moved: FloatArray,
-) -> Smoothed:
-    """Correct the filter's states by the smoothed errors; before the first and after the last epoch they stay.
-
-    `moved` (m, 9): see `_moved`, at the epochs with a fix that was used.
-    """
-    variance = spill.empty((time.shape[0], NAV + 3))
-    first = last = 0
-    for block in spill.blocks(time.shape[0]):
-        before, inside = apply(
-            time[block], state[block], variance[block], found.time, found.after, found.before, found.covariance
-        )
-        first, last = first + before, last + inside
-    whole = _trajectory(time + clock, state, np.arange(first, last), variance[first:last], axes_sd, delay_sd)
-    assert whole.sd is not None
-    assert filtered.sd is not None
-    for part in (slice(0, first), slice(last, None)):
-        state[part, :6] = np.hstack([filtered.lla[part], filtered.v_n[part]])
-        whole.rph[part], whole.sd[part] = filtered.rph[part], filtered.sd[part]
     at, error = found.state[found.used].copy(), found.after[found.used]
     for row, wrong in zip(at, error, strict=True):
         feed_back(row, np.zeros(SENSOR), wrong)
     return Smoothed(
-        whole,
+        track,
         Epochs(
             found.time[found.used] + clock,
             at[:, :3],

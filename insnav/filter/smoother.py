@@ -13,8 +13,6 @@ from insnav.kernels.errorstate import SENSOR, STATES
 from insnav.types import BoolArray, FloatArray
 
 ROWS = 2048  # epochs in a block of the history
-IN_MEMORY = 6  # blocks; further ones go to the disk, so many to a file
-TO_A_FILE = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,19 +33,18 @@ class SmoothedErrors:
 
 
 class History:
-    """Every filter epoch, in blocks; if they are many, the later ones go to the disk."""
+    """Every filter epoch, in blocks."""
 
     def __init__(self, states: int) -> None:
         self._states = states
         self._width = kernel.width(states)
         self._blocks: list[FloatArray] = []
-        self._spare: list[FloatArray] = []
         self._used = ROWS
 
     def epoch(self, time: float, x: FloatArray, correction: FloatArray, phi: FloatArray, p: FloatArray) -> None:
         """Note state and covariance before a measurement, and the transition that led there."""
         if self._used == ROWS:
-            self._blocks.append(self._room())
+            self._blocks.append(spill.empty((ROWS, self._width)))
             self._used = 0
         kernel.keep(self._blocks[-1][self._used], time, x, correction, phi, p)
         self._used += 1
@@ -70,13 +67,6 @@ class History:
         """Note a reset: what follows says nothing of what was before."""
         self.epoch(time, x, correction, np.eye(self._states), p)
         self._blocks[-1][self._used - 1, kernel.KIND] = kernel.RESTART
-
-    def _room(self) -> FloatArray:
-        """Block to be filled."""
-        if not self._spare:
-            count = 1 if len(self._blocks) < IN_MEMORY else TO_A_FILE
-            self._spare = np.split(spill.empty((count * ROWS, self._width), large=count > 1), count)[::-1]
-        return self._spare.pop()
 
     def rows(self) -> FloatArray:
         """Every epoch in one array."""

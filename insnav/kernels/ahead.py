@@ -102,10 +102,9 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         errorstate.Samples(*(d1, d1, d2, d2, d2, d2, d1)),
         errorstate.Carried(*5 * [d1]),
         errorstate.Model(*4 * [d1]),
-        errorstate.Moments(*3 * [d2]),
-        errorstate.Outputs(d1, d1, d2, d2),
-        i,
-        (d2, d2, d2, d1, d2, d2, d1, d2),
+        *(d2, d2),
+        errorstate.Outputs(d1, i1, d1, d2, i1, d2),  # type: ignore[arg-type]
+        (d2, d2, d2, d1, d2, d2, d1),
     )
     assessment = (
         gps_measurement.Predicted(d1, d1, d1, d1, d1, d, d2),
@@ -123,8 +122,9 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         ((alignment.felt_changes, d1, d1, d2, d2, d1, d1, d1, d2, i[:, ::1], d3),),
         ((alignment.level_history, d1, d2, d2, d, d1, d2),),
         ((alignment.gyro_history, d1, d1, d1, d2, d2, d2, d2),),
-        ((smoother.apply, d1, d2, d2, d1, d2, d2, d3), (errorstate.feed_back, d1, d1, d1)),
-        ((output.solution, d1, d2, i1, d2, d, d1, d2, d2), (output.moved, d1, d, d1)),
+        ((smoother.correct, d1, d2, d1, d2, d2), (errorstate.feed_back, d1, d1, d1)),
+        ((output.deviations, d1, i1, d2, d1, d2, d2), (output.sides, d2, d2, d2), (output.moved, d1, d1, d, d1)),
+        ((output.add_moved, d2, i1, d2, d, d2), (errorstate.variances, d2, d1, d1)),
         ((csv_rows.rows_as_text, d2, d1, types.uint8[::1]),),
         ((health.glance, d2, d2, d1, d1),),
         ((alignment.joined, d1, d1, d2, d2, d1, flag, i, i, d2),),

@@ -60,21 +60,15 @@ class Model(NamedTuple):
     decay: np.ndarray  # (12,) inverse correlation times of the sensor errors [1/s]
 
 
-class Moments(NamedTuple):
-    """Transition and noise since the last filter epoch, and the covariance there."""
-
-    phi: np.ndarray  # (n, n)
-    q: np.ndarray  # (n, n)
-    p: np.ndarray  # (n, n)
-
-
 class Outputs(NamedTuple):
-    """Rows of the solution; the first variance is negative where none was computed, see `predicted_variance`."""
+    """Rows of the solution, and those of them, in the order of time, for which standard deviations are worked out."""
 
     grid: np.ndarray  # (3,) next output time, output interval (0: every interval), origin of the grid [s]
+    used: np.ndarray  # (2,) rows filled of the first two arrays and of the last two
     time: np.ndarray  # (m,) [s]
-    state: np.ndarray  # (m, 16) state, and motion as in `Carried`
-    variance: np.ndarray  # (m, 12)
+    state: np.ndarray  # (m, 10)
+    known: np.ndarray  # (m,) number of the row
+    motion: np.ndarray  # (m, 6) motion there, as in `Carried`
 
 
 @njit(cache=True)
@@ -100,7 +94,7 @@ def _substep(x, sums, noise, phi, q, work):  # type: ignore[no-untyped-def]
 
     The noise enters by the trapezoid rule, ``Q <- a (Q + q/2) a' + q/2``; `work` holds how the sensor errors decay.
     """
-    f, a, b, d, w, y, _, _ = work
+    f, a, b, d, w, y, _ = work
     dt = sums[0]
     inv = 1.0 / dt
     f_n = sums[1:4] * inv
@@ -204,46 +198,30 @@ def at_fix_time(p, x, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def predicted_variance(phi, p, q, x, row, out):  # type: ignore[no-untyped-def]
-    """Variances of the navigation errors, the position as in `at_fix_time`, and covariances of attitude N-E, N-D, E-D.
-
-    (12,), of ``phi p phi' + q``.
-    """
+def variances(p, x, out):  # type: ignore[no-untyped-def]
+    """Variances as in `at_fix_time`, and covariances of attitude N-E, N-D, E-D: `out` (12,) of a covariance (n, n)."""
     n = p.shape[0]
     for i in range(NAV):
-        for j in range(n):
-            total = 0.0
-            for k in range(STATES):
-                total += phi[i, k] * p[k, j]
-            row[i, j] = total
-        total = q[i, i]
-        for j in range(STATES):
-            total += row[i, j] * phi[i, j]
+        out[i] = p[i, i]
         if i < 3 and n > STATES:
-            total += x[3 + i] * (x[3 + i] * p[STATES, STATES] - 2.0 * row[i, STATES])
-        out[i] = total
-    for pair in range(3):
-        i, m = (6, 7) if pair == 0 else ((6, 8) if pair == 1 else (7, 8))
-        total = q[i, m]
-        for j in range(STATES):
-            total += row[i, j] * phi[m, j]
-        out[NAV + pair] = total
+            out[i] += x[3 + i] * (x[3 + i] * p[STATES, STATES] - 2.0 * p[i, STATES])
+    out[9], out[10], out[11] = p[6, 7], p[6, 8], p[7, 8]
 
 
 @njit(cache=True)
-def propagate(first, last, close, samples, carried, model, moments, out, rows, work):  # type: ignore[no-untyped-def]
+def propagate(first, last, close, samples, carried, model, phi, q, out, work):  # type: ignore[no-untyped-def]
     """Carry state, transition and noise through intervals `first` to `last` - 1.
 
     `close`: a filter epoch follows: end the sub-step at `last`; else it stays open for the next call; `carried` and
-    `moments` change in place; `out` is filled from row `rows` on; `work`: from `scratch`.
-    Returns: first interval not processed, `last` or earlier if the model's limit asks for a filter epoch; rows written.
+    `phi`, `q` (n, n), transition and noise since the last epoch, change in place; `out` is filled further; `work`: from
+    `scratch`.
+    Returns: first interval not processed, `last` or earlier if the model's limit asks for a filter epoch.
     """
     time, dt, dtheta, dvel, coning, sculling, gap = samples
     x, correction, motion, sums, span = carried
     limit, noise, gap_noise, decay = model
-    phi, q, p = moments
-    grid, out_time, out_state, out_variance = out
-    kept, c, row = work[3], work[6], work[7]
+    grid, used, out_time, out_state, known, out_motion = out
+    kept, c = work[3], work[6]
     ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
     ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
     for k in range(first, last):
@@ -285,8 +263,7 @@ def propagate(first, last, close, samples, carried, model, moments, out, rows, w
                 q[6 + i, 6 + i] += min(gap_noise[0] * gap[k] ** 2, gap_noise[2]) ** 2 * h / gap[k]
         due = time[k] >= grid[0] - 1e-9
         full = span[0] >= limit[1] - 1e-9
-        ends = due or full or sums[0] >= limit[0] - 1e-9 or (close and k == last - 1)
-        wanted = due or grid[1] == 0.0
+        ends = full or sums[0] >= limit[0] - 1e-9 or (close and k == last - 1)
         if ends:
             for j in range(SENSOR):  # the expectation of a decaying error decays
                 kept[j] = np.exp(-sums[0] * decay[j])
@@ -294,26 +271,25 @@ def propagate(first, last, close, samples, carried, model, moments, out, rows, w
             ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
             ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
             _substep(x, sums, noise, phi, q, work)
-        if wanted:
-            out_time[rows] = time[k]
+        if due or grid[1] == 0.0:
+            out_time[used[0]] = time[k]
             for i in range(10):  # element by element: assigning slices takes seconds to compile
-                out_state[rows, i] = x[i]
-            for i in range(6):
-                out_state[rows, 10 + i] = motion[i]
-            if ends:
-                predicted_variance(phi, p, q, x, row, out_variance[rows])
-            else:
-                out_variance[rows, 0] = -1.0
-            rows += 1
+                out_state[used[0], i] = x[i]
+            if due or ends:
+                known[used[1]] = used[0]
+                for i in range(6):
+                    out_motion[used[1], i] = motion[i]
+                used[1] += 1
+            used[0] += 1
         if due and grid[1] > 0.0:
             grid[0] = grid[2] + (np.floor((time[k] - grid[2]) / grid[1] + 1e-6) + 1.0) * grid[1]
         if full and not (close and k == last - 1):
-            return k + 1, rows
-    return last, rows
+            return k + 1
+    return last
 
 
-def scratch(n: int) -> tuple[np.ndarray, ...]:
-    """Work space of `propagate` for `n` states."""
+def scratch() -> tuple[np.ndarray, ...]:
+    """Work space of `propagate`."""
     return (
         np.zeros((NAV, NAV)),
         np.zeros((NAV, NAV)),
@@ -322,7 +298,6 @@ def scratch(n: int) -> tuple[np.ndarray, ...]:
         np.zeros((NAV, STATES)),
         np.zeros((NAV, STATES)),
         np.zeros(9),
-        np.zeros((NAV, n)),
     )
 
 

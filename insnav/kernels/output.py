@@ -7,76 +7,86 @@ import numpy as np
 from insnav.kernels import njit
 from insnav.kernels.increments import turned
 
+TWO_PI = 2.0 * np.pi
+
 
 @njit(cache=True)
-def _deviations(roll_pitch_heading, state, v, delay_sd, out):  # type: ignore[no-untyped-def]
-    """Standard deviations from the variances of `insnav.kernels.errorstate.predicted_variance`.
+def sides(state, opposite, adjacent):  # type: ignore[no-untyped-def]
+    """Sides of the triangles whose angles are roll, pitch, heading (Groves 2013, eq. 2.25) of states (n, 10): (n, 3).
 
-    ``C_hat = (I - [phi x]) C`` turns the estimate by ``-phi`` about n; its parts along the axes of roll, pitch and
-    heading follow from their rates (Groves 2013, eq. 2.58). The clock adds what `moved` says.
+    The arctangent is left to numpy, which takes many at once.
     """
-    moved(state, delay_sd, out)
-    mn, me, md = out[6], out[7], out[8]
-    pitch, heading = roll_pitch_heading[1], roll_pitch_heading[2]
-    sh, ch = np.sin(heading), np.cos(heading)
-    sp, cp = np.sin(pitch), max(np.cos(pitch), 1e-3)
-    nn, ee, dd = v[6] + mn * mn, v[7] + me * me, v[8] + md * md
-    ne, nd, ed = v[9] + mn * me, v[10] + mn * md, v[11] + me * md
-    for i in range(6):
-        out[i] = np.sqrt(max(v[i] + out[i] * out[i], 0.0))
-    a, b = ch / cp, sh / cp
-    roll = a * a * nn + b * b * ee + 2.0 * a * b * ne
-    out[6] = np.sqrt(max(roll, 0.0))
-    out[7] = np.sqrt(max(sh * sh * nn + ch * ch * ee - 2.0 * sh * ch * ne, 0.0))
-    out[8] = np.sqrt(max(dd + sp * sp * roll + 2.0 * sp * (a * nd + b * ed), 0.0))
+    for k in range(state.shape[0]):
+        a, b, c, d = state[k, 6], state[k, 7], state[k, 8], state[k, 9]
+        x, y = a * a + b * b - c * c - d * d, 2.0 * (b * c + a * d)
+        opposite[k, 0], adjacent[k, 0] = 2.0 * (a * b + c * d), a * a - b * b - c * c + d * d
+        opposite[k, 1], adjacent[k, 1] = 2.0 * (a * c - b * d), np.sqrt(x * x + y * y)
+        opposite[k, 2], adjacent[k, 2] = y, x
 
 
 @njit(cache=True)
-def moved(state, delay_sd, out):  # type: ignore[no-untyped-def]
-    """What the error of the clock makes of velocity and attitude in a state with its motion (16,): `out` (9,).
+def moved(state, motion, delay_sd, out):  # type: ignore[no-untyped-def]
+    """What the error of the clock makes of velocity and attitude in a state (10,) with its motion (6,): `out` (9,).
 
     Their own errors hardly know of it: gyros and accelerometers turn and push in the time of the samples.
     """
-    q = state[6:10]
     for i in range(3):
-        out[i], out[3 + i] = 0.0, -delay_sd * state[13 + i]
-    x, y, z = delay_sd * state[10], delay_sd * state[11], delay_sd * state[12]
-    dx, dy, dz = turned(q[0], q[1], q[2], q[3], x, y, z)
+        out[i], out[3 + i] = 0.0, -delay_sd * motion[3 + i]
+    x, y, z = delay_sd * motion[0], delay_sd * motion[1], delay_sd * motion[2]
+    dx, dy, dz = turned(state[6], state[7], state[8], state[9], x, y, z)
     out[6], out[7], out[8] = x + dx, y + dy, z + dz
 
 
 @njit(cache=True)
-def solution(time, state, known, variance, delay_sd, axes_sd, rph, sd):  # type: ignore[no-untyped-def]
-    """Attitude angles and standard deviations of a solution.
+def add_moved(state, rows, motion, delay_sd, variance):  # type: ignore[no-untyped-def]
+    """Add what `moved` says of some `rows` (m,) of the states to their variances (m, 12); `motion` (m, 6)."""
+    by = np.empty(9)
+    for m in range(rows.shape[0]):
+        moved(state[rows[m]], motion[m], delay_sd, by)
+        for i in range(9):
+            variance[m, i] += by[i] * by[i]
+        variance[m, 9] += by[6] * by[7]
+        variance[m, 10] += by[6] * by[8]
+        variance[m, 11] += by[7] * by[8]
 
-    `time` (n,) [s]; `state` (n, 16), see `insnav.kernels.mechanization`; `known` (m,): rows whose `variance` (m, 12)
-    was computed, in order, see `insnav.kernels.errorstate.predicted_variance`; `delay_sd`: of the clock [s];
-    `axes_sd` (3,): of what all attitudes have in common [rad]. Filled: `rph` (n, 3) roll, pitch, heading [rad]; `sd`
-    (n, 9) standard deviations, linear in time between the known rows.
+
+@njit(cache=True)
+def deviations(time, known, variance, axes_sd, rph, sd):  # type: ignore[no-untyped-def]
+    """Standard deviations from variances; headings, of which any turn is given, between 0 and one turn.
+
+    ``C_hat = (I - [phi x]) C`` turns the estimate by ``-phi`` about n; its parts along the axes of roll, pitch and
+    heading follow from their rates (Groves 2013, eq. 2.58).
+
+    `time` (n,) [s]; `known` (m,): rows whose `variance` (m, 12) is known, in order, see
+    `insnav.kernels.errorstate.variances`; `axes_sd` (3,): of what all attitudes have in common [rad]; `rph` (n, 3)
+    roll, pitch, heading [rad]. Filled: `sd` (n, 9), linear in time between the known rows.
     """
-    n = time.shape[0]
-    for k in range(n):
-        a, b, c, d = state[k, 6], state[k, 7], state[k, 8], state[k, 9]
-        x, y = a * a + b * b - c * c - d * d, 2.0 * (b * c + a * d)
-        rph[k, 0] = np.arctan2(2.0 * (a * b + c * d), a * a - b * b - c * c + d * d)
-        rph[k, 1] = np.arctan2(2.0 * (a * c - b * d), np.sqrt(x * x + y * y))
-        heading = np.arctan2(y, x)
-        if heading < 0.0:
-            heading += 2.0 * np.pi
-        rph[k, 2] = 0.0 if heading >= 2.0 * np.pi else heading
-    last = -1
+    n, last = time.shape[0], -1
+    now, before = np.zeros(9), np.zeros(9)
     for m in range(known.shape[0]):
-        row = known[m]
-        _deviations(rph[row], state[row], variance[m], delay_sd, sd[row])
-        for k in range(last + 1, row):
+        row, v = known[m], variance[m]
+        pitch, heading = rph[row, 1], rph[row, 2]
+        sh, ch = np.sin(heading), np.cos(heading)
+        sp, cp = np.sin(pitch), max(np.cos(pitch), 1e-3)
+        a, b = ch / cp, sh / cp
+        for i in range(6):
+            before[i], now[i] = now[i], np.sqrt(max(v[i], 0.0))
+        roll = a * a * v[6] + b * b * v[7] + 2.0 * a * b * v[9]
+        pitch = sh * sh * v[6] + ch * ch * v[7] - 2.0 * sh * ch * v[9]
+        heading = v[8] + sp * sp * roll + 2.0 * sp * (a * v[10] + b * v[11])
+        before[6], now[6] = now[6], np.sqrt(max(roll, 0.0) + axes_sd[0] * axes_sd[0])
+        before[7], now[7] = now[7], np.sqrt(max(pitch, 0.0) + axes_sd[1] * axes_sd[1])
+        before[8], now[8] = now[8], np.sqrt(max(heading, 0.0) + axes_sd[2] * axes_sd[2])
+        for k in range(last + 1, row + 1):
             share = (time[k] - time[last]) / (time[row] - time[last]) if last >= 0 else 1.0
             for j in range(9):
-                before = sd[last, j] if last >= 0 else 0.0
-                sd[k, j] = before + share * (sd[row, j] - before)
+                sd[k, j] = before[j] + share * (now[j] - before[j])
         last = row
     for k in range(last + 1, n):
         for j in range(9):
-            sd[k, j] = sd[last, j]
+            sd[k, j] = now[j]
     for k in range(n):
-        for j in range(3):
-            sd[k, 6 + j] = np.hypot(sd[k, 6 + j], axes_sd[j])
+        if rph[k, 2] < 0.0:
+            rph[k, 2] += TWO_PI
+        if rph[k, 2] >= TWO_PI:  # a tiny negative angle rounds up to it
+            rph[k, 2] = 0.0

@@ -369,53 +369,32 @@ def _compare(row, n, p, removed, error, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def apply(time, state, variance, epoch, after, before, covariance):  # type: ignore[no-untyped-def]
+def correct(time, state, epoch, after, before):  # type: ignore[no-untyped-def]
     """Correct the filter's states by the smoothed errors, between epochs as well.
 
     Between two epochs the error is smooth: its position follows the cubic that its position and velocity at both ends
     determine, all else a straight line.
 
-    `time` (n,) [s], `state` (n, 16): filter's states, after the measurement where there was one, changed in place;
-    `variance` (n, 12): filled from the first to the last epoch, as in `insnav.kernels.errorstate.predicted_variance`;
-    `epoch` (m,): times of the epochs [s]; `after`, `before`, `covariance`: from `backward`.
-    Returns: first and last of the states that lie between the epochs.
+    `time` (n,) [s], `state` (n, 10): filter's states, after the measurement where there was one, changed in place;
+    `epoch` (m,): times of the epochs [s]; `after`, `before`: from `backward`.
     """
-    m = epoch.shape[0]
-    error = np.zeros(STATES)
-    unused = np.zeros(SENSOR)
-    k = 0
-    first = last = 0
+    m, k = epoch.shape[0], max(np.searchsorted(epoch, time[0]) - 1, 0)
+    error, unused = np.zeros(STATES), np.zeros(SENSOR)
     for row in range(time.shape[0]):
         t = time[row]
-        if t < epoch[0] - 1e-6:
-            first = last = row + 1
-            continue
         while k + 1 < m and epoch[k + 1] <= t + 1e-6:
             k += 1
-        if k + 1 == m and t > epoch[k] + 1e-6:
-            break
-        last = row + 1
-        share = 0.0
-        span = 0.0
-        if t > epoch[k] + 1e-6:
-            span = epoch[k + 1] - epoch[k]
-            share = (t - epoch[k]) / span
-        j = k + 1 if span > 0.0 else k
-        rest = 1.0 - share
+        if t < epoch[k] - 1e-6 or (k + 1 == m and t > epoch[k] + 1e-6):
+            continue  # no epoch before or after it
+        span = epoch[k + 1] - epoch[k] if t > epoch[k] + 1e-6 else 0.0
         for i in range(NAV):
-            error[i] = after[k, i] if span == 0.0 else rest * after[k, i] + share * before[j, i]
+            error[i] = after[k, i]
         if span > 0.0:
-            blend = share * share * (3.0 - 2.0 * share)
+            share = (t - epoch[k]) / span
+            rest, blend = 1.0 - share, share * share * (3.0 - 2.0 * share)
             for i in range(3):
-                error[i] = (
-                    (1.0 - blend) * after[k, i]
-                    + blend * before[j, i]
-                    + span * share * rest * (rest * after[k, 3 + i] - share * before[j, 3 + i])
-                )
+                bend = rest * after[k, 3 + i] - share * before[k + 1, 3 + i]
+                error[i] = (1.0 - blend) * after[k, i] + blend * before[k + 1, i] + span * share * rest * bend
+            for i in range(3, NAV):
+                error[i] = rest * after[k, i] + share * before[k + 1, i]
         feed_back(state[row], unused, error)
-        for i in range(NAV):
-            variance[row, i] = rest * covariance[k, i, i] + share * covariance[j, i, i]
-        variance[row, 9] = rest * covariance[k, 6, 7] + share * covariance[j, 6, 7]
-        variance[row, 10] = rest * covariance[k, 6, 8] + share * covariance[j, 6, 8]
-        variance[row, 11] = rest * covariance[k, 7, 8] + share * covariance[j, 7, 8]
-    return first, last

@@ -32,7 +32,7 @@ _NAMES: dict[type, str] = {
     SensorErrors: "biases",
     GpsData: "fixes",
 }
-_GROUP = 1 << 20  # rows of a group of a parquet file
+_GROUP = 1 << 16  # rows of a group of a parquet file
 _OPTIONAL = ("sd", "fix", "heading")  # fields that may have no columns
 _DECIMALS: Decimals = (
     ("^lat|^lon", 10),
@@ -63,8 +63,9 @@ def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv
                 {key: v.astype(np.float32) if key.startswith("sd_") else v for key, v in numbers.items()}
             )
             if writer is None:
-                # Numbers that never repeat gain nothing from a dictionary or from minima and maxima.
-                how = {"use_dictionary": False, "write_statistics": False, "compression": "snappy"}
+                # Numbers that never repeat gain nothing from a dictionary or from minima and maxima, and snappy makes
+                # files smaller by 4 % in twice the time.
+                how = {"use_dictionary": False, "write_statistics": False, "compression": "none"}
                 writer = closing.enter_context(_parquet().ParquetWriter(stream, table.schema, **how))
             writer.write_table(table)
     return path

@@ -171,8 +171,9 @@ def test_position_in_the_time_of_the_fixes_leaves_the_delay_error_out():
     expected, found, variance = shown @ p @ shown.T, np.empty((9, 9)), np.empty(12)
     errorstate.at_fix_time(p, x, found)
     np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-9)
-    errorstate.predicted_variance(np.eye(24), p, np.zeros((24, 24)), x, np.empty((9, 24)), variance)
+    errorstate.variances(p, x, variance)
     np.testing.assert_allclose(variance[:9], np.diag(expected), rtol=1e-12)
+    np.testing.assert_allclose(variance[9:], expected[[6, 6, 7], [7, 8, 8]], rtol=1e-12)
 
 
 def test_attitude_and_velocity_are_no_surer_than_the_clock():

@@ -172,7 +172,7 @@ def test_the_beginning_of_a_drive_has_the_first_of_its_innovations():
 
 
 def test_memory_that_nothing_was_written_to_is_not_looked_at(monkeypatch):
-    def poisoned(shape, dtype=np.float64, **_how):
+    def poisoned(shape, dtype=np.float64):
         signalling = np.full(shape, 0x7FF4000000000000, np.int64)  # a NaN of which every sum warns
         return signalling.view(np.float64) if dtype is np.float64 else np.zeros(shape, dtype)
 

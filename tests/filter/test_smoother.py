@@ -202,7 +202,7 @@ def test_filter_itself_is_the_same_with_and_without():
 def test_same_result_when_the_history_is_on_the_disk(monkeypatch, tmp_path):
     in_memory = drive(2).smoothed
     monkeypatch.setattr(smoother, "ROWS", 50)
-    monkeypatch.setattr(smoother, "IN_MEMORY", 0)
+    monkeypatch.setattr(spill, "MOST", 0)
     monkeypatch.setattr(spill.tempfile, "tempdir", str(tmp_path))
     on_disk = drive(2).smoothed
     np.testing.assert_array_equal(in_memory.solution.lla, on_disk.solution.lla)
@@ -232,6 +232,6 @@ def test_between_epochs_the_position_error_follows_the_velocity_errors_at_both_e
         error[:, axis], error[:, 3 + axis] = position[[0, -1]], velocity[[0, -1]]
     place = np.array([0.8, 0.2, 100.0])
     state = np.tile(np.concatenate([place, np.zeros(3), [1.0, 0.0, 0.0, 0.0]]), (times.size, 1))
-    kernel.apply(times, state, np.zeros((times.size, 12)), ends, error, error, np.tile(np.eye(9), (2, 1, 1)))
+    kernel.correct(times, state, ends, error, error)
     moved = ned_offset(state[:, :3], place)
     np.testing.assert_allclose(moved, -np.tile(position[:, None], 3), atol=1e-6)

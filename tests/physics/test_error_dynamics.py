@@ -74,7 +74,7 @@ class Interval:
         self.x = kernel_x.copy()
         self.phi, self.q = np.eye(21), np.zeros((21, 21))
         self.correction = np.zeros(12) if correction is None else correction.copy()
-        zero, empty = np.zeros((n, 3)), np.empty(0)
+        zero, empty, none = np.zeros((n, 3)), np.empty(0), np.zeros(0, np.int64)
         model = errorstate.Model(
             np.array([0.1, 1e9]),
             np.zeros(20) if noise is None else noise,
@@ -82,17 +82,17 @@ class Interval:
             np.zeros(12) if decay is None else decay,
         )
         turned, pushed = np.tile(rate / rate_hz, (n, 1)), np.tile(force / rate_hz, (n, 1))
-        stop, _ = errorstate.propagate(
+        stop = errorstate.propagate(
             0,
             n,
             True,
             errorstate.Samples(np.cumsum(dt), dt, turned, pushed, zero, zero, np.zeros(n)),
             errorstate.Carried(self.x, self.correction, np.zeros(6), np.zeros(errorstate.SUMS), np.zeros(1)),
             model,
-            errorstate.Moments(self.phi, self.q, np.zeros((21, 21))),
-            errorstate.Outputs(np.array([np.inf, 1.0, 0.0]), empty, np.empty((0, 10)), np.empty((0, 12))),
-            0,
-            errorstate.scratch(21),
+            self.phi,
+            self.q,
+            errorstate.Outputs(np.array([np.inf, 1.0, 0.0]), none, empty, np.empty((0, 10)), none, np.empty((0, 6))),
+            errorstate.scratch(),
         )
         assert stop == n
 

@@ -79,7 +79,7 @@ def _drawn(found: EvaluatedRun) -> EvaluatedRun:
         return found
 
     def some(rows: T) -> T:
-        return rows if rows is None else rows.rows(np.arange(0, len(rows.time), step))
+        return rows if rows is None else rows.rows(slice(None, None, step))
 
     run, smoothed = found.run, found.run.smoothed
     smoothed = smoothed and replace(smoothed, solution=some(smoothed.solution))
