@@ -104,7 +104,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         errorstate.Model(*4 * [d1]),
         *(d2, d2),
         errorstate.Outputs(d1, i1, d1, d2, i1, d2),  # type: ignore[arg-type]
-        (d2, d2, d2, d1, d2, d2, d1),
+        (d2, d2, d2, d1, d2, d2, d1, d2),
     )
     assessment = (
         gps_measurement.Predicted(d1, d1, d1, d1, d1, d, d2),

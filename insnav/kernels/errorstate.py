@@ -94,36 +94,34 @@ def _substep(x, sums, noise, phi, q, work):  # type: ignore[no-untyped-def]
 
     The noise enters by the trapezoid rule, ``Q <- a (Q + q/2) a' + q/2``; `work` holds how the sensor errors decay.
     """
-    f, a, b, d, w, y, _ = work
+    f, a, ab, d, w, y, _, turned_ab = work
     dt = sums[0]
     inv = 1.0 / dt
     f_n = sums[1:4] * inv
     system_matrix(x, f_n, f)
     second_order(f, dt, a)
-    # g dt: attitude by gyro errors, velocity by accelerometer errors (error = estimate - truth)
+    # ab = [a b]; b = (I + F dt / 2) g dt, with g dt: attitude by gyro errors, velocity by accelerometer errors (error =
+    # estimate - truth)
     for i in range(NAV):
-        for j in range(SENSOR):
-            b[i, j] = 0.0
+        for j in range(NAV):
+            ab[i, j] = a[i, j]
+        ab[i, i] += 1.0
+    for i in range(6):
+        for j in range(3):
+            gyro, accel, gyro_scale, accel_scale = 0.0, 0.0, 0.0, 0.0
+            for k in range(3):
+                turns, pushes = 0.5 * dt * f[i, 6 + k], -0.5 * dt * f[i, 3 + k]
+                gyro += turns * sums[4 + 3 * k + j]
+                gyro_scale += turns * sums[13 + 3 * k + j]
+                accel += pushes * sums[4 + 3 * k + j]
+                accel_scale += pushes * sums[22 + 3 * k + j]
+            ab[i, 9 + j], ab[i, 12 + j], ab[i, 15 + j], ab[i, 18 + j] = gyro, accel, gyro_scale, accel_scale
     for i in range(3):
         for j in range(3):
-            b[6 + i, j] = sums[4 + 3 * i + j]
-            b[6 + i, 6 + j] = sums[13 + 3 * i + j]
-            b[3 + i, 3 + j] = -sums[4 + 3 * i + j]
-            b[3 + i, 9 + j] = -sums[22 + 3 * i + j]
-    # b = (I + F dt / 2) g dt
-    for i in range(6):
-        for j in range(SENSOR):
-            w[i, j] = 0.0
-        for k in range(3, NAV):
-            share = 0.5 * dt * f[i, k]
-            if share != 0.0:
-                for j in range(SENSOR):
-                    w[i, j] += share * b[k, j]
-    for i in range(6):
-        for j in range(SENSOR):
-            b[i, j] += w[i, j]
-    for i in range(NAV):
-        a[i, i] += 1.0
+            ab[3 + i, 12 + j] -= sums[4 + 3 * i + j]
+            ab[3 + i, 18 + j] -= sums[22 + 3 * i + j]
+            ab[6 + i, 9 + j] = sums[4 + 3 * i + j]
+            ab[6 + i, 15 + j] = sums[13 + 3 * i + j]
     _half_of_the_noise(sums, noise, q)
     # misalignment turns rotations and accelerations into errors that last as long as a manoeuvre
     turned = 0.0
@@ -135,41 +133,36 @@ def _substep(x, sums, noise, phi, q, work):  # type: ignore[no-untyped-def]
         q[3 + i, 3 + i] += pushing
         q[6 + i, 6 + i] += turning
     # Sums of a whole row at once, zeros included, are compiled for many columns at a time: a third of the time.
-    # transition: w = [a b] phi
+    # transition: w = [a b] phi; noise: y = [a b] q, then q = y [a b]'
     for i in range(NAV):
         for j in range(STATES):
             total = 0.0
             for k in range(NAV):
-                total += a[i, k] * phi[k, j]
+                total += ab[i, k] * phi[k, j]
             w[i, j] = total
-        for j in range(SENSOR):
-            w[i, NAV + j] += b[i, j] * phi[NAV + j, NAV + j]
-    # noise: y = [a b] q, then q = y [a b]'
-    for i in range(NAV):
+        for j in range(NAV, STATES):
+            w[i, j] += ab[i, j] * phi[j, j]
         for j in range(STATES):
             total = 0.0
-            for k in range(NAV):
-                total += a[i, k] * q[k, j]
+            for k in range(STATES):
+                total += ab[i, k] * q[k, j]
             y[i, j] = total
-        for j in range(NAV):
-            total = 0.0
-            for k in range(SENSOR):
-                total += b[i, k] * q[NAV + k, j]
-            y[i, j] += total
-        for j in range(SENSOR):
-            y[i, NAV + j] += b[i, j] * q[NAV + j, NAV + j]
+    for i in range(NAV):
+        for j in range(STATES):
+            turned_ab[j, i] = ab[i, j]
     for i in range(NAV):
         for j in range(STATES):
             phi[i, j] = w[i, j]
-        for j in range(i + 1):
+        for j in range(NAV):
             total = 0.0
-            for k in range(NAV):
-                total += y[i, k] * a[j, k]
-            for k in range(SENSOR):
-                total += y[i, NAV + k] * b[j, k]
-            q[i, j] = q[j, i] = total
+            for k in range(STATES):
+                total += y[i, k] * turned_ab[k, j]
+            q[i, j] = total
         for k in range(SENSOR):
             q[i, NAV + k] = q[NAV + k, i] = y[i, NAV + k] * d[k]
+    for i in range(NAV):
+        for j in range(i):
+            q[j, i] = q[i, j]
     for k in range(SENSOR):
         phi[NAV + k, NAV + k] *= d[k]
         q[NAV + k, NAV + k] *= d[k] * d[k]
@@ -266,7 +259,8 @@ def propagate(first, last, close, samples, carried, model, phi, q, out, work):  
         ends = full or sums[0] >= limit[0] - 1e-9 or (close and k == last - 1)
         if ends:
             for j in range(SENSOR):  # the expectation of a decaying error decays
-                kept[j] = np.exp(-sums[0] * decay[j])
+                u = sums[0] * decay[j]
+                kept[j] = 1.0 - u * (1.0 - u * (0.5 - u * (1.0 / 6.0 - u / 24.0))) if u < 5e-4 else np.exp(-u)
                 correction[j] *= kept[j]
             ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
             ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
@@ -293,11 +287,12 @@ def scratch() -> tuple[np.ndarray, ...]:
     return (
         np.zeros((NAV, NAV)),
         np.zeros((NAV, NAV)),
-        np.zeros((NAV, SENSOR)),
+        np.zeros((NAV, STATES)),
         np.zeros(SENSOR),
         np.zeros((NAV, STATES)),
         np.zeros((NAV, STATES)),
         np.zeros(9),
+        np.zeros((STATES, NAV)),
     )
 
 
