@@ -119,6 +119,7 @@ class Record:
         variance: tuple[FloatArray, FloatArray],
         change: Callable[[FloatArray, FloatArray], None],
         common: tuple[float, float, FloatArray],
+        last: bool,
     ) -> Trajectory:
         """Outputs as a trajectory with roll, pitch, heading and standard deviations.
 
@@ -126,7 +127,7 @@ class Record:
         from those of the filter, in place; `common`: of the clock by which times are later and its standard deviation
         [s], and standard deviations (3,) of what all attitudes share [rad]. Misalignment is no state of the filter but
         noise, which averages out as the misalignment does not: the attitude is that of the IMU, in which the axes of
-        the sensors are turned by these.
+        the sensors are turned by these. `last`: nobody asks for the outputs again.
         """
         clock, delay_sd, axes_sd = common
         (rows, some), begin, first = np.sum([room.used for room in self._rooms], axis=0).tolist(), 0, 0
@@ -134,7 +135,8 @@ class Record:
         lla, v_n, rph = (spill.empty((rows, 3)) for _ in range(3))
         sd, found = spill.empty((rows, NAV)), spill.empty((some, NAV + 3))
         opposite, adjacent = np.empty((2, ROWS, 3))
-        for room in self._rooms:
+        for number in range(len(self._rooms)):
+            room = self._rooms.pop(0) if last else self._rooms[number]
             for block in spill.blocks(int(room.used[0]), size=ROWS):
                 here, state, count = room.time[block], room.state[block].copy(), block.stop - block.start
                 change(here, state)
@@ -187,12 +189,13 @@ class Record:
         delay_sd = float(np.sqrt(covariance[STATES, STATES])) if at.delay >= 0 else 0.0
         if clock != 0.0:  # the offset as estimated at the time has put the state elsewhere along its velocity
             move_along(self._state[:n], clock - self._delays[:n])
-        epochs, self._epochs = self._epochs[: self._epoch], self._epochs[:0]
+        epochs, self._epochs = np.asfortranarray(self._epochs[: self._epoch]), self._epochs[:0]
         filtered = self._trajectory(
             epochs[:, 0],
             (epochs[:, 1:13], epochs[:, 13:25]),
             lambda time, state: move_along(state, clock - epochs[_before(time, epochs[:, 0]), 25]),
             (clock, delay_sd, axes_sd),
+            found is None,
         )
         for block in spill.blocks(n):
             self._covariance[block] += _squared(_moved(self._state[block], delay_sd))
@@ -209,6 +212,7 @@ class Record:
                 (both, both),
                 lambda time, state: correct(time, state, found.time, found.after, found.before),
                 (clock, delay_sd, axes_sd),
+                True,
             )
             smoothed = _smoothed(track, found, clock, moved)
             smoothed = replace(smoothed, smallest_seen=smallest, changed=largest_change(found, velocities=velocities))
