@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -91,6 +92,19 @@ class Matrix:
         return tuple(cell for _, row in self.rows for cell in row if cell is not None and cell.behind)
 
 
+class Later(Sequence[Any]):
+    """Drawings that are made when they are looked at first: where only tables are written they are not."""
+
+    def __init__(self, make: Callable[[], Sequence[Drawing]]) -> None:
+        self._make = cache(make)
+
+    def __len__(self) -> int:
+        return len(self._make())
+
+    def __getitem__(self, at: Any) -> Any:
+        return self._make()[at]
+
+
 @dataclass(frozen=True, slots=True)
 class Section:
     """Quantities that belong together: single ones, or rows of a table, one row an item."""
@@ -105,7 +119,7 @@ class Section:
     rows: tuple[tuple[Quantity, ...], ...] = ()
     # below its tables: on the page where it has no panels, as files where they are asked for
     figures: tuple[FigureSpec, ...] = ()
-    panels: tuple[Drawing, ...] = ()  # interactive drawings, above its tables on the page
+    panels: Sequence[Drawing] = ()  # interactive drawings, above its tables on the page
     columns: int = 1  # of panels side by side, where the page is wide
     parts: tuple[Section, ...] = ()  # what it consists of
     note: str = ""  # how to read it

@@ -25,7 +25,7 @@ from insnav.output.solution_tables import (
     write_events,
     write_run_table,
 )
-from insnav.report.page import FigureSpec, Page, Section
+from insnav.report.page import FigureSpec, Later, Page, Section
 from insnav.report.run.backdrop import FILE as BACKDROP
 from insnav.report.run.backdrop import read_backdrop, write_backdrop
 from insnav.report.run.panels import run_panels
@@ -83,7 +83,7 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
 def _sections(found: EvaluatedRun, reference: str) -> tuple[Section, ...]:
     accuracy, *others = run_sections(found, reference)
     return (
-        Section("", panels=run_panels(found), figures=run_figures(found), show="page"),
+        Section("", panels=Later(partial(run_panels, found)), figures=run_figures(found), show="page"),
         Section("", "Accuracy, stationary and moving", parts=(accuracy,), folded=True),
         Section("", "All figures of the run", parts=tuple(others), folded=True),
     )
