@@ -80,14 +80,12 @@ def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[fl
     Returns: start and end [s].
     """
     rate, force = rates(parts)
-    size = max(4, round(WINDOW / float(np.median(parts.dt[1:]))))
+    size = max(4, round(WINDOW / float(np.median(parts.dt[1 : 1 << 16]))))
     n = rate.shape[0] // size
     if n < 2:
         return None
     rate, force = (v[: n * size].reshape(n, size, 3) for v in (rate, force))
-    loud_f = np.linalg.norm(force.std(axis=1), axis=1)
-    loud_w = np.linalg.norm(rate.std(axis=1), axis=1)
-    mean_w = rate.mean(axis=1)
+    (mean_f, loud_f), (mean_w, loud_w) = _scatter(force), _scatter(rate)
     quiet = (loud_f < LOUD_ACCEL) & (loud_w < LOUD_GYRO)
     if slow is not None:
         quiet &= slow[: n * size].reshape(n, size).all(axis=1)
@@ -97,18 +95,25 @@ def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[fl
         quiet &= loud_f <= max(CALM_ACCEL, QUIET_FACTOR * float(np.quantile(loud_f[quiet], 0.1)))
         quiet &= loud_w <= max(CALM_GYRO, QUIET_FACTOR * float(np.quantile(loud_w[quiet], 0.1)))
     quiet &= (np.abs(mean_w - np.median(mean_w[quiet], axis=0)) < TURNING).all(axis=1)
-    change = np.linalg.norm(np.diff(force.mean(axis=1), axis=0), axis=1) > PUSHED
+    change = np.linalg.norm(np.diff(mean_f, axis=0), axis=1) > PUSHED
     quiet[1:] &= ~change
     edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(np.int8), [0]])))
     for begin, last in zip(edges[::2], edges[1::2], strict=True):
         # without fixes a step of a sensor looks like a soft departure
-        end = last if slow is None else begin + _before_departure(force.mean(axis=1)[begin:last], mean_w[begin:last])
+        end = last if slow is None else begin + _before_departure(mean_f[begin:last], mean_w[begin:last])
         start = float(parts.end[begin * size] - parts.dt[begin * size])
         stop = float(parts.end[end * size - 1])
         if stop - start >= SHORTEST:
             # the last window may already hold the start of the motion
             return start, stop - (WINDOW if end < n else 0.0)
     return None
+
+
+def _scatter(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean of each window of values (n, k, 3), (n, 3), and the length of its standard deviation, (n,)."""
+    mean = np.einsum("ijk->ik", values) / values.shape[1]  # sums over the middle axis take numpy five times as long
+    away = values - mean[:, None]
+    return mean, np.sqrt(np.einsum("ijk,ijk->i", away, away) / values.shape[1])
 
 
 def _before_departure(force: FloatArray, rate: FloatArray) -> int:
