@@ -310,7 +310,7 @@ class Drive:
             "mechanization": mechanization,
         }
         found = replace(found, run=thinned(found.run, output_interval), noise=ready.noise)
-        return self._result("run", found, options, (*self.notes, *done.notes, *notes, *unseen), events, spec)
+        return self._result("run", found, options, (*self.notes, *done.notes, *notes, *unseen), found.run.events, spec)
 
     def outage(
         self,

@@ -299,7 +299,7 @@ class Track extends Drawing {
     this.x = new Bokeh.Range1d({start: -1, end: 1});
     this.y = new Bokeh.Range1d({start: -1, end: 1});
     const figure = this.base("East of start [m]", {
-      x_range: this.x, y_range: this.y, y_axis_label: "North of start [m]",
+      x_range: this.x, y_range: this.y, y_axis_label: "North of start [m]", min_border_left: AXIS + 14, // room for kilometres: where it grows, Bokeh leaves a part of the label
       tools: [new Bokeh.BoxZoomTool({match_aspect: true})],
     });
     const x = {field: "x"}, y = {field: "y"};
