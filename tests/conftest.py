@@ -1,6 +1,9 @@
-"""The fast tier: `-m "not slow"` leaves out the tests that take most of the time."""
+"""The fast tier: `-m "not slow"` leaves out the tests that take most of the time; and no network for any test."""
 
 from __future__ import annotations
+
+import socket
+from typing import Any
 
 import pytest
 
@@ -39,6 +42,16 @@ SLOW = (
 )
 
 
+def _own() -> set[str]:
+    try:
+        return {socket.gethostname(), *socket.gethostbyname_ex(socket.gethostname())[2]}
+    except OSError:  # it has no address
+        return set()
+
+
+OWN = _own()
+
+
 def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", 'slow: takes seconds; left out by -m "not slow"')
 
@@ -47,3 +60,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.nodeid.startswith(SLOW):
             item.add_marker(pytest.mark.slow)
+
+
+@pytest.fixture(autouse=True)
+def no_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing asks for the network; clusters on this machine, and browsers, talk to themselves."""
+
+    def guarded(connect: Any) -> Any:
+        def only_here(self: socket.socket, address: Any) -> Any:
+            host = address[0] if isinstance(address, tuple) else ""
+            if host and host != "localhost" and not host.startswith(("127.", "::1")) and host not in OWN:
+                raise AssertionError(f"a test connects to {host}")
+            return connect(self, address)
+
+        return only_here
+
+    for name in ("connect", "connect_ex"):
+        monkeypatch.setattr(socket.socket, name, guarded(getattr(socket.socket, name)))

@@ -14,7 +14,7 @@ from insnav.types import BoolArray, FloatArray, Trajectory
 FEWEST = 100  # epochs; fewer tell nothing
 BLOCKS = 10  # of the jackknife: errors of neighbouring epochs are alike
 TURNED = 0.3  # smallest change of the direction, as the RMS distance of the mean of unit vectors from all [-]
-CLEAR = 3.0  # standard deviations beyond which another point is told ...
+CLEAR = 5.0  # standard deviations beyond which another point is told ...
 WORTH = 0.8  # ... if with it the difference falls to this part: a run that is metres off has offsets, too
 GEOID = 10.0  # a mean difference of the heights that no navigation makes [m]
 

@@ -85,9 +85,9 @@ def test_a_pdf_has_three_pages_and_leaves_the_run_as_it_is(drive: Path, cli: Cli
 
 def test_what_was_wrong_with_the_reference_is_said_again(drive: Path, cli: Cli):
     head, *rows = Path("ref.csv").read_text().splitlines()
-    cells = [row.split(",", 1) for row in rows]
-    Path("ref.csv").write_text("\n".join([head, *(f"{float(time) + 0.5:.3f},{rest}" for time, rest in cells)]))
+    cells = [row.rsplit(",", 1) for row in rows]
+    Path("ref.csv").write_text("\n".join([head, *(f"{rest},{float(heading) + 40.0}" for rest, heading in cells)]))
     assert cli(*RUN, "--figures", "none").code == 0
     assert cli("report", "run", "--out", "again").code == 0
     for folder in ("run", "again"):
-        assert any("clock of the reference is 0.5" in text for text in read_facts(Path(folder))["warnings"])
+        assert "headings of the reference are +" in " ".join(read_facts(Path(folder))["warnings"])

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import os
 import pickle
 import subprocess
 import sys
+import time
+import tracemalloc
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +18,16 @@ import pytest
 
 import insnav
 import insnav.input.formats.source as source
-from insnav import cli
+from insnav import cli, spill
 from insnav.certificate.faults import fault_matrix
 from insnav.exceptions import ConfigError, InputError, OutputError
+from insnav.filter import FilterSettings
+from insnav.filter.navigate import navigate_recording
 from insnav.imu import load_imu
 from insnav.input import read_gps
 from insnav.input.formats.registry import open_table
 from insnav.output.folder import RunFolder
+from tests.filter import drives
 
 
 def test_f8_a_stream_that_does_not_end(monkeypatch):
@@ -45,6 +52,15 @@ def test_f8_a_stream_that_does_not_end(monkeypatch):
     assert endless.taken < 1 << 20
 
 
+def test_f8_ten_gigabytes_of_nothing(tmp_path: Path):
+    with (tmp_path / "imu.csv").open("wb") as file:
+        file.truncate(10 << 30)
+    begin = time.process_time()
+    with pytest.raises(InputError, match="no content"):
+        source.open_source(tmp_path / "imu.csv")
+    assert time.process_time() - begin < 1.0  # reading it takes half a minute
+
+
 def test_f9_a_parquet_file_that_is_mostly_nothing(tmp_path: Path):
     pa = pytest.importorskip("pyarrow")
     from pyarrow import parquet
@@ -55,6 +71,34 @@ def test_f9_a_parquet_file_that_is_mostly_nothing(tmp_path: Path):
     assert (tmp_path / "bomb.parquet").stat().st_size < 1 << 20
     with pytest.raises(InputError, match="more than is sensible"):
         open_table(tmp_path / "bomb.parquet").cells.read(range(5))
+
+
+_PEAK = """
+import resource, sys
+from insnav.exceptions import InputError
+from insnav.input import read_imu
+try:
+    read_imu(sys.argv[1])
+except InputError as error:
+    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024, error.what)
+"""
+
+
+@pytest.mark.parametrize("name", ["bomb.csv.gz", "bomb.zip"])
+def test_f9_a_compressed_file_that_is_mostly_nothing(bars, tmp_path: Path, name: str):
+    pytest.importorskip("resource")
+    rows, path = b"0,0,0,0,0,0,0\n" * 300_000, tmp_path / name
+    if name.endswith("zip"):
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("imu.csv", "w") as file:
+            file.writelines([rows] * 34)
+    else:
+        with gzip.open(path, "wb", 6) as file:
+            file.writelines([rows] * 34)
+    assert path.stat().st_size < 2 << 20  # 143 MB in 1 MB
+    done = subprocess.run([sys.executable, "-c", _PEAK, str(path)], capture_output=True, text=True, check=True)
+    resident, said = done.stdout.split(" ", 1)
+    assert "more than is sensible" in said
+    assert int(resident) < bars["F9"]["resident_mb"]
 
 
 def test_p3_a_name_that_no_file_system_takes(tmp_path: Path):
@@ -153,6 +197,16 @@ def test_p9_a_library_that_finds_no_room_is_a_lack_of_memory(capsys):
     assert "memory does not suffice" in capsys.readouterr().err
 
 
+def test_p9_a_run_needs_no_more_memory_than_stated(bars, tmp_path: Path):
+    pytest.importorskip("resource")
+    sample = Path(__file__).parents[2] / "trajectories" / "sample"
+    words = ["run", sample / "imu.csv.gz", "--gps", sample / "gps.csv", "--out", tmp_path / "run"]
+    text = "import resource, sys; from insnav.cli import main; sys.argv[0] = 'insnav'\ntry:\n main()\nfinally:\n "
+    text += "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    done = subprocess.run([sys.executable, "-c", text, *words], capture_output=True, text=True, check=True)
+    assert int(done.stdout.split()[-1]) / 1e3 < bars["P9"]["resident_mb"]
+
+
 def test_an_imu_with_impossible_errors_is_refused(tmp_path: Path):
     (tmp_path / "imu.toml").write_text(
         '[gyro]\nbias_instability = "1e300 deg/h"\ncorrelation_time = "1 h"\n[accel]\nbias = "1 mg"\n'
@@ -173,3 +227,53 @@ def test_an_infinite_velocity_is_refused_with_its_place(tmp_path: Path, cell):
 def test_a_damaged_kernel_file_says_what_to_delete(capsys):
     assert cli._explain(pickle.UnpicklingError("invalid load key, 'x'.")) == 3
     assert "delete what numba keeps in" in capsys.readouterr().err
+
+
+_FAR = """
+purpose = "as fast, high and low as the models go"
+vehicle = "aircraft"
+[start]
+lat = "47 deg"
+lon = "9 deg"
+height = "{height} m"
+heading = "40 deg"
+speed = "{speed} m/s"
+[[segment]]
+kind = "turn"
+angle = "60 deg"
+rate = "1.5 deg/s"
+[[segment]]
+kind = "climb"
+height = "30 m"
+angle = "3 deg"
+[[segment]]
+kind = "turn"
+angle = "-90 deg"
+rate = "1.5 deg/s"
+"""
+
+
+@pytest.mark.parametrize(("height", "speed"), [(12e3, 300.0), (50e3, 300.0), (-430.0, 20.0), (12e3, 600.0)])
+def test_n24_fast_high_and_below_the_sea(bars, tmp_path: Path, height: float, speed: float):
+    (tmp_path / "far.toml").write_text(_FAR.format(height=height, speed=speed))
+    done = insnav.simulate(tmp_path / "far.toml", imu="tactical", seed=2).navigate()
+    error = done.found.smoothed_errors
+    assert error is not None
+    assert np.mean(np.abs(error.position) < 3.0 * error.sd[:, :3]) >= bars["N24"]["inside_3_sd"]
+    said = " ".join(done.page().warnings)
+    assert ("100 % of velocity" in said) == (speed > bars["N24"]["fastest_m_s"])
+
+
+def test_n26_memory_of_the_filter_does_not_grow_with_the_drive(bars, monkeypatch):
+    monkeypatch.setattr(spill, "LARGE", 1 << 20)  # as if the drive were 16 times as long
+    peaks = {}
+    for laps in (2, 8, 24):  # imports count the first time; a lap is 75 s
+        imu = drives.noisy_imu(drives.perfect_imu(laps=laps), drives.MODEL, np.random.default_rng(1))
+        gps = drives.noisy_gps(drives.perfect_gps(laps=laps), np.random.default_rng(2))
+        tracemalloc.start()
+        navigate_recording(imu, gps, drives.SPEC, FilterSettings(lever_b=drives.LEVER_B))
+        peaks[laps] = tracemalloc.get_traced_memory()[1] / 1e6
+        tracemalloc.stop()
+    growth = (peaks[24] - peaks[8]) / (16 * 75.0 / 3600.0)
+    print(f"{growth:.1f} MB an hour")
+    assert growth < bars["N26"]["growth_mb_h"]

@@ -91,6 +91,8 @@ def on_disk(source: Source, suffix: str = "") -> Iterator[Path]:
 def _source(name: str, raw: bytes | mmap.mmap, path: Path | None = None) -> Source:
     if len(raw) == 0:
         raise InputError("the file is empty", where=name, why="0 bytes", fix="give the recording again")
+    if not raw[:HEAD_BYTES].strip(b"\0"):  # before it is read: such a file may be sparse, and of any size
+        raise InputError("the file has no content", where=name, why="it begins with zero bytes", fix="copy it again")
     digest = hashlib.sha256()
     for at in range(0, len(raw), _PIECE):
         digest.update(memoryview(raw)[at : at + _PIECE])
@@ -200,6 +202,7 @@ def _without_zeros(raw: bytes | mmap.mmap) -> tuple[bytes | mmap.mmap, int]:
         start = max(0, end - _PIECE)
         kept = len(raw[start:end].rstrip(b"\0"))
         end = start + kept
+        spill.release()
         if kept:
             break
     return raw[:end], len(raw) - end
