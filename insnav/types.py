@@ -400,7 +400,8 @@ class Smoothed:
     # (3,) jump of the fixes [m], change of their velocity and a minute of drift beside true velocities [m/s] that are
     # told from true fixes nine times in ten; see `insnav.filter.shocks`
     smallest_seen: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    changed: StateChange | None = None  # attitude or bias of the IMU, where that may have stepped
+    surest: StateChange | None = None  # what stands out most, if anything does
+    likely: tuple[StateChange, ...] = ()  # of each kind at most one, the clearest first
 
 
 @dataclass(frozen=True, slots=True)

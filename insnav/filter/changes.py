@@ -16,65 +16,58 @@ from dataclasses import replace
 
 import numpy as np
 
+from insnav.earth import ned_offset
 from insnav.filter.gates import Trust
-from insnav.filter.shocks import clearest, settled
-from insnav.filter.smoother import SmoothedErrors
 from insnav.kernels.dynamics import NAV
-from insnav.kernels.smoother import DRAG, VECTORS
 from insnav.plain_text import moment
 from insnav.types import Event, EventKind, FloatArray, GpsData, Run, StateChange, Trajectory
 
-CLEAR = 45.0  # twice the gain of the log-likelihood from which a change is tried [-]
 BETTER = 30.0  # by so much likelier must a further change make the drive [-]
 BESIDE = 30.0  # a change that is found so little before another may be that one [s]
+AROUND = 15.0  # a jump may be that of fixes which are false so long before and after [s]
 MOST = 8  # changes in one drive
 BACK = 0.3  # part of the largest offset at which fixes are back where they were [-]
 MINORITY = 0.5  # of the fixes may be false between changes
 OVER = 0.6  # part of the largest change of velocity that may be left of all together after a drag [-]
-SHOWN = 20.0, 20.0, 120.0, 120.0, 120.0, np.inf  # so near a change of each kind shows, too [s]
+LEAST = 0.2  # probability of either explanation, at least: half of three standard deviations hold it
+ATTITUDE = 6  # first of its error states
 TOLD = {
     0: ("fixes jump by {:.2g} m", "m", 1.0),
     3: ("the velocity of the fixes changes by {:.2g} m/s", "m/s", 1.0),
-    6: ("the IMU turns by {:.2g} deg in its place", "deg", float(np.rad2deg(1.0))),
+    ATTITUDE: ("the IMU turns by {:.2g} deg in its place, or its gyros miss as much", "deg", float(np.rad2deg(1.0))),
     NAV: ("the gyro bias steps by {:.2g} deg/s", "deg/s", float(np.rad2deg(1.0))),
     NAV + 3: ("the accelerometer bias steps by {:.2g} m/s^2", "m/s^2", 1.0),
 }
 
 
-def largest_change(found: SmoothedErrors, *, velocities: bool = True) -> StateChange | None:
-    """Change that later innovations ask for most clearly; without GPS `velocities` there is no drag beside them."""
-    rows = np.flatnonzero(settled(found))
-    best = None
-    for group, first in enumerate((*TOLD, *([0] if velocities else [])) if rows.size else ()):
-        vectors = found.shocks[:, VECTORS + 4 * group :]
-        gains = np.nan_to_num(vectors[rows, 0])
-        largest, usual = clearest(found.time[rows], gains, SHOWN[group])
-        row, gain, drag = rows[largest], float(gains[largest]), group == len(TOLD)
-        at = float(found.time[row])
-        if gain >= usual and gain > (CLEAR if best is None else best.gain):
-            change = vectors[row, 1:4] * (DRAG if drag else 1.0)
-            best = StateChange(at + DRAG, first, change, gain, at) if drag else StateChange(at, first, change, gain)
-    return best
-
-
 def changes_of(
     again: Callable[[tuple[StateChange, ...]], Run], unlikely: Callable[[Run, tuple[StateChange, ...]], float]
 ) -> tuple[StateChange, ...]:
-    """Find the changes one after the other; `again`: navigates without gates, with changes taken off."""
+    """Find the changes one after the other; `again`: navigates without gates, with changes taken off.
+
+    What a step of a bias explains as well is no turn of the IMU.
+    """
     changes: tuple[StateChange, ...] = ()
     run = again(changes)
-    while run.smoothed is not None and run.smoothed.changed is not None and len(changes) < MOST:
-        tried = [(added, again(added)) for added in _with(changes, run.smoothed.changed)]
-        better, other = min(tried, key=lambda each: unlikely(each[1], each[0]))
-        if unlikely(other, better) > unlikely(run, changes) - BETTER:
+    while run.smoothed is not None and run.smoothed.likely and len(changes) < MOST:
+        clearest, *others = run.smoothed.likely
+        wanted = [clearest, *(each for each in others if clearest.first == ATTITUDE and each.first > ATTITUDE)]
+        tried = [(more, again(more)) for added in wanted for more in with_(changes, added)]
+        costs = [unlikely(run, more) + BETTER * _turns(more) for more, run in tried]
+        best = int(np.argmin(costs))
+        if costs[best] - BETTER * _turns(tried[best][0]) > unlikely(run, changes) - BETTER:
             break
-        changes, run = better, other
-    return tuple(_measured(each, run) for each in changes)
+        changes, run = tried[best]
+    return tuple(measured(each, run) for each in changes)
 
 
-def _measured(change: StateChange, run: Run) -> StateChange:
+def _turns(changes: tuple[StateChange, ...]) -> int:
+    return sum(each.first == ATTITUDE for each in changes)
+
+
+def measured(change: StateChange, run: Run) -> StateChange:
     """A drag as far as fixes are off after it, against the track without those of its time; zero if they are back."""
-    if not np.isfinite(change.since):
+    if not np.isfinite(change.since) or not change.change.any():
         return change
     row = min(int(np.searchsorted(run.innovations.time, change.time - 1e-6)), run.innovations.time.size - 1)
     off = -run.innovations.innovation[row, :3]
@@ -82,39 +75,46 @@ def _measured(change: StateChange, run: Run) -> StateChange:
     return replace(change, change=np.zeros(3) if back else off)
 
 
-def _with(changes: tuple[StateChange, ...], found: StateChange) -> list[tuple[StateChange, ...]]:
+def with_(changes: tuple[StateChange, ...], found: StateChange) -> list[tuple[StateChange, ...]]:
     """Changes with another one, and the same without those soon after it: they may only have stood for it.
 
-    Jumps that follow each other are one drag: the positions while it lasts are not used.
+    Jumps that follow each other may be one drag: the positions while it lasts are not used. Nor are those about a jump
+    of no size, after which fixes are back where they were.
     """
     same = [each for each in changes if (each.time, each.first) == (found.time, found.first)]
-    rest = [each for each in changes if each not in same]
-    if found.first == 0:
-        near = [
-            each
-            for each in rest
-            if each.first == 0 and max(each.begin, found.begin) - min(each.time, found.time) < BESIDE
-        ]
-        if len(near) > 1 or any(np.isfinite(each.since) for each in (found, *near)):
-            same, rest = [*same, *near], [each for each in rest if each not in near]
-    if same:
-        every = (found, *same)
+    near = [
+        each
+        for each in changes
+        if each.first == found.first == 0 and max(each.begin, found.begin) - min(each.time, found.time) < BESIDE
+    ]
+    ways = [same]
+    if len(near) > 1 or any(np.isfinite(each.since) for each in (found, *near)):
+        ways.append([*same, *(each for each in near if each not in same)])
+    more = []
+    for joined in ways:
+        every = (found, *joined)
         since, end = min(each.begin for each in every), max(each.time for each in every)
         parts = [each.change for each in every]
         drag = since < end  # of which only its size matters before it is measured
         change = max(parts, key=lambda part: float(np.linalg.norm(part))) if drag else np.sum(parts, axis=0)
-        found = replace(found, change=change, since=since if drag else np.inf, time=end)
-    less = [each for each in rest if not found.time < each.time < found.time + BESIDE]
-    both = [rest] if len(less) == len(rest) else [rest, less]
-    return [tuple(sorted([*some, found], key=lambda each: each.time)) for some in both]
+        one = replace(found, change=change, since=since if drag else np.inf, time=end)
+        rest = [each for each in changes if each not in joined]
+        less = [each for each in rest if not one.time < each.time < one.time + BESIDE]
+        both = [rest] if len(less) == len(rest) else [rest, less]
+        passing = replace(one, change=np.zeros(3), since=one.begin - AROUND, time=one.time + AROUND)
+        ones = (one, passing) if one.first == 0 else (one,)
+        more += [tuple(sorted([*some, one], key=lambda each: each.time)) for some in both for one in ones]
+    return more
 
 
-def unused(changes: tuple[StateChange, ...], gps: GpsData, delay: float) -> Trust | None:
-    """Positions that changes leave out."""
-    time, false = gps.time - delay, np.zeros((2, gps.time.shape[0]), dtype=np.bool_)
+def unused(changes: tuple[StateChange, ...], gps: GpsData, delay: float, trust: Trust | None = None) -> Trust | None:
+    """Positions that changes leave out, and those of `trust`."""
+    time = gps.time - delay
+    none = np.zeros((2, time.shape[0]), dtype=np.bool_)
+    found = Trust(none, np.full(none.shape, np.nan)) if trust is None else replace(trust, false=trust.false.copy())
     for each in changes:
-        false[0] |= (time >= each.since) & (time < each.time)
-    return Trust(false, np.full(false.shape, np.nan)) if false.any() else None
+        found.false[0] |= (time >= each.since) & (time < each.time)
+    return found if found.false.any() else None
 
 
 def offset(changes: tuple[StateChange, ...], time: FloatArray) -> FloatArray:
@@ -151,23 +151,66 @@ def mixed(run: Run, changes: tuple[StateChange, ...]) -> Run:
     assert run.smoothed is not None
     time = run.smoothed.solution.time
     early = (begin - time[0]) / (begin - time[0] + time[-1] - end)
+    early = float(np.clip(early, LEAST, 1.0 - LEAST))
 
-    def wider(solution: Trajectory) -> Trajectory:
+    def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
         off, last = offset(changes, solution.time), offset(changes, time[-1:])
-        assert solution.sd is not None
-        sd = solution.sd.copy()
         sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + early * off**2 + (1.0 - early) * (last - off) ** 2)
-        return replace(solution, sd=sd)
+        return sd
 
-    smoothed = replace(run.smoothed, solution=wider(run.smoothed.solution))
-    return replace(run, solution=wider(run.solution), smoothed=smoothed)
+    return _with_sd(run, wider)
+
+
+def either(run: Run, other: Run) -> Run:
+    """Standard deviations that hold both runs, of which neither is likelier."""
+    there = (other.smoothed or other).solution
+
+    def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
+        lla, v_n, other_sd = (
+            np.column_stack([np.interp(solution.time, there.time, column) for column in values.T])
+            for values in (there.lla, there.v_n, there.sd if there.sd is not None else there.v_n)
+        )
+        off = np.hstack([ned_offset(solution.lla, lla), solution.v_n - v_n])
+        sd[:, :6] = np.sqrt(0.5 * (sd[:, :6] ** 2 + other_sd[:, :6] ** 2 + off**2))
+        return sd
+
+    return _with_sd(run, wider)
+
+
+def _with_sd(run: Run, wider: Callable[[Trajectory, FloatArray], FloatArray]) -> Run:
+    """A run with other standard deviations, filtered and smoothed."""
+
+    def changed(solution: Trajectory) -> Trajectory:
+        assert solution.sd is not None
+        return replace(solution, sd=wider(solution, solution.sd.copy()))
+
+    smoothed = run.smoothed and replace(run.smoothed, solution=changed(run.smoothed.solution))
+    return replace(run, solution=changed(run.solution), smoothed=smoothed)
 
 
 def told(changes: tuple[StateChange, ...], why: str) -> list[Event]:
-    """An event for each change, and what was made of it."""
+    """An event for each change, and what was made of it; no IMU is turned several times, but gyros clip."""
 
-    def event(time: float, change: FloatArray, text: str, unit: str, scale: float) -> Event:
-        size = scale * float(np.linalg.norm(change))
-        return Event(time, EventKind.CONTRADICTION, size, np.nan, unit, f"{text.format(size)} at {moment(time)}: {why}")
+    def event(each: StateChange) -> Event:
+        text, unit, scale = TOLD[each.first]
+        size = scale * float(np.linalg.norm(each.change))
+        said = f"{text.format(size)} at {moment(each.time)}"
+        if np.isfinite(each.since):
+            said = (
+                f"positions drift from {each.since:.1f} to {each.time:.1f} s unlike the velocities, {size:.2g} m in all"
+            )
+        return Event(each.begin, EventKind.CONTRADICTION, size, np.nan, unit, f"{said}: {why}")
 
-    return [event(each.time, each.change, *TOLD[each.first]) for each in changes]
+    turns = tuple(each for each in changes if each.first == ATTITUDE)
+    rest = tuple(each for each in changes if each.first != ATTITUDE)
+    if len(turns) < 2:
+        return [event(each) for each in changes]
+    if turns[-1].time - turns[0].time < BESIDE:  # found in parts
+        one = replace(turns[0], change=np.sum([each.change for each in turns], axis=0))
+        return [event(one), *told(rest, why)]
+    size = float(np.rad2deg(max(np.linalg.norm(each.change) for each in turns)))
+    said = (
+        f"the gyros lose the attitude {len(turns)} times, by up to {size:.2g} deg, from "
+        f"{moment(turns[0].time, turns[-1].time)}, as saturated ones do: {why}"
+    )
+    return [Event(turns[0].time, EventKind.CONTRADICTION, size, np.nan, "deg", said), *told(rest, why)]

@@ -147,7 +147,7 @@ def _decided(ready: Prepared, first: Run) -> tuple[Run, tuple[Event, ...]]:
         covariance = ready.initial.covariance.copy()
         covariance[:3, :3] += opened**2 * np.eye(3)
         initial = replace(ready.initial, covariance=covariance, from_fix=ready.initial.from_fix and not opened)
-        trust = trust or unused(changes, fixes, ready.settings.delay)
+        trust = unused(changes, fixes, ready.settings.delay, trust)
         settings = replace(ready.settings, gates=gates, trust=trust, changes=changes)
         if gates is OPEN and trust is None and not changes:  # false fixes that count would make an arm of 50 m
             settings = replace(settings, lever_b=lever_b, lever_sd=0.0)

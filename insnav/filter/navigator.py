@@ -278,7 +278,7 @@ class Navigator:
         if use[0]:
             self._last_good = time
             self._rejections.clear()
-        elif quality is None:
+        elif quality is None and (self._settings.trust is None or not self._settings.trust.false[0, row]):
             self._consider_reset(time, row)
         self._note_fix(time, nis, use)
 
@@ -326,15 +326,16 @@ class Navigator:
     ) -> tuple[Event | None, Event | None]:
         """Why position and velocity are rejected or de-weighted, or None."""
         gates, gps = self._settings.gates, self._gps
+        position, velocity = None, None
         if self._settings.trust is not None:
-            return gate.whole_record(time, row, self._settings.trust)
+            position, velocity = gate.whole_record(time, row, self._settings.trust)
         position = (
-            quality
+            position
+            or quality
             or gate.physical_position(gates, time, distance, gps.position_sd[row], time - self._last_good)
             or gate.statistical(gates, time, POSITION, nis[0], distance, gates.small_of(gps.position_sd[row]))
         )
-        velocity = None
-        if nis[1] == nis[1]:
+        if velocity is None and nis[1] == nis[1]:
             velocity = gate.physical_velocity(gates, time, gps.v_n[row]) or gate.statistical(
                 gates, time, VELOCITY, nis[1], change, gates.small_velocity
             )

@@ -10,10 +10,9 @@ import numpy as np
 
 from insnav import spill
 from insnav.exceptions import InputError
-from insnav.filter.changes import largest_change
 from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.settings import FilterSettings
-from insnav.filter.shocks import shock
+from insnav.filter.shocks import shocks
 from insnav.filter.smoother import SmoothedErrors
 from insnav.filter.state_layout import layout
 from insnav.kernels.dynamics import NAV
@@ -204,8 +203,7 @@ class Record:
             rows = np.searchsorted(self._time[:n], found.time[found.used] - 1e-6)
             moved = _moved(self._state[rows], delay_sd)
             velocities = bool(np.isfinite(innovations.nis_velocity).any())
-            changes, smallest = shock(found, velocities=velocities)
-            self._events += changes
+            shown = shocks(found, velocities=velocities)
             both = np.column_stack([np.diagonal(found.covariance, axis1=1, axis2=2), *_turned(found.covariance)])
             track = self._trajectory(
                 found.time,
@@ -215,7 +213,7 @@ class Record:
                 True,
             )
             smoothed = _smoothed(track, found, clock, moved)
-            smoothed = replace(smoothed, smallest_seen=smallest, changed=largest_change(found, velocities=velocities))
+            smoothed = replace(smoothed, smallest_seen=shown.smallest, surest=shown.surest, likely=shown.likely)
         spill.release()
         return Run(
             solution=filtered,

@@ -3,7 +3,7 @@
 The adjoint of the smoother is the derivative of the log-likelihood of all later innovations by a change of the state,
 and its matrix the information on that: the change that explains them best follows at every epoch, without another run
 (P. de Jong, J. Penzer, "Diagnosing shocks in time series", J. Am. Stat. Assoc. 93 (1998) 796-806). Beside position,
-velocity and biases a state is looked at that the filter lacks: a minute of drift that velocities do not know.
+velocity, attitude and biases a state is looked at that the filter lacks: a minute of drift that velocities do not know.
 What would not be seen follows from the same information (minimal detectable bias: W. Baarda, "A testing procedure for
 use in geodetic networks", Netherlands Geodetic Commission 2/5 (1968)).
 """
@@ -15,32 +15,29 @@ from typing import NamedTuple
 import numpy as np
 
 from insnav.filter.smoother import SmoothedErrors
-from insnav.plain_text import moment
-from insnav.types import BoolArray, Event, EventKind, FloatArray
+from insnav.kernels.dynamics import NAV
+from insnav.kernels.smoother import DRAG, SHOCK
+from insnav.types import BoolArray, FloatArray, StateChange
 from insnav.units import DEG
 
 
-class Change(NamedTuple):
-    """How a kind of change is said, and from where on."""
+class Kind(NamedTuple):
+    """A kind of change, and from where on it is said."""
 
-    told: str
-    unit: str
+    first: int  # of the three error states
     # twice the gain of the log-likelihood, chi-square with three degrees of freedom: of a true model once in 10^7
     # epochs; recorded drives without a fault have up to 28 in drifts, 50 in biases [-]
     limit: float
     beside: float  # so near a change shows, too; drifts fill many of the few minutes [s]
-    least: float = 0.0  # in the unit; biases of good sensors change by less
+    least: float = 0.0  # size; biases of good sensors change by less
 
 
-CHANGES = (
-    Change("fixes jump by {} at {} and stay there, against IMU and all others: either may be wrong", "m", 35.0, 20.0),
-    Change("the velocity of the fixes changes by {} at {} without the IMU: false fixes or samples", "m/s", 35.0, 20.0),
-    Change("positions drift by {} or more in the minute from {} on, unlike the velocities", "m/s", 35.0, np.inf),
-    Change("the gyro bias changes by {} at {} and stays so, against all fixes", "deg/s", 60.0, 120.0, 0.02),
-    Change("the accelerometer bias changes by {} at {} and stays so, against all fixes", "m/s^2", 60.0, 120.0, 0.02),
-)
-DRIFT = 2  # beside velocities
-OF_FIXES = 3  # the first of them: the smallest that would be seen is stated
+POSITION, VELOCITY, ATTITUDE = Kind(0, 35.0, 20.0), Kind(3, 35.0, 20.0), Kind(6, np.inf, 120.0)
+GYRO, ACCEL = Kind(NAV, 60.0, 120.0, 0.02 * DEG), Kind(NAV + 3, 60.0, 120.0, 0.02)
+DRIFT = Kind(0, 35.0, np.inf)  # beside velocities
+KINDS = POSITION, VELOCITY, ATTITUDE, GYRO, ACCEL, DRIFT  # as the kernel has them
+OF_FIXES = POSITION, VELOCITY, DRIFT  # the smallest that would be seen is stated
+TRIED = 45.0  # twice the gain of the log-likelihood from which a change may be one of several [-]
 USUAL = 4.0  # times what the drive shows a third time: recorded ones have more than the model has
 BEGIN_AND_END = 2  # a drag has both
 AT_REST = 1.0  # [m/s]
@@ -51,31 +48,40 @@ NEARLY_ALL = 0.9  # of the epochs see what is stated as seen
 NINE_IN_TEN = 1.28  # standard deviations by which a change must exceed the limit to be seen nine times in ten
 
 
-def shock(found: SmoothedErrors, *, velocities: bool = True) -> tuple[list[Event], FloatArray]:
-    """Event of the change that stands out most, if one does, and the smallest changes that would have been seen.
+class Shocks(NamedTuple):
+    """Changes of the state that later innovations ask for."""
 
-    These are a jump of the position [m], a change of velocity and a minute of drift [m/s], (3,), each seen nine times
-    in ten in all but a tenth of the record. Without GPS `velocities` there is nothing a drift is beside of.
-    """
+    surest: StateChange | None  # the one that stands out most, if one does
+    likely: tuple[StateChange, ...]  # of each kind, where other explanations fail, too; the clearest first
+    # (3,) jump of the position [m], change of velocity and a minute of drift [m/s] that would have been seen nine times
+    # in ten in all but a tenth of the record
+    smallest: FloatArray
+
+
+def shocks(found: SmoothedErrors, *, velocities: bool = True) -> Shocks:
+    """Changes that stand out; without GPS `velocities` there is nothing that a drift is beside of."""
     rows = settled(found)
-    time, smallest = found.time[rows], np.full(OF_FIXES, np.inf)
-    worst, events = 1.0, list[Event]()
-    for group, (told, unit, limit, beside, least) in enumerate(CHANGES):
-        gain, size, sd = found.shocks[rows, 3 * group : 3 * group + 3].T
-        if not np.isfinite(gain).any() or (group == DRIFT and not velocities):
+    time, smallest = found.time[rows], dict.fromkeys(OF_FIXES, np.inf)
+    worst, surest, likely = 1.0, None, list[StateChange]()
+    for kind, columns in zip(KINDS, np.split(found.shocks[rows], len(KINDS), axis=1), strict=True):
+        gain, vectors, sd = columns[:, 0], columns[:, 1:4], columns[:, SHOCK - 1]
+        if not np.isfinite(gain).any() or (kind is DRIFT and not velocities):
             continue
-        gain = np.nan_to_num(gain)
-        row, usual = clearest(time, gain, beside)
-        seen = max(limit, usual)
-        value = float(size[row]) / (DEG if unit == "deg/s" else 1.0)
-        if group < OF_FIXES:
-            excess = np.sqrt(seen / limit)  # of what the drive shows over what the model has
-            smallest[group] = (np.sqrt(seen) + NINE_IN_TEN * excess) * np.nanquantile(sd, NEARLY_ALL)
-        if gain[row] > worst * seen and value > least:
-            worst, at = float(gain[row]) / seen, float(time[row])
-            said = told.format(f"{value:.2g} {unit}", moment(at))
-            events = [Event(at, EventKind.CONTRADICTION, value, float("nan"), unit, said)]
-    return events, smallest
+        row, usual = clearest(time, np.nan_to_num(gain), kind.beside)
+        value, at = float(gain[row]), float(time[row])
+        change = StateChange(at, kind.first, vectors[row], value)
+        if kind is DRIFT:
+            change = StateChange(at + DRAG, kind.first, DRAG * vectors[row], value, at)
+        seen = max(kind.limit, usual)
+        if kind in OF_FIXES:
+            excess = np.sqrt(seen / kind.limit)  # of what the drive shows over what the model has
+            smallest[kind] = (np.sqrt(seen) + NINE_IN_TEN * excess) * np.nanquantile(sd, NEARLY_ALL)
+        if value > worst * seen and np.linalg.norm(vectors[row]) > kind.least:
+            worst, surest = value / seen, change
+        if value > max(TRIED, usual):
+            likely.append(change)
+    likely.sort(key=lambda change: -change.gain)
+    return Shocks(surest, tuple(likely), np.array(list(smallest.values())))
 
 
 def settled(found: SmoothedErrors) -> BoolArray:

@@ -29,7 +29,7 @@ class SmoothedErrors:
     variance: FloatArray  # (m, 12) of the smoothed sensor errors
     # (m, 25) of each fix, accepted or not, against filter and smoother; see `insnav.kernels.smoother.backward`
     innovations: FloatArray
-    shocks: FloatArray  # (m, 39) changes of the state that later measurements ask for, by the same kernel
+    shocks: FloatArray  # (m, 30) changes of the state that later measurements ask for, by the same kernel
 
 
 class History:
@@ -80,7 +80,7 @@ class History:
         head = spill.empty((count, kernel.RESIDUAL))
         after, before, variance = spill.empty((count, m)), spill.empty((count, m)), np.empty((count, SENSOR))
         covariance, innovations = spill.empty((count, NAV, NAV)), spill.empty((count, 25))
-        shocks, cross, ends = spill.empty((count, 39)), np.zeros((9, n + 3)), np.zeros((3, 5, 3))
+        shocks, cross, ends = spill.empty((count, 6 * kernel.SHOCK)), np.zeros((9, n + 3)), np.zeros((3, 5, 3))
         ends[1:, 4] = np.nan
         for number in range(len(self._blocks) - 1, -1, -1):
             last = min(count, (number + 1) * ROWS)

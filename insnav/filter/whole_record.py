@@ -17,14 +17,27 @@ Signal Processing 60 (2012) 5024-5037: smoothing repeated with weights of each m
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
-from insnav.filter.changes import BETTER, changes_of, false_between, mixed, told, unused
+from insnav.filter.changes import (
+    ATTITUDE,
+    BETTER,
+    changes_of,
+    either,
+    false_between,
+    measured,
+    mixed,
+    told,
+    unused,
+    with_,
+)
+from insnav.filter.changes import MOST as MOST_CHANGES
 from insnav.filter.gates import Gates, Trust
 from insnav.filter.parts import LONGEST_GAP
 from insnav.filter.settings import FilterSettings
@@ -53,6 +66,23 @@ ENDS = 0.2  # a fix so little before or after the track is compared with its end
 LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
 SURELY = 1.0  # twice the log-likelihood of a fix, on average, by which another explanation is better [-]
 OPEN_START = 3000.0  # standard deviation of a first position that may be false [m]
+
+
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """A run by one explanation of what contradicts."""
+
+    run: Run
+    navigate: Callable[..., Run]  # with the same once more: changes, and which fixes to leave out
+    events: tuple[Event, ...] = ()
+    trust: Trust | None = None  # fixes left out
+    agreed: bool = True  # whether it explains anything
+
+    def again(self, changes: tuple[StateChange, ...], trust: Trust | None = None) -> Run:
+        """Navigate with further changes, and further fixes left out."""
+        if self.trust is not None and trust is not None:
+            trust = replace(trust, false=trust.false | self.trust.false)
+        return self.navigate(trust=trust or self.trust, changes=changes)
 
 
 def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> tuple[FloatArray, FloatArray]:
@@ -102,42 +132,77 @@ def decided(
         return unlikely(run, gps, settings, unused(changes, gps, settings.delay))
 
     against = contradicted(first, gps, settings)
-    if not against and all(event.kind is not EventKind.CONTRADICTION for event in first.events):
+    if not against and first.smoothed.surest is None:
         return first, ()
-    found, events = first, tuple[Event, ...]()
+    found = Explained(first, partial(again, gps, gates=settings.gates))
+    others = list[Run]()
     starts = STARTS if np.isfinite(gps.v_n).any() else ALONE
     for start in starts if against else ():
-        found, events = reconcile(first, gps, settings, again, start)
-        if found is not first:
+        weighed = reconcile(first, gps, settings, again, start)
+        if weighed.agreed:
+            found, others = weighed, []
             break
+        found = replace(found, events=weighed.events)
+        others.append(weighed.run)
     changes = changes_of(lambda changes: again(gps, changes=changes), worth)
-    if not changes:
-        return found, events
-    of_imu = tuple(change for change in changes if change.first >= 6)
-    of_fixes = tuple(change for change in changes if change.first < 6)
-    runs = [again(gps, changes=changes, gates=gates) for gates in (settings.gates, OPEN)]
-    run = min(runs, key=lambda run: worth(run, changes))
-    # where false fixes explain it, changes must explain much more
-    margin = BETTER if found is first else max(BETTER, SURELY * run.innovations.time.size)
-    if worth(run, changes) > worth(found) - margin:
-        return found, events
-    said = told(of_imu, "likelier than false fixes; taken into account")
-    trust = false_between(of_fixes, gps, settings.delay)
+    if changes:
+        ways = [partial(again, gps, gates=gates) for gates in (settings.gates, OPEN)]
+        runs = [way(changes=changes) for way in ways]
+        best = int(np.argmin([worth(run, changes) for run in runs]))
+        # where false fixes explain it, changes must explain much more
+        margin = BETTER if found.run is first else max(BETTER, SURELY * first.innovations.time.size)
+        if worth(runs[best], changes) <= worth(found.run) - margin:
+            found, others = Explained(runs[best], ways[best]), []
+        else:
+            changes = ()
+    run, said = _left_open(found, changes, gps, settings, worth)
+    for other in others:
+        run = either(run, other)
+    return run, (*found.events, *said)
+
+
+def _left_open(
+    found: Explained,
+    likely: tuple[StateChange, ...],
+    gps: GpsData,
+    settings: FilterSettings,
+    worth: Callable[[Run, tuple[StateChange, ...]], float],
+) -> tuple[Run, list[Event]]:
+    """Take what stands out in a run as another change, while that makes it likelier, and widen standard deviations.
+
+    `likely`: changes that the run has.
+    """
+    run, other, changes, sure = found.run, found.run, likely, True
+    while run.smoothed is not None and run.smoothed.surest is not None and len(changes) < MOST_CHANGES:
+        surest = run.smoothed.surest
+        tried = [(more, found.again(changes=more)) for more in with_(changes, surest)]
+        costs = [worth(other, more) + BETTER * sum(not each.change.any() for each in more) for more, other in tried]
+        better, other = tried[int(np.argmin(costs))]
+        if worth(other, better) > worth(run, changes) - BETTER:
+            if not changes:
+                changes, sure = (surest,), False
+            break
+        run, changes = other, tuple(measured(each, other) for each in better)
+    of_imu, of_fixes = (tuple(each for each in changes if (each.first >= ATTITUDE) is imu) for imu in (True, False))
+    perhaps = "against all fixes, which may be false; standard deviations hold both"
+    said = told(of_imu, "likelier than false fixes; taken into account" if sure else perhaps)
+    trust, lasting = false_between(of_fixes, gps, settings.delay), tuple(each for each in of_fixes if each.change.any())
     if trust is not None:
-        off, _ = residuals(again(gps, trust, changes=of_imu), gps, settings)
-        trust = replace(trust, residual=np.linalg.norm(off, axis=2))
-        run = again(gps, trust, changes=of_imu)
-        said += told_false(gps, trust)
-    elif of_fixes:
-        run = mixed(run, of_fixes)
+        run = found.again(trust=trust, changes=of_imu)
+    elif lasting:
+        trust = unused(tuple(each for each in of_fixes if each not in lasting), gps, settings.delay)
+        run = mixed(run, lasting)
         why = "against the IMU and all others; those before or those after are false, standard deviations hold both"
-        said += told(of_fixes, why)
-    return run, tuple(said)
+        said += told(lasting, why)
+    if trust is not None:
+        off, _ = residuals(run, gps, settings)
+        said += told_false(gps, replace(trust, residual=np.linalg.norm(off, axis=2)))
+    return run if sure else either(run, other), said
 
 
 def reconcile(
     first: Run, gps: GpsData, settings: FilterSettings, again: Callable[..., Run], start: tuple[float, float, bool]
-) -> tuple[Run, tuple[Event, ...]]:
+) -> Explained:
     """Weigh the fixes until they agree with the smoothed track, and leave out those of no weight; see `decided`.
 
     `start`: by which the standard deviations of positions and velocities are larger at first, and whether that fades
@@ -148,7 +213,8 @@ def reconcile(
     weights = np.ones((2, 1)) if fades else open_
     for left, strictness in zip(np.linspace(1.0, 0.0, len(STRICTNESS)), STRICTNESS, strict=True):
         wide, limit = (_weighted(gps, open_**left), LIMIT) if fades else (gps, LIMIT * strictness)
-        off, square = residuals(again(_weighted(wide, weights), opened=OPEN_START), wide, settings)
+        run = again(_weighted(wide, weights), opened=OPEN_START)
+        off, square = residuals(run, wide, settings)
         square = square / scale[:, None]
         weights = np.where(np.isfinite(square), (limit / (limit + square)) ** 2, 1.0)
     size, gates = np.linalg.norm(off, axis=2), settings.gates
@@ -167,13 +233,15 @@ def reconcile(
         begin = int(np.searchsorted(gps.time, first.alignment.time, side="right")) + 1  # up to the first one used
         opened = OPEN_START if false[0, :begin].any() else 0.0
         trust = Trust(false, size)
-        run = again(_weighted(gps, np.where(false, 1.0, weights)), trust, opened)
+        better = partial(again, _weighted(gps, np.where(false, 1.0, weights)), opened=opened)
+        run = better(trust=trust)
         if _diverged(run) <= _diverged(first):
-            return run, tuple(told_false(gps, trust))
+            return Explained(run, better, tuple(told_false(gps, trust)), trust)
         reason = "leaving fixes out makes it worse"
     said = f"fixes and IMU contradict each other, and {reason}; the decisions of the filter stand (events.csv)"
     begin_at = float(first.innovations.time[0])
-    return first, (Event(begin_at, EventKind.CONTRADICTION, float("nan"), float("nan"), "", said),)
+    event = Event(begin_at, EventKind.CONTRADICTION, float("nan"), float("nan"), "", said)
+    return Explained(run, again, (event,), agreed=False)
 
 
 def _diverged(run: Run) -> int:

@@ -22,6 +22,8 @@ FINE = 0.01  # a sensor whose steps are larger, by its largest value, is coarse,
 CLIPPED = 3  # samples in a row at the largest value of the record that are the end of a range
 STUCK = 20  # samples in a row with the same value, at least, that may be a stuck sensor ...
 STUCK_TIME = 0.5  # ... and at least so long [s]
+BRIDGED = 1.0  # longer rows below the end of the range are used: more is lost with them than they are wrong [s]
+UNLIKE = 0.9  # part of the other values beside such rows that are all different: no steps, no dead band
 COMPARABLE = 2.0  # blocks whose other axes are that much more or less active are comparable
 ENOUGH = 10  # comparable blocks that can tell what is usual
 UNUSUAL = 0.01  # share of comparable blocks that may be as still as a stuck sensor
@@ -31,6 +33,7 @@ LONGEST = 3  # rows of repeats that do not count as usual: a fault is a few long
 OFTEN, FAR_LONGER = 200, 4.0  # ... or up to so many that are all so many times longer than the next
 CONSTANT = 1e-9  # a smaller change, in parts of the largest value, is none
 BY_CHANCE = 1e-6  # expected number of rows that long in the record, as often as values repeat elsewhere
+OUT = "taken out, bridged like a data gap"
 _AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")
 
 
@@ -88,21 +91,25 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
         step = np.abs(np.diff(column[: 1 << 16]))
         finest = float(np.min(step[step > 0.0], initial=np.inf))
         far = largest > 4.0 * float(np.abs(column - np.median(column)).mean())
-        clipped = (np.abs(column[first]) >= largest * (1.0 - 1e-9)) & (count >= CLIPPED) & far
+        clipped = (np.abs(column[first]) >= largest * (1.0 - 1e-9)) & far
+        bounded = _bounded(column, first, count)
+        long = bounded & ~clipped & (_length(imu.time, first, count) > BRIDGED)
+        clipped |= bounded & ~long
         clipped &= (finest < FINE * largest) & _others_vary(quiet, axis, first, count)
-        stuck = ~clipped & (count >= STUCK) & (_length(imu.time, first, count) >= STUCK_TIME)
+        stuck = ~clipped & ~long & (count >= STUCK) & (_length(imu.time, first, count) >= STUCK_TIME)
         stuck &= _others_vary(quiet, axis, first, count) & _no_chance(same[:, axis], first, count)
         stuck[stuck] = activity.unusual(column, axis, first[stuck], count[stuck])
         found += [
-            (EventKind.IMU_SATURATED, first[clipped], count[clipped], f"{_AXES[axis]} at the end of its range"),
-            (EventKind.IMU_STUCK, first[stuck], count[stuck], f"{_AXES[axis]} does not change"),
+            (EventKind.IMU_SATURATED, first[clipped], count[clipped], f"{_AXES[axis]} at the end of its range: {OUT}"),
+            (EventKind.IMU_SATURATED, first[long], count[long], f"{_AXES[axis]} limited for long: used as it is"),
+            (EventKind.IMU_STUCK, first[stuck], count[stuck], f"{_AXES[axis]} does not change: {OUT}"),
         ]
     if repeats.all():
         frozen = _frozen(imu.time, same, values, activity)
-        found.append((EventKind.IMU_STUCK, *frozen, "all six axes repeat the same values"))
+        found.append((EventKind.IMU_STUCK, *frozen, f"all six axes repeat the same values: {OUT}"))
     for kind, first, count, what in found:
         for start, number in zip(first, count, strict=True):
-            lost[start : start + number] = True
+            lost[start : start + number] |= what.endswith(OUT)
             events.append(
                 Event(
                     float(imu.time[start]),
@@ -110,7 +117,7 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
                     float(imu.time[start + number - 1] - imu.time[start]),
                     float("nan"),
                     "s",
-                    f"{what}: taken out, bridged like a data gap",
+                    what,
                 )
             )
     if not events:
@@ -209,6 +216,18 @@ class _Activity:
         """Blocks that a row of samples fills, at least one."""
         start = min(-(-int(first) // self.length), self.square.shape[0] - 1)
         return slice(start, max((int(first) + int(count)) // self.length, start + 1))
+
+
+def _bounded(column: FloatArray, first: IntArray, count: IntArray) -> BoolArray:
+    """Rows of repeats at a value that none beside them exceeds, of a sensor that shows no other value twice there."""
+    found = np.zeros(first.size, dtype=np.bool_)
+    for level in np.unique(column[first]):
+        rows = np.flatnonzero(column[first] == level)
+        inside = column[first[rows[0]] : first[rows[-1]] + count[rows[-1]]]
+        others = inside[np.abs(inside) != np.abs(level)]
+        if rows.size >= CLIPPED and others.size >= STUCK and np.unique(others).size > UNLIKE * others.size:
+            found[rows] = (np.sign(level) * others < np.abs(level)).all()
+    return found
 
 
 def _resolution(column: FloatArray, held: FloatArray) -> FloatArray:

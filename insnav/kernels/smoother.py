@@ -21,7 +21,7 @@ JACOBIAN = NOISE + 36
 COAST, RESTART = 0, -1  # kinds; else a bit for each row of the measurement that was used
 POSITION, VELOCITY = 7, 56
 FIX, AIDING = 1, 2  # sources of a measurement
-VECTORS = 15  # first column of the shocks as vectors
+SHOCK = 5  # numbers of a change: see `_change`
 DRAG = 60.0  # duration of the drags that are looked for [s]
 
 
@@ -136,9 +136,8 @@ def backward(  # type: ignore[no-untyped-def]
     `covariance` (m, 9, 9) of smoothed position, velocity and attitude, as in `at_fix_time`; `variance` (m, 12) of the
     smoothed sensor errors; `innovations` (m, 25): where there was a fix, predicted minus measured and the variance of
     the prediction, by the filter before it (0 to 11) and smoothed (12 to 23), and the filter's variance of the attitude
-    error about Down (24); elsewhere ``NaN``; `shocks` (m, 39): see `_change`, of position, velocity, a minute of drag
-    that begins at the epoch, and biases of gyros and accelerometers; from `VECTORS` on, gain and change as a vector of
-    position, velocity, attitude, both biases and the drag.
+    error about Down (24); elsewhere ``NaN``; `shocks` (m, 6 * SHOCK): see `_change`, of position, velocity, attitude,
+    biases of gyros and accelerometers, and a minute of drag that begins at the epoch.
     """
     p, part, removed = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
     z, h, hp, weight = np.zeros(6), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n))
@@ -215,21 +214,17 @@ def backward(  # type: ignore[no-untyped-def]
             x[i] = row[STATE + i]
         at_fix_time(part, x, covariance[k])
         _compare(row, n, p, removed, moved, innovations[k])
-        _change(adjoint[:3], information[:3, :3], shocks[k, :3])
-        _change(adjoint[3:6], information[3:6, 3:6], shocks[k, 3:6])
-        _minute(row[TIME], n, cross, ends, shocks[k, 6:9], shocks[k, VECTORS + 20 :])
-        for i in range(0, NAV + 6, 3):
-            by, own = adjoint[i : i + 3], information[i : i + 3, i : i + 3]
-            if i >= NAV:
-                _change(by, own, shocks[k, i : i + 3])
-            _change(by, own, shocks[k, VECTORS + 4 * (i // 3) :][:4])
+        for i in range(5):
+            j = 3 * i
+            _change(adjoint[j : j + 3], information[j : j + 3, j : j + 3], shocks[k, SHOCK * i :])
+        _minute(row[TIME], n, cross, ends, shocks[k, SHOCK * 5 :])
         span = row[TIME] - (history[k - 1, TIME] if k > 0 else ends[0, 4, 0])
         _undragged(row, n, span, adjoint, information, cross, ends)
         _past(row, n, adjoint, information, part, moved)
 
 
 @njit(cache=True)
-def _minute(time, n, cross, ends, out, vector):  # type: ignore[no-untyped-def]
+def _minute(time, n, cross, ends, out):  # type: ignore[no-untyped-def]
     """Ask for a drag that begins now and ended a minute later, if that is one of the ends, and let a new end be now.
 
     A drag is a state that the filter lacks: the velocity by which positions leave the track, and no velocity does.
@@ -239,7 +234,6 @@ def _minute(time, n, cross, ends, out, vector):  # type: ignore[no-untyped-def]
     """
     by, block = np.zeros(3), np.zeros((3, 3))
     out[:] = np.nan
-    vector[:] = np.nan
     for e in range(2):
         end, at = ends[1 + e], 3 + 3 * e
         if time <= end[4, 0] - DRAG:
@@ -248,7 +242,6 @@ def _minute(time, n, cross, ends, out, vector):  # type: ignore[no-untyped-def]
                 for j in range(3):
                     block[i, j] = cross[i, n + j] + end[1 + i, j] - cross[at + i, n + j] - cross[at + j, n + i]
             _change(by, block, out)
-            _change(by, block, vector)
             end[4, 0] = np.nan
         if np.isnan(end[4, 0]) and not ends[2 - e, 4, 0] < time + 0.5 * DRAG:
             end[4, 0] = time
@@ -295,11 +288,11 @@ def _change(by, information, out):  # type: ignore[no-untyped-def]
     """Change of three states that explains all later innovations best, and how much better.
 
     `by` (3,), `information` (3, 3): derivative of the log-likelihood by the change, and its variance.
-    `out` (3,) or (4,): twice the gain of the log-likelihood, chi-square distributed with three degrees of freedom where
-    nothing changed, the size of the change, and the larger standard deviation of its first two parts; ``NaN`` where
-    later measurements do not tell. Of four the last three are the change itself.
+    `out` (SHOCK,) or more: twice the gain of the log-likelihood, chi-square distributed with three degrees of freedom
+    where nothing changed, the change, and the larger standard deviation of its first two parts; ``NaN`` where later
+    measurements do not tell.
     """
-    out[:] = np.nan
+    out[:SHOCK] = np.nan
     a, b, c = information[0, 0], information[1, 1], information[2, 2]
     d, e, f = information[0, 1], information[0, 2], information[1, 2]
     det = a * (b * c - f * f) - d * (d * c - e * f) + e * (d * f - b * e)
@@ -307,15 +300,11 @@ def _change(by, information, out):  # type: ignore[no-untyped-def]
         return
     own = (b * c - f * f) / det, (a * c - e * e) / det, (a * b - d * d) / det
     de, df, ef = (e * f - d * c) / det, (d * f - b * e) / det, (d * e - a * f) / det
-    x = own[0] * by[0] + de * by[1] + df * by[2]
-    y = de * by[0] + own[1] * by[1] + ef * by[2]
-    z = df * by[0] + ef * by[1] + own[2] * by[2]
-    out[0] = x * by[0] + y * by[1] + z * by[2]
-    if out.shape[0] == 4:
-        out[1], out[2], out[3] = x, y, z
-        return
-    out[1] = np.sqrt(x * x + y * y + z * z)
-    out[2] = np.sqrt(max(own[0], own[1]))
+    out[1] = own[0] * by[0] + de * by[1] + df * by[2]
+    out[2] = de * by[0] + own[1] * by[1] + ef * by[2]
+    out[3] = df * by[0] + ef * by[1] + own[2] * by[2]
+    out[0] = out[1] * by[0] + out[2] * by[1] + out[3] * by[2]
+    out[4] = np.sqrt(max(own[0], own[1]))
 
 
 @njit(cache=True)

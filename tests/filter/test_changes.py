@@ -10,10 +10,10 @@ import pytest
 from insnav.attitude import dcm_from_rph
 from insnav.earth import ned_offset
 from insnav.errors.metrics import position_errors
-from insnav.filter.changes import false_between, largest_change, mixed, offset
+from insnav.filter.changes import false_between, mixed, offset
 from insnav.filter.navigate import Navigated, navigate_recording
+from insnav.filter.shocks import shocks
 from insnav.imu import load_imu
-from insnav.kernels.smoother import VECTORS
 from insnav.simulate.faults import gps_drag, gps_jump
 from insnav.simulate.gps_file import load_gps
 from insnav.simulate.motion import load_profile
@@ -75,23 +75,17 @@ def test_a_jump_of_metres_by_a_receiver_good_to_centimetres_is_left_out():
     assert np.hypot(*position_errors(done.run.smoothed.solution, made.reference).position[:, :2].T).max() < 0.3
 
 
-def test_the_largest_change_is_that_of_the_shocks():
-    found = smoothed(0, "step", 0.05)
-    change = largest_change(found)
-    assert change is not None
+def test_the_clearest_changes_are_vectors():
+    found = shocks(smoothed(0, "step", 0.05))
+    change = found.likely[0]
     assert change.first == 9
     assert change.time == pytest.approx(drives.truth().start + SHOCK, abs=5.0)
     np.testing.assert_allclose(np.rad2deg(change.change), [0.0, 0.0, -0.05], atol=0.01)
-    for group, first in ((0, 0), (1, 3), (3, 9), (4, 12)):  # the same as in words
-        gain, *vector = found.shocks[:, VECTORS + 4 * (first // 3) :][:, :4].T
-        np.testing.assert_array_equal(gain, found.shocks[:, 3 * group])
-        np.testing.assert_allclose(np.linalg.norm(vector, axis=0), found.shocks[:, 3 * group + 1])
-    assert largest_change(smoothed(0)) is None
+    assert change.gain >= found.likely[-1].gain
+    assert shocks(smoothed(0)).likely == ()
     dragged = smoothed(0, "minute", 0.5)
-    assert np.isfinite(largest_change(dragged).since)
-    assert (
-        largest_change(dragged, velocities=False) is None or largest_change(dragged, velocities=False).since == np.inf
-    )
+    assert np.isfinite(shocks(dragged).likely[0].since)
+    assert not any(np.isfinite(each.since) for each in shocks(dragged, velocities=False).likely)
 
 
 def jump(time: float, metres: float) -> StateChange:

@@ -86,13 +86,13 @@ def _samples_lost(run: Run) -> list[str]:
     lost: dict[str, list[Event]] = {}
     for event in run.events:
         if event.kind in (EventKind.IMU_STUCK, EventKind.IMU_SATURATED):
-            lost.setdefault(event.action.partition(":")[0], []).append(event)
+            lost.setdefault(event.action, []).append(event)
         elif event.kind == EventKind.IMU_GAP and event.value > _LONG_GAP:
-            lost.setdefault("samples are missing", []).append(event)
+            lost.setdefault("samples are missing: bridged like a data gap", []).append(event)
     return [
         f"{what}: {_times(len(found))}, {sum(event.value for event in found):.3g} s in all, first at "
-        f"{moment(found[0].time)}; bridged like a data gap"
-        for what, found in lost.items()
+        f"{moment(found[0].time)}; {how.removeprefix('taken out, ')}"
+        for (what, _, how), found in ((text.partition(": "), found) for text, found in lost.items())
     ]
 
 
