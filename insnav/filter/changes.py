@@ -41,28 +41,36 @@ TOLD = {
 
 
 def changes_of(
-    again: Callable[[tuple[StateChange, ...]], Run], unlikely: Callable[[Run, tuple[StateChange, ...]], float]
-) -> tuple[StateChange, ...]:
-    """Find the changes one after the other; `again`: navigates without gates, with changes taken off.
+    run: Run,
+    changes: tuple[StateChange, ...],
+    again: Callable[..., Run],
+    unlikely: Callable[[Run, tuple[StateChange, ...]], float],
+    *,
+    only_surest: bool = False,
+) -> tuple[Run, tuple[StateChange, ...], Run]:
+    """Find changes one after the other, beside those that a run has, while they make it likelier.
 
-    What a step of a bias explains as well is no turn of the IMU.
+    `again`: navigates with changes taken off. What a step of a bias explains as well is no turn of the IMU, and what
+    lasts as well does not pass. Returns: the run, its changes, and the last run that was tried.
     """
-    changes: tuple[StateChange, ...] = ()
-    run = again(changes)
-    while run.smoothed is not None and run.smoothed.likely and len(changes) < MOST:
-        clearest, *others = run.smoothed.likely
-        wanted = [clearest, *(each for each in others if clearest.first == ATTITUDE and each.first > ATTITUDE)]
-        tried = [(more, again(more)) for added in wanted for more in with_(changes, added)]
-        costs = [unlikely(run, more) + BETTER * _turns(more) for more, run in tried]
-        best = int(np.argmin(costs))
-        if costs[best] - BETTER * _turns(tried[best][0]) > unlikely(run, changes) - BETTER:
+    other = run
+    while run.smoothed is not None and len(changes) < MOST:
+        wanted = list(run.smoothed.likely[:1])
+        if only_surest:
+            wanted = [run.smoothed.surest] if run.smoothed.surest is not None else []
+        elif wanted and wanted[0].first == ATTITUDE:
+            wanted += [each for each in run.smoothed.likely[1:] if each.first > ATTITUDE]
+        tried = [(more, again(changes=more)) for added in wanted for more in with_(changes, added)]
+        if not tried:
             break
-        changes, run = tried[best]
-    return tuple(measured(each, run) for each in changes)
-
-
-def _turns(changes: tuple[StateChange, ...]) -> int:
-    return sum(each.first == ATTITUDE for each in changes)
+        bold = [sum(each.first == ATTITUDE or not each.change.any() for each in more) for more, _ in tried]
+        costs = [unlikely(some, more) for more, some in tried]
+        best = int(np.argmin(np.array(costs) + BETTER * np.array(bold)))
+        more, other = tried[best]
+        if costs[best] > unlikely(run, changes) - BETTER:
+            break
+        run, changes = other, more
+    return run, tuple(measured(each, run) for each in changes), other
 
 
 def measured(change: StateChange, run: Run) -> StateChange:

@@ -31,13 +31,10 @@ from insnav.filter.changes import (
     changes_of,
     either,
     false_between,
-    measured,
     mixed,
     told,
     unused,
-    with_,
 )
-from insnav.filter.changes import MOST as MOST_CHANGES
 from insnav.filter.gates import Gates, Trust
 from insnav.filter.parts import LONGEST_GAP
 from insnav.filter.settings import FilterSettings
@@ -144,7 +141,7 @@ def decided(
             break
         found = replace(found, events=weighed.events)
         others.append(weighed.run)
-    changes = changes_of(lambda changes: again(gps, changes=changes), worth)
+    _, changes, _ = changes_of(again(gps), (), partial(again, gps), worth)
     if changes:
         ways = [partial(again, gps, gates=gates) for gates in (settings.gates, OPEN)]
         runs = [way(changes=changes) for way in ways]
@@ -172,17 +169,10 @@ def _left_open(
 
     `likely`: changes that the run has.
     """
-    run, other, changes, sure = found.run, found.run, likely, True
-    while run.smoothed is not None and run.smoothed.surest is not None and len(changes) < MOST_CHANGES:
-        surest = run.smoothed.surest
-        tried = [(more, found.again(changes=more)) for more in with_(changes, surest)]
-        costs = [worth(other, more) + BETTER * sum(not each.change.any() for each in more) for more, other in tried]
-        better, other = tried[int(np.argmin(costs))]
-        if worth(other, better) > worth(run, changes) - BETTER:
-            if not changes:
-                changes, sure = (surest,), False
-            break
-        run, changes = other, tuple(measured(each, other) for each in better)
+    run, changes, other = changes_of(found.run, likely, found.again, worth, only_surest=True)
+    sure = bool(changes) or run.smoothed is None or run.smoothed.surest is None
+    if not sure and run.smoothed is not None and run.smoothed.surest is not None:
+        changes = (run.smoothed.surest,)
     of_imu, of_fixes = (tuple(each for each in changes if (each.first >= ATTITUDE) is imu) for imu in (True, False))
     perhaps = "against all fixes, which may be false; standard deviations hold both"
     said = told(of_imu, "likelier than false fixes; taken into account" if sure else perhaps)
