@@ -204,9 +204,7 @@ def told(changes: tuple[StateChange, ...], why: str) -> list[Event]:
         size = scale * float(np.linalg.norm(each.change))
         said = f"{text.format(size)} at {moment(each.time)}"
         if np.isfinite(each.since):
-            said = (
-                f"positions drift from {each.since:.1f} to {each.time:.1f} s unlike the velocities, {size:.2g} m in all"
-            )
+            said = f"positions drift from {moment(each.since, each.time)}, unlike the velocities, {size:.2g} m in all"
         return Event(each.begin, EventKind.CONTRADICTION, size, np.nan, unit, f"{said}: {why}")
 
     turns = tuple(each for each in changes if each.first == ATTITUDE)

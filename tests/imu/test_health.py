@@ -51,6 +51,19 @@ def test_a_spike_is_replaced_and_nothing_else(imu, axis, size):
     np.testing.assert_array_equal(after, whole)
 
 
+def test_a_limit_below_the_largest_value_is_one_too(imu):
+    """Gyros that clip at less than the largest value of the record: runs of the same value that none beside exceeds."""
+    rows = slice(1000, 1400)
+    limit = np.quantile(imu.gyro[rows, 2], 0.7)
+    bad = changed(imu, rows, 2, np.minimum(imu.gyro[rows, 2], limit))
+    bad = changed(bad, 200, 2, 2.0 * abs(limit) + 0.1)
+    found, events = inspect(bad)
+    clipped = [event for event in events if event.kind is EventKind.IMU_SATURATED]
+    assert clipped
+    assert all(imu.time[1000] <= event.time < imu.time[1400] for event in clipped)
+    assert found.time.shape[0] < imu.time.shape[0]
+
+
 def test_increments_are_judged_as_rates(imu):
     step = np.diff(imu.time, prepend=imu.time[0] - 0.02)[:, None]
     bad = changed(imu, 700, 2, 3.0)
