@@ -7,8 +7,9 @@ from math import factorial
 from typing import Protocol
 
 import numpy as np
-from scipy.interpolate import PPoly, make_interp_spline
+from scipy.interpolate import BSpline, PPoly, make_interp_spline
 
+from insnav.spill import by_blocks
 from insnav.types import FloatArray
 
 
@@ -61,36 +62,44 @@ class Harmonic:
 
 @dataclass(frozen=True, slots=True)
 class Spline:
-    """Piecewise polynomial."""
+    """Piecewise polynomial, with coefficients of shape ``(degree + 1, pieces, m)``."""
 
-    # the function and its first two derivatives, each a polynomial of its own: half the cost of ``nu``
-    derivatives: tuple[PPoly, PPoly, PPoly]
+    polynomials: PPoly
 
     @property
     def knots(self) -> FloatArray:
         """Where the polynomials meet [s]."""
-        breaks: FloatArray = self.derivatives[0].x
+        breaks: FloatArray = self.polynomials.x
         return breaks
 
     def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
-        """Values ``(n, 3)`` of derivative number `order` at times `t` ``(n,)`` [s]."""
-        value: FloatArray = self.derivatives[order](t)
-        return value
+        """Values ``(n, m)`` of derivative number `order` at times `t` ``(n,)`` [s]."""
+        return by_blocks(lambda part: self._values(part, order), t)
+
+    def _values(self, t: FloatArray, order: int) -> FloatArray:
+        """Differentiate only the pieces where `t` is: kept for the whole motion that takes more than its samples."""
+        c, x = self.polynomials.c, self.polynomials.x
+        first, last = np.searchsorted(x[1:-1], (t.min(), t.max()), side="right")
+        part = PPoly.construct_fast(c[:, first : last + 1], x[first : last + 2])
+        for _ in range(order):
+            part = part.derivative()
+        values: FloatArray = part(t)
+        return values
 
     def integral(self) -> Spline:
         """Integrate; the result is zero at the first knot."""
-        return spline_of(self.derivatives[0].antiderivative())
+        return Spline(self.polynomials.antiderivative())
 
 
-def spline_of(polynomials: PPoly) -> Spline:
-    """Curve of a piecewise polynomial with coefficients of shape ``(degree + 1, pieces, 3)``."""
-    first = polynomials.derivative()
-    return Spline((polynomials, first, first.derivative()))
+def spline_of(basis: BSpline) -> Spline:
+    """The same function, by the polynomials between its knots."""
+    breaks = np.unique(basis.t)
+    taylor = np.empty((basis.k + 1, breaks.size - 1, *basis.c.shape[1:]))
+    for k in range(basis.k + 1):
+        taylor[basis.k - k] = basis(breaks[:-1], nu=k) / factorial(k)
+    return Spline(PPoly(taylor, breaks))
 
 
 def spline_through(t: FloatArray, values: FloatArray, degree: int = 7) -> Spline:
     """Interpolating spline of odd degree through values ``(m, 3)``, continuous in ``degree - 1`` derivatives."""
-    basis = make_interp_spline(t, values, k=degree)
-    breaks = np.unique(basis.t)
-    taylor = [basis(breaks[:-1], nu=k) / factorial(k) for k in range(degree, -1, -1)]
-    return spline_of(PPoly(np.stack(taylor), breaks))
+    return spline_of(make_interp_spline(t, values, k=degree))

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline, PchipInterpolator, PPoly
+from scipy.interpolate import BSpline, PchipInterpolator
 from scipy.linalg import solveh_banded
 from scipy.sparse import csr_array, diags_array
 
@@ -200,10 +200,7 @@ def _fitted(
 
 
 def _curve(duration: float, spacing: float, coefficients: FloatArray) -> Spline:
-    spline = BSpline(_knots(duration, spacing), coefficients, _DEGREE)
-    breaks = np.unique(spline.t)
-    taylor = [spline(breaks[:-1], nu=k) / math.factorial(k) for k in range(_DEGREE, -1, -1)]
-    return spline_of(PPoly(np.stack(taylor), breaks))
+    return spline_of(BSpline(_knots(duration, spacing), coefficients, _DEGREE))
 
 
 def _attitude(track: Trajectory) -> FloatArray:

@@ -13,7 +13,7 @@ from scipy.interpolate import PPoly
 from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat_multiply
 from insnav.earth import radii
 from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
-from insnav.simulate.curves import Spline, spline_of, spline_through
+from insnav.simulate.curves import Spline, spline_through
 from insnav.simulate.earthfixed import EarthTruth, Turns
 from insnav.simulate.imu_errors import Seed
 from insnav.simulate.motion.kinds import Kind
@@ -194,11 +194,11 @@ def turns_of(moves: Sequence[Move], spacing: float) -> Turns:
         else:
             count = max(_DEGREE + 2, math.ceil(move.duration / spacing) + 1)
             local = np.linspace(0.0, move.duration, count)
-            polynomials = spline_through(local, move.body(local), _DEGREE).derivatives[0]
+            polynomials = spline_through(local, move.body(local), _DEGREE).polynomials
             pieces.append(polynomials.c)
             breaks.append(begin + polynomials.x[1:])
             after = quat_multiply(base[-1][None], quat_from_rotvec(move.body(local[-1:])))[0]
         edges.append(float(breaks[-1][-1]))
         base.append(after)
     polynomials = PPoly(np.concatenate(pieces, axis=1), np.concatenate(breaks))
-    return Turns(np.array(edges[:-1]), np.array(base[:-1]), spline_of(polynomials))
+    return Turns(np.array(edges[:-1]), np.array(base[:-1]), Spline(polynomials))
