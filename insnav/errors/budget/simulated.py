@@ -25,6 +25,7 @@ from insnav.simulate.imu_errors import flicker
 from insnav.types import FloatArray, IntArray
 from insnav.units import G0
 
+_NO_TERMS = ErrorTerms()
 _BLOCK = 500  # runs that one process makes at a time; it is started for more than these
 # terms that `sample_errors` and the compiled kernel have; all others are made sample by sample before it
 _IN_KERNEL = (
@@ -92,7 +93,6 @@ def _states(
     """States of some runs after the samples `rows`, (runs, m, 10)."""
     truth, inc, n = motion.truth, motion.increments, int(rows[-1])
     height, v_down = truth.lla[1 : n + 1, 2].copy(), truth.v_n[1 : n + 1, 2].copy()
-    start_q = quat_from_rph(truth.rph[0])
     states = np.empty((len(numbers), len(rows), 10))
     base = (motion.rate[:n], motion.force[:n], inc.coning[:n], inc.sculling[:n])
     carried = np.array([source.sd * np.array(source.joint) for source in known]).reshape(len(known), STATES)
@@ -101,21 +101,28 @@ def _states(
         np.any(getattr(getattr(spec, each), t.key)) for each in SENSORS for t in _made(each)
     )
     more, of_spec = np.zeros((0, 6)), _of_spec(spec)
-    for place, run in enumerate(numbers):
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,)))
-        errors = sample_errors(spec, rng)
-        together = rng.standard_normal(len(known)) @ carried if known else np.zeros(STATES)
-        x = _start(spec.initial or InitialSpec(), motion, start_q, rng, hold, together[:9])
+    rngs = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,))) for run in numbers]
+    sampled, together, drawn = [], np.zeros((len(rngs), STATES)), np.empty((len(rngs), 9))
+    for place, rng in enumerate(rngs):
+        sampled.append(_of_errors(sample_errors(spec, rng)))
+        if known:
+            together[place] = rng.standard_normal(len(known)) @ carried
+        drawn[place] = rng.standard_normal(9)
+    starts = _starts(spec.initial or InitialSpec(), motion, drawn, hold, together[:, :9])
+    for place, rng in enumerate(rngs):
+        taken_off = together[place, 9:].reshape(4, 3)
+        sampled[place][0][:] -= taken_off[:2].ravel()
+        sampled[place][1][:, range(3), range(3)] -= taken_off[2:]
         if some:
             more = _more(spec, motion, n, rng, changes)
         gravity = -deflection * G0 * rng.standard_normal(3)
         _kernel.corrupted_run(
             rng,
-            x,
+            starts[place],
             dt,
             *base,
             more,
-            *_of_errors(errors, together[9:].reshape(4, 3)),
+            *sampled[place],
             *of_spec,
             gravity,
             hold,
@@ -127,12 +134,12 @@ def _states(
     return states
 
 
-def _of_errors(errors: ImuErrors, taken_off: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Bias, matrices, bends and g-sensitivity as the kernel takes them, less the errors of the filter's estimates."""
-    terms = [errors.gyro_terms or ErrorTerms(), errors.accel_terms or ErrorTerms()]
+def _of_errors(errors: ImuErrors) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Bias, matrices, bends and g-sensitivity as the kernel takes them."""
+    terms = [errors.gyro_terms or _NO_TERMS, errors.accel_terms or _NO_TERMS]
     return (
-        np.concatenate([errors.gyro_bias - taken_off[0], errors.accel_bias - taken_off[1]]),
-        np.stack([errors.gyro_matrix - np.diag(taken_off[2]), errors.accel_matrix - np.diag(taken_off[3])]),
+        np.concatenate([errors.gyro_bias, errors.accel_bias]),
+        np.array([errors.gyro_matrix, errors.accel_matrix]),
         np.array([[each.asymmetry, each.quadratic] for each in terms]),
         np.asarray(terms[0].g_sensitivity),
     )
@@ -148,21 +155,16 @@ def _of_spec(spec: ImuSpec) -> tuple[FloatArray, FloatArray, FloatArray, FloatAr
     return both("random_walk"), both("bias_instability"), decay, both("rate_random_walk")
 
 
-def _start(
-    initial: InitialSpec,
-    motion: SampledMotion,
-    q_nb: FloatArray,
-    rng: np.random.Generator,
-    hold: bool,
-    together: FloatArray,
+def _starts(
+    initial: InitialSpec, motion: SampledMotion, drawn: FloatArray, hold: bool, together: FloatArray
 ) -> FloatArray:
-    """Sample an initial state; `together` are its correlated errors, (9,)."""
-    free = np.array([1.0, 1.0, 0.0 if hold else 1.0])
-    errors = [sd * rng.standard_normal(3) for sd in (initial.position, initial.velocity)]
-    position, velocity = free * (errors[0] + together[:3]), free * (errors[1] + together[3:6])
-    phi = rng.standard_normal(3) * [initial.tilt, initial.tilt, initial.heading] + together[6:]
-    q_hat = quat_multiply(quat_from_rotvec(-phi), q_nb)
-    return np.concatenate([lla_offset(motion.truth.lla[0], position), motion.truth.v_n[0] + velocity, q_hat])
+    """Initial states (runs, 10) of normal numbers and correlated errors, (runs, 9) both."""
+    sd = np.array([*3 * [initial.position], *3 * [initial.velocity], initial.tilt, initial.tilt, initial.heading])
+    error = drawn * sd + together
+    if hold:
+        error[:, [2, 5]] = 0.0
+    q_hat = quat_multiply(quat_from_rotvec(-error[:, 6:]), quat_from_rph(motion.truth.rph[0]))
+    return np.hstack([lla_offset(motion.truth.lla[0], error[:, :3]), motion.truth.v_n[0] + error[:, 3:6], q_hat])
 
 
 def _made(sensor: Sensor) -> list[ErrorTerm]:
