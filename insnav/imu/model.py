@@ -125,14 +125,14 @@ def correct(imu: ImuData, errors: ImuErrors) -> ImuData:
     Raises: InputError: increments of fewer than two samples, whose interval is not known, or terms that depend on the
     temperature and samples without one.
     """
-    if errors.gyro_terms is not None or errors.accel_terms is not None:
-        return _straight(imu, errors)
-    scale = per_sample(imu)
-    gyro = np.linalg.solve(errors.gyro_matrix, (imu.gyro - errors.gyro_bias * scale).T).T
-    accel = np.linalg.solve(errors.accel_matrix, (imu.accel - errors.accel_bias * scale).T).T
-    if errors.gyro_map is not None:
-        gyro = errors.gyro_map.apply(np.asarray(gyro / scale)) * scale
-    return replace(imu, gyro=np.ascontiguousarray(gyro), accel=np.ascontiguousarray(accel))
+    accel_terms = errors.accel_terms or ErrorTerms()
+    sized = bool(np.any(accel_terms.positions))
+    dt = sample_intervals(imu)[:, None] if sized or imu.sampling == "increment" else None
+    gyro, accel = spill.empty(imu.gyro.shape), spill.empty(imu.accel.shape)
+    # the angular acceleration of a block would miss the samples beside it
+    for part in spill.blocks(len(imu.time), size=len(imu.time) if sized else 0):
+        gyro[part], accel[part] = _straight(imu.rows(part), None if dt is None else dt[part], errors)
+    return replace(imu, gyro=gyro, accel=accel)
 
 
 def _bent(imu: ImuData, errors: ImuErrors) -> ImuData:
@@ -149,19 +149,19 @@ def _bent(imu: ImuData, errors: ImuErrors) -> ImuData:
     return replace(imu, gyro=np.ascontiguousarray(gyro * span), accel=np.ascontiguousarray(accel * span))
 
 
-def _straight(imu: ImuData, errors: ImuErrors) -> ImuData:
-    """Undo `_bent`, in the opposite order."""
+def _straight(imu: ImuData, dt: FloatArray | None, errors: ImuErrors) -> tuple[FloatArray, FloatArray]:
+    """Undo `_bent`, in the opposite order; `dt` (n, 1): lengths of the intervals [s], where they matter."""
     gyro_terms, accel_terms = errors.gyro_terms or ErrorTerms(), errors.accel_terms or ErrorTerms()
-    dt, warmer = sample_intervals(imu), _warmer(imu, errors, gyro_terms.by_temperature or accel_terms.by_temperature)
-    span = dt[:, None] if imu.sampling == "increment" else 1.0
+    warmer = _warmer(imu, errors, gyro_terms.by_temperature or accel_terms.by_temperature)
+    span = dt if dt is not None and imu.sampling == "increment" else 1.0
     felt = accel_terms.meant(np.asarray(imu.accel / span - errors.accel_bias), warmer)
     felt = np.asarray(np.linalg.solve(errors.accel_matrix, felt.T).T, dtype=np.float64)
     turning = np.asarray(imu.gyro / span - errors.gyro_bias - felt @ gyro_terms.g_sensitivity.T)
-    rate = gyro_terms.meant(turning, warmer)
-    rate = np.ascontiguousarray(np.linalg.solve(errors.gyro_matrix, rate.T).T)
+    rate = np.ascontiguousarray(np.linalg.solve(errors.gyro_matrix, gyro_terms.meant(turning, warmer).T).T)
     rate = rate if errors.gyro_map is None else errors.gyro_map.apply(rate)
-    force = felt - size_effect(rate, dt, accel_terms.positions) if np.any(accel_terms.positions) else felt
-    return replace(imu, gyro=np.ascontiguousarray(rate * span), accel=np.ascontiguousarray(force * span))
+    if dt is not None and np.any(accel_terms.positions):
+        felt = felt - size_effect(rate, dt[:, 0], accel_terms.positions)
+    return rate * span, felt * span
 
 
 def _warmer(imu: ImuData, errors: ImuErrors, matters: bool) -> FloatArray | None:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from insnav import spill
 from insnav.exceptions import ConfigError, InputError
 from insnav.imu import (
+    ErrorTerms,
     ImuErrors,
     ImuSpec,
     SensorSpec,
@@ -45,6 +48,26 @@ def test_correct_and_corrupt_are_exact_inverses(sampling: Sampling) -> None:
         result = back(there(imu, errors()), errors())
         np.testing.assert_allclose(result.gyro, imu.gyro, rtol=0.0, atol=1e-12)
         np.testing.assert_allclose(result.accel, imu.accel, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("positions", [np.zeros((3, 3)), np.full((3, 3), 0.01)], ids=["points", "sized"])
+@pytest.mark.parametrize("sampling", ["mean", "increment"])
+def test_blocks_are_corrected_as_the_whole(
+    sampling: Sampling, positions: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(7)
+    time = np.cumsum(rng.uniform(0.008, 0.012, 1000))
+    imu = ImuData(time, rng.normal(size=(1000, 3)), rng.normal(size=(1000, 3)), sampling, temperature=20.0 + time)
+    terms = ErrorTerms(quadratic=np.full(3, 1e-4), bias_slope=np.full(3, 1e-3), positions=positions)
+    known = replace(errors(), accel_terms=terms, gyro_terms=ErrorTerms(g_sensitivity=np.full((3, 3), 1e-3)))
+    whole = correct(imu, known)
+    monkeypatch.setattr(spill, "ROWS", 77)
+    parts = correct(imu, known)
+    np.testing.assert_allclose(parts.gyro, whole.gyro, rtol=1e-13, atol=0.0)
+    np.testing.assert_allclose(parts.accel, whole.accel, rtol=1e-13, atol=0.0)
+    np.testing.assert_allclose(
+        corrupt(parts, known).accel, imu.accel, rtol=0.0, atol=1e-4 if positions.any() else 1e-12
+    )
 
 
 def test_errors_act_as_matrix_times_truth_plus_bias() -> None:
