@@ -307,7 +307,7 @@ def _of_imu(reading: Reading[ImuData], found: Checked, patient: _Patient) -> Non
     facts, figures = reading.facts, found.imu
     assert figures is not None
     if facts.n_gaps:
-        what = f"{facts.n_gaps} gaps in the IMU, the longest {facts.longest_gap_s:.3g} s"
+        what = f"{facts.n_gaps} gap{'s' * (facts.n_gaps > 1)} in the IMU, the longest {facts.longest_gap_s:.3g} s"
         patient.mend(60.0, what, "the motion in them is not known", "log to a faster medium, or with a larger buffer")
     for kind, word in ((EventKind.IMU_UNSORTED, "out of order"), (EventKind.IMU_DUPLICATE, "at the time of another")):
         some = [event for event in reading.events if event.kind is kind]
@@ -369,7 +369,7 @@ def _of_gps(reading: Reading[GpsData], found: Checked, patient: _Patient) -> Non
         what = "positions scatter more than their standard deviations say"
         patient.mend(44.0, what, f"{float(ratio.max()):.1f} times", "scale them, or leave their columns out")
     if facts.n_gaps:
-        what = f"{facts.n_gaps} gaps in GPS, the longest {facts.longest_gap_s:.3g} s"
+        what = f"{facts.n_gaps} gap{'s' * (facts.n_gaps > 1)} in GPS, the longest {facts.longest_gap_s:.3g} s"
         patient.mend(28.0, what, "the IMU is alone in them", "insnav outage says what that costs")
     if abs(figures.velocity_lag) > max(0.03, 5.0 * figures.velocity_lag_sd):
         what = f"velocities lag positions by {figures.velocity_lag:.3f} s"

@@ -230,3 +230,14 @@ def test_gravity_on_another_axis_is_a_note(tmp_path):
     rows = TRUTH[:, [0, 3, 2, 1, 6, 5, 4]] * [1, 1, 1, -1, 1, 1, -1]
     reading = read_imu(write(tmp_path / "a.csv", rows, IMU_HEADER))
     assert any("NOTE: x points down" in text for text in reading.facts.evidence)
+
+
+def test_gyros_under_the_names_of_accelerometers_are_asked_for(tmp_path):
+    time = 0.01 * np.arange(3000)
+    turning, force = 0.002 * np.sin(time), np.full_like(time, -9.81)
+    table = np.column_stack([time, turning, turning, force, turning, turning, turning])
+    header = "time_s,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z"
+    np.savetxt(tmp_path / "imu.csv", table, fmt="%.6f", delimiter=",", header=header, comments="")
+    with pytest.raises(InputError, match="gravity") as caught:
+        read_imu(tmp_path / "imu.csv")
+    assert "exchanged" in caught.value.fix

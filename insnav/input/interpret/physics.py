@@ -108,7 +108,8 @@ def find_accel_unit(
             gives={"sampling": name},
         )
     claim = f" {stated}" if stated else ""
-    if float(np.linalg.norm(quiet.mean.mean(axis=0))) < _AIMLESS * float(norms.mean()):
+    exchanged = abs(float(np.linalg.norm(quiet.rate)) / _GRAVITY - 1.0) < 0.5  # the largest, of motion too
+    if not exchanged and float(np.linalg.norm(quiet.mean.mean(axis=0))) < _AIMLESS * float(norms.mean()):
         raise InputError(
             "the accelerations are without gravity",
             where=where,
@@ -120,7 +121,8 @@ def find_accel_unit(
         "the accelerometers do not show gravity" + (f" in{claim}" if claim else " in any unit"),
         where=where,
         why=f"in the quietest stretches they read {middle:.4g}; gravity is 9.8 m/s^2, 1 g or 1000 mg",
-        fix="raw counts must be calibrated first; else name the right columns: --columns accel_x=HEADER …",
+        fix=("gyros and accelerometers exchanged? Else " if exchanged else "")
+        + "raw counts must be calibrated first; else name the right columns: --columns accel_x=HEADER …",
     )
 
 
