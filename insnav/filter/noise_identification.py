@@ -11,6 +11,7 @@ innovations: R. K. Mehra, "On the identification of variances and adaptive Kalma
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -24,6 +25,7 @@ from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import CORRELATED, Prepared
 from insnav.filter.sensor_axes import Misalignment, errors_of_axes, misalignment
 from insnav.filter.state_layout import first_state, layout
+from insnav.imu.noise_density import SLOW, white_noise
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
 from insnav.kernels import noise_likelihood as kernel
 from insnav.kernels.dynamics import NAV
@@ -42,7 +44,6 @@ CLEAN = 0.9973
 ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
 AXES_STEP = 1e-4  # of those by misalignments [rad]
-PASSES = 2  # so often is the filter run, where the first run is far off
 FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error whose square counts [rad], in this part of a drive [-]
 SETTLING = 4  # the attitude of a filter settles in this part of a drive, one in so many
 ENOUGH_FOR_AXES = 900.0  # of the record, where nothing else is looked for [s]
@@ -60,6 +61,9 @@ FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told
 # how far figures of an IMU may be from those of the nearest grade, one sd of their logarithm: datasheets of parts of
 # one grade differ by factors of two to three in noise, by ten in what is called in-run bias
 IMU_PRIOR = {"random_walk": 0.8} | dict.fromkeys(("bias_instability", "bias", "scale_factor", "misalignment"), 1.5)
+# The same of white noise where a rest of at least so long [s] has shown it at the frequencies that count between fixes:
+# motion adds to it. What a rest shows at higher ones, by which the preset was chosen, may be an idle engine.
+REST, REST_PRIOR = 60.0, (0.5, 0.3)
 UNITS_SHOWN = {
     "random_walk": ("deg/sqrt(h)", "m/s/sqrt(h)"),
     "scale_factor": ("ppm", "ppm"),
@@ -158,6 +162,10 @@ class InnovationLikelihood:
         self.fixes = int(np.count_nonzero(self._offered & (self._tape[1] > 0)))
         self.parameters = self._choose(velocities=bool(np.isfinite(gps.v_n).all(axis=1).any()))
 
+    def again(self, found: NoiseEstimate) -> InnovationLikelihood:
+        """The same about another run, with the noise that was found."""
+        return InnovationLikelihood(self._ready, self.prior, found)
+
     def beginning(self, length: float) -> InnovationLikelihood:
         """The same of the innovations of so long from the start only [s]."""
         part = copy(self)
@@ -167,8 +175,14 @@ class InnovationLikelihood:
         return part
 
     def _choose(self, *, velocities: bool) -> tuple[_Parameter, ...]:
+        static, at_rest = self._ready.alignment.static, {}
+        if static is not None and static[1] - static[0] >= REST:
+            for name, seen in zip(("gyro", "accel"), white_noise(self._ready.imu, *static, SLOW), strict=True):
+                of_prior = getattr(self.prior, name).random_walk
+                middle = 0.5 * float(np.log(np.mean(seen**2) / np.mean(of_prior**2)))
+                at_rest[f"{name}.random_walk"] = _Parameter(f"{name}.random_walk", middle, *REST_PRIOR)
         found = [
-            _Parameter(f"{name}.{key}", 0.0, sd, sd)
+            at_rest.get(f"{name}.{key}", _Parameter(f"{name}.{key}", 0.0, sd, sd))
             for name, sensor in (("gyro", self.prior.gyro), ("accel", self.prior.accel))
             for key, sd in IMU_PRIOR.items()
             if np.any(getattr(sensor, key) > 0.0) and not (self._states == 15 and key == "scale_factor")
@@ -453,15 +467,24 @@ def _figure(parameter: _Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
     return NoiseFigure(parameter.key, unit, prior, value, low, high, told)
 
 
-def _likelihood(ready: Prepared, spec: ImuSpec, about: NoiseEstimate | None = None) -> InnovationLikelihood | None:
+def _likelihood(ready: Prepared, spec: ImuSpec) -> InnovationLikelihood | None:
     """Innovations of a drive; none where it is too short to tell, or the filter diverges."""
     if _thinned(ready.gps).time.shape[0] < FEWEST:
         return None
     try:
-        drive = InnovationLikelihood(ready, spec, about)
+        drive = InnovationLikelihood(ready, spec)
     except DivergenceError:
         return None
     return drive if drive.fixes >= FEWEST else None
+
+
+def identify(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
+    """Noise in drives of one IMU, about second runs with what the first showed if one of these is far off."""
+    found = maximise(drives)
+    if any(drive.far_off(found.at) for drive in drives):
+        with suppress(DivergenceError):
+            found = maximise([drive.again(found) for drive in drives])
+    return found
 
 
 def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
@@ -469,15 +492,8 @@ def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
 
     `spec`: IMU error specification it was prepared with: the prior.
     """
-    found = None
-    for _ in range(PASSES):
-        drive = _likelihood(ready, spec, found)
-        if drive is None:
-            break
-        found = maximise([drive])
-        if not drive.far_off(found.at):
-            break
-    return found
+    drive = _likelihood(ready, spec)
+    return None if drive is None else identify([drive])
 
 
 def with_known_noise(ready: Prepared, spec: ImuSpec) -> Prepared:
@@ -566,5 +582,7 @@ def _words(found: NoiseEstimate) -> list[str]:
         notes.append(f"GPS velocity sd times {found.velocity_factor[0]:.2f}, from the innovations")
     time = found.correlated.time
     lasting = f"correlation time about {time:.0f} s" if time < LONGEST else "lasting longer than the drive tells"
+    hardly = {"gps.share", "gps.correlation_time"} & {figure.key for figure in found.figures if not figure.observable}
+    how = "mean of what is plausible, as the drive hardly tells" if hardly else "from the innovations"
     share = f"{100 * found.correlated.share:.0f} % of the variance"
-    return [*notes, f"{CORRELATED}: {share}, {lasting}, from the innovations; estimated as states"]
+    return [*notes, f"{CORRELATED}: {share}, {lasting}, {how}; estimated as states"]

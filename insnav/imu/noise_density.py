@@ -23,9 +23,11 @@ from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.types import FloatArray, ImuData
 from insnav.units import DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H
 
-SEGMENT = 4.0  # [s] length of the pieces the spectrum is averaged over; also the shortest record that will do
-LOWEST = 0.5  # [Hz] below are drift, and what the window lets through of the mean
-HIGHEST = 10.0  # [Hz] above are engines, quantisation of increments and the sensors' own low-pass filters
+# Length of the pieces the spectrum is averaged over, also the shortest record that will do [s], and the band [Hz]:
+# below are drift and what the window lets through of the mean, above engines, quantisation and the sensors' filters.
+BAND = 4.0, 0.5, 10.0
+# That of the noise between fixes: an idle engine shakes above it, and what shakes to and fro adds up to no angle.
+SLOW = 20.0, 0.1, 0.5
 NYQUIST_PART = 0.8  # of the Nyquist frequency: nearer to it anti-aliasing filters lower the floor
 QUANTILE = 0.25
 
@@ -39,14 +41,16 @@ EARTH_SEEN = 0.1
 _SMALLEST = 1e-12  # SI, far below any sensor: keeps the logarithm of noise-free data finite
 
 
-def white_noise(imu: ImuData, start: float, end: float) -> tuple[FloatArray, FloatArray]:
+def white_noise(
+    imu: ImuData, start: float, end: float, band: tuple[float, float, float] = BAND
+) -> tuple[FloatArray, FloatArray]:
     """Estimate the white noise of the sensors from a static stretch.
 
-    The 25 % quantile of the power spectral density over 0.5 to 10 Hz, divided by the same quantile of its
+    The 25 % quantile of the power spectral density over a band (0.5 to 10 Hz), divided by the same quantile of its
     distribution for white noise (chi-square; P. D. Welch, IEEE Trans. Audio Electroacoust. AU-15 (1967) 70).
 
-    `start`, `end`: the static stretch [s], both ends included, at least 4 s. A density is known to 18 % from 4 s and to
-    5 % from 20 s (one standard deviation).
+    `start`, `end`: the static stretch [s], both ends included, at least 4 s; `band`: `BAND` or `SLOW`. A density is
+    known to 18 % from 4 s and to 5 % from 20 s (one standard deviation), with `SLOW` to 15 % from 60 s.
     Returns: `gyro` (3,): noise density of the gyros [rad/sqrt(s)]; `accel` (3,): noise density of the accelerometers
     [m/s/sqrt(s)].
     Raises: InputError: the stretch is too short or sampled too slowly.
@@ -54,24 +58,24 @@ def white_noise(imu: ImuData, start: float, end: float) -> tuple[FloatArray, Flo
     chosen = (imu.time >= start) & (imu.time <= end)
     count = int(np.count_nonzero(chosen))
     interval = float(np.median(np.diff(imu.time[chosen]))) if count > 1 else math.inf
-    length = round(SEGMENT / interval)
-    highest = min(HIGHEST, NYQUIST_PART * 0.5 / interval)
-    if length > count or highest < 2.0 * LOWEST:
+    segment, lowest, highest = band
+    length, highest = round(segment / interval), min(highest, NYQUIST_PART * 0.5 / interval)
+    if length > count or highest < 2.0 * lowest:
         raise InputError(
             "the static stretch is too short or too slow to estimate the noise of the IMU from it",
             where=f"{start:.3f} s to {end:.3f} s",
             why=f"it has {count} samples of the record, which is from {imu.time[0]:.3f} s to {imu.time[-1]:.3f} s; "
-            f"{SEGMENT:g} s at 2.5 Hz or more are needed",
+            f"{segment:g} s at {4.0 * lowest / NYQUIST_PART:g} Hz or more are needed",
             fix="give the IMU with --imu, a preset or a file",
         )
     values = np.hstack([imu.gyro[chosen], imu.accel[chosen]])
     if imu.sampling == "increment":
         values /= sample_intervals(imu)[chosen, None]
-    density = np.sqrt(_floor(values, interval, length, highest))
+    density = np.sqrt(_floor(values, interval, length, (lowest, highest)))
     return density[:3], density[3:]
 
 
-def _floor(values: FloatArray, interval: float, length: int, highest: float) -> FloatArray:
+def _floor(values: FloatArray, interval: float, length: int, band: tuple[float, float]) -> FloatArray:
     """Level of the flat part of the two-sided power spectral density of each column [unit^2/Hz]."""
     window = np.hanning(length + 1)[:-1, None]  # periodic Hann window
     step = length // 2
@@ -82,10 +86,10 @@ def _floor(values: FloatArray, interval: float, length: int, highest: float) -> 
         power += np.abs(np.fft.rfft((piece - piece.mean(axis=0)) * window, axis=0)) ** 2
     power *= interval / (count * float(np.sum(window**2)))
     frequency = np.fft.rfftfreq(length, interval)
-    band = power[(frequency >= LOWEST) & (frequency <= highest)]
+    inside = power[(frequency >= band[0]) & (frequency <= band[1])]
     # degrees of freedom of the average over half-overlapping Hann windows (Welch 1967)
     freedom = 36.0 * count**2 / (19.0 * count - 1.0)
-    return np.asarray(np.quantile(band, QUANTILE, axis=0) / _chi_square_quantile(QUANTILE, freedom) * freedom)
+    return np.asarray(np.quantile(inside, QUANTILE, axis=0) / _chi_square_quantile(QUANTILE, freedom) * freedom)
 
 
 def _chi_square_quantile(probability: float, freedom: float) -> float:

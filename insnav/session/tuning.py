@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Unpack
 
 from insnav.exceptions import InputError
-from insnav.filter.noise_identification import FEWEST, InnovationLikelihood, NoiseEstimate, maximise
+from insnav.filter.noise_identification import FEWEST, InnovationLikelihood, NoiseEstimate, identify
 from insnav.session.drive import Drive, load
 from insnav.session.inputs import Inputs
 
@@ -52,6 +52,6 @@ def tune(folders: Sequence[Path], **inputs: Unpack[Inputs]) -> tuple[NoiseEstima
         likelihoods.append(one)
     if len({tuple(each.key for each in one.parameters) for one in likelihoods}) > 1:
         raise InputError("some drives have GPS velocities and some have none", fix="tune them apart")
-    found = maximise(likelihoods)
+    found = identify(likelihoods)
     name = f"{drives[0].imu_spec.name}, from {len(drives)} drives" if len(drives) > 1 else found.spec.name
     return replace(found, spec=replace(found.spec, name=name)), tuple(drives)

@@ -10,6 +10,7 @@ import pytest
 
 from insnav.exceptions import InputError
 from insnav.imu import identify, load_imu, nearest_preset, white_noise
+from insnav.imu.noise_density import SLOW
 from insnav.types import ImuData, Sampling
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
@@ -53,6 +54,21 @@ def test_rocking_and_an_idling_engine_are_not_noise() -> None:
     shaken = ImuData(imu.time, imu.gyro + rocking + engine + drift, imu.accel)
     assert np.min(np.std(shaken.gyro, axis=0)) > 10 * ARW * np.sqrt(100.0)
     np.testing.assert_allclose(white_noise(shaken, 1000.0, 1060.0)[0], ARW, rtol=0.15)
+
+
+def test_what_shakes_to_and_fro_at_all_higher_frequencies_is_none_of_the_slow_noise() -> None:
+    """Angles that an engine shakes, white from 0.7 to 10 Hz: ten times the noise there, none below."""
+    found = []
+    for seed in range(20):
+        imu = still(60.0, 100.0, seed=seed)
+        frequency = np.fft.rfftfreq(imu.time.size, 0.01)
+        spectrum = np.fft.rfft(np.random.default_rng(seed + 99).standard_normal((imu.time.size, 3)), axis=0)
+        spectrum[(frequency < 0.7) | (frequency > 10.0)] = 0.0
+        shaken = ImuData(imu.time, imu.gyro + 10.0 * ARW * 10.0 * np.fft.irfft(spectrum, axis=0), imu.accel)
+        assert white_noise(shaken, 1000.0, 1060.0)[0].min() > 5.0 * ARW
+        found.append(white_noise(shaken, 1000.0, 1060.0, SLOW)[0] / ARW)
+    assert np.mean(found) == pytest.approx(1.0, abs=0.1)
+    assert np.std(found) < 0.3
 
 
 def test_only_the_stretch_counts() -> None:
