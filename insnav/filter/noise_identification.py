@@ -61,8 +61,8 @@ FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told
 # how far figures of an IMU may be from those of the nearest grade, one sd of their logarithm: datasheets of parts of
 # one grade differ by factors of two to three in noise, by ten in what is called in-run bias
 IMU_PRIOR = {"random_walk": 0.8} | dict.fromkeys(("bias_instability", "bias", "scale_factor", "misalignment"), 1.5)
-# The same of white noise where a rest of at least so long [s] has shown it at the frequencies that count between fixes:
-# motion adds to it. What a rest shows at higher ones, by which the preset was chosen, may be an idle engine.
+# The same of white noise of gyros where a rest of at least so long [s] has shown it at the frequencies that count
+# between fixes: motion adds to it. What a rest shows at higher ones, which chose the preset, may be an idle engine.
 REST, REST_PRIOR = 60.0, (0.5, 0.3)
 UNITS_SHOWN = {
     "random_walk": ("deg/sqrt(h)", "m/s/sqrt(h)"),
@@ -74,7 +74,10 @@ UNITS_SHOWN = {
 POSITION_PRIOR = (0.6, 0.03)
 VELOCITY_PRIOR = 0.6
 KINK = 3.0  # sd of the steeper side of a prior from its middle: the other side is what is plausible there
-AVERAGED = {"gps.horizontal": 1.0, "gps.vertical": 1.0, "gps.correlation_time": 0.5}  # by their variance
+# By so many times their variance, figures are larger in the mean than where they are likeliest: a correlation time as a
+# log-normal one is; a size by twice that: the mean variance that n errors tell, n = 1 / (2 sd^2), is n / (n - 2) of it
+# (inverse gamma).
+AVERAGED = {"gps.horizontal": 2.0, "gps.vertical": 2.0, "gps.correlation_time": 0.5}
 # Log odds of the time-correlated share of the variance of a position, and their sd: it is never none. In seven minutes
 # 9 % are not told from none; taken for none they make smoothed errors twice what is stated (error2/variance 3 to 4).
 SHARE = (0.0, 1.5)
@@ -177,10 +180,9 @@ class InnovationLikelihood:
     def _choose(self, *, velocities: bool) -> tuple[_Parameter, ...]:
         static, at_rest = self._ready.alignment.static, {}
         if static is not None and static[1] - static[0] >= REST:
-            for name, seen in zip(("gyro", "accel"), white_noise(self._ready.imu, *static, SLOW), strict=True):
-                of_prior = getattr(self.prior, name).random_walk
-                middle = 0.5 * float(np.log(np.mean(seen**2) / np.mean(of_prior**2)))
-                at_rest[f"{name}.random_walk"] = _Parameter(f"{name}.random_walk", middle, *REST_PRIOR)
+            seen, of_prior = white_noise(self._ready.imu, *static, SLOW)[0], self.prior.gyro.random_walk
+            middle = 0.5 * float(np.log(np.mean(seen**2) / np.mean(of_prior**2)))
+            at_rest["gyro.random_walk"] = _Parameter("gyro.random_walk", middle, *REST_PRIOR)
         found = [
             at_rest.get(f"{name}.{key}", _Parameter(f"{name}.{key}", 0.0, sd, sd))
             for name, sensor in (("gyro", self.prior.gyro), ("accel", self.prior.accel))
@@ -402,7 +404,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     e, s, cost = posterior.innovations(top)
     drive = drives[0]
     # mean variances and mean correlation time over what is plausible: of errors that last as long as the drive these
-    # are known to a factor, and where they are likeliest is too small (the means of a log-normal distribution)
+    # are known to a factor, and where they are likeliest is too small
     wide = top + np.diag(covariance) * [AVERAGED.get(p.key, 0.0) for p in posterior.parameters]
     position, velocity, share, time = drive.fixes_of(wide)
     correlated = CorrelatedNoise(share, time, np.sqrt(share) * position * drive.median_sd)

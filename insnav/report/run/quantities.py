@@ -88,8 +88,8 @@ def noise_section(found: NoiseEstimate) -> Section:
         Quantity("mean_square", found.mean_after, meaning=f"{words}, as found"),
     ]
     note = (
-        "imu.toml has the IMU for --imu; gps: factors of sd; prior: the preset, and of white noise what a minute of "
-        "rest shows between 0.1 and 0.5 Hz"
+        "imu.toml has the IMU for --imu; gps: factors of sd; prior: the preset, and of white noise of gyros what a "
+        "minute of rest shows between 0.1 and 0.5 Hz"
     )
     return Section("noise", "Noise from the innovations", tuple(items), note=note)
 
