@@ -223,7 +223,8 @@ def reconcile(
         begin = int(np.searchsorted(gps.time, first.alignment.time, side="right")) + 1  # up to the first one used
         opened = OPEN_START if false[0, :begin].any() else 0.0
         trust = Trust(false, size)
-        better = partial(again, _weighted(gps, np.where(false, 1.0, weights)), opened=opened)
+        kept = _weighted(gps, np.where(false, 1.0, weights)) if false.any() else gps  # weak fixes hide what changed
+        better = partial(again, kept, opened=opened)
         run = better(trust=trust)
         if _diverged(run) <= _diverged(first):
             return Explained(run, better, tuple(told_false(gps, trust)), trust)
