@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from insnav import strapdown
 from insnav.alignment import in_motion
@@ -44,13 +45,17 @@ FEWEST_WINDOWS = 6  # fewer may agree by accident
 WINDOWS = 40  # of these at most, those with the largest changes of velocity
 HEADING_SD = 5.0 * DEG  # of the heading of a window, that of the filter [rad]
 LEVER_SD = 0.3  # a lever arm that is given may be so far off here: it only widens the interval [m]
-WORTH = 0.05  # smaller delays are linear enough for the state of the filter [s]
+WORTH = 0.03  # smaller delays are linear enough for the state of the filter [s]
 SURE = 5.0  # delays are believed beyond so many of their standard deviations
 ROUNDS = 3  # of moving the clock
 RETURN = 0.5  # part of a delay by which filter or windows must not go back once the clock was moved
-SHAKEN = 1.5  # from which vibration is said to move the antenna otherwise than turns: up to 1.3 where it does not [m]
+LEAST_OTHER, OTHER_WORTH = (
+    0.03,
+    0.45,
+)  # of how vibration moves the antenna otherwise: the least, and what is worth states [m]
+SCALES = 50  # steps of the search for a standard deviation
 OPENED, FREEDOM = 2.0, 3.0  # times the scale of the prior of a lever arm at first; its degrees of freedom
-LOOKED = 3.0  # times the standard deviation of the first look for the second: its measurements hardly count twice
+LOOKED = 2.0  # times the standard deviation of the first run for the second: its measurements count little twice
 LEAST_START = 0.5 * DEG  # least standard deviation of attitude from there [rad]
 TRUE_FIXES = 0.9  # part of the fixes that the first look must have accepted for that
 WORSE = 0.02  # by which a position's misfit may grow by chance when the clock is moved rightly (up to 0.0095 seen)
@@ -61,50 +66,68 @@ class Filtered:
     """The beginning of a drive as the filter sees it with the clock of its samples as it is."""
 
     ready: Prepared  # the beginning
-    history: History | None  # none if the filter diverged
+    epochs: FloatArray | None  # see `insnav.kernels.smoother.keep`; none if the filter diverged
     delay: float  # in which its state ended [s]
-    shaken: bool  # whether vibration moves the antenna otherwise than turns do
-    lever_sd: float  # of each component of the lever arm as given; see `lever_scale` [m]
+    # of each component: how vibration moves the antenna otherwise than turns do, and the lever arm as given [m]
+    shaken: float
+    lever_sd: float
     misfit: float  # how unlikely positions were, see `Record.misfit`
 
 
-def filtered(ready: Prepared) -> Filtered:
-    """Navigate the beginning of a drive with what windows and the comparison of clocks need."""
-    ready = ready.beginning(LONGEST)
+def filtered(ready: Prepared, *, started: bool = False) -> Filtered:
+    """Navigate the beginning of a drive with what windows and the comparison of clocks need.
+
+    A start in motion is navigated twice; `started`: the second time.
+    """
+    ready = ready if started else ready.beginning(LONGEST)
     # a late fix looks false in every bend, and a reset would open heading and biases, which the windows need
     gates = replace(ready.settings.gates, reset_after=np.inf)
     lever_sd = ready.settings.lever_sd
-    settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0, gates=gates, shaken=True)
-    settings = replace(settings, lever_sd=OPENED * lever_sd)
+    other = float(np.hypot(OPENED * lever_sd, np.linalg.norm(ready.settings.lever_b)))
+    settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0, gates=gates)
+    settings = replace(settings, lever_sd=OPENED * lever_sd, shaken=other)
     navigator = replace(ready, settings=settings).navigator()
     try:
         feed(navigator, ready.imu)
         history = navigator.history()
+        epochs = history.rows()
+        again = None if started else with_surer_start(ready, history)
     except DivergenceError:
-        return Filtered(ready, None, 0.0, False, lever_sd, np.inf)
-    other, sd = navigator.vibration()
-    shaken = bool((np.abs(other) > SURE * sd).any()) and float(np.linalg.norm(other)) > SHAKEN
+        return Filtered(ready, None, 0.0, 0.0, lever_sd, np.inf)
+    if again is not None:
+        return filtered(again, started=True)
+    (arm, vibration), (arm_cov, vibration_cov) = navigator.levers()
     if lever_sd > 0.0:
-        lever_sd = lever_scale(*navigator.lever(), lever_sd)
-    return Filtered(ready, history, navigator.delay, shaken, lever_sd, navigator.misfit())
+        scales = lever_sd * np.geomspace(1.0, OPENED, SCALES)
+        # antennas are within a metre or so, and now and then five: Student's distribution in three dimensions, a normal
+        # one whose variance is unknown, too
+        prior = -FREEDOM * (np.log(scales) + 0.5 * (lever_sd / scales) ** 2)
+        lever_sd = scale_of(arm, arm_cov, OPENED * lever_sd, scales, prior)[0]
+    shaken = 0.0
+    if other > 0.0:
+        shaken = scale_of(vibration, vibration_cov, other, np.geomspace(LEAST_OTHER, other, SCALES))[1]
+    shaken = shaken if shaken > OTHER_WORTH else 0.0
+    return Filtered(ready, epochs, navigator.delay, shaken, lever_sd, navigator.misfit())
 
 
-def lever_scale(arm: FloatArray, covariance: FloatArray, sd: float) -> float:
-    """Standard deviation of the normal prior of a lever arm, given what a filter found with `OPENED` times `sd`.
+def scale_of(
+    off: FloatArray, covariance: FloatArray, opened: float, scales: FloatArray, prior: ArrayLike = 0.0
+) -> tuple[float, float]:
+    """Standard deviation of three numbers about zero, by what a filter found of them: the likeliest, and the RMS.
 
-    Antennas are within a metre or so, and now and then five: the prior is Student's distribution in three dimensions,
-    a normal one whose variance is unknown, too; its likeliest logarithm by expectation and maximisation (Lange, Little
-    and Taylor, "Robust statistical modeling using the t distribution", J. Am. Stat. Assoc. 84 (1989) 881-896).
+    The RMS is over all that are plausible. Empirical and full Bayes: B. P. Carlin and T. A. Louis, "Bayes and empirical
+    Bayes methods for data analysis" (Chapman and Hall 2000), chapters 2 and 3.
 
-    `arm` (3,) found, less as given [m], and its covariance; `sd`: scale of the prior [m].
+    `off` (3,) found with `opened` for it, and its covariance; `scales`, `prior`: standard deviations with the logarithm
+    of what is likely of them before.
     """
-    known, scale = np.linalg.inv(covariance), OPENED * sd
-    for _ in range(50):
-        now = np.linalg.inv(known + (scale**-2 - (OPENED * sd) ** -2) * np.eye(3))
-        there = now @ known @ arm
-        scale = float(np.sqrt((FREEDOM * sd**2 + there @ there + np.trace(now)) / (FREEDOM + 3.0)))
-        scale = min(max(scale, sd), OPENED * sd)
-    return scale
+    variance, axes = np.linalg.eigh(covariance)
+    known = np.maximum(1.0 / variance - opened**-2.0, 1e-9)
+    seen = (axes.T @ off) / (variance * known)
+    total = 1.0 / known + scales[:, None] ** 2
+    likely = prior - 0.5 * np.sum(seen**2 / total + np.log(total), axis=1)
+    weight = np.exp(likely - likely.max())
+    return float(scales[np.argmax(likely)]), float(np.sqrt(weight @ scales**2 / weight.sum()))
 
 
 def delay_of(seen: Filtered) -> tuple[float, float, float]:
@@ -112,10 +135,9 @@ def delay_of(seen: Filtered) -> tuple[float, float, float]:
 
     The standard deviation is infinite where nothing tells the delay; a drift that is not sure is zero.
     """
-    ready = seen.ready
-    if seen.history is None:
+    ready, epochs = seen.ready, seen.epochs
+    if epochs is None:
         return 0.0, np.inf, 0.0
-    epochs = seen.history.rows()
     parts = strapdown.intervals(ready.imu, ready.nominal)
     gps = _usable(ready)
     windows = [
@@ -322,7 +344,8 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
         clock, rate = clock + delay, rate + drift
         ready = prepared(clock, rate)
     ready = replace(ready, settings=replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd))
-    ready = with_surer_start(ready, seen)
+    if seen.ready.clock == ready.clock and not ready.parts:  # of a start in motion
+        ready = replace(ready, alignment=seen.ready.alignment, initial=seen.ready.initial)
     notes = []
     if ready.clock != 0.0:
         which = "late" if ready.clock > 0.0 else "early"
@@ -333,22 +356,20 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
     return replace(ready, notes=(*ready.notes, *notes))
 
 
-def with_surer_start(ready: Prepared, seen: Filtered) -> Prepared:
-    """Start in motion with attitude and gyro bias as the first look has smoothed them.
+def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
+    """Start in motion with attitude and gyro bias as a first run has smoothed them; none if it rests or is given.
 
     A lever arm is seen through the attitude: one that is off by degrees and is corrected on the way looks like turns,
     which show the arm surely and wrongly (G. P. Huang, A. I. Mourikis and S. I. Roumeliotis, "Observability-based rules
     for designing consistent EKF SLAM estimators", Int. J. Robotics Research 29 (2010) 502-528).
     """
     alignment, initial = ready.alignment, ready.initial
-    told = alignment.static is not None or alignment.heading_method == "given"
-    if told or seen.history is None or seen.ready.clock != ready.clock or ready.parts:
-        return ready
-    found = seen.history.smooth()
-    time = ready.gps.time - ready.settings.delay
+    if alignment.static is not None or alignment.heading_method == "given":
+        return None
+    found, time = history.smooth(), ready.gps.time - ready.settings.delay
     fixes = np.count_nonzero((time > found.time[0]) & (time <= found.time[-1] + TIME_TOLERANCE))
     if np.count_nonzero(found.used) < TRUE_FIXES * fixes:
-        return ready
+        return None
     x, correction = found.state[0].copy(), found.correction[0].copy()
     feed_back(x, correction, found.after[0])
     sd = LOOKED * np.sqrt(np.diagonal(found.covariance[0])[6:])

@@ -134,19 +134,15 @@ class Navigator:
         """By how much older the fixes are, beyond what was given, as estimated so far [s]."""
         return self._estimate.delay
 
-    def lever(self) -> tuple[FloatArray, FloatArray]:
-        """Lever arm less as it was given, (3,) [m], and its covariance, (3, 3); it must be estimated."""
-        part = slice(self._estimate.at.lever, self._estimate.at.lever + 3)
-        return self._estimate.lever - self._settings.lever_b, self._estimate.covariance[part, part].copy()
-
-    def vibration(self) -> tuple[FloatArray, FloatArray]:
-        """Lever arm by which vibration moves the antenna less that of turns, (3,) [m], and its standard deviation."""
-        at, other = self._estimate.at, self._estimate.shaken - self._estimate.lever
-        by = np.zeros((3, at.states))
-        for first, sign in ((at.shaken, 1.0), (at.lever, -1.0)):
+    def levers(self) -> tuple[FloatArray, FloatArray]:
+        """Lever arm less as given, and that of vibration less that of turns: (2, 3) [m], covariances (2, 3, 3)."""
+        estimate, at = self._estimate, self._estimate.at
+        by = np.zeros((2, 3, at.states))
+        for row, first, sign in ((0, at.lever, 1.0), (1, at.shaken, 1.0), (1, at.lever, -1.0)):
             if first >= 0:
-                by[:, first : first + 3] = sign * np.eye(3)
-        return other, np.sqrt(np.diagonal(by @ self._estimate.covariance @ by.T))
+                by[row, :, first : first + 3] = sign * np.eye(3)
+        off = np.array([estimate.lever - self._settings.lever_b, estimate.shaken - estimate.lever])
+        return off, by @ estimate.covariance @ np.swapaxes(by, 1, 2)
 
     def finish(self) -> Run:
         """Process the samples still waiting and return the result."""

@@ -20,8 +20,8 @@ class FilterSettings:
     """
 
     lever_b: FloatArray = field(default_factory=lambda: np.zeros(3))  # antenna seen from the IMU, body axes, (3,) [m]
-    shaken: bool = False  # vibration moves the antenna, for the receiver, by a lever arm of its own, which is estimated
     lever_sd: float = 0.0  # of each component of that [m]
+    shaken: float = 0.0  # of the arm by which vibration moves the antenna, for the receiver, less that one [m]
     delay: float = 0.0  # how much older the fixes are than their timestamps [s]
     delay_sd: float = 0.0  # of that [s]; estimated, it puts the solution into the time of the fixes
     velocity_lag: float = 0.0  # of the velocity of a fix behind its position [s]; see `gps_noise.velocity_lag`

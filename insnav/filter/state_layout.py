@@ -31,7 +31,7 @@ class Layout(NamedTuple):
 
 def layout(settings: FilterSettings) -> Layout:
     """States that the settings ask for; whatever follows the delay needs its place, if only as a known zero."""
-    swings = settings.shaken and (settings.lever_sd > 0.0 or settings.lever_b.any())
+    swings = settings.shaken > 0.0 and (settings.lever_sd > 0.0 or settings.lever_b.any())
     more = settings.correlated is not None or settings.lever_sd > 0.0 or swings
     if not more and settings.delay_sd <= 0.0:
         return Layout(STATES, -1, -1, -1, -1)
@@ -60,7 +60,10 @@ def first_state(start: InitialState, settings: FilterSettings) -> FilterState:
         covariance[part, part] = settings.lever_sd**2 * np.eye(3)
     if at.shaken >= 0:
         part = slice(at.shaken, at.shaken + 3)
-        covariance[part, part] = np.diag(settings.lever_sd**2 + settings.lever_b**2)
+        covariance[part, part] = (settings.lever_sd**2 + settings.shaken**2) * np.eye(3)
+        if at.lever >= 0:
+            other = slice(at.lever, at.lever + 3)
+            covariance[part, other] = covariance[other, part] = settings.lever_sd**2 * np.eye(3)
     if start.from_fix and at.delay >= 0:
         # the position is that of a fix: wrong by its time-correlated error and by the way travelled in the delay
         if settings.correlated is not None:

@@ -13,7 +13,7 @@ import insnav
 from insnav.errors.ensemble import normalised
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.filter import FilterSettings, error_model
-from insnav.filter.gps_delay import FREEDOM, OPENED, REACH, delay_of, filtered, lever_scale
+from insnav.filter.gps_delay import REACH, delay_of, filtered, scale_of
 from insnav.filter.prepare import DELAY_SD, Prepared, prepare
 from insnav.kernels import errorstate
 from insnav.report.run.warnings import run_warnings
@@ -224,24 +224,28 @@ def test_where_windows_are_not_believed_the_filter_leads_to_the_delay():
 
 def test_a_clock_that_is_off_leaves_the_lever_arm_as_it_is() -> None:
     """A clock was moved rightly, and back as positions became less likely by chance: the arm was 1.7 m off."""
-    for off in (0.08, -0.08):
+    for off in (0.08, -0.08, 0.05):
         drive = insnav.load(SAMPLE / "imu.csv.gz", gps=SAMPLE / "gps.csv", time_offset=off)
         run = drive.navigate(smooth=False).found.run
         assert (np.abs(run.lever_b - (0.8, -0.3, -1.2)) < 3.0 * run.lever_sd).all()
         assert run.gps_delay == pytest.approx(-off, abs=0.015)
 
 
-@pytest.mark.parametrize(("arm", "known"), [(0.2, 0.05), (2.5, 0.3), (3.5, 1.0), (3.5, 0.1), (8.0, 0.1)])
-def test_the_prior_of_a_lever_arm_is_as_wide_as_the_drive_says(arm, known):
-    """Against the density of the logarithm of the scale, point by point: evidence of the arm times its prior."""
-    scale, seen = 1.0, np.diag([known, 2.0 * known, 5.0]) ** 2.0  # the third is hardly seen
-    true = np.array([arm, -0.3, 0.0])
-    after = np.linalg.inv(np.linalg.inv(seen) + np.eye(3) / (OPENED * scale) ** 2)
-    sd = np.geomspace(scale, OPENED * scale, 4001)
-    total = np.diagonal(seen) + sd[:, None] ** 2
-    likely = -0.5 * np.sum(true**2 / total + np.log(total), axis=1) - FREEDOM * (np.log(sd) + 0.5 * scale**2 / sd**2)
-    found = lever_scale(after @ np.linalg.solve(seen, true), after, scale)
-    assert found == pytest.approx(sd[np.argmax(likely)], abs=0.01)
+@pytest.mark.parametrize(("arm", "known"), [(0.0, 0.5), (0.2, 0.05), (2.5, 0.3), (3.5, 1.0), (8.0, 0.1)])
+def test_the_scale_of_a_lever_arm_is_that_of_the_drive(arm, known):
+    """Against sums over arms at random: each scale is as likely as the arms of that scale explain what was measured."""
+    opened, measured, seen = 2.0, np.array([arm, -0.3, 0.0]), np.diag([known, 2.0 * known, 5.0]) ** 2
+    after = np.linalg.inv(np.linalg.inv(seen) + np.eye(3) / opened**2)
+    scales, arms = np.geomspace(0.1, opened, 12), np.random.default_rng(5).standard_normal((100_000, 3))
+    off = scales[:, None, None] * arms - measured
+    likely = np.mean(np.exp(-0.5 * np.sum(off**2 / np.diag(seen), axis=2)), axis=1)
+    found, mean = scale_of(after @ np.linalg.solve(seen, measured), after, opened, scales)
+    if arm < 3.0:  # too few at random are farther
+        assert mean == pytest.approx(np.sqrt(np.sum(likely * scales**2) / np.sum(likely)), rel=0.05)
+        assert np.log(likely[scales == found][0]) == pytest.approx(np.log(likely.max()), abs=0.05)
+    else:
+        assert found == scales[-1]
+        assert mean > 1.5
 
 
 @pytest.mark.parametrize(("off", "wide"), [(0.3, False), (4.0, True)])
