@@ -357,7 +357,7 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
 
 
 def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
-    """Start in motion with attitude and gyro bias as a first run has smoothed them; none if it rests or is given.
+    """Start in motion with attitude and gyro bias as a first run has smoothed them; none if it is stationary or given.
 
     A lever arm is seen through the attitude: one that is off by degrees and is corrected on the way looks like turns,
     which show the arm surely and wrongly (G. P. Huang, A. I. Mourikis and S. I. Roumeliotis, "Observability-based rules
