@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from insnav.exceptions import ConfigError
-from insnav.imu import ImuSpec
+from insnav.imu import ImuErrors, ImuSpec
 from insnav.simulate import gps_errors as receiver
 from insnav.simulate.ideal_sensors import gps_from_truth, imu_from_truth, reference
-from insnav.simulate.imu_errors import ImuSimulation, corrupt_imu
+from insnav.simulate.imu_errors import corrupt_imu
 from insnav.simulate.truth import Truth
 from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
 
@@ -34,7 +34,7 @@ class Recording:
     imu: ImuData  # samples with errors and faults
     gps: GpsData  # fixes with errors and faults
     reference: Trajectory  # exact motion of the IMU at `REFERENCE_RATE`
-    realisation: ImuSimulation | None  # the IMU realisation and its errors, before faults; None if it has none
+    errors: ImuErrors | None  # constant errors of the IMU that was sampled; None if it has none
     lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
 
 
@@ -59,10 +59,11 @@ def simulate_recording(
     Raises: ConfigError: a rate that makes no sense, or a motion shorter than two samples.
     """
     samples = perfect if perfect is not None else perfect_imu(truth, rate, sampling)
-    realisation = None
+    errors = None
     if imu_spec is not None:
-        realisation = corrupt_imu(samples, imu_spec, (seed, _IMU_STREAM), temperature=temperature)
-        samples = realisation.imu
+        shown = corrupt_imu(samples, imu_spec, (seed, _IMU_STREAM), temperature=temperature)
+        samples, errors = shown.imu, shown.errors
+        del shown  # its biases are as large as the samples
     if gps_spec is not None:
         fixes, lever_b = receiver.measure_gps(truth, gps_spec, (seed, _GPS_STREAM)), np.asarray(gps_spec.lever_b)
     else:
@@ -79,7 +80,7 @@ def simulate_recording(
                 "it acts on may not be measured then",
                 fix="choose a time within the motion",
             )
-    return Recording(samples, fixes, reference(truth, times(truth, REFERENCE_RATE)), realisation, lever_b)
+    return Recording(samples, fixes, reference(truth, times(truth, REFERENCE_RATE)), errors, lever_b)
 
 
 def _same(one: ImuData | GpsData, other: ImuData | GpsData) -> bool:

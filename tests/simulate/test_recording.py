@@ -28,7 +28,7 @@ def test_ideal_sensors_tell_the_truth():
     at = TRUTH.evaluate(made.gps.time)
     assert np.abs(ned_offset(made.gps.lla, at.lla)).max() < 1e-6
     np.testing.assert_allclose(made.gps.v_n, at.v_n, atol=1e-9)
-    assert made.realisation is None
+    assert made.errors is None
     assert not made.lever_b.any()
 
 
@@ -64,7 +64,7 @@ def test_what_was_measured_before_need_not_be_measured_again():
 def test_the_specimen_explains_the_samples():
     made = simulate_recording(TRUTH, IMU, None, 7, rate=20.0)
     exact = perfect_imu(TRUTH, 20.0)
-    repaired = correct(made.imu, made.realisation.errors)
+    repaired = correct(made.imu, made.errors)
     # what is left is noise and in-run bias: far below the turn-on bias of several sensor units
     assert np.abs(np.mean(repaired.accel - exact.accel, axis=0)).max() < 0.01
     assert np.abs(np.mean(made.imu.accel - exact.accel, axis=0)).max() > 0.01

@@ -57,8 +57,8 @@ def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Pat
     write_data(folder.path("gps.csv"), made.gps)
     write_data(folder.path("ref.csv"), made.reference)
     texts = model_texts(plan)
-    if made.realisation is not None:
-        texts["sensor_realisation.toml"] = calibration_to_toml(made.realisation.errors)
+    if made.errors is not None:
+        texts["sensor_realisation.toml"] = calibration_to_toml(made.errors)
     page = recording_page(plan, made)
     return write_page(folder, page, plan_metadata(plan), texts, figures="page"), page
 
@@ -75,7 +75,7 @@ def recording_page(plan: Plan, made: Recording) -> Page:
         Quantity("command", command),
     )
     moved = motion_section(plan, time, motion)
-    realisation = () if made.realisation is None else (_realisation(made.realisation.errors),)
+    realisation = () if made.errors is None else (_realisation(made.errors),)
     return Page(
         f"Simulated recording of {plan.motion.name}",
         (
