@@ -45,6 +45,7 @@ def on_one_clock(
     if offset:
         imu, logs = _moved(imu, logs, offset)
     parts, fixes = joined(pieces(imu.data)), with_sd(gps.data)[0]
+    fixes = replace(fixes, time=fixes.time - (inputs.get("gps_delay") or 0.0))
     apart = overlap(imu.data, gps.data) == 0.0
     if not apart:  # first: turns that are too large by far fit at another time
         _check_gyro_unit(imu.facts.path, parts, fixes)

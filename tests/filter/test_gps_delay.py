@@ -12,6 +12,7 @@ import pytest
 import insnav
 from insnav.errors.ensemble import normalised
 from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, error_model
 from insnav.filter.gps_delay import REACH, delay_of, filtered, scale_of
 from insnav.filter.prepare import DELAY_SD, Prepared, prepare
@@ -160,6 +161,10 @@ def test_a_delay_that_is_given_is_not_looked_for():
     gps = replace(known.gps.data, time=known.gps.data.time + 0.5)
     assert insnav.load(known.imu.data, gps, gps_delay=0.5).prepared().clock == 0.0
     assert insnav.load(known.imu.data, gps).prepared().clock == pytest.approx(0.5, abs=0.03)
+    late = replace(gps, time=gps.time + 1.6)
+    insnav.load(known.imu.data, late, gps_delay=2.1)
+    with pytest.raises(InputError, match="the clocks of IMU and GPS differ"):
+        insnav.load(known.imu.data, gps, gps_delay=2.9)
 
 
 def test_position_in_the_time_of_the_fixes_leaves_the_delay_error_out():
