@@ -20,6 +20,7 @@ from insnav.types import EventKind, FloatArray, GpsData, Run, Trajectory
 _FEW, _MOST, _SAME = 10, 0.9, 1e-10  # epochs in common, and share of them that are the same [rad]: half a millimetre
 _REJECTED = 0.5  # share of rejected positions of a filter that is lost ...
 _LOST, _LOST_RESETS = 0.2, 3  # ... or after so many resets
+SAME_DATA = "the reference has the positions of the fixes: its errors say how closely the run follows them, no more"
 SHORTEST_OUTAGE_S = 2.0
 MISSED_FIXES = 3.0  # median intervals without a used position fix make an outage
 
@@ -70,7 +71,7 @@ def evaluate_run(
     if reference is not None:
         good, notes = fixed_epochs(reference)
         best, events = done.run.solution if done.run.smoothed is None else done.run.smoothed.solution, done.run.events
-        same = done.gps is not None and _same_positions(done.gps, good)
+        same = done.gps is not None and same_positions(done.gps, good)
         good = _held(good, best.time)
         if not same:
             good, doubts = check_reference(good, best, done.gps, done.run.lever_b if lever_b is None else lever_b)
@@ -91,7 +92,7 @@ def _held(reference: Trajectory, time: FloatArray) -> Trajectory:
     return replace(reference.rows(np.zeros(len(time), dtype=np.int64)), time=time)
 
 
-def _same_positions(gps: GpsData, reference: Trajectory) -> bool:
+def same_positions(gps: GpsData, reference: Trajectory) -> bool:
     """Whether the epochs that fixes and reference have in common are the same positions."""
     _, i, j = np.intersect1d(gps.time, reference.time, return_indices=True)
     if len(i) < _FEW:

@@ -15,6 +15,7 @@ FEWEST = 100  # epochs; fewer tell nothing
 BLOCKS = 10  # of the jackknife: errors of neighbouring epochs are alike
 TURNED = 0.3  # smallest change of the direction, as the RMS distance of the mean of unit vectors from all [-]
 CLEAR = 5.0  # standard deviations beyond which another point is told ...
+LEAST = 0.05  # so far away at least [m] ...
 WORTH = 0.8  # ... if with it the difference falls to this part: a run that is metres off has offsets, too
 GEOID = 10.0  # a mean difference of the heights that no navigation makes [m]
 
@@ -33,7 +34,7 @@ class ReferenceOffset:
     def clear(self) -> bool:
         """Whether the point is another one, beyond doubt."""
         explained = self.horizontal_rms_without < WORTH * self.horizontal_rms
-        return explained and bool((np.abs(self.body) > CLEAR * self.body_sd).any())
+        return explained and bool((np.abs(self.body) > np.maximum(LEAST, CLEAR * self.body_sd)).any())
 
     @property
     def geoid(self) -> bool:

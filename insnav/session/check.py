@@ -299,8 +299,8 @@ def _faults(imu: ImuData, patient: _Patient) -> None:
     for kind, weight, word, fix in kinds:
         some = [event for event in events if event.kind is kind]
         if some:
-            what = some[0].action.split(":")[0]
-            patient.mend(weight, f"{word}, {len(some)} times", f"first {what} at {some[0].time:.1f} s", fix)
+            what, often = some[0].action.split(":")[0], "once" if len(some) == 1 else f"{len(some)} times"
+            patient.mend(weight, f"{word}, {often}", f"first {what} at {some[0].time:.1f} s", fix)
 
 
 def _of_imu(reading: Reading[ImuData], found: Checked, patient: _Patient) -> None:

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
 from insnav.errors.comparison import Comparison, Solution, compare_solutions
-from insnav.errors.evaluated_run import EvaluatedRun, fixed_epochs
+from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, fixed_epochs, same_positions
+from insnav.errors.reference_check import check_reference
+from insnav.exceptions import InputError
 from insnav.output.contents import FACTS_FILE, read_facts
-from insnav.output.solution_tables import has_smoothed, read_solution
+from insnav.output.solution_tables import has_smoothed, read_run_table, read_solution
 from insnav.plain_text import plain_text
 from insnav.result import Result
 from insnav.session.checked_inputs import checked, options_of, reference_point
 from insnav.session.inputs import Inputs
 from insnav.session.read import read_ref
-from insnav.types import Trajectory
+from insnav.types import GpsData, Trajectory
 
 if TYPE_CHECKING:
     from insnav.session.read import Given
@@ -51,9 +54,24 @@ def compare(
     reference = read_ref(ref, inputs)
     solutions = [each for number, run in enumerate(runs, start=1) for each in _solutions(run, number)]
     fixed, notes = fixed_epochs(reference)
-    found = compare_solutions(solutions, fixed, reference_point(inputs, reference.data))
+    point, best, gps = reference_point(inputs, reference.data), solutions[0], _fixes(runs[0])
+    best = next((each for each in solutions if (each.run, each.solution) == (best.run, "smoothed")), best)
+    if gps is not None and same_positions(gps, fixed):
+        notes = (*notes, SAME_DATA)
+    else:
+        with suppress(InputError):  # no time in common: said below, with the run
+            fixed, doubts = check_reference(fixed, best.trajectory, gps, best.lever_b if point is None else point)
+            notes = (*notes, *(each.action for each in doubts))
+    found = compare_solutions(solutions, fixed, point)
     names = [str(run) for run in runs if not isinstance(run, Result)]
     return Result("comparison", found, {"reference": reference.facts}, options_of(inputs, runs=names), notes=notes)
+
+
+def _fixes(run: Result[EvaluatedRun] | str | Path) -> GpsData | None:
+    """Fixes of a run, if it has any."""
+    if isinstance(run, Result):
+        return run.found.gps
+    return read_run_table(Path(run), GpsData) if any(Path(run).glob("fixes.*")) else None
 
 
 def _solutions(run: Result[EvaluatedRun] | str | Path, number: int) -> Iterator[Solution]:

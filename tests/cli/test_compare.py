@@ -35,6 +35,15 @@ def test_one_line_a_run_with_the_figures_of_the_run_itself(two_runs: Path, cli: 
     assert max(map(len, shown.out.splitlines())) <= 110
 
 
+def test_a_reference_that_proves_nothing_or_is_wrong_is_said(two_runs: Path, cli: Cli):
+    assert "has the positions of the fixes" in cli("compare", "right", "--ref", "gps.csv").out
+    head, *rows = Path("ref.csv").read_text().splitlines()
+    cells = [row.rsplit(",", 1) for row in rows]
+    Path("turned.csv").write_text("\n".join([head, *(f"{rest},{float(heading) + 40.0}" for rest, heading in cells)]))
+    assert "headings of the reference" in cli("compare", "right", "--ref", "turned.csv").out
+    assert "reference" not in cli("compare", "right", "--ref", "ref.csv").out.split("epochs of the reference")[1]
+
+
 def test_json_holds_the_same_figures(two_runs: Path, cli: Cli):
     shown = cli("compare", "right", "wrong", "--ref", "ref.csv", "--json")
     assert shown.err == ""

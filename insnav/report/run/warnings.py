@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from insnav.errors.evaluated_run import EvaluatedRun, failure
+from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.filter.whole_record import stretches
 from insnav.plain_text import moment
@@ -35,7 +35,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     ]
     warnings = (
         *_failed(found.run),
-        *_same_data(found),
+        *([SAME_DATA] if found.reference_is_gps else []),
         *(event.action for event in found.run.events if event.kind == EventKind.REF_CONTRADICTION),
         *_many_rejected(found.run),
         *_contradictions(found.run),
@@ -53,12 +53,6 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
 def _failed(run: Run) -> list[str]:
     why = failure(run)
     return [f"the solution is not to be used: {why}; IMU and fixes contradict each other"] if why else []
-
-
-def _same_data(found: EvaluatedRun) -> list[str]:
-    if not found.reference_is_gps:
-        return []
-    return ["the reference has the positions of the fixes: its errors say how closely the run follows them, no more"]
 
 
 def _contradictions(run: Run) -> list[str]:
