@@ -67,7 +67,8 @@ class Filtered:
 
     ready: Prepared  # the beginning
     epochs: FloatArray | None  # see `insnav.kernels.smoother.keep`; none if the filter diverged
-    delay: float  # in which its state ended [s]
+    delay: float  # in which its state ended, and its standard deviation [s]
+    delay_sd: float
     # of each component: how vibration moves the antenna otherwise than turns do, and the lever arm as given [m]
     shaken: float
     lever_sd: float
@@ -93,7 +94,7 @@ def filtered(ready: Prepared, *, started: bool = False) -> Filtered:
         epochs = history.rows()
         again = None if started else with_surer_start(ready, history)
     except DivergenceError:
-        return Filtered(ready, None, 0.0, 0.0, lever_sd, np.inf)
+        return Filtered(ready, None, 0.0, np.inf, 0.0, lever_sd, np.inf)
     if again is not None:
         return filtered(again, started=True)
     (arm, vibration), (arm_cov, vibration_cov) = navigator.levers()
@@ -107,7 +108,7 @@ def filtered(ready: Prepared, *, started: bool = False) -> Filtered:
     if other > 0.0:
         shaken = scale_of(vibration, vibration_cov, other, np.geomspace(LEAST_OTHER, other, SCALES))[1]
     shaken = shaken if shaken > OTHER_WORTH else 0.0
-    return Filtered(ready, epochs, navigator.delay, shaken, lever_sd, navigator.misfit())
+    return Filtered(ready, epochs, *navigator.delay, shaken, lever_sd, navigator.misfit())
 
 
 def scale_of(
@@ -340,6 +341,8 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
             (ready, seen), rate = _by_the_filter(start, first, prepared), 0.0
             break
         if abs(delay) < max(WORTH, SURE * sd) and not drift:
+            if abs(seen.delay) > SURE * seen.delay_sd and not rate:
+                ready, seen = _by_the_filter(ready, seen, prepared)
             break
         clock, rate = clock + delay, rate + drift
         ready = prepared(clock, rate)
@@ -392,7 +395,7 @@ def _by_the_filter(
     ready: Prepared, seen: Filtered, prepared: Callable[[float, float], Prepared]
 ) -> tuple[Prepared, Filtered]:
     """Follow the delay that the filter itself finds, step by step, as long as positions become likelier."""
-    for _ in range(ROUNDS):
+    for _ in range(2 * ROUNDS):  # its state goes half way
         if abs(seen.delay) < WORTH:
             break
         moved = prepared(ready.clock + seen.delay, 0.0)

@@ -130,9 +130,11 @@ class Navigator:
             self._record.epoch(self._done, self._estimate)
 
     @property
-    def delay(self) -> float:
-        """By how much older the fixes are, beyond what was given, as estimated so far [s]."""
-        return self._estimate.delay
+    def delay(self) -> tuple[float, float]:
+        """By how much older the fixes are, beyond what was given, as estimated so far, and its sd [s]."""
+        estimate = self._estimate
+        at = max(estimate.at.delay, 0)
+        return estimate.delay, float(np.sqrt(estimate.covariance[at, at])) if estimate.at.delay >= 0 else np.inf
 
     def levers(self) -> tuple[FloatArray, FloatArray]:
         """Lever arm less as given, and that of vibration less that of turns: (2, 3) [m], covariances (2, 3, 3)."""
