@@ -204,7 +204,7 @@ class Record:
             moved = _moved(self._state[rows], delay_sd)
             velocities = bool(np.isfinite(innovations.nis_velocity).any())
             shown = shocks(found, velocities=velocities)
-            both = np.column_stack([np.diagonal(found.covariance, axis1=1, axis2=2), *_turned(found.covariance)])
+            both = np.ascontiguousarray(found.covariance[:, [*range(NAV), 6, 6, 7], [*range(NAV), 7, 8, 8]])
             track = self._trajectory(
                 found.time,
                 (both, both),
@@ -253,11 +253,6 @@ def _moved(state: FloatArray, delay_sd: float) -> FloatArray:
 
 def _squared(error: FloatArray) -> FloatArray:
     return error[:, :, None] * error[:, None]
-
-
-def _turned(covariance: FloatArray) -> list[FloatArray]:
-    """Covariances of attitude N-E, N-D, E-D, of covariances (n, 9, 9)."""
-    return [covariance[:, 6, 7], covariance[:, 6, 8], covariance[:, 7, 8]]
 
 
 def _before(time: FloatArray, epochs: FloatArray) -> IntArray:

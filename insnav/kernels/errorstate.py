@@ -284,16 +284,8 @@ def propagate(first, last, close, samples, carried, model, phi, q, out, work):  
 
 def scratch() -> tuple[np.ndarray, ...]:
     """Work space of `propagate`."""
-    return (
-        np.zeros((NAV, NAV)),
-        np.zeros((NAV, NAV)),
-        np.zeros((NAV, STATES)),
-        np.zeros(SENSOR),
-        np.zeros((NAV, STATES)),
-        np.zeros((NAV, STATES)),
-        np.zeros(9),
-        np.zeros((STATES, NAV)),
-    )
+    square, wide = (NAV, NAV), (NAV, STATES)
+    return tuple(np.zeros(shape) for shape in (square, square, wide, SENSOR, wide, wide, 9, (STATES, NAV)))
 
 
 @njit(cache=True)
