@@ -141,7 +141,9 @@ def decided(
             break
         found = replace(found, events=weighed.events)
         others.append(weighed.run)
-    _, changes, _ = changes_of(again(gps), (), partial(again, gps), worth)
+    changes: tuple[StateChange, ...] = ()
+    if against or any(each.first == ATTITUDE for each in first.smoothed.likely[:1]):  # else gates hide nothing
+        _, changes, _ = changes_of(again(gps), (), partial(again, gps), worth)
     if changes:
         ways = [partial(again, gps, gates=gates) for gates in (settings.gates, OPEN)]
         runs = [way(changes=changes) for way in ways]
