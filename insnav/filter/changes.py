@@ -29,11 +29,12 @@ MOST = 8  # changes in one drive
 BACK = 0.3  # part of the largest offset at which fixes are back where they were [-]
 MINORITY = 0.5  # of the fixes may be false between changes
 OVER = 0.6  # part of the largest change of velocity that may be left of all together after a drag [-]
+FASTEST = 6.0  # drag of fixes; what changes by more, an IMU has missed: a hard start, a clipped axis [m/s]
 LEAST = 0.2  # probability of either explanation, at least: half of three standard deviations hold it
-ATTITUDE = 6  # first of its error states
+VELOCITY, ATTITUDE = 3, 6  # first of their error states
 TOLD = {
     0: ("fixes jump by {:.2g} m", "m", 1.0),
-    3: ("the velocity of the fixes changes by {:.2g} m/s", "m/s", 1.0),
+    VELOCITY: ("the velocity of the fixes changes by {:.2g} m/s", "m/s", 1.0),
     ATTITUDE: ("the IMU turns by {:.2g} deg in its place, or its gyros miss as much", "deg", float(np.rad2deg(1.0))),
     NAV: ("the gyro bias steps by {:.2g} deg/s", "deg/s", float(np.rad2deg(1.0))),
     NAV + 3: ("the accelerometer bias steps by {:.2g} m/s^2", "m/s^2", 1.0),
@@ -135,9 +136,14 @@ def offset(changes: tuple[StateChange, ...], time: FloatArray) -> FloatArray:
         rate, largest = rate - each.change, max(largest, float(np.linalg.norm(each.change)))
         if np.linalg.norm(rate) < OVER * largest:  # the drag is over, as far as it is known
             rate, largest = np.zeros(3), 0.0
-        until = next((later.time for later in changes[number + 1 :] if later.first == 3), np.inf)
+        until = next((later.time for later in changes[number + 1 :] if later.first == VELOCITY), np.inf)
         off += np.clip(time - each.time, 0.0, until - each.time)[:, None] * rate
     return off
+
+
+def of_the_imu(change: StateChange) -> bool:
+    """Whether the IMU changes or has missed something, not the fixes."""
+    return change.first >= ATTITUDE or (change.first == VELOCITY and bool(np.linalg.norm(change.change) > FASTEST))
 
 
 def false_between(changes: tuple[StateChange, ...], gps: GpsData, delay: float) -> Trust | None:
@@ -149,8 +155,19 @@ def false_between(changes: tuple[StateChange, ...], gps: GpsData, delay: float) 
     away = size > BACK * size.max()
     if dragged is not None:
         away = away | dragged.false[0]
-    faster = away & any(each.first == 3 for each in changes)
+    faster = away & any(each.first == VELOCITY for each in changes)
     return Trust(np.array([away, faster]), np.array([size, size])) if 0.0 < np.mean(away) < MINORITY else None
+
+
+def widened(run: Run, off: FloatArray, share: float) -> Run:
+    """Standard deviations that hold a position that is `off` (3,) [m] throughout, with a probability of `share`."""
+    part = float(np.clip(share, LEAST, 1.0 - LEAST))
+
+    def wider(_: Trajectory, sd: FloatArray) -> FloatArray:
+        sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + part * off**2)
+        return sd
+
+    return _with_sd(run, wider)
 
 
 def mixed(run: Run, changes: tuple[StateChange, ...]) -> Run:

@@ -32,8 +32,10 @@ from insnav.filter.changes import (
     either,
     false_between,
     mixed,
+    of_the_imu,
     told,
     unused,
+    widened,
 )
 from insnav.filter.gates import Gates, Trust
 from insnav.filter.parts import LONGEST_GAP
@@ -62,6 +64,7 @@ ENDS = 0.2  # a fix so little before or after the track is compared with its end
 # fix costs that was not used, and as much more a row of them, however long: a false one is seldom alone [-]
 LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
 SURELY = 1.0  # twice the log-likelihood of a fix, on average, by which another explanation is better [-]
+LONG_BEGIN = 10.0  # so long false fixes at the begin may be those before a jump for good [s]
 OPEN_START = 3000.0  # standard deviation of a first position that may be false [m]
 
 
@@ -155,9 +158,26 @@ def decided(
         else:
             changes = ()
     run, said = _left_open(found, changes, gps, settings, worth)
+    if found.trust is not None:
+        run, open_ = _false_from_the_begin(run, gps, settings, found.trust)
+        said += open_
     for other in others:
         run = either(run, other)
     return run, (*found.events, *said)
+
+
+def _false_from_the_begin(run: Run, gps: GpsData, settings: FilterSettings, trust: Trust) -> tuple[Run, list[Event]]:
+    """Fixes that are false from the begin on, for long, may be the true ones: standard deviations hold both."""
+    off = residuals(run, gps, settings)[0][0]
+    rows = np.flatnonzero(np.isfinite(off).all(axis=1))
+    first = rows[: int(np.argmin(trust.false[0, rows]))]
+    if first.size == 0 or gps.time[first[-1]] - gps.time[first[0]] < LONG_BEGIN:
+        return run, []
+    size = np.sqrt(np.mean(off[first] ** 2, axis=0))
+    begin, far = float(gps.time[first[0]]), float(np.linalg.norm(size))
+    said = f"the {first.size} false fixes of the begin may be the true ones, and all others {far:.2g} m off"
+    said = f"{said}: standard deviations hold both"
+    return widened(run, size, first.size / rows.size), [Event(begin, EventKind.CONTRADICTION, far, np.nan, "m", said)]
 
 
 def _left_open(
@@ -175,7 +195,7 @@ def _left_open(
     sure = bool(changes) or run.smoothed is None or run.smoothed.surest is None
     if not sure and run.smoothed is not None and run.smoothed.surest is not None:
         changes = (run.smoothed.surest,)
-    of_imu, of_fixes = (tuple(each for each in changes if (each.first >= ATTITUDE) is imu) for imu in (True, False))
+    of_imu, of_fixes = (tuple(each for each in changes if of_the_imu(each) is imu) for imu in (True, False))
     perhaps = "against all fixes, which may be false; standard deviations hold both"
     said = told(of_imu, "likelier than false fixes; taken into account" if sure else perhaps)
     trust, lasting = false_between(of_fixes, gps, settings.delay), tuple(each for each in of_fixes if each.change.any())

@@ -10,7 +10,7 @@ import pytest
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.metrics import position_errors
-from insnav.filter.changes import false_between, mixed, offset
+from insnav.filter.changes import FASTEST, VELOCITY, false_between, mixed, of_the_imu, offset
 from insnav.filter.changes import told as said
 from insnav.filter.navigate import Navigated, navigate_recording
 from insnav.filter.shocks import shocks
@@ -65,6 +65,22 @@ def test_dragged_fixes_leave_open_which_are_true():
     assert any("standard deviations hold both" in text for text in told(done))
     assert np.mean(ratios(done, recording(5).reference) < 3.0) > 0.99
     assert done.run.smoothed.solution.sd[:, :2].max() < 120.0
+
+
+@pytest.mark.parametrize("after", [25.0, 45.0])
+def test_a_jump_for_good_soon_after_the_begin_leaves_open_which_are_true(after):
+    """Of fixes that are few at the begin those after may be false: nothing was inside, by 40 standard deviations."""
+    gps = recording(5).gps
+    done = navigated(5, gps_jump(gps, 60.0, (gps.time[0] + after, gps.time[-1] + 1.0)))
+    assert any("may be the true ones" in text for text in told(done))
+    assert np.mean(ratios(done, recording(5).reference) < 3.0) > 0.99
+    assert done.run.smoothed.solution.sd[:, :2].max() < 60.0
+
+
+def test_what_changes_faster_than_a_drag_was_missed_by_the_imu():
+    """As in a flight without GPS velocities, whose start of 9 m/s made standard deviations of kilometres."""
+    for speed, imu in ((0.9 * FASTEST, False), (1.1 * FASTEST, True)):
+        assert of_the_imu(StateChange(10.0, VELOCITY, np.array([speed, 0.0, 0.0]), 50.0)) is imu
 
 
 def test_a_jump_that_is_barely_seen_is_in_the_standard_deviations():
