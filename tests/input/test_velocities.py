@@ -69,6 +69,14 @@ def test_a_velocity_up_is_told_on_recorded_drives(name):
     assert "vertical velocity is up" in confusion(CONFUSED["vertical velocity is up"](gps))
 
 
+def test_heights_that_wander_before_the_start_of_a_flight_accuse_nobody():
+    gps = read_gps(recorded("umn_thor75_uav") / "gps.csv").data
+    v_n = np.where((gps.time < gps.time[0] + 100.0)[:, None], gps.v_n, np.nan)  # those of the ground
+    assert confusion(replace(gps, v_n=v_n)) == ""
+    later = gps.rows((gps.time > gps.time[0] + 100.0) & (gps.time < gps.time[0] + 204.0))
+    assert confusion(later) == ""
+
+
 def test_long_climbs_tell_it_where_noise_hides_short_ones():
     sample = read_gps(Path(__file__).parents[2] / "trajectories" / "sample" / "gps.csv").data
     assert confusion(sample) == ""

@@ -20,6 +20,7 @@ _LEAST_CLIMB = 0.01  # moves in height that tell which way is up [m]
 _CLIMBS = (2.0, 8.0, 32.0)  # lengths of moves in height: noise of heights hides short ones [s]
 _OUTSIDE = 5.0  # times the median difference from either sign, beyond which a move is that of a false velocity
 _RISES = 5.0  # standard deviations by which the slope of climb by vertical velocity is not one; good drives: 2.7
+_FALLS = 3.0  # and by which it is negative: heights wander, and a flight before its start had -2.5
 _RADIANS = 180.0 / np.pi
 _EARTH_RADIUS = 6.37e6  # a rough one will do [m]
 
@@ -148,6 +149,7 @@ def _upward(time: FloatArray, height: FloatArray, fallen: FloatArray) -> bool:
             continue
         slope = float(np.sum(moved * said)) / power
         scatter = float(np.std(moved - slope * said)) * np.sqrt(float(np.median(stop - start)))  # they overlap
-        if slope < -0.5 and slope < 1.0 - _RISES * scatter / np.sqrt(power):
+        sd = scatter / np.sqrt(power)
+        if slope < -0.5 and slope < min(1.0 - _RISES * sd, -_FALLS * sd):
             return True
     return False
