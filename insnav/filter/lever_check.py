@@ -1,4 +1,4 @@
-"""A lever arm or a heading that was given and that the drive contradicts: turns show where the antenna is."""
+"""A lever arm, a heading or a delay that was given and that the drive contradicts."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from insnav.exceptions import AlignmentError
 from insnav.filter.gps_delay import filtered
 from insnav.filter.navigate import feed
 from insnav.filter.prepare import Prepared
-from insnav.types import Event, EventKind
+from insnav.types import Event, EventKind, Run
 
 LOOK = 600.0  # so much of a drive tells it [s]
 OPENED = 2.0  # standard deviation of each component in the pass that looks for it [m]
 WRONG, SURE = 0.4, 6.0  # smallest error that is said [m], and in standard deviations of what was found
 MARGIN = 3.0  # further ones by which what is surely seen exceeds that: noise found with an error in it is larger
+LATE, LATE_SURE = 0.03, 10.0  # smallest error of a delay that is said [s], and in standard deviations of what was found
+OPENED_DELAY = 0.5  # standard deviation of the delay in the pass that looks for it [s]
 WRONG_HEADING = 3.0  # standard deviations of a heading given from which another one that the drive shows is tried
 
 
@@ -46,9 +48,7 @@ def with_right_heading(given: Prepared, alone: Callable[[], Prepared]) -> Prepar
 def lever_contradicted(ready: Prepared) -> tuple[tuple[Event, ...], tuple[str]]:
     """Navigate the begin of a drive with the lever arm as a state; an event if it ends far from that given."""
     given, begin = ready.settings.lever_b, ready.initial.time
-    settings = replace(ready.settings, lever_sd=OPENED, smooth=False)
-    some = replace(ready.beginning(LOOK), settings=settings)
-    run = feed(some.navigator(), some.imu).finish()
+    run = _looked(ready, lever_sd=OPENED)
     off, limit = np.abs(run.lever_b - given), np.maximum(WRONG, SURE * run.lever_sd)
     seen, found, sd, arm = (
         ",".join(f"{value + 0.0:.2f}" for value in each)
@@ -58,3 +58,23 @@ def lever_contradicted(ready: Prepared) -> tuple[tuple[Event, ...], tuple[str]]:
     told = f"the antenna seems to be at {found} (± {sd}) m from the IMU, forward, right, down, not at {arm} as given"
     event = Event(begin, EventKind.CONTRADICTION, float(off.max()), WRONG, "m", f"{told}: --lever-arm {found}")
     return (event,) * bool((off > limit).any()), (note,)
+
+
+def delay_contradicted(ready: Prepared) -> tuple[Event, ...]:
+    """Navigate the begin of a drive with the delay of the fixes as a state; an event if it ends far from that given.
+
+    How far is not said: the noise was found with the error in it, and holds it back.
+    """
+    given, run = ready.settings.delay, _looked(ready, delay_sd=OPENED_DELAY)
+    off, limit = abs(run.gps_delay - given), max(LATE, LATE_SURE * run.gps_delay_sd)
+    other = "larger" if run.gps_delay > given else "smaller"
+    told = f"the delay of the fixes given, {given:.3f} s, contradicts the drive, which asks for a {other} one"
+    said = f"{told}: without --gps-delay it is found"
+    return (Event(ready.initial.time, EventKind.CONTRADICTION, off, limit, "s", said),) * bool(off > limit)
+
+
+def _looked(ready: Prepared, **opened: float) -> Run:
+    """The begin of a drive, navigated with other settings."""
+    settings = replace(ready.settings, smooth=False, **opened)  # type: ignore[arg-type]
+    some = replace(ready.beginning(LOOK), settings=settings)
+    return feed(some.navigator(), some.imu).finish()

@@ -35,6 +35,16 @@ def test_a_wrong_lever_arm_is_said(profile, arm, said):
         assert np.abs(estimate[:2]).max() < 0.3
 
 
+@pytest.mark.parametrize(
+    ("profile", "delay", "said"), [("round_trip", 0.0, ""), ("city", 0.3, "smaller"), ("city", -0.2, "larger")]
+)
+def test_a_wrong_delay_is_said(profile, delay, said):
+    drive = insnav.simulate(profile, imu="automotive", gps="dgps", seed=1)  # its fixes are on time
+    page = insnav.load(drive.imu.data, drive.gps.data, gps_delay=delay).navigate(smooth=False).page()
+    found = [text for text in page.warnings if "delay of the fixes given" in text]
+    assert [f"asks for a {said} one" in text for text in found] == [True] * bool(said)
+
+
 def test_an_error_as_large_as_the_note_says_is_said():
     drive = insnav.simulate("aircraft_pattern", imu="industrial", gps="dgps", seed=14)
     imu, gps = drive.imu.data, drive.gps.data
