@@ -167,7 +167,7 @@ def widened(run: Run, off: FloatArray, share: float) -> Run:
         sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + part * off**2)
         return sd
 
-    return _with_sd(run, wider)
+    return with_wider_sd(run, wider)
 
 
 def mixed(run: Run, changes: tuple[StateChange, ...]) -> Run:
@@ -183,7 +183,7 @@ def mixed(run: Run, changes: tuple[StateChange, ...]) -> Run:
         sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + early * off**2 + (1.0 - early) * (last - off) ** 2)
         return sd
 
-    return _with_sd(run, wider)
+    return with_wider_sd(run, wider)
 
 
 def either(run: Run, other: Run) -> Run:
@@ -199,10 +199,10 @@ def either(run: Run, other: Run) -> Run:
         sd[:, :6] = np.sqrt(0.5 * (sd[:, :6] ** 2 + other_sd[:, :6] ** 2 + off**2))
         return sd
 
-    return _with_sd(run, wider)
+    return with_wider_sd(run, wider)
 
 
-def _with_sd(run: Run, wider: Callable[[Trajectory, FloatArray], FloatArray]) -> Run:
+def with_wider_sd(run: Run, wider: Callable[[Trajectory, FloatArray], FloatArray]) -> Run:
     """A run with other standard deviations, filtered and smoothed."""
 
     def changed(solution: Trajectory) -> Trajectory:

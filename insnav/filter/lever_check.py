@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from insnav.attitude import wrap_pi
+from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.exceptions import AlignmentError
+from insnav.filter.changes import with_wider_sd
 from insnav.filter.gps_delay import filtered
 from insnav.filter.navigate import feed
 from insnav.filter.prepare import Prepared
-from insnav.types import Event, EventKind, Run
+from insnav.types import Event, EventKind, FloatArray, Run, Trajectory
 
 LOOK = 600.0  # so much of a drive tells it [s]
 OPENED = 2.0  # standard deviation of each component in the pass that looks for it [m]
@@ -45,8 +46,11 @@ def with_right_heading(given: Prepared, alone: Callable[[], Prepared]) -> Prepar
     return replace(ready, faults=(*ready.faults, event), notes=(*ready.notes, text))
 
 
-def lever_contradicted(ready: Prepared) -> tuple[tuple[Event, ...], tuple[str]]:
-    """Navigate the begin of a drive with the lever arm as a state; an event if it ends far from that given."""
+def lever_contradicted(ready: Prepared) -> tuple[FloatArray, tuple[Event, ...], tuple[str]]:
+    """Navigate the begin of a drive with the lever arm as a state; an event if it ends far from that given.
+
+    Returns: by how much it then is off, (3,) [m], or zero; the event; a note on what would not be seen.
+    """
     given, begin = ready.settings.lever_b, ready.initial.time
     run = _looked(ready, lever_sd=OPENED)
     off, limit = np.abs(run.lever_b - given), np.maximum(WRONG, SURE * run.lever_sd)
@@ -56,8 +60,26 @@ def lever_contradicted(ready: Prepared) -> tuple[tuple[Event, ...], tuple[str]]:
     )
     note = f"errors of the lever arm given that this drive would not show are smaller than {seen} m (x, y, z)"
     told = f"the antenna seems to be at {found} (± {sd}) m from the IMU, forward, right, down, not at {arm} as given"
-    event = Event(begin, EventKind.CONTRADICTION, float(off.max()), WRONG, "m", f"{told}: --lever-arm {found}")
-    return (event,) * bool((off > limit).any()), (note,)
+    event = Event(
+        begin,
+        EventKind.CONTRADICTION,
+        float(off.max()),
+        WRONG,
+        "m",
+        f"{told}; standard deviations hold it: --lever-arm {found}",
+    )
+    wrong = bool((off > limit).any())
+    return wrong * (run.lever_b - given), (event,) * wrong, (note,)
+
+
+def with_wrong_lever(run: Run, off_b: FloatArray) -> Run:
+    """Standard deviations that hold a lever arm that is `off_b` (3,) [m], too: the antenna is where fixes say."""
+
+    def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
+        sd[:, :3] = np.hypot(sd[:, :3], dcm_from_rph(solution.rph) @ off_b)
+        return sd
+
+    return with_wider_sd(run, wider) if off_b.any() else run
 
 
 def delay_contradicted(ready: Prepared) -> tuple[Event, ...]:

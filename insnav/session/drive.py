@@ -26,7 +26,7 @@ from insnav.filter import FilterSettings
 from insnav.filter.fine_alignment import FineAlignment, fine_alignment
 from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
-from insnav.filter.lever_check import delay_contradicted, lever_contradicted, with_right_heading
+from insnav.filter.lever_check import delay_contradicted, lever_contradicted, with_right_heading, with_wrong_lever
 from insnav.filter.navigate import AidingChoice, aided, dense, navigate_prepared, thinned
 from insnav.filter.noise_identification import identify_noise, understated, with_known_noise, with_noise
 from insnav.filter.prepare import Prepared, Start, prepare
@@ -293,12 +293,12 @@ class Drive:
         ready = replace(ready, settings=replace(ready.settings, smooth=smooth, output_interval=dense(output_interval)))
         done = navigate_prepared(ready, spec, aiding=aiding, progress=progress)
         given = self.readings.inputs.get("lever_arm") is not None and not ready.settings.lever_sd
-        doubts, unseen = lever_contradicted(ready) if given else ((), ())
+        off_b, doubts, unseen = lever_contradicted(ready) if given else (np.zeros(3), (), ())
         if self.readings.inputs.get("gps_delay") is not None:
             doubts = (*delay_contradicted(ready), *doubts)
         doubts = doubts if self.gps is None else (*understated(ready, self.gps.data), *doubts)
         events = self._events((*doubts, *done.run.events))
-        done = replace(done, run=replace(done.run, events=events))
+        done = replace(done, run=replace(with_wrong_lever(done.run, off_b), events=events))
         point = None if self.reference is None else reference_point(self.readings.inputs, self.reference.data)
         found, notes = evaluate_run(done, self.reference, done.run.lever_b if point is None else point)
         if mechanization == "short":

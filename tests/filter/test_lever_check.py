@@ -10,7 +10,7 @@ import pytest
 
 import insnav
 from insnav.attitude import dcm_from_rph, wrap_pi
-from insnav.earth import lla_offset
+from insnav.earth import lla_offset, ned_offset
 from insnav.session.simulation import plan_of, profiled
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG
@@ -30,6 +30,11 @@ def test_a_wrong_lever_arm_is_said(profile, arm, said):
     result = insnav.load(drive.imu.data, drive.gps.data, lever_arm=arm).navigate()
     found = [text for text in result.page().warnings if "the antenna seems" in text]
     assert bool(found) == said
+    solution, truth = result.found.run.smoothed.solution, drive.reference.data
+    true = np.column_stack([np.interp(solution.time, truth.time, each) for each in truth.lla.T])
+    assert (
+        np.mean(np.abs(ned_offset(solution.lla, true)) < 3.0 * solution.sd[:, :3]) > 0.97
+    )  # an arm that is wrong, too
     if found:
         estimate = np.array([float(value) for value in found[0].rpartition(" ")[2].split(",")])
         assert np.abs(estimate[:2]).max() < 0.3
