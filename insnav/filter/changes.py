@@ -48,11 +48,13 @@ def changes_of(
     unlikely: Callable[[Run, tuple[StateChange, ...]], float],
     *,
     only_surest: bool = False,
+    passing: bool = True,
 ) -> tuple[Run, tuple[StateChange, ...], Run]:
     """Find changes one after the other, beside those that a run has, while they make it likelier.
 
     `again`: navigates with changes taken off. What a step of a bias explains as well is no turn of the IMU, and what
-    lasts as well does not pass. Returns: the run, its changes, and the last run that was tried.
+    lasts as well does not pass; nothing does where `passing` is not asked for.
+    Returns: the run, its changes, and the last run that was tried.
     """
     other = run
     while run.smoothed is not None and len(changes) < MOST:
@@ -61,7 +63,7 @@ def changes_of(
             wanted = [run.smoothed.surest] if run.smoothed.surest is not None else []
         elif wanted and wanted[0].first == ATTITUDE:
             wanted += [each for each in run.smoothed.likely[1:] if each.first > ATTITUDE]
-        tried = [(more, again(changes=more)) for added in wanted for more in with_(changes, added)]
+        tried = [(more, again(changes=more)) for added in wanted for more in with_(changes, added, passing)]
         if not tried:
             break
         bold = [sum(each.first == ATTITUDE or not each.change.any() for each in more) for more, _ in tried]
@@ -84,7 +86,7 @@ def measured(change: StateChange, run: Run) -> StateChange:
     return replace(change, change=np.zeros(3) if back else off)
 
 
-def with_(changes: tuple[StateChange, ...], found: StateChange) -> list[tuple[StateChange, ...]]:
+def with_(changes: tuple[StateChange, ...], found: StateChange, passing: bool) -> list[tuple[StateChange, ...]]:
     """Changes with another one, and the same without those soon after it: they may only have stood for it.
 
     Jumps that follow each other may be one drag: the positions while it lasts are not used. Nor are those about a jump
@@ -110,8 +112,8 @@ def with_(changes: tuple[StateChange, ...], found: StateChange) -> list[tuple[St
         rest = [each for each in changes if each not in joined]
         less = [each for each in rest if not one.time < each.time < one.time + BESIDE]
         both = [rest] if len(less) == len(rest) else [rest, less]
-        passing = replace(one, change=np.zeros(3), since=one.begin - AROUND, time=one.time + AROUND)
-        ones = (one, passing) if one.first == 0 else (one,)
+        passed = replace(one, change=np.zeros(3), since=one.begin - AROUND, time=one.time + AROUND)
+        ones = (one, passed) if passing and one.first == 0 else (one,)
         more += [tuple(sorted([*some, one], key=lambda each: each.time)) for some in both for one in ones]
     return more
 

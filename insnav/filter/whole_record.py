@@ -157,7 +157,8 @@ def decided(
             found, others = Explained(runs[best], ways[best]), []
         else:
             changes = ()
-    run, said = _left_open(found, changes, gps, settings, worth)
+    # fixes that no gate and no smoothed track contradicts are not left out
+    run, said = _left_open(found, changes, gps, settings, worth, passing=against)
     if found.trust is not None:
         run, open_ = _false_from_the_begin(run, gps, settings, found.trust)
         said += open_
@@ -186,12 +187,14 @@ def _left_open(
     gps: GpsData,
     settings: FilterSettings,
     worth: Callable[[Run, tuple[StateChange, ...]], float],
+    *,
+    passing: bool,
 ) -> tuple[Run, list[Event]]:
     """Take what stands out in a run as another change, while that makes it likelier, and widen standard deviations.
 
     `likely`: changes that the run has.
     """
-    run, changes, other = changes_of(found.run, likely, found.again, worth, only_surest=True)
+    run, changes, other = changes_of(found.run, likely, found.again, worth, only_surest=True, passing=passing)
     sure = bool(changes) or run.smoothed is None or run.smoothed.surest is None
     if not sure and run.smoothed is not None and run.smoothed.surest is not None:
         changes = (run.smoothed.surest,)

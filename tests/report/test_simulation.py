@@ -59,10 +59,10 @@ def plan_of(truth, **more) -> Plan:
 
 def recording_of(plan: Plan) -> Recording:
     time = times(plan.truth, plan.rate)
-    realisation = corrupt_imu(imu_from_truth(plan.truth, time, plan.sampling), plan.imu, 1)
+    made = corrupt_imu(imu_from_truth(plan.truth, time, plan.sampling), plan.imu, 1)
     lever_b = np.array([0.5, 0.0, -1.25])
     fixes = gps_from_truth(plan.truth, time[20::20], lever_b)
-    return Recording(realisation.imu, fixes, reference(plan.truth, time[::2]), realisation, lever_b)
+    return Recording(made.imu, fixes, reference(plan.truth, time[::2]), made.errors, lever_b)
 
 
 def runs_of(truth, count: int = 4) -> Runs:
