@@ -12,7 +12,7 @@ import numpy as np
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors, position_errors
-from insnav.errors.reference_offset import FEWEST, WORTH, jackknifed, offset_notes, reference_offset
+from insnav.errors.reference_offset import FEWEST, WORTH, jackknifed, offset_notes, reference_offset, rows_at
 from insnav.input.interpret.velocities import fit_velocities
 from insnav.sample_statistics import rms
 from insnav.types import Event, EventKind, FloatArray, GpsData, Trajectory
@@ -20,7 +20,7 @@ from insnav.units import DEG
 
 FARTHEST, STEP = 30.0, 0.25  # errors of the clock looked for, and steps of the search [s]
 LEAST_CLOCK, CLEAR = 0.03, 5.0  # what is said: errors so large [s], and so many standard deviations
-MOST_EPOCHS = 2000  # of the search: a drive shows its turns in as many
+MOST_EPOCHS = 500  # of the search: a drive shows its turns in as many
 STEADY = 1.0  # scatter of the speed below which an error of the clock is like one of the position [m/s]
 FAST = 2.0  # speed above which the course is a heading [m/s]
 LEAST_HEADING, LEAST_TURN, SURE = 1.0 * DEG, 5.0 * DEG, 5.0  # that contradict: all, some, and standard deviations
@@ -46,7 +46,9 @@ def check_reference(
     elif gps is not None and _copied(reference.v_n, gps.v_n):
         reference = replace(reference, v_n=np.full_like(reference.v_n, np.nan))
         say(0.0, 0.0, "", "the velocities of the reference are those of the fixes, which proves nothing: not used")
-    late, before, after = clock_error(reference, track, lever_b)
+    errors = position_errors(track, reference, lever_b=lever_b)
+    late, before, after = clock_error(errors, reference, track, lever_b)
+    given = reference.time
     if late:
         which = "ahead of" if late > 0.0 else "behind"
         say(
@@ -56,8 +58,8 @@ def check_reference(
             f"the clock of the reference is {abs(late):.2f} s {which} the solution: accuracy is against it as it "
             f"is; with {-late:+.2f} s added to its times the horizontal RMS is {after:.3g} m instead of {before:.3g} m",
         )
-    given, reference = reference.time, replace(reference, time=reference.time - late)
-    errors = position_errors(track, reference, lever_b=lever_b)
+        reference = replace(reference, time=given - late)
+        errors = position_errors(track, reference, lever_b=lever_b)
     until, constant, by_course = heading_error(errors, track)
     heading = np.arange(3) == 2
     if constant:
@@ -92,22 +94,25 @@ def _copied(values: FloatArray, others: FloatArray) -> bool:
     return len(mine) >= FEWEST and bool(np.mean(np.isin(mine, theirs)) > _MOST)
 
 
-def clock_error(reference: Trajectory, track: Trajectory, lever_b: FloatArray) -> tuple[float, float, float]:
+def clock_error(
+    errors: TrajectoryErrors, reference: Trajectory, track: Trajectory, lever_b: FloatArray
+) -> tuple[float, float, float]:
     """How far the clock of a reference is ahead [s]; horizontal RMS difference as it is, and with that corrected [m].
 
     By the lag with which the two tracks lie closest, then by least squares with a constant offset and another point of
-    the vehicle, which a clock must not be taken for. Returns: zeros where the difference is small, or not clear.
+    the vehicle, which a clock must not be taken for. `errors`: of the track against the reference as it is.
+    Returns: zeros where the difference is small, or not clear.
     """
-    errors = position_errors(track, reference, lever_b=lever_b)
     before = rms(errors.horizontal)
     late, sd, after = _coarse(reference, track), np.inf, before
     for _ in range(3):
         moved = replace(reference, time=reference.time - late)
         if moved.time[-1] < track.time[0] or moved.time[0] > track.time[-1]:
             return 0.0, 0.0, 0.0
-        errors = position_errors(track, moved, lever_b=lever_b)
+        if late:
+            errors = position_errors(track, moved, lever_b=lever_b)
         after = rms(errors.horizontal)
-        row = np.searchsorted(track.time, errors.time).clip(max=len(track.time) - 1)
+        row = rows_at(track, errors.time)
         v = track.v_n[row, :2]
         if len(v) < FEWEST or float(np.std(np.hypot(v[:, 0], v[:, 1]))) < STEADY:
             return 0.0, 0.0, 0.0
@@ -115,6 +120,8 @@ def clock_error(reference: Trajectory, track: Trajectory, lever_b: FloatArray) -
         terms = np.concatenate([v[:, :, None], -c, np.broadcast_to(np.eye(2), c.shape)], axis=2)
         value, value_sd = jackknifed(terms, errors.position[:, :2])
         late, sd = late + float(value[0]), float(value_sd[0])
+        if abs(late) < 0.5 * LEAST_CLOCK:  # no further step makes it worth saying
+            return 0.0, 0.0, 0.0
     clear = abs(late) > max(LEAST_CLOCK, CLEAR * sd) and after < WORTH * before
     return (round(late, 3), before, after) if clear else (0.0, 0.0, 0.0)
 
@@ -147,7 +154,7 @@ def heading_error(errors: TrajectoryErrors, track: Trajectory) -> tuple[float | 
     if errors.sd is None or np.count_nonzero(known) < FEWEST:
         return None, 0.0, False
     time, apart, sd = errors.time[known], apart[known], errors.sd[known, 8]
-    row = np.searchsorted(track.time, time).clip(max=len(track.time) - 1)
+    row = rows_at(track, time)
     v = track.v_n[row, :2]
     fast = np.hypot(v[:, 0], v[:, 1]) > FAST
     tells = np.count_nonzero(fast) >= FEWEST

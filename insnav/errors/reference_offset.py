@@ -9,7 +9,7 @@ import numpy as np
 from insnav.attitude import dcm_from_rph
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.sample_statistics import rms
-from insnav.types import BoolArray, FloatArray, Trajectory
+from insnav.types import BoolArray, FloatArray, IntArray, Trajectory
 
 FEWEST = 100  # epochs; fewer tell nothing
 BLOCKS = 10  # of the jackknife: errors of neighbouring epochs are alike
@@ -54,7 +54,7 @@ def reference_offset(errors: TrajectoryErrors, track: Trajectory) -> ReferenceOf
     position = errors.position[known]
     if position.shape[0] < FEWEST:
         return None
-    row = np.clip(np.searchsorted(track.time, errors.time[known]), 0, track.time.size - 1)
+    row = rows_at(track, errors.time[known])
     c = dcm_from_rph(track.rph[row])[:, :2, :2]
     if np.sqrt(np.sum(np.var(c[:, :, 0], axis=0))) < TURNED:
         return None
@@ -69,6 +69,11 @@ def reference_offset(errors: TrajectoryErrors, track: Trajectory) -> ReferenceOf
         rms(np.hypot(moved[:, 0], moved[:, 1])),
         float(position[:, 2].mean()),
     )
+
+
+def rows_at(track: Trajectory, time: FloatArray) -> IntArray:
+    """Row of a track at each time, or the next."""
+    return np.searchsorted(track.time, time).clip(max=len(track.time) - 1)
 
 
 def jackknifed(terms: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
