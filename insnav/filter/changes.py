@@ -191,11 +191,12 @@ def mixed(run: Run, changes: tuple[StateChange, ...]) -> Run:
 def either(run: Run, other: Run) -> Run:
     """Standard deviations that hold both runs, of which neither is likelier."""
     there = (other.smoothed or other).solution
+    assert there.sd is not None
+    values = there.lla, there.v_n, there.sd
 
     def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
         lla, v_n, other_sd = (
-            np.column_stack([np.interp(solution.time, there.time, column) for column in values.T])
-            for values in (there.lla, there.v_n, there.sd if there.sd is not None else there.v_n)
+            np.column_stack([np.interp(solution.time, there.time, column) for column in each.T]) for each in values
         )
         off = np.hstack([ned_offset(solution.lla, lla), solution.v_n - v_n])
         sd[:, :6] = np.sqrt(0.5 * (sd[:, :6] ** 2 + other_sd[:, :6] ** 2 + off**2))

@@ -49,10 +49,7 @@ WORTH = 0.03  # smaller delays are linear enough for the state of the filter [s]
 SURE = 5.0  # delays are believed beyond so many of their standard deviations
 ROUNDS = 3  # of moving the clock
 RETURN = 0.5  # part of a delay by which filter or windows must not go back once the clock was moved
-LEAST_OTHER, OTHER_WORTH = (
-    0.03,
-    0.45,
-)  # of how vibration moves the antenna otherwise: the least, and what is worth states [m]
+LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # of an arm of vibration's own: the least, and what is worth states [m]
 SCALES = 50  # steps of the search for a standard deviation
 OPENED, FREEDOM = 2.0, 3.0  # times the scale of the prior of a lever arm at first; its degrees of freedom
 LOOKED = 2.0  # times the standard deviation of the first run for the second: its measurements count little twice

@@ -195,8 +195,9 @@ def _left_open(
     `likely`: changes that the run has.
     """
     run, changes, other = changes_of(found.run, likely, found.again, worth, only_surest=True, passing=passing)
-    sure = bool(changes) or run.smoothed is None or run.smoothed.surest is None
-    if not sure and run.smoothed is not None and run.smoothed.surest is not None:
+    assert run.smoothed is not None
+    sure = bool(changes) or run.smoothed.surest is None
+    if not changes and run.smoothed.surest is not None:
         changes = (run.smoothed.surest,)
     of_imu, of_fixes = (tuple(each for each in changes if of_the_imu(each) is imu) for imu in (True, False))
     perhaps = "against all fixes, which may be false; standard deviations hold both"
