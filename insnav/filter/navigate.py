@@ -111,6 +111,10 @@ def navigate_prepared(
     outside = _outside(ready.gps.time - ready.settings.delay, ready.initial.time, float(ready.imu.time[-1]))
     events = (*ready.faults, *found, *run.events, *outside)
     run = replace(thinned(run, every), events=events, gps_delay=run.gps_delay + ready.clock)
+    if run.smoothed is not None and run.smoothed.delay_step is not None:
+        step = run.smoothed.delay_step
+        step = replace(step, before=step.before + ready.clock, after=step.after + ready.clock)
+        run = replace(run, smoothed=replace(run.smoothed, delay_step=step))
     return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready), *_unseen(run)))
 
 

@@ -23,6 +23,7 @@ from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import (
     AidingUse,
     Alignment,
+    DelayStep,
     Epochs,
     Event,
     EventKind,
@@ -213,7 +214,13 @@ class Record:
                 True,
             )
             smoothed = _smoothed(track, found, clock, moved)
-            smoothed = replace(smoothed, smallest_seen=shown.smallest, surest=shown.surest, likely=shown.likely)
+            step = None
+            if shown.late is not None:
+                before = float(epochs[np.searchsorted(epochs[:, 0], shown.late.time - TIME_TOLERANCE) - 1, 25])
+                step = DelayStep(shown.late.time, before, before - float(shown.late.change[0]))
+            smoothed = replace(
+                smoothed, smallest_seen=shown.smallest, surest=shown.surest, likely=shown.likely, delay_step=step
+            )
         spill.release()
         return Run(
             solution=filtered,

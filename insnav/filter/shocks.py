@@ -16,6 +16,7 @@ import numpy as np
 
 from insnav.filter.smoother import SmoothedErrors
 from insnav.kernels.dynamics import NAV
+from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import DRAG, SHOCK
 from insnav.types import BoolArray, FloatArray, StateChange
 from insnav.units import DEG
@@ -40,6 +41,9 @@ KINDS = POSITION, VELOCITY, ATTITUDE, GYRO, ACCEL, DRIFT  # as the kernel has th
 OF_FIXES = POSITION, VELOCITY, DRIFT  # the smallest that would be seen is stated
 TRIED = 45.0  # twice the gain of the log-likelihood from which a change may be one of several [-]
 USUAL = 4.0  # times what the drive shows a third time: recorded ones have more than the model has
+LATE = 35.0  # of a change of the delay: recorded and simulated drives without a fault have up to 17 [-]
+PERHAPS = 0.5  # part of the gain of any other change, which true positions of another time have, too
+LATE_START = 15.0  # so long after a start the attitude is good enough for that [s]
 BEGIN_AND_END = 2  # a drag has both
 AT_REST = 1.0  # [m/s]
 # so long after a start at rest, after one in motion, before and after a departure the attitude is not yet that of a
@@ -57,6 +61,7 @@ class Shocks(NamedTuple):
     # (3,) jump of the position [m], change of velocity and a minute of drift [m/s] that would have been seen nine times
     # in ten in all but a tenth of the record
     smallest: FloatArray
+    late: StateChange | None  # of the delay (1,) [s], if it stands out
 
 
 def shocks(found: SmoothedErrors, *, velocities: bool = True) -> Shocks:
@@ -82,7 +87,17 @@ def shocks(found: SmoothedErrors, *, velocities: bool = True) -> Shocks:
         if value > max(TRIED, usual):
             likely.append(change)
     likely.sort(key=lambda change: -change.gain)
-    return Shocks(surest, tuple(likely), np.array(list(smallest.values())))
+    return Shocks(surest, tuple(likely), np.array(list(smallest.values())), late(found))
+
+
+def late(found: SmoothedErrors) -> StateChange | None:
+    """Change of the delay that stands out, if no other change explains much more."""
+    rows = found.time > found.time[0] + LATE_START
+    gains = np.nan_to_num(np.column_stack([found.late[rows, 0], *found.shocks[rows, ::SHOCK].T]))
+    if gains.shape[0] == 0 or gains[:, 0].max() < max(LATE, PERHAPS * gains.max()):
+        return None
+    row = int(np.argmax(gains[:, 0]))
+    return StateChange(float(found.time[rows][row]), STATES, found.late[rows][row, 1:], float(gains[row, 0]))
 
 
 def settled(found: SmoothedErrors) -> BoolArray:

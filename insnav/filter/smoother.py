@@ -30,6 +30,7 @@ class SmoothedErrors:
     # (m, 25) of each fix, accepted or not, against filter and smoother; see `insnav.kernels.smoother.backward`
     innovations: FloatArray
     shocks: FloatArray  # (m, 30) changes of the state that later measurements ask for, by the same kernel
+    late: FloatArray  # (m, 2) gain and change of the delay that they ask for
 
 
 class History:
@@ -81,6 +82,7 @@ class History:
         after, before, variance = spill.empty((count, m)), spill.empty((count, m)), np.empty((count, SENSOR))
         covariance, innovations = spill.empty((count, NAV, NAV)), spill.empty((count, 25))
         shocks, cross, ends = spill.empty((count, 6 * kernel.SHOCK)), np.zeros((9, n + 3)), np.zeros((3, 5, 3))
+        late = np.empty((count, 2))
         ends[1:, 4] = np.nan
         for number in range(len(self._blocks) - 1, -1, -1):
             last = min(count, (number + 1) * ROWS)
@@ -100,6 +102,7 @@ class History:
                 cross,
                 ends,
                 shocks[part],
+                late[part],
             )
             head[part] = block[:, : kernel.RESIDUAL]
             self._blocks.pop()
@@ -116,4 +119,5 @@ class History:
             variance,
             innovations,
             shocks,
+            late,
         )

@@ -145,8 +145,11 @@ def decided(
         found = replace(found, events=weighed.events)
         others.append(weighed.run)
     changes: tuple[StateChange, ...] = ()
+    step = first.smoothed.delay_step
     if against or any(each.first == ATTITUDE for each in first.smoothed.likely[:1]):  # else gates hide nothing
-        _, changes, _ = changes_of(again(gps), (), partial(again, gps), worth)
+        ungated = again(gps)
+        step = (ungated.smoothed and ungated.smoothed.delay_step) or step
+        _, changes, _ = changes_of(ungated, (), partial(again, gps), worth)
     if changes:
         ways = [partial(again, gps, gates=gates) for gates in (settings.gates, OPEN)]
         runs = [way(changes=changes) for way in ways]
@@ -164,7 +167,8 @@ def decided(
         said += open_
     for other in others:
         run = either(run, other)
-    return run, (*found.events, *said)
+    assert run.smoothed is not None
+    return replace(run, smoothed=replace(run.smoothed, delay_step=step)), (*found.events, *said)
 
 
 def _false_from_the_begin(run: Run, gps: GpsData, settings: FilterSettings, trust: Trust) -> tuple[Run, list[Event]]:

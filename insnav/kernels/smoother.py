@@ -124,7 +124,7 @@ def product(a, b, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def backward(  # type: ignore[no-untyped-def]
-    history, n, adjoint, information, after, before, covariance, variance, innovations, cross, ends, shocks
+    history, n, adjoint, information, after, before, covariance, variance, innovations, cross, ends, shocks, late
 ):
     """Carry the adjoint backwards through some epochs, and find the smoothed errors there.
 
@@ -137,7 +137,8 @@ def backward(  # type: ignore[no-untyped-def]
     smoothed sensor errors; `innovations` (m, 25): where there was a fix, predicted minus measured and the variance of
     the prediction, by the filter before it (0 to 11) and smoothed (12 to 23), and the filter's variance of the attitude
     error about Down (24); elsewhere ``NaN``; `shocks` (m, 6 * SHOCK): see `_change`, of position, velocity, attitude,
-    biases of gyros and accelerometers, and a minute of drag that begins at the epoch.
+    biases of gyros and accelerometers, and a minute of drag that begins at the epoch; `late` (m, 2): twice the gain of
+    a change of the delay, and the change [s], or zero without that state.
     """
     p, part, removed = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
     z, h, hp, weight = np.zeros(6), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n))
@@ -217,6 +218,10 @@ def backward(  # type: ignore[no-untyped-def]
         for i in range(5):
             j = 3 * i
             _change(adjoint[j : j + 3], information[j : j + 3, j : j + 3], shocks[k, SHOCK * i :])
+        late[k] = 0.0
+        if n > STATES and information[STATES, STATES] > 0.0:
+            late[k, 1] = adjoint[STATES] / information[STATES, STATES]
+            late[k, 0] = late[k, 1] * adjoint[STATES]
         _minute(row[TIME], n, cross, ends, shocks[k, SHOCK * 5 :])
         span = row[TIME] - (history[k - 1, TIME] if k > 0 else ends[0, 4, 0])
         _undragged(row, n, span, adjoint, information, cross, ends)

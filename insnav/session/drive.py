@@ -23,11 +23,12 @@ from insnav.errors.outage.window_reference import WindowReference, reference_fro
 from insnav.errors.short_duration_errors import short_windows
 from insnav.exceptions import AlignmentError, ConfigError, InputError, as_keywords
 from insnav.filter import FilterSettings
+from insnav.filter.delay_step import with_one_delay
 from insnav.filter.fine_alignment import FineAlignment, fine_alignment
 from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.lever_check import delay_contradicted, lever_contradicted, with_right_heading, with_wrong_lever
-from insnav.filter.navigate import AidingChoice, aided, dense, navigate_prepared, thinned
+from insnav.filter.navigate import AidingChoice, Navigated, aided, dense, navigate_prepared, thinned
 from insnav.filter.noise_identification import identify_noise, understated, with_known_noise, with_noise
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.imu import load_imu
@@ -289,9 +290,15 @@ class Drive:
         """
         one_of("aiding", aiding, get_args(AidingChoice))
         one_of("mechanization", mechanization, ("full", "short"))
-        ready, spec = self.prepared_with_noise(states)
-        ready = replace(ready, settings=replace(ready.settings, smooth=smooth, output_interval=dense(output_interval)))
-        done = navigate_prepared(ready, spec, aiding=aiding, progress=progress)
+
+        def navigated(fixes: GpsData | None) -> tuple[Prepared, Navigated]:
+            ready, spec = replace(self, fixes=fixes).prepared_with_noise(states)
+            settings = replace(ready.settings, smooth=smooth, output_interval=dense(output_interval))
+            ready = replace(ready, settings=settings)
+            return ready, navigate_prepared(ready, spec, aiding=aiding, progress=progress)
+
+        ready, done = with_one_delay(self.fixes, navigated)
+        spec = self.imu_spec if ready.noise is None else ready.noise.spec
         given = self.readings.inputs.get("lever_arm") is not None and not ready.settings.lever_sd
         off_b, doubts, unseen = lever_contradicted(ready) if given else (np.zeros(3), (), ())
         if self.readings.inputs.get("gps_delay") is not None:

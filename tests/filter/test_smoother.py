@@ -72,14 +72,15 @@ def batch(system, y, n, start, part_of=slice(0), change=()):
     size = EPOCHS * n + 3
     normal, right = np.zeros((size, size)), np.zeros(size)
     normal[:n, :n] += np.linalg.inv(start)
-    normal[EPOCHS * n :, EPOCHS * n :] += (0.0 if change else 1.0) * np.eye(3)
+    some = np.eye(3)[: part_of.stop - (part_of.start or 0)]
+    normal[EPOCHS * n :, EPOCHS * n :] += np.eye(3) - some.T @ some
     for k in range(EPOCHS):
         here = slice(k * n, (k + 1) * n)
         if k:
             a = np.zeros((n, size))
             a[:, here], a[:, (k - 1) * n : k * n] = np.eye(n), -system["phi"][k]
             if change:
-                a[part_of, EPOCHS * n :] = -change[k] * np.eye(3)
+                a[part_of, EPOCHS * n :] = -change[k] * some
             normal += a.T @ np.linalg.inv(system["q"][k]) @ a
         part = used(KINDS[k])
         h, weight = system["h"][k][part], np.linalg.inv(system["r"][k][part, part])
@@ -93,10 +94,12 @@ def batch(system, y, n, start, part_of=slice(0), change=()):
 def backward(rows, n):
     """Smoothed errors after and before the measurements, their covariances, comparison with fixes, and changes."""
     m = len(rows)
-    out = [np.empty((m, *shape)) for shape in ((STATES,), (STATES,), (NAV, NAV), (12,), (25,), (6 * kernel.SHOCK,))]
+    out = [
+        np.empty((m, *shape)) for shape in ((STATES,), (STATES,), (NAV, NAV), (12,), (25,), (6 * kernel.SHOCK,), (2,))
+    ]
     ends = np.full((3, 5, 3), np.nan)
     ends[0] = rows[0, kernel.TIME] * (np.arange(5) == 4)[:, None]
-    kernel.backward(rows, n, np.zeros(n), np.zeros((n, n)), *out[:5], np.zeros((9, n + 3)), ends, out[5])
+    kernel.backward(rows, n, np.zeros(n), np.zeros((n, n)), *out[:5], np.zeros((9, n + 3)), ends, *out[5:])
     return out
 
 
@@ -106,7 +109,7 @@ def test_agrees_with_least_squares_over_all_epochs(n):
     system, y = random_system(rng, n), rng.standard_normal((EPOCHS, 6))
     start = np.diag(rng.uniform(0.5, 2.0, n))
     rows, states = filtered(system, y, n, start)
-    after, _, covariance, variance, _, changes = backward(rows, n)
+    after, _, covariance, variance, _, changes, late = backward(rows, n)
     best, spread, plain = batch(system, y, n, start)
     np.testing.assert_allclose(states[:, :STATES] - after, best[:-3].reshape(EPOCHS, n)[:, :STATES], atol=1e-9)
     for group, first, row, change in (
@@ -120,6 +123,9 @@ def test_agrees_with_least_squares_over_all_epochs(n):
         changed, _, gained = batch(system, y, n, start, slice(first, first + 3), change)
         found = changes[row, kernel.SHOCK * group : kernel.SHOCK * group + 4]
         np.testing.assert_allclose(found, [gained - plain, *-changed[-3:]], rtol=1e-7)
+    if n > STATES:
+        changed, _, gained = batch(system, y, n, start, slice(STATES, STATES + 1), [0, 0, 1, 0, 0, 0, 0])
+        np.testing.assert_allclose(late[2], [gained - plain, -changed[-3]], rtol=1e-7)
     for k in range(EPOCHS):
         np.testing.assert_allclose(covariance[k], spread[k][:NAV, :NAV], atol=1e-10)
         np.testing.assert_allclose(variance[k], spread[k].diagonal()[NAV:STATES], atol=1e-10)

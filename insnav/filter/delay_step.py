@@ -1,0 +1,79 @@
+"""A delay of the fixes that changes within a drive, as of a receiver that begins to lag.
+
+The delay is a state of the filter, constant throughout; the adjoint of the smoother shows the change of it that later
+fixes ask for (see `insnav.filter.shocks`). Where one stands out, all fixes are put on the smaller of both delays and
+the drive is prepared and navigated anew: a state of the filter goes only half way, and so is done a few times. Which of
+both is right the drive does not tell; standard deviations hold the other one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from insnav.filter.changes import BETTER, LEAST, with_wider_sd
+from insnav.filter.navigate import Navigated
+from insnav.filter.prepare import Prepared
+from insnav.filter.whole_record import stretches, unlikely
+from insnav.plain_text import moment
+from insnav.types import DelayStep, Event, EventKind, FloatArray, GpsData, Run, Trajectory
+
+ROUNDS = 5  # of moving fixes
+SAME = 0.2  # part of the largest move; smaller ones are none
+
+
+def with_one_delay(
+    fixes: GpsData | None, navigated: Callable[[GpsData | None], tuple[Prepared, Navigated]]
+) -> tuple[Prepared, Navigated]:
+    """Navigate, and again with fixes on one delay if that changes; the likelier of both.
+
+    `navigated`: prepares and navigates with other fixes.
+    """
+    first = other = navigated(fixes)
+    assert fixes is not None  # else there was nothing to navigate
+    late, some = np.zeros(fixes.time.size), fixes
+    for _ in range(ROUNDS):
+        smoothed = other[1].run.smoothed
+        if smoothed is None or smoothed.delay_step is None:
+            break
+        step = smoothed.delay_step
+        late += moved(step, fixes.time - other[0].settings.delay - late)
+        time = fixes.time - late
+        kept = time > np.maximum.accumulate(np.concatenate([[-np.inf], time[:-1]]))
+        some = replace(fixes, time=time).rows(kept)
+        other = navigated(some)
+    cost, further = (
+        unlikely(done.run, gps, ready.settings)
+        + BETTER * sum(event.kind is EventKind.CONTRADICTION for event in done.run.events)
+        for (ready, done), gps in ((first, fixes), (other, some))
+    )
+    if further > cost - BETTER:
+        return first
+    ready, done = other
+    return ready, replace(done, run=_told(done.run, fixes.time, late))
+
+
+def moved(step: DelayStep, time: FloatArray) -> FloatArray:
+    """By how much fixes at some times are later than with the smaller delay [s]."""
+    change = step.after - step.before
+    right = change if abs(step.after) < abs(step.before) else 0.0
+    return np.asarray(np.where(time >= step.time, change, 0.0) - right)
+
+
+def _told(run: Run, time: FloatArray, late: FloatArray) -> Run:
+    """An event for each stretch of fixes that were moved, and standard deviations that hold them as they were."""
+    largest = float(np.abs(late).max())
+
+    def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
+        sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + LEAST * (largest * solution.v_n) ** 2)
+        return sd
+
+    events = []
+    for begin, end in stretches(time, np.abs(late) > SAME * largest):
+        size = float(np.median(late[(time >= begin) & (time <= end)]))
+        said = f"fixes from {moment(begin, end)} are {abs(size):.2g} s {'later' if size > 0.0 else 'earlier'} than the"
+        said += " others: moved; standard deviations hold both"
+        events.append(Event(begin, EventKind.CONTRADICTION, abs(size), np.nan, "s", said))
+    return replace(with_wider_sd(run, wider), events=(*events, *run.events))

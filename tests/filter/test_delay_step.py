@@ -1,0 +1,56 @@
+"""A delay of the fixes that changes within a drive is found, and taken back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from insnav.filter.delay_step import moved, with_one_delay
+from insnav.filter.navigate import navigate_prepared
+from insnav.filter.prepare import prepare
+from insnav.imu import load_imu
+from insnav.types import DelayStep, EventKind
+from tests.filter.test_changes import ratios
+from tests.filter.test_whole_record import AT, SETTINGS, recording, told
+
+
+def navigated(seed, fixes):
+    settings = replace(SETTINGS, delay_sd=0.05)
+    made, spec = recording(seed), load_imu("automotive")
+
+    def once(gps):
+        ready = prepare(made.imu, gps, spec, settings)
+        return ready, navigate_prepared(ready, spec)
+
+    return with_one_delay(fixes, once)[1]
+
+
+@pytest.mark.parametrize(("seed", "seconds"), [(5, 0.5), (8, -0.2)])
+def test_fixes_that_begin_to_lag_are_moved(seed, seconds):
+    gps = recording(seed).gps
+    begin = recording(seed).imu.time[0] + AT
+    wrong = replace(gps, time=gps.time + seconds * (gps.time > begin))
+    wrong = wrong.rows(np.diff(wrong.time, prepend=-np.inf) > 0.0)
+    done = navigated(seed, wrong)
+    ratio = ratios(done, recording(seed).reference)
+    assert np.mean(ratio < 3.0) > 0.99
+    (event,) = (event for event in done.run.events if event.kind is EventKind.CONTRADICTION)
+    assert event.value == pytest.approx(abs(seconds), abs=0.05)
+    assert event.time == pytest.approx(begin, abs=3.0)
+    assert ("later" if seconds > 0.0 else "earlier") in event.action
+
+
+def test_without_one_nothing_is_moved():
+    done = navigated(5, recording(5).gps)
+    assert done.run.smoothed.delay_step is None
+    assert not told(done)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "expected"), [(0.0, 0.5, [0.0, 0.5]), (0.1, -0.4, [0.0, -0.5]), (-0.4, 0.1, [-0.5, 0.0])]
+)
+def test_fixes_are_put_on_the_smaller_delay(before, after, expected):
+    late = moved(DelayStep(10.0, before, after), np.array([9.0, 10.0]))
+    np.testing.assert_allclose(late, expected)
