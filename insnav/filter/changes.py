@@ -188,6 +188,17 @@ def mixed(run: Run, changes: tuple[StateChange, ...]) -> Run:
     return with_wider_sd(run, wider)
 
 
+def resets_of(run: Run) -> tuple[StateChange, ...]:
+    """Resets as jumps of the fixes from the first of those that were rejected on."""
+    found, changes = run.innovations, list[StateChange]()
+    for event in run.events:
+        if event.kind is EventKind.RESET:
+            row = int(np.searchsorted(found.time, event.time - 1e-6))
+            first = int(np.flatnonzero(found.used_position[:row]).max(initial=-1)) + 1
+            changes.append(StateChange(float(found.time[first]), 0, -found.innovation[row, :3], np.nan))
+    return tuple(changes)
+
+
 def either(run: Run, other: Run) -> Run:
     """Standard deviations that hold both runs, of which neither is likelier."""
     there = (other.smoothed or other).solution

@@ -33,6 +33,7 @@ from insnav.filter.changes import (
     false_between,
     mixed,
     of_the_imu,
+    resets_of,
     told,
     unused,
     widened,
@@ -64,7 +65,7 @@ ENDS = 0.2  # a fix so little before or after the track is compared with its end
 # fix costs that was not used, and as much more a row of them, however long: a false one is seldom alone [-]
 LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
 SURELY = 1.0  # twice the log-likelihood of a fix, on average, by which another explanation is better [-]
-LONG_BEGIN = 10.0  # so long false fixes at the begin may be those before a jump for good [s]
+LONG = 5.0  # so long false fixes at begin or end may be those before or after a jump for good [s]
 OPEN_START = 3000.0  # standard deviation of a first position that may be false [m]
 
 
@@ -80,9 +81,13 @@ class Explained:
 
     def again(self, changes: tuple[StateChange, ...], trust: Trust | None = None) -> Run:
         """Navigate with further changes, and further fixes left out."""
+        return self.navigate(trust=self.trusted(trust), changes=changes)
+
+    def trusted(self, trust: Trust | None) -> Trust | None:
+        """Further fixes left out and those of this explanation."""
         if self.trust is not None and trust is not None:
             trust = replace(trust, false=trust.false | self.trust.false)
-        return self.navigate(trust=trust or self.trust, changes=changes)
+        return trust or self.trust
 
 
 def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> tuple[FloatArray, FloatArray]:
@@ -161,28 +166,34 @@ def decided(
         else:
             changes = ()
     # fixes that no gate and no smoothed track contradicts are not left out
-    run, said = _left_open(found, changes, gps, settings, worth, passing=against)
-    if found.trust is not None:
-        run, open_ = _false_from_the_begin(run, gps, settings, found.trust)
+    run, said, trust = _left_open(found, changes, gps, settings, worth, passing=against)
+    if trust is not None:
+        run, open_ = false_at_an_end(run, gps, settings, trust)
         said += open_
     for other in others:
         run = either(run, other)
+    if resets := resets_of(run):
+        run = mixed(run, resets)
+        why = "the filter was reset to them; those before or those after are false, standard deviations hold both"
+        said += told(resets, why)
     assert run.smoothed is not None
     return replace(run, smoothed=replace(run.smoothed, delay_step=step)), (*found.events, *said)
 
 
-def _false_from_the_begin(run: Run, gps: GpsData, settings: FilterSettings, trust: Trust) -> tuple[Run, list[Event]]:
-    """Fixes that are false from the begin on, for long, may be the true ones: standard deviations hold both."""
-    off = residuals(run, gps, settings)[0][0]
-    rows = np.flatnonzero(np.isfinite(off).all(axis=1))
-    first = rows[: int(np.argmin(trust.false[0, rows]))]
-    if first.size == 0 or gps.time[first[-1]] - gps.time[first[0]] < LONG_BEGIN:
-        return run, []
-    size = np.sqrt(np.mean(off[first] ** 2, axis=0))
-    begin, far = float(gps.time[first[0]]), float(np.linalg.norm(size))
-    said = f"the {first.size} false fixes of the begin may be the true ones, and all others {far:.2g} m off"
-    said = f"{said}: standard deviations hold both"
-    return widened(run, size, first.size / rows.size), [Event(begin, EventKind.CONTRADICTION, far, np.nan, "m", said)]
+def false_at_an_end(run: Run, gps: GpsData, settings: FilterSettings, trust: Trust) -> tuple[Run, list[Event]]:
+    """Fixes that are false from the begin on or to the end, for long, may be true: standard deviations hold both."""
+    off, said = residuals(run, gps, settings)[0][0], []
+    every = np.flatnonzero(np.isfinite(off).all(axis=1))
+    for end, rows in (("begin", every), ("end", every[::-1])):
+        some = rows[: int(np.argmin(trust.false[0, rows]))]
+        if some.size == 0 or np.ptp(gps.time[some]) < LONG:
+            continue
+        size = np.sqrt(np.mean(off[some] ** 2, axis=0))
+        begin, far = float(gps.time[some].min()), float(np.linalg.norm(size))
+        told = f"the {some.size} false fixes of the {end} may be the true ones, and all others {far:.2g} m off"
+        said.append(Event(begin, EventKind.CONTRADICTION, far, np.nan, "m", f"{told}: standard deviations hold both"))
+        run = widened(run, size, some.size / rows.size)
+    return run, said
 
 
 def _left_open(
@@ -193,10 +204,10 @@ def _left_open(
     worth: Callable[[Run, tuple[StateChange, ...]], float],
     *,
     passing: bool,
-) -> tuple[Run, list[Event]]:
+) -> tuple[Run, list[Event], Trust | None]:
     """Take what stands out in a run as another change, while that makes it likelier, and widen standard deviations.
 
-    `likely`: changes that the run has.
+    `likely`: changes that the run has. Returns: the run, what was found, and all fixes that were left out.
     """
     run, changes, other = changes_of(found.run, likely, found.again, worth, only_surest=True, passing=passing)
     assert run.smoothed is not None
@@ -217,7 +228,7 @@ def _left_open(
     if trust is not None:
         off, _ = residuals(run, gps, settings)
         said += told_false(gps, replace(trust, residual=np.linalg.norm(off, axis=2)))
-    return run if sure else either(run, other), said
+    return run if sure else either(run, other), said, found.trusted(trust)
 
 
 def reconcile(

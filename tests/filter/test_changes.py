@@ -10,16 +10,18 @@ import pytest
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.metrics import position_errors
-from insnav.filter.changes import FASTEST, VELOCITY, false_between, mixed, of_the_imu, offset
+from insnav.filter.changes import FASTEST, VELOCITY, false_between, mixed, of_the_imu, offset, resets_of
 from insnav.filter.changes import told as said
+from insnav.filter.gates import Trust
 from insnav.filter.navigate import Navigated, navigate_recording
 from insnav.filter.shocks import shocks
+from insnav.filter.whole_record import false_at_an_end
 from insnav.imu import load_imu
 from insnav.simulate.faults import gps_drag, gps_jump
 from insnav.simulate.gps_file import load_gps
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM, simulate_recording
-from insnav.types import EventKind, FloatArray, GpsData, ImuData, StateChange, Trajectory
+from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, StateChange, Trajectory
 from tests.filter.test_shocks import AT as SHOCK
 from tests.filter.test_shocks import drives, smoothed
 from tests.filter.test_whole_record import AT, SETTINGS, false, navigated, recording, span, told
@@ -166,3 +168,26 @@ def test_the_variance_of_a_jump_is_that_of_both_explanations():
     added = wider.smoothed.solution.sd[:, 0] ** 2 - run.smoothed.solution.sd[:, 0] ** 2
     np.testing.assert_allclose(added, np.where(time < at, 2.0 / 3.0, 1.0 / 3.0) * 900.0)
     np.testing.assert_array_equal(wider.smoothed.solution.sd[:, 1:], run.smoothed.solution.sd[:, 1:])
+
+
+def test_a_reset_counts_as_a_jump_of_the_fixes_that_were_rejected():
+    run = navigated(5, recording(5).gps).run
+    found, used = run.innovations, run.innovations.used_position.copy()
+    used[240:251] = False
+    reset = Event(float(found.time[250]), EventKind.RESET, 20.0, 10.0, "m", "")
+    (change,) = resets_of(replace(run, innovations=replace(found, used_position=used), events=(reset,)))
+    assert change.time == found.time[240]
+    np.testing.assert_allclose(offset((change,), found.time[[239, 240]])[1], found.innovation[250, :3])
+    assert resets_of(run) == ()
+
+
+@pytest.mark.parametrize(("part", "word"), [(slice(20), "begin"), (slice(-20, None), "end"), (slice(100, 120), "")])
+def test_fixes_left_out_at_an_end_of_the_record_may_be_the_true_ones(part, word):
+    gps, run = recording(5).gps, navigated(5, recording(5).gps).run
+    wrong = np.zeros((2, gps.time.size), dtype=np.bool_)
+    wrong[0, part] = True
+    far = replace(gps, lla=lla_offset(gps.lla, np.outer(wrong[0], [0.0, 30.0, 0.0])))
+    wider, events = false_at_an_end(run, far, SETTINGS, Trust(wrong, np.zeros(wrong.shape)))
+    assert [word in event.action for event in events] == [True] * bool(word)
+    sd, before = (each.smoothed.solution.sd[:, 1] for each in (wider, run))
+    assert (3.0 * sd > 30.0).all() if word else (sd == before).all()
