@@ -7,11 +7,11 @@ import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeVar
+from typing import Annotated, Any, ClassVar, NoReturn, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationError, create_model
+from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationError, create_model, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from insnav.exceptions import ConfigError
@@ -29,6 +29,17 @@ class Table(BaseModel):
     """A TOML table in which an unknown key is an error."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
+    either: ClassVar[tuple[str, ...]] = ()  # two keys of which exactly one is needed
+    above_zero: ClassVar[tuple[str, ...]] = ()
+
+    @model_validator(mode="after")
+    def _keys_fit(self) -> Self:
+        if self.either and sum(getattr(self, key) is not None for key in self.either) != 1:
+            raise wrong(f"needs either {' or '.join(self.either)}")
+        for key in self.above_zero:
+            if (value := getattr(self, key)) is not None and not np.all(np.asarray(value) > 0.0):
+                raise wrong(f"{key} must be above zero")
+        return self
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -6,7 +6,8 @@ The command line prints one block per error and ends with `exit_code`; nothing e
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 KEYWORDS = {"--out": "folder"}  # options whose keyword in Python has another name; `insnav.session.inputs` adds its own
@@ -89,3 +90,12 @@ class OutputError(InsnavError):
     """A result that cannot be written."""
 
     exit_code = 4
+
+
+@contextmanager
+def writing(what: str, where: object, fix: str = "") -> Iterator[None]:
+    """Raise what the operating system refuses inside as an `OutputError`; `where`: file or folder."""
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(what, where=str(where), why=error.strerror or str(error), fix=fix) from error

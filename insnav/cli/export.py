@@ -37,15 +37,13 @@ def export(
     force: Force = False,
 ) -> None:
     """Write a run in another format."""
-    from insnav.exceptions import OutputError
+    from insnav.exceptions import OutputError, writing
     from insnav.session.export import export as export_run
 
     path = out or Path(_OWN_NAMES.get(to, f"track.{to}"))
     if path.exists() and not force:
         raise OutputError("the file exists already", where=str(path), fix="give another name with --out, or --force")
     content = export_run(run, to, solution="filtered" if filtered else None, week=week)
-    try:
+    with writing("the file cannot be written", path):
         path.write_bytes(content)
-    except OSError as error:
-        raise OutputError("the file cannot be written", where=str(path), why=error.strerror or str(error)) from error
     result(f"files       {path}")

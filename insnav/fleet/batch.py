@@ -14,7 +14,7 @@ from typing import Any
 
 from insnav import __version__
 from insnav.engine import Failed, Workers, attempt, each
-from insnav.exceptions import ConfigError, InputError, OutputError
+from insnav.exceptions import ConfigError, InputError, OutputError, writing
 from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts
 
 DRIVES = "drives"  # folder of the run folders, within that of the fleet
@@ -73,13 +73,10 @@ def batch(
         files = ", ".join(each.arguments[0] for each in drives if each.name.lower() == several[0])
         raise ConfigError(f"two drives have the name {several[0]!r}", where=files, fix="give each a name of its own")
     check_folder(folder)
-    try:
+    with writing("cannot write a fleet", folder, "give another --out"):
         (folder / DRIVES).mkdir(parents=True, exist_ok=True)
         (folder / DRIVES / f".{os.getpid()}").touch()
         (folder / DRIVES / f".{os.getpid()}").unlink()
-    except OSError as error:
-        why = error.strerror or str(error)
-        raise OutputError("cannot write a fleet", where=str(folder), why=why, fix="give another --out") from error
     how = _How(run, folder / DRIVES, again)
     done: list[Navigated] = []
     for drive, outcome in zip(drives, each(_navigated, drives, workers, (how,)), strict=True):

@@ -17,6 +17,7 @@ from insnav.types import FloatArray
 
 RANK_TOLERANCE = 1e-9  # singular values of the scaled design below this share of the largest count as zero
 LEVEL = 0.95  # of a printed interval, unless stated otherwise
+FALSE_ALARM = 0.05  # probability that a row of a good fit is taken for an outlier
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +28,7 @@ class Fit:
     value: FloatArray  # (k,) estimates
     covariance: FloatArray  # (k, k) of the estimates, from the scatter of the residuals
     residual: FloatArray  # (n,) measured minus fitted, in the unit of what was measured
-    sigma: float  # standard deviation of a measurement of weight 1: root of the weighted sum of squares over `dof`
+    sigma: float  # standard deviation of a measurement: root of the sum of squares over `dof`
     dof: int  # degrees of freedom, ``n - k``
     condition: float  # condition number of the design, each column scaled to length 1: what no choice of units can mend
 
@@ -62,42 +63,34 @@ def coverage_factor(dof: float, level: float = LEVEL) -> float:
     return float(stdtrit(min(dof, 1e9), 0.5 + 0.5 * level))
 
 
-def outliers(fit: Fit, design: FloatArray, probability: float = 0.05) -> tuple[int, ...]:
+def outliers(fit: Fit, design: FloatArray) -> tuple[int, ...]:
     """Rows that do not belong to the others.
 
     Each residual is compared with the scatter of all other rows (deleted residual: Seber and Lee, section 10.2), at a
-    level that lets all rows of a good fit pass except with the given probability.
+    level that lets all rows of a good fit pass except with a probability of `FALSE_ALARM`.
 
-    fit: made with equal weights; design (n, k): of that fit; probability: of any false alarm.
+    design (n, k): of that fit.
     """
     if fit.dof < 2 or fit.sigma <= 0.0:
         return ()
     leverage = np.sum((design @ (fit.covariance / fit.sigma**2)) * design, axis=1)
     spare = np.maximum(fit.dof * fit.sigma**2 * (1.0 - leverage) - fit.residual**2, 1e-300)
     deleted = np.abs(fit.residual) * np.sqrt((fit.dof - 1) / spare)
-    limit = coverage_factor(fit.dof - 1, 1.0 - probability / fit.residual.size)
+    limit = coverage_factor(fit.dof - 1, 1.0 - FALSE_ALARM / fit.residual.size)
     return tuple(int(row) for row in np.flatnonzero(deleted > limit))
 
 
-def linear_fit(
-    design: FloatArray,
-    measured: FloatArray,
-    names: Sequence[str],
-    *,
-    weights: FloatArray | None = None,
-    where: str = "",
-) -> Fit:
+def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *, where: str = "") -> Fit:
     """Fit ``measured = design @ parameters`` by least squares.
 
-    `design` (n, k): what each measurement is of each parameter; `measured` (n,): measurements, errors independent;
-    `weights` (n,): inverse variances, up to a common factor; default all 1.
-    Raises: InputError: a value that is not finite, a weight that is not positive, no more measurements than parameters,
-    or parameters that the measurements do not determine, by name.
+    `design` (n, k): what each measurement is of each parameter; `measured` (n,): measurements, errors independent and
+    alike.
+    Raises: InputError: a value that is not finite, no more measurements than parameters, or parameters that the
+    measurements do not determine, by name.
     """
     design = np.asarray(design, dtype=np.float64)
     measured = np.asarray(measured, dtype=np.float64)
     n, k = design.shape
-    root = np.ones(n) if weights is None else _roots(np.asarray(weights, dtype=np.float64), where)
     finite = np.isfinite(design).all(axis=1) & np.isfinite(measured)
     if not finite.all():
         raise InputError("a measurement is not a number", where=where, why=f"row {int(np.argmin(finite)) + 1} of {n}")
@@ -108,12 +101,12 @@ def linear_fit(
             why=f"{n} measurements, {k} unknowns; at least {k + 1} show how good the fit is",
             fix="measure at more positions or rates",
         )
-    left, singular, right, lengths = _decompose(design * root[:, None], names, where)
-    scaled = right.T @ ((left.T @ (measured * root)) / singular)
+    left, singular, right, lengths = _decompose(design, names, where)
+    scaled = right.T @ ((left.T @ measured) / singular)
     value = scaled / lengths
     residual = measured - design @ value
     dof = n - k
-    sigma = float(np.sqrt(np.sum((residual * root) ** 2) / dof))
+    sigma = float(np.sqrt(np.sum(residual**2) / dof))
     inverse = (right.T / singular) / lengths[:, None]
     return Fit(
         names=tuple(names),
@@ -124,14 +117,6 @@ def linear_fit(
         dof=dof,
         condition=float(singular[0] / singular[-1]),
     )
-
-
-def _roots(weights: FloatArray, where: str) -> FloatArray:
-    if not (np.isfinite(weights).all() and (weights > 0.0).all()):
-        raise InputError(
-            "a weight is not a positive number", where=where, fix="weights are inverse variances; leave bad rows out"
-        )
-    return np.sqrt(weights)
 
 
 def _decompose(

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from insnav import spill
-from insnav.exceptions import OutputError
+from insnav.exceptions import writing
 from insnav.output.columns import TEXT_ROWS, Decimals, arrow_table, write_csv, write_numbers
 from insnav.types import FloatArray, GpsData, ImuData, IntArray, Trajectory
 
@@ -62,17 +62,10 @@ def write_table(path: Path, columns: Mapping[str, FloatArray | IntArray]) -> Non
 @contextlib.contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """File to be written, compressed if its name says so."""
-    try:
-        with path.open("wb") as stream:
-            if path.suffix == ".gz":
-                with gzip.GzipFile("", "wb", 9, stream, 0) as packed:
-                    yield packed
-            else:
-                yield stream
-    except OSError as error:
-        raise OutputError(
-            f"{path.name} cannot be written",
-            where=str(path),
-            why=error.strerror or str(error),
-            fix="choose a folder that exists and that you may write to",
-        ) from error
+    fix = "choose a folder that exists and that you may write to"
+    with writing(f"{path.name} cannot be written", path, fix), path.open("wb") as stream:
+        if path.suffix == ".gz":
+            with gzip.GzipFile("", "wb", 9, stream, 0) as packed:
+                yield packed
+        else:
+            yield stream

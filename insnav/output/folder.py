@@ -18,7 +18,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from insnav.exceptions import InputError, OutputError
+from insnav.exceptions import InputError, OutputError, writing
 from insnav.output.contents import FACTS_FILE, file_sha256, files_in, read_facts, verify_folder
 from insnav.plain_text import plain_text
 
@@ -32,6 +32,7 @@ _FULL = {
 }
 _LONGEST_NAME = 230  # with what a folder has beside it while it is built, file systems take 255 bytes
 _MARK = re.compile(r"\.(tmp|old)-(\d+)$")
+_NOT_HERE, _ELSEWHERE = "cannot write a run folder here", "choose a folder you may write to with --out"
 
 
 class RunFolder:
@@ -59,17 +60,10 @@ class RunFolder:
             _clean_stale(self._place)
         _check_target(self._place, force=self.force)
         self._aside = _beside(self._place, "tmp")
-        try:
+        with writing(_NOT_HERE, self._place.parent, _ELSEWHERE):
             if self._aside.exists():  # left by a dead process that had our number
                 shutil.rmtree(self._aside)
             self._aside.mkdir()
-        except OSError as error:
-            raise OutputError(
-                "cannot write a run folder here",
-                where=str(self._place.parent),
-                why=error.strerror or str(error),
-                fix="choose a folder you may write to with --out",
-            ) from error
         return self
 
     def __exit__(
@@ -189,12 +183,7 @@ def _check_target(place: Path, *, force: bool) -> None:
             fix=f"make it: mkdir -p {place.parent}",
         )
     if not os.access(place.parent, os.W_OK | os.X_OK):
-        raise OutputError(
-            "cannot write a run folder here",
-            where=str(place.parent),
-            why="no permission to write",
-            fix="choose a folder you may write to with --out",
-        )
+        raise OutputError(_NOT_HERE, where=str(place.parent), why="no permission to write", fix=_ELSEWHERE)
     if not place.exists():
         return
     if not place.is_dir():

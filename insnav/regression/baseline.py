@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from insnav.exceptions import InputError, OutputError
+from insnav.exceptions import InputError, writing
 from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import CaseResult, Result
@@ -115,18 +115,14 @@ def write_text(path: Path, text: str) -> None:
     Raises: OutputError: it cannot be written.
     """
     aside = path.with_name(f".{path.name}.tmp-{os.getpid()}")
-    try:
+    with writing("the report cannot be written", path, "choose another folder with --out"):
         path.parent.mkdir(parents=True, exist_ok=True)
-        aside.write_text(text, encoding="utf-8", newline="\n")
-        aside.replace(path)
-    except OSError as error:
-        aside.unlink(missing_ok=True)
-        raise OutputError(
-            "the report cannot be written",
-            where=str(path),
-            why=error.strerror or str(error),
-            fix="choose another folder with --out",
-        ) from error
+        try:
+            aside.write_text(text, encoding="utf-8", newline="\n")
+            aside.replace(path)
+        except OSError:
+            aside.unlink(missing_ok=True)
+            raise
 
 
 def _short(value: FloatArray) -> Any:

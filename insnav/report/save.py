@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, cast
 
-from insnav.exceptions import ConfigError, InputError, OutputError
+from insnav.exceptions import ConfigError, InputError, writing
 from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
 from insnav.output.contents import FACTS_FILE
@@ -107,10 +107,8 @@ def write_result_pdf(result: Result[Any], file: Path) -> None:
     page = page_of(result)
     names = [figure.name for figure in page.figures]
     pairs = {f"figures {i // 2 + 1}": names[i : i + 2] for i in range(0, len(names), 2)} or {"summary": []}
-    try:
+    with writing("the PDF cannot be written", file):
         write_pdf(page, file, getattr(_room(result.kind), "PDF_PAGES", pairs))
-    except OSError as error:
-        raise OutputError("the PDF cannot be written", where=str(file), why=error.strerror or str(error)) from error
 
 
 def open_folder(folder: Path) -> Result[Any]:

@@ -67,10 +67,10 @@ class _Position(Table):
     lasting: Annotated[Axes, axes("length")] = (0.0, 0.0, 0.0)
     correlation_time: Annotated[float, scalar("time")] = 60.0
 
+    above_zero = ("correlation_time",)
+
     @model_validator(mode="after")
     def _sound(self) -> _Position:
-        if not self.correlation_time > 0.0:
-            raise wrong("correlation_time must be above zero")
         if not all(w > 0.0 or d > 0.0 for w, d in zip(self.white, self.lasting, strict=True)):
             raise wrong("white and lasting must not both be zero: use --gps ideal")
         return self
@@ -79,22 +79,14 @@ class _Position(Table):
 class _Velocity(Table):
     white: Annotated[Axes, axes("velocity")]
 
-    @model_validator(mode="after")
-    def _sound(self) -> _Velocity:
-        if not all(value > 0.0 for value in self.white):
-            raise wrong("white must be above zero")
-        return self
+    above_zero = ("white",)
 
 
 class _Now(Table):
     every: Annotated[float, scalar("time")]
     length: Annotated[float, scalar("time")]
 
-    @model_validator(mode="after")
-    def _sound(self) -> _Now:
-        if not (self.every > 0.0 and self.length > 0.0):
-            raise wrong("every and length must be above zero")
-        return self
+    above_zero = ("every", "length")
 
 
 class _Multipath(_Now):

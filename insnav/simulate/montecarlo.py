@@ -21,7 +21,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from insnav.engine import Failed, Workers, each, engine_of
-from insnav.exceptions import ConfigError, OutputError
+from insnav.exceptions import ConfigError, writing
 from insnav.types import FloatArray, IntArray
 
 KEEP_EVERY = 2.0  # progress is kept on the disk so often [s]
@@ -65,7 +65,8 @@ class Checkpoint:
     def save(self, runs: Runs) -> None:
         """Replace the file in one step: whatever stops the program, it is as it was or complete."""
         aside = self.path.with_name(f"{self.path.name}.new")
-        try:
+        fix = "make room or choose another folder with --out"
+        with writing("the runs done so far cannot be kept", self.path, fix):
             with aside.open("wb") as file:
                 np.savez(
                     file,
@@ -76,13 +77,6 @@ class Checkpoint:
                 file.flush()
                 os.fsync(file.fileno())
             aside.replace(self.path)
-        except OSError as error:
-            raise OutputError(
-                "the runs done so far cannot be kept",
-                where=str(self.path),
-                why=error.strerror or str(error),
-                fix="make room or choose another folder with --out",
-            ) from error
 
     def load(self) -> Runs | None:
         """Read the file; None if there is none. A file of other runs, or of another program, is refused."""

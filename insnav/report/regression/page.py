@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from insnav.exceptions import OutputError
+from insnav.exceptions import writing
 from insnav.quantity import Quantity
 from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM
 from insnav.regression.baseline import Baseline, write_text
@@ -53,12 +53,9 @@ def write_pages(
     """
     page = regression_page(result, baseline, comparison, now, peers, history)
     figures = tuple(each for section in _drawings(result, history, baseline) for each in section.figures)
-    try:
+    with writing("the plots cannot be written", folder), drawing():
         folder.mkdir(parents=True, exist_ok=True)
-        with drawing():
-            files = {each.name: save(each.draw(), folder / each.name, "png") for each in figures}
-    except OSError as error:
-        raise OutputError("the plots cannot be written", where=str(folder), why=error.strerror or str(error)) from error
+        files = {each.name: save(each.draw(), folder / each.name, "png") for each in figures}
     shown = replace(page, sections=(*page.sections, Section("", "Figures", figures=figures, folded=True)))
     write_text(folder / PAGE, page_html(shown, files))
     chosen = [(each.caption, files[each.name].name) for each in figures if each.name in _IN_SECTION]

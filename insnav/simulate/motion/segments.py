@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, PlainValidator, model_validator
-from pydantic_core import PydanticCustomError
 
-from insnav.config_file import Axes, Table, quantity, scalar, signed_scalar
+from insnav.config_file import Axes, Table, quantity, scalar, signed_scalar, wrong
 from insnav.simulate.motion import moves
 from insnav.simulate.motion.kinds import FASTEST_SPIN, HIGHEST, Kind
 from insnav.simulate.motion.moves import Move, State
@@ -28,10 +27,6 @@ Frequency = Annotated[float, scalar("frequency")]
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
-def _wrong(text: str) -> PydanticCustomError:
-    return PydanticCustomError("wrong_value", "{text}", {"text": text})
-
-
 def _axis(value: object) -> Axes:
     if isinstance(value, str) and value.lstrip("-") in _AXES:
         x, y, z = _AXES[value.lstrip("-")]
@@ -41,25 +36,13 @@ def _axis(value: object) -> Axes:
         size = math.hypot(*value)
         if size > 0.0 and math.isfinite(size):
             return value[0] / size, value[1] / size, value[2] / size
-    raise _wrong('must be an axis: "x", "y", "z", "-x", …, or three numbers, not all zero')
+    raise wrong('must be an axis: "x", "y", "z", "-x", …, or three numbers, not all zero')
 
 
 class Segment(Table):
     """What all segments have in common."""
 
     kind: str
-    either: ClassVar[tuple[str, ...]] = ()  # two keys of which exactly one is needed
-    above_zero: ClassVar[tuple[str, ...]] = ()
-
-    @model_validator(mode="after")
-    def _keys_fit(self) -> Self:
-        if self.either and sum(getattr(self, key) is not None for key in self.either) != 1:
-            raise _wrong(f"needs either {' or '.join(self.either)}")
-        for key in self.above_zero:
-            value = getattr(self, key)
-            if value is not None and not value > 0.0:
-                raise _wrong(f"{key} must be above zero")
-        return self
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         """Moves of the segment of a vehicle in this state.
@@ -159,7 +142,7 @@ class Turn(Segment):
     @model_validator(mode="after")
     def _turns(self) -> Self:
         if self.angle == 0.0:
-            raise _wrong("angle must not be zero")
+            raise wrong("angle must not be zero")
         return self
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
@@ -209,7 +192,7 @@ class Helix(Segment):
     @model_validator(mode="after")
     def _turns(self) -> Self:
         if self.turns == 0.0 or not math.isfinite(self.turns):
-            raise _wrong("turns must be a number that is not zero, negative to the left")
+            raise wrong("turns must be a number that is not zero, negative to the left")
         return self
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
@@ -348,7 +331,7 @@ class Linear(_Planned):
     @model_validator(mode="after")
     def _moves(self) -> Self:
         if not any(getattr(self, name) for name in moves.AXES):
-            raise _wrong(f"needs one or more of {', '.join(moves.AXES)} that is not zero")
+            raise wrong(f"needs one or more of {', '.join(moves.AXES)} that is not zero")
         return self
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
@@ -368,9 +351,9 @@ class Circular(_Planned):
     def _fits(self) -> Self:
         pair = sorted(moves.AXES.index(name) for name in self.axes)
         if pair[0] == pair[1] or pair[0] < 2 <= pair[1]:
-            raise _wrong("axes are two of a slide (x, y) or two of a table (roll, pitch, yaw)")
+            raise wrong("axes are two of a slide (x, y) or two of a table (roll, pitch, yaw)")
         if not self.angle or not quantity(self.radius, "length" if pair[1] < 2 else "angle", signed=False) > 0.0:
-            raise _wrong("radius and angle must not be zero")
+            raise wrong("radius and angle must not be zero")
         return self
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
