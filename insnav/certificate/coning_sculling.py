@@ -6,14 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from insnav.attitude import (
-    dcm_from_quat,
-    dcm_from_rph,
-    quat_conjugate,
-    quat_from_rotvec,
-    quat_multiply,
-    rotvec_from_quat,
-)
+from insnav import attitude
 from insnav.certificate.check import Check
 from insnav.certificate.integrators import Integrator, attitude_after
 from insnav.certificate.motions import Cone, Scull, even, start_of, uneven
@@ -54,9 +47,11 @@ def coning_drift(integrator: Integrator, motion: Cone, time: FloatArray) -> floa
     begin, inside = _inner(steps.time, steps.dt, time[-1])
     before, after = motion.quaternion(begin[inside]), motion.quaternion(steps.time[inside])
     # error of every interval in the axes of its start, brought to the fixed frame: small, so that they add up
-    turned = quat_multiply(quat_conjugate(before), after)
-    error = rotvec_from_quat(quat_multiply(quat_from_rotvec(steps.rotation[inside]), quat_conjugate(turned)))
-    total = np.einsum("nij,nj->i", dcm_from_quat(before), error)
+    turned = attitude.quat_multiply(attitude.quat_conjugate(before), after)
+    error = attitude.rotvec_from_quat(
+        attitude.quat_multiply(attitude.quat_from_rotvec(steps.rotation[inside]), attitude.quat_conjugate(turned))
+    )
+    total = np.einsum("nij,nj->i", attitude.dcm_from_quat(before), error)
     return float(np.linalg.norm(total) / np.sum(steps.dt[inside]))
 
 
@@ -77,7 +72,7 @@ def sculling_error(integrator: Integrator, motion: Scull, time: FloatArray) -> f
     gyro, accel = np.diff(motion.rotation(time), axis=0), np.diff(motion.impulse(time), axis=0)
     steps = integrator.steps(ImuData(time[1:], gyro, accel, "increment"))
     begin, inside = _inner(steps.time, steps.dt, time[-1])
-    axes = dcm_from_quat(quat_from_rotvec(motion.rotation(begin[inside])))
+    axes = attitude.dcm_from_quat(attitude.quat_from_rotvec(motion.rotation(begin[inside])))
     gained = np.einsum("nj,nj->n", axes[:, 2], steps.velocity[inside]).sum()
     first, last = float(begin[inside][0]), float(steps.time[inside][-1])
     return (float(gained) - motion.gained(first, last)) / (last - first)
@@ -90,13 +85,17 @@ def spin(integrators: Sequence[Integrator]) -> list[Check]:
     imu = ImuData(even(_SPAN, RATE)[1:], np.tile(rate * dt, (n, 1)), np.tile(force * dt, (n, 1)), "increment")
     # exact velocity of one interval: the mean of the turned force, by quadrature fine enough to be exact
     node, weight = np.polynomial.legendre.leggauss(12)
-    turned = dcm_from_quat(quat_from_rotvec(0.5 * dt * (node + 1.0)[:, None] * rate)) @ force
+    turned = attitude.dcm_from_quat(attitude.quat_from_rotvec(0.5 * dt * (node + 1.0)[:, None] * rate)) @ force
     velocity = 0.5 * dt * (weight @ turned)
     drift, false_force = [], []
     for integrator in integrators:
         steps = integrator.steps(imu)
-        off = quat_multiply(quat_conjugate(quat_from_rotvec(rate * np.sum(steps.dt))), attitude_after(steps.rotation))
-        drift.append((integrator.name, float(np.linalg.norm(rotvec_from_quat(off)) / np.sum(steps.dt)) / DEG_PER_H))
+        off = attitude.quat_multiply(
+            attitude.quat_conjugate(attitude.quat_from_rotvec(rate * np.sum(steps.dt))), attitude_after(steps.rotation)
+        )
+        drift.append(
+            (integrator.name, float(np.linalg.norm(attitude.rotvec_from_quat(off)) / np.sum(steps.dt)) / DEG_PER_H)
+        )
         error = np.linalg.norm(steps.velocity - velocity, axis=1).max() / dt
         false_force.append((integrator.name, float(error) / UG))
     return [
@@ -122,12 +121,12 @@ def upright(integrators: Sequence[Integrator]) -> list[Check]:
         )
         time = even(motion.duration, RATE)
         imu, start = imu_from_truth(motion, time), start_of(motion, time)
-        true = dcm_from_rph(motion.attitude(time[2:]))
+        true = attitude.dcm_from_rph(motion.attitude(time[2:]))
         held = np.full(len(true), place[2]), np.zeros(len(true))
         values = []
         for integrator in integrators:
             found = integrator.navigate(imu, start, *held, 1)
-            off = np.einsum("nji,njk->nik", true, dcm_from_rph(found.rph))
+            off = np.einsum("nji,njk->nik", true, attitude.dcm_from_rph(found.rph))
             angle = 0.5 * np.linalg.norm(off - np.swapaxes(off, 1, 2), axis=(1, 2)) / np.sqrt(2.0)
             values.append((integrator.name, float(np.max(angle)) / _ARCSEC))
         checks.append(Check("pitch +-90 deg", case, "arcsec", 1e-3, tuple(values)))

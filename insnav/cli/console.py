@@ -212,28 +212,16 @@ class Stages:
             self._bar.update(self._task, description=self._name + count, total=total, completed=self._fraction or 0.0)
 
     def _show(self) -> None:
+        from rich import progress
         from rich.console import Console
-        from rich.progress import (
-            BarColumn,
-            Progress,
-            TaskProgressColumn,
-            TextColumn,
-            TimeElapsedColumn,
-            TimeRemainingColumn,
-        )
 
-        to_come = (TextColumn("to come"), TimeRemainingColumn())
-        columns = (
-            TextColumn("{task.description:<10}"),
-            BarColumn(),
-            TaskProgressColumn(),
-            TimeElapsedColumn(),
-            *to_come,
-        )
+        to_come = (progress.TextColumn("to come"), progress.TimeRemainingColumn())
+        done = (progress.BarColumn(), progress.TaskProgressColumn(), progress.TimeElapsedColumn())
+        columns = (progress.TextColumn("{task.description:<10}"), *done, *to_come)
         with self._lock:
             if self._timer is None:  # the work ended meanwhile
                 return
-            self._bar = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._bar = progress.Progress(*columns, console=Console(stderr=True), transient=True)
             self._task = self._bar.add_task(self._name, total=None)
             self._update()
             self._bar.start()

@@ -113,20 +113,18 @@ def regress(
             rows = run_peers(drives, recorded, workers=engine, progress=lambda fraction: stage("peers", fraction))
         if published:
             stage("published")
-            from insnav.regression.published.replicas import (
-                compare_published,
-                field_factor,
-                read_cases,
-                recorded_ratios,
-            )
+            from insnav.regression.published import replicas
             from insnav.report.regression.published import write_published
 
-            compared = compare_published(read_cases(), progress=lambda fraction: stage("published", fraction))
+            compared = replicas.compare_published(
+                replicas.read_cases(), progress=lambda fraction: stage("published", fraction)
+            )
             real = {each.name for each in drives.recorded}
             growth = {} if baseline is None else {name: case.growth for name, case in baseline.cases.items()}
             growth |= {name: case.measured.growth for name, case in found.cases.items() if case.measured}
             growth = {name: rows for name, rows in growth.items() if name in real}
-            note(f"written: {write_published(folder, compared, field_factor(compared, recorded_ratios(growth)), now)}")
+            factor = replicas.field_factor(compared, replicas.recorded_ratios(growth))
+            note(f"written: {write_published(folder, compared, factor, now)}")
         if plot:
             stage("drawing")
             from insnav.report.regression.page import write_pages

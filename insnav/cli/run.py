@@ -8,16 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from insnav.cli import console, parse
-from insnav.cli.console import (
-    Stages,
-    brief_text,
-    coloured,
-    error_block,
-    files_line,
-    result,
-    result_facts,
-    terminal_width,
-)
+from insnav.cli.console import Stages
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import RESULT, START, Aiding, Backdrop, Force, Json, Out, Rate, flag, option
 from insnav.cli.report import with_backdrop
@@ -107,20 +98,20 @@ def run(
             with_backdrop(outcome, backdrop), folder, stage, figures=figures, table_format=format
         )
     if as_json:
-        result_facts(where)
+        console.result_facts(where)
     else:
         if console.level > 0:
             from insnav.report.terminal import page_text
 
-            result(f"{page_text(outcome.page(), terminal_width(), ('all', 'page'))}\n")
-        result(coloured(f"{brief_text(outcome)}\n{files_line(where, out)}"))
+            console.result(f"{page_text(outcome.page(), console.terminal_width(), ('all', 'page'))}\n")
+        console.result(console.coloured(f"{console.brief_text(outcome)}\n{console.files_line(where, out)}"))
         if outcome.found.short_duration:
             from insnav.report.page import section_tables
             from insnav.report.run.short_duration import short_section
             from insnav.report.terminal import table_text
 
             for table in section_tables(short_section(outcome.found.short_duration)):
-                result("\n" + table_text(table))
+                console.result("\n" + table_text(table))
     _check_failure(outcome.found.run)
     if fail_above is not None and outcome.found.errors is not None:
         _check_accuracy(outcome.found.errors, fail_above)
@@ -142,7 +133,7 @@ def _check_failure(run: Run) -> None:
     why = failure(run)
     if why:
         fix = "check clocks, axes, units, heading, lever arm and standard deviations; insnav check says what it sees"
-        error_block("the solution is not to be used", (("why", why), ("fix", fix)))
+        console.error_block("the solution is not to be used", (("why", why), ("fix", fix)))
         raise typer.Exit(1)
 
 
@@ -152,7 +143,7 @@ def _check_accuracy(errors: TrajectoryErrors, limit: float) -> None:
 
     rms = float(np.sqrt(np.mean(errors.horizontal**2)))
     if rms > limit:
-        error_block(
+        console.error_block(
             "the solution is worse than asked for",
             (
                 ("where", "--fail-above"),

@@ -32,21 +32,11 @@ class CaseResult:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Accuracy of the whole corpus.
+    """Accuracy of the whole corpus."""
 
-    Attributes
-    ----------
-    cases : dict of str to CaseResult
-        By name.
-    skipped : dict of str to str
-        Name of each case that was left out, and why.
-    quick : bool
-        Only a part was run.
-    """
-
-    cases: dict[str, CaseResult]
-    skipped: dict[str, str]
-    quick: bool
+    cases: dict[str, CaseResult]  # by name
+    skipped: dict[str, str]  # name of each case that was left out, and why
+    quick: bool  # only a part was run
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +55,6 @@ def run_corpus(
     *,
     quick: bool = False,
     workers: Workers = 1,
-    series: int = SERIES,
     progress: Callable[[float], None] | None = None,
 ) -> Result:
     """Navigate all drives.
@@ -83,7 +72,7 @@ def run_corpus(
             skipped[case.name] = "not part of a quick run"
         jobs += [(case, number) for number in range(1, count + 1)]
     outcomes: dict[str, list[_Outcome]] = {}
-    made = every(_attempt, jobs, workers, (data, series))
+    made = every(_attempt, jobs, workers, (data,))
     for done, ((case, _), outcome) in enumerate(zip(jobs, made, strict=True), start=1):
         outcomes.setdefault(case.name, []).append(outcome)
         if progress is not None:
@@ -105,7 +94,7 @@ def _case(case: AnyCase, outcomes: list[_Outcome]) -> CaseResult:
 _made: dict[str, Source] = {}  # of the case this process is at
 
 
-def _attempt(data: Path, series: int, job: tuple[AnyCase, int]) -> _Outcome:
+def _attempt(data: Path, job: tuple[AnyCase, int]) -> _Outcome:
     case, number = job
     key = f"{case.folder} {case.name} {case!r}"
     if key not in _made:
@@ -113,7 +102,7 @@ def _attempt(data: Path, series: int, job: tuple[AnyCase, int]) -> _Outcome:
         _made[key] = source_of(case, data)
     source = _made[key]
     try:
-        measured = measure(source.material(run_seed(series, number)))
+        measured = measure(source.material(run_seed(SERIES, number)))
     except InsnavError as error:
         return _Outcome(source.digest, source.files, None, "; ".join(text for text in (error.what, error.why) if text))
     return _Outcome(source.digest, source.files, measured, "")

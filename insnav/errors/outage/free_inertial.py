@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -41,6 +41,7 @@ TURNED = np.deg2rad(15.0)  # a window whose heading stays within this is straigh
 REFERENCE_GAP = 10.0  # a longer time without the reference, and than three of its intervals, is a gap [s]
 IMU_GAP = 6  # so many lost samples in a row are a gap of the IMU record
 _UNDER_WAY = 1.0  # course is the direction of the velocity above this [m/s]
+_SHARED = ("length", "spacing", "grid", "dropped", "uncalibrated")  # fields of `Windows` that all windows share
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +74,8 @@ class Windows:
 
     def only(self, chosen: BoolArray | np.ndarray) -> Windows:
         """Some of the windows."""
-        return replace(self, **{name: getattr(self, name)[chosen] for name in _Window.__slots__})
+        own = [name for name in self.__slots__ if name not in _SHARED]
+        return replace(self, **{name: getattr(self, name)[chosen] for name in own})
 
 
 def free_window_starts(
@@ -131,7 +133,7 @@ def free_windows(
     grid: FloatArray = np.arange(1.0, int(length / spread + 1e-6) + 1.0) * spread if times is None else times
     gaps = _gaps(ready, reference)
     course = _course(drive)
-    found: list[_Window] = []
+    found: list[dict[str, Any]] = []
     dropped: dict[str, int] = {}
     for number, state in enumerate(drive.states):
         begin = state.time + delay
@@ -158,25 +160,8 @@ def free_windows(
             why=f"of {len(drive.states)}, {why or 'none begins at a fix'}",
             fix="give a shorter window, a longer drive or a reference without gaps",
         )
-    columns = {name: np.stack([getattr(each, name) for each in found]) for name in _Window.__slots__}
+    columns = {name: np.stack([each[name] for each in found]) for name in found[0]}
     return Windows(length=length, spacing=spacing, grid=grid, dropped=dropped, uncalibrated=uncalibrated, **columns)
-
-
-@dataclass(frozen=True, slots=True)
-class _Window:
-    """One of `Windows`, its fields under the same names."""
-
-    start: float
-    elapsed: FloatArray
-    error: FloatArray
-    covariance: FloatArray
-    reference_sd: FloatArray
-    course: FloatArray
-    q_nb: FloatArray
-    v_n: FloatArray
-    lla: FloatArray
-    start_covariance: FloatArray
-    motion: Motion
 
 
 def _navigated(
@@ -186,8 +171,8 @@ def _navigated(
     known: BoolArray,
     settings: FilterSettings,
     course: tuple[FloatArray, FloatArray, FloatArray],
-) -> _Window:
-    """Navigate one window from its first state to the last of its epochs."""
+) -> dict[str, Any]:
+    """Navigate one window from its first state to the last of its epochs: its row of each field of `Windows`."""
     delay = part.settings.delay
     navigator = Navigator(first, part.model, compared, part.alignment, part.nominal, settings)
     run = feed(navigator, part.imu).finish()
@@ -202,19 +187,19 @@ def _navigated(
     time, speed, direction = course
     inside = (time >= begin) & (time <= compared.time[-1])
     motion = _motion(speed[inside], rph_from_quat(np.vstack([first.x[None, 6:], at.q_nb]))[:, 2])
-    return _Window(
-        begin,
-        compared.time - begin,
-        np.where(known[:, None], -seen.innovation, np.nan),
-        covariance,
-        reference_sd,
-        np.interp(compared.time, time, direction) if motion != "static" else np.full(len(compared.time), np.nan),
-        np.vstack([first.x[None, 6:], at.q_nb]),
-        np.vstack([first.x[None, 3:6], at.v_n]),
-        first.x[:3].copy(),
-        first.covariance[:STATES, :STATES].copy(),
-        motion,
-    )
+    return {
+        "start": begin,
+        "elapsed": compared.time - begin,
+        "error": np.where(known[:, None], -seen.innovation, np.nan),
+        "covariance": covariance,
+        "reference_sd": reference_sd,
+        "course": np.where(motion != "static", np.interp(compared.time, time, direction), np.nan),
+        "q_nb": np.vstack([first.x[None, 6:], at.q_nb]),
+        "v_n": np.vstack([first.x[None, 3:6], at.v_n]),
+        "lla": first.x[:3].copy(),
+        "start_covariance": first.covariance[:STATES, :STATES].copy(),
+        "motion": motion,
+    }
 
 
 def _motion(speed: FloatArray, heading: FloatArray) -> Motion:

@@ -17,23 +17,7 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.lab.calibration import WRONG_UNIT
-from insnav.lab.multi_position.gravity_norm import (
-    GravityFit,
-    fit_gravity_norm,
-    norm_error,
-    packed,
-    perfect,
-    sphere,
-    unpacked,
-)
-from insnav.lab.multi_position.gyro_rotations import (
-    TurnFit,
-    first_guess,
-    fit_turns,
-    prepare,
-    residuals,
-    rotations,
-)
+from insnav.lab.multi_position import gravity_norm, gyro_rotations
 from insnav.lab.multi_position.stationary_spans import Activity, Pose, clipped, find_poses, measure_activity
 from insnav.lab.multi_position.triad import MultiPosition, Triad, corrected
 from insnav.types import BoolArray, FloatArray, ImuData
@@ -89,12 +73,12 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
     up = _directions(fit.triad, force)
     rest = _rest(poses, fit.triad)
     damaged = clipped(imu.gyro, activity.ratio > factor * factor)
-    plain = prepare(imu, poses, damaged)
-    guess = first_guess(plain, rest.mean, up, counts)
-    coarse = fit_turns(plain, rest.mean, guess, up, plain.use)
+    plain = gyro_rotations.prepare(imu, poses, damaged)
+    guess = gyro_rotations.first_guess(plain, rest.mean, up, counts)
+    coarse = gyro_rotations.fit_turns(plain, rest.mean, guess, up, plain.use)
     felt = corrected(fit.triad, imu.accel)
-    turns = prepare(replace(imu, gyro=imu.gyro - felt @ rest.g_sensitivity.T), poses, damaged)
-    fine = fit_turns(turns, rest.bias, coarse.matrix, up, turns.use)
+    turns = gyro_rotations.prepare(replace(imu, gyro=imu.gyro - felt @ rest.g_sensitivity.T), poses, damaged)
+    fine = gyro_rotations.fit_turns(turns, rest.bias, coarse.matrix, up, turns.use)
     covariance = _whole_covariance(imu, poses, damaged, fine, fit, rest)
     matrix_sd = _matrix_sd(coarse.matrix, covariance)
     gyro = Triad(rest.bias, fine.matrix, np.sqrt(rest.covariance[:, 0, 0]), matrix_sd, fine.normal.condition)
@@ -110,16 +94,21 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
         g_sensitivity=rest.g_sensitivity,
         g_sensitivity_sd=np.sqrt(np.array([np.diag(c)[1:] for c in rest.covariance])),
         g=g,
-        norm_before=norm_error(start, force, g),
+        norm_before=gravity_norm.norm_error(start, force, g),
         norm_after=fit.error,
         norm_left_out=_left_out(
-            fit.error, lambda keep: norm_error(fit_gravity_norm(force[keep], g, fit.triad).triad, force, g)
+            fit.error,
+            lambda keep: gravity_norm.norm_error(
+                gravity_norm.fit_gravity_norm(force[keep], g, fit.triad).triad, force, g
+            ),
         ),
-        turn_before=np.linalg.norm(residuals(rotations(plain, nominal, guess), _directions(start, force)), axis=1),
+        turn_before=np.linalg.norm(
+            gyro_rotations.residuals(gyro_rotations.rotations(plain, nominal, guess), _directions(start, force)), axis=1
+        ),
         turn_plain=coarse.error,
         turn_after=fine.error,
         turn_left_out=_left_out(
-            fine.error, lambda keep: fit_turns(turns, rest.bias, fine.matrix, up, turns.use & keep).error
+            fine.error, lambda keep: gyro_rotations.fit_turns(turns, rest.bias, fine.matrix, up, turns.use & keep).error
         ),
         turn_used=turns.use,
         accel_share=fit.normal.leverage,
@@ -132,11 +121,11 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
 
 def _best_poses(
     imu: ImuData, activity: Activity, g: float, counts: bool
-) -> tuple[float, tuple[Pose, ...], GravityFit, Triad]:
+) -> tuple[float, tuple[Pose, ...], gravity_norm.GravityFit, Triad]:
     """Search the tightest limit of rest by which the accelerometers become about least uncertain."""
     found = [(factor, find_poses(imu, activity, factor)) for factor in FACTORS]
     most = max(len(poses) for _, poses in found)
-    tried: list[tuple[float, float, tuple[Pose, ...], GravityFit, Triad]] = []
+    tried: list[tuple[float, float, tuple[Pose, ...], gravity_norm.GravityFit, Triad]] = []
     refused: InputError | None = None
     for factor, poses in found:
         if 2 * len(poses) < most or not poses:  # a few that fit well by chance are no better
@@ -145,8 +134,8 @@ def _best_poses(
         if not counts:
             refuse_force_units(force, g)
         try:
-            start = sphere(force, g) if counts else perfect()
-            fit = fit_gravity_norm(force, g, start)
+            start = gravity_norm.sphere(force, g) if counts else gravity_norm.perfect()
+            fit = gravity_norm.fit_gravity_norm(force, g, start)
         except InputError as error:
             refused = error
             continue
@@ -177,7 +166,7 @@ def refuse_force_units(force: FloatArray, g: float) -> None:
         )
 
 
-def _refuse_norm(fit: GravityFit, g: float) -> None:
+def _refuse_norm(fit: gravity_norm.GravityFit, g: float) -> None:
     if fit.sd > WRONG_NORM * g:
         raise InputError(
             "the specific force at rest is not that of gravity",
@@ -247,7 +236,12 @@ def _rest(poses: Sequence[Pose], accel: Triad) -> _Rest:
 
 
 def _whole_covariance(
-    imu: ImuData, poses: Sequence[Pose], damaged: BoolArray, fine: TurnFit, fit: GravityFit, rest: _Rest
+    imu: ImuData,
+    poses: Sequence[Pose],
+    damaged: BoolArray,
+    fine: gyro_rotations.TurnFit,
+    fit: gravity_norm.GravityFit,
+    rest: _Rest,
 ) -> FloatArray:
     """Covariance of the gyros' matrix with what it has from the accelerometers, the bias and the g-sensitivity, (9, 9).
 
@@ -258,13 +252,14 @@ def _whole_covariance(
     felt = corrected(fit.triad, imu.accel)
 
     def misfit(accel: Triad, bias: FloatArray, sensitivity: FloatArray) -> FloatArray:
-        turns = prepare(replace(imu, gyro=imu.gyro - felt @ sensitivity.T), poses, damaged)
-        miss = residuals(rotations(turns, bias, fine.matrix), _directions(accel, force))
+        turns = gyro_rotations.prepare(replace(imu, gyro=imu.gyro - felt @ sensitivity.T), poses, damaged)
+        miss = gyro_rotations.residuals(gyro_rotations.rotations(turns, bias, fine.matrix), _directions(accel, force))
         return miss[turns.use].ravel()
 
     here = misfit(fit.triad, rest.bias, rest.g_sensitivity)
     moved = [
-        misfit(unpacked(packed(fit.triad) + step), rest.bias, rest.g_sensitivity) for step in _steps(fit.covariance)
+        misfit(gravity_norm.unpacked(gravity_norm.packed(fit.triad) + step), rest.bias, rest.g_sensitivity)
+        for step in _steps(fit.covariance)
     ]
     for axis in range(3):
         for step in _steps(rest.covariance[axis]):

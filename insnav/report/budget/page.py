@@ -19,28 +19,10 @@ from insnav.output.stored import FILE as FOUND
 from insnav.output.stored import read_stored as read_found
 from insnav.output.stored import store
 from insnav.quantity import Quantity
+from insnav.report.budget import headline, quantities
+from insnav.report.budget import windows as recorded
 from insnav.report.budget.contributions import extent, ranked, shares
-from insnav.report.budget.headline import (
-    estimates_section,
-    merits,
-    simulated_matches,
-    verdict,
-)
 from insnav.report.budget.panels import budget_panels
-from insnav.report.budget.quantities import (
-    budget_sections,
-    contributions_rows,
-    contributions_section,
-    impact_section,
-    positions_section,
-    states_section,
-)
-from insnav.report.budget.windows import (
-    windows_assumptions,
-    windows_drawings,
-    windows_sentences,
-    windows_warnings,
-)
 from insnav.report.budget.windows_quantities import windows_sections
 from insnav.report.numbers import number
 from insnav.report.page import FigureSpec, Page, Section, only_json, rows_frame, section_tables
@@ -59,8 +41,8 @@ def page(result: Result[BudgetStudy]) -> Page:
     """Lay out an error budget."""
     budget, windows = result.found.budget, result.found.windows
     sections = (
-        *budget_sections(budget),
-        estimates_section(budget),
+        *quantities.budget_sections(budget),
+        headline.estimates_section(budget),
         Section(
             "",
             panels=budget_panels(budget, windows, _origin(result)),
@@ -70,29 +52,34 @@ def page(result: Result[BudgetStudy]) -> Page:
             ),
             show="page",
         ),
-        replace(contributions_section(budget), folded=True),
-        replace(positions_section(budget), folded=True),
+        replace(quantities.contributions_section(budget), folded=True),
+        replace(quantities.positions_section(budget), folded=True),
     )
-    more = (replace(states_section(budget), folded=True), replace(impact_section(budget), folded=True))
+    more = (
+        replace(quantities.states_section(budget), folded=True),
+        replace(quantities.impact_section(budget), folded=True),
+    )
     return Page(
         _title(budget),
         summary(budget),
         (*sections, *(_windows(windows) if windows is not None else ()), *more),
-        warnings=(*warnings(budget), *(windows_warnings(windows) if windows is not None else ())),
-        assumptions=(*assumptions(budget), *(windows_assumptions(windows) if windows is not None else ())),
-        verdict=verdict(budget, windows),
-        merits=merits(budget, windows),
+        warnings=(*warnings(budget), *(recorded.windows_warnings(windows) if windows is not None else ())),
+        assumptions=(*assumptions(budget), *(recorded.windows_assumptions(windows) if windows is not None else ())),
+        verdict=headline.verdict(budget, windows),
+        merits=headline.merits(budget, windows),
     )
 
 
 def _windows(windows: RecordedBudget) -> tuple[Section, ...]:
     """Everything about the recorded windows, folded; their sentences stand first."""
-    lines = windows_sentences(windows)
+    lines = recorded.windows_sentences(windows)
     sentences = only_json("", Quantity("recorded_summary", lines))
     rows = tuple((Quantity("finding", line, meaning=" "),) for line in lines)
     said = Section("", "Recorded windows: findings", rows=rows)
     tables = tuple(replace(each, title="Recorded windows: tables", folded=True) for each in windows_sections(windows))
-    figures = Section("", "Recorded windows: figures", parts=windows_drawings(windows), show="page", folded=True)
+    figures = Section(
+        "", "Recorded windows: figures", parts=recorded.windows_drawings(windows), show="page", folded=True
+    )
     return (sentences, said, *tables, figures)
 
 
@@ -112,9 +99,9 @@ def _front(result: Result[BudgetStudy]) -> Figure:
     from insnav.report.budget.figures import draw_front  # matplotlib is imported only where a figure is asked for
 
     budget, windows = result.found.budget, result.found.windows
-    (estimates,) = section_tables(estimates_section(budget))
+    (estimates,) = section_tables(headline.estimates_section(budget))
     panels = budget_panels(budget, windows, _origin(result))
-    return draw_front(panels, budget.motion, _title(budget), verdict(budget, windows), estimates)
+    return draw_front(panels, budget.motion, _title(budget), headline.verdict(budget, windows), estimates)
 
 
 def _back(result: Result[BudgetStudy]) -> Figure:
@@ -122,11 +109,13 @@ def _back(result: Result[BudgetStudy]) -> Figure:
     from insnav.report.budget.figures import draw_back
 
     budget, windows = result.found.budget, result.found.windows
-    (sources,), (columns,) = (section_tables(each(budget)) for each in (contributions_section, positions_section))
+    (sources,), (columns,) = (
+        section_tables(each(budget)) for each in (quantities.contributions_section, quantities.positions_section)
+    )
     widths = ((3.2, 2.6, *(1.4,) * (len(sources.columns) - 4), 1.9, 1.8), (1.0,) + (1.15,) * (len(columns.columns) - 1))
     texts = [*(f"Warning: {text}" for text in warnings(budget)), *assumptions(budget)]
     if windows is not None:
-        texts = [*windows_sentences(windows), *texts]
+        texts = [*recorded.windows_sentences(windows), *texts]
     return draw_back(f"{_title(budget)}, 2", (sources, columns), widths, texts)
 
 
@@ -147,7 +136,7 @@ def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: Ta
 def frame(result: Result[BudgetStudy]) -> pd.DataFrame:
     """Give the contributions to the horizontal error as a table, in numbers."""
     budget, rows = result.found.budget, []
-    for row in contributions_rows(budget):
+    for row in quantities.contributions_rows(budget):
         least, most, unit = extent(budget, str(row[0].value))
         sizes = Quantity("size_least", least), Quantity("size_largest", most), Quantity("size_unit", unit)
         rows.append((*(_in_metres(each) for each in row if each.key != "size"), *sizes))
@@ -180,7 +169,7 @@ def warnings(budget: Budget) -> tuple[str, ...]:
             f"Attitude error {attitude / DEG:.0f} deg at the end exceeds the linear model: analytic and covariance are "
             "rough; trust the simulated errors (--runs)."
         )
-    elif budget.simulated is not None and not simulated_matches(budget, budget.simulated):
+    elif budget.simulated is not None and not headline.simulated_matches(budget, budget.simulated):
         found.append("Simulated errors do not match the covariance: trust the simulated ones.")
     if budget.absent:
         found.append(f"Not given in the IMU file, counted as zero: {', '.join(budget.absent)}.")

@@ -10,14 +10,7 @@ from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Verd
 from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Diagnosis
 from insnav.errors.diagnosis.simulated_replica import Replicas
 from insnav.errors.outage.statistics import COMPONENTS, components
-from insnav.report.budget.windows_quantities import (
-    GROWS,
-    UNITS,
-    explained_text,
-    interval_text,
-    parts_of,
-    regression_text,
-)
+from insnav.report.budget import windows_quantities
 from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.outage.windows import INTERVALS, common_text, corrected_text, power_lines, thin_lines
@@ -34,7 +27,7 @@ _MOTIONS = {"static": GREEN, "straight": BLUE, "turning": VERMILLION}
 def windows_drawings(budget: RecordedBudget) -> tuple[Section, ...]:
     """Growth, equivalent errors and regression of the recorded windows, calibrated and not."""
     sections = []
-    for kind, part in parts_of(budget):
+    for kind, part in windows_quantities.parts_of(budget):
         name = "uncalibrated" if part.windows.uncalibrated else "recorded"
         against = f"{kind}, against {budget.reference}"
         sections += [
@@ -48,7 +41,7 @@ def windows_drawings(budget: RecordedBudget) -> tuple[Section, ...]:
 def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
     """Say the result: explained or not, by what, and what the simulated replicas say."""
     lines = []
-    for kind, part in parts_of(budget):
+    for kind, part in windows_quantities.parts_of(budget):
         windows = part.windows
         left_out = ", ".join(f"{count} {reason}" for reason, count in windows.dropped.items())
         lines.append(
@@ -57,7 +50,7 @@ def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
         )
         lines += [_verdict(each, windows.length) for each in part.verdicts]
         lines += [_diagnosed(axis, part.diagnosis) for axis in part.diagnosis.axes]
-        lines += [line for line in (common_text(part.growth), regression_text(part)) if line]
+        lines += [line for line in (common_text(part.growth), windows_quantities.regression_text(part)) if line]
         if part.replicas is not None:
             lines.append(_against_replicas(part.replicas))
     return tuple(lines)
@@ -66,7 +59,7 @@ def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
 def windows_warnings(budget: RecordedBudget) -> tuple[str, ...]:
     """Say what the reader must not overlook."""
     lines = [note for note in budget.notes if note.startswith("Not independent")]
-    for kind, part in parts_of(budget):
+    for kind, part in windows_quantities.parts_of(budget):
         wrong = [each.component for each in part.verdicts if not each.explained]
         if wrong:
             lines.append(
@@ -110,7 +103,7 @@ def _verdict(each: Verdict, length: float) -> str:
 def _diagnosed(axis: AxisDiagnosis, diagnosis: Diagnosis) -> str:
     """Words such as: east error is t²: 0.42 mrad of tilt or 0.41 mg of bias."""
     name, cause = CAUSES[axis.leading], axis.causes[axis.leading]
-    unit = UNITS[name]
+    unit = windows_quantities.UNITS[name]
     if cause.rms == 0.0:
         return f"{axis.axis.capitalize()} error is within sensor noise and reference error: no curve stands out."
     value = number(cause.rms / FACTORS[unit][1])
@@ -119,10 +112,14 @@ def _diagnosed(axis: AxisDiagnosis, diagnosis: Diagnosis) -> str:
         "acceleration": f"{number(cause.rms / diagnosis.gravity / _MRAD)} mrad of tilt or {value} {unit} of bias",
         "drift": f"{value} {unit} of drift about the {'east' if axis.axis == 'north' else 'north'} axis",
     }[name]
-    line = f"{axis.axis.capitalize()} error is {GROWS[name]} ({100.0 * cause.share:.0f} %): {what}, RMS"
+    line = (
+        f"{axis.axis.capitalize()} error is {windows_quantities.GROWS[name]} ({100.0 * cause.share:.0f} %): {what}, RMS"
+    )
     if not diagnosis.steady:
         return f"{line}, over windows with turns, in which no curve is pure."
-    line += f"; filter sd {number(cause.filter_sd / FACTORS[unit][1])} {unit}: {explained_text(cause)}"
+    line += (
+        f"; filter sd {number(cause.filter_sd / FACTORS[unit][1])} {unit}: {windows_quantities.explained_text(cause)}"
+    )
     if name == "acceleration":
         line += "; in a straight window only the sum of bias and tilt is observable"
     return f"{line}."
@@ -142,7 +139,7 @@ def _against_replicas(made: Replicas) -> str:
     for i, name in enumerate(COMPONENTS[:3]):
         if not made.inside[-1, i]:
             larger |= bool(made.recorded[-1, i] > made.high[-1, i])
-            band = interval_text(float(made.low[-1, i]), float(made.high[-1, i]))
+            band = windows_quantities.interval_text(float(made.low[-1, i]), float(made.high[-1, i]))
             outside.append(f"{name} {number(float(made.recorded[-1, i]))} m, band {band} m")
     why = (
         "this recording is worse than the stated IMU and fix errors; vibration and mounting, for two, are not stated"
@@ -210,7 +207,7 @@ def causes_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
     note = "at rest or straight" if diagnosis.steady else "turns included, in which no curve is pure"
     for row, name in enumerate(CAUSES):
         for axis in diagnosis.axes:
-            unit = FACTORS[UNITS[name]][1]
+            unit = FACTORS[windows_quantities.UNITS[name]][1]
             factor = 1.0 / unit if name != "drift" else 1.0 / unit / diagnosis.gravity
             value = np.array([curve.value[row] for curve in axis.curves]) * factor
             sd = np.array([curve.sd[row] for curve in axis.curves]) * factor
@@ -224,8 +221,8 @@ def causes_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
                 curves.append(Curve("", np.repeat(at, 3), bars, colour, "thin"))
             yield Panel(
                 f"{key}_{axis.axis}_{name}".replace(" ", "_"),
-                f"{axis.axis.capitalize()} {name}: error grows with {GROWS[name]}",
-                f"{name} [{UNITS[name]}]",
+                f"{axis.axis.capitalize()} {name}: error grows with {windows_quantities.GROWS[name]}",
+                f"{name} [{windows_quantities.UNITS[name]}]",
                 across,
                 tuple(each for each in curves if len(each.x)),
                 f"{key}_causes",

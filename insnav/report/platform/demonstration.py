@@ -7,14 +7,8 @@ from functools import partial
 
 import numpy as np
 
+from insnav.errors import platform_errors
 from insnav.errors.metrics import TrajectoryErrors
-from insnav.errors.platform_errors import (
-    Convergence,
-    PlatformComparison,
-    compare_with_strapdown,
-    integrator_errors,
-    sine_convergence,
-)
 from insnav.errors.schuler import StaticErrors, static_errors
 from insnav.gimbal import INTEGRATORS, PlatformErrors, integral
 from insnav.quantity import Quantity
@@ -41,12 +35,14 @@ _MOTION = f"circles at {SPEED:g} m/s, {ROUND / 60:g} min a turn, latitude 45°"
 
 def demonstration() -> Page:
     """Report the integrators against closed forms, and a platform against a strapdown navigator."""
-    orders = sine_convergence()
+    orders = platform_errors.sine_convergence()
     holding = partial(circle, np.array([LAT, 0.0, HEIGHT]), SPEED, 2.0 * np.pi / ROUND)
-    flight = integrator_errors(holding(FLIGHT), FLIGHT_RATES, keep=1.0)
-    rest = compare_with_strapdown(straight(np.array([LAT, 0.0, 0.0]), 0.0, 0.0, DAY), ERRORS, DAY_RATE, 60.0)
+    flight = platform_errors.integrator_errors(holding(FLIGHT), FLIGHT_RATES, keep=1.0)
+    rest = platform_errors.compare_with_strapdown(
+        straight(np.array([LAT, 0.0, 0.0]), 0.0, 0.0, DAY), ERRORS, DAY_RATE, 60.0
+    )
     theory = static_errors(rest.time, LAT, 0.0, ERRORS)
-    turning = compare_with_strapdown(holding(PATTERN), ERRORS, PATTERN_RATE, 10.0)
+    turning = platform_errors.compare_with_strapdown(holding(PATTERN), ERRORS, PATTERN_RATE, 10.0)
     ends = {
         name: float(np.hypot(*error[-1, :2]))
         for name, error in (("platform", turning.platform), ("strapdown", turning.strapdown))
@@ -99,7 +95,7 @@ def demonstration() -> Page:
     )
 
 
-def _known(orders: Sequence[Convergence]) -> Section:
+def _known(orders: Sequence[platform_errors.Convergence]) -> Section:
     x = np.linspace(0.0, 3.0, 31)
     on_line = {each.integrator: float(integral(x, 2.0 * x, each.integrator)[-1] - 9.0) for each in orders}
     rows = tuple(
@@ -127,7 +123,7 @@ def _flown(flight: Mapping[float, Sequence[TrajectoryErrors]]) -> Section:
     return Section("flight_largest_error", title, rows=tuple(rows), note=note, keyed=True)
 
 
-def _day(rest: PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
+def _day(rest: platform_errors.PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
     records = {"closed form": theory.position, "platform": rest.platform[:, :2], "strapdown": rest.strapdown[:, :2]}
     largest = (Quantity(name, np.abs(error).max(axis=0), "m") for name, error in records.items())
     rows = []

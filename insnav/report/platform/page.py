@@ -13,14 +13,7 @@ from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_period
 from insnav.gimbal import DAMPING_TIME, Integrator, PlatformRun, torquing_rates
 from insnav.quantity import Quantity
 from insnav.report.page import Page, Section, Verdict, drawn, only_json
-from insnav.report.platform.panels import (
-    difference_panels,
-    platform_error_panels,
-    platform_track,
-    platform_velocity,
-    speed_of,
-    torquing_panels,
-)
+from insnav.report.platform import panels
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H, UNITS
 
@@ -70,14 +63,14 @@ def _drawn(
     run = study.run
     against = "the reference" if study.reference is not None else "fourth order"
     sections = (
-        drawn("track", "Track of a north-pointing platform", (platform_track(run, study.reference),)),
-        drawn("velocity", "Velocity computed on the platform", platform_velocity(run)),
-        drawn("torquing", "Commanded torquing rates", torquing_panels(run)),
-        drawn("integrators", "Difference between the integrators", difference_panels(differences, against)),
+        drawn("track", "Track of a north-pointing platform", (panels.platform_track(run, study.reference),)),
+        drawn("velocity", "Velocity computed on the platform", panels.platform_velocity(run)),
+        drawn("torquing", "Commanded torquing rates", panels.torquing_panels(run)),
+        drawn("integrators", "Difference between the integrators", panels.difference_panels(differences, against)),
     )
     if not study.errors.any:
         return sections
-    return (*sections, drawn("errors", "Impact of the platform's errors", platform_error_panels(run, theory)))
+    return (*sections, drawn("errors", "Impact of the platform's errors", panels.platform_error_panels(run, theory)))
 
 
 def _state(name: Integrator, run: PlatformRun) -> tuple[Quantity, ...]:
@@ -99,7 +92,9 @@ def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, to_refer
             Quantity("integrator", name),
             Quantity("horizontal", float(each.horizontal.max()), "m", meaning="largest"),
             Quantity("end", float(each.horizontal[-1]), "m", meaning="at the end"),
-            Quantity("velocity", float(np.nanmax(speed_of(each), initial=0.0)), "m/s", meaning="velocity, largest"),
+            Quantity(
+                "velocity", float(np.nanmax(panels.speed_of(each), initial=0.0)), "m/s", meaning="velocity, largest"
+            ),
         )
         for name, each in differences.items()
     )

@@ -17,17 +17,9 @@ from insnav.regression.run_corpus import CaseResult, Result
 from insnav.regression.verdict import Change, Comparison
 from insnav.report.html import page_html
 from insnav.report.page import Page, Section, Verdict, drawn, only_json, section_tables
+from insnav.report.regression import tables
 from insnav.report.regression.matrix import change_matrix, figures_tested, peer_matrix, unclear_changes
 from insnav.report.regression.panels import COLUMNS, growth_panels, history_panels, predicted_panels
-from insnav.report.regression.tables import (
-    PEERS,
-    case_section,
-    change_rows,
-    change_text,
-    peer_section,
-    rules,
-    verdict_text,
-)
 from insnav.report.style import drawing, save
 
 PAGE, SECTION = "accuracy.html", "accuracy.md"
@@ -107,14 +99,14 @@ def regression_page(
     changed: tuple[Section, ...] = ()
     if comparison is not None and baseline is not None:
         changes = comparison.changes
-        warnings += [f"fails: {change_text(change)}" for change in comparison.failing[:_WARNED]]
+        warnings += [f"fails: {tables.change_text(change)}" for change in comparison.failing[:_WARNED]]
         more = len(comparison.failing) - _WARNED
         warnings += [f"fails: {more} more figures, see the matrix"] if more > 0 else []
         warnings += [f"broken: {name}: {why}" for name, why in comparison.broken.items()]
         warnings += [f"not compared: {name}: {why}" for name, why in comparison.apart.items()]
         matrix = change_matrix(result, comparison, baseline, history)
         first.append(Section("", "Change since the baseline, %", matrix=matrix, show="page"))
-        rows = change_rows([change for change in changes if change.verdict != "same"])
+        rows = tables.change_rows([change for change in changes if change.verdict != "same"])
         changed = (Section("", "Figures that changed", rows=rows),)
     others = peer_matrix(peers)
     if others is not None:
@@ -126,17 +118,17 @@ def regression_page(
         (_where(now),),
         (
             *first,
-            case_section(result, comparison),
+            tables.case_section(result, comparison),
             *changed,
-            *([replace(peer_section(peers), folded=True)] if peers else []),
+            *([replace(tables.peer_section(peers), folded=True)] if peers else []),
             _outcome(result, comparison),
             Section(
                 "cases", rows=tuple(_case(name, case) for name, case in result.cases.items()), show="json", keyed=True
             ),
-            Section("changes", rows=change_rows(changes), show="json"),
+            Section("changes", rows=tables.change_rows(changes), show="json"),
         ),
         tuple(warnings),
-        rules(),
+        tables.rules(),
         verdict=_verdict(comparison, baseline),
         merits=_merits(result, comparison),
     )
@@ -146,7 +138,7 @@ def _verdict(comparison: Comparison | None, baseline: Baseline | None) -> Verdic
     """Whether this version is as good as the baseline, as far as the corpus can tell."""
     if comparison is None or baseline is None:
         return Verdict("unknown", "there is no baseline", "Nothing to compare with: --update-baseline makes one.")
-    text = verdict_text(comparison, baseline.origin)
+    text = tables.verdict_text(comparison, baseline.origin)
     sentence = (
         f"{text[0].upper()}{text[1:]}; of {unclear_changes(comparison)} it cannot be told whether they changed by 5 %."
     )
@@ -206,9 +198,9 @@ def markdown(
     lines = ["# Accuracy on the corpus", "", made, ""]
     for caption, name in pictures:
         lines += [f"![{caption}]({name})", ""]
-    lines += _table(case_section(result, comparison))
-    lines += _table(peer_section(peers), made) if peers else kept
-    return "\n".join([*lines, *(f"- {rule}" for rule in rules()), ""])
+    lines += _table(tables.case_section(result, comparison))
+    lines += _table(tables.peer_section(peers), made) if peers else kept
+    return "\n".join([*lines, *(f"- {rule}" for rule in tables.rules()), ""])
 
 
 def _table(section: Section, made: str = "") -> list[str]:
@@ -221,7 +213,7 @@ def _table(section: Section, made: str = "") -> list[str]:
 def peers_of(text: str) -> list[str]:
     """Lines about other programs as they stand in such a section, with the version they are of."""
     lines = text.splitlines()
-    head = f"## {PEERS}"
+    head = f"## {tables.PEERS}"
     if head not in lines:
         return []
     below = lines[lines.index(head) + 1 :]

@@ -13,18 +13,10 @@ from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import TrajectoryErrors
 from insnav.exceptions import InputError
 from insnav.imu.imu_file import to_toml
+from insnav.output import solution_tables
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.kml import write_kml
-from insnav.output.solution_tables import (
-    TableFormat,
-    has_smoothed,
-    read_events,
-    read_run_table,
-    read_solution,
-    write_events,
-    write_run_table,
-)
 from insnav.report.page import FigureSpec, Later, Page, Section
 from insnav.report.run.backdrop import FILE as BACKDROP
 from insnav.report.run.backdrop import read_backdrop, write_backdrop
@@ -125,26 +117,26 @@ def _draw(name: str, found: EvaluatedRun) -> Figure:
     return draw_drawings(drawings, title, note, columns=columns)
 
 
-def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: TableFormat) -> None:
+def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: solution_tables.TableFormat) -> None:
     """Write solution, fixes, innovations, errors, sensor errors, IMU model, events and track.
 
     `folder`: entered, not committed; `table_format` {"csv", "parquet"}.
     """
     found, run, place = result.found, result.found.run, folder.directory
-    write_run_table(place, run.solution, table_format)
+    solution_tables.write_run_table(place, run.solution, table_format)
     if run.smoothed is not None:
-        write_run_table(place, run.smoothed.solution, table_format, "smoothed")
-        write_run_table(place, run.smoothed.sensor_errors, table_format, "smoothed_biases")
-    write_run_table(place, run.innovations, table_format)
-    write_run_table(place, run.sensor_errors, table_format)
+        solution_tables.write_run_table(place, run.smoothed.solution, table_format, "smoothed")
+        solution_tables.write_run_table(place, run.smoothed.sensor_errors, table_format, "smoothed_biases")
+    solution_tables.write_run_table(place, run.innovations, table_format)
+    solution_tables.write_run_table(place, run.sensor_errors, table_format)
     for name, errors in (("errors", found.errors), ("smoothed_errors", found.smoothed_errors)):
         if errors is not None:
-            write_run_table(place, errors, table_format, name)
+            solution_tables.write_run_table(place, errors, table_format, name)
     if found.gps is not None:
-        write_run_table(place, found.gps, table_format)
+        solution_tables.write_run_table(place, found.gps, table_format)
     if result.imu_model is not None:
         folder.path("imu.toml").write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
-    write_events(place, result.events or run.events)
+    solution_tables.write_events(place, result.events or run.events)
     write_kml(place, run.solution, Path(result.inputs["imu"].path).name if "imu" in result.inputs else "track")
     if found.backdrop is not None:
         write_backdrop(found.backdrop, folder.path(BACKDROP))
@@ -175,16 +167,16 @@ def read_found(folder: Path) -> EvaluatedRun:
         ) from error
     none = np.empty(0)
     epochs = Epochs(none, np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 4)), np.empty((0, 9, 9)))
-    sensor_errors = read_run_table(folder, SensorErrors)
+    sensor_errors = solution_tables.read_run_table(folder, SensorErrors)
     smoothed = None
-    if has_smoothed(folder):
-        biases = read_run_table(folder, SensorErrors, "smoothed_biases")
-        smoothed = Smoothed(read_solution(folder, "smoothed"), epochs, biases)
+    if solution_tables.has_smoothed(folder):
+        biases = solution_tables.read_run_table(folder, SensorErrors, "smoothed_biases")
+        smoothed = Smoothed(solution_tables.read_solution(folder, "smoothed"), epochs, biases)
     run = Run(
-        read_solution(folder),
-        read_run_table(folder, Innovations),
+        solution_tables.read_solution(folder),
+        solution_tables.read_run_table(folder, Innovations),
         sensor_errors,
-        read_events(folder),
+        solution_tables.read_events(folder),
         alignment,
         epochs,
         fixes["delay_s"],
@@ -195,10 +187,10 @@ def read_found(folder: Path) -> EvaluatedRun:
         tuple(_aiding(each) for each in aiding),
     )
     errors, smoothed_errors = (
-        read_run_table(folder, TrajectoryErrors, name) if any(folder.glob(f"{name}.*")) else None
+        solution_tables.read_run_table(folder, TrajectoryErrors, name) if any(folder.glob(f"{name}.*")) else None
         for name in ("errors", "smoothed_errors")
     )
-    gps = read_run_table(folder, GpsData) if any(folder.glob("fixes.*")) else None
+    gps = solution_tables.read_run_table(folder, GpsData) if any(folder.glob("fixes.*")) else None
     backdrop = read_backdrop(folder / BACKDROP) if (folder / BACKDROP).is_file() else None
     return EvaluatedRun(run, gps, errors, smoothed_errors, backdrop=backdrop)
 

@@ -18,18 +18,7 @@ from insnav.report.page import Light, Page, Section, Verdict, drawn
 from insnav.report.panels import Curve, Panel
 from insnav.report.save import write_page
 from insnav.report.series import Clock, broken_at_gaps
-from insnav.report.simulation.page import (
-    correlated_share,
-    entry,
-    model_name,
-    model_texts,
-    motion_drawings,
-    motion_lines,
-    motion_section,
-    plan_metadata,
-    seen,
-    sensor_section,
-)
+from insnav.report.simulation import page as recording
 from insnav.session.simulation import Plan
 from insnav.simulate.montecarlo import Runs
 from insnav.types import FloatArray, IntArray
@@ -61,12 +50,12 @@ def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> tuple[Path, Page]:
     write_table(folder.path("runs.csv"), _rows(runs))
     write_table(folder.path("ensemble.csv"), _epochs(found))
     page = ensemble_page(plan, found, runs)
-    return write_page(folder, page, plan_metadata(plan), model_texts(plan)), page
+    return write_page(folder, page, recording.plan_metadata(plan), recording.model_texts(plan)), page
 
 
 def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     """Report an ensemble of simulated runs."""
-    time, motion = seen(plan.truth)
+    time, motion = recording.seen(plan.truth)
     columns = dict(zip(FIGURES, runs.figures.T, strict=True))
     share = inside(found).mean(axis=0) if len(found.nees) else ()
     nees = {name: float(columns[f"nees_{name}"].mean()) for name in GROUPS[: len(share)]}
@@ -85,34 +74,34 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
         Quantity("resets", resets),
     )
     inside_text = ", ".join(f"{name} {number(nees[name])} ({100.0 * part:.0f} %)" for name, part in inside_band.items())
-    count = len(runs.number)
+    count, imu = len(runs.number), recording.model_name(plan.imu)
     drawings = [drawn("ensemble", f"RMS error and stated sd of {count} runs", ensemble_panels(found), columns=3)]
     if len(found.nees):
         drawings.append(drawn("nees", "Normalised error squared at the fixes", nees_panels(found)))
     return Page(
         f"{len(runs.number)} simulated runs of {plan.motion.name}",
         (
-            *motion_lines(plan, time, motion),
-            entry("runs", f"{len(runs.number)} of {model_name(plan.imu)} and {model_name(plan.gps)}, seed {plan.seed}"),
-            entry(
+            *recording.motion_lines(plan, time, motion),
+            recording.entry("runs", f"{count} of {imu} and {recording.model_name(plan.gps)}, seed {plan.seed}"),
+            recording.entry(
                 "horizontal",
                 f"RMS {number(float(horizontal.mean()))} m in the mean of the runs, "
                 f"{number(float(horizontal.max()))} m in the worst",
             ),
-            entry("NEES", inside_text or "not known: there was no fix"),
-            entry(
+            recording.entry("NEES", inside_text or "not known: there was no fix"),
+            recording.entry(
                 "", f"per axis: 1 if the stated sd is right (share of the fixes inside the {100.0 * BAND:.0f} % band)"
             ),
-            entry("rejected", f"{rejected} of {positions} fixes, {resets} resets"),
-            *(entry("note", text) for text in correlation_notes(plan.gps, nees)),
-            *(entry("failed", text) for text in failed),
+            recording.entry("rejected", f"{rejected} of {positions} fixes, {resets} resets"),
+            *(recording.entry("note", text) for text in correlation_notes(plan.gps, nees)),
+            *(recording.entry("failed", text) for text in failed),
         ),
         (
             *drawings,
             Section("ensemble", "Consistency and rejections", items, parts=(_failures(runs), _errors(found))),
-            motion_section(plan, time, motion),
-            sensor_section(plan),
-            *motion_drawings(plan, time, motion),
+            recording.motion_section(plan, time, motion),
+            recording.sensor_section(plan),
+            *recording.motion_drawings(plan, time, motion),
         ),
         failed,
         ("every run has an IMU, noise and fixes of its own; the motion is the same in all",),
@@ -129,7 +118,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
 def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], failed: Sequence[str]) -> Verdict:
     """Say how large the errors are, and whether the stated sd explains them."""
     sentence = (
-        f"{len(horizontal)} runs of {plan.motion.name} with {model_name(plan.imu)} IMU: horizontal error "
+        f"{len(horizontal)} runs of {plan.motion.name} with {recording.model_name(plan.imu)} IMU: horizontal error "
         f"{number(float(horizontal.mean()))} m RMS in the mean, {number(float(horizontal.max()))} m in the worst."
     )
     if failed:
@@ -144,7 +133,7 @@ def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], fail
 
 def ensemble_lines(page: Page, out: Path) -> list[str]:
     """What the terminal shows of an ensemble: its summary and its files."""
-    return [*page.summary, entry("files", f"{out}: runs.csv, ensemble.csv, report.html, run.json, …")]
+    return [*page.summary, recording.entry("files", f"{out}: runs.csv, ensemble.csv, report.html, run.json, …")]
 
 
 def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[str, ...]:
@@ -154,7 +143,7 @@ def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[s
     """
     if gps is None or nees.get("position", 1.0) < _TOO_GOOD:
         return ()
-    share = correlated_share(gps)
+    share = recording.correlated_share(gps)
     if share < _MUCH:
         return ()
     return (
