@@ -92,12 +92,12 @@ class Estimate:
                 fix="cut the recording before it",
             )
         if self._gps_noise is not None:
-            fade = float(np.exp(-self.span[0] / self._gps_noise.time))
+            fade = np.exp(-self.span[0] / self._gps_noise.times)
             self.correlated *= fade
-            for i in range(3):
+            for i in range(fade.size):
                 at = self.at.correlated + i
-                self._phi[at, at] = fade
-                self._q[at, at] = (1.0 - fade**2) * self._gps_noise.sd[i] ** 2
+                self._phi[at, at] = fade[i]
+                self._q[at, at] = (1.0 - fade[i] ** 2) * self._gps_noise.sds[i] ** 2
         while self._changes and self._changes[0].time <= time + TIME_TOLERANCE:
             self._change(self._changes.pop(0))
         self._note_repair(time, self._engine.predict(self._phi, self._q, time))
@@ -171,7 +171,7 @@ class Estimate:
         grown = np.where(decay > 0.0, (1.0 - fade**2) / np.where(decay > 0.0, 2.0 * decay, 1.0), span)
         q[sensors, sensors] = np.diag(driving * grown)
         if self._gps_noise is not None:
-            lasting = slice(at.correlated, at.correlated + 3)
+            lasting = slice(at.correlated, at.correlated + self.correlated.size)
             phi[lasting, lasting] = 0.0
         p = phi @ self.covariance @ phi.T + q
         phi[:NAV, sensors] = across.slope * fade
@@ -198,8 +198,8 @@ class Estimate:
     def _begin_at_fix(self, p: FloatArray) -> None:
         """Set the covariance where the position is that of a fix, with its time-correlated error."""
         if self._gps_noise is not None:
-            reset_correlated(p, self.at.correlated, self._gps_noise.sd)
-            cross_covariance(p, self.at.correlated, self._gps_noise.sd)
+            reset_correlated(p, self.at.correlated, self._gps_noise.sds)
+            cross_covariance(p, self.at.correlated, self._gps_noise.sds)
             self.correlated[:] = 0.0
         self._engine.replace_covariance(p)
 
@@ -210,7 +210,7 @@ class Estimate:
         if at.delay >= 0:
             self.delay -= error[at.delay]
         if at.correlated >= 0:
-            self.correlated -= error[at.correlated : at.correlated + 3]
+            self.correlated -= error[at.correlated : at.correlated + self.correlated.size]
         if at.lever >= 0:
             self.lever -= error[at.lever : at.lever + 3]
         if at.shaken >= 0:

@@ -31,12 +31,24 @@ CHI2_MEDIAN = 0.4549  # median of chi-square with one degree of freedom
 
 @dataclass(frozen=True, slots=True)
 class CorrelatedNoise:
-    """Gauss-Markov part of the position error."""
+    """Gauss-Markov part of the errors of position and, where it was found, of velocity."""
 
     share: float  # of the variance of a fix [-]
     time: float  # correlation time [s]
     sd: FloatArray  # (3,) standard deviation of that part, North, East, Down [m]
     by_reported: bool = False  # seen only as the part of the reported variance that successive fixes lack
+    velocity_sd: FloatArray | None = None  # (3,) of the same of velocities [m/s]; none: they have no such error
+    velocity_time: float = np.inf  # its correlation time [s]
+
+    @property
+    def sds(self) -> FloatArray:
+        """Standard deviations of the states, (3,) or (6,) [m, m/s]."""
+        return self.sd if self.velocity_sd is None else np.concatenate([self.sd, self.velocity_sd])
+
+    @property
+    def times(self) -> FloatArray:
+        """Correlation times of the states, (3,) or (6,) [s]."""
+        return np.repeat([self.time, self.velocity_time], 3)[: self.sds.size]
 
 
 def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> CorrelatedNoise | None:

@@ -83,6 +83,16 @@ AVERAGED = {"gps.horizontal": 2.0, "gps.vertical": 2.0, "gps.correlation_time": 
 SHARE = (0.0, 1.5)
 CORRELATION_TIME = (float(np.log(45.0)), 1.0)  # logarithm of its correlation time [s], and its sd
 LARGEST_SHARE = 0.95  # of code positions: the white rest, a fifth of the sd, is also what the IMU model lacks in a turn
+# Velocities, too, may have a time-correlated error, as their integral shows against positions: logarithms of its sd by
+# that of a velocity and of its correlation time [s], and their sd. What is alike for seconds only is a receiver's
+# smoothing. From these starts on it is looked for, and taken where innovations become likelier by so much: half the
+# logarithm of their number for each of the two.
+VELOCITY_CORRELATED = {
+    "velocity_correlated": (float(np.log(0.3)), 1.0),
+    "velocity_correlation_time": (float(np.log(100.0)), 0.3),
+}
+VELOCITY_STARTS = np.log([(share, time) for time in (30.0, 150.0) for share in (0.1, 0.3)])
+VELOCITY_WORTH = 10.0
 STARTS = [(share, time) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0.85)]
 
 
@@ -115,7 +125,7 @@ class NoiseEstimate:
     # mean square of the normalised innovations with the figures before and with those found [-]
     mean_before: float
     mean_after: float
-    at: FloatArray  # (p,) what was found, as the logarithms that `InnovationLikelihood` takes
+    far_off: bool  # the attitude of the run was so far off that the innovations are no linear function of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +149,7 @@ class InnovationLikelihood:
         correlated = run.settings.correlated
         if correlated is None:  # the nominal run needs the states, whatever their size
             correlated = CorrelatedNoise(0.1, 40.0, np.sqrt(0.1) * self.median_sd)
+        correlated = replace(correlated, velocity_sd=None)
         self._settings = replace(ready.settings, correlated=correlated, aiding=None, smooth=True, output_interval=10.0)
         self._ready, self._run, self.prior = ready, run, spec
         self._states = STATES if ready.model.sd[6:].any() else STATES - 6
@@ -162,8 +173,11 @@ class InnovationLikelihood:
         self._sd = np.nan_to_num(np.hstack([gps.position_sd[fix], gps.velocity_sd[fix]]), nan=1.0)
         self._out = np.empty((2, 6 * rows.shape[0]))
         self._axes, self._c = errors_of_axes(rows, self._tape[2], imu, ready.nominal)
+        moving = np.isfinite(gps.v_n).all(axis=1)
+        unknown = np.full(3, OPEN_VELOCITY)
+        self.velocity_sd: FloatArray = np.median(gps.velocity_sd[moving], axis=0) if moving.any() else unknown
         self.fixes = int(np.count_nonzero(self._offered & (self._tape[1] > 0)))
-        self.parameters = self._choose(velocities=bool(np.isfinite(gps.v_n).all(axis=1).any()))
+        self.parameters = self._choose()
 
     def again(self, found: NoiseEstimate) -> InnovationLikelihood:
         """The same about another run, with the noise that was found."""
@@ -177,7 +191,17 @@ class InnovationLikelihood:
         part._other, part._offered, part._sd = self._other[:last], self._offered[:last], self._sd[:last]
         return part
 
-    def _choose(self, *, velocities: bool) -> tuple[_Parameter, ...]:
+    def with_correlated_velocities(self) -> InnovationLikelihood:
+        """The same if velocities have a time-correlated error: three more states, which the run took for zero."""
+        wider, at, tape = copy(self), self._lasting + 3, list(self._tape)
+        tape[7], tape[8] = (np.insert(each, [at] * 3, 0.0, axis=-1) for each in self._tape[7:9])
+        tape[7][:, range(3, 6), range(at, at + 3)] = self._offered[:, None]
+        wider._tape = tuple(tape)
+        more = (_Parameter(f"gps.{key}", middle, sd, sd) for key, (middle, sd) in VELOCITY_CORRELATED.items())
+        wider.parameters = (*self.parameters[:-2], *more, *self.parameters[-2:])
+        return wider
+
+    def _choose(self) -> tuple[_Parameter, ...]:
         static, at_rest = self._ready.alignment.static, {}
         if static is not None and static[1] - static[0] >= REST:
             seen, of_prior = white_noise(self._ready.imu, *static, SLOW)[0], self.prior.gyro.random_walk
@@ -190,8 +214,9 @@ class InnovationLikelihood:
             if np.any(getattr(sensor, key) > 0.0) and not (self._states == 15 and key == "scale_factor")
         ]
         found += [_Parameter(f"gps.{name}", 0.0, *POSITION_PRIOR) for name in ("horizontal", "vertical")]
-        if velocities:
-            found.append(_Parameter("gps.velocity", 0.0, VELOCITY_PRIOR, VELOCITY_PRIOR))
+        for axis, name in ((0, "velocity"), (2, "vertical_velocity")):
+            if self.velocity_sd[axis] < OPEN_VELOCITY:
+                found.append(_Parameter(f"gps.{name}", 0.0, VELOCITY_PRIOR, VELOCITY_PRIOR))
         for key, (middle, sd) in (("share", SHARE), ("correlation_time", CORRELATION_TIME)):
             found.append(_Parameter(f"gps.{key}", middle, sd, sd))
         return tuple(found)
@@ -207,26 +232,31 @@ class InnovationLikelihood:
 
         return replace(self.prior, gyro=scaled(self.prior.gyro, "gyro"), accel=scaled(self.prior.accel, "accel"))
 
-    def fixes_of(self, at: FloatArray) -> tuple[FloatArray, FloatArray, float, float]:
-        """Factors of position and velocity sd, share and correlation time of the position error."""
+    def fixes_of(self, at: FloatArray) -> tuple[FloatArray, FloatArray, CorrelatedNoise]:
+        """Factors of the sd of position and velocity; the time-correlated part of the errors."""
         value = {p.key: float(x) for p, x in zip(self.parameters, at, strict=True)}
         level, down = np.exp(value["gps.horizontal"]), np.exp(value["gps.vertical"])
         share = LARGEST_SHARE / (1.0 + np.exp(-value["gps.share"]))
-        velocity = np.full(3, np.exp(value.get("gps.velocity", 0.0)))
-        return np.array([level, level, down]), velocity, float(share), float(np.exp(value["gps.correlation_time"]))
+        velocity = np.exp([value.get(f"gps.{name}", 0.0) for name in ("velocity", "velocity", "vertical_velocity")])
+        position, time = np.array([level, level, down]), float(np.exp(value["gps.correlation_time"]))
+        correlated = CorrelatedNoise(float(share), time, np.sqrt(share) * position * self.median_sd)
+        if "gps.velocity_correlated" in value:
+            size, time = (float(np.exp(value[f"gps.{key}"])) for key in VELOCITY_CORRELATED)
+            measured = np.where(self.velocity_sd < OPEN_VELOCITY, self.velocity_sd, 0.0)
+            correlated = replace(correlated, velocity_sd=size * measured, velocity_time=time)
+        return position, velocity, correlated
 
     def normalised(self, at: FloatArray, push: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
         """Innovations and their variances with a set of figures; `push` (m, 9) as of `kernel.innovations`."""
         model = error_model(self.spec(at), self._states)
-        position, velocity, share, time = self.fixes_of(at)
-        correlated = CorrelatedNoise(share, time, np.sqrt(share) * position * self.median_sd)
+        position, velocity, correlated = self.fixes_of(at)
         start = first_state(
             _start(self._ready.initial, self._ready.alignment, self._ready.model, model, position),
             replace(self._settings, correlated=correlated),
         )
         mean = np.zeros(start.covariance.shape[0])
         mean[NAV : NAV + 3] = self._run.initial.gyro_bias - start.correction[:3]
-        factor = np.concatenate([np.sqrt(1.0 - share) * position, velocity])
+        factor = np.concatenate([np.sqrt(1.0 - correlated.share) * position, velocity])
         factor = np.where(self._sd < OPEN_VELOCITY, factor, 1.0)  # what was not measured says nothing of it
         variance = self._other + self._offered[:, None] * (factor * self._sd) ** 2
         count = kernel.innovations(
@@ -236,8 +266,8 @@ class InnovationLikelihood:
             model.noise[6:18],
             model.decay,
             self._lasting,
-            correlated.sd,
-            time,
+            correlated.sds,
+            correlated.times,
             variance,
             (mean, start.covariance),
             np.zeros((self._offered.size, NAV)) if push is None else push,
@@ -402,14 +432,22 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     first, _ = short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR)
     top, covariance = posterior.climb(first)
     e, s, cost = posterior.innovations(top)
-    drive = drives[0]
+    if any(p.key == "gps.velocity" for p in posterior.parameters):
+        wider = _Posterior([drive.with_correlated_velocities() for drive in drives])
+        starts = [np.concatenate([top[:-2], each, top[-2:]]) for each in VELOCITY_STARTS]
+        costs = [wider.innovations(at)[2] for at in starts]
+        if min(costs) < cost:
+            at, of_at = wider.climb(starts[int(np.argmin(costs))])
+            found = wider.innovations(at)
+            if found[2] < cost - VELOCITY_WORTH:
+                posterior, top, covariance, (e, s, cost) = wider, at, of_at, found
+    drive = posterior.drives[0]
     # mean variances and mean correlation time over what is plausible: of errors that last as long as the drive these
     # are known to a factor, and where they are likeliest is too small
     wide = top + np.diag(covariance) * [AVERAGED.get(p.key, 0.0) for p in posterior.parameters]
-    position, velocity, share, time = drive.fixes_of(wide)
-    correlated = CorrelatedNoise(share, time, np.sqrt(share) * position * drive.median_sd)
+    position, velocity, correlated = drive.fixes_of(wide)
     filter_spec = drive.spec(top)
-    axes = _misalignment(drives, top, IMU_PRIOR["misalignment"])
+    axes = _misalignment(posterior.drives, top, IMU_PRIOR["misalignment"])
     return NoiseEstimate(
         _turned(drive.prior, filter_spec, axes.size[0]),
         filter_spec,
@@ -424,7 +462,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
         before[2] - cost,
         float(np.mean(before[0] ** 2 / before[1])),
         float(np.mean(e**2 / s)),
-        top,
+        any(each.far_off(top) for each in posterior.drives),
     )
 
 
@@ -459,7 +497,7 @@ def _figure(parameter: _Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
         values = LARGEST_SHARE / (1.0 + np.exp(-values))
     elif sensor == "gps":
         values = np.exp(values)
-        unit = "s" if key == "correlation_time" else ""
+        unit = "s" if key.endswith("_time") else ""
     else:
         of_axes = getattr(spec.gyro if sensor == "gyro" else spec.accel, key)
         values = np.exp(values) * float(np.sqrt(np.mean(of_axes**2)))
@@ -483,7 +521,7 @@ def _likelihood(ready: Prepared, spec: ImuSpec) -> InnovationLikelihood | None:
 def identify(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     """Noise in drives of one IMU, about second runs with what the first showed if one of these is far off."""
     found = maximise(drives)
-    if any(drive.far_off(found.at) for drive in drives):
+    if found.far_off:
         with suppress(DivergenceError):
             found = maximise([drive.again(found) for drive in drives])
     return found
@@ -558,7 +596,7 @@ def understated(ready: Prepared, read: GpsData) -> tuple[Event, ...]:
     found = ready.noise
     if found is None or not np.isfinite(read.position_sd).all():
         return ()
-    velocity = float(found.velocity_factor[0]) if np.isfinite(read.velocity_sd).all() else 1.0
+    velocity = float(found.velocity_factor.max()) if np.isfinite(read.velocity_sd).all() else 1.0
     position = float(found.position_factor.max())
     if max(position, velocity) < UNDERSTATED:
         return ()
@@ -580,8 +618,14 @@ def _words(found: NoiseEstimate) -> list[str]:
     level, down = found.position_factor[0], found.position_factor[2]
     if max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH:
         notes.append(f"GPS position sd times {level:.2f} horizontally, {down:.2f} vertically, from the innovations")
-    if abs(found.velocity_factor[0] - 1.0) > FACTOR_WORTH:
-        notes.append(f"GPS velocity sd times {found.velocity_factor[0]:.2f}, from the innovations")
+    level, down = found.velocity_factor[0], found.velocity_factor[2]
+    if max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH:
+        notes.append(f"GPS velocity sd times {level:.2f} horizontally, {down:.2f} vertically, from the innovations")
+    if found.correlated.velocity_sd is not None:
+        size, time = float(np.max(found.correlated.velocity_sd)), found.correlated.velocity_time
+        notes.append(
+            f"time-correlated GPS velocity errors: {size:.2g} m/s, for about {time:.0f} s; estimated as states"
+        )
     time = found.correlated.time
     lasting = f"correlation time about {time:.0f} s" if time < LONGEST else "lasting longer than the drive tells"
     hardly = {"gps.share", "gps.correlation_time"} & {figure.key for figure in found.figures if not figure.observable}

@@ -19,7 +19,7 @@ class Layout(NamedTuple):
     states: int
     delay: int
     correlated: int
-    """The three of the time-correlated GPS position error."""
+    """Those of the time-correlated GPS error: three of position, and three of velocity where it has one."""
     lever: int
     """The three of the lever arm, body axes."""
     shaken: int
@@ -38,7 +38,7 @@ def layout(settings: FilterSettings) -> Layout:
     count = STATES + 1
     correlated = lever = shaken = -1
     if settings.correlated is not None:
-        correlated, count = count, count + 3
+        correlated, count = count, count + settings.correlated.sds.size
     if settings.lever_sd > 0.0:
         lever, count = count, count + 3
     if swings:
@@ -54,7 +54,7 @@ def first_state(start: InitialState, settings: FilterSettings) -> FilterState:
     if at.delay >= 0:
         covariance[at.delay, at.delay] = settings.delay_sd**2
     if settings.correlated is not None:
-        reset_correlated(covariance, at.correlated, settings.correlated.sd)
+        reset_correlated(covariance, at.correlated, settings.correlated.sds)
     if at.lever >= 0:
         part = slice(at.lever, at.lever + 3)
         covariance[part, part] = settings.lever_sd**2 * np.eye(3)
@@ -76,22 +76,23 @@ def first_state(start: InitialState, settings: FilterSettings) -> FilterState:
     x = np.concatenate([start.lla, start.v_n, quat_from_rph(start.rph)])
     correction = np.concatenate([start.gyro_bias, np.zeros(9)])
     levers = settings.lever_b.copy(), settings.lever_b.copy()
-    return FilterState(start.time, x, correction, 0.0, np.zeros(3), *levers, np.zeros(6), covariance)
+    lasting = np.zeros(3 if settings.correlated is None else settings.correlated.sds.size)
+    return FilterState(start.time, x, correction, 0.0, lasting, *levers, np.zeros(6), covariance)
 
 
 def reset_correlated(covariance: FloatArray, at: int, sd: FloatArray) -> None:
-    """Forget the time-correlated GPS error: only its own standard deviation [m] is left."""
-    part = slice(at, at + 3)
+    """Forget the time-correlated GPS error: only its own standard deviation is left."""
+    part = slice(at, at + sd.size)
     covariance[part, :] = covariance[:, part] = 0.0
     covariance[part, part] = np.diag(sd**2)
 
 
 def cross_covariance(covariance: FloatArray, at: int, sd: FloatArray) -> None:
-    """Tell a position that was set to a fix from the time-correlated error of that fix.
+    """Tell a position, or position and velocity, that was set to a fix from the time-correlated error of that fix.
 
     The position error is the error of the fix, and the state is what the fix lacks: their covariance is ``-sd^2``. The
     variance of the position is kept a little above, so that the matrix stays positive.
     """
-    for i in range(3):
+    for i in range(sd.size):
         covariance[i, i] = max(covariance[i, i], 1.0001 * sd[i] ** 2)
         covariance[i, at + i] = covariance[at + i, i] = -(sd[i] ** 2)

@@ -121,7 +121,7 @@ class Predicted(NamedTuple):
     motion: np.ndarray
     lever: np.ndarray  # (3,) antenna seen from the IMU, body axes [m]
     shaken: np.ndarray  # (3,) the same as vibration moves it for the receiver [m]
-    correlated: np.ndarray  # (3,) time-correlated position error [m]
+    correlated: np.ndarray  # (3,) time-correlated position error [m], or (6,) with that of velocity [m/s]
     delay: float  # estimated [s]
     covariance: np.ndarray  # (n, n)
 
@@ -162,7 +162,7 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
     z, h, r, s, sd = out
     antenna(x, motion, lever, delay, lag, lla, v_n, z, h)
     if correlated_at >= 0:
-        for i in range(3):
+        for i in range(correlated.shape[0]):
             z[i] += correlated[i]
             h[i, correlated_at + i] = 1.0
     rotated = np.zeros((3, 3))

@@ -112,18 +112,19 @@ def innovations(  # type: ignore[no-untyped-def]
 
     `run`: from `tape`; `nominal_decay`, `decay` (12,): inverse correlation times of the sensor errors in the nominal
     run and in the other [1/s]; `density` (4,): of white noise of gyros and accelerometers, and by misalignment of each;
-    `driving` (12,): of what drives the sensor errors; `lasting`: first of three states of a time-correlated position
-    error, or negative, with `lasting_sd` (3,) [m] and `lasting_time` [s]; `variance` (m, 6): white noise of the
-    measurements; `start`: mean (n,) and covariance (n, n) of the error of the nominal run; `push` (m, 9): known errors
-    that each span adds to position, velocity and attitude, overwritten by the mean of these errors at the end of each
-    epoch; `limit`: an innovation beyond so many standard deviations is de-weighted, in the manner of Huber;
-    `out` (2, 6 m): filled with innovation and variance of every component of a measurement used, one given those
-    before.
+    `driving` (12,): of what drives the sensor errors; `lasting`: first of the states of time-correlated errors of
+    position, or of position and velocity, or negative, with `lasting_sd` (k,) [m, m/s] and `lasting_time` (k,) [s];
+    `variance` (m, 6): white noise of the measurements; `start`: mean (n,) and covariance (n, n) of the error of the
+    nominal run; `push` (m, 9): known errors that each span adds to position, velocity and attitude, overwritten by the
+    mean of these errors at the end of each epoch; `limit`: an innovation beyond so many standard deviations is
+    de-weighted, in the manner of Huber; `out` (2, 6 m): filled with innovation and variance of every component of a
+    measurement used, one given those before.
     Returns: number of components.
     """
     span, kind, phi, white, share, bridge, z, h, fed, correction, restart = run
     mean, p = start[0].copy(), start[1].copy()
     n = mean.shape[0]
+    lasts = lasting_sd.shape[0] if lasting > 0 else 0
     work = np.zeros((19, n))
     w, ph, moved = work[:9], work[9:15], work[15]
     fade, pace, last, inverse = np.ones(n), work[16], work[17], work[18]
@@ -136,8 +137,8 @@ def innovations(  # type: ignore[no-untyped-def]
                 usual = dt
                 for j in range(SENSOR):
                     fade[NAV + j], pace[j] = np.exp(-dt * decay[j]), np.exp(-dt * nominal_decay[j])
-                for j in range(lasting, lasting + 3 if lasting > 0 else lasting):
-                    fade[j] = np.exp(-dt / lasting_time)
+                for j in range(lasts):
+                    fade[lasting + j] = np.exp(-dt / lasting_time[j])
                 for i in range(n):
                     for j in range(n):
                         fades[i, j] = fade[i] * fade[j]
@@ -174,19 +175,19 @@ def innovations(  # type: ignore[no-untyped-def]
                 p[NAV + j, NAV + j] += dt * driving[j]
                 # the nominal run let its correction decay at its own pace
                 mean[NAV + j] = fade[NAV + j] * mean[NAV + j] + (pace[j] - fade[NAV + j]) * last[j]
-            for j in range(3 if lasting > 0 else 0):
+            for j in range(lasts):
                 at = lasting + j
                 p[at, at] += (1.0 - fades[at, at]) * lasting_sd[j] ** 2
                 mean[at] *= fade[at]
         if kind[k] == RESTART:
             for i in range(n):
-                if i < 6 or 0 <= i - lasting < 3 <= lasting:
+                if i < 6 or 0 <= i - lasting < lasts:
                     mean[i] = 0.0
                     for j in range(n):
                         p[i, j] = p[j, i] = 0.0
             for i in range(OPENED):
                 p[i, i] += restart[k, i]
-            for j in range(3 if lasting > 0 else 0):
+            for j in range(lasts):
                 at, own = lasting + j, lasting_sd[j] ** 2
                 p[at, at] = own
                 p[j, j] = max(p[j, j], 1.0001 * own)

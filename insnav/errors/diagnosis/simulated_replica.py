@@ -210,6 +210,8 @@ def _with_errors(gps: GpsData, seed: tuple[int, int], correlated: CorrelatedNois
     if correlated is not None:
         error += np.sqrt(share) * gauss_markov(rng, gps.time, np.ones(3), correlated.time)
     velocity = rng.standard_normal(gps.v_n.shape) * np.nan_to_num(gps.velocity_sd)
+    if correlated is not None and correlated.velocity_sd is not None:
+        velocity += gauss_markov(rng, gps.time, correlated.velocity_sd, correlated.velocity_time)
     return replace(gps, lla=lla_offset(gps.lla, error * gps.position_sd), v_n=gps.v_n + velocity)
 
 
