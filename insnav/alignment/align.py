@@ -9,6 +9,7 @@ import numpy as np
 from insnav.alignment import in_motion as motion
 from insnav.alignment import static
 from insnav.attitude import wrap_two_pi
+from insnav.earth import ned_offset
 from insnav.exceptions import AlignmentError
 from insnav.imu.specification import ImuSpec, gyro_bias_sd, level_bias_sd
 from insnav.strapdown import Intervals
@@ -19,6 +20,7 @@ GYROCOMPASS_SD = np.deg2rad(15.0)  # beyond it the filter's small-angle errors n
 SURE_SD = np.deg2rad(3.0)  # a gyrocompass as good as the course of a car needs no course
 GIVEN_HEADING_SD = np.deg2rad(2.0)  # of a heading that the user gives: read from a map or a compass
 STATIC_SPEED = 0.5  # GPS speed of a stationary vehicle, with the noise of a poor receiver [m/s]
+MOVED = 3.0  # standard deviations of the way between two positions from which it is motion
 SOON = 10.0  # a stop that begins this soon after the first fix is the start of the drive [s]
 COURSE_TIME = 0.5  # a course in motion may be off by the turn in this time: half a GPS interval [s]
 LEVEL_SPAN = 20.0  # of the level from GPS velocity change: longer, gyro drift tilts the frame; shorter, noise [s]
@@ -79,7 +81,23 @@ def align(
 
 def stationary_of(parts: Intervals, gps: GpsData) -> tuple[float, float] | None:
     """First stationary interval of a recording [s], as `find_stationary` with GPS as the other sensor."""
-    return static.find_stationary(parts, _slow(parts, motion.velocity(gps)))
+    slow = _slow(parts, motion.velocity(gps))
+    found = static.find_stationary(parts, slow)
+    while found is not None and slow is not None and _moved(gps, *found):  # steady braking looks like rest
+        slow &= (parts.end < found[0]) | (parts.end > found[1])
+        found = static.find_stationary(parts, slow)
+    return found
+
+
+def _moved(gps: GpsData, begin: float, end: float) -> bool:
+    """Whether positions without velocities go farther in an interval than they err."""
+    rows = np.flatnonzero((gps.time >= begin) & (gps.time <= end))
+    if rows.size < 2 or np.isfinite(gps.v_n[rows]).all():
+        return False
+    first, last = rows[0], rows[-1]
+    way = float(np.linalg.norm(ned_offset(gps.lla[last], gps.lla[first])[:2]))
+    sd = float(np.hypot(*gps.position_sd[[first, last], :2].max(axis=1)))
+    return bool(way > max(STATIC_SPEED * (gps.time[last] - gps.time[first]), MOVED * sd))
 
 
 def _slow(parts: Intervals, speed: motion.Velocity) -> BoolArray | None:

@@ -43,6 +43,7 @@ TRIED = 45.0  # twice the gain of the log-likelihood from which a change may be 
 USUAL = 4.0  # times what the drive shows a third time: recorded ones have more than the model has
 LATE = 35.0  # of a change of the delay: recorded and simulated drives without a fault have up to 17 [-]
 PERHAPS = 0.5  # part of the gain of any other change, which true positions of another time have, too
+LEAST_LATE = 0.05  # smaller ones are also what models of receivers and IMUs lack [s]
 LATE_START = 15.0  # so long after a start the attitude is good enough for that [s]
 BEGIN_AND_END = 2  # a drag has both
 AT_REST = 1.0  # [m/s]
@@ -97,7 +98,10 @@ def late(found: SmoothedErrors) -> StateChange | None:
     if gains.shape[0] == 0 or gains[:, 0].max() < max(LATE, PERHAPS * gains.max()):
         return None
     row = int(np.argmax(gains[:, 0]))
-    return StateChange(float(found.time[rows][row]), STATES, found.late[rows][row, 1:], float(gains[row, 0]))
+    change = found.late[rows][row, 1:]
+    if abs(change[0]) < LEAST_LATE:
+        return None
+    return StateChange(float(found.time[rows][row]), STATES, change, float(gains[row, 0]))
 
 
 def settled(found: SmoothedErrors) -> BoolArray:

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+import insnav
 from insnav.alignment import align, align_static, find_stationary
 from insnav.alignment.align import stationary_of
 from insnav.attitude import (
@@ -230,6 +231,15 @@ def test_a_smooth_drive_is_not_a_rest_where_gps_sees_it():
     parts = intervals(record.imu)
     assert find_stationary(parts) is not None
     assert stationary_of(parts, record.gps) is None
+
+
+def test_steady_braking_is_not_a_rest_where_positions_go_on():
+    """Taken for one it tilts the level by as much as the brakes push: positions see it over its length."""
+    made = insnav.simulate("city", imu="consumer", gps="single", seed=2018)  # brakes for 8 s from 106.5 s on
+    imu, gps = (each.data.rows((each.data.time >= 100.0) & (each.data.time < 150.0)) for each in (made.imu, made.gps))
+    unknown = np.full_like(gps.v_n, np.nan)
+    begin, end = stationary_of(intervals(imu), replace(gps, v_n=unknown, velocity_sd=unknown))
+    assert 114.5 < begin < end
 
 
 # ---- heading from motion
