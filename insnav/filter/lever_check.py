@@ -7,13 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from insnav.attitude import dcm_from_rph, wrap_pi
+from insnav.attitude import wrap_pi
 from insnav.exceptions import AlignmentError
-from insnav.filter.changes import with_wider_sd
 from insnav.filter.gps_delay import filtered
 from insnav.filter.navigate import feed
 from insnav.filter.prepare import Prepared
-from insnav.types import Event, EventKind, FloatArray, Run, Trajectory
+from insnav.types import Event, EventKind, FloatArray, Run
 
 LOOK = 600.0  # so much of a drive tells it [s]
 OPENED = 2.0  # standard deviation of each component in the pass that looks for it [m]
@@ -46,40 +45,26 @@ def with_right_heading(given: Prepared, alone: Callable[[], Prepared]) -> Prepar
     return replace(ready, faults=(*ready.faults, event), notes=(*ready.notes, text))
 
 
-def lever_contradicted(ready: Prepared) -> tuple[FloatArray, tuple[Event, ...], tuple[str]]:
-    """Navigate the begin of a drive with the lever arm as a state; an event if it ends far from that given.
-
-    Returns: by how much it then is off, (3,) [m], or zero; the event; a note on what would not be seen.
-    """
-    given, begin = ready.settings.lever_b, ready.initial.time
-    run = _looked(ready, lever_sd=OPENED)
-    off, limit = np.abs(run.lever_b - given), np.maximum(WRONG, SURE * run.lever_sd)
-    seen, found, sd, arm = (
-        ",".join(f"{value + 0.0:.2f}" for value in each)
-        for each in (limit + MARGIN * run.lever_sd, run.lever_b, run.lever_sd, given)
+def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared:
+    """A recording as prepared with a lever arm that was given, or `alone`, without it, if the drive shows another."""
+    arm, run = given.settings.lever_b, _looked(given, lever_sd=OPENED)
+    off, limit = np.abs(run.lever_b - arm), np.maximum(WRONG, SURE * run.lever_sd)
+    if not (off > limit).any():
+        seen = _three(limit + MARGIN * run.lever_sd)
+        note = f"errors of the lever arm given that this drive would not show are smaller than {seen} m (x, y, z)"
+        return replace(given, notes=(*given.notes, note))
+    ready = alone()
+    run = _looked(ready, lever_sd=OPENED)  # anew, with noise in which there is no wrong arm
+    text = (
+        f"the antenna seems to be at {_three(run.lever_b)} (± {_three(run.lever_sd)}) m from the IMU, forward, right, "
     )
-    note = f"errors of the lever arm given that this drive would not show are smaller than {seen} m (x, y, z)"
-    told = f"the antenna seems to be at {found} (± {sd}) m from the IMU, forward, right, down, not at {arm} as given"
-    event = Event(
-        begin,
-        EventKind.CONTRADICTION,
-        float(off.max()),
-        WRONG,
-        "m",
-        f"{told}; standard deviations hold it: --lever-arm {found}",
-    )
-    wrong = bool((off > limit).any())
-    return wrong * (run.lever_b - given), (event,) * wrong, (note,)
+    text += f"down, not at {_three(arm)} as given, which is not used: --lever-arm {_three(run.lever_b)}"
+    event = Event(given.initial.time, EventKind.CONTRADICTION, float(off.max()), WRONG, "m", text)
+    return replace(ready, faults=(*ready.faults, event))
 
 
-def with_wrong_lever(run: Run, off_b: FloatArray) -> Run:
-    """Standard deviations that hold a lever arm that is `off_b` (3,) [m], too: the antenna is where fixes say."""
-
-    def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
-        sd[:, :3] = np.hypot(sd[:, :3], dcm_from_rph(solution.rph) @ off_b)
-        return sd
-
-    return with_wider_sd(run, wider) if off_b.any() else run
+def _three(values: FloatArray) -> str:
+    return ",".join(f"{value + 0.0:.2f}" for value in values)
 
 
 def delay_contradicted(ready: Prepared) -> tuple[Event, ...]:

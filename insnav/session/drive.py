@@ -27,7 +27,7 @@ from insnav.filter.delay_step import with_one_delay
 from insnav.filter.fine_alignment import FineAlignment, fine_alignment
 from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
-from insnav.filter.lever_check import delay_contradicted, lever_contradicted, with_right_heading, with_wrong_lever
+from insnav.filter.lever_check import delay_contradicted, with_right_heading, with_right_lever
 from insnav.filter.navigate import AidingChoice, Navigated, aided, dense, navigate_prepared, thinned
 from insnav.filter.noise_identification import identify_noise, understated, with_known_noise, with_noise
 from insnav.filter.prepare import Prepared, Start, prepare
@@ -292,20 +292,22 @@ class Drive:
         one_of("mechanization", mechanization, ("full", "short"))
 
         def navigated(fixes: GpsData | None) -> tuple[Prepared, Navigated]:
-            ready, spec = replace(self, fixes=fixes).prepared_with_noise(states)
+            some = replace(self, fixes=fixes)
+            ready, _ = some.prepared_with_noise(states)
+            if self.readings.inputs.get("lever_arm") is not None and not ready.settings.lever_sd:
+                free = replace(self.settings, lever_b=np.zeros(3), lever_sd=defaults.LEVER_SD)
+                ready = with_right_lever(ready, lambda: replace(some, settings=free).prepared_with_noise(states)[0])
+            spec = self.imu_spec if ready.noise is None else ready.noise.spec
             settings = replace(ready.settings, smooth=smooth, output_interval=dense(output_interval))
             ready = replace(ready, settings=settings)
             return ready, navigate_prepared(ready, spec, aiding=aiding, progress=progress)
 
         ready, done = with_one_delay(self.fixes, navigated)
         spec = self.imu_spec if ready.noise is None else ready.noise.spec
-        given = self.readings.inputs.get("lever_arm") is not None and not ready.settings.lever_sd
-        off_b, doubts, unseen = lever_contradicted(ready) if given else (np.zeros(3), (), ())
+        doubts = () if self.gps is None else understated(ready, self.gps.data)
         if self.readings.inputs.get("gps_delay") is not None:
-            doubts = (*delay_contradicted(ready), *doubts)
-        doubts = doubts if self.gps is None else (*understated(ready, self.gps.data), *doubts)
-        events = self._events((*doubts, *done.run.events))
-        done = replace(done, run=replace(with_wrong_lever(done.run, off_b), events=events))
+            doubts = (*doubts, *delay_contradicted(ready))
+        done = replace(done, run=replace(done.run, events=self._events((*doubts, *done.run.events))))
         point = None if self.reference is None else reference_point(self.readings.inputs, self.reference.data)
         found, notes = evaluate_run(done, self.reference, done.run.lever_b if point is None else point)
         if mechanization == "short":
@@ -319,7 +321,7 @@ class Drive:
             "mechanization": mechanization,
         }
         found = replace(found, run=thinned(found.run, output_interval), noise=ready.noise)
-        return self._result("run", found, options, (*self.notes, *done.notes, *notes, *unseen), found.run.events, spec)
+        return self._result("run", found, options, (*self.notes, *done.notes, *notes), found.run.events, spec)
 
     def outage(
         self,
