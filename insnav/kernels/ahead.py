@@ -115,7 +115,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
     run = (d1, i1, d3, d4, d2, d2, d2, d3, d2, d2, d2)
     return (
         ((errorstate.propagate, *propagation),),
-        ((smoother.backward, d2, i, d1, d2, d2, d2, d3, d2, d2, d2, d3, d2),),
+        ((smoother.backward, d2, i, d1, d2, d2, d2, d3, d2, d2, d2, d3, d2, d2),),
         ((increments.increments, flag, d1, d1, d2, d2, i1, d4, d4, i1, d1, d1, d2, d2, d2, d2),),
         ((likelihood.innovations, run, *4 * [d1], i, d1, d, d2, (d1, d2), d2, d, d2),),
         ((gps_measurement.assess, *assessment),),
