@@ -111,7 +111,8 @@ class RunFolder:
         }
         text = json.dumps({**facts, "files": files}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
         (self._aside / FACTS_FILE).write_text(text, encoding="utf-8", newline="\n")
-        _sync_tree(self._aside)
+        for path in (*self._aside.rglob("*"), self._aside):
+            _sync(path)
         self._move_into_place()
         self._committed = True
         return self._place
@@ -252,11 +253,6 @@ def _bytes_free(folder: Path) -> int:
     with contextlib.suppress(OSError):
         return shutil.disk_usage(folder).free
     return 0
-
-
-def _sync_tree(folder: Path) -> None:
-    for path in (*folder.rglob("*"), folder):
-        _sync(path)
 
 
 def _sync(path: Path) -> None:

@@ -21,7 +21,7 @@ from insnav.exceptions import InputError
 from insnav.output.columns import TEXT_ROWS, Decimals, arrow_table, rounded, write_csv, write_numbers
 from insnav.plain_text import cell_text, plain_text
 from insnav.tabular import Tabular, unit_of
-from insnav.types import Event, EventKind, FloatArray, GpsData, Innovations, SensorErrors, Trajectory
+from insnav.types import Event, EventKind, GpsData, Innovations, SensorErrors, Trajectory
 
 TableFormat = Literal["csv", "parquet"]
 T = TypeVar("T", bound=Tabular)
@@ -128,7 +128,7 @@ def _field(table: Any, field: str, names: Sequence[str]) -> Any:
     """One field of a type, None if it may be and has no columns."""
     if field in _OPTIONAL and names[0] not in table.column_names:
         return None
-    values = _matrix(table, names)
+    values = np.column_stack([table[name].cast(pa.float64()).to_numpy() * unit_of(name) for name in names])
     if field.startswith("used"):
         return values[:, 0] == 1.0
     if field == "fix":
@@ -157,10 +157,6 @@ def read_events(folder: Path) -> tuple[Event, ...]:
 
 def _number(value: float | None) -> float:
     return np.nan if value is None else float(value)
-
-
-def _matrix(table: Any, names: Sequence[str]) -> FloatArray:
-    return np.column_stack([table[name].cast(pa.float64()).to_numpy() * unit_of(name) for name in names])
 
 
 def _parquet() -> Any:

@@ -6,7 +6,7 @@ Panels of one `Panel.link` share their horizontal axis and one cursor, which a m
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -136,12 +136,13 @@ def modes(drawings: Sequence[Drawing]) -> tuple[str, ...]:
 
 
 def _panel(panel: Panel) -> dict[str, Any]:
+    known = {mode: limits_of(panel, mode) for mode in modes([panel]) or ("",)}  # by positions of the switch
     return {
         "xLabel": plain_text(panel.x_label),
         "yLabel": plain_text(panel.y_label),
         "logX": panel.log_x,
         "logY": panel.log_y,
-        "limits": _limits(panel),
+        "limits": {mode: [float(each) for each in limits] for mode, limits in known.items() if limits is not None},
         "levels": [[float(value), plain_text(name)] for value, name in panel.levels],
         "rows": [plain_text(name) for name in panel.rows],
         "curves": [_curve(each) for each in panel.curves if len(each.x)],
@@ -152,12 +153,6 @@ def limits_of(panel: Panel, mode: str) -> tuple[float, float] | None:
     """Limits of the vertical axis under a position of the switch; none if there is nothing to see."""
     own = [each for each in panel.curves if each.mode in ("", mode)]
     return panel.limits or _robust(own, panel.log_y, panel.least)
-
-
-def _limits(panel: Panel) -> Mapping[str, list[float]]:
-    """Limits of the vertical axis under each position of the switch."""
-    known = {mode: limits_of(panel, mode) for mode in modes([panel]) or ("",)}
-    return {mode: [float(each) for each in limits] for mode, limits in known.items() if limits is not None}
 
 
 def _robust(curves: Sequence[Curve], logarithmic: bool, least: float) -> tuple[float, float] | None:

@@ -19,11 +19,13 @@ _SENSORS = {"gyro": ("Gyros", "deg/h", "deg/sqrt(h)"), "accel": ("Accelerometers
 
 def provenance(result: Result[Any]) -> tuple[Section, ...]:
     """Give the sections that say from what and how a result was found."""
+    given = {name: value for name, value in json_ready(dict(result.options)).items() if value is not None}
+    options = tuple((Quantity("option", name), Quantity("value", str(value))) for name, value in given.items())
     return (
         *(_inputs(result.inputs) if result.inputs else ()),
         *((imu_model(*result.imu_model),) if result.imu_model is not None else ()),
         only_json("", Quantity("configuration", dict(result.options))),
-        Section("", "Options", rows=_options(result.options), show="page", folded=True),
+        Section("", "Options", rows=options, show="page", folded=True),
     )
 
 
@@ -77,8 +79,3 @@ def imu_model(spec: ImuSpec, how: str) -> Section:
         show="page",
         folded=True,
     )
-
-
-def _options(options: Mapping[str, Any]) -> tuple[tuple[Quantity, ...], ...]:
-    given = {name: value for name, value in json_ready(dict(options)).items() if value is not None}
-    return tuple((Quantity("option", name), Quantity("value", str(value))) for name, value in given.items())

@@ -208,7 +208,8 @@ def _attitude(track: Trajectory) -> FloatArray:
     rph = track.rph.copy()
     known = np.isfinite(rph).all(axis=1)
     if not known.all():
-        v_north, v_east, v_down = components(_velocity(track))
+        moved = np.gradient(ned_offset(track.lla, track.lla[0]), track.time, axis=0)
+        v_north, v_east, v_down = components(np.where(np.isfinite(track.v_n), track.v_n, moved))
         over_ground = np.hypot(v_north, v_east)
         moving = over_ground > _MOVING
         rph[~known, 0] = 0.0
@@ -242,9 +243,3 @@ def _bridged(track: Trajectory, rph: FloatArray) -> tuple[Trajectory, FloatArray
     lla, rph = (np.concatenate([rows, PchipInterpolator(track.time, rows)(new)])[order] for rows in (place, rph))
     v_n = np.concatenate([track.v_n, np.full((len(new), 3), np.nan)])[order]
     return Trajectory(time[order], lla, v_n, rph), rph
-
-
-def _velocity(track: Trajectory) -> FloatArray:
-    """Velocity where the track has it, else differences of position."""
-    ned = ned_offset(track.lla, track.lla[0])
-    return np.where(np.isfinite(track.v_n), track.v_n, np.gradient(ned, track.time, axis=0))

@@ -11,7 +11,7 @@ from scipy import stats
 from insnav.exceptions import InputError
 from insnav.imu import ImuErrors, correct, corrupt
 from insnav.imu.higher_order import ErrorTerms
-from insnav.input.readers.raw_counts import read_counts
+from insnav.input.readers.imu import read_counts
 from insnav.lab.multi_position.gravity_norm import fit_gravity_norm, norm_error, perfect, sphere
 from insnav.lab.multi_position.gyro_rotations import prepare, rotations
 from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses

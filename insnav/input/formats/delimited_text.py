@@ -121,11 +121,12 @@ class TextCells:
             if len(cells) != width:
                 if last and len(cells) < width:
                     return _as_numbers(values, indices, f"line {number} has {len(cells)} of {width} cells")
+                thousands = len(cells) > width and '"' not in text
                 raise InputError(
                     f"a row has {len(cells)} cells where the header has {width} names",
                     where=f"{self.name}:{number}",
                     why=plain_text(text)[:80],
-                    fix="mend or delete the line" + (_thousands(text) if len(cells) > width else ""),
+                    fix="mend or delete the line" + "; a number must not have a thousands separator" * thousands,
                 )
             row: list[float] = []
             for i in indices:
@@ -242,10 +243,6 @@ def _semicolons(data: bytes) -> bytes:
 def _as_numbers(values: list[list[float]], indices: Sequence[int], cut: str) -> Numbers:
     array = np.array(values, dtype=np.float64).reshape(len(values), len(indices))
     return Numbers({i: array[:, k].copy() for k, i in enumerate(indices)}, len(values), cut)
-
-
-def _thousands(text: str) -> str:
-    return "; a number must not have a thousands separator" if '"' not in text else ""
 
 
 def _why_not_a_number(cell: str) -> str:

@@ -63,7 +63,9 @@ def read(source: Source) -> Mapping[str, Table]:
     tables: dict[str, Table] = {}
     fix = "check that all fields of a structure have the same length"
     with damaged(source, "MATLAB file", fix), np.errstate(all="ignore"):  # what is too large is refused when it is used
-        for key, value in _structures(tree):
+        # variables by name; those of the file itself come as one structure, too
+        whole = {key: value for key, value in tree.items() if not isinstance(value, dict)}
+        for key, value in [*tree.items(), ("", whole)]:
             part, table = _table(source, key, value)
             if table is not None:
                 tables.setdefault(part, table)
@@ -124,11 +126,6 @@ def _version_7(source: Source) -> _Tree:
 
     with h5py.File(io.BytesIO(source.data[:]), "r") as file:
         return of(file)
-
-
-def _structures(tree: _Tree) -> list[tuple[str, Any]]:
-    """Variables by name; those of the file itself come as one structure, too."""
-    return [*tree.items(), ("", {key: value for key, value in tree.items() if not isinstance(value, dict)})]
 
 
 def _table(source: Source, key: str, value: Any) -> tuple[str, Table | None]:

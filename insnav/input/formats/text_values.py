@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.time_scales import GpsTime, Scale, gps_days, seconds_of_week, unix_days
+from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week, unix_days
 from insnav.types import FloatArray
 
 _TIME = (
@@ -87,7 +87,8 @@ def values_of(texts: Any, where: str) -> TextValues:
     if form == "date":
         return TextValues(np.where(valid, day, np.nan), form)
     rows = np.flatnonzero(valid)
-    time, note, week = seconds_of_week(day[rows], second[rows], _scale(parts))
+    in_gps_time = _flags(parts["zone"], "GPS", "GPST").any()
+    time, note, week = seconds_of_week(day[rows], second[rows], "GPST" if in_gps_time else "UTC")
     values = np.full(len(empty), np.nan)
     values[rows] = time
     return TextValues(values, form, f"{note}{_clock_note(parts, first)}", week)
@@ -187,10 +188,6 @@ def _days(parts: dict[str, Any], valid: Any, where: str) -> FloatArray:
             fix="write dates as year-month-day, such as 2025-08-28",
         )
     return found
-
-
-def _scale(parts: dict[str, Any]) -> Scale:
-    return "GPST" if _flags(parts["zone"], "GPS", "GPST").any() else "UTC"
 
 
 def _clock_note(parts: dict[str, Any], first: str) -> str:

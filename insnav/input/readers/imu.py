@@ -1,4 +1,4 @@
-"""Inertial data from a file: columns, units, axes and order found out, and said."""
+"""Inertial data from a file: columns, units, axes and order found out, and said; or raw counts and volts."""
 
 from __future__ import annotations
 
@@ -157,6 +157,50 @@ def read_imu(
     )
 
 
+def read_counts(
+    path: str | Path | Table, *, axes: str | None = None, columns: Mapping[str, str] | None = None
+) -> Reading[ImuData]:
+    """Read counts or volts, whose sensitivity is to be found, only brought to body axes; arguments as for `read_imu`.
+
+    Raises: InputError: the file cannot be used, or its headers state units; ConfigError: an option cannot be meant as
+    given.
+    """
+    matrix = axes_matrix(axes or "FRD")
+    table = open_table(path, "imu")
+    name = table.name
+    found, notes = understand(table.headers, table.units, IMU_SCHEMA, columns=columns, where=name)
+    require(found, ("time", *_RATES, *_FORCES), table.headers, IMU_SCHEMA, where=name)
+    stated = [found[key].describe() for key in (*_RATES, *_FORCES) if found[key].unit is not None]
+    if stated:
+        raise InputError(
+            "the file states units, so it does not hold raw counts",
+            where=name,
+            why=", ".join(stated),
+            fix="leave out --counts",
+        )
+    keys = ["time", *_RATES, *_FORCES, *(key for key in ("temperature",) if key in found)]
+    rows = read_rows(table, found, keys, IMU_KINDS, slowest=_SLOWEST)
+    cleaned = rows.clean(_damaged(rows.columns, keys[:7], found, name))
+    time = cleaned.columns["time"]
+    temperature, temperature_note = _temperature(time, cleaned.columns.get("temperature"))
+    data = ImuData(
+        time,
+        _in_body(cleaned.columns, _RATES, matrix),
+        _in_body(cleaned.columns, _FORCES, matrix),
+        temperature=temperature,
+    )
+    return rows.reading(
+        "IMU",
+        data,
+        cleaned,
+        {found[key].quantity.key: found[key].header for key in keys},
+        ("gyros and accelerometers in raw counts", *temperature_note, *notes),
+        axes=(axes or "FRD").strip().upper(),
+        sampling=data.sampling,
+        stamp=data.stamp,
+    )
+
+
 def parse_units(units: Mapping[str, str] | str | None) -> dict[str, str]:
     """Units of ``gyro``, ``accel`` and ``time`` given by the user, as far as given.
 
@@ -166,7 +210,8 @@ def parse_units(units: Mapping[str, str] | str | None) -> dict[str, str]:
     if units is None:
         return {}
     if isinstance(units, str):
-        pairs = [(p[0].strip(), p[1].strip()) if len(p) > 1 else ("", p[0].strip()) for p in _split(units)]
+        parts = [part.split("=", 1) for part in re.split(r"[,;]", units) if part.strip()]
+        pairs = [(p[0].strip(), p[1].strip()) if len(p) > 1 else ("", p[0].strip()) for p in parts]
     else:
         pairs = list(units.items())
     found: dict[str, str] = {}
@@ -186,10 +231,6 @@ def parse_units(units: Mapping[str, str] | str | None) -> dict[str, str]:
 
 
 _DIMENSIONS = {"gyro": ("rate", "angle"), "accel": ("acceleration", "velocity"), "time": ("time",)}
-
-
-def _split(units: str) -> list[list[str]]:
-    return [part.split("=", 1) for part in re.split(r"[,;]", units) if part.strip()]
 
 
 def _choose(

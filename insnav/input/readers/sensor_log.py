@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -19,20 +18,17 @@ from insnav.types import SensorLog
 _SLOWEST = 45.0  # longest interval that is taken for seconds [s]
 
 
-def read_sensor_log(
-    path: str | Path | Table, name: str, *, columns: Mapping[str, str] | None = None
-) -> Reading[SensorLog]:
+def read_sensor_log(path: str | Path | Table, name: str) -> Reading[SensorLog]:
     """Read the log of a further sensor.
 
     `path`: a data file of any supported format; that of the IMU may hold the columns of another sensor, too; `name`
     {"speedometer", "magnetometer"}: what it is for: columns ``time_s, speed_m_s`` and perhaps ``sd_m_s``, or ``time_s``
-    with ``heading_deg`` or ``mag_x, mag_y, mag_z`` (any unit) in body axes; `columns`: quantity, with or without unit,
-    to header.
+    with ``heading_deg`` or ``mag_x, mag_y, mag_z`` (any unit) in body axes.
     Raises: InputError: the file cannot be used.
     """
     schema, alternatives = LOG_SCHEMAS[name]
     table = open_table(path, name)
-    found, notes = understand(table.headers, table.units, schema, columns=columns, where=table.name)
+    found, notes = understand(table.headers, table.units, schema, where=table.name)
     wanted = next((each for each in alternatives if set(each) <= set(found)), alternatives[-1])
     require(found, ("time", *wanted), table.headers, schema, where=table.name)
     kinds = Kinds("rows", name, 0, 3, gaps=False)

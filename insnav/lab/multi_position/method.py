@@ -14,8 +14,7 @@ from insnav.imu.model import ImuErrors
 from insnav.imu.raw_outputs import RawScale
 from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
-from insnav.input.readers.imu import read_imu
-from insnav.input.readers.raw_counts import read_counts
+from insnav.input.readers.imu import read_counts, read_imu
 from insnav.input.readers.reading import Reading
 from insnav.lab.calibration import BADLY_CONDITIONED, BenchOptions, Calibration, CalibrationSd
 from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses

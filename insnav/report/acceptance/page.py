@@ -50,6 +50,7 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
     names = ", ".join(item.axis for item in found.sensors)
     warnings = (*found.warnings, *condition_warnings(fits))
     merits = _merits(found.sensors, units)
+    largest = "; ".join(f"{each.label} {cell(each)} {each.shown_unit}" for each in merits)
     return Page(
         "Acceptance of gyros and accelerometers",
         (f"{names}{at_rest}; {', '.join(record.table.name for record in files)}", *left_out),
@@ -68,7 +69,7 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
         merits=merits,
         merits_note="the largest of the axes",
         verdict=by_warnings(
-            _sentence(merits) or f"Figures of {names}{at_rest}.",
+            f"Largest of the axes: {largest}." if merits else f"Figures of {names}{at_rest}.",
             warnings,
             ("unknown", "measured; no limit was given to hold them against"),
         ),
@@ -170,10 +171,6 @@ def _merits(items: Sequence[Accepted], units: Mapping[str, str]) -> tuple[Quanti
             if values:
                 found.append(Quantity(f"{sensor}_{name}", max(values), unit, meaning=f"{sensor}, {name}"))
     return tuple(found)
-
-
-def _sentence(merits: Sequence[Quantity]) -> str:
-    return f"Largest of the axes: {'; '.join(f'{q.label} {cell(q)} {q.shown_unit}' for q in merits)}." if merits else ""
 
 
 def _units(items: Sequence[Accepted]) -> dict[str, str]:

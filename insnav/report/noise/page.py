@@ -72,6 +72,7 @@ def noise_page(found: StaticNoise, name: str) -> Page:
     """Report the noise of a static record."""
     record, tau = found.record, found.allan.tau
     axes = [_axis(found, column) for column in range(6)]
+    named = (_sizes(found, term, gyro=gyro) for gyro in (True, False) for term in ("N", "B", "K"))
     return Page(
         f"Noise of {name}",
         (
@@ -89,7 +90,7 @@ def noise_page(found: StaticNoise, name: str) -> Page:
         ASSUMPTIONS,
         found.notes,
         verdict=by_warnings(_sentence(found), found.warnings, ("good", "noise models follow the Allan deviation")),
-        merits=tuple(_merits(found)),
+        merits=tuple(each for each in named if each is not None),
         merits_note="medians of the three axes; N, B, K: IEEE Std 952",
     )
 
@@ -103,12 +104,6 @@ def _sizes(found: StaticNoise, term: str, *, gyro: bool) -> Quantity | None:
     quantity = noise_quantity(term, float(np.median(values)), gyro=gyro)
     sensor = "gyro" if gyro else "accel"
     return replace(quantity, key=f"{sensor}_{quantity.key}", meaning=f"{sensor}, {quantity.label}")
-
-
-def _merits(found: StaticNoise) -> list[Quantity]:
-    """Median over the axes of the coefficients that a specification names."""
-    all_of = (_sizes(found, term, gyro=gyro) for gyro in (True, False) for term in ("N", "B", "K"))
-    return [each for each in all_of if each is not None]
 
 
 def _sentence(found: StaticNoise) -> str:

@@ -6,15 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from insnav.errors.requirement.aided import (
-    BAROMETER_SD,
-    HEADING_SD,
-    NHC_SD,
-    ODOMETER_SD,
-    POSITION_SD,
-    VELOCITY_SD,
-    ZUPT_SD,
-)
+from insnav.errors.requirement import aided as aiding
 from insnav.errors.requirement.allocation import STEEP, TAU, Share
 from insnav.errors.requirement.parts import LIMITS, Candidate
 from insnav.errors.requirement.study import TEXT as FIELD_FACTOR
@@ -30,7 +22,8 @@ from insnav.units import DEG, UNITS
 if TYPE_CHECKING:
     import pandas as pd
 
-_NEAR = 10  # parts of the short table
+_NEAR = 10  # parts of the short table, and its columns
+_BRIEF = ("part", "class", "alone_error", "alone_meets", "nhc_error", "nhc_meets")
 
 
 def page(result: Result[RequirementStudy]) -> Page:
@@ -128,18 +121,13 @@ def _parts(study: RequirementStudy) -> tuple[Section, ...]:
         + f" (– : not within {study.time[-1]:g} s). Missing: usual figures without a document, see insnav imus PART."
     )
     near, every = nearest(study, _NEAR), tuple(_part(study, each) for each in study.candidates)
+    brief = tuple(tuple(one for one in _part(study, each) if one.key in _BRIEF) for each in near)
     of = f", the {len(near)} of {len(study.candidates)} nearest to it" if len(near) < len(study.candidates) else ""
     return (
         drawn("parts", f"Real IMUs: {study.required.text}", part_panels(study), outages_text(study), columns=2),
-        Section("", f"Which IMUs meet it{of}", rows=tuple(_brief(study, each) for each in near)),
+        Section("", f"Which IMUs meet it{of}", rows=brief),
         Section("parts", f"All IMUs, {outages_text(study)}", rows=every, note=note, show="page", folded=True),
     )
-
-
-def _brief(study: RequirementStudy, each: Candidate) -> tuple[Quantity, ...]:
-    """What a part is, and whether it meets the requirement."""
-    wanted = ("part", "class", "alone_error", "alone_meets", "nhc_error", "nhc_meets")
-    return tuple(one for one in _part(study, each) if one.key in wanted)
 
 
 def _part(study: RequirementStudy, each: Candidate) -> tuple[Quantity, ...]:
@@ -288,11 +276,11 @@ def assumptions(study: RequirementStudy) -> tuple[str, ...]:
 
 def _aided_assumptions(study: RequirementStudy) -> tuple[str, ...]:
     return (
-        f"Real IMUs: covariance of a filter, {outages_text(study)} (fixes of {POSITION_SD:g} m and {VELOCITY_SD:g} m/s "
-        "at 1 Hz, white); --begin chooses one outage. Vibration, temperature changes, mounting and timing are not in "
-        f"datasheets. {FIELD_FACTOR}",
-        f"NHC, of a vehicle on wheels, {NHC_SD:g} m/s, with ZUPT at the stops of the motion; odometer "
-        f"{ODOMETER_SD:g} m/s and a scale factor that is estimated, ZUPT {ZUPT_SD:g} m/s, barometer "
-        f"{BAROMETER_SD:g} m, each at 1 Hz; two antennas {HEADING_SD / DEG:g} deg. A rate table leaves 50 ppm and "
-        "0.1 mrad, nine positions the same and 0.1 mg.",
+        f"Real IMUs: covariance of a filter, {outages_text(study)} (fixes of {aiding.POSITION_SD:g} m and "
+        f"{aiding.VELOCITY_SD:g} m/s at 1 Hz, white); --begin chooses one outage. Vibration, temperature "
+        f"changes, mounting and timing are not in datasheets. {FIELD_FACTOR}",
+        f"NHC, of a vehicle on wheels, {aiding.NHC_SD:g} m/s, with ZUPT at the stops of the motion; odometer "
+        f"{aiding.ODOMETER_SD:g} m/s and a scale factor that is estimated, ZUPT {aiding.ZUPT_SD:g} m/s, barometer "
+        f"{aiding.BAROMETER_SD:g} m, each at 1 Hz; two antennas {aiding.HEADING_SD / DEG:g} deg. "
+        "A rate table leaves 50 ppm and 0.1 mrad, nine positions the same and 0.1 mg.",
     )

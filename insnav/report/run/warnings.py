@@ -33,8 +33,9 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     overconfident = [
         text for name, errors in stated for text in _overconfident(name, errors, same_data=found.reference_is_gps)
     ]
+    why = failure(found.run)
     warnings = (
-        *_failed(found.run),
+        *([f"the solution is not to be used: {why}; IMU and fixes contradict each other"] if why else []),
         *([SAME_DATA] if found.reference_is_gps else []),
         *(event.action for event in found.run.events if event.kind == EventKind.REF_CONTRADICTION),
         *_many_rejected(found.run),
@@ -48,11 +49,6 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     )
     clock = Clock.of(found.run.solution.time)
     return tuple(clock.tell(text) for text in warnings)
-
-
-def _failed(run: Run) -> list[str]:
-    why = failure(run)
-    return [f"the solution is not to be used: {why}; IMU and fixes contradict each other"] if why else []
 
 
 def _contradictions(run: Run) -> list[str]:

@@ -180,7 +180,8 @@ def _segments(
             text = f"{name}: {reason}"
             if text not in problems:
                 problems.append(text)
-            state = _after(segment, state)
+            # where it was meant to end, so that those after it are judged fairly
+            state = State(float(getattr(segment, "to", state.speed)), state.heading)
             continue
         moves += made
         state = made[-1].end if made else state
@@ -188,11 +189,6 @@ def _segments(
             problems.append(f"segment: more than {_MAX_MOVES} moves, with all repetitions")
             break
     return start, moves, None
-
-
-def _after(segment: Segment, state: State) -> State:
-    """State in which an impossible segment was meant to end, so that those after it are judged fairly."""
-    return State(float(getattr(segment, "to", state.speed)), state.heading)
 
 
 def _waypoints(
