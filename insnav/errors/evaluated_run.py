@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from insnav.errors.metrics import TrajectoryErrors, position_errors
-from insnav.errors.reference_check import check_reference
+from insnav.errors.metrics import TrajectoryErrors, on_clock, position_errors
+from insnav.errors.reference_check import check_reference, shown_by_drive
 from insnav.errors.reference_offset import ReferenceOffset, reference_offset
 from insnav.errors.short_duration_errors import ShortWindow
 from insnav.filter.navigate import Navigated
@@ -57,6 +57,18 @@ class EvaluatedRun:
         both = {"smoothed": self.smoothed_errors, "filtered": self.errors}
         return {name: each for name, each in both.items() if each is not None}
 
+    @property
+    def reference_late(self) -> float:
+        """How far the clock of the reference is ahead of the solution [s]; zero if that is not known."""
+        found = (each for each in self.run.events if each.kind == EventKind.REF_CONTRADICTION and each.unit == "s")
+        return next((each.value for each in found), 0.0)
+
+    @property
+    def errors_on_clock(self) -> dict[str, TrajectoryErrors]:
+        """As `known_errors`, with the clock of the reference corrected."""
+        late, known = self.reference_late, self.known_errors
+        return {name: on_clock(each, self.solutions[name], late) for name, each in known.items()} if late else known
+
 
 def evaluate_run(
     done: Navigated, reference: Reading[Trajectory] | None = None, lever_b: FloatArray | None = None
@@ -74,7 +86,8 @@ def evaluate_run(
         same = done.gps is not None and same_positions(done.gps, good)
         good = _held(good, best.time)
         if not same:
-            good, doubts = check_reference(good, best, done.gps, done.run.lever_b if lever_b is None else lever_b)
+            point = done.run.lever_b if lever_b is None else lever_b
+            good, doubts = check_reference(good, best, done.gps, point, shown_by_drive(done.run))
             events = tuple(sorted((*doubts, *events), key=lambda event: event.time))
             done = replace(done, run=replace(done.run, events=events))
         errors = position_errors(done.run.solution, good, lever_b=lever_b)

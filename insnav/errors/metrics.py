@@ -112,6 +112,15 @@ def position_errors(
     )
 
 
+def on_clock(errors: TrajectoryErrors, track: Trajectory, late: float) -> TrajectoryErrors:
+    """Position errors of a track as they were if the times of the reference were `late` smaller [s]."""
+    spans = (_brackets(time, errors.time) for time in (track.time + late, track.time))
+    (earlier, part, inside), (index, share, covered) = spans
+    rows = inside & covered
+    there, here = (_interpolated(track, i[rows], s[rows])[0] for i, s in ((earlier, part), (index, share)))
+    return replace(errors.rows(rows), position=errors.position[rows] + ned_offset(there, here))
+
+
 def at_point(trajectory: Trajectory, lever_b: FloatArray) -> Trajectory:
     """Move a trajectory to another point of the same rigid body.
 

@@ -5,7 +5,9 @@ Each is compared with the solution, which knows what gyros and fixes say, and sa
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -15,24 +17,31 @@ from insnav.errors.metrics import TrajectoryErrors, position_errors
 from insnav.errors.reference_offset import FEWEST, WORTH, jackknifed, offset_notes, reference_offset, rows_at
 from insnav.input.interpret.velocities import fit_velocities
 from insnav.sample_statistics import rms
-from insnav.types import Event, EventKind, FloatArray, GpsData, Trajectory
+from insnav.types import Event, EventKind, FloatArray, GpsData, Run, Trajectory
 from insnav.units import DEG
 
 FARTHEST, STEP = 30.0, 0.25  # errors of the clock looked for, and steps of the search [s]
 LEAST_CLOCK, CLEAR = 0.03, 5.0  # what is said: errors so large [s], and so many standard deviations
 MOST_EPOCHS = 500  # of the search: a drive shows its turns in as many
+LATE = 0.1  # delay of the fixes that receivers and loggers do not make by themselves [s]
 STEADY = 1.0  # scatter of the speed below which an error of the clock is like one of the position [m/s]
 FAST = 2.0  # speed above which the course is a heading [m/s]
 LEAST_HEADING, LEAST_TURN, SURE = 1.0 * DEG, 5.0 * DEG, 5.0  # that contradict: all, some, and standard deviations
 _MOST = 0.9  # share of epochs that stands for all
+_SAME = 0.3  # of an error of the clock by which the delay of the fixes may differ and be its cause
 
 
 def check_reference(
-    reference: Trajectory, track: Trajectory, gps: GpsData | None, lever_b: FloatArray
+    reference: Trajectory,
+    track: Trajectory,
+    gps: GpsData | None,
+    lever_b: FloatArray,
+    shown: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[Trajectory, list[Event]]:
     """Leave out of a reference what cannot be right, and say it; its clock is said, but not moved to flatter us.
 
-    `lever_b` (3,): point of the reference seen from the IMU, body axes [m]. Raises: InputError: no time in common.
+    `lever_b` (3,): point of the reference seen from the IMU, body axes [m]; `shown`: as of `shown_by_drive`. Raises:
+    InputError: no time in common.
     """
     said: list[Event] = []
 
@@ -51,13 +60,14 @@ def check_reference(
     given = reference.time
     if late:
         which = "ahead of" if late > 0.0 else "behind"
-        say(
-            late,
-            LEAST_CLOCK,
-            "s",
-            f"the clock of the reference is {abs(late):.2f} s {which} the solution: accuracy is against it as it "
-            f"is; with {-late:+.2f} s added to its times the horizontal RMS is {after:.3g} m instead of {before:.3g} m",
-        )
+        what = f"the clock of the reference is {abs(late):.2f} s {which} the solution"
+        if fixes_are_late(late, shown):
+            what = f"the reference has the time of the samples, {abs(late):.2f} s {which} that of fixes and solution"
+        if not np.isnan(shown.get("s", 0.0)):
+            how = (
+                f"with {-late:+.2f} s added to its times the horizontal RMS is {after:.3g} m instead of {before:.3g} m"
+            )
+            say(late, LEAST_CLOCK, "s", f"{what}: accuracy is against it as it is; {how}")
         reference = replace(reference, time=given - late)
         errors = position_errors(track, reference, lever_b=lever_b)
     until, constant, by_course = heading_error(errors, track)
@@ -82,9 +92,24 @@ def check_reference(
             "gyros explains: not used until then",
         )
     offset = reference_offset(errors, track)
-    for action in () if offset is None else offset_notes(offset, lever_b):
+    for action in () if offset is None else offset_notes(offset, None if "m" in shown else lever_b):
         say(0.0, 0.0, "", action)
     return replace(reference, time=given), said
+
+
+def shown_by_drive(run: Run) -> dict[str, float]:
+    """What a drive itself shows to be wrong, by unit: ``s`` the delay of the fixes, ``m`` the lever arm.
+
+    Returns: the delay that was found, or NaN of what was given and is contradicted.
+    """
+    found = {"s": run.gps_delay} if run.gps_delay_sd and abs(run.gps_delay) >= LATE else {}
+    given = [event for event in run.events if event.kind == EventKind.CONTRADICTION and np.isfinite(event.limit)]
+    return {**found, **{event.unit: np.nan for event in given}}
+
+
+def fixes_are_late(late: float, shown: Mapping[str, float]) -> bool:
+    """Whether the delay of the fixes that the drive shows explains the clock of a reference that is so far ahead."""
+    return abs(late + shown.get("s", 0.0)) < _SAME * abs(late)
 
 
 def _copied(values: FloatArray, others: FloatArray) -> bool:

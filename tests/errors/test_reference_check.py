@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from insnav.errors.metrics import on_clock, position_errors
 from insnav.errors.reference_check import check_reference
 from insnav.types import GpsData, Trajectory
 from insnav.units import DEG
@@ -40,6 +41,25 @@ def test_its_clock_is_found_and_not_moved(pair: tuple[Trajectory, Trajectory], l
     np.testing.assert_array_equal(found.time, truth.time + late)  # a system under test does not mend its judge
     assert event.value == pytest.approx(late, abs=0.06)
     assert f"{'ahead of' if late > 0 else 'behind'} the solution" in event.action
+
+
+def test_what_the_drive_itself_shows_is_not_put_on_the_reference(pair: tuple[Trajectory, Trajectory]):
+    track, truth = pair
+    early, aside = replace(truth, time=truth.time - 0.5), moved(truth, np.array([3.0, 0.0, 0.0]))
+    (event,) = check_reference(early, track, None, HERE, {"s": 0.48})[1]
+    assert "has the time of the samples, 0.49 s behind that of fixes" in event.action
+    assert "the clock of the reference" in check_reference(early, track, None, HERE, {"s": -0.48})[1][0].action
+    assert check_reference(early, track, None, HERE, {"s": np.nan})[1] == []
+    assert check_reference(aside, track, None, HERE, {"m": np.nan})[1] == []
+
+
+def test_errors_on_another_clock_are_those_of_a_reference_that_was_right(pair: tuple[Trajectory, Trajectory]):
+    track, truth = pair
+    right, late = (position_errors(track, replace(truth, time=truth.time + by)) for by in (0.0, 2.0))
+    found = on_clock(late, track, 2.0)
+    same = right.rows(np.isin(right.time, found.time - 2.0))
+    np.testing.assert_array_equal(same.time, found.time - 2.0)
+    np.testing.assert_allclose(found.position, same.position, atol=0.02)
 
 
 def test_another_point_of_the_vehicle_is_no_clock(pair: tuple[Trajectory, Trajectory]):

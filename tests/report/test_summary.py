@@ -110,6 +110,24 @@ def test_the_light_follows_the_harm(driven, navigated):
     assert "scatter more" in doubtful.reason
 
 
+def test_a_reference_that_is_late_does_not_condemn_the_solution(driven, navigated):
+    run, gps, true = driven
+    late = replace(true, time=true.time + 1.0)
+    event = Event(run.solution.time[0], EventKind.REF_CONTRADICTION, 1.0, 0.03, "s", "its clock is ahead")
+    found = EvaluatedRun(run, gps, position_errors(run.solution, late))
+    assert replace(navigated, found=found).page().verdict.light == "bad"
+    said = replace(navigated, found=replace(found, run=replace(run, events=(*run.events, event)))).page()
+    right, wrong = (number(rms(each.horizontal)) for each in (position_errors(run.solution, true), found.errors))
+    assert said.verdict.light == "attention"
+    assert said.verdict.reason.startswith("the clock of the reference is off, not the solution")
+    for words in (f"{right} m RMS", f"with -1.00 s added to the times of the reference, {wrong} m without"):
+        assert words in said.verdict.reason
+        assert words.split(" m")[0] in said.verdict.sentence
+    fixes = replace(run.innovations, nis_position=4.0 * run.innovations.nis_position)  # which contradict it
+    wild = replace(run, events=(*run.events, event), innovations=fixes)
+    assert not replace(navigated, found=replace(found, run=wild)).page().verdict.reason.startswith("the clock")
+
+
 def test_a_lever_arm_of_zero_is_an_assumption_unless_it_was_given(driven, navigated):
     run, gps, _ = driven
     nothing = replace(run, lever_b=np.zeros(3), lever_sd=np.zeros(3))

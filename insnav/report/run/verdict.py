@@ -10,6 +10,7 @@ import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors, distance_and_time, nees
+from insnav.errors.reference_check import fixes_are_late, shown_by_drive
 from insnav.input.readers.reading import ReadingFacts
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
@@ -38,14 +39,21 @@ def run_verdict(found: EvaluatedRun, warnings: Sequence[str]) -> Verdict:
     """Rate a run by its errors, or by its own innovations where there is no reference."""
     light, reason = _light(found, warnings)
     if found.errors is not None:
-        sizes = [_error_size(mode, each.horizontal) for mode, each in found.known_errors.items()]
-        return Verdict(light, reason, f"Horizontal error {', '.join(sizes)}; {_holds(found)}.")
+        sizes = [_error_size(mode, each.horizontal) for mode, each in found.errors_on_clock.items()]
+        as_it_is = f" {_as_it_is(found)}" if found.reference_late else ""
+        return Verdict(light, reason, f"Horizontal error {', '.join(sizes)}{as_it_is}; {_holds(found)}.")
     sds = [f"{number(_size(each.sd[:, :2]))} m {mode}" for mode, each in found.solutions.items() if each.sd is not None]
     if not sds:
         return Verdict(light, reason, "The solution states no standard deviation, and there is no reference.")
     return Verdict(
         light, reason, f"Stated horizontal sd {', '.join(sds)} (RMS); no reference, so the error is not known."
     )
+
+
+def _as_it_is(found: EvaluatedRun) -> str:
+    """How the clock of a reference was corrected, and the RMS error of the better solution without."""
+    size = rms(next(iter(found.known_errors.values())).horizontal)
+    return f"with {-found.reference_late:+.2f} s added to the times of the reference, {number(size)} m without"
 
 
 def _error_size(mode: str, horizontal: FloatArray) -> str:
@@ -144,12 +152,17 @@ def _too_sure(found: EvaluatedRun) -> list[str]:
 
 
 def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
-    shares = [share for each in found.known_errors.values() if (share := inside(each)) is not None]
+    shares = [share for each in found.errors_on_clock.values() if (share := inside(each)) is not None]
     diverged = any(event.kind is EventKind.DIVERGED for event in found.run.events)
     if any(share < HOLDS for share in shares):
         return "bad", "the errors are larger than stated"
     if diverged:
         return "bad", "innovations and stated sd contradict each other"
+    if found.reference_late and shares and (consistency(found.run) or 0.0) < SCATTER:
+        best = next(iter(found.errors_on_clock.values()))
+        fixes = fixes_are_late(found.reference_late, shown_by_drive(found.run))
+        what = "fixes and samples have two clocks" if fixes else "the clock of the reference is off, not the solution"
+        return "attention", f"{what}: {number(rms(best.horizontal))} m RMS {_as_it_is(found)}"
     if warnings:
         return "attention", f"{len(warnings)} warning{'s' * (len(warnings) > 1)}"
     if shares and (more := _too_sure(found)):
@@ -177,7 +190,7 @@ def _covered(found: EvaluatedRun) -> float:
 
 
 def _holds(found: EvaluatedRun) -> str:
-    share = inside(next(iter(found.known_errors.values())))
+    share = inside(next(iter(found.errors_on_clock.values())))
     if share is None:
         return "it states no standard deviation"
     return f"the stated sd {'holds' if share >= HOLDS else 'does not hold'} ({100.0 * share:.1f} % inside 3 sd)"

@@ -11,6 +11,7 @@ import numpy as np
 
 from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
+from insnav.errors.reference_check import LATE
 from insnav.filter.whole_record import stretches
 from insnav.plain_text import moment
 from insnav.report.series import Clock
@@ -20,7 +21,6 @@ from insnav.types import Event, EventKind, Run
 HOLDS = 0.95  # share of errors inside 3 sd that needs no word
 _MANY = 0.1  # share of rejected fixes that wants an explanation
 _ROW, _ROW_TIME = 3, 1.9  # rejected fixes in a row, and over so long [s], that are more than chance
-_LATE = 0.1  # delay of the fixes that receivers and loggers do not make by themselves [s]
 _LONG_GAP = 1.0  # of samples [s]: a car turns and brakes in it
 _EXPLAINED = 0.5  # part of the epochs outside 3 sd that a constant difference must not leave, to be their cause
 _LARGEST_SCALE = 0.05  # scale factor error [-]: consumer MEMS sensors are sold with at most 0.03
@@ -29,21 +29,22 @@ _ASSUMED = re.compile(r"\bassumed\b")
 
 def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     """Warn of what makes a solution worse than it states."""
-    stated = [("position", found.errors), ("smoothed position", found.smoothed_errors)]
+    stated, same = found.errors_on_clock, found.reference_is_gps
+    names = {"filtered": "position", "smoothed": "smoothed position"}
     overconfident = [
-        text for name, errors in stated for text in _overconfident(name, errors, same_data=found.reference_is_gps)
+        text for key, name in names.items() for text in _overconfident(name, stated.get(key), same_data=same)
     ]
     why = failure(found.run)
     warnings = (
         *([f"the solution is not to be used: {why}; IMU and fixes contradict each other"] if why else []),
         *([SAME_DATA] if found.reference_is_gps else []),
+        *_contradictions(found.run),
+        *_late(found.run),
         *(event.action for event in found.run.events if event.kind == EventKind.REF_CONTRADICTION),
         *_many_rejected(found.run),
-        *_contradictions(found.run),
         *overconfident[:1],
         *_diverged(found.run),
         *_impossible_scale(found.run),
-        *_late(found.run),
         *_samples_lost(found.run),
         *_no_heights(found),
     )
@@ -120,7 +121,7 @@ def _many_rejected(run: Run) -> list[str]:
 def _late(run: Run) -> list[str]:
     """Clocks of samples and fixes so far apart that the time of the solution is a question."""
     delay = run.gps_delay
-    if run.gps_delay_sd == 0.0 or abs(delay) < _LATE:  # as given, or small
+    if run.gps_delay_sd == 0.0 or abs(delay) < LATE:  # as given, or small
         return []
     return [
         f"the fixes are {abs(delay):.3f} s {'late' if delay > 0.0 else 'early'} against the samples: the solution has "
