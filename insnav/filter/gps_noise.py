@@ -21,7 +21,7 @@ FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever 
 FIXED, DGPS = 1, 4  # further fix types; with corrections of a satellite system 1.0 m CEP, same data sheet
 BY_FIX = {FIXED: (POSITION_FLOOR,) * 3, FLOAT: (FLOAT_SD, FLOAT_SD, 2.0 * FLOAT_SD), DGPS: (1.0, 1.0, 2.0)}  # [m]
 OPEN_VELOCITY = 100.0  # of a vertical velocity that was not measured: it counts as nothing [m/s]
-BY_SCATTER = "estimated from successive fixes"
+BY_SCATTER = "as estimated from successive fixes"
 LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
 
 
@@ -122,7 +122,8 @@ def _by_fix(gps: GpsData, scatter: FloatArray) -> FloatArray:
 def _told(sd: FloatArray, kind: str, how: str, floor: float, unit: str) -> str:
     """Note on standard deviations that were filled in, (k, 3)."""
     middle = "/".join(f"{each:.2f}" for each in np.median(sd, axis=0))
-    return f"{sd.shape[0]} fixes without {kind} sigma: {how}, median N/E/D {middle} {unit} (floor {floor:g} {unit})"
+    sizes = f"median N/E/D {middle} {unit} (floor {floor:g} {unit})"
+    return f"{sd.shape[0]} fixes without {kind} sigma: assumed {how}, {sizes}"
 
 
 def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple[str, ...]]:
@@ -138,7 +139,7 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     if missing.any():
         carrier, how = CARRIER, BY_SCATTER
         if not scatter_alone:
-            carrier, how = np.inf, "that of the fix type" if gps.fix is not None else "a receiver without corrections"
+            carrier, how = np.inf, "by fix type" if gps.fix is not None else "as of a receiver without corrections"
         found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, carrier)
         if not scatter_alone:
             found = _by_fix(gps, found / ALIKE)

@@ -116,6 +116,8 @@ def _role(path: Path) -> str:
         kinds = kinds_of(open_tables(path))
     except Exception as error:  # a file of another kind
         return " ".join(str(error).split())
+    if not kinds:
+        return "its columns are neither samples nor positions by their names or numbers"
     if {"imu", "gps"} <= kinds:
         return "both"
     return "imu" if "imu" in kinds else "ref" if "reference" in kinds else "gps"

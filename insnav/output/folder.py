@@ -41,7 +41,9 @@ class RunFolder:
     Use it as a context manager around the whole work: everything that could keep the result from being
     written is checked on entry, and leaving without `commit`, for any reason, leaves the target as it was.
 
-    Raises: OutputError: on entry: no parent folder, no permission, a file in the way, an existing folder without
+    Folders on the way to it are made.
+
+    Raises: OutputError: on entry: no permission, a file in the way, an existing folder without
     `force`, or with `force` a folder that holds anything but a run. Later: disk full, or the target has appeared
     meanwhile.
     """
@@ -51,16 +53,20 @@ class RunFolder:
         self.force = force
         self._place = target
         self._aside = target
+        self._made: list[Path] = []  # folders on the way to the target
         self._committing = self._committed = False
 
     def __enter__(self) -> Self:
         self._place = _resolved(self.target)
-        _check_name(self._place.name)
+        for name in self._place.parts:
+            _check_name(name)
         with contextlib.suppress(OSError):
             _clean_stale(self._place)
         _check_target(self._place, force=self.force)
         self._aside = _beside(self._place, "tmp")
         with writing(_NOT_HERE, self._place.parent, _ELSEWHERE):
+            self._made = [each for each in self._place.parents if not each.exists()]
+            self._place.parent.mkdir(parents=True, exist_ok=True)
             if self._aside.exists():  # left by a dead process that had our number
                 shutil.rmtree(self._aside)
             self._aside.mkdir()
@@ -77,6 +83,9 @@ class RunFolder:
         written = _bytes_in(self._aside)
         free = _bytes_free(self._place.parent)
         shutil.rmtree(self._aside, ignore_errors=True)
+        with contextlib.suppress(OSError):  # another has written there
+            for each in self._made:
+                each.rmdir()
         if isinstance(error, OSError):
             failure = self._explained(error, written, free)
             if failure is not None:
@@ -177,14 +186,10 @@ def _check_target(place: Path, *, force: bool) -> None:
             where=where,
             fix="give a new name to --out",
         )
-    if not place.parent.is_dir():
-        raise OutputError(
-            "the parent of the output folder does not exist",
-            where=where,
-            fix=f"make it: mkdir -p {place.parent}",
-        )
-    if not os.access(place.parent, os.W_OK | os.X_OK):
-        raise OutputError(_NOT_HERE, where=str(place.parent), why="no permission to write", fix=_ELSEWHERE)
+    there = next(each for each in place.parents if each.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+        why = "no permission to write" if there.is_dir() else "it is a file"
+        raise OutputError(_NOT_HERE, where=str(there), why=why, fix=_ELSEWHERE)
     if not place.exists():
         return
     if not place.is_dir():

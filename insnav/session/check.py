@@ -27,6 +27,7 @@ from insnav.input.interpret.columns import match_header
 from insnav.input.interpret.headerless import imu_columns, is_headerless, position_columns
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity
 from insnav.input.readers.imu import parse_units
+from insnav.input.readers.reading import not_covered
 from insnav.result import Result
 from insnav.session.clock import clock_offset
 from insnav.session.defaults import stationary_part
@@ -139,14 +140,25 @@ def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path,
     given: dict[str, str | Path] = {}
     # fixes are better than none, and what is known comes first
     order = {
-        path: ("imu" not in kinds, Path(path) not in roles, kinds == {"reference"}) for path, kinds in held.items()
+        path: ("imu" not in kinds, Path(path) not in roles, not kinds, kinds == {"reference"})
+        for path, kinds in held.items()
     }
     for each, kinds in sorted(held.items(), key=lambda item: order[item[0]]):
-        role = "imu" if "imu" in kinds and "imu" not in given else "gps" if "gps" not in given else "reference"
+        role = (
+            "imu"
+            if ("imu" in kinds or not kinds) and "imu" not in given
+            else "gps"
+            if "gps" not in given
+            else "reference"
+        )
         role = roles.get(Path(each), role)
+        if not kinds and Path(each) not in roles:
+            patient.roles[str(each)] = "not understood"
+            if role == "reference":
+                continue
         given[role] = each
         both = {"imu", "gps"} <= kinds
-        patient.roles[str(each)] = "IMU and GPS" if both else {"imu": "IMU", "gps": "GPS"}.get(role, role)
+        patient.roles.setdefault(str(each), "IMU and GPS" if both else {"imu": "IMU", "gps": "GPS"}.get(role, role))
         if both:
             given.setdefault("gps", each)
     return given
@@ -165,15 +177,19 @@ def _inside(path: str | Path) -> list[str | Path]:
 
 
 def kinds_of(tables: Mapping[str, Table], *, imu_known: bool = False) -> set[str]:
-    """What a file holds, of ``imu``, ``gps`` and ``reference``: as its format says, or by its headers."""
+    """What a file holds, of ``imu``, ``gps`` and ``reference``: as its format says, by its headers, by its numbers."""
     kinds = {key.partition(":")[0] for key in tables}
     if "" not in kinds:
         return kinds
     table = next(iter(tables.values()))
     samples = _known(table.headers, IMU_SCHEMA, "gyro accel dtheta dvel")
-    if is_headerless(table.headers):
-        samples = bool(imu_columns(table)) or not (imu_known or position_columns(table))
     attitude = _known(table.headers, REFERENCE_SCHEMA, "lat roll pitch")
+    if not samples and all(_key(header, REFERENCE_SCHEMA) in ("", "time") for header in table.headers):
+        if imu_columns(table):
+            return {"imu"}
+        if position_columns(table):
+            return {"gps"}
+        return set() if not is_headerless(table.headers) or imu_known else {"imu"}
     return {"imu" if samples else "reference" if attitude else "gps"}
 
 
@@ -262,6 +278,11 @@ def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Pat
     still = _standing(imu, data.gps.data) if together and data.gps is not None else None
     found = replace(found, imu=inspect_samples(imu, rest, still), rest=rest)
     _faults(imu, patient)
+    for reading in data.given().values():
+        for event in reading.events:
+            if event.kind.endswith(".cut_row"):
+                what = f"{Path(reading.facts.path).name} is cut off"
+                patient.mend(65.0, what, event.action, "copy it again, or see whether the logger was closed")
     _of_imu(data.imu, found, patient)
     if data.gps is not None:
         found = replace(found, gps=look_at_fixes(data.gps.data))
@@ -271,6 +292,10 @@ def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Pat
         found = replace(found, offset=clock_offset(joined([parts]), fixes), mounting=find_mounting(parts, fixes))
     if drive is not None and drive.fixes is not None:
         found = replace(found, run=_run(drive, patient))
+    if data.gps is not None:
+        for text in not_covered(data.imu.facts, data.gps.facts):
+            what, _, why = text.rpartition(", ")
+            patient.mend(62.0, what, why, "copy it again, or see whether the logger was closed")
     if together:
         _of_both(found, data, patient)
     return found

@@ -246,7 +246,7 @@ class Drive:
             said = ["IMU noise as in the preset: the drive is too short to tell more"]
             if ready.settings.correlated is None:
                 said.append(
-                    "errors of fixes taken as white: the drive does not show how long they last; if they do, "
+                    "errors of fixes assumed white: the drive does not show how long they last; if they do, "
                     "positions are worse than stated"
                 )
             return replace(ready, notes=(*ready.notes, *said)), self.imu_spec

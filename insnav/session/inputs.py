@@ -219,7 +219,7 @@ INPUTS: dict[str, Input] = {
     ),
     "static": Input("--static", "FROM:TO", "Stationary interval for the alignment, s. [found]", START, "span", "s"),
     "heading": Input(
-        "--heading", "DEG", "Heading at the start, good to 2 deg. [found]", START, "number", "deg", -720.0, 720.0
+        "--heading", "DEG", "Heading at the start, good to 2 deg. [found]", START, "number", "deg", -180.0, 360.0
     ),
     "initial": Input(
         "--initial", "FILE", "Initial state and its standard deviations (JSON) instead of an alignment.", START, "file"

@@ -73,7 +73,7 @@ def test_a_given_heading_is_taken_over(at_rest: Path, cli: Cli):
         (("--lat", "nan"), 2, "nan deg is not a sensible value"),
         (("--lat", "48", "--height", "inf"), 2, "--height"),
         (("--lat", "48", "--static", "9000:9100", "--imu", "tactical"), 3, "static interval"),
-        (("--lat", "48", "--out", "no/such"), 4, "parent of the output folder"),
+        (("--lat", "48", "--out", "static.csv/such"), 4, "cannot write a run folder"),
     ],
 )
 def test_what_cannot_be_is_refused(at_rest: Path, cli: Cli, options: tuple[str, ...], code: int, word: str):

@@ -135,6 +135,7 @@ WRONG_OPTIONS = {
     "no unit": (("--imu-units", "foo"), "--imu-units", "gyro=deg/s,accel=g"),
     "no axes": (("--imu-axes", "FFF"), "axes", "FFF"),
     "a heading that is no number": (("--heading", "nan"), "--heading", "nan"),
+    "a heading beyond a turn": (("--heading", "400"), "--heading", "-180 to 360 deg"),
     "a delay of a day": (("--gps-delay", "86400"), "--gps-delay", "86400"),
     "a limit without reference": (("--fail-above", "2"), "--fail-above", "--ref"),
     "a limit below zero": (("--fail-above", "-2", "--ref", "ref.csv"), "--fail-above", "above zero"),
@@ -199,11 +200,11 @@ def test_a_folder_that_cannot_be_made_is_known_at_once(drive: Path, cli: Cli):
     assert "IMU:" not in shown.err  # nothing was read in vain
 
 
-def test_a_parent_that_is_missing_is_known_at_once(drive: Path, cli: Cli):
+def test_a_parent_that_is_a_file_is_known_at_once(drive: Path, cli: Cli):
+    Path("a").touch()
     shown = cli("run", *QUICK, "--out", "a/b/c")
-    refused(shown, 4, "parent of the output folder", "mkdir -p")
+    refused(shown, 4, "cannot write a run folder", "it is a file")
     assert "IMU:" not in shown.err  # nothing was read in vain
-    assert not Path("a").exists()
 
 
 def test_an_existing_result_is_kept_without_force(drive: Path, cli: Cli):

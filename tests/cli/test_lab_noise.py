@@ -108,7 +108,7 @@ def test_drift_before_and_after(bench: Path, cli: Cli) -> None:
         (("acceptance",), 2, "nothing to accept"),
         (("acceptance", "--rates", "static.csv"), 3, "no column of what was set"),
         (("acceptance", "--rates", "rates.csv", "--lengths", "0"), 2, "above zero"),
-        (("acceptance", "--rates", "rates.csv", "--out", "no/such"), 4, "parent of the output folder"),
+        (("acceptance", "--rates", "rates.csv", "--out", "rates.csv/such"), 4, "cannot write a run folder"),
         (("drift", "rates.csv"), 3, "no column for time_s"),
         (("drift", "positions.csv"), 3, "no column for time_s"),
     ],

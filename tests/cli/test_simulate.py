@@ -277,7 +277,7 @@ def test_the_library_is_listed_and_drawn(here: Path, cli: Cli, monkeypatch: pyte
         ((MOTION, "--seed", "-1"), 2, "--seed"),
         (("--from", "none.csv"), 3, "none.csv"),
         (("--from", "."), 3, "no solution"),
-        ((MOTION, "--out", "no/such"), 4, "parent of the output folder"),
+        ((MOTION, "--out", "white.toml/such"), 4, "cannot write a run folder"),
     ],
 )
 def test_what_cannot_be_is_refused(here: Path, cli: Cli, options: tuple[str, ...], code: int, word: str):

@@ -109,7 +109,7 @@ def test_a_peer_that_is_absent_is_told(short: None, monkeypatch: pytest.MonkeyPa
     ("options", "code", "words"),
     [
         (("--json", "--markdown"), 2, "cannot both"),
-        (("--out", "no/such"), 4, "parent of the output folder"),
+        (("--out", "/dev/null/such"), 4, "cannot write a run folder"),
         (("--pier",), 2, "--peer"),
     ],
 )

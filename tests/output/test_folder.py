@@ -111,13 +111,21 @@ def test_the_folder_one_is_in_is_never_the_output(tmp_path, monkeypatch):
             make(target, force=True)
 
 
-def test_a_missing_parent_and_a_file_in_the_way_are_said_before_the_work(tmp_path):
-    with pytest.raises(OutputError, match="mkdir -p"), RunFolder(tmp_path / "a" / "b", force=False):
-        pytest.fail("the work has begun")
+def test_a_missing_parent_is_made_and_goes_with_work_that_fails(tmp_path):
+    (tmp_path / "a").mkdir()
+    with pytest.raises(ValueError, match="gone"):
+        fail_inside(tmp_path / "a" / "b" / "c" / "run", ValueError("gone"))
+    assert list((tmp_path / "a").iterdir()) == []
+    verify_folder(make(tmp_path / "a" / "b" / "c" / "run"))
+
+
+def test_a_file_in_the_way_is_said_before_the_work(tmp_path):
     (tmp_path / "file").write_text("")
     for force in (False, True):
         with pytest.raises(OutputError, match="is a file"), RunFolder(tmp_path / "file", force=force):
             pytest.fail("the work has begun")
+    with pytest.raises(OutputError, match="it is a file"), RunFolder(tmp_path / "file" / "a" / "b", force=False):
+        pytest.fail("the work has begun")
 
 
 def test_a_read_only_parent_is_said_before_the_work(tmp_path, monkeypatch):

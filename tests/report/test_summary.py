@@ -137,6 +137,13 @@ def test_a_lever_arm_of_zero_is_an_assumption_unless_it_was_given(driven, naviga
     assert not any("lever arm" in text for text in given)
 
 
+def test_standard_deviations_that_were_assumed_are_listed(navigated):
+    note = "600 fixes without position sigma: assumed as of a receiver without corrections"
+    page = replace(navigated, notes=(note, "another")).page()
+    assert note in page.assumptions
+    assert page.notes == ("another",)
+
+
 def test_many_rejected_fixes_are_pointed_out_and_few_are_not(driven, navigated):
     assert not navigated.page().warnings
     run, _, _ = driven

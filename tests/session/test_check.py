@@ -135,6 +135,33 @@ def test_what_refusals_ask_for_stands_in_a_line_that_runs(tmp_path):
     assert "--gps-columns time=1,lat=2,lon=3,height=4" in found.command
 
 
+def test_columns_of_names_that_say_nothing_are_told_by_what_they_hold(tmp_path):
+    imu = table(tmp_path / "log.csv", samples("t,wa,wb,wc,fa,fb,fc"))
+    gps = table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
+    (tmp_path / "list.csv").write_text("name,speed\na,1\nb,2\n")
+    found = check([tmp_path], {}).found
+    assert found.roles == {str(imu): "IMU", str(gps): "GPS", str(tmp_path / "list.csv"): "not understood"}
+    assert found.runs
+    assert found.command.endswith("--columns gyro_x=wa,gyro_y=wb,gyro_z=wc,accel_x=fa,accel_y=fb,accel_z=fc")
+    nothing = check([tmp_path / "list.csv"], {}).found
+    assert list(nothing.roles.values()) == ["not understood"]
+    assert "found: name, speed" in nothing.problems[0].why
+
+
+def test_files_that_are_cut_off_or_cover_a_part_are_said(tmp_path):
+    imu, gps = table(tmp_path / "imu.csv", samples(IMU_HEADERS)), table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
+    whole = imu.read_bytes()
+    assert not any("cut off" in each.what + each.why for each in check([imu, gps], {}).found.problems)
+    imu.write_bytes(whole[: len(whole) // 2])
+    said = [each.what for each in check([imu, gps], {}).found.problems if "cut off" in each.what + each.why]
+    result = insnav.load(imu, gps).navigate()
+    end = result.inputs["gps"].end_s - result.inputs["imu"].end_s
+    assert said == ["imu.csv is cut off", f"imu.csv ends {end:.3g} s before gps.csv"]
+    warnings = result.page().warnings
+    for each in said:
+        assert any(text.startswith(each) for text in warnings)
+
+
 def test_a_reference_that_is_the_fixes_is_said(tmp_path):
     imu, gps = table(tmp_path / "imu.csv", samples(IMU_HEADERS)), table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
     result = check([imu, gps, table(tmp_path / "ref.csv", fixes(GPS_HEADERS[:34]))], {})

@@ -229,7 +229,7 @@ def require(
 ) -> None:
     """Refuse a file without a column for one of the keys, naming what was found and what may have been meant.
 
-    `hint` is said first about how to fix it; `gives`: the inputs it says, for a file without a header.
+    `hint` is said first about how to fix it; `gives`: the inputs it says.
     """
     keys = tuple(keys)
     missing = [q for key in keys if key not in found for q in schema if q.key == key]
@@ -246,12 +246,14 @@ def require(
         )
     used = {f.index for f in found.values()}
     free = [h for i, h in enumerate(headers) if h and i not in used]
-    fixes = [hint] if hint else []
+    fixes = []
     for quantity in missing:
         header = suggest(quantity, free)
         if header is not None:
             free.remove(header)
             fixes.append(f"did you mean {header!r}? then say --columns {quantity.key}={header}")
+    if hint and not (gives and len(fixes) == len(missing)):  # names are the better evidence
+        fixes = [hint] if gives else [hint, *fixes]
     if not fixes:
         fixes.append(f"add the column, or say which it is: --columns {missing[0].key}=HEADER")
     raise InputError(
@@ -259,6 +261,7 @@ def require(
         where=where,
         why=f"found: {_listed(headers)}",
         fix="; ".join(fixes),
+        gives=gives,
     )
 
 

@@ -1,4 +1,4 @@
-"""Tables without a header: their columns go by number, and of an IMU by what they hold."""
+"""Tables without a header, or with one that says nothing: what their columns are by what they hold."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from insnav.exceptions import InputError
 from insnav.input.formats.table import Table
 from insnav.types import FloatArray
 
@@ -21,7 +22,7 @@ def is_headerless(headers: Sequence[str]) -> bool:
 
 
 def imu_columns(table: Table) -> dict[str, str]:
-    """Columns of a table without a header that hold time, gyros and accelerometers, by their content.
+    """Headers of the columns that hold time, gyros and accelerometers, by their content.
 
     One advances with every row; three beside each other show gravity; three others are the gyros. Empty if others fit
     as well.
@@ -41,11 +42,11 @@ def imu_columns(table: Table) -> dict[str, str]:
     found = {"time": times[0]}
     found |= {f"gyro_{axis}": i for axis, i in zip("xyz", others[0], strict=True)}
     found |= {f"accel_{axis}": i for axis, i in zip("xyz", heavy[0], strict=True)}
-    return {key: str(i + 1) for key, i in found.items()}
+    return {key: table.headers[i] for key, i in found.items()}
 
 
 def position_columns(table: Table) -> dict[str, str]:
-    """Columns of a table without a header that may hold time, and latitude, longitude and height in this order."""
+    """Headers of the columns that may hold time, and latitude, longitude and height in this order."""
     columns = _columns(table)
     times = [i for i, values in enumerate(columns) if _advances(values)]
     for at in range(times[0] + 1, len(columns) - 2) if times else ():
@@ -55,12 +56,16 @@ def position_columns(table: Table) -> dict[str, str]:
             for values, limit in ((lat, _LAT), (lon, _LON), (height, _HEIGHT))
         )
         if limits and max(np.ptp(lat), np.ptp(lon)) < _SPAN and not (lat == np.round(lat)).all():
-            return {"time": str(times[0] + 1), "lat": str(at + 1), "lon": str(at + 2), "height": str(at + 3)}
+            names = (table.headers[i] for i in (times[0], at, at + 1, at + 2))
+            return dict(zip(("time", "lat", "lon", "height"), names, strict=True))
     return {}
 
 
 def _columns(table: Table) -> list[FloatArray]:
-    numbers = table.cells.read(range(len(table.headers)))
+    try:
+        numbers = table.cells.read(range(len(table.headers)))
+    except InputError:  # there is text in it
+        return []
     return [numbers.columns[i][:_ROWS] for i in range(len(table.headers))]
 
 

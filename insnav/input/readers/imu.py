@@ -287,11 +287,15 @@ def _choose(
         )
     as_increments = increments or (some_increments and not some_rates)
     wanted = _ANGLES + _VELOCITIES if as_increments else _RATES + _FORCES
-    hint = ""
+    hint, gives = "", None
+    if not {"time", *wanted} <= found.keys() and (held := imu_columns(table)):
+        guess = {key: header for key, header in held.items() if key not in found}
+        hint = f"by what they hold say --columns {','.join(f'{key}={header}' for key, header in guess.items())}"
+        gives = {"columns": guess}
     words = {header.lower()[:3] for header in table.headers}
     if {"lat", "lon"} <= words and not some_rates:
         hint = "this looks like a file of positions: give it with --gps or --ref"
-    require(found, ("time", *wanted), table.headers, schema, where=table.name, hint=hint)
+    require(found, ("time", *wanted), table.headers, schema, where=table.name, hint=hint, gives=gives)
     return increments
 
 

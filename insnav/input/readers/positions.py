@@ -17,7 +17,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import GPS_KINDS, REFERENCE_KINDS, Kinds
 from insnav.input.interpret.columns import Found, require, understand
 from insnav.input.interpret.derived import derive
-from insnav.input.interpret.headerless import is_headerless, position_columns
+from insnav.input.interpret.headerless import position_columns
 from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, REFERENCE_SCHEMA, Quantity
 from insnav.input.interpret.velocities import Fit, fit_velocities
 from insnav.input.readers.reading import Reading
@@ -126,7 +126,7 @@ def read_positions(
     hint, gives = "", {}
     if sum(header.lower().startswith(("gyro", "acc", "dtheta", "dvel")) for header in table.headers) > 3:
         hint = "this looks like inertial data: give it as the IMU file"
-    if is_headerless(table.headers) and (guess := position_columns(table)):
+    elif not {"time", "lat"} <= found.keys() and (guess := position_columns(table)):
         numbers = ",".join(f"{key}={number}" for key, number in guess.items())
         hint = f"if these are time, latitude, longitude and height, say --columns {numbers}"
         gives = {"columns": guess}

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from insnav.types import Event, IntArray, Sampling, Stamp
 
 T = TypeVar("T")
+LOST, LOST_SHARE = 10.0, 0.1  # what is worth a word of time that only one of two files covers [s], and of its length
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +68,22 @@ class ReadingFacts:
         )
         head = f"{self.kind}: {self.path}: {rows}, {span}, {self.rate_hz:.4g} Hz, {gaps}"
         return [head, f"columns: {columns}", *self.evidence]
+
+
+def not_covered(imu: ReadingFacts, gps: ReadingFacts) -> list[str]:
+    """What a file lacks of the time of the other, in words, where it is much."""
+    found = []
+    for whole, part, what in ((gps, imu, "the fixes are not used"), (imu, gps, "the samples have no fixes")):
+        length = whole.end_s - whole.start_s
+        for lost, how in (
+            (part.start_s - whole.start_s, "begins {} s after"),
+            (whole.end_s - part.end_s, "ends {} s before"),
+        ):
+            if lost > max(LOST, LOST_SHARE * length):
+                names = [Path(each.path).name for each in (part, whole)]
+                share = f"{100.0 * lost / length:.0f} % of {what}"
+                found.append(f"{names[0]} {how.format(f'{lost:.3g}')} {names[1]}, {share}: is a file cut off?")
+    return found
 
 
 @dataclass(frozen=True, slots=True)

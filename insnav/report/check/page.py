@@ -83,7 +83,7 @@ def _imu(found: Checked) -> tuple[Section, ...]:
     )
     step, time = found.imu.gravity_steps
     items = (
-        Quantity("jitter", found.imu.jitter, "ms", meaning="scatter of the intervals"),
+        Quantity("jitter", found.imu.jitter, "ms", meaning="scatter of the intervals", decimals=3),
         Quantity("missing", found.imu.missing, meaning="intervals with samples missing"),
         Quantity("rest", None if found.rest is None else np.array(found.rest), "s", meaning="first rest", decimals=1),
         Quantity("rest_step", step or None, "mg", meaning="largest step of the specific force between stops"),

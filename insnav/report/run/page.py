@@ -24,7 +24,7 @@ from insnav.report.run.panels import run_panels
 from insnav.report.run.quantities import run_sections
 from insnav.report.run.short_duration import short_columns
 from insnav.report.run.verdict import brief_lines, rated, run_circles, run_line, run_merits, run_verdict
-from insnav.report.run.warnings import run_assumptions, run_warnings
+from insnav.report.run.warnings import file_warnings, run_assumptions, run_warnings
 from insnav.report.series import Clock
 from insnav.report.terminal import WIDTH
 from insnav.result import Result
@@ -58,14 +58,15 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
     found = result.found
     reference = result.inputs["reference"].path if "reference" in result.inputs else ""
     name = result.inputs["imu"].path if "imu" in result.inputs else "a drive"
-    warnings, best = run_warnings(found), next(iter(rated(found)), "")
+    warnings, best = (*run_warnings(found), *file_warnings(result)), next(iter(rated(found)), "")
+    assumed = run_assumptions(result)
     return Page(
         Path(name).name,
         (run_line(result), *run_circles(found, Path(reference).name)),
         _sections(found, reference) if sections else (),
         warnings=warnings,
-        assumptions=run_assumptions(result),
-        notes=tuple(map(Clock.of(found.run.solution.time).tell, result.notes)),
+        assumptions=assumed,
+        notes=tuple(Clock.of(found.run.solution.time).tell(text) for text in result.notes if text not in assumed),
         verdict=run_verdict(found, warnings),
         merits=run_merits(found, best) if best else (),
         merits_note=f"Root mean square over the drive, of the {best} solution." if best else "",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.errors.reference_check import LATE
 from insnav.filter.whole_record import stretches
+from insnav.input.readers.reading import not_covered
 from insnav.plain_text import moment
 from insnav.report.series import Clock
 from insnav.result import Result
@@ -50,6 +52,15 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     )
     clock = Clock.of(found.run.solution.time)
     return tuple(clock.tell(text) for text in warnings)
+
+
+def file_warnings(result: Result[Any]) -> tuple[str, ...]:
+    """Warn of files that are cut off, and of one that covers only a part of the other."""
+    names = {source: Path(facts.path).name for source, facts in result.inputs.items()} | {"ref": "the reference"}
+    lost = [(event.kind.removesuffix(".cut_row"), event.action) for event in result.events if "cut_row" in event.kind]
+    cut = [f"{names.get(source, source)} is cut off: {action}" for source, action in lost]
+    both = {"imu", "gps"} <= result.inputs.keys()
+    return (*cut, *(not_covered(result.inputs["imu"], result.inputs["gps"]) if both else ()))
 
 
 def _contradictions(run: Run) -> list[str]:
@@ -183,8 +194,9 @@ def _impossible_scale(run: Run) -> list[str]:
 def run_assumptions(result: Result[Any]) -> tuple[str, ...]:
     """Give lever arm and IMU model unless they were given, and what the files did not say."""
     evidence = {text: name for name, each in result.inputs.items() for text in each.evidence if _ASSUMED.search(text)}
+    notes = tuple(text for text in result.notes if _ASSUMED.search(text))
     files = tuple(f"{name}: {text.replace('(assumed; ', '(')}" for text, name in evidence.items())
-    return (*_reference(result), *_lever_arm(result.found.run, result.options), *_model(result), *files)
+    return (*_reference(result), *_lever_arm(result.found.run, result.options), *_model(result), *notes, *files)
 
 
 def _reference(result: Result[Any]) -> tuple[str, ...]:
