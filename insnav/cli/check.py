@@ -15,7 +15,7 @@ HELP = """What recorded files are, what is wrong with them, and how to run them.
 
 Any files of one recording in any order, or its folder: columns, units, axes, clocks, gaps, noise, vibration, mounting,
 the offset between IMU and GPS, reported standard deviations against scatter. Ends with the three things to mend first
-and the line to run them with, which was seen to run; there is none before what is missing is given.
+and the line to run them with, which was seen to run (its first five minutes); none before what is missing is given.
 
 Exit code 0: insnav run takes the files as they are. 1: it refuses them, or wants what the line says.
 

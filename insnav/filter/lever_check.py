@@ -47,14 +47,14 @@ def with_right_heading(given: Prepared, alone: Callable[[], Prepared]) -> Prepar
 
 def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared:
     """A recording as prepared with a lever arm that was given, or `alone`, without it, if the drive shows another."""
-    arm, run = given.settings.lever_b, _looked(given, lever_sd=OPENED)
+    arm, run = given.settings.lever_b, looked(given, lever_sd=OPENED)
     off, limit = np.abs(run.lever_b - arm), np.maximum(WRONG, SURE * run.lever_sd)
     if not (off > limit).any():
         seen = _three(limit + MARGIN * run.lever_sd)
         note = f"errors of the lever arm given that this drive would not show are smaller than {seen} m (x, y, z)"
         return replace(given, notes=(*given.notes, note))
     ready = alone()
-    run = _looked(ready, lever_sd=OPENED)  # anew, with noise in which there is no wrong arm
+    run = looked(ready, lever_sd=OPENED)  # anew, with noise in which there is no wrong arm
     text = (
         f"the antenna seems to be at {_three(run.lever_b)} (± {_three(run.lever_sd)}) m from the IMU, forward, right, "
     )
@@ -72,7 +72,7 @@ def delay_contradicted(ready: Prepared) -> tuple[Event, ...]:
 
     How far is not said: the noise was found with the error in it, and holds it back.
     """
-    given, run = ready.settings.delay, _looked(ready, delay_sd=OPENED_DELAY)
+    given, run = ready.settings.delay, looked(ready, delay_sd=OPENED_DELAY)
     off, limit = abs(run.gps_delay - given), max(LATE, LATE_SURE * run.gps_delay_sd)
     other = "larger" if run.gps_delay > given else "smaller"
     told = f"the delay of the fixes given, {given:.3f} s, contradicts the drive, which asks for a {other} one"
@@ -80,7 +80,7 @@ def delay_contradicted(ready: Prepared) -> tuple[Event, ...]:
     return (Event(ready.initial.time, EventKind.CONTRADICTION, off, limit, "s", said),) * bool(off > limit)
 
 
-def _looked(ready: Prepared, **opened: float) -> Run:
+def looked(ready: Prepared, **opened: float) -> Run:
     """The begin of a drive, navigated with other settings."""
     settings = replace(ready.settings, smooth=False, **opened)  # type: ignore[arg-type]
     some = replace(ready.beginning(LOOK), settings=settings)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -13,10 +14,11 @@ import numpy as np
 
 from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.clock_offset import ClockOffset
-from insnav.errors.evaluated_run import failure
+from insnav.errors.evaluated_run import failure, same_positions
 from insnav.exceptions import DivergenceError, InputError, InsnavError
 from insnav.filter.fix_figures import FixFigures, look_at_fixes
 from insnav.filter.gps_noise import with_sd
+from insnav.filter.lever_check import looked
 from insnav.imu.health import inspect
 from insnav.imu.inspection import JOLT, ImuFigures, inspect_samples
 from insnav.input import Reading, ReadingFacts, read_gps
@@ -40,6 +42,7 @@ from insnav.units import G0
 
 TO_MEND = 3
 REFUSED, MENDED = 100.0, 90.0  # weights of what insnav run refuses, without and with the line to copy
+BEGIN = 300.0  # so much of a drive is navigated [s]
 ATTEMPTS = 6  # with what refusals ask for
 _ALONE = "give the IMU file too"
 STANDING = 0.3  # GPS speed of a vehicle that stands [m/s]
@@ -288,7 +291,7 @@ def _examined(found: Checked, data: Readings, drive: Drive | None, patient: _Pat
         found = replace(found, gps=look_at_fixes(data.gps.data))
         _of_gps(data.gps, found, patient)
     if together and drive is not None and fixes is not None and data.gps is not None:
-        parts = intervals(imu)
+        parts = intervals(imu.rows(slice(int(np.searchsorted(imu.time, imu.time[0] + BEGIN)))))
         found = replace(found, offset=clock_offset(joined([parts]), fixes), mounting=find_mounting(parts, fixes))
     if drive is not None and drive.fixes is not None:
         found = replace(found, run=_run(drive, patient))
@@ -402,20 +405,30 @@ def _of_gps(reading: Reading[GpsData], found: Checked, patient: _Patient) -> Non
 
 
 def _run(drive: Drive, patient: _Patient) -> Run | None:
-    """Navigate as ``insnav run`` does; none if the files are refused or the filter is lost."""
-    try:
-        found = drive.navigate(output_interval=1.0).found
-    except InsnavError as error:
-        patient.refused(error)
-        return None
-    if found.reference_is_gps:
+    """Navigate the begin of a drive by the filter alone, and if that fails the whole as ``insnav run`` does.
+
+    None if the files are refused or the filter is lost.
+    """
+    if drive.gps is not None and drive.reference is not None and same_positions(drive.gps.data, drive.reference.data):
         what, why = "reference and fixes are the same data", "their positions are equal"
         patient.mend(40.0, what, why, "give another reference; errors against this one say nothing of the accuracy")
-    if why := failure(found.run):
+    run, why = None, ""
+    with suppress(InsnavError):
+        ready = drive.beginning(BEGIN).prepared()
+        run = looked(ready)
+        run, why = replace(run, gps_delay=run.gps_delay + ready.clock), failure(run)
+    if run is None or why:
+        try:
+            run = drive.navigate(output_interval=1.0).found.run
+        except InsnavError as error:
+            patient.refused(error)
+            return None
+        why = failure(run)
+    if why:
         fix = "see whether one of the two is of another drive, clock, unit or mounting"
         patient.refused(DivergenceError("IMU and fixes contradict each other", why=why, fix=fix))
         return None
-    return found.run
+    return run
 
 
 def _of_both(found: Checked, data: Readings, patient: _Patient) -> None:

@@ -166,6 +166,22 @@ class Drive:
         lines = [each.lines()[0] for each in self.readings.facts.values()]
         return as_keywords("\n".join(["Drive", *lines, f"IMU model: {self.imu_spec.name}: {self.imu_chosen}"]))
 
+    def beginning(self, length: float) -> Drive:
+        """Give the drive with the samples of its begin only.
+
+        Parameters
+        ----------
+        length : float
+            So much of it [s].
+
+        Returns
+        -------
+        Drive
+        """
+        imu = self.readings.imu
+        rows = slice(int(np.searchsorted(imu.data.time, imu.data.time[0] + length)))
+        return replace(self, readings=replace(self.readings, imu=replace(imu, data=imu.data.rows(rows))))
+
     def prepared(self, states: int = 21) -> Prepared:
         """Align the drive and set the filter up; nothing is navigated yet.
 

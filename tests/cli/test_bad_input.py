@@ -60,11 +60,11 @@ SPOILED = {
     "GPS header only": (lambda: _lines("gps.csv", lambda lines: lines[:1]), ("gps.csv", "why:")),
     "IMU column missing": (
         lambda: _lines("imu.csv", lambda lines: [lines[0].replace("gyro_z_rad_s", "zz"), *lines[1:]]),
-        ("no column for gyro_z", "zz", "--columns gyro_z=HEADER"),
+        ("no column for gyro_z", "zz", "--columns gyro_z=zz"),
     ),
     "GPS column missing": (
         lambda: _lines("gps.csv", lambda lines: [lines[0].replace("lat_deg", "foo"), *lines[1:]]),
-        ("no column for lat", "foo", "--gps-columns lat=HEADER"),
+        ("no column for lat", "foo", "--gps-columns lat=foo"),
     ),
     "binary": (
         lambda: Path("imu.csv").write_bytes(b"\x7fELF\x02\x01\x01" + bytes(range(256)) * 20),

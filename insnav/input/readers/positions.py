@@ -126,9 +126,11 @@ def read_positions(
     hint, gives = "", {}
     if sum(header.lower().startswith(("gyro", "acc", "dtheta", "dvel")) for header in table.headers) > 3:
         hint = "this looks like inertial data: give it as the IMU file"
-    elif not {"time", "lat"} <= found.keys() and (guess := position_columns(table)):
-        numbers = ",".join(f"{key}={number}" for key, number in guess.items())
-        hint = f"if these are time, latitude, longitude and height, say --columns {numbers}"
+    elif not {"time", "lat"} <= found.keys() and (held := position_columns(table)):
+        guess = {key: header for key, header in held.items() if key not in found}
+        names = ", ".join({"lat": "latitude", "lon": "longitude"}.get(key, key) for key in guess)
+        numbers = ",".join(f"{key}={header}" for key, header in guess.items())
+        hint = f"if {'these are' if len(guess) > 1 else 'this is'} {names}, say --columns {numbers}"
         gives = {"columns": guess}
     if "lat" not in found and _ROOM & {re.sub(r"\[.*|[\W_]", "", header.lower()) for header in table.headers}:
         raise InputError(

@@ -135,7 +135,7 @@ def _both(found: Checked) -> tuple[Section, ...]:
         arm, sd = (found.run.lever_b, found.run.lever_sd) if np.any(found.run.lever_sd) else (None, None)
         unknown = " (not estimated)" * (arm is None)
         items += [
-            Quantity("delay", found.run.gps_delay, "s", sd=found.run.gps_delay_sd, meaning="GPS delay, as run uses it"),
+            Quantity("delay", found.run.gps_delay, "s", sd=found.run.gps_delay_sd, meaning="GPS delay by the filter"),
             Quantity("lever_arm", arm, "m", sd=sd, meaning=f"lever arm by the filter{unknown}"),
         ]
     if not items:
