@@ -34,6 +34,16 @@ def test_the_light_is_that_of_the_stated_sd(sd: float, light: str):
     assert f"predicted {number(sd * np.sqrt(2.0))} m" in said.sentence
 
 
+def test_windows_of_every_length_are_judged():
+    error = np.random.default_rng(1).standard_normal((60, 6)) * 3.0
+    short, long = outage_windows(error, 3.0, 0.1, 60), outage_windows(error, 1.9, 0.1, 60)
+    growth = (*outage_growth(short), *(replace(each, times=6.0 * each.times) for each in outage_growth(long)))
+    said = Result("outage", OutageStudy((*short, *long), growth, "the truth")).page().verdict
+    ratio = growth[-1].rms[-1, 0] / np.hypot(growth[-1].predicted[-1, 0], growth[-1].reference[-1, 0])
+    assert said.light == "attention"
+    assert said.reason.startswith(f"after 60 s the errors are {ratio:.2f} times as large as predicted")
+
+
 def test_raw_and_corrected_stand_side_by_side():
     page = page_of(reference_sd=2.0)
     (table,) = (t for s in page.sections for t in section_tables(s, ("all", "page")) if t.title.startswith("Vert"))

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _INSIDE, _FEW_INSIDE = 0.95, 0.8  # shares inside 3 sd from which the stated sd is right, or at least not far off
+_LARGER = 1.25  # times the predicted RMS error from which on it is said, whatever share is inside 3 sd
 _SAME = 0.98  # of an RMS error: so much of it left without the reference is the same in words
 STATISTICS = {  # of `Growth`: key and attribute
     "rms": "rms",
@@ -86,18 +87,19 @@ def page(result: Result[OutageStudy]) -> Page:
 
 
 def _verdict(study: OutageStudy) -> Verdict:
-    """Say how large errors become in the longest outages, and whether the stated sd can be relied on."""
+    """Say how large errors become in the longest outages, and whether the stated sd can be relied on in all."""
     found = study.growth[-1]
     i, smoothed = found.column("horizontal"), found.column("smoothed horizontal")
-    least = min(study.growth, key=lambda each: each.inside_at_end)
-    share = f"{100.0 * least.inside_at_end:.0f} % of the errors after {least.length:g} s are inside 3 sd"
-    light, words = (
-        ("good", "the stated sd can be relied on")
-        if least.inside_at_end >= _INSIDE
-        else ("attention", "the stated sd is too small")
-        if least.inside_at_end >= _FEW_INSIDE
-        else ("bad", "the stated sd is far too small")
-    )
+    least, most = min(study.growth, key=lambda each: each.inside_at_end), max(study.growth, key=_as_predicted)
+    few, ratio = least.inside_at_end, _as_predicted(most)
+    light, words = ("good", "can be relied on") if few >= _INSIDE else ("attention", "is too small")
+    if few < _FEW_INSIDE:
+        light, words = "bad", "is far too small"
+    reason = f"{100.0 * few:.0f} % of the errors after {least.length:g} s are inside 3 sd: the stated sd {words}"
+    if light == "good" and ratio > _LARGER:
+        light = "attention"
+        reason = f"after {most.length:g} s the errors are {ratio:.2f} times as large as predicted; "
+        reason += f"{100.0 * few:.0f} % or more are inside 3 sd"
     raw, left = float(found.rms[-1, i]), float(found.corrected[-1, i])
     text = (
         f"After {found.length:g} s without GPS: horizontal error {number(raw)} m RMS, 95 % {number(found.p95[-1, i])} m"
@@ -110,7 +112,14 @@ def _verdict(study: OutageStudy) -> Verdict:
     text += f"; predicted {number(float(found.predicted[-1, i]))} m"
     if np.isfinite(found.rms[-1, smoothed]):
         text += f"; smoothed {number(float(found.rms[-1, smoothed]))} m RMS"
-    return Verdict(cast(Light, light), f"{share}: {words}", f"{text}.")
+    return Verdict(cast(Light, light), reason, f"{text}.")
+
+
+def _as_predicted(found: Growth) -> float:
+    """RMS horizontal error at the end of windows of one length over the predicted, that of the reference in both."""
+    i = found.column("horizontal")
+    predicted = float(np.hypot(found.predicted[-1, i], found.reference[-1, i]))
+    return float(found.rms[-1, i]) / predicted if predicted > 0.0 and np.isfinite(found.rms[-1, i]) else 0.0
 
 
 def _merits(found: Growth) -> tuple[Quantity, ...]:
