@@ -92,16 +92,13 @@ def check_reference(
             "gyros explains: not used until then",
         )
     offset = reference_offset(errors, track)
-    for action in () if offset is None else offset_notes(offset, None if "m" in shown else lever_b):
+    for action in () if offset is None else offset_notes(offset, lever_b):
         say(0.0, 0.0, "", action)
     return replace(reference, time=given), said
 
 
 def shown_by_drive(run: Run) -> dict[str, float]:
-    """What a drive itself shows to be wrong, by unit: ``s`` the delay of the fixes, ``m`` the lever arm.
-
-    Returns: the delay that was found, or NaN of what was given and is contradicted.
-    """
+    """What a drive itself shows, by unit: under ``s`` the delay of the fixes, or NaN if it contradicts that given."""
     found = {"s": run.gps_delay} if run.gps_delay_sd and abs(run.gps_delay) >= LATE else {}
     given = [event for event in run.events if event.kind == EventKind.CONTRADICTION and np.isfinite(event.limit)]
     return {**found, **{event.unit: np.nan for event in given}}

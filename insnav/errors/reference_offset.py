@@ -91,13 +91,10 @@ def jackknifed(terms: FloatArray, values: FloatArray) -> tuple[FloatArray, Float
     return found, np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0))
 
 
-def offset_notes(found: ReferenceOffset, taken: FloatArray | None) -> list[str]:
-    """What it is, and what to do about it, in words.
-
-    `taken` (3,): the point compared with, from the IMU [m]; None if that is not known to be right.
-    """
+def offset_notes(found: ReferenceOffset, taken: FloatArray) -> list[str]:
+    """What it is, and what to do about it, in words; `taken` (3,): the point compared with, from the IMU [m]."""
     notes = []
-    if found.clear and taken is not None:
+    if found.clear:
         (forward, right), sd = found.body, found.body_sd
         point = ",".join(f"{each:.2f}" for each in (*(taken[:2] + found.body), taken[2]))
         notes.append(
