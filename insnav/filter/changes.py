@@ -161,12 +161,12 @@ def false_between(changes: tuple[StateChange, ...], gps: GpsData, delay: float) 
     return Trust(np.array([away, faster]), np.array([size, size])) if 0.0 < np.mean(away) < MINORITY else None
 
 
-def widened(run: Run, off: FloatArray, share: float) -> Run:
-    """Standard deviations that hold a position that is `off` (3,) [m] throughout, with a probability of `share`."""
+def widened(run: Run, off: Callable[[Trajectory], FloatArray], share: float) -> Run:
+    """Standard deviations that hold positions that are `off` (n, 3) [m] with a probability of `share`."""
     part = float(np.clip(share, LEAST, 1.0 - LEAST))
 
-    def wider(_: Trajectory, sd: FloatArray) -> FloatArray:
-        sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + part * off**2)
+    def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
+        sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + part * off(solution) ** 2)
         return sd
 
     return with_wider_sd(run, wider)
@@ -178,14 +178,9 @@ def mixed(run: Run, changes: tuple[StateChange, ...]) -> Run:
     assert run.smoothed is not None
     time = run.smoothed.solution.time
     early = (begin - time[0]) / (begin - time[0] + time[-1] - end)
-    early = float(np.clip(early, LEAST, 1.0 - LEAST))
-
-    def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
-        off, last = offset(changes, solution.time), offset(changes, time[-1:])
-        sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + early * off**2 + (1.0 - early) * (last - off) ** 2)
-        return sd
-
-    return with_wider_sd(run, wider)
+    last = offset(changes, time[-1:])
+    run = widened(run, lambda solution: offset(changes, solution.time), early)
+    return widened(run, lambda solution: last - offset(changes, solution.time), 1.0 - early)
 
 
 def resets_of(run: Run) -> tuple[StateChange, ...]:

@@ -13,12 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from insnav.filter.changes import BETTER, LEAST, with_wider_sd
+from insnav.filter.changes import BETTER, widened
 from insnav.filter.navigate import Navigated
 from insnav.filter.prepare import Prepared
 from insnav.filter.whole_record import stretches, unlikely
 from insnav.plain_text import moment
-from insnav.types import DelayStep, Event, EventKind, FloatArray, GpsData, Run, Trajectory
+from insnav.types import DelayStep, Event, EventKind, FloatArray, GpsData, Run
 
 ROUNDS = 5  # of moving fixes
 SAME = 0.2  # part of the largest move; smaller ones are none
@@ -44,15 +44,17 @@ def with_one_delay(
         kept = time > np.maximum.accumulate(np.concatenate([[-np.inf], time[:-1]]))
         some = replace(fixes, time=time).rows(kept)
         other = navigated(some)
-    cost, further = (
-        unlikely(done.run, gps, ready.settings)
-        + BETTER * sum(event.kind is EventKind.CONTRADICTION for event in done.run.events)
-        for (ready, done), gps in ((first, fixes), (other, some))
-    )
-    if further > cost - BETTER:
+    if other is first or _cost(*other, some) > _cost(*first, fixes) - BETTER:
         return first
     ready, done = other
     return ready, replace(done, run=_told(done.run, fixes.time, late))
+
+
+def _cost(ready: Prepared, done: Navigated, gps: GpsData) -> float:
+    """How unlikely a drive was, whatever standard deviations its fixes came with, and all that had to be explained."""
+    same = np.ones_like(gps.lla)
+    total = unlikely(done.run, replace(gps, position_sd=same, velocity_sd=same), ready.settings)
+    return total + BETTER * sum(event.kind is EventKind.CONTRADICTION for event in done.run.events)
 
 
 def moved(step: DelayStep, time: FloatArray) -> FloatArray:
@@ -65,15 +67,10 @@ def moved(step: DelayStep, time: FloatArray) -> FloatArray:
 def _told(run: Run, time: FloatArray, late: FloatArray) -> Run:
     """An event for each stretch of fixes that were moved, and standard deviations that hold them as they were."""
     largest = float(np.abs(late).max())
-
-    def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
-        sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + LEAST * (largest * solution.v_n) ** 2)
-        return sd
-
     events = []
     for begin, end in stretches(time, np.abs(late) > SAME * largest):
         size = float(np.median(late[(time >= begin) & (time <= end)]))
         said = f"fixes from {moment(begin, end)} are {abs(size):.2g} s {'later' if size > 0.0 else 'earlier'} than the"
         said += " others: moved; standard deviations hold both"
         events.append(Event(begin, EventKind.CONTRADICTION, abs(size), np.nan, "s", said))
-    return replace(with_wider_sd(run, wider), events=(*events, *run.events))
+    return replace(widened(run, lambda solution: largest * solution.v_n, 0.0), events=(*events, *run.events))

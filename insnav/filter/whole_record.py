@@ -172,10 +172,8 @@ def decided(
         said += open_
     for other in others:
         run = either(run, other)
-    if resets := resets_of(run):
-        run = mixed(run, resets)
-        why = "the filter was reset to them; those before or those after are false, standard deviations hold both"
-        said += told(resets, why)
+    resets = resets_of(run)  # onto fixes that may be false
+    run = mixed(run, resets) if resets else run
     assert run.smoothed is not None
     return replace(run, smoothed=replace(run.smoothed, delay_step=step)), (*found.events, *said)
 
@@ -192,7 +190,7 @@ def false_at_an_end(run: Run, gps: GpsData, settings: FilterSettings, trust: Tru
         begin, far = float(gps.time[some].min()), float(np.linalg.norm(size))
         told = f"the {some.size} false fixes of the {end} may be the true ones, and all others {far:.2g} m off"
         said.append(Event(begin, EventKind.CONTRADICTION, far, np.nan, "m", f"{told}: standard deviations hold both"))
-        run = widened(run, size, some.size / rows.size)
+        run = widened(run, lambda _, size=size: size, some.size / rows.size)  # type: ignore[misc]
     return run, said
 
 

@@ -72,6 +72,8 @@ def _contradictions(run: Run) -> list[str]:
         found.append(
             f"the filter was reset to the fixes {_times(len(resets))}, first at {moment(first.time)} by "
             f"{first.value:.3g} m, after every position had been rejected for {first.limit:g} s"
+            + "; those before or those after are false, smoothed standard deviations hold both"
+            * (run.smoothed is not None)
         )
     return found
 
