@@ -86,13 +86,13 @@ LARGEST_SHARE = 0.95  # of code positions: the white rest, a fifth of the sd, is
 # Velocities, too, may have a time-correlated error, as their integral shows against positions: logarithms of its sd by
 # that of a velocity and of its correlation time [s], and their sd. What is alike for seconds only is a receiver's
 # smoothing. From these starts on it is looked for, and taken where innovations become likelier by so much: half the
-# logarithm of their number for each of the two.
+# logarithm of their number for each of the two, 10, and as much again, as a minute of positions that drift gains 15.
 VELOCITY_CORRELATED = {
     "velocity_correlated": (float(np.log(0.3)), 1.0),
     "velocity_correlation_time": (float(np.log(100.0)), 0.3),
 }
 VELOCITY_STARTS = np.log([(share, time) for time in (30.0, 150.0) for share in (0.1, 0.3)])
-VELOCITY_WORTH = 10.0
+VELOCITY_WORTH = 20.0
 STARTS = [(share, time) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0.85)]
 
 
