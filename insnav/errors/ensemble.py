@@ -7,7 +7,6 @@ second, and so are the variances of the filter, so that the two can be compared 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy  # its parts load themselves when they are used
@@ -21,15 +20,13 @@ from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD
 from insnav.filter.settings import FilterSettings
 from insnav.imu import ImuSpec
+from insnav.simulate.faults import Fault
+from insnav.simulate.gps_errors import GpsSpec
 from insnav.simulate.ideal_sensors import reference
 from insnav.simulate.montecarlo import Runs, Sample
 from insnav.simulate.recording import simulate_recording
 from insnav.simulate.truth import Truth
 from insnav.types import BoolArray, Epochs, EventKind, FloatArray, ImuData, IntArray, Run
-
-if TYPE_CHECKING:
-    from insnav.simulate.faults import Fault
-    from insnav.simulate.gps_errors import GpsSpec
 
 STEP = 1.0  # between epochs of the ensemble [s]
 _STATES = 21  # of the filter

@@ -18,9 +18,12 @@ from insnav.quantity import Quantity
 from insnav.report.numbers import number, rounded
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Figure
+    from pandas import DataFrame as DataFrame
 
     from insnav.report.panels import Drawing
+else:
+    DataFrame = Figure = Any  # their libraries are imported where some are made
 
 Show = Literal["all", "page", "json"]
 _REASON = 120  # characters of a warning that is the reason of a light
@@ -312,11 +315,7 @@ def _with_sd(value: float | None, sd: Any, each: Quantity) -> str:
     return text if sd is None or not np.isfinite(sd) or not sd > 0.0 else f"{text} ± {number(float(sd), 2)}"
 
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-
-def rows_frame(rows: Iterable[Iterable[Quantity]]) -> pd.DataFrame:
+def rows_frame(rows: Iterable[Iterable[Quantity]]) -> DataFrame:
     """Make a data frame of rows of quantities.
 
     `rows`: a value of several figures is as many columns, such as ``horizontal_rms_m``.

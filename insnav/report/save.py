@@ -12,7 +12,7 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import Any, Literal, cast
 
 from insnav.exceptions import ConfigError, InputError, writing
 from insnav.imu.imu_file import load_imu
@@ -22,15 +22,11 @@ from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat
 from insnav.plain_text import without_exponents
 from insnav.report.html import page_html
-from insnav.report.page import FigureSpec, Page
+from insnav.report.page import DataFrame, Figure, FigureSpec, Page
 from insnav.report.provenance import provenance
 from insnav.report.run_json import SCHEMA, json_ready, page_facts, versions
 from insnav.report.terminal import page_text
 from insnav.result import Result
-
-if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
 
 FigureFiles = Literal["page", "png", "svg", "none"]
 
@@ -45,9 +41,9 @@ def page_of(result: Result[Any]) -> Page:
     )
 
 
-def frame(result: Result[Any]) -> pd.DataFrame:
+def frame(result: Result[Any]) -> DataFrame:
     """Give the main table of a result."""
-    return cast("pd.DataFrame", _of_room(result.kind, "frame")(result))
+    return cast(DataFrame, _of_room(result.kind, "frame")(result))
 
 
 def text_of(result: Result[Any]) -> str:

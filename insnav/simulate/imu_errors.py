@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -88,16 +89,23 @@ def corrupt_imu(
 
 
 def further_errors(
-    sensor: Sensor, size: SensorSpec, rate: FloatArray, force: FloatArray, since: FloatArray, rng: np.random.Generator
+    sensor: Sensor,
+    size: SensorSpec,
+    rate: FloatArray,
+    force: FloatArray,
+    since: FloatArray,
+    rng: np.random.Generator,
+    elsewhere: Collection[str] = _MADE_ELSEWHERE,
 ) -> FloatArray:
-    """Errors by constant or steadily growing terms of the table that nothing else here makes, ``(n, 3)``.
+    """Errors by constant or steadily growing terms of the table that are not made `elsewhere`, ``(n, 3)``.
 
     rate, force (n, 3): what is sensed [rad/s], [m/s^2]; since (n, 1): time since the start [s].
     """
     made = np.zeros(rate.shape)
     for term in terms_of(sensor):
         sizes = getattr(size, term.key)
-        if term.drive is None or term.key in _MADE_ELSEWHERE or not np.any(sizes):
+        # a ramp takes its random numbers even if it is zero, so that others stay as they are
+        if term.drive is None or term.key in elsewhere or not (term.process == "ramp" or np.any(sizes)):
             continue
         signal = term.drive(rate, force, since)
         for (axis, driving), number in zip(term.elements, rng.standard_normal(len(term.elements)), strict=True):

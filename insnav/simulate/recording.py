@@ -5,21 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuErrors, ImuSpec
 from insnav.simulate import gps_errors as receiver
+from insnav.simulate.faults import Fault
+from insnav.simulate.gps_errors import GpsSpec
 from insnav.simulate.ideal_sensors import gps_from_truth, imu_from_truth, reference
 from insnav.simulate.imu_errors import corrupt_imu
 from insnav.simulate.truth import Truth
 from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
-
-if TYPE_CHECKING:
-    from insnav.simulate.faults import Fault
-    from insnav.simulate.gps_errors import GpsSpec
 
 REFERENCE_RATE = 10.0  # [Hz]
 IDEAL_GPS_RATE = 1.0  # of a receiver without errors [Hz]

@@ -21,7 +21,7 @@ from insnav.errors.budget.sources import SENSORS, STATES, Source
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, sample_errors
 from insnav.imu.error_terms import ErrorTerm, Sensor, terms_of
 from insnav.kernels import error_propagation as _kernel
-from insnav.simulate.imu_errors import flicker
+from insnav.simulate.imu_errors import flicker, further_errors
 from insnav.types import FloatArray, IntArray
 from insnav.units import G0
 
@@ -187,21 +187,14 @@ def _more(
     since = (elapsed - elapsed[0])[:, None]
     for part, name in enumerate(SENSORS):
         sensor: SensorSpec = getattr(spec, name)
-        for term in _made(name):
-            size = getattr(sensor, term.key)
-            # a ramp takes its random numbers even if it is zero, so that others stay as they are
-            elsewhere = term.process in ("flicker", "quantisation")
-            if term.drive is None or elsewhere or not (term.process == "ramp" or np.any(size)):
-                continue
-            signal = term.drive(motion.rate[:n], motion.force[:n], since)
-            for (shown, driving), number in zip(term.elements, rng.standard_normal(len(term.elements)), strict=True):
-                made[:, 3 * part + shown] += signal[:, driving] * (number * size[shown])
+        own = made[:, 3 * part : 3 * part + 3]
+        elsewhere = (*_IN_KERNEL, "flicker", "quantisation")
+        own += further_errors(name, sensor, motion.rate[:n], motion.force[:n], since, rng, elsewhere)
         if np.any(sensor.quantisation):
             steps = rng.uniform(-1.0, 1.0, (n, 3)) * (math.sqrt(3.0) * sensor.quantisation)
-            made[:, 3 * part : 3 * part + 3] += np.diff(steps, axis=0, prepend=np.zeros((1, 3))) / motion.dt[:n, None]
+            own += np.diff(steps, axis=0, prepend=np.zeros((1, 3))) / motion.dt[:n, None]
         if np.any(sensor.flicker):
-            seed = np.random.SeedSequence(int(rng.integers(2**53)))
-            made[:, 3 * part : 3 * part + 3] += flicker(seed, elapsed, sensor.flicker)
+            own += flicker(np.random.SeedSequence(int(rng.integers(2**53))), elapsed, sensor.flicker)
     if changes is not None:
         offset, drift = rng.standard_normal(2) * [spec.clock.offset, spec.clock.drift]
         made -= (offset + drift * elapsed)[:, None] * changes

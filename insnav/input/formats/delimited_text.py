@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import mmap
 import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,9 +22,6 @@ from insnav.input.formats.text_dialect import SNIFF_BYTES, Dialect, is_comment, 
 from insnav.input.formats.text_values import form_of, values_of
 from insnav.input.formats.unsupported import unsupported
 from insnav.plain_text import plain_text
-
-if TYPE_CHECKING:
-    import mmap
 
 name = "delimited text"
 suffixes = (".csv", ".txt")

@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import io
 import math
+import mmap
 import re
 import struct
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -37,9 +38,6 @@ from insnav.input.formats.table import Table, column_table, nothing
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 from insnav.units import DEG
-
-if TYPE_CHECKING:
-    import mmap
 
 name = "MATLAB file"
 suffixes = (".mat",)

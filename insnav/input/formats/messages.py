@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+import mmap
 import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from insnav.types import FloatArray
-
-if TYPE_CHECKING:
-    import mmap
 
 Bytes = NDArray[np.uint8]
 _BLOCK = 1 << 25  # of messages looked at together [bytes]

@@ -7,10 +7,11 @@ PX4 User Guide, "ULog file format"; msg/SensorCombined.msg, msg/SensorGps.msg.
 
 from __future__ import annotations
 
+import mmap
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +21,6 @@ from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table, nothing
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
-
-if TYPE_CHECKING:
-    import mmap
 
 name = "PX4 ULog"
 suffixes = (".ulg",)

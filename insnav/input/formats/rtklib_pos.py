@@ -10,9 +10,9 @@ Takasu, "RTKLIB ver. 2.4.2 Manual", 2013, appendix B.1; cross terms are signed r
 
 from __future__ import annotations
 
+import mmap
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week
 from insnav.plain_text import plain_text
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG
-
-if TYPE_CHECKING:
-    import mmap
 
 name = "RTKLIB solution"
 suffixes = (".pos",)

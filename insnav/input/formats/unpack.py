@@ -5,18 +5,16 @@ from __future__ import annotations
 import bz2
 import io
 import lzma
+import mmap
 import struct
+import zipfile
 import zlib
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import Any, Protocol, cast
 
 from insnav import spill
 from insnav.exceptions import InputError
 from insnav.plain_text import plain_text
-
-if TYPE_CHECKING:
-    import mmap
-    import zipfile
 
 MAX_BYTES = 2 << 30  # of unpacked data
 MAX_RATIO = 40  # of unpacked to packed, beyond RATIO_FROM: recordings have up to 15
@@ -124,8 +122,6 @@ def _zstd(raw: bytes | mmap.mmap) -> Iterator[bytes]:
 
 def archive_members(raw: bytes | mmap.mmap, name: str) -> dict[str, Callable[[], bytes | mmap.mmap]]:
     """Files of a ZIP archive, without those that systems add, each to be unpacked when asked for."""
-    import zipfile
-
     try:
         archive = zipfile.ZipFile(io.BytesIO(raw[:]))
         entries = [entry for entry in archive.infolist() if not entry.is_dir()]
@@ -141,8 +137,6 @@ def archive_members(raw: bytes | mmap.mmap, name: str) -> dict[str, Callable[[],
 
 def _member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Callable[[], bytes | mmap.mmap]:
     def unpack() -> bytes | mmap.mmap:
-        import zipfile
-
         try:
             with archive.open(entry) as file:
                 return spill.together(iter(lambda: file.read(_PIECE), b""))

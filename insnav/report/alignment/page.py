@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from insnav.alignment.static import CONTRADICTED
@@ -12,14 +10,11 @@ from insnav.filter.fine_alignment import FineAlignment
 from insnav.imu.specification import ImuSpec, gyro_bias_sd
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.page import Page, Section, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, only_json, rows_frame
 from insnav.report.run.quantities import alignment_items
 from insnav.result import Result
 from insnav.types import Alignment
 from insnav.units import DEG
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _MARGIN = 12
 _USEFUL = 10.0 * DEG  # a latitude from the sensors with a larger sd is of no use
@@ -94,7 +89,7 @@ def _heading(found: Alignment) -> str:
     return f"{heading} ± {sd} deg  ({found.heading_method})"
 
 
-def frame(result: Result[FineAlignment]) -> pd.DataFrame:
+def frame(result: Result[FineAlignment]) -> DataFrame:
     """Give coarse and fine attitude as a table.
 
     Returns: one row a step: ``time_s``, ``roll_deg``, ``heading_deg``, ….

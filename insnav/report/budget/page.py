@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 from insnav.errors.budget.drive_motion import BudgetStudy
 from insnav.errors.budget.error_budget import BAND, Budget
@@ -25,14 +24,9 @@ from insnav.report.budget.contributions import extent, ranked, shares
 from insnav.report.budget.panels import budget_panels
 from insnav.report.budget.windows_quantities import windows_sections
 from insnav.report.numbers import number
-from insnav.report.page import FigureSpec, Page, Section, only_json, rows_frame, section_tables
+from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, only_json, rows_frame, section_tables
 from insnav.result import Result
 from insnav.units import DEG
-
-if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
-
 
 __all__ = ["frame", "page", "read_found", "write_files"]
 
@@ -133,7 +127,7 @@ def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: Ta
         save_pages((_front(result), _back(result)), folder.path("budget.pdf"))
 
 
-def frame(result: Result[BudgetStudy]) -> pd.DataFrame:
+def frame(result: Result[BudgetStudy]) -> DataFrame:
     """Give the contributions to the horizontal error as a table, in numbers."""
     budget, rows = result.found.budget, []
     for row in quantities.contributions_rows(budget):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import reduce
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
 from insnav.report.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
-from insnav.report.page import Light, Page, Section, Verdict, drawn, rows_frame, section_tables
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, rows_frame, section_tables
 from insnav.report.panels import Curve, Kind, Panel
 from insnav.report.series import Clock, broken_at_gaps
 from insnav.report.terminal import table_text
@@ -24,9 +23,6 @@ from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray
 from insnav.units import UNITS
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _MERITS = 6  # solutions that are named before the table
 _INSIDE = 0.95  # share of the errors inside 3 sd from which the stated sd holds
@@ -101,7 +97,7 @@ def write_files(result: Result[Comparison], folder: RunFolder, table_format: Tab
     write_table(folder.path("horizontal_errors.csv"), {"time_s": time, **columns})
 
 
-def frame(result: Result[Comparison]) -> pd.DataFrame:
+def frame(result: Result[Comparison]) -> DataFrame:
     """Give the accuracy of every solution as a table, one row a solution.
 
     Returns: ``run``, ``solution``, and RMS errors with their unit in the name.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 
@@ -16,13 +16,10 @@ from insnav.output.solution_tables import TableFormat, read_run_table, write_run
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.outage.windows import INTERVALS, NOTE, common_text, corrected, corrected_text, outage_panels
-from insnav.report.page import Light, Page, Section, Verdict, drawn, only_json, rows_frame
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, only_json, rows_frame
 from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.units import UNITS
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _INSIDE, _FEW_INSIDE = 0.95, 0.8  # shares inside 3 sd from which the stated sd is right, or at least not far off
 _LARGER = 1.25  # times the predicted RMS error from which on it is said, whatever share is inside 3 sd
@@ -195,6 +192,6 @@ def read_found(folder: Path) -> OutageStudy:
     return OutageStudy(windows, tuple(outage_growth(windows)), str(read_facts(folder).get("reference", "a reference")))
 
 
-def frame(result: Result[OutageStudy]) -> pd.DataFrame:
+def frame(result: Result[OutageStudy]) -> DataFrame:
     """Give the errors at the end of the windows as a table."""
     return rows_frame(_row(each) for each in result.found.growth)

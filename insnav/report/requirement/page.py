@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from insnav.errors.requirement import aided as aiding
@@ -14,13 +12,10 @@ from insnav.errors.requirement.study import RequirementStudy
 from insnav.errors.requirement.verification import Verified
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.page import Light, Page, Section, Verdict, drawn, only_json, rows_frame
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, only_json, rows_frame
 from insnav.report.requirement.panels import allocation_panel, nearest, outages_text, part_panels
 from insnav.result import Result
 from insnav.units import DEG, UNITS
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _NEAR = 10  # parts of the short table, and its columns
 _BRIEF = ("part", "class", "alone_error", "alone_meets", "nhc_error", "nhc_meets")
@@ -51,7 +46,7 @@ def page(result: Result[RequirementStudy]) -> Page:
     )
 
 
-def frame(result: Result[RequirementStudy]) -> pd.DataFrame:
+def frame(result: Result[RequirementStudy]) -> DataFrame:
     """Give the real IMUs as a table, or the allocation where none were evaluated."""
     study = result.found
     parts = tuple(_part(study, each) for each in study.candidates)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from insnav.output import solution_tables
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.kml import write_kml
-from insnav.report.page import FigureSpec, Later, Page, Section
+from insnav.report.page import DataFrame, Figure, FigureSpec, Later, Page, Section
 from insnav.report.run.backdrop import FILE as BACKDROP
 from insnav.report.run.backdrop import read_backdrop, write_backdrop
 from insnav.report.run.panels import run_panels
@@ -40,11 +40,6 @@ from insnav.types import (
     Smoothed,
 )
 from insnav.units import DEG, DEG_PER_H
-
-if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
-
 
 PDF_PAGES = {
     "summary": ("track",),
@@ -145,7 +140,7 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
         write_table(folder.path("short.csv"), short_columns(found.short_duration))
 
 
-def frame(result: Result[EvaluatedRun]) -> pd.DataFrame:
+def frame(result: Result[EvaluatedRun]) -> DataFrame:
     """Give the solution as a table.
 
     Returns: columns as in ``solution.csv``.

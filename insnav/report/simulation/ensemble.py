@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,12 +19,10 @@ from insnav.report.save import write_page
 from insnav.report.series import Clock, broken_at_gaps
 from insnav.report.simulation import page as recording
 from insnav.session.simulation import Plan
+from insnav.simulate.gps_errors import GpsSpec
 from insnav.simulate.montecarlo import Runs
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG
-
-if TYPE_CHECKING:
-    from insnav.simulate.gps_errors import GpsSpec
 
 _UNITS = (*("m",) * 3, *("m/s",) * 3, *("deg",) * 3)
 _FACTORS = np.array([1.0] * 6 + [1.0 / DEG] * 3)

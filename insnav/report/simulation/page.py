@@ -9,7 +9,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,15 +28,13 @@ from insnav.report.run_json import json_ready, section_facts, versions
 from insnav.report.save import write_page
 from insnav.report.simulation.motion_panels import motion_panels, simulated_track, sketch_panel, track_length
 from insnav.session.simulation import IDEAL, Plan
+from insnav.simulate.gps_errors import GpsSpec
+from insnav.simulate.motion import MotionProfile
 from insnav.simulate.recording import Recording, times
 from insnav.simulate.truth import Kinematics, Truth
+from insnav.simulate.truth_from_track import Residual
 from insnav.types import FloatArray
 from insnav.units import DEG
-
-if TYPE_CHECKING:
-    from insnav.simulate.gps_errors import GpsSpec
-    from insnav.simulate.motion import MotionProfile
-    from insnav.simulate.truth_from_track import Residual
 
 _DRAWN = 20_000  # most instants of the motion that reports look at
 _DRAWN_RATE = 97.0  # no multiple of what people make motions of, whose peaks would all be missed [Hz]
