@@ -18,6 +18,7 @@ from typer.main import get_command
 from insnav.cli import console, signals
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand, LightGroup
+from insnav.exceptions import InputError, InsnavError
 
 EPILOG = """\b
 Examples:
@@ -140,8 +141,6 @@ def _check_memory() -> None:
 
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY:
-        from insnav.exceptions import InputError
-
         raise InputError(
             "the memory does not suffice",
             where="ulimit -v",
@@ -152,8 +151,6 @@ def _check_memory() -> None:
 
 def _explain(error: BaseException) -> int:
     """Say what went wrong, in one block; the exit code for it."""
-    from insnav.exceptions import InsnavError
-
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else 0
     if isinstance(error, InsnavError):

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, result_page
+from insnav.cli.console import note, result_page, working
 from insnav.cli.options import FILES, METHOD, Columns, Force, Json, Out, SpikeLimit, option
+from insnav.exceptions import ConfigError
 
 HELP = """Acceptance figures from the bench: scale factor, bias, stability, repeatability.
 
@@ -44,9 +45,6 @@ def acceptance(
     as_json: Json = False,
 ) -> None:
     """Work out acceptance figures."""
-    from insnav.exceptions import ConfigError
-    from insnav.output.folder import RunFolder
-
     if not (rates or positions or static or powerups):
         raise ConfigError(
             "there is nothing to accept",
@@ -55,7 +53,7 @@ def acceptance(
         )
     times = sorted(set(parse.positive_numbers(lengths, "--lengths", "1,10,100")))
     named = parse.columns(columns, "--columns")
-    with RunFolder(out, force=force) as folder, Stages() as stage:
+    with working(out, force) as (folder, stage):
         stage("reading")
         from insnav.session.bench import acceptance as accepted
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from insnav.cli.console import Stages, note, result, result_facts
+from insnav.cli.console import note, result, result_facts, working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import Force, Json, Out
+from insnav.exceptions import ConfigError
 
 HELP = """Initial attitude from a record at rest, with its uncertainty.
 
@@ -30,12 +31,9 @@ def align(
     as_json: Json = False,
 ) -> None:
     """Align a static record."""
-    from insnav.exceptions import ConfigError
-    from insnav.output.folder import RunFolder
-
     if data.gps is None and data.inputs.get("lat") is None:
         raise ConfigError("nothing tells the latitude", where="--lat", fix="give it, or fixes with --gps")
-    with RunFolder(out, force=force) as folder, Stages() as stage:
+    with working(out, force) as (folder, stage):
         outcome = data.load(stage).align()
         for text in outcome.notes:
             note(text)

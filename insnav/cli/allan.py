@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, result_page
+from insnav.cli.console import note, result_page, working
 from insnav.cli.data_options import READING, Data, takes_data
 from insnav.cli.options import RESULT, START, Force, Json, Out, option
 
@@ -39,11 +39,9 @@ def allan(
     as_json: Json = False,
 ) -> None:
     """Analyse the noise of a static record."""
-    from insnav.output.folder import RunFolder
-
     wanted: Any = taus if taus in ("log", "octave") else parse.positive_numbers(taus, "--taus", "0.1,1,10")
     span = parse.span(static, "--static") if static else None
-    with RunFolder(out, force=force) as folder, Stages() as stage:
+    with working(out, force) as (folder, stage):
         reading = data.read_imu(stage)
         stage("noise")
         from insnav.imu import to_toml

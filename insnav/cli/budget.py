@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, result_page
+from insnav.cli.console import note, result_page, working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import IMU, MOTION, RESULT, Engine, Force, Json, Out, Profile, Seed, flag, option
+from insnav.exceptions import ConfigError
+from insnav.units import UNITS
 
 SHORT_HELP = "How much error an IMU makes in a minute, from what: analytic, simulated, recorded."
 HELP = """How much error an IMU makes in a minute without aiding, and from what.
@@ -96,10 +98,6 @@ def budget(
     as_json: Json = False,
 ) -> None:
     """Draw up a budget."""
-    from insnav.exceptions import ConfigError
-    from insnav.output.folder import RunFolder
-    from insnav.units import UNITS
-
     imu = data.inputs.get("imu_model")
     if data.imu is not None and (profile is not None or begin is not None):
         raise ConfigError("a drive has its own motion", where="--profile", fix="leave out the drive, or the profile")
@@ -126,7 +124,7 @@ def budget(
     wanted = parse.positive_numbers(times, "--times")
     hold = None if height is None else height == "held"
     slope = parse.not_negative(deflection, "--deflection", largest=3600.0) * UNITS["arcsec"][1]
-    with RunFolder(out, force=force) as folder, Stages() as stage:
+    with working(out, force) as (folder, stage):
         from insnav.session.budget import BudgetSettings, budget_of_motion, motion_of
 
         settings = BudgetSettings(wanted, runs, seed, slope, hold)
@@ -160,9 +158,6 @@ def budget(
 
 def _explain(data: Data, end: str, time: float, rest: dict[str, float], how: tuple[Path, bool, bool]) -> None:
     """Explain the error at the end of a run."""
-    from insnav.exceptions import ConfigError
-    from insnav.output.folder import RunFolder
-
     if (end == "run") != (data.imu is not None):
         raise ConfigError(
             "--end run is of a run folder, and numbers are of no drive",
@@ -175,7 +170,7 @@ def _explain(data: Data, end: str, time: float, rest: dict[str, float], how: tup
     if len(sd) != 2:
         raise ConfigError("positions and velocities have a sd each", where="--ref-sd", fix="write --ref-sd 0.1,0.005")
     out, force, as_json = how
-    with RunFolder(out, force=force) as folder, Stages() as stage:
+    with working(out, force) as (folder, stage):
         stage("fitting")
         from insnav.errors.budget.analytic import gravity_of
         from insnav.errors.budget.sampled_motion import at_rest

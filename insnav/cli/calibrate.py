@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, result_page
+from insnav.cli.console import note, result_page, working
 from insnav.cli.data_options import READING, Data, say_reading, takes_data
 from insnav.cli.help import GroupedCommand
 from insnav.cli.options import METHOD, RESULT, Columns, Force, Json, Out, SpikeLimit, argument, flag, option
@@ -275,9 +275,7 @@ def _calibrate(
 
     `how`: options of `insnav.session.bench.calibrate`.
     """
-    from insnav.output.folder import RunFolder
-
-    with RunFolder(out, force=force) as folder, Stages() as stage:
+    with working(out, force) as (folder, stage):
         stage("loading")
         from insnav.imu import calibration_to_toml
         from insnav.report.calibration.page import calibration_metadata, calibration_page

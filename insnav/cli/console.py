@@ -9,16 +9,18 @@ import shutil
 import sys
 import textwrap
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from insnav.cli import signals
+from insnav.exceptions import OutputError
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
+    from insnav.output.folder import RunFolder
     from insnav.report.page import Page, Show
     from insnav.result import Result
 
@@ -38,8 +40,6 @@ def result(text: str, *, always: bool = False) -> None:
     Raises: OutputError: standard output takes no more, such as a file on a full disk; BrokenPipeError: its reader went
     away.
     """
-    from insnav.exceptions import OutputError
-
     if level < 0 and not always:
         return
     try:
@@ -160,6 +160,15 @@ def _plain(text: str) -> str:
     from insnav.plain_text import plain_text, without_exponents
 
     return "\n         ".join(plain_text(line) for line in without_exponents(text).splitlines())
+
+
+@contextlib.contextmanager
+def working(out: Path, force: bool) -> Iterator[tuple[RunFolder, Stages]]:
+    """Folder that a command makes, which is complete in the end or absent, and the stages of its work."""
+    from insnav.output.folder import RunFolder
+
+    with RunFolder(out, force=force) as folder, Stages() as stage:
+        yield folder, stage
 
 
 class Stages:

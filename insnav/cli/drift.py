@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, result_page
+from insnav.cli.console import note, result_page, working
 from insnav.cli.options import Columns, Force, Json, Out, argument
 
 HELP = """Drift of MEMS gyros: model, Kalman smoothing, and what both do to the noise.
@@ -38,9 +38,7 @@ def drift(
     as_json: Json = False,
 ) -> None:
     """Study the drift of gyros."""
-    from insnav.output.folder import RunFolder
-
-    with RunFolder(out, force=force) as folder, Stages() as stage:
+    with working(out, force) as (folder, stage):
         stage("reading")
         from insnav.session.bench import drift as studied
 

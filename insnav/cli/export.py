@@ -7,6 +7,7 @@ from typing import Annotated, Literal, get_args
 
 from insnav.cli.console import result
 from insnav.cli.options import RESULT, Force, argument, flag, option
+from insnav.exceptions import OutputError, writing
 
 SHORT_HELP = "A run as GPX, KML, GeoJSON, TUM, EuRoC, RTKLIB .pos, NMEA, ROS bag or CSV."
 HELP = """A run in the format of another program.
@@ -37,7 +38,6 @@ def export(
     force: Force = False,
 ) -> None:
     """Write a run in another format."""
-    from insnav.exceptions import OutputError, writing
     from insnav.session.export import export as export_run
 
     path = out or Path(_OWN_NAMES.get(to, f"track.{to}"))

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from insnav.cli.console import result
 from insnav.cli.options import IMU, RESULT, argument, flag
+from insnav.exceptions import ConfigError
 
 HELP = """Real IMUs by name, every figure with its source.
 
@@ -29,7 +30,6 @@ def imus(
     """List real IMUs, or show one."""
     import json
 
-    from insnav.exceptions import ConfigError
     from insnav.imu.library import close_names, find_part, parts
     from insnav.report.imus.page import part_page, parts_page
     from insnav.report.run_json import page_facts

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from insnav.cli import parse
-from insnav.cli.console import Stages, result_page
+from insnav.cli.console import result_page, working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import START, Aiding, Engine, Force, Json, Out, option
 
@@ -39,13 +39,11 @@ def outage(
     as_json: Json = False,
 ) -> None:
     """Simulate outages."""
-    from insnav.output.folder import RunFolder
-
     wanted = parse.positive_numbers(lengths, "--lengths")
     for value, name in ((first, "--first"), (spacing, "--spacing")):
         if value is not None:
             parse.finite(value, name, largest=1e5)
-    with RunFolder(out, force=force) as folder, Stages() as stage:
+    with working(out, force) as (folder, stage):
         outcome = data.load(stage).outage(
             lengths=wanted,
             first=first,

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, result_page
+from insnav.cli.console import note, result_page, working
 from insnav.cli.data_options import say_reading
 from insnav.cli.options import FILES, RESULT, START, Force, Json, Out, Rate, argument, flag, option
+from insnav.exceptions import ConfigError
+from insnav.units import DEG, DEG_PER_H, UG
 
 if TYPE_CHECKING:
     from insnav.gimbal import PlatformErrors
@@ -93,9 +95,6 @@ def platform(
     """Integrate the specific force on a platform."""
     configuration = parse.configuration(locals())
 
-    from insnav.exceptions import ConfigError
-    from insnav.output.folder import RunFolder
-
     if demo:
         defaults = signature(platform).parameters
         stray = [name for name, value in configuration.items() if name != "demo" and value != defaults[name].default]
@@ -119,9 +118,8 @@ def platform(
             raise ConfigError(
                 "--vertical damped and --height-input go together", where="--vertical", fix="give both or neither"
             )
-        with RunFolder(out, force=force) as folder, Stages() as stage:
+        with working(out, force) as (folder, stage):
             from insnav.session.platform_run import PlatformStart, integrate, read_platform
-            from insnav.units import DEG
 
             start = PlatformStart(lat * DEG, lon * DEG, height, (v_north, v_east, -v_up + 0.0))
             stage("reading")
@@ -163,9 +161,7 @@ def platform(
 
 def _demonstrate(out: Path, force: bool) -> tuple[Path, Page]:
     """Write the demonstration."""
-    from insnav.output.folder import RunFolder
-
-    with RunFolder(out, force=force) as folder, Stages() as stage:
+    with working(out, force) as (folder, stage):
         note("a day at rest, two hours of a holding pattern: some seconds")
         stage("navigating")
         from insnav.report.platform.demonstration import demonstration
@@ -178,7 +174,6 @@ def _demonstrate(out: Path, force: bool) -> tuple[Path, Page]:
 
 def _errors(misalignment: str, gyro_drift: str, accel_bias: str) -> PlatformErrors:
     from insnav.gimbal import PlatformErrors
-    from insnav.units import DEG, DEG_PER_H, UG
 
     return PlatformErrors(
         DEG * parse.numbers(misalignment, "--misalignment", 3, "0.01,0,0.1"),

@@ -10,6 +10,7 @@ import typer
 
 from insnav.cli.console import Stages, note, result
 from insnav.cli.options import FILES, RESULT, START, Engine, Json, flag, option
+from insnav.exceptions import ConfigError
 
 if TYPE_CHECKING:
     from insnav.regression.baseline import Baseline
@@ -60,7 +61,6 @@ def regress(
     as_json: Json = False,
 ) -> None:
     """Compare with the baseline."""
-    from insnav.exceptions import ConfigError
     from insnav.regression.baseline import BASELINE_FILE, read_baseline, renewed, write_baseline
     from insnav.regression.corpus import default_corpus, load_corpus
 
@@ -152,8 +152,6 @@ def regress(
 
 def _power(baseline: Baseline | None, folder: Path, as_json: bool) -> None:
     """Print what changes the figures of the baseline can show."""
-    from insnav.exceptions import ConfigError
-
     if baseline is None:
         raise ConfigError("there is no baseline", where=str(folder), fix="make one: insnav regress --update-baseline")
     from insnav.report.page import Page

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from insnav.cli.console import brief_text, files_line, quiet_figures, result, result_facts
 from insnav.cli.options import RESULT, Backdrop, Force, Json, Out, argument, flag, option
+from insnav.exceptions import ConfigError
 
 if TYPE_CHECKING:
     from insnav.result import Result
@@ -62,7 +63,6 @@ def with_backdrop(opened: Result[Any], file: Path | None) -> Result[Any]:
         return opened
     from dataclasses import replace
 
-    from insnav.exceptions import ConfigError
     from insnav.report.run.backdrop import read_backdrop
 
     if opened.kind != "run":

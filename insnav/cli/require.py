@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from insnav.cli import parse
-from insnav.cli.console import Stages, result_page
+from insnav.cli.console import result_page, working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import MOTION, RESULT, Engine, Force, Json, Out, Profile, Seed, option
+from insnav.exceptions import ConfigError
 
 HELP = """Which IMU do I need: the error budget backwards.
 
@@ -54,9 +55,6 @@ def require(
     as_json: Json = False,
 ) -> None:
     """Work a requirement out."""
-    from insnav.exceptions import ConfigError
-    from insnav.output.folder import RunFolder
-
     if data.imu is not None and profile is not None:
         raise ConfigError("a drive has its own motion", where="--profile", fix="leave out the drive, or the profile")
     if data.imu is None and (data.gps is not None or data.ref is not None):
@@ -74,7 +72,7 @@ def require(
         "seed": seed,
     }
     options |= {"cost": parse.weights(cost, "--cost")}
-    with RunFolder(out, force=force) as folder, Stages() as stage:
+    with working(out, force) as (folder, stage):
         from insnav.session.requirement import require as required
 
         progress = functools.partial(stage, "simulating")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from insnav.cli import console, parse
-from insnav.cli.console import Stages
+from insnav.cli.console import working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import RESULT, START, Aiding, Backdrop, Force, Json, Out, Rate, flag, option
 from insnav.cli.report import with_backdrop
@@ -77,11 +77,9 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Navigate a recorded drive."""
-    from insnav.output.folder import RunFolder
-
     interval = parse.interval(rate)
     _check_limit(fail_above)
-    with RunFolder(out, force=force) as folder, Stages() as stage:
+    with working(out, force) as (folder, stage):
         drive = data.load(stage)
         if fail_above is not None and drive.reference is None:
             why, fix = "there is no reference to evaluate the solution against", "give a reference with --ref"

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from insnav.cli import parse
-from insnav.cli.console import Stages, note, quiet_figures, result, result_facts
+from insnav.cli.console import Stages, note, quiet_figures, result, result_facts, working
 from insnav.cli.data_options import say_reading
 from insnav.cli.options import IMU, MOTION, RESULT, Engine, Force, Json, Seed, argument, flag, option
+from insnav.exceptions import ConfigError
 
 if TYPE_CHECKING:
     from insnav.output.folder import RunFolder
@@ -115,9 +116,7 @@ def simulate(
         "temperature": _temperatures(temperature) if temperature else None,
         "gravity": gravity,
     }
-    from insnav.output.folder import RunFolder
-
-    with RunFolder(target, force=force) as folder, Stages() as stage:
+    with working(target, force) as (folder, stage):
         stage("motion")
         from insnav.session.simulation import plan_of, profiled, replica
 
@@ -148,8 +147,6 @@ def _check(
     profile: str | None, source: Path | None, runs: int | None, run: int | None, sensors: tuple[str, str], resume: bool
 ) -> None:
     """Refuse options that do not go together."""
-    from insnav.exceptions import ConfigError
-
     if (profile is None) == (source is None):
         raise ConfigError(
             "a motion is needed: a profile, or a track with --from" if profile is None else "two motions were given",
@@ -168,8 +165,6 @@ def _check(
 
 def _temperatures(text: str) -> tuple[float, float]:
     """Temperature at the start and at the end [deg C], from ``FROM:TO`` or one number."""
-    from insnav.exceptions import ConfigError
-
     try:
         values = [parse.finite(float(part), "--temperature", largest=300.0) for part in text.split(":")]
     except ValueError:
@@ -224,10 +219,9 @@ def _list(out: Path | None, force: bool, as_json: bool) -> None:
     profiles = [load_profile(path) for path in library()]
     shown = [{"name": each.name, "duration_s": each.duration, "purpose": each.purpose} for each in profiles]
     if out is not None:
-        from insnav.output.folder import RunFolder
         from insnav.report.simulation.page import write_sketches
 
-        with RunFolder(out, force=force) as folder, Stages() as stage:
+        with working(out, force) as (folder, stage):
             stage("drawing")
             quiet_figures()
             write_sketches(folder, profiles)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from insnav.cli.console import Stages, note, result_page
+from insnav.cli.console import note, result_page, working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import Force, Json, Out, argument
 
@@ -33,9 +33,7 @@ def tune(
     as_json: Json = False,
 ) -> None:
     """Find the noise of an IMU."""
-    from insnav.output.folder import RunFolder
-
-    with RunFolder(out, force=force) as folder, Stages() as stage:
+    with working(out, force) as (folder, stage):
         stage("reading")
         from insnav.imu import to_toml
         from insnav.report.page import Page

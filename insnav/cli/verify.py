@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from insnav.cli.console import Stages, note, result, result_page
+from insnav.cli.console import note, result, result_page, working
 from insnav.cli.options import RESULT, START, Force, Json, Out, flag
+from insnav.exceptions import ConfigError
 
 HELP = """Certify the numerics of this installation against closed forms.
 
@@ -37,15 +38,12 @@ def verify(
     markdown: Annotated[bool, flag(RESULT, "--markdown", "Print one Markdown table instead.")] = False,
 ) -> None:
     """Certify."""
-    from insnav.exceptions import ConfigError
-    from insnav.output.folder import RunFolder
-
     if as_json and markdown:
         raise ConfigError("JSON and Markdown cannot both be printed", where="--json --markdown", fix="leave out one")
     if faults:
         _print_faults(as_json=as_json)
         return
-    with RunFolder(out, force=force) as folder, Stages() as stage:
+    with working(out, force) as (folder, stage):
         stage("certifying")
         from insnav.certificate.certify import certify
         from insnav.certificate.pyins_peer import pyins
