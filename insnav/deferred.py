@@ -1,4 +1,4 @@
-"""Modules that a library imports for what hardly anybody uses, loaded when one of their functions is called."""
+"""Modules that are loaded when they are used: libraries, and what a library imports for what hardly anybody uses."""
 
 from __future__ import annotations
 
@@ -17,6 +17,18 @@ class _Later(ModuleType):
         if name.startswith("__"):
             raise AttributeError(name)
         return lambda *given, **named: getattr(import_module(self.__name__), name)(*given, **named)
+
+
+class _Library(ModuleType):
+    """Stands for a library until something of it is used."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(import_module(self.__name__), name)
+
+
+def library(name: str) -> Any:
+    """Library, or a module of one, that is imported when something of it is used first."""
+    return _Library(name)
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from insnav import spill
+from insnav.deferred import library
 from insnav.exceptions import InputError
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import Numbers, Table, arrow_floats
@@ -22,6 +23,9 @@ from insnav.input.formats.text_dialect import SNIFF_BYTES, Dialect, is_comment, 
 from insnav.input.formats.text_values import form_of, values_of
 from insnav.input.formats.unsupported import unsupported
 from insnav.plain_text import plain_text
+
+pa = library("pyarrow")
+csv = library("pyarrow.csv")
 
 name = "delimited text"
 suffixes = (".csv", ".txt")
@@ -87,8 +91,6 @@ class TextCells:
 
     def _with_texts(self, numbers: Numbers, texts: Sequence[int]) -> Numbers:
         """Add columns of text as the numbers that they mean."""
-        import pyarrow as pa
-
         read = _if_valid(_read_texts, self.text, self.dialect, texts)
         if read is None:
             rows = [split_line(text, self.dialect.delimiter) for _, text in self._rows()]
@@ -171,8 +173,6 @@ def _if_valid(
     Arrow reads ahead in a thread, which needs the interpreter to let go of the data: if that is just ending by then,
     as after an error, the process aborts. So it is waited for.
     """
-    import pyarrow as pa
-
     held, found = sys.getrefcount(data), None
     with contextlib.suppress(pa.ArrowInvalid):
         found = read(data, dialect, indices)
@@ -183,9 +183,6 @@ def _if_valid(
 
 
 def _read_fast(data: object, dialect: Dialect, indices: Sequence[int]) -> Numbers:
-    import pyarrow as pa
-    from pyarrow import csv
-
     body = pa.py_buffer(data).slice(dialect.offset)
     if body.size == 0:
         return Numbers({i: np.empty(0) for i in indices}, 0)
@@ -209,9 +206,6 @@ def _read_fast(data: object, dialect: Dialect, indices: Sequence[int]) -> Number
 
 def _read_texts(data: object, dialect: Dialect, indices: Sequence[int]) -> dict[int, Any]:
     """Columns of text as Arrow arrays."""
-    import pyarrow as pa
-    from pyarrow import csv
-
     body = pa.py_buffer(data).slice(dialect.offset)
     table = csv.read_csv(pa.BufferReader(body), **_options(dialect, indices, pa.string()))
     return {i: table.column(str(i)).combine_chunks() for i in indices}
@@ -219,8 +213,6 @@ def _read_texts(data: object, dialect: Dialect, indices: Sequence[int]) -> dict[
 
 def _options(dialect: Dialect, indices: Sequence[int], kind: Any, **how: Any) -> dict[str, Any]:
     """How Arrow reads some columns as values of a kind; columns go by their numbers."""
-    from pyarrow import csv
-
     names = [str(i) for i in range(len(dialect.headers))]
     wanted = [names[i] for i in indices]
     types = dict.fromkeys(wanted, kind)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from insnav.deferred import library
 from insnav.exceptions import InputError
 from insnav.input.formats.conventions import damaged
 from insnav.input.formats.source import Source
@@ -14,6 +15,9 @@ from insnav.input.formats.table import Numbers, Table, arrow_floats
 from insnav.input.formats.text_values import seconds_of_stamps
 from insnav.input.formats.unpack import refuse_bomb
 from insnav.plain_text import plain_text
+
+pa = library("pyarrow")
+parquet = library("pyarrow.parquet")  # it costs as much as reading a small file
 
 name = "parquet"
 suffixes = (".parquet", ".pq")
@@ -24,9 +28,6 @@ def recognise(source: Source) -> bool:
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    import pyarrow as pa
-    from pyarrow import parquet  # only for parquet: it costs as much as reading a small file
-
     with damaged(source, "parquet file", "write it again"):
         schema = parquet.read_schema(pa.BufferReader(pa.py_buffer(source.data)))
     headers = tuple(plain_text(header) for header in schema.names)
@@ -42,9 +43,6 @@ class _ParquetCells:
         return f"row {row + 1}"
 
     def read(self, indices: Sequence[int]) -> Numbers:
-        import pyarrow as pa
-        from pyarrow import parquet
-
         with damaged(self.source, "parquet file", "write it again"):
             file = parquet.ParquetFile(pa.BufferReader(pa.py_buffer(self.source.data)))
             schema = file.schema_arrow

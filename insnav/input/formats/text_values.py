@@ -11,9 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from insnav.deferred import library
 from insnav.exceptions import InputError
 from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week, unix_days
 from insnav.types import FloatArray
+
+pa = library("pyarrow")
+pc = library("pyarrow.compute")
 
 _TIME = (
     r"(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2}(?:[.,]\d*)?))?[ ]?(?P<half>[AaPp][Mm])?"
@@ -61,8 +65,6 @@ def values_of(texts: Any, where: str) -> TextValues:
 
     Raises: InputError: a cell is of another form, or a date may be read in two ways; `where` is the column.
     """
-    import pyarrow.compute as pc
-
     texts = pc.utf8_trim_whitespace(texts)
     first = next((cell for cell in texts.to_pylist() if cell), "")
     form = form_of(first)
@@ -96,8 +98,6 @@ def values_of(texts: Any, where: str) -> TextValues:
 
 def seconds_of_stamps(stamps: Any) -> TextValues:
     """Seconds of the GPS week of an Arrow array of timestamps, UTC."""
-    import pyarrow as pa
-
     known = np.asarray(stamps.is_valid().to_numpy(), dtype=np.bool_)
     whole = stamps.cast(pa.timestamp("ns", stamps.type.tz)).cast(pa.int64()).fill_null(0).to_numpy()
     time = np.full(len(known), np.nan)
@@ -126,26 +126,18 @@ def _refuse_others(other: Sequence[bool] | Any, texts: Any, first: str, where: s
 
 
 def _numbers(part: Any, missing: str = "0") -> FloatArray:
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     plain = pc.replace_substring(pc.fill_null(part, missing), ",", ".")
     plain = pc.if_else(pc.equal(plain, ""), missing, plain)
     return np.asarray(pc.cast(plain, pa.float64()).to_numpy(zero_copy_only=False))
 
 
 def _flags(part: Any, *words: str) -> Any:
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     found = pc.is_in(pc.utf8_upper(pc.fill_null(part, "")), value_set=pa.array(words))
     return np.asarray(found.to_numpy(zero_copy_only=False), dtype=np.bool_)
 
 
 def _seconds(parts: dict[str, Any]) -> FloatArray:
     """Seconds since midnight UTC, or of the clock that the texts are in."""
-    import pyarrow.compute as pc
-
     hour = _numbers(parts["hour"])
     hour = np.where(_flags(parts["half"], "AM", "PM"), hour % 12.0, hour) + 12.0 * _flags(parts["half"], "PM")
     second = 3600.0 * hour + 60.0 * _numbers(parts["minute"]) + _numbers(parts["second"])
@@ -158,9 +150,6 @@ def _seconds(parts: dict[str, Any]) -> FloatArray:
 
 def _days(parts: dict[str, Any], valid: Any, where: str) -> FloatArray:
     """Days since 6 January 1980."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
     if "first" in parts:
         one, two = _numbers(parts["first"], "1"), _numbers(parts["then"], "1")
         if one.max() <= 12.0 and two.max() <= 12.0:
@@ -192,8 +181,6 @@ def _days(parts: dict[str, Any], valid: Any, where: str) -> FloatArray:
 
 def _clock_note(parts: dict[str, Any], first: str) -> str:
     """Say what a clock without a zone was taken for."""
-    import pyarrow.compute as pc
-
     if pc.any(pc.not_equal(pc.fill_null(parts["zone"], ""), "")).as_py():
         return ""
     if "year" not in parts:
