@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -38,8 +40,6 @@ def check(
     as_json: Json = False,
 ) -> None:
     """Examine files."""
-    from dataclasses import replace
-
     with Stages() as stage:
         stage("reading")
         from insnav.report.save import text_of
@@ -55,8 +55,6 @@ def check(
         if where is not None:
             result_facts(where)
         else:
-            import json
-
             from insnav.report.run_json import page_facts, versions
 
             result(json.dumps({"kind": "check", "versions": versions(), **page_facts(found.page())}, indent=2))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -40,8 +41,6 @@ def compare(
     as_json: Json = False,
 ) -> None:
     """Compare runs."""
-    from dataclasses import replace
-
     from insnav.output.folder import RunFolder
     from insnav.session.comparison import compare as compared
 

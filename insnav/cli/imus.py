@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Annotated
 
 from insnav.cli.console import result
@@ -28,8 +29,6 @@ def imus(
     as_json: Annotated[bool, flag(RESULT, "--json", "Print JSON.")] = False,
 ) -> None:
     """List real IMUs, or show one."""
-    import json
-
     from insnav.imu.library import close_names, find_part, parts
     from insnav.report.imus.page import part_page, parts_page
     from insnav.report.run_json import page_facts

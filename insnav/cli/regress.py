@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -136,8 +137,6 @@ def regress(
             write_baseline(folder / BASELINE_FILE, renewed(baseline, found, now))
             note(f"baseline: {folder / BASELINE_FILE}")
     if as_json:
-        from dataclasses import asdict
-
         from insnav.report.regression.page import regression_page
         from insnav.report.run_json import json_ready, page_facts
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -61,8 +62,6 @@ def with_backdrop(opened: Result[Any], file: Path | None) -> Result[Any]:
     """Add the lines of a file behind the map of a run, if there is one."""
     if file is None:
         return opened
-    from dataclasses import replace
-
     from insnav.report.run.backdrop import read_backdrop
 
     if opened.kind != "run":

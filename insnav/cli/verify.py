@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -66,9 +68,6 @@ def verify(
 
 
 def _print_faults(*, as_json: bool) -> None:
-    import json
-    from dataclasses import asdict
-
     from insnav.certificate.faults import fault_matrix, matrix_lines
 
     rows = fault_matrix()
