@@ -79,7 +79,12 @@ def batch(
         (folder / DRIVES / f".{os.getpid()}").unlink()
     how = _How(run, folder / DRIVES, again)
     done: list[Navigated] = []
-    for drive, outcome in zip(drives, each(_navigated, drives, workers, (how,)), strict=True):
+    keys = [_digest(drive) for drive in drives]
+    finished = [_finished(how, drive, key) for drive, key in zip(drives, keys, strict=True)]
+    jobs = [(drive, key) for drive, key, kept in zip(drives, keys, finished, strict=True) if kept is None]
+    navigated = each(_navigated, jobs, workers, (how,))
+    for drive, kept in zip(drives, finished, strict=True):
+        outcome = next(navigated) if kept is None else kept
         if isinstance(outcome, Failed):  # its process died
             outcome = Navigated(drive.name, drive.vehicle, "", 0.0, outcome)
         done.append(_with_facts(outcome, how.place))
@@ -100,15 +105,20 @@ def check_folder(folder: Path) -> None:
         raise OutputError(what, where=str(folder), why=why, fix="give another --out")
 
 
-def _navigated(how: _How, drive: Drive) -> Navigated:
-    """Navigate one drive, unless it is finished, and note what became of it."""
-    note, key = how.place / f"{drive.name}.json", _digest(drive)
-    finished = None if how.again else _read_note(note, key)
+def _finished(how: _How, drive: Drive, key: str) -> Navigated | None:
+    """What became of a drive, if it is finished."""
+    finished = None if how.again else _read_note(how.place / f"{drive.name}.json", key)
     if finished is not None and (  # what could not be written, and a defect, may do now
         (how.place / drive.name / FACTS_FILE).is_file() if finished.failed is None else finished.failed.exit_code < 4
     ):
         return replace(finished, kept=True)
-    begin = time.monotonic()
+    return None
+
+
+def _navigated(how: _How, job: tuple[Drive, str]) -> Navigated:
+    """Navigate a drive, of this digest, and note what became of it."""
+    (drive, key), begin = job, time.monotonic()
+    note = how.place / f"{drive.name}.json"
     outcome = attempt(_run, how, drive)
     failed = outcome if isinstance(outcome, Failed) else None
     found = Navigated(drive.name, drive.vehicle, key, round(time.monotonic() - begin, 3), failed)

@@ -13,13 +13,14 @@ from insnav.exceptions import InputError
 from insnav.fleet.batch import Drive
 from insnav.input.formats.recording_folder import NO_DATA
 from insnav.input.formats.registry import open_tables
+from insnav.input.readers.kinds import kinds_of
 from insnav.output.contents import FACTS_FILE, read_facts
-from insnav.session.check import kinds_of
 
 _FIX = "give the folder that holds the recordings, or a drives.toml; one drive is for insnav run"
 _ROLE = re.compile(r"(^|[-_. ])(imu|gps|gnss|gnns|ref|reference|truth|fixes|samples)\d*(?=$|[-_. ])", re.IGNORECASE)
 _UNSAFE = re.compile(r"[^\w.+-]+")
 _PARTS = ("imu", "gps", "ref")
+_MANY = 200  # files, from which on several processes look at them
 
 _Parts = dict[str, Path]  # file of each part
 
@@ -38,7 +39,8 @@ def find_drives(folder: Path, without: Path, workers: Workers) -> tuple[list[Dri
     left: list[str] = []
     places = list(_places(folder.resolve(), without.resolve(), left))
     names: Counter[str] = Counter()
-    for place, roles in zip(places, each(_roles, places, workers), strict=True):
+    engine = workers if sum(map(len, places)) > _MANY else 1  # processes take seconds to begin
+    for place, roles in zip(places, each(_roles, places, engine), strict=True):
         if isinstance(roles, Failed):
             left.append(f"{place}: {roles.reason}")
             continue
