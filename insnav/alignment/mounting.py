@@ -109,9 +109,16 @@ def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
                     given = best = misfit
                 elif given > FITS and misfit < min(best, HANDED * given):
                     signs, mirrored, best = other, reflected, misfit
-    refined, sd = _refined(telling, parts, (still, still_sd), signs, mirrored=mirrored)
-    found = _fit(windows, _felt(windows, parts, refined, signs), signs, mirrored=mirrored)[0]
-    found = replace(found, sd=float(np.hypot(found.sd, sd)))
+
+    def refined(signs: Signs, mirrored: bool) -> Mounting:
+        at, sd = _refined(telling, parts, (still, still_sd), signs, mirrored=mirrored)
+        found = _fit(windows, _felt(windows, parts, at, signs), signs, mirrored=mirrored)[0]
+        return replace(found, sd=float(np.hypot(found.sd, sd)))
+
+    found = refined(signs, mirrored)
+    if not found.right_handed:  # nor do bias and delay make a drive fit as it was given
+        plain = refined(AS_GIVEN, mirrored=False)
+        found = plain if plain.misfit <= FITS or found.misfit >= HANDED * plain.misfit else found
     return found if found.misfit < MISFIT and found.sd < SCATTER else None
 
 

@@ -160,7 +160,7 @@ class InnovationLikelihood:
         time = rows[:, TIME]
         at = layout(self._settings)
         self._lasting = at.correlated
-        self._tape = kernel.tape(rows, at.states, run.model.noise, _bridged(imu.time, time))
+        self._tape = kernel.tape(rows, at.states, run.model.noise, bridged(imu.time, time))
         self._offered = rows[:, SOURCE] == FIX
         h, jitter = self._tape[7], ready.settings.jitter
         # of fixes: what the scatter of the timestamps makes of speed and acceleration, the negatives of the column of
@@ -318,9 +318,14 @@ def cost_of(innovation: FloatArray, variance: FloatArray) -> float:
     """
     if not (variance > 0.0).all():  # rounding, where errors of the model are far too large
         return np.inf
+    return float(np.sum(costs_of(innovation, variance)))
+
+
+def costs_of(innovation: FloatArray, variance: FloatArray) -> FloatArray:
+    """The same of each innovation (k,)."""
     u = np.abs(innovation) / np.sqrt(variance)
     square = np.where(u <= HUBER, 0.5 * u * u, HUBER * u - 0.5 * HUBER**2)
-    return float(np.sum(square) + 0.5 * CLEAN * np.sum(np.log(variance)))
+    return np.asarray(square + 0.5 * CLEAN * np.log(variance))
 
 
 def _start(
@@ -338,7 +343,7 @@ def _start(
     return tilt(model, np.sqrt(own + by_sensors))
 
 
-def _bridged(samples: FloatArray, epochs: FloatArray) -> FloatArray:
+def bridged(samples: FloatArray, epochs: FloatArray) -> FloatArray:
     """Whether a gap of the samples lies before each epoch."""
     step = np.diff(samples)
     gap = samples[1:][step > 2.5 * np.median(step)]

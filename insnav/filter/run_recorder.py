@@ -109,9 +109,10 @@ class Record:
         self._count += 1
 
     def misfit(self) -> float:
-        """Twice the negative log-likelihood of a position's innovation, on average; false ones limited."""
-        nis, sd = self._nis[: self._count, 0], self._sd[: self._count, :3]
-        return float(np.mean(np.minimum(nis, FALSE_FROM) + 2.0 * np.log(sd).sum(axis=1)))
+        """Twice the negative log-likelihood of a fix's innovations, on average; false ones limited."""
+        nis, sd = self._nis[: self._count], self._sd[: self._count].reshape(-1, 2, 3)
+        each = np.minimum(nis, FALSE_FROM) + 2.0 * np.log(sd).sum(axis=2)
+        return float(np.nansum(each) / max(self._count, 1))
 
     def _trajectory(
         self,

@@ -1,0 +1,155 @@
+"""How likely fixes are whose timestamps are late by a given time, and all else that the filter estimates.
+
+A filter has run once. In its error states a fix that is of another time than that of its epoch shows linearly: the
+velocity error times the time between, the tilt of the specific force that acted in it, and the lever arm as it was
+turned then. The innovations that the filter would have had with every fix in its own time then cost one pass of
+covariance algebra (`insnav.kernels.noise_likelihood`), whatever the delay; the filter's own one is undone. Lever arm,
+attitude and biases, of which a wrong delay makes others, are free in it, from a start that is hardly known.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from insnav import strapdown
+from insnav.alignment import in_motion
+from insnav.attitude import dcm_from_quat, rph_from_quat, skew
+from insnav.earth import gravity_n, ned_offset
+from insnav.filter.navigator import SEEN, rates_at
+from insnav.filter.noise_identification import HUBER, bridged, costs_of
+from insnav.filter.prepare import Prepared
+from insnav.filter.settings import FilterSettings
+from insnav.filter.state_layout import first_state, layout
+from insnav.kernels import noise_likelihood
+from insnav.kernels.dynamics import NAV
+from insnav.kernels.smoother import COAST, CORRECTION, KIND, POSITION, STATE, TIME, VELOCITY
+from insnav.strapdown import TIME_TOLERANCE
+from insnav.types import FloatArray
+from insnav.units import DEG
+
+REACH = 2.0  # delays looked for, early and late [s]
+EDGE = REACH + 1.0  # fixes so near to the ends of the record may be of a time outside [s]
+BLOCK = 20.0  # parts whose errors are independent [s]
+OPEN_START = 20.0, 2.0, 5.0 * DEG  # sd of position [m], velocity [m/s], attitude at the start, which is late, too
+NO_DRIFT = np.zeros(1)
+
+
+class LateFixes:
+    """Fixes of a record against a run; `epochs`: its rows, `settings`: of the filter that made them."""
+
+    def __init__(self, ready: Prepared, settings: FilterSettings, epochs: FloatArray) -> None:
+        at, time, gps = layout(settings), epochs[:, TIME], ready.gps
+        self._tape = noise_likelihood.tape(epochs, at.states, ready.model.noise, bridged(ready.imu.time, time))
+        own = np.minimum(np.searchsorted(gps.time - settings.delay, time - TIME_TOLERANCE), gps.time.size - 1)
+        good = np.abs(gps.time[own] - settings.delay - time) <= TIME_TOLERANCE
+        good &= (gps.position_sd[own].max(axis=1) <= settings.gates.max_sd) & (gps.fix is None or gps.fix[own] != 0)
+        good &= (time > time[0] + EDGE) & (time < time[-1] - EDGE)
+        self._fixes, self._time, self._rows = gps.rows(own[good]), time[good], np.flatnonzero(good)
+        velocity = good & np.isfinite(gps.v_n[own]).all(axis=1)
+        self._kind = np.where(velocity, POSITION + VELOCITY, np.where(good, POSITION, COAST))
+        self._block = np.repeat(((time - time[0]) / BLOCK).astype(int), np.bitwise_count(self._kind))
+        self.accepted = float(np.mean(epochs[good, KIND] == self._kind[good])) if good.any() else 0.0
+        self.blocks, self.half = np.unique(self._block).size, 0.5 * float(time[-1] - time[0])
+        self._away = self._time - time[0] - self.half
+        self._at, self._model, self._lag, self._correlated = at, ready.model, settings.velocity_lag, settings.correlated
+        self._variance = np.ones((time.size, 6))
+        share = 0.0 if settings.correlated is None else settings.correlated.share
+        self._variance[good, :3] = (1.0 - share) * self._fixes.position_sd**2
+        self._variance[good, 3:] = np.nan_to_num(self._fixes.velocity_sd**2, nan=1.0)
+        # the state before the measurement is the one after it and what was fed back
+        x, fed = epochs[good, STATE : STATE + 10], self._tape[8]
+        self._off = ned_offset(x[:, :3], self._fixes.lla) + fed[good, :3]
+        self._v = x[:, 3:6] + fed[good, 3:6]
+        taken = np.cumsum(np.vstack([np.zeros(at.states), fed[:-1]]), axis=0)[good]
+        none = np.zeros((self._rows.size, 3))
+        self._lever, self._shaken = (
+            settings.lever_b - (taken[:, first : first + 3] if first >= 0 else none) for first in (at.lever, at.shaken)
+        )
+        if settings.correlated is not None:
+            lasting, fade = np.zeros((time.size, 3)), np.exp(-self._tape[0] / settings.correlated.time)
+            for k in range(1, time.size):
+                lasting[k] = fade[k] * (lasting[k - 1] - fed[k - 1, at.correlated : at.correlated + 3])
+            self._off += lasting[good]
+        self._parts, self._bias = strapdown.intervals(ready.imu, ready.nominal), epochs[good, CORRECTION:]
+        self._nominal, self._gravity = ready.nominal, gravity_n(gps.lla[0, 0], gps.lla[0, 2])
+        begin, rph = float(time[0]), rph_from_quat(epochs[0, STATE + 6 : STATE + 10])
+        bias = np.median(epochs[time.size // 2 :, CORRECTION : CORRECTION + 3], axis=0)
+        track = in_motion.history(self._parts, begin, float(self._parts.end[-1]), rph, bias, gps.lla[0, 0])
+        u, c = track.u_n, dcm_from_quat(track.q_nb).reshape(-1, 9)
+        moved = np.cumsum(0.5 * (u[1:] + u[:-1]) * np.diff(track.time)[:, None], axis=0)
+        self._track = track.time, np.hstack([u, np.vstack([np.zeros(3), moved]), c])
+        self._here = self._sampled(self._time)
+        turned = np.swapaxes(self._here[:, 6:].reshape(-1, 3, 3), 1, 2)
+        self._turn = (np.eye(3) - skew(fed[good, 6:9])) @ dcm_from_quat(x[:, 6:]) @ turned
+        self._start = first_state(ready.initial, settings).covariance
+        self._start[:NAV, :NAV] += np.diag(np.repeat(OPEN_START, 3) ** 2)
+        self._out = np.empty((2, 6 * time.size))
+
+    def _sampled(self, time: FloatArray) -> FloatArray:
+        return np.stack([np.interp(time, self._track[0], column) for column in self._track[1].T], axis=-1)
+
+    def _since(self, span: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What specific force adds to velocity and position in a time (k,) from the epoch on [s], and ``C_nb`` then."""
+        there, s = self._sampled(self._time + span), span[:, None]
+        v, p = there[:, :3] - self._here[:, :3], there[:, 3:6] - self._here[:, 3:6] - self._here[:, :3] * s
+        c = self._turn @ there[:, 6:].reshape(-1, 3, 3)
+        push = _times(c, self._bias[:, 3:6])
+        return _times(self._turn, v) - push * s, _times(self._turn, p) - 0.5 * push * s**2, c
+
+    def costs(self, delays: FloatArray, drifts: FloatArray = NO_DRIFT) -> FloatArray:
+        """Negative log-likelihood of each block of the record, (k, blocks), with delays in its middle [s] and drifts.
+
+        `delays`, `drifts` [s/s]: (k,), or one of either.
+        """
+        every = [costs_of(*self.innovations(*each)) for each in np.broadcast(delays, drifts)]
+        return np.array([np.bincount(self._block, each) for each in every])
+
+    def innovations(self, delay: float, drift: float) -> FloatArray:
+        """Innovations and their variances, (2, n), with a delay in the middle of the record [s] and its drift [s/s]."""
+        at, span = self._at, -(delay + drift * self._away)
+        late = span - self._lag
+        (_, p, c), (v, _, turned) = self._since(span), self._since(late)
+        whole, rate = (
+            rates_at(self._time + late, self._parts, reach) - self._bias[:, :3] for reach in (0.5 * self._nominal, SEEN)
+        )
+        arm, by_lever = _times(c, self._lever), turned @ skew(rate if at.shaken >= 0 else whole)
+        by_shaken = turned @ skew(whole - rate)
+        swing = _times(by_lever, self._lever) + (_times(by_shaken, self._shaken) if at.shaken >= 0 else 0.0)
+        # errors are estimate minus truth; see `insnav.kernels.gps_measurement`
+        z, h = np.zeros((self._kind.size, 6)), np.zeros((self._kind.size, 6, at.states))
+        s, q, own = span[:, None], late[:, None], np.zeros((self._rows.size, 6, at.states))
+        z[self._rows, :3] = self._off + self._v * s + p + 0.5 * self._gravity * s**2 + arm
+        z[self._rows, 3:] = np.nan_to_num(self._v + v + self._gravity * q + swing - self._fixes.v_n)
+        own[:, :3, :3] = own[:, 3:, 3:6] = np.eye(3)
+        own[:, :3, 3:6] = s[..., None] * np.eye(3)
+        own[:, :3, 6:9], own[:, 3:, 6:9] = skew(p + arm), skew(v + swing)
+        own[:, :3, 12:15], own[:, 3:, 12:15] = -0.5 * s[..., None] ** 2 * c, -q[..., None] * turned
+        if at.correlated >= 0:
+            own[:, :3, at.correlated : at.correlated + 3] = np.eye(3)
+        if at.lever >= 0:
+            own[:, :3, at.lever : at.lever + 3], own[:, 3:, at.lever : at.lever + 3] = c, by_lever
+        if at.shaken >= 0:
+            own[:, 3:, at.shaken : at.shaken + 3] = by_shaken
+        h[self._rows] = own
+        (time, _, *before), noise, decay = self._tape, self._model.noise, self._model.decay
+        correlated = self._correlated
+        count = noise_likelihood.innovations(
+            (time, self._kind, *before[:4], z, h, *before[6:]),
+            decay,
+            np.array([np.mean(noise[:3]), np.mean(noise[3:6]), *noise[18:]]),
+            noise[6:18],
+            decay,
+            at.correlated,
+            np.ones(3) if correlated is None else correlated.sd,
+            1.0 if correlated is None else correlated.time,
+            self._variance,
+            (np.zeros(at.states), self._start),
+            np.zeros((self._kind.size, NAV)),
+            HUBER,
+            self._out,
+        )
+        return self._out[:, :count].copy()
+
+
+def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    return np.asarray((matrix @ vector[..., None])[..., 0])
