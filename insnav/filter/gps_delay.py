@@ -44,6 +44,7 @@ ROUNDS = 3  # of moving the clock
 LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # of an arm of vibration's own: the least, and what is worth states [m]
 SCALES = 50  # steps of the search for a standard deviation
 OPENED, FREEDOM = 2.0, 3.0  # times the scale of the prior of a lever arm at first; its degrees of freedom
+STARTS = 2  # of a start in motion by the run before
 LOOKED = 2.0  # times the standard deviation of the first run for the second: its measurements count little twice
 LEAST_START = 0.5 * DEG  # least standard deviation of attitude from there [rad]
 TRUE_FIXES = 0.9  # part of the fixes that the first look must have accepted for that
@@ -65,12 +66,13 @@ class Filtered:
     misfit: float  # how unlikely positions were, see `Record.misfit`
 
 
-def filtered(ready: Prepared, *, started: bool = False, gates: Gates | None = None) -> Filtered:
+def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None = None) -> Filtered:
     """Navigate the beginning of a drive with what the comparison of clocks needs.
 
     A start in motion is navigated twice; `started`: the second time; `gates`: others than those of the settings.
     """
-    ready = ready if started else _thinned(ready.beginning(LONGEST))
+    ready = ready if starts is not None else _thinned(ready.beginning(LONGEST))
+    starts = STARTS if starts is None else starts
     # a late fix looks false in every bend, and a reset would open heading and biases
     gates = gates or replace(ready.settings.gates, reset_after=np.inf)
     lever_sd = ready.settings.lever_sd
@@ -82,11 +84,11 @@ def filtered(ready: Prepared, *, started: bool = False, gates: Gates | None = No
         feed(navigator, ready.imu)
         history = navigator.history()
         epochs = history.rows()
-        again = None if started else with_surer_start(ready, history)
+        again = with_surer_start(ready, history) if starts else None
     except DivergenceError:
         return Filtered(ready, settings, None, 0.0, np.inf, 0.0, lever_sd, np.inf)
     if again is not None:
-        return filtered(again, started=True)
+        return filtered(again, starts=starts - 1)
     (arm, vibration), (arm_cov, vibration_cov) = navigator.levers()
     if lever_sd > 0.0:
         scales = lever_sd * np.geomspace(1.0, OPENED, SCALES)
@@ -137,7 +139,7 @@ def delay_of(seen: Filtered) -> tuple[float, float, float]:
     if likelihood is None or likelihood.accepted < TRUE_FIXES:  # seconds late, nearly all fixes look false
         seen = filtered(
             seen.ready,
-            started=True,
+            starts=0,
             gates=replace(seen.settings.gates, max_speed=np.inf, probability=1.0, reset_after=np.inf),
         )
         likelihood = LateFixes(seen.ready, seen.settings, seen.epochs) if seen.epochs is not None else None
