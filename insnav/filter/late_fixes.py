@@ -65,11 +65,14 @@ class LateFixes:
         self._lever, self._shaken = (
             settings.lever_b - (taken[:, first : first + 3] if first >= 0 else none) for first in (at.lever, at.shaken)
         )
+        self._lasting = np.zeros((time.size, 6))
         if settings.correlated is not None:
-            lasting, fade = np.zeros((time.size, 3)), np.exp(-self._tape[0] / settings.correlated.time)
+            states = slice(at.correlated, at.correlated + settings.correlated.times.size)
+            fade = np.exp(-self._tape[0][:, None] / settings.correlated.times)
             for k in range(1, time.size):
-                lasting[k] = fade[k] * (lasting[k - 1] - fed[k - 1, at.correlated : at.correlated + 3])
-            self._off += lasting[good]
+                self._lasting[k, : fade.shape[1]] = fade[k] * (
+                    self._lasting[k - 1, : fade.shape[1]] - fed[k - 1, states]
+                )
         self._parts, self._bias = strapdown.intervals(ready.imu, ready.nominal), epochs[good, CORRECTION:]
         self._nominal, self._gravity = ready.nominal, gravity_n(gps.lla[0, 0], gps.lla[0, 2])
         begin, rph = float(time[0]), rph_from_quat(epochs[0, STATE + 6 : STATE + 10])
@@ -124,12 +127,14 @@ class LateFixes:
         own[:, :3, 3:6] = s[..., None] * np.eye(3)
         own[:, :3, 6:9], own[:, 3:, 6:9] = skew(p + arm), skew(v + swing)
         own[:, :3, 12:15], own[:, 3:, 12:15] = -0.5 * s[..., None] ** 2 * c, -q[..., None] * turned
-        if at.correlated >= 0:
-            own[:, :3, at.correlated : at.correlated + 3] = np.eye(3)
+        if self._correlated is not None:
+            size = self._correlated.sds.size
+            own[:, :, at.correlated : at.correlated + size] = np.eye(6)[:, :size]
         if at.lever >= 0:
             own[:, :3, at.lever : at.lever + 3], own[:, 3:, at.lever : at.lever + 3] = c, by_lever
         if at.shaken >= 0:
             own[:, 3:, at.shaken : at.shaken + 3] = by_shaken
+        z[self._rows] += self._lasting[self._rows]
         h[self._rows] = own
         (time, _, *before), noise, decay = self._tape, self._model.noise, self._model.decay
         correlated = self._correlated
@@ -140,8 +145,8 @@ class LateFixes:
             noise[6:18],
             decay,
             at.correlated,
-            np.ones(3) if correlated is None else correlated.sd,
-            1.0 if correlated is None else correlated.time,
+            np.ones(3) if correlated is None else correlated.sds,
+            np.ones(3) if correlated is None else correlated.times,
             self._variance,
             (np.zeros(at.states), self._start),
             np.zeros((self._kind.size, NAV)),
