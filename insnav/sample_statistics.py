@@ -30,6 +30,15 @@ def rms(values: FloatArray | Sequence[float]) -> float:
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
+def rms_length(values: FloatArray) -> float:
+    """RMS length of the vectors ``(n, k)`` that are known; ``NaN`` if there are none."""
+    sums = [float(np.einsum("i,i->", column, column)) for column in values.T]  # by rows it takes thrice as long
+    if np.isfinite(sums).all() and len(values):
+        return float(np.sqrt(sum(sums) / len(values)))
+    known = values[np.isfinite(values).all(axis=1)]
+    return rms_length(known) if 0 < len(known) < len(values) else float("nan")
+
+
 @cache  # asked for at every fix
 def chi2_limit(count: int, share: float) -> float:
     """Value that the sum of squares of so many standard normal numbers exceeds with a probability.

@@ -287,11 +287,12 @@ def _span(time: FloatArray) -> str:
     return f"{time[0]:.3f} to {time[-1]:.3f} s" if len(time) else "empty"
 
 
-def distance_and_time(solution: Trajectory) -> tuple[float, float]:
-    """Distance and time in motion; the noise of a stationary vehicle is not counted.
+def travelled(solution: Trajectory) -> tuple[float, float, float]:
+    """Distance and time in motion, and largest speed; the noise of a stationary vehicle is not counted.
 
-    Returns: `distance` [m]; `moving`: time faster than `MOVING_M_S` [s].
+    Returns: `distance` [m]; `moving`: time faster than `MOVING_M_S` [s]; `fastest` [m/s].
     """
-    speed = np.linalg.norm(solution.v_n, axis=1)[1:]
-    step = np.where(speed > MOVING_M_S, np.diff(solution.time), 0.0)
-    return float(np.sum(speed * step)), float(np.sum(step))
+    north, east, down = solution.v_n.T
+    speed = np.sqrt(north**2 + east**2 + down**2)  # numpy's norm of rows takes four times as long
+    step = np.where(speed[1:] > MOVING_M_S, np.diff(solution.time), 0.0)
+    return float(np.sum(speed[1:] * step)), float(np.sum(step)), float(speed.max(initial=0.0))

@@ -14,3 +14,4 @@ with deferred("scipy.linalg", "scipy.linalg.cython_blas", "yaml"):  # numba only
 
 # division by zero gives inf or NaN, as in numpy, and C calls no kernel: a tenth less to compile
 njit = partial(numba.njit, error_model="numpy", no_cfunc_wrapper=True)
+inner = partial(njit, no_cpython_wrapper=True)  # called by kernels alone: kept within these, no entry from Python

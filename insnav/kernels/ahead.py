@@ -75,14 +75,12 @@ def compile_ahead() -> None:
 
 def _compile(numbers: int) -> None:
     """Compile the kernels whose numbers can be read from a file descriptor."""
-    collects = gc.isenabled()
     gc.disable()  # a sixth of the time
     kernels = _kernels()
     while number := os.read(numbers, 1):
         for kernel, *given in kernels[number[0]]:
             kernel.compile(tuple(map(_type, given)))
-    if collects:
-        gc.enable()
+    gc.enable()
 
 
 def _type(given: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.kernels import njit
+from insnav.kernels import inner, njit
 
 BLOCK = 2048  # terms added up before the sum joins the others: keeps rounding small, and the block in the cache
 FAR = 30.0  # lags beyond so many times both averaging times: differences as derivatives, as they would cancel
@@ -57,7 +57,7 @@ def mean_square_second_difference(x, factors, out):  # type: ignore[no-untyped-d
         out[j] = total / count
 
 
-@njit(cache=True)
+@inner()
 def _phase_covariance(t, theta, time):  # type: ignore[no-untyped-def]
     """Generalised autocovariance of the integral of the noise at lag t >= 0, up to even polynomials of degree 2.
 
@@ -79,7 +79,7 @@ def _phase_covariance(t, theta, time):  # type: ignore[no-untyped-def]
     return value
 
 
-@njit(cache=True)
+@inner()
 def _square(d, mi, mj, theta, time, ni, nj):  # type: ignore[no-untyped-def]
     """Square of the covariance of second differences d apart, times the number of pairs so far apart."""
     pairs = min(ni, nj - d) - max(0.0, -d)
@@ -103,7 +103,7 @@ def _square(d, mi, mj, theta, time, ni, nj):  # type: ignore[no-untyped-def]
     return pairs * r * r
 
 
-@njit(cache=True)
+@inner()
 def _pair(mi, mj, n, theta, time):  # type: ignore[no-untyped-def]
     ni, nj = float(n - 2 * mi), float(n - 2 * mj)
     low, high = 1.0 - ni, nj - 1.0

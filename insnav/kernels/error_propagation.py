@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.kernels import njit
+from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV, second_order, system_matrix
 from insnav.kernels.mechanization import step
 
 WIDTH = NAV + 1  # a process and what it has done so far
 
 
-@njit(cache=True)
+@inner()
 def _transition(x, f_n, dt, hold, f, a):  # type: ignore[no-untyped-def]
     """``a = I + F dt + (F dt)^2 / 2``; held vertical errors stay zero."""
     system_matrix(x, f_n, f)
@@ -26,7 +26,7 @@ def _transition(x, f_n, dt, hold, f, a):  # type: ignore[no-untyped-def]
             a[2, j] = a[5, j] = 0.0
 
 
-@njit(cache=True)
+@inner()
 def _entering(f, dt, hold, given, out):  # type: ignore[no-untyped-def]
     """What a disturbance of all nine states, integrated over a step, is at its end: ``(I + F dt / 2) u``."""
     for i in range(3):
@@ -69,7 +69,7 @@ def sensitivities(x, f_n, dt, given, state, hold, rows, out):  # type: ignore[no
             row += 1
 
 
-@njit(cache=True)
+@inner()
 def _half(p, b, white, drive, dt):  # type: ignore[no-untyped-def]
     """Add half of the noise of a step: one half enters before the transition, one after it."""
     for i in range(NAV):

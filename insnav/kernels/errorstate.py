@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from insnav.kernels import njit
+from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV, second_order, system_matrix
 from insnav.kernels.earth import radii
 from insnav.kernels.mechanization import quaternion_step, step
@@ -71,7 +71,7 @@ class Outputs(NamedTuple):
     motion: np.ndarray  # (m, 6) motion there, as in `Carried`
 
 
-@njit(cache=True)
+@inner()
 def _half_of_the_noise(sums, noise, q):  # type: ignore[no-untyped-def]
     """Add half of a sub-step's white and driving noise: one half enters before the transition, one after it."""
     half = 0.5 / sums[0]
@@ -88,7 +88,7 @@ def _half_of_the_noise(sums, noise, q):  # type: ignore[no-untyped-def]
         q[NAV + j, NAV + j] += 0.5 * noise[6 + j] * sums[0]
 
 
-@njit(cache=True)
+@inner()
 def _substep(x, sums, noise, phi, q, work):  # type: ignore[no-untyped-def]
     """Close a sub-step: second-order transition from the sums, folded into `phi` and `q`.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.kernels import njit
+from insnav.kernels import inner, njit
 from insnav.kernels.earth import OMEGA, gravity_down, gravity_north, radii
 from insnav.kernels.increments import turned
 from insnav.kernels.mechanization import TWO_PI
@@ -144,7 +144,7 @@ def derivative(y, f, k, vertical, gains, disturbed, errors, d):  # type: ignore[
     d[TURN + 3] = 0.5 * (q0 * sz + q1 * ty - q2 * tx)
 
 
-@njit(cache=True)
+@inner()
 def _moved(y, h, d, out):  # type: ignore[no-untyped-def]
     for i in range(STATES):
         out[i] = y[i] + h * d[i]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from insnav.kernels import njit
+from insnav.kernels import inner, njit
 from insnav.kernels.earth import OMEGA, radii
 from insnav.kernels.errorstate import STATES
 
@@ -90,7 +90,7 @@ def antenna(x, motion, lever, delay, lag, lla, v_n, z, h):  # type: ignore[no-un
         h[3, STATES], h[4, STATES], h[5, STATES] = -motion[3], -motion[4], -motion[5]
 
 
-@njit(cache=True)
+@inner()
 def _nis(z, s, o):  # type: ignore[no-untyped-def]
     """``z' s^-1 z`` of three numbers from index `o` on, by Cholesky's decomposition; ``NaN`` if not measured."""
     a = np.sqrt(s[o, o])
@@ -104,7 +104,7 @@ def _nis(z, s, o):  # type: ignore[no-untyped-def]
     return x * x + y * y + w * w
 
 
-@njit(cache=True)
+@inner()
 def _by_lever(rotated, rate, at, h):  # type: ignore[no-untyped-def]
     """Derivative of the antenna's velocity by a lever arm, ``C_nb [w x]``, from column `at` on; `rotated`: ``C_nb``."""
     for i in range(3):

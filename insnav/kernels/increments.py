@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.kernels import njit
+from insnav.kernels import inner, njit
 
 WINDOW = 5  # increments in the polynomial; instantaneous samples: one more
 LOOKAHEAD = WINDOW - 1  # samples needed after an interval before it can be computed, at the start of a segment
@@ -57,7 +57,7 @@ def stage_weights(weights: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.einsum("sj,zoji->zosi", power, weights))
 
 
-@njit(cache=True)
+@inner()
 def _regular(a, size, weights, scale, gyro, accel, coefficient):  # type: ignore[no-untyped-def]
     """Coefficients for equal spacing, for all six channels."""
     coefficient[:] = 0.0
@@ -69,7 +69,7 @@ def _regular(a, size, weights, scale, gyro, accel, coefficient):  # type: ignore
                 coefficient[channel + 3, j] += w * accel[a + i, channel]
 
 
-@njit(cache=True)
+@inner()
 def _irregular(k, a, size, instant, end, dt, gyro, accel, node, table, coefficient):  # type: ignore[no-untyped-def]
     """Coefficients for unequal spacing: Newton's divided differences at the true times, for all six channels."""
     start, scale = end[k] - dt[k], dt[k]
@@ -103,7 +103,7 @@ def _irregular(k, a, size, instant, end, dt, gyro, accel, node, table, coefficie
             coefficient[channel, j] = table[j] if instant else (j + 1.0) * table[j + 1]
 
 
-@njit(cache=True)
+@inner()
 def _value(coefficient, channel, s):  # type: ignore[no-untyped-def]
     c = coefficient
     return c[channel, 0] + s * (
@@ -111,7 +111,7 @@ def _value(coefficient, channel, s):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(cache=True)
+@inner()
 def _integral(coefficient, channel, s):  # type: ignore[no-untyped-def]
     c = coefficient
     return s * (

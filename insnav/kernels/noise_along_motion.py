@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.kernels import njit
+from insnav.kernels import inner, njit
 
 
-@njit(cache=True)
+@inner()
 def _answer(since, rate, given, velocity, position, out):  # type: ignore[no-untyped-def]
     """Errors by a pulse of attitude, velocity and position, some time after it.
 

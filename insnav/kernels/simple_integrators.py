@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.kernels import njit
+from insnav.kernels import inner, njit
 from insnav.kernels.increments import quaternion_rate, turn_factors, turned
 
 EULER, ROTVEC, RK4 = 0, 1, 2
 
 
-@njit(cache=True)
+@inner()
 def _line(instant, k, dt, values, channel):  # type: ignore[no-untyped-def]
     """Integrand times interval at the start, middle and end of interval k, samples joined by straight lines.
 
@@ -32,7 +32,7 @@ def _line(instant, k, dt, values, channel):  # type: ignore[no-untyped-def]
     return start, here, end
 
 
-@njit(cache=True)
+@inner()
 def _forward(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
     """Rotate a vector by a quaternion of any length but zero."""
     scale = 1.0 / np.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
@@ -40,7 +40,7 @@ def _forward(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
     return x + tx, y + ty, z + tz
 
 
-@njit(cache=True)
+@inner()
 def _runge_kutta(xb, yb, zb, xm, ym, zm, xe, ye, ze, fb, gb, hb, fm, gm, hm, fe, ge, he):  # type: ignore[no-untyped-def]
     """Classical fourth-order step of quaternion and velocity together (Hairer, Norsett, Wanner 1993, section II.1)."""
     a0, a1, a2, a3 = quaternion_rate(1.0, 0.0, 0.0, 0.0, xb, yb, zb)

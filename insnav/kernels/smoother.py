@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.kernels import njit
+from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES, at_fix_time, feed_back
 from insnav.kernels.gps_measurement import inverse
@@ -228,7 +228,7 @@ def backward(  # type: ignore[no-untyped-def]
         _past(row, n, adjoint, information, part, moved)
 
 
-@njit(cache=True)
+@inner()
 def _minute(time, n, cross, ends, out):  # type: ignore[no-untyped-def]
     """Ask for a drag that begins now and ended a minute later, if that is one of the ends, and let a new end be now.
 
@@ -258,7 +258,7 @@ def _minute(time, n, cross, ends, out):  # type: ignore[no-untyped-def]
                     cross[at + i, j] = cross[i, j]
 
 
-@njit(cache=True)
+@inner()
 def _undragged(row, n, span, adjoint, information, cross, ends):  # type: ignore[no-untyped-def]
     """Carry what `_minute` needs to the epoch before, a `span` in which positions are dragged [s]."""
     first, at = JACOBIAN + 6 * n, JACOBIAN + 6 * n + NAV * STATES - NAV
@@ -288,7 +288,7 @@ def _undragged(row, n, span, adjoint, information, cross, ends):  # type: ignore
                 cross[c, j] = 0.0
 
 
-@njit(cache=True)
+@inner()
 def _change(by, information, out):  # type: ignore[no-untyped-def]
     """Change of three states that explains all later innovations best, and how much better.
 
@@ -312,7 +312,7 @@ def _change(by, information, out):  # type: ignore[no-untyped-def]
     out[4] = np.sqrt(max(own[0], own[1]))
 
 
-@njit(cache=True)
+@inner()
 def _past(row, n, adjoint, information, part, moved):  # type: ignore[no-untyped-def]
     """Carry adjoint and information to the epoch before; `part` (n, n), `moved` (n,): work space."""
     rest = 0.0 if int(row[KIND]) == RESTART else 1.0  # later measurements say nothing of states before a reset
@@ -340,7 +340,7 @@ def _past(row, n, adjoint, information, part, moved):  # type: ignore[no-untyped
             information[i, j] = information[j, i] = rest * 0.5 * (information[i, j] + information[j, i])
 
 
-@njit(cache=True)
+@inner()
 def _compare(row, n, p, removed, error, out):  # type: ignore[no-untyped-def]
     """Innovation of a fix, accepted or not, against filter and smoother."""
     if row[SOURCE] != FIX:

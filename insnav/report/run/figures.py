@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun
-from insnav.errors.metrics import MOVING_M_S, distance_and_time
+from insnav.errors.metrics import MOVING_M_S, travelled
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
 from insnav.report.numbers import distance_text, duration_text, number
 from insnav.report.panels import Curve, Drawing, Panel
@@ -36,7 +36,7 @@ def figure_drawings(name: str, found: EvaluatedRun) -> tuple[str, str, tuple[Dra
         group = name.removesuffix("_error")
         return f"{group.capitalize()} error: solution minus reference", "band: ±3 sd", _errors(found, group), 1
     if name == "track":
-        title = f"Track of {distance_text(distance_and_time(solution)[0])} in {duration_text(np.ptp(solution.time))}"
+        title = f"Track of {distance_text(travelled(solution)[0])} in {duration_text(np.ptp(solution.time))}"
         track = run_track(found)
         return title, track.note.split(";")[0], (track,), 1
     if name == "innovations":

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun, outages
-from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_motion, distance_and_time, nees
+from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_motion, nees, travelled
 from insnav.errors.reference_offset import ReferenceOffset
 from insnav.filter.noise_identification import NoiseEstimate
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import Section, one_each, only_json
 from insnav.report.run.short_duration import short_section
-from insnav.sample_statistics import rms
+from insnav.sample_statistics import rms, rms_length
 from insnav.types import Alignment, BoolArray, EventKind, FloatArray, Run, SensorErrors, Trajectory
 
 PARTS = ("all", "static", "moving")
@@ -118,7 +118,7 @@ def _solution(solution: Trajectory) -> Section:
     if len(time) == 0:
         return Section("solution", "Solution", (rows,))
     step = np.diff(time)
-    distance, moving = distance_and_time(solution)
+    distance, moving, fastest = travelled(solution)
     return Section(
         "solution",
         "Solution",
@@ -130,7 +130,7 @@ def _solution(solution: Trajectory) -> Section:
             Quantity("rate", 1.0 / float(np.median(step)) if len(step) else None, "Hz"),
             Quantity("distance", distance, "m"),
             Quantity("moving", moving, "s", meaning="in motion", decimals=1),
-            Quantity("max_speed", float(np.max(np.linalg.norm(solution.v_n, axis=1))), "m/s"),
+            Quantity("max_speed", fastest, "m/s"),
         ),
         parts=tuple(
             Section(name, f"State at the {name}", _state(solution, row)) for name, row in (("start", 0), ("end", -1))
@@ -293,7 +293,7 @@ def _smoothed(found: EvaluatedRun, reference: str) -> Section:
     if run.smoothed is None:
         return _only("smoothed", None)
     both = (run.solution.sd, run.smoothed.solution.sd)
-    sd = [None if each is None else rms(np.hypot(each[:, 0], each[:, 1])) for each in both]
+    sd = [None if each is None else rms_length(each[:, :2]) for each in both]
     items = [
         Quantity("horizontal_sd", sd[1], "m"),
         Quantity("horizontal_sd_ratio", _ratio(sd[1], sd[0]), meaning="horizontal sd, smoothed / filtered"),

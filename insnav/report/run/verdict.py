@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun, outages
-from insnav.errors.metrics import TrajectoryErrors, distance_and_time, nees
+from insnav.errors.metrics import TrajectoryErrors, nees, travelled
 from insnav.errors.reference_check import fixes_are_late, shown_by_drive
 from insnav.input.readers.reading import ReadingFacts
 from insnav.plain_text import plain_text
@@ -19,7 +19,7 @@ from insnav.report.page import Light, Page, Table, Verdict, cell
 from insnav.report.run.warnings import HOLDS
 from insnav.report.terminal import WIDTH, light_text, table_text
 from insnav.result import Result
-from insnav.sample_statistics import rms
+from insnav.sample_statistics import rms, rms_length
 from insnav.types import EventKind, FloatArray, Run
 
 SCATTER = 2.0  # mean NIS per axis from which on fixes and solution contradict each other
@@ -42,7 +42,8 @@ def run_verdict(found: EvaluatedRun, warnings: Sequence[str]) -> Verdict:
         sizes = [_error_size(mode, each.horizontal) for mode, each in found.errors_on_clock.items()]
         as_it_is = f" {_as_it_is(found)}" if found.reference_late else ""
         return Verdict(light, reason, f"Horizontal error {', '.join(sizes)}{as_it_is}; {_holds(found)}.")
-    sds = [f"{number(_size(each.sd[:, :2]))} m {mode}" for mode, each in found.solutions.items() if each.sd is not None]
+    stated = {mode: each.sd for mode, each in found.solutions.items() if each.sd is not None}
+    sds = [f"{number(rms_length(sd[:, :2]))} m {mode}" for mode, sd in stated.items()]
     if not sds:
         return Verdict(light, reason, "The solution states no standard deviation, and there is no reference.")
     return Verdict(
@@ -67,8 +68,7 @@ def run_line(result: Result[EvaluatedRun]) -> str:
     run = result.found.run
     if len(run.solution.time) == 0:
         return "The solution is empty."
-    distance, _ = distance_and_time(run.solution)
-    time = run.solution.time
+    time, distance = run.solution.time, travelled(run.solution)[0]
     spans = outages(run)
     inside = [(end - start, rejected) for start, end, rejected in spans if start > time[0] and end < time[-1]]
     since = f" from {time[0]:.1f} s" if abs(time[0]) > 1.0 else ""
@@ -125,7 +125,7 @@ def run_merits(found: EvaluatedRun, mode: str) -> tuple[Quantity, ...]:
 def _sizes(values: FloatArray, what: str) -> list[Quantity]:
     """RMS of position, velocity and attitude errors ``(n, 9)`` by groups that are known."""
     sizes = [
-        Quantity(part, _size(values[:, columns]), unit, meaning=f"{part} {what}") for part, unit, columns in _PARTS
+        Quantity(part, rms_length(values[:, columns]), unit, meaning=f"{part} {what}") for part, unit, columns in _PARTS
     ]
     return [each for each in sizes if isinstance(each.value, float) and np.isfinite(each.value)]
 
@@ -194,15 +194,6 @@ def _holds(found: EvaluatedRun) -> str:
     if share is None:
         return "it states no standard deviation"
     return f"the stated sd {'holds' if share >= HOLDS else 'does not hold'} ({100.0 * share:.1f} % inside 3 sd)"
-
-
-def _size(values: FloatArray) -> float:
-    """RMS length of the vectors ``(n, k)`` that are known."""
-    sums = [float(np.einsum("i,i->", column, column)) for column in values.T]  # by rows it takes thrice as long
-    if np.isfinite(sums).all() and len(values):
-        return float(np.sqrt(sum(sums) / len(values)))
-    known = values[np.isfinite(values).all(axis=1)]
-    return _size(known) if 0 < len(known) < len(values) else float("nan")
 
 
 def _rate(name: str, facts: ReadingFacts) -> str:
