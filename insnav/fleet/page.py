@@ -14,7 +14,7 @@ import numpy as np
 from insnav.fleet.batch import DRIVES, Navigated
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.colours import BLUE, GREEN
+from insnav.report.colours import BLUE, GREEN, VERMILLION
 from insnav.report.page import LIGHTS, Light, Page, Section, Verdict, one_each
 from insnav.report.panels import Curve, Panel
 from insnav.report.run_json import versions
@@ -174,13 +174,15 @@ def fleet_page(rows: Sequence[Row], left_out: Sequence[str]) -> Page:
     total = len(rows)
     count = {light: sum(row.light == light for row in rows) for light in _ORDER}
     out = max((row for row in rows if row.stands_out), key=lambda row: row.score, default=None)
-    said = ", ".join(f"{n} {_LABELS[light]}" for light, n in count.items() if n)
+    said = ", ".join(f"{_LABELS[light]}: {n}" for light, n in count.items() if n)
     sentence = f"{said}." if out is None else f"{said}; {out.drive.name} stands out most."
     wrong = count["failed"] + count["bad"]
     light: Light = (
         "bad" if wrong else "attention" if count["attention"] or out else "unknown" if count["unknown"] else "good"
     )
     reason = f"{wrong or 'none'} of {total} drives failed or are not to be relied on"
+    if not wrong and count["attention"]:
+        reason = f"{count['attention']} of {total} drives have warnings"
     kept = sum(row.drive.kept for row in rows)
     why = ("exit_code", "what", "where", "why", "fix")
     failed = [(row.drive.name, row.drive.failed) for row in rows if row.drive.failed is not None]
@@ -219,8 +221,10 @@ def _panels(rows: Sequence[Row]) -> tuple[Panel, ...]:
                 Curve(key.removeprefix("nis_"), np.array(x, float), np.array(y), colour, "crosses", text=names)
             )
     title, axis = "Normalised innovations (NIS)", "place in the table"
+    edges = np.array([0.5, len(rows) + 0.5])  # room for the first and the last
+    curves.append(Curve("", edges, np.ones(2), VERMILLION, "thin"))
     panel = Panel("fleet", title, "NIS per axis", axis, tuple(curves), log_y=True, levels=((1.0, "ideal"),), height=240)
-    return (panel,) if curves else ()
+    return (panel,) if curves[1:] else ()
 
 
 def write_fleet(folder: Path, drives: Sequence[Navigated], left_out: Sequence[str], options: Mapping[str, Any]) -> Page:

@@ -18,7 +18,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 FigureFormat = Literal["png", "svg", "pdf"]
 
 DOTS_PER_INCH = 130
-_LONG = 1e8  # ends of a logarithmic axis so far apart have no room for more than powers of ten
+_LONG = 1e4  # ends of a logarithmic axis so far apart have no room for more than powers of ten
 
 _RC: Any = {
     "font.family": "sans-serif",

@@ -47,7 +47,7 @@ _COMPONENTS = {
 def page(result: Result[OutageStudy]) -> Page:
     """Lay out an outage test."""
     study = result.found
-    name = Path(result.inputs["imu"].path).name if "imu" in result.inputs else "a drive"
+    name = str(Path(*Path(result.inputs["imu"].path).parts[-2:])) if "imu" in result.inputs else "a drive"
     rows = tuple(_row(each) for each in study.growth)
     first, *others = (table for component in _COMPONENTS if (table := _table(component, study.growth)).rows)
     inside = list(dict.fromkeys(f"{100.0 * each.inside_at_end:.0f}" for each in study.growth))

@@ -56,7 +56,7 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
     warnings, best = (*run_warnings(found), *file_warnings(result)), next(iter(rated(found)), "")
     assumed = run_assumptions(result)
     return Page(
-        Path(name).name,
+        str(Path(*Path(name).parts[-2:])),  # files of many drives have one name
         (run_line(result), *run_circles(found, Path(reference).name)),
         _sections(found, reference) if sections else (),
         warnings=warnings,
