@@ -30,6 +30,7 @@ BACK = 0.3  # part of the largest offset at which fixes are back where they were
 MINORITY = 0.5  # of the fixes may be false between changes
 OVER = 0.6  # part of the largest change of velocity that may be left of all together after a drag [-]
 FASTEST = 6.0  # drag of fixes; what changes by more, an IMU has missed: a hard start, a clipped axis [m/s]
+HELD = 3.0  # standard deviations of the smoothed position hold so large a jump already
 LEAST = 0.2  # probability of either explanation, at least: half of three standard deviations hold it
 VELOCITY, ATTITUDE = 3, 6  # first of their error states
 TOLD = {
@@ -181,6 +182,16 @@ def mixed(run: Run, changes: tuple[StateChange, ...]) -> Run:
     last = offset(changes, time[-1:])
     run = widened(run, lambda solution: offset(changes, solution.time), early)
     return widened(run, lambda solution: last - offset(changes, solution.time), 1.0 - early)
+
+
+def beyond(run: Run, changes: tuple[StateChange, ...]) -> tuple[StateChange, ...]:
+    """Changes of the fixes without those that did not last, and jumps that standard deviations hold already."""
+    assert run.smoothed is not None
+    solution = run.smoothed.solution
+    assert solution.sd is not None
+    rows = np.minimum(np.searchsorted(solution.time, [each.time for each in changes]), solution.time.size - 1)
+    pairs = zip(changes, HELD * solution.sd[rows, :3], strict=True)
+    return tuple(each for each, held in pairs if (np.abs(each.change) > held * (each.first == 0)).any())
 
 
 def resets_of(run: Run) -> tuple[StateChange, ...]:

@@ -28,6 +28,7 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.filter.changes import (
     ATTITUDE,
     BETTER,
+    beyond,
     changes_of,
     either,
     false_between,
@@ -215,11 +216,11 @@ def _left_open(
     of_imu, of_fixes = (tuple(each for each in changes if of_the_imu(each) is imu) for imu in (True, False))
     perhaps = "against all fixes, which may be false; standard deviations hold both"
     said = told(of_imu, "likelier than false fixes; taken into account" if sure else perhaps)
-    trust, lasting = false_between(of_fixes, gps, settings.delay), tuple(each for each in of_fixes if each.change.any())
+    trust, lasting = false_between(of_fixes, gps, settings.delay), beyond(run, of_fixes)
     if trust is not None:
         run = found.again(trust=trust, changes=of_imu)
     elif lasting:
-        trust = unused(tuple(each for each in of_fixes if each not in lasting), gps, settings.delay)
+        trust = unused(tuple(each for each in of_fixes if not each.change.any()), gps, settings.delay)
         run = mixed(run, lasting)
         why = "against the IMU and all others; those before or those after are false, standard deviations hold both"
         said += told(lasting, why)

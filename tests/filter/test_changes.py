@@ -10,7 +10,7 @@ import pytest
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.metrics import position_errors
-from insnav.filter.changes import FASTEST, VELOCITY, false_between, mixed, of_the_imu, offset, resets_of
+from insnav.filter.changes import FASTEST, VELOCITY, beyond, false_between, mixed, of_the_imu, offset, resets_of
 from insnav.filter.changes import told as said
 from insnav.filter.gates import Trust
 from insnav.filter.navigate import Navigated, navigate_recording
@@ -191,3 +191,12 @@ def test_fixes_left_out_at_an_end_of_the_record_may_be_the_true_ones(part, word)
     assert [word in event.action for event in events] == [True] * bool(word)
     sd, before = (each.smoothed.solution.sd[:, 1] for each in (wider, run))
     assert (3.0 * sd > 30.0).all() if word else (sd == before).all()
+
+
+def test_what_standard_deviations_hold_is_no_contradiction():
+    run = navigated(5, recording(5).gps).run
+    solution = run.smoothed.solution
+    at, sd = float(solution.time[2000]), solution.sd[2000, 0]
+    small, large, drag = jump(at, 2.9 * sd), jump(at, 3.1 * sd), replace(jump(at, 0.1), first=VELOCITY)
+    assert beyond(run, (small, large, replace(large, change=np.zeros(3)), drag)) == (large, drag)
+    assert beyond(run, ()) == ()
