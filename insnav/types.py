@@ -397,6 +397,7 @@ class DelayStep:
     time: float  # of the first fix with another delay, in the time of the samples [s]
     before: float  # than what is given, or none [s]
     after: float
+    sure: bool = True  # no other change explains as much
 
 
 @dataclass(frozen=True, slots=True)

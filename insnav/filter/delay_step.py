@@ -3,7 +3,8 @@
 The delay is a state of the filter, constant throughout; the adjoint of the smoother shows the change of it that later
 fixes ask for (see `insnav.filter.shocks`). Where one stands out, all fixes are put on the smaller of both delays and
 the drive is prepared and navigated anew: a state of the filter goes only half way, and so is done a few times. Which of
-both is right the drive does not tell; standard deviations hold the other one.
+both is right the drive does not tell; standard deviations hold the other one, and where a jump of the fixes explains as
+much, that, too.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from insnav.filter.changes import BETTER, widened
+from insnav.filter.changes import BETTER, either, widened
 from insnav.filter.navigate import Navigated
 from insnav.filter.prepare import Prepared
 from insnav.filter.whole_record import stretches, unlikely
@@ -33,12 +34,13 @@ def with_one_delay(
     """
     first = other = navigated(fixes)
     assert fixes is not None  # else there was nothing to navigate
-    late, some = np.zeros(fixes.time.size), fixes
+    late, some, sure = np.zeros(fixes.time.size), fixes, True
     for _ in range(ROUNDS):
         smoothed = other[1].run.smoothed
         if smoothed is None or smoothed.delay_step is None:
             break
         step = smoothed.delay_step
+        sure = sure and (step.sure or other is not first)
         late += moved(step, fixes.time - other[0].settings.delay - late)
         time = fixes.time - late
         kept = time > np.maximum.accumulate(np.concatenate([[-np.inf], time[:-1]]))
@@ -47,7 +49,11 @@ def with_one_delay(
     if other is first or _cost(*other, some) > _cost(*first, fixes) - BETTER:
         return first
     ready, done = other
-    return ready, replace(done, run=_told(done.run, fixes.time, late))
+    run = _told(done.run, fixes.time, late)
+    if not sure:
+        said = (event for event in first[1].run.events if event.kind is EventKind.CONTRADICTION)
+        run = either(replace(run, events=(*run.events, *said)), first[1].run)
+    return ready, replace(done, run=run)
 
 
 def _cost(ready: Prepared, done: Navigated, gps: GpsData) -> float:

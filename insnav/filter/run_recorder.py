@@ -218,7 +218,7 @@ class Record:
             step = None
             if shown.late is not None:
                 before = float(epochs[np.searchsorted(epochs[:, 0], shown.late.time - TIME_TOLERANCE) - 1, 25])
-                step = DelayStep(shown.late.time, before, before - float(shown.late.change[0]))
+                step = DelayStep(shown.late.time, before, before - float(shown.late.change[0]), shown.sure)
             smoothed = replace(
                 smoothed, smallest_seen=shown.smallest, surest=shown.surest, likely=shown.likely, delay_step=step
             )

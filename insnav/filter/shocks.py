@@ -63,6 +63,7 @@ class Shocks(NamedTuple):
     # in ten in all but a tenth of the record
     smallest: FloatArray
     late: StateChange | None  # of the delay (1,) [s], if it stands out
+    sure: bool  # no other change explains as much
 
 
 def shocks(found: SmoothedErrors, *, velocities: bool = True) -> Shocks:
@@ -88,20 +89,21 @@ def shocks(found: SmoothedErrors, *, velocities: bool = True) -> Shocks:
         if value > max(TRIED, usual):
             likely.append(change)
     likely.sort(key=lambda change: -change.gain)
-    return Shocks(surest, tuple(likely), np.array(list(smallest.values())), late(found))
+    return Shocks(surest, tuple(likely), np.array(list(smallest.values())), *late(found))
 
 
-def late(found: SmoothedErrors) -> StateChange | None:
-    """Change of the delay that stands out, if no other change explains much more."""
+def late(found: SmoothedErrors) -> tuple[StateChange | None, bool]:
+    """Change of the delay that stands out, if no other change explains much more; and whether none explains more."""
     rows = found.time > found.time[0] + LATE_START
     gains = np.nan_to_num(np.column_stack([found.late[rows, 0], *found.shocks[rows, ::SHOCK].T]))
     if gains.shape[0] == 0 or gains[:, 0].max() < max(LATE, PERHAPS * gains.max()):
-        return None
+        return None, False
     row = int(np.argmax(gains[:, 0]))
     change = found.late[rows][row, 1:]
     if abs(change[0]) < LEAST_LATE:
-        return None
-    return StateChange(float(found.time[rows][row]), STATES, change, float(gains[row, 0]))
+        return None, False
+    step = StateChange(float(found.time[rows][row]), STATES, change, float(gains[row, 0]))
+    return step, bool(gains[row, 0] >= gains.max())
 
 
 def settled(found: SmoothedErrors) -> BoolArray:
