@@ -107,8 +107,8 @@ class LateFixes:
         every = [costs_of(*self.innovations(*each)) for each in np.broadcast(delays, drifts)]
         return np.array([np.bincount(self._block, each) for each in every])
 
-    def innovations(self, delay: float, drift: float) -> FloatArray:
-        """Innovations and their variances, (2, n), with a delay in the middle of the record [s] and its drift [s/s]."""
+    def measured(self, delay: float, drift: float) -> tuple[FloatArray, FloatArray]:
+        """Predicted minus measured of each row (m, 6) with a delay, and how errors show in that (m, 6, n)."""
         at, span = self._at, -(delay + drift * self._away)
         late = span - self._lag
         (_, p, c), (v, _, turned) = self._since(span), self._since(late)
@@ -136,6 +136,11 @@ class LateFixes:
             own[:, 3:, at.shaken : at.shaken + 3] = by_shaken
         z[self._rows] += self._lasting[self._rows]
         h[self._rows] = own
+        return z, h
+
+    def innovations(self, delay: float, drift: float) -> FloatArray:
+        """Innovations and their variances, (2, n), with a delay in the middle of the record [s] and its drift [s/s]."""
+        at, (z, h) = self._at, self.measured(delay, drift)
         (time, _, *before), noise, decay = self._tape, self._model.noise, self._model.decay
         correlated = self._correlated
         count = noise_likelihood.innovations(

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import insnav
+from insnav.attitude import dcm_from_quat, quat_from_dcm, skew
 from insnav.errors.ensemble import normalised
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.exceptions import InputError
@@ -17,7 +18,9 @@ from insnav.filter import FilterSettings, error_model
 from insnav.filter.gps_delay import delay_of, filtered, scale_of
 from insnav.filter.late_fixes import REACH, LateFixes
 from insnav.filter.prepare import DELAY_SD, Prepared, prepare
+from insnav.filter.state_layout import layout
 from insnav.kernels import errorstate
+from insnav.kernels.smoother import CORRECTION, STATE
 from insnav.report.run.warnings import run_warnings
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate.gps_file import load_gps
@@ -264,6 +267,31 @@ def test_fixes_of_another_time_are_as_likely_as_moved_ones(delay):
         each.costs(np.array([at])).sum(axis=1) for each, at in ((there, delay), (here, 0.0), (there, 0.0))
     )
     assert abs(cost - own) < 0.1 * (cost - least[0]) + 30.0
+
+
+ROTATED = np.array([2e-4, -3e-4, 5e-4])  # also the steps of the other states [SI]
+
+
+@pytest.mark.parametrize("delay", [-0.8, 0.3])
+@pytest.mark.parametrize(("state", "column"), [(3, STATE + 3), (6, STATE + 6), (12, CORRECTION + 3), (-1, -1)])
+def test_errors_show_in_fixes_of_another_time_as_differences_do(delay, state, column):
+    """Of velocity, attitude, bias of the accelerometers and lever arm: the run's own state moved by a little."""
+    seen = filtered(recorded())
+    epochs, settings, firsts = seen.epochs.copy(), seen.settings, [state]
+    if column == STATE + 6:  # estimated minus true: C_nb is turned back
+        turned = (np.eye(3) - skew(ROTATED)) @ dcm_from_quat(epochs[1:, column : column + 4])
+        epochs[1:, column : column + 4] = quat_from_dcm(turned)
+    elif column < 0:
+        firsts = [layout(settings).lever, layout(settings).shaken]  # of turns and of vibration
+        settings = replace(settings, lever_b=settings.lever_b + ROTATED)
+    else:
+        epochs[1:, column : column + 3] += ROTATED
+    (before, shown), (after, _) = (
+        LateFixes(seen.ready, *each).measured(delay, 0.0) for each in ((seen.settings, seen.epochs), (settings, epochs))
+    )
+    expected = sum(shown[:, :, first : first + 3] @ ROTATED for first in firsts if first >= 0)
+    assert np.abs(expected).max() > 1e-5
+    np.testing.assert_allclose(after - before, expected, atol=0.02 * np.abs(expected).max())
 
 
 def test_a_clock_that_is_off_leaves_the_lever_arm_as_it_is() -> None:
