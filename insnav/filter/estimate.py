@@ -52,7 +52,10 @@ class Estimate:
         self.motion, self.span = start.motion.copy(), np.zeros(1)
         self.history = History(n) if settings.smooth else None
         self._engine = Engine(start.covariance)
-        self._gps_noise, self._record, self._lever_given = settings.correlated, record, settings.lever_b
+        self._record, self._lever_given, self._gps_noise = record, settings.lever_b, settings.correlated
+        if self._gps_noise is not None:
+            self._lasting_sd, self._lasting_time = self._gps_noise.sds, self._gps_noise.times
+            self._lasting = self.at.correlated + np.arange(self._lasting_sd.size)
         self._carried = errorstate.Carried(self.x, self.correction, self.motion, np.zeros(errorstate.SUMS), self.span)
         self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
         self._work = errorstate.scratch()
@@ -92,12 +95,10 @@ class Estimate:
                 fix="cut the recording before it",
             )
         if self._gps_noise is not None:
-            fade = np.exp(-self.span[0] / self._gps_noise.times)
+            fade = np.exp(-self.span[0] / self._lasting_time)
             self.correlated *= fade
-            for i in range(fade.size):
-                at = self.at.correlated + i
-                self._phi[at, at] = fade[i]
-                self._q[at, at] = (1.0 - fade[i] ** 2) * self._gps_noise.sds[i] ** 2
+            self._phi[self._lasting, self._lasting] = fade
+            self._q[self._lasting, self._lasting] = (1.0 - fade**2) * self._lasting_sd**2
         while self._changes and self._changes[0].time <= time + TIME_TOLERANCE:
             self._change(self._changes.pop(0))
         self._note_repair(time, self._engine.predict(self._phi, self._q, time))
@@ -171,8 +172,7 @@ class Estimate:
         grown = np.where(decay > 0.0, (1.0 - fade**2) / np.where(decay > 0.0, 2.0 * decay, 1.0), span)
         q[sensors, sensors] = np.diag(driving * grown)
         if self._gps_noise is not None:
-            lasting = slice(at.correlated, at.correlated + self.correlated.size)
-            phi[lasting, lasting] = 0.0
+            phi[self._lasting, self._lasting] = 0.0
         p = phi @ self.covariance @ phi.T + q
         phi[:NAV, sensors] = across.slope * fade
         p[:NAV, NAV:] = across.slope @ p[sensors, NAV:]
@@ -198,8 +198,8 @@ class Estimate:
     def _begin_at_fix(self, p: FloatArray) -> None:
         """Set the covariance where the position is that of a fix, with its time-correlated error."""
         if self._gps_noise is not None:
-            reset_correlated(p, self.at.correlated, self._gps_noise.sds)
-            cross_covariance(p, self.at.correlated, self._gps_noise.sds)
+            reset_correlated(p, self.at.correlated, self._lasting_sd)
+            cross_covariance(p, self.at.correlated, self._lasting_sd)
             self.correlated[:] = 0.0
         self._engine.replace_covariance(p)
 
