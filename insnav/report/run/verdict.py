@@ -163,10 +163,11 @@ def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
         fixes = fixes_are_late(found.reference_late, shown_by_drive(found.run))
         what = "fixes and samples have two clocks" if fixes else "the clock of the reference is off, not the solution"
         return "attention", f"{what}: {number(rms(best.horizontal))} m RMS {_as_it_is(found)}"
-    if warnings:
-        return "attention", f"{len(warnings)} warning{'s' * (len(warnings) > 1)}"
-    if shares and (more := _too_sure(found)):
-        return "attention", f"the errors of {' and '.join(more)} are larger than stated"
+    more = _too_sure(found) if shares else []
+    reasons = [f"{len(warnings)} warning{'s' * (len(warnings) > 1)}"] if warnings else []
+    reasons += [f"the errors of {' and '.join(more)} are larger than stated"] if more else []
+    if reasons:
+        return "attention", "; ".join(reasons)
     if shares:
         if (share := _covered(found)) < MOST:
             return "unknown", f"the reference covers {100.0 * share:.0f} % of the drive; there, errors are as stated"
@@ -193,7 +194,8 @@ def _holds(found: EvaluatedRun) -> str:
     share = inside(next(iter(found.errors_on_clock.values())))
     if share is None:
         return "it states no standard deviation"
-    return f"the stated sd {'holds' if share >= HOLDS else 'does not hold'} ({100.0 * share:.1f} % inside 3 sd)"
+    holds = "holds" if share >= HOLDS else "does not hold"
+    return f"the stated sd of position {holds} ({100.0 * share:.1f} % inside 3 sd)"
 
 
 def _rate(name: str, facts: ReadingFacts) -> str:
