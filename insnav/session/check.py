@@ -151,6 +151,10 @@ def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path,
             if "gps" not in given
             else "reference"
         )
+        other = "IMU" if kinds == {"imu"} else "reference" if kinds and role in given else ""
+        if other and role != "imu" and Path(each) not in roles:
+            patient.roles[str(each)] = f"another {other}: not looked at"
+            continue
         role = roles.get(Path(each), role)
         if not kinds and Path(each) not in roles:
             patient.roles[str(each)] = "not understood"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +20,8 @@ from insnav.session.check import check
 from insnav.types import GpsData, ImuData, Trajectory
 from tests.input.spellings.imu_files import FLU, SHORT, iso
 from tests.input.spellings.recorded import DEG, GPS_HEADERS, IMU_HEADERS, drive, fixes, samples, table, text
+
+SAMPLE = Path(__file__).parents[2] / "trajectories" / "sample"
 
 
 @pytest.fixture(scope="module")
@@ -181,6 +184,28 @@ def test_a_reference_that_is_the_fixes_is_said(tmp_path):
     apart = fixes(GPS_HEADERS, height=text(drive().lla[:, 2] + 0.1), lat=text(drive().lla[:, 0] + 1e-7, 10))
     other = table(tmp_path / "other.csv", apart)
     assert not insnav.load(imu, gps, other).navigate(smooth=False).found.reference_is_gps
+
+
+def test_files_of_other_drives_are_not_taken_for_parts_of_this_one(tmp_path):
+    """A second IMU file was called GPS or reference, and the last of several references taken."""
+    names = {
+        "a.csv": "imu.csv.gz",
+        "b.csv": "imu.csv.gz",
+        "gps.csv": "gps.csv",
+        "ref.csv": "ref.csv",
+        "ref_2.csv": "ref.csv",
+    }
+    for name, source in names.items():
+        (tmp_path / name).write_bytes((SAMPLE / source).read_bytes())
+    found = check([tmp_path / name for name in names], {}).found
+    roles = {path.rsplit("/", 1)[-1]: role for path, role in found.roles.items()}
+    assert roles == {
+        "a.csv": "IMU",
+        "b.csv": "another IMU: not looked at",
+        "gps.csv": "GPS",
+        "ref.csv": "reference",
+        "ref_2.csv": "another reference: not looked at",
+    }
 
 
 def test_a_filter_that_is_lost_is_no_run(tmp_path, monkeypatch):
