@@ -39,7 +39,8 @@ LONGEST = 900.0  # of the record that is looked at [s]
 FIXES = 600  # of it at most
 FEWEST_BLOCKS = 3  # of it; fewer may agree by accident
 WORTH = 0.03  # smaller delays are linear enough for the state of the filter [s]
-SURE = 5.0  # delays are believed beyond so many of their standard deviations
+WIDEST = 0.5  # standard deviation of a delay with which the filter begins where a drive hardly shows it [s]
+SURE, REFINED = 5.0, 3.0  # delays are believed beyond so many of their standard deviations, once it was moved
 ROUNDS = 3  # of moving the clock
 LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # of an arm of vibration's own: the least, and what is worth states [m]
 SCALES = 50  # steps of the search for a standard deviation
@@ -186,29 +187,32 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
     [s/s]; `settings`: of the filter; a delay that is given is not looked for.
     """
     ready = prepared(0.0, 0.0)
-    clock = rate = 0.0
+    clock = rate = of_ready = 0.0
     if settings.delay_sd <= 0.0 and settings.lever_sd <= 0.0 and not settings.lever_b.any():
         return ready
     seen = filtered(ready)
+    further, there, width = seen, ready, settings.delay_sd
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
-        delay, sd, drift = delay_of(seen)
-        if abs(delay) < max(WORTH, SURE * sd) and not drift:
+        delay, sd, drift = delay_of(further)
+        width = max(settings.delay_sd, min(sd, WIDEST)) if np.isfinite(sd) else settings.delay_sd
+        sure = SURE if clock == 0.0 else REFINED
+        if abs(delay) < max(WORTH, sure * sd) and not drift:
             break
-        moved = prepared(clock + delay, rate + drift)
-        further = filtered(moved)
-        if further.misfit > seen.misfit + WORSE:
-            break
-        clock, rate, ready, seen = clock + delay, rate + drift, moved, further
-    ready = replace(ready, settings=replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd))
+        clock, rate = clock + delay, rate + drift
+        there = prepared(clock, rate)
+        further = filtered(there)
+        if further.misfit <= seen.misfit + WORSE:  # a large delay is found in steps, of which the first may be worse
+            ready, seen, of_ready = there, further, rate
+    ready = replace(ready, settings=replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd, delay_sd=width))
     if seen.ready.clock == ready.clock and not ready.parts:  # of a start in motion
         ready = replace(ready, alignment=seen.ready.alignment, initial=seen.ready.initial)
     notes = []
     if ready.clock != 0.0:
         which = "late" if ready.clock > 0.0 else "early"
         notes.append(f"the fixes are {abs(ready.clock):.2f} s {which}: IMU time is moved by that")
-    if rate != 0.0:
-        which = "slow" if rate > 0.0 else "fast"
-        notes.append(f"the clock of the IMU is {abs(1e6 * rate):.0f} ppm {which} against GPS time: corrected")
+    if of_ready != 0.0:
+        which = "slow" if of_ready > 0.0 else "fast"
+        notes.append(f"the clock of the IMU is {abs(1e6 * of_ready):.0f} ppm {which} against GPS time: corrected")
     return replace(ready, notes=(*ready.notes, *notes))
 
 

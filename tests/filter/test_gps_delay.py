@@ -257,6 +257,29 @@ def test_delay_and_lever_arm_are_not_taken_for_one_another(profile, seed, grade,
     assert (np.abs(run.lever_b - arm) < 3.0 * run.lever_sd).all()
 
 
+@pytest.mark.parametrize(
+    ("profile", "seed", "grade", "gps", "arm", "span", "delay"),
+    [
+        ("aircraft_pattern", 9214, "consumer", "dgps", (-1.5, 0.6, -0.9), (396.6, 630.6), 1.0),  # found in three steps
+        ("round_trip", 9216, "tactical", "single", (0.0, 0.0, 0.0), (0.0, 900.0), 0.3),  # hardly shown: 0.1 s sure
+    ],
+)
+def test_a_delay_far_from_where_the_search_begins(profile, seed, grade, gps, arm, span, delay):
+    """The first step made positions unlikelier, or the filter began surer than the drive shows: 1 and 0.2 s off."""
+    plan = plan_of(profiled(profile, seed), {"imu": grade, "gps": replace(load_gps(gps), lever_b=arm), "seed": seed})
+    made = plan.measured()
+    since = made.imu.time[0]
+    imu, fixes = (
+        each.rows((each.time > since + span[0]) & (each.time < since + span[1])) for each in (made.imu, made.gps)
+    )
+    if gps == "single":
+        none = np.full_like(fixes.v_n, np.nan)
+        fixes = replace(fixes, v_n=none, velocity_sd=none)
+    run = insnav.load(imu, replace(fixes, time=fixes.time + delay)).navigate(smooth=False).found.run
+    assert abs(run.gps_delay - delay) < 3.0 * run.gps_delay_sd < 0.5
+    assert (np.abs(run.lever_b - arm) < 3.0 * run.lever_sd).all()
+
+
 @pytest.mark.parametrize("delay", [-0.3, 0.0, 0.2])
 def test_fixes_of_another_time_are_as_likely_as_moved_ones(delay):
     """What the error states of one run say of a delay against a run with the samples moved by it."""
