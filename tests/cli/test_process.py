@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.cli.conftest import QUICK, ROOT
@@ -62,18 +63,21 @@ def undisturbed(files: Path, tmp_path_factory: pytest.TempPathFactory) -> float:
 def test_a_signal_stops_at_once_and_leaves_nothing(
     drive: Path, undisturbed: float, number: signal.Signals, code: int, word: str, moment: float
 ):
-    process = _start("imu.csv", "--gps", "gps.csv", "-v")
-    _wait_for(process, "insnav: IMU model")
-    time.sleep(moment)  # while it navigates, or draws
-    process.send_signal(number)
-    begin = time.perf_counter()
-    out, err = process.communicate(timeout=30)
-    assert time.perf_counter() - begin < 0.5 * undisturbed
-    assert process.returncode == code, err
-    assert out == ""
-    assert err.endswith(f"insnav: error: {word}\n")
-    assert "Traceback" not in err
-    assert sorted(path.name for path in drive.iterdir()) == ["gps.csv", "imu.csv", "ref.csv"]
+    taken = []
+    while len(taken) < 3 and min(taken, default=np.inf) > 0.5 * undisturbed:  # what others do makes it only longer
+        process = _start("imu.csv", "--gps", "gps.csv", "-v")
+        _wait_for(process, "insnav: IMU model")
+        time.sleep(moment)  # while it navigates, or draws
+        process.send_signal(number)
+        begin = time.perf_counter()
+        out, err = process.communicate(timeout=30)
+        taken.append(time.perf_counter() - begin)
+        assert process.returncode == code, err
+        assert out == ""
+        assert err.endswith(f"insnav: error: {word}\n")
+        assert "Traceback" not in err
+        assert sorted(path.name for path in drive.iterdir()) == ["gps.csv", "imu.csv", "ref.csv"]
+    assert min(taken) < 0.5 * undisturbed
 
 
 @posix
