@@ -191,7 +191,7 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
     if settings.delay_sd <= 0.0 and settings.lever_sd <= 0.0 and not settings.lever_b.any():
         return ready
     seen = filtered(ready)
-    further, there, width = seen, ready, settings.delay_sd
+    further, width = seen, settings.delay_sd
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
         delay, sd, drift = delay_of(further)
         width = max(settings.delay_sd, min(sd, WIDEST)) if np.isfinite(sd) else settings.delay_sd

@@ -15,7 +15,7 @@ from insnav import strapdown
 from insnav.alignment import in_motion
 from insnav.attitude import dcm_from_quat, rph_from_quat, skew
 from insnav.earth import gravity_n, ned_offset
-from insnav.filter.navigator import SEEN, rates_at
+from insnav.filter.navigator import SEEN, rates_at, turned
 from insnav.filter.noise_identification import HUBER, bridged, costs_of
 from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
@@ -73,17 +73,18 @@ class LateFixes:
                 self._lasting[k, : fade.shape[1]] = fade[k] * (
                     self._lasting[k - 1, : fade.shape[1]] - fed[k - 1, states]
                 )
-        self._parts, self._bias = strapdown.intervals(ready.imu, ready.nominal), epochs[good, CORRECTION:]
+        parts, self._bias = strapdown.intervals(ready.imu, ready.nominal), epochs[good, CORRECTION:]
+        self._samples = parts.end, turned(parts)
         self._nominal, self._gravity = ready.nominal, gravity_n(gps.lla[0, 0], gps.lla[0, 2])
         begin, rph = float(time[0]), rph_from_quat(epochs[0, STATE + 6 : STATE + 10])
         bias = np.median(epochs[time.size // 2 :, CORRECTION : CORRECTION + 3], axis=0)
-        track = in_motion.history(self._parts, begin, float(self._parts.end[-1]), rph, bias, gps.lla[0, 0])
+        track = in_motion.history(parts, begin, float(parts.end[-1]), rph, bias, gps.lla[0, 0])
         u, c = track.u_n, dcm_from_quat(track.q_nb).reshape(-1, 9)
         moved = np.cumsum(0.5 * (u[1:] + u[:-1]) * np.diff(track.time)[:, None], axis=0)
         self._track = track.time, np.hstack([u, np.vstack([np.zeros(3), moved]), c])
         self._here = self._sampled(self._time)
-        turned = np.swapaxes(self._here[:, 6:].reshape(-1, 3, 3), 1, 2)
-        self._turn = (np.eye(3) - skew(fed[good, 6:9])) @ dcm_from_quat(x[:, 6:]) @ turned
+        back = np.swapaxes(self._here[:, 6:].reshape(-1, 3, 3), 1, 2)
+        self._turn = (np.eye(3) - skew(fed[good, 6:9])) @ dcm_from_quat(x[:, 6:]) @ back
         self._start = first_state(ready.initial, settings).covariance
         self._start[:NAV, :NAV] += np.diag(np.repeat(OPEN_START, 3) ** 2)
         self._out = np.empty((2, 6 * time.size))
@@ -111,12 +112,13 @@ class LateFixes:
         """Predicted minus measured of each row (m, 6) with a delay, and how errors show in that (m, 6, n)."""
         at, span = self._at, -(delay + drift * self._away)
         late = span - self._lag
-        (_, p, c), (v, _, turned) = self._since(span), self._since(late)
+        (_, p, c), (v, _, c_late) = self._since(span), self._since(late)
         whole, rate = (
-            rates_at(self._time + late, self._parts, reach) - self._bias[:, :3] for reach in (0.5 * self._nominal, SEEN)
+            rates_at(self._time + late, *self._samples, reach) - self._bias[:, :3]
+            for reach in (0.5 * self._nominal, SEEN)
         )
-        arm, by_lever = _times(c, self._lever), turned @ skew(rate if at.shaken >= 0 else whole)
-        by_shaken = turned @ skew(whole - rate)
+        arm, by_lever = _times(c, self._lever), c_late @ skew(rate if at.shaken >= 0 else whole)
+        by_shaken = c_late @ skew(whole - rate)
         swing = _times(by_lever, self._lever) + (_times(by_shaken, self._shaken) if at.shaken >= 0 else 0.0)
         # errors are estimate minus truth; see `insnav.kernels.gps_measurement`
         z, h = np.zeros((self._kind.size, 6)), np.zeros((self._kind.size, 6, at.states))
@@ -126,7 +128,7 @@ class LateFixes:
         own[:, :3, :3] = own[:, 3:, 3:6] = np.eye(3)
         own[:, :3, 3:6] = s[..., None] * np.eye(3)
         own[:, :3, 6:9], own[:, 3:, 6:9] = skew(p + arm), skew(v + swing)
-        own[:, :3, 12:15], own[:, 3:, 12:15] = -0.5 * s[..., None] ** 2 * c, -q[..., None] * turned
+        own[:, :3, 12:15], own[:, 3:, 12:15] = -0.5 * s[..., None] ** 2 * c, -q[..., None] * c_late
         if self._correlated is not None:
             size = self._correlated.sds.size
             own[:, :, at.correlated : at.correlated + size] = np.eye(6)[:, :size]

@@ -195,7 +195,7 @@ class Navigator:
             pieces = strapdown.split(parts, cuts, first, stop)
             inc = strapdown.increments(parts, pieces)
             if self._estimate.at.shaken >= 0:
-                self._rates = rates_at(self._fix_time[self._next :], parts)
+                self._rates = rates_at(self._fix_time[self._next :], parts.end, turned(parts))
             self._process(inc, parts.gap[pieces[0]])
             self._done = parts.end[stop - 1]
         self._tail = buffer.rows(slice(max(0, ready - 2 * self._margin), None))
@@ -366,11 +366,18 @@ class Navigator:
         self._rejections.clear()
 
 
-def rates_at(times: FloatArray, parts: strapdown.Intervals, reach: float = SEEN) -> FloatArray:
-    """Mean body rate about each of the fixes (k,) [s], without what vibrates: (k, 3) [rad/s]."""
-    turned = np.cumsum(parts.gyro * parts.dt[:, None] if parts.instant else parts.gyro, axis=0)
-    window = np.clip(times + np.array([[-reach], [reach]]), parts.end[0], parts.end[-1])
-    angle = np.array([np.interp(window, parts.end, column) for column in turned.T])
+def turned(parts: strapdown.Intervals) -> FloatArray:
+    """Angle about each axis from the first of the samples on, at their ends, (n, 3) [rad]."""
+    return np.cumsum(parts.gyro * parts.dt[:, None] if parts.instant else parts.gyro, axis=0)
+
+
+def rates_at(times: FloatArray, end: FloatArray, angles: FloatArray, reach: float = SEEN) -> FloatArray:
+    """Mean body rate about each of the fixes (k,) [s], without what vibrates: (k, 3) [rad/s].
+
+    `end` (n,): of the samples [s]; `angles` (n, 3): as `turned` has them.
+    """
+    window = np.clip(times + np.array([[-reach], [reach]]), end[0], end[-1])
+    angle = np.array([np.interp(window, end, column) for column in angles.T])
     return np.asarray((angle[:, 1] - angle[:, 0]) / np.maximum(window[1] - window[0], reach)).T
 
 
