@@ -144,13 +144,8 @@ def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path,
         for path, kinds in held.items()
     }
     for each, kinds in sorted(held.items(), key=lambda item: order[item[0]]):
-        role = (
-            "imu"
-            if ("imu" in kinds or not kinds) and "imu" not in given
-            else "gps"
-            if "gps" not in given
-            else "reference"
-        )
+        parts = ("imu", "gps") if "imu" in kinds or not kinds else ("gps",)
+        role = next((part for part in parts if part not in given), "reference")
         other = "IMU" if kinds == {"imu"} else "reference" if kinds and role in given else ""
         if other and role != "imu" and Path(each) not in roles:
             patient.roles[str(each)] = f"another {other}: not looked at"
