@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -25,7 +26,7 @@ SHORTEST_OUTAGE_S = 2.0
 MISSED_FIXES = 3.0  # median intervals without a used position fix make an outage
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class EvaluatedRun:
     """A run, the fixes it used, and its errors."""
 
@@ -63,7 +64,7 @@ class EvaluatedRun:
         found = (each for each in self.run.events if each.kind == EventKind.REF_CONTRADICTION and each.unit == "s")
         return next((each.value for each in found), 0.0)
 
-    @property
+    @cached_property
     def errors_on_clock(self) -> dict[str, TrajectoryErrors]:
         """As `known_errors`, with the clock of the reference corrected."""
         late, known = self.reference_late, self.known_errors
