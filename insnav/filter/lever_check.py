@@ -53,18 +53,21 @@ def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared
         seen = _three(limit + MARGIN * run.lever_sd)
         note = f"errors of the lever arm given that this drive would not show are smaller than {seen} m (x, y, z)"
         return replace(given, notes=(*given.notes, note))
-    ready = alone()
-    run = looked(ready, lever_sd=OPENED)  # anew, with noise in which there is no wrong arm
+    return alone()
+
+
+def lever_contradicted(arm: FloatArray, run: Run) -> Event:
+    """An arm (3,) that was given [m], and that a run without it does not have: what to give is the run's own one."""
     text = (
         f"the antenna seems to be at {_three(run.lever_b)} (± {_three(run.lever_sd)}) m from the IMU, forward, right, "
+        f"down, not at {_three(arm)} as given, which is not used: --lever-arm {_three(run.lever_b)}"
     )
-    text += f"down, not at {_three(arm)} as given, which is not used: --lever-arm {_three(run.lever_b)}"
-    event = Event(given.initial.time, EventKind.CONTRADICTION, float(off.max()), WRONG, "m", text)
-    return replace(ready, faults=(*ready.faults, event))
+    off = float(np.abs(run.lever_b - arm).max())
+    return Event(float(run.solution.time[0]), EventKind.CONTRADICTION, off, WRONG, "m", text)
 
 
 def _three(values: FloatArray) -> str:
-    return ",".join(f"{value + 0.0:.2f}" for value in values)
+    return ",".join(f"{round(float(value), 2) + 0.0:.2f}" for value in values)
 
 
 def delay_contradicted(ready: Prepared) -> tuple[Event, ...]:

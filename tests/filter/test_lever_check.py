@@ -38,6 +38,7 @@ def test_a_wrong_lever_arm_is_said(profile, arm, said):
     if found:
         estimate = np.array([float(value) for value in found[0].rpartition(" ")[2].split(",")])
         assert np.abs(estimate[:2]).max() < 0.3
+        np.testing.assert_allclose(estimate, result.found.run.lever_b, atol=0.0051)  # its own, not that of a search
 
 
 @pytest.mark.parametrize(
