@@ -177,12 +177,12 @@ def _diverged(run: Run) -> list[str]:
 
 
 def _impossible_scale(run: Run) -> list[str]:
-    """A scale factor that no sensor has: the state stands for something that the model lacks."""
+    """A scale factor surely beyond what a sensor, and this IMU, has: the state stands for what the model lacks."""
     if len(run.sensor_errors.time) == 0:
         return []
     value, sd = (each[-1, 6:] for each in (run.sensor_errors.value, run.sensor_errors.sd))
     names = [f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz"]
-    sure = (np.abs(value) > _LARGEST_SCALE) & (np.abs(value) > 3.0 * sd)
+    sure = np.abs(value) > np.maximum(_LARGEST_SCALE, run.sensor_errors.sd[0, 6:]) + 3.0 * sd
     found = [f"{name} {100.0 * error:+.0f} %" for name, error, said in zip(names, value, sure, strict=True) if said]
     if not found:
         return []
