@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from insnav.cli.console import brief_text, files_line, quiet_figures, result, result_facts
-from insnav.cli.options import RESULT, Backdrop, Force, Json, Out, argument, flag, option
+from insnav.cli.options import RESULT, Backdrop, Force, Json, argument, flag, option
 from insnav.exceptions import ConfigError
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ in another format or by another version of insnav. Nothing is navigated.
 
 \b
 Examples:
-  insnav report run
+  insnav report monday/run                      monday/run_report
   insnav report run --figures svg --out run_svg
   insnav report run --pdf                       run.pdf, three pages
   insnav report run --backdrop streets.geojson  lines behind the track
@@ -33,7 +33,7 @@ def report(
     run: Annotated[Path, argument("RUN", "Folder of a run, outage test or budget.")],
     figures: Annotated[Literal["png", "svg"], option(RESULT, "FORMAT", "Figures as png or svg.")] = "png",
     backdrop: Backdrop = None,
-    out: Out = Path("report"),
+    out: Annotated[Path | None, option(RESULT, "FOLDER", "Folder to make; default RUN_report beside RUN.")] = None,
     force: Force = False,
     pdf: Annotated[bool, flag(RESULT, "--pdf", "Only a PDF of three pages, RUN.pdf beside the folder.")] = False,
     as_json: Json = False,
@@ -41,16 +41,17 @@ def report(
     """Draw a run again."""
     from insnav.result import open_result
 
-    opened = open_result(run)
+    opened, whole = open_result(run), run.resolve()
     quiet_figures()
     opened = with_backdrop(opened, backdrop)
     if pdf:
         from insnav.report.save import write_result_pdf
 
-        file = run.resolve().with_name(f"{run.resolve().name}.pdf")
+        file = whole.with_name(f"{whole.name}.pdf")
         write_result_pdf(opened, file)
         result(f"files: {file}")
         return
+    out = out or whole.with_name(f"{whole.name}_report")
     where = opened.save(out, force=force, figures=figures)
     if as_json:
         result_facts(where)

@@ -13,8 +13,8 @@ HELP = """Noise of an IMU from drives with it: imu.toml.
 
 The figures of IMU and fixes under which the innovations of all drives together
 are most likely, with 95 % intervals. What the drives do not tell stays that of
-the prior: the nearest grade, or --imu. Each DRIVE is a folder with imu.csv and
-gps.csv.
+the prior: the nearest grade, or --imu. Each DRIVE is a folder: all recordings in
+it, as insnav batch finds them, are drives.
 
 \b
 Examples:
@@ -27,7 +27,7 @@ Examples:
 @takes_data(None, files={}, only=("imu_model", "axes", "units", "lever_arm", "lever_arm_sd", "gps_delay", "gps_height"))
 def tune(
     data: Data,
-    drives: Annotated[list[Path], argument("DRIVE", "Folders.")],
+    drives: Annotated[list[Path], argument("DRIVE", "Folders of recordings.")],
     out: Out = Path("tune"),
     force: Force = False,
     as_json: Json = False,
@@ -35,13 +35,15 @@ def tune(
     """Find the noise of an IMU."""
     with working(out, force) as (folder, stage):
         stage("reading")
+        from insnav.fleet.recordings import find_drives
         from insnav.imu import to_toml
         from insnav.report.page import Page
         from insnav.report.run.quantities import noise_section
         from insnav.report.save import write_page
         from insnav.session.tuning import tune as tuned
 
-        found, loaded = tuned(drives, **data.inputs)
+        recordings = [each for folder in drives for each in find_drives(folder, out, 1)[0]]
+        found, loaded = tuned([each.files() for each in recordings], **data.inputs)
         note(f"prior: {loaded[0].imu_spec.name}: {loaded[0].imu_chosen}")
         stage("writing")
         summary = f"{len(loaded)} drives raise the log-likelihood by {found.gain:.0f} over the prior."

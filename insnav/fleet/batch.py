@@ -30,6 +30,18 @@ class Drive:
     arguments: tuple[str, ...]  # of ``insnav run``, paths absolute, without --out
     unclear: str = ""  # files of which it is not clear which are this drive
 
+    def files(self) -> tuple[Path, Path | None]:
+        """IMU and GPS file; none if the first has both. Raises InputError: it is not clear which they are."""
+        if self.unclear:
+            raise InputError(
+                "it is not clear which files are one drive",
+                where=self.arguments[0],
+                why=f"found: {self.unclear}",
+                fix="give each drive a folder, or names such as monday_imu.csv and monday_gps.csv, or a drives.toml",
+            )
+        before = self.arguments.index("--gps") if "--gps" in self.arguments else None
+        return Path(self.arguments[0]), None if before is None else Path(self.arguments[before + 1])
+
 
 @dataclass(frozen=True, slots=True)
 class Navigated:
@@ -129,13 +141,7 @@ def _navigated(how: _How, job: tuple[Drive, str]) -> Navigated:
 
 
 def _run(how: _How, drive: Drive) -> None:
-    if drive.unclear:
-        raise InputError(
-            "it is not clear which files are one drive",
-            where=drive.arguments[0],
-            why=f"found: {drive.unclear}",
-            fix="give each drive a folder, or names such as monday_imu.csv and monday_gps.csv, or a drives.toml",
-        )
+    drive.files()
     how.run([*drive.arguments, "--out", str(how.place / drive.name), "--force"])
 
 

@@ -107,6 +107,8 @@ def _row(drive: Navigated) -> Row:
     found = {key: _at(facts, path) for key, path, _, _ in _FIGURES}
     verdict = facts.get("verdict") or {}
     light, reason = verdict.get("light", "unknown"), verdict.get("reason", "")
+    if light == "attention" and facts.get("warnings"):
+        reason += f" ({facts['warnings'][0]})"
     return Row(
         drive,
         light if drive.failed is None else "bad",

@@ -52,8 +52,8 @@ def test_figures_and_figures_of_merit_are_those_of_the_run(drive: Path, cli: Cli
 def test_vector_figures_and_json(drive: Path, cli: Cli):
     assert cli(*RUN, "--figures", "none").code == 0
     shown = cli("report", "run", "--figures", "svg", "--json")
-    assert json.loads(shown.out) == read_facts(Path("report"))
-    assert "figures/position_error.svg" in read_facts(Path("report"))["files"]
+    assert json.loads(shown.out) == read_facts(Path("run_report"))
+    assert "figures/position_error.svg" in read_facts(Path("run_report"))["files"]
 
 
 def test_what_is_no_run_is_refused(drive: Path, cli: Cli):

@@ -14,7 +14,8 @@ HALF = 1.3  # factor of the ends of the intervals
 
 def drive(number: int, error: float, noise: float = 0.2, *, vehicle: str = "", light: str = "good") -> Navigated:
     facts = {
-        "verdict": {"light": light, "reason": "two warnings"},
+        "verdict": {"light": light, "reason": "1 warning"},
+        "warnings": ["a fix is false"],
         "accuracy": {"all": {"horizontal_m": {"rms": error}}},
         "fixes": {"position": {"processed": 100, "rejected": 1, "nis_mean_per_axis": 1.0 + 0.01 * number}},
         "noise": {
@@ -46,6 +47,7 @@ def test_failures_and_outliers_come_first():
     rows = rows_of(drives)
     assert [row.drive.name for row in rows[:3]] == ["lost", "d13", "d12"]
     assert [row.drive.name for row in rows if row.stands_out] == ["d12"]
+    assert rows[1].reason == "1 warning (a fix is false)"
     assert rows[2].stands_out == "horizontal error RMS"
     page = fleet_page(rows, ["photo.dat: no recording"])
     assert page.verdict is not None

@@ -223,3 +223,14 @@ def test_positions_in_a_room_are_named_as_such(tmp_path, headers):
     path.write_text("\n".join([headers, *(f"{i}000000000,1.{i},2.0,3.0" for i in range(9)), ""]))
     with pytest.raises(InputError, match="axes of a room"):
         read_gps(path)
+
+
+def test_exchanged_angles_are_no_degrees_and_minutes(tmp_path):
+    west = ROWS.copy()
+    west[:, 1], west[:, 2] = -105.1 + 0.001 * np.arange(len(west)), 40.1  # both would be ddmm.mmmm
+    for rows in (west, west[:, [0, 1, 2, 3]]):
+        with pytest.raises(InputError, match="latitude and longitude are exchanged") as refused:
+            _gps(tmp_path, rows, ",".join(NAMES[: rows.shape[1]]))
+        columns = refused.value.gives["columns"]
+        assert columns == {"lat": NAMES[2], "lon": NAMES[1]}
+        assert len(_gps(tmp_path, west[:, :4], ",".join(NAMES[:4]), columns=columns).data.time) == len(west)

@@ -15,6 +15,7 @@ from insnav.report.numbers import number
 from insnav.report.panel_figures import draw_drawings
 from insnav.report.run.figures import figure_drawings
 from insnav.report.run.page import run_figures
+from insnav.report.run.panels import run_track
 from insnav.report.series import BINS, Clock, broken_at_gaps, envelope, thinned
 from insnav.report.style import (
     drawing,
@@ -170,3 +171,10 @@ def test_gps_that_has_nothing_to_show_is_no_trouble(driven, tmp_path, times):
     rows = slice(0, 0) if times == "none" else slice(-2, None)
     few = GpsData(gps.time[rows], gps.lla[rows], np.full_like(gps.v_n[rows], np.nan), gps.v_n[rows], gps.v_n[rows])
     assert draw_all(run, few, None, tmp_path)
+
+
+def test_a_track_is_coloured_by_what_varies_on_it(driven):
+    run, gps, _ = driven
+    assert run_track(EvaluatedRun(run, gps)).shades[0].name == "horizontal sd [m]"
+    even = replace(run.solution, sd=np.ones_like(run.solution.sd))
+    assert run_track(EvaluatedRun(replace(run, solution=even), gps)).shades[0].name.startswith("speed")

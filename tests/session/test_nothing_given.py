@@ -11,7 +11,8 @@ import pytest
 import insnav
 from insnav.errors.budget.from_windows import WindowSettings
 from insnav.errors.evaluated_run import EvaluatedRun
-from insnav.exceptions import InputError
+from insnav.exceptions import ConfigError
+from insnav.fleet.recordings import find_drives
 from insnav.imu import load_imu
 from insnav.result import Result
 from insnav.session.tuning import tune
@@ -78,17 +79,17 @@ def test_drives_of_one_imu_are_tuned_together(tmp_path):
         (tmp_path / name).mkdir()
         for file in ("imu.csv.gz", "gps.csv"):
             (tmp_path / name / file).symlink_to(SAMPLE / file)
-    both, drives = tune([tmp_path / "monday", tmp_path / "tuesday"], lever_arm=LEVER)
-    one, _ = tune([tmp_path / "monday"], lever_arm=LEVER)
+    found = sorted(each.files() for each in find_drives(tmp_path, tmp_path / "out", 1)[0])
+    both, drives = tune(found, lever_arm=LEVER)
+    one, _ = tune(found[:1], lever_arm=LEVER)
     assert len(drives) == 2
     widths = [
         {figure.key: np.log(figure.high / figure.low) for figure in found.figures if figure.observable}
         for found in (both, one)
     ]
     assert widths[0]["gyro.bias_instability"] < 0.8 * widths[1]["gyro.bias_instability"]
-    (tmp_path / "tuesday" / "gps.csv").unlink()
-    with pytest.raises(InputError, match="one gps file"):
-        tune([tmp_path / "monday", tmp_path / "tuesday"])
+    with pytest.raises(ConfigError, match="where the vehicle was"):
+        tune([(SAMPLE / "imu.csv.gz", None)])
 
 
 @pytest.mark.parametrize("kept", [("v_n",), (), ("v_n", "fix")])

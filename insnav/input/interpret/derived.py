@@ -62,7 +62,8 @@ def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> 
     whole = {key: np.abs(values) // 100.0 for key, values in known.items()}
     minutes = all(bool((np.abs(values) % 100.0 < 60.0).all()) for values in known.values())
     far = max(float(np.mean(np.abs(known["lat"]) > 90.0)), float(np.mean(np.abs(known["lon"]) > 360.0))) > _MOST
-    if not (far and minutes and whole["lat"].max() < 90.0 and whole["lon"].max() <= 180.0):
+    swapped = max(np.abs(known["lat"]).max() / 180.0, np.abs(known["lon"]).max() / 90.0) <= 1.0  # far likelier
+    if not (far and minutes and whole["lat"].max() < 90.0 and whole["lon"].max() <= 180.0) or swapped:
         return []
     for key, values in written.items():
         size = np.abs(values)

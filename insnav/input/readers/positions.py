@@ -236,6 +236,9 @@ def _refuse_impossible(
         if wrong.any():
             row = int(np.flatnonzero(wrong)[0])
             column = found[height_key if key == "height" else key]
+            lat, lon = (float(np.max(np.abs(raw[each][~bad]))) / DEG for each in ("lat", "lon"))
+            if key == "lat" and lat <= 180.0 and lon <= 90.0:
+                raise _exchanged(found, table.place(row, column.index), f"a latitude of {raw[key][row] / unit:.9g} deg")
             raise InputError(
                 f"{raw[key][row] / unit:.9g} is not possible in column {column.header!r}",
                 where=table.place(row, column.index),
@@ -295,13 +298,7 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
     if fit is None or fit.radians:
         return 1.0, []
     if fit.exchanged:
-        raise InputError(
-            "latitude and longitude are exchanged",
-            where=name,
-            why="only so the positions move as the velocity columns say",
-            fix=f"say --columns lat={found['lon'].header},lon={found['lat'].header}",
-            gives={"columns": {"lat": found["lon"].header, "lon": found["lat"].header}},
-        )
+        raise _exchanged(found, name, "only so the positions move as the velocity columns say")
     columns = [found[key] for key in ("vn", "ve", "vd", "vu", "speed") if key in found]
     if not fit.as_named:
         directions = [("vn", "ve")[i] for i in fit.order] if "vn" in found else []
@@ -336,6 +333,13 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
             fix=f"put the right unit into the header, such as {stated.quantity.key} [{fit.unit}]",
         )
     return ALL_UNITS[fit.unit][1], [f"velocities in {fit.unit}: {why}"]
+
+
+def _exchanged(found: Mapping[str, Found], where: str, why: str) -> InputError:
+    """Error of latitudes in the column of longitudes and the reverse."""
+    right = {"lat": found["lon"].header, "lon": found["lat"].header}
+    fix = f"say --columns lat={right['lat']},lon={right['lon']}"
+    return InputError("latitude and longitude are exchanged", where=where, why=why, fix=fix, gives={"columns": right})
 
 
 def _words(found: Mapping[str, Found]) -> list[str]:

@@ -23,6 +23,7 @@ CHI2_95 = 7.815  # 95 % point of chi-square with 3 degrees of freedom
 MAP_POINTS = 2000
 DRAWN = 200_000  # rows of a solution at most
 T = TypeVar("T", Trajectory, TrajectoryErrors | None)
+_VARIES = 1.5  # times its least value, that a colour shows
 EVENTS = 150  # most of a kind that are marked
 _NED, _RPH, _XYZ = ("north", "east", "down"), ("roll", "pitch", "heading"), ("x", "y", "z")
 GROUPS = (("position", "m", 1.0, _NED), ("velocity", "m/s", 1.0, _NED), ("attitude", "deg", DEG, _RPH))
@@ -265,6 +266,8 @@ def run_track(found: EvaluatedRun) -> Track:
         shades.append(
             Shade("horizontal error [m]", np.interp(time, each.time, each.horizontal, np.nan, np.nan), mode=mode)
         )
+    speed = Shade("speed [m/s]", np.linalg.norm(solution.v_n[rows], axis=1))
+    shades = sorted([*shades, speed], key=_even)  # of those that vary the first is shown
     if gps is not None and gps.fix is not None and len(gps.time):
         shades.append(Shade("fix", gps.fix[_nearest(gps.time, time)].astype(np.float64), _FIX_TYPES))
     if np.isfinite(run.innovations.nis_position).any():
@@ -281,6 +284,12 @@ def run_track(found: EvaluatedRun) -> Track:
     note = f"start at latitude {lat:.5f}°, longitude {lon:.5f}°; point at the track to see the time"
     shown = position[:, 1], position[:, 0], axis.clock(time), tuple(shades)
     return Track("track", "Track", *shown, LINK, fixes, axis.spans, note, behind)
+
+
+def _even(shade: Shade) -> bool:
+    """Whether a quantity is the same along the whole track."""
+    low, high = np.nanpercentile(shade.values, (2.0, 98.0)) if np.isfinite(shade.values).any() else (0.0, 0.0)
+    return bool(high < _VARIES * low or high == 0.0)
 
 
 def _rejected(run: Run, time: FloatArray, position: FloatArray) -> tuple[Curve, ...]:

@@ -1,4 +1,4 @@
-"""A run in one sentence, how accurate or how sure and whether what it states is true, and in at most 15 lines."""
+"""A run in one sentence, how accurate or how sure and whether what it states is true, and in at most 21 lines."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ _PARTS = (
     ("tilt", "deg", slice(6, 8)),
     ("heading", "deg", slice(8, 9)),
 )
-LINES = 14  # the command adds the files
-_WARNINGS, _ASSUMED = 3, 2  # rows of each at most; the others are on the page
+_WARNINGS, _ASSUMED = 3, 6  # rows of each at most; the others are on the page
+LINES = 20  # of title 2, verdict 2, table 7, warnings and assumptions; the command adds the files
 
 
 def run_verdict(found: EvaluatedRun, warnings: Sequence[str]) -> Verdict:
@@ -215,7 +215,7 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
     table = _table({best: page.merits} | {mode: run_merits(found, mode) for mode in others})
     warnings = _listed("warning", page.warnings, _WARNINGS, width)
     assumed = _listed("assumed", page.assumptions, _ASSUMED, width)
-    return [*title, *verdict, *table, *warnings, *assumed][:LINES]
+    return [*title, *verdict, *table, *warnings, *assumed]
 
 
 def _table(merits: dict[str, tuple[Quantity, ...]]) -> list[str]:
