@@ -42,6 +42,7 @@ class InitialState:
     rph: FloatArray
     gyro_bias: FloatArray  # (3,) first estimate of the gyro bias [rad/s]
     covariance: FloatArray  # (21, 21) of the error states; see `insnav.kernels.errorstate`
+    own: FloatArray  # (3,) variance of the attitude besides what sensor errors make of it
     from_fix: bool = False  # the position is that of a fix, with its errors
 
 
@@ -106,13 +107,15 @@ def initial_state(
     position_sd: FloatArray,
     velocity_sd: FloatArray,
     *,
+    own: FloatArray | None = None,
     from_fix: bool = False,
 ) -> InitialState:
     """State and covariance from an alignment, a position and a velocity with their standard deviations [m], [m/s].
 
     Levelling hides the accelerometer bias in the tilt, and gyrocompassing the gyro bias in the heading: their sum is
     zero. The covariance holds both as correlations. The gyro bias is the mean of zero, as the specification has it, and
-    what the alignment has seen, each by its variance.
+    what the alignment has seen, each by its variance. `own`: variance of the attitude besides what sensor errors make
+    of it (3,), in place of that of the alignment.
     """
     sd = model.sd.copy()
     seen = 1.0 / (1.0 + (alignment.gyro_bias_sd / np.maximum(sd[:3], 1e-15)) ** 2)  # its share of the mean
@@ -131,8 +134,9 @@ def initial_state(
         j[2, 0:3] = -c[1] / (OMEGA_EARTH * np.cos(lla[0]))
         j[2, 3:6] = -np.tan(lla[0]) * j[0, 3:6]
     shared = j @ p[9:, 9:] @ j.T
-    own = np.maximum(alignment.sd**2 - np.diag(shared), 1e-4 * alignment.sd**2)
+    whole = alignment.sd**2 if own is None else own + np.diag(shared)
+    own = np.maximum(whole - np.diag(shared), 1e-4 * whole)
     p[6:9, 6:9] = shared + np.diag(own)
     p[6:9, 9:] = j @ p[9:, 9:]
     p[9:, 6:9] = p[6:9, 9:].T
-    return InitialState(alignment.time, lla, v_n, alignment.rph, seen * alignment.gyro_bias, p, from_fix)
+    return InitialState(alignment.time, lla, v_n, alignment.rph, seen * alignment.gyro_bias, p, own, from_fix)

@@ -251,7 +251,7 @@ class InnovationLikelihood:
         model = error_model(self.spec(at), self._states)
         position, velocity, correlated = self.fixes_of(at)
         start = first_state(
-            _start(self._ready.initial, self._ready.alignment, self._ready.model, model, position),
+            _start(self._ready.initial, self._ready.alignment, model, position),
             replace(self._settings, correlated=correlated),
         )
         mean = np.zeros(start.covariance.shape[0])
@@ -328,19 +328,11 @@ def costs_of(innovation: FloatArray, variance: FloatArray) -> FloatArray:
     return np.asarray(square + 0.5 * CLEAN * np.log(variance))
 
 
-def _start(
-    initial: InitialState, alignment: Alignment, before: ErrorModel, model: ErrorModel, factor: FloatArray
-) -> InitialState:
+def _start(initial: InitialState, alignment: Alignment, model: ErrorModel, factor: FloatArray) -> InitialState:
     """Initial state for another error model: alignment errors by the sensor errors change with these, others stay."""
     sd = np.sqrt(np.diag(initial.covariance)[:6])
     place = initial.lla, initial.v_n, sd[:3] * factor if initial.from_fix else sd[:3], sd[3:]
-
-    def tilt(of: ErrorModel, attitude_sd: FloatArray) -> InitialState:
-        return initial_state(replace(alignment, sd=attitude_sd), of, *place, from_fix=initial.from_fix)
-
-    was, by_sensors = (np.diag(tilt(of, np.zeros(3)).covariance)[6:9] for of in (before, model))
-    own = np.maximum(alignment.sd**2 - was, 1e-4 * alignment.sd**2)
-    return tilt(model, np.sqrt(own + by_sensors))
+    return initial_state(alignment, model, *place, own=initial.own, from_fix=initial.from_fix)
 
 
 def bridged(samples: FloatArray, epochs: FloatArray) -> FloatArray:
@@ -582,7 +574,7 @@ def _refined(ready: Prepared, found: NoiseEstimate) -> Prepared:
     )
 
     def start(initial: InitialState, alignment: Alignment) -> InitialState:
-        return _start(initial, alignment, ready.model, model, found.position_factor)
+        return _start(initial, alignment, model, found.position_factor)
 
     return replace(
         ready,

@@ -122,12 +122,15 @@ def innovations(  # type: ignore[no-untyped-def]
     Returns: number of components.
     """
     span, kind, phi, white, share, bridge, z, h, fed, correction, restart = run
-    mean, p = start[0].copy(), start[1].copy()
+    mean = start[0].copy()
     n = mean.shape[0]
+    wide = 4 * ((n + 3) // 4)  # whole registers, of which the rest stays zero
+    p = np.zeros((wide, wide))
+    p[:n, :n] = start[1]
     lasts = lasting_sd.shape[0] if lasting > 0 else 0
-    work = np.zeros((19, n))
+    work = np.zeros((19, wide))
     w, ph, moved = work[:9], work[9:15], work[15]
-    fade, pace, last, inverse = np.ones(n), work[16], work[17], work[18]
+    fade, pace, last, inverse = np.ones(wide), work[16], work[17], work[18]
     fades = np.ones((n, n))
     usual, count = -1.0, 0
     for k in range(span.shape[0]):
@@ -145,7 +148,7 @@ def innovations(  # type: ignore[no-untyped-def]
             gyro = density[0] + density[2] * share[k, 0]
             accel = density[1] + density[3] * share[k, 1]
             for i in range(NAV):
-                for j in range(n):  # compiled for many columns at a time
+                for j in range(wide):  # compiled for many columns at a time
                     total = 0.0
                     for a in range(STATES):
                         total += phi[k, i, a] * p[a, j]
@@ -198,13 +201,13 @@ def innovations(  # type: ignore[no-untyped-def]
                 if not kind[k] & (1 << i):
                     continue
                 error, s = z[k, i], variance[k, i]
-                for j in range(n):
+                for j in range(wide):
                     ph[used, j] = 0.0
                 for a in range(n):
                     by = h[k, i, a]
                     if by != 0.0:
                         error -= by * mean[a]
-                        for j in range(n):
+                        for j in range(wide):
                             ph[used, j] += by * p[a, j]
                 for b in range(used):  # less what the components before have told
                     by = 0.0
@@ -229,7 +232,7 @@ def innovations(  # type: ignore[no-untyped-def]
             for b in range(0, used, 3):
                 for a in range(n):
                     g0, g1, g2 = inverse[b] * ph[b, a], inverse[b + 1] * ph[b + 1, a], inverse[b + 2] * ph[b + 2, a]
-                    for j in range(n):
+                    for j in range(wide):
                         p[a, j] -= g0 * ph[b, j] + g1 * ph[b + 1, j] + g2 * ph[b + 2, j]
             for a in range(n):
                 mean[a] -= fed[k, a]
