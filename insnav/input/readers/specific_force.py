@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -14,7 +14,7 @@ from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import IMU_KINDS, Cleaned
 from insnav.input.interpret.columns import Found, require, understand
-from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, Quantity
+from insnav.input.interpret.schema import ALL_UNITS, schema
 from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
 from insnav.types import FloatArray
@@ -24,20 +24,7 @@ LevelAxes = Literal["ENU", "NED"]
 _SLOWEST = 10.0  # longest interval between samples [s]
 _SENSIBLE = 1e3  # larger specific force is damage [m/s^2]
 _GRAVITY = (9.0, 10.6)  # what the vertical axis shows in the middle of a record, in flight too [m/s^2]
-_WORDS = {"north": "north n", "east": "east e", "down": "down d", "up": "up u"}
-_TEMPLATES = "f? f?p f?n a? acc? accel? acceleration? specificforce? ?acc ?accel"
-
-
-def _quantity(direction: str, words: str) -> Quantity:
-    spellings = tuple(template.replace("?", word) for word in words.split() for template in _TEMPLATES.split())
-    return Quantity(f"f_{direction}", f"f_{direction}_m_s2", "acceleration", "m/s^2", spellings)
-
-
-_NAMED = tuple(_quantity(direction, words) for direction, words in _WORDS.items())
-_PLAIN = tuple(
-    replace(q, spellings=(*q.spellings, q.key[-1])) for q in IMU_SCHEMA if q.key in ("accel_x", "accel_y", "accel_z")
-)
-SPECIFIC_FORCE_SCHEMA = (*(q for q in IMU_SCHEMA if q.key == "time"), *_NAMED, *_PLAIN)
+SPECIFIC_FORCE_SCHEMA = schema("specific_force")
 _ORDER = {"ENU": ("f_east", "f_north", "f_up"), "NED": ("f_north", "f_east", "f_down")}
 
 
@@ -115,8 +102,8 @@ def _check_clock(found: Mapping[str, Found], sample_rate: float | None, table: T
 
 def _chosen(found: Mapping[str, Found], axes: LevelAxes | None, table: Table) -> dict[str, str]:
     """Direction to the key of its column."""
-    plain = [q.key for q in _PLAIN]
-    if not any(q.key in found for q in _NAMED) and all(key in found for key in plain):
+    plain = ("accel_x", "accel_y", "accel_z")
+    if not any(key.startswith("f_") for key in found) and all(key in found for key in plain):
         if axes is None:
             raise InputError(
                 "it is not clear where the axes point",
