@@ -40,7 +40,7 @@ class Input:
     # smallest and largest sensible value [`unit`]
     low: float = -math.inf
     high: float = math.inf
-    choices: Sequence[str] = ()  # values there are; any if empty
+    choices: tuple[str, ...] = ()  # values there are; any if empty
 
     @property
     def size(self) -> float:
@@ -86,5 +86,8 @@ class Inputs(TypedDict, total=False):
 
 
 _FILE = tomllib.loads(Path(__file__).with_name("inputs.toml").read_text(encoding="utf-8"))
-INPUTS, LOGS = ({key: Input(**each) for key, each in _FILE[table].items()} for table in ("inputs", "logs"))
+INPUTS, LOGS = (
+    {key: Input(**each | {"choices": tuple(each.get("choices", ()))}) for key, each in _FILE[table].items()}
+    for table in ("inputs", "logs")
+)
 KEYWORDS.update({each.option: key for key, each in INPUTS.items() if each.option})
