@@ -237,7 +237,7 @@ def _refuse_impossible(
             row = int(np.flatnonzero(wrong)[0])
             column = found[height_key if key == "height" else key]
             lat, lon = (float(np.max(np.abs(raw[each][~bad]))) / DEG for each in ("lat", "lon"))
-            if key == "lat" and lat <= 180.0 and lon <= 90.0:
+            if key == "lat" and wrong[~bad].mean() > 0.5 and lat <= 180.0 and lon <= 90.0:
                 raise _exchanged(found, table.place(row, column.index), f"a latitude of {raw[key][row] / unit:.9g} deg")
             raise InputError(
                 f"{raw[key][row] / unit:.9g} is not possible in column {column.header!r}",
