@@ -59,31 +59,22 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-_HOME = {
-    "Drive": "insnav.session.drive",
-    "FilterSettings": "insnav.filter",
-    "GpsData": "insnav.types",
-    "ImuData": "insnav.types",
-    "Increments": "insnav.types",
-    "InsnavError": "insnav.exceptions",
-    "Result": "insnav.result",
-    "Run": "insnav.types",
-    "Trajectory": "insnav.types",
-    "calibrate": "insnav.session.bench",
-    "compare": "insnav.session.comparison",
-    "increments": "insnav.strapdown",
-    "intervals": "insnav.strapdown",
-    "load": "insnav.session.drive",
-    "load_imu": "insnav.imu",
-    "navigate": "insnav.strapdown",
-    "navigate_recording": "insnav.filter.navigate",
-    "open_result": "insnav.result",
-    "position_errors": "insnav.errors.metrics",
-    "read_gps": "insnav.input",
-    "read_imu": "insnav.input",
-    "read_reference": "insnav.input",
-    "require": "insnav.session.requirement",
+_NAMES = {
+    "insnav.errors.metrics": "position_errors",
+    "insnav.exceptions": "InsnavError",
+    "insnav.filter": "FilterSettings",
+    "insnav.filter.navigate": "navigate_recording",
+    "insnav.imu": "load_imu",
+    "insnav.input": "read_gps read_imu read_reference",
+    "insnav.result": "Result open_result",
+    "insnav.session.bench": "calibrate",
+    "insnav.session.comparison": "compare",
+    "insnav.session.drive": "Drive load",
+    "insnav.session.requirement": "require",
+    "insnav.strapdown": "increments intervals navigate",
+    "insnav.types": "GpsData ImuData Increments Run Trajectory",
 }
+_HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = [
     "Drive",

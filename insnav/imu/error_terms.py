@@ -1,13 +1,15 @@
 """Every error term of a sensor triad, once: the IMU file, the budget, the simulation and the reports read this table.
 
-A new term needs a row of `TERMS` and a field of `insnav.imu.SensorSpec`, both with the same key.
+A new term needs a row of ``error_terms.toml`` and a field of `insnav.imu.SensorSpec`, both with the same key.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import tomllib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -102,105 +104,31 @@ def _force_squared(w: FloatArray, f: FloatArray, t: FloatArray) -> FloatArray:
     return f * f
 
 
-@dataclass(frozen=True, slots=True)
-class _Of:
-    """What a term is for one of the triads, in the words of `ErrorTerm`."""
-
-    dimension: str
-    unit: str
-    drive: Drive | None = None
-    text: str = ""
-
-
-def _term(shared: tuple[str, str, Process, Spread], gyro: _Of, accel: _Of | None = None) -> tuple[ErrorTerm, ...]:
-    """Key, name, process and spread of a term, and what it is for the gyros and the accelerometers."""
-    given: tuple[tuple[Sensor, _Of | None], ...] = (("gyro", gyro), ("accel", accel))
-    key, name, process, spread = shared
-    return tuple(
-        ErrorTerm(sensor, key, name, of.dimension, of.unit, process, spread, of.drive, of.text)
-        for sensor, of in given
-        if of is not None
-    )
+_DRIVES: dict[str, Drive] = {
+    "one": _one,
+    "time": _time,
+    "rate": _rate,
+    "rate_size": _rate_size,
+    "rate_squared": _rate_squared,
+    "force": _force,
+    "force_size": _force_size,
+    "force_squared": _force_squared,
+}
 
 
-TERMS: tuple[ErrorTerm, ...] = (
-    *_term(
-        ("bias", "bias", "constant", "vector"),
-        _Of("rate", "deg/h", _one, "tilts the level at a steady rate: g ε t³ / 6"),
-        _Of("acceleration", "ug", _one, "is taken for motion: B t² / 2"),
-    ),
-    *_term(
-        ("bias_instability", "bias instability", "Gauss-Markov", "vector"),
-        _Of("rate", "deg/h", _one, "in-run bias (Gauss-Markov): as a bias within its correlation time"),
-        _Of("acceleration", "ug", _one, "in-run bias (Gauss-Markov): as a bias within its correlation time"),
-    ),
-    *_term(
-        ("random_walk", "white noise", "white", "vector"),
-        _Of("angle random walk", "deg/sqrt(h)", _one, "angle random walk N: g N √(t⁵ / 20)"),
-        _Of("velocity random walk", "m/s/sqrt(h)", _one, "velocity random walk N: N √(t³ / 3)"),
-    ),
-    *_term(
-        ("scale_factor", "scale factor", "constant", "diagonal"),
-        _Of("ratio", "ppm", _rate, "a part of every turn is missed; at rest only of the Earth's"),
-        _Of("ratio", "ppm", _force, "a part of gravity is missed vertically, and of accelerations horizontally"),
-    ),
-    *_term(
-        ("misalignment", "misalignment", "constant", "off-diagonal"),
-        _Of("angle", "mrad", _rate, "turns about one axis show as turns about another"),
-        _Of("angle", "mrad", _force, "gravity shows in the level axes as a bias of m g"),
-    ),
-    *_term(
-        ("rate_random_walk", "rate random walk", "random walk", "vector"),
-        _Of("rate random walk", "deg/h/sqrt(h)", _one, "random walk of the bias, K: g K √(t⁷ / 252)"),
-        _Of("acceleration random walk", "ug/sqrt(h)", _one, "random walk of the bias, K: K √(t⁵ / 20)"),
-    ),
-    *_term(
-        ("flicker", "flicker noise", "flicker", "vector"),
-        _Of("rate", "deg/h", _one, "bias that changes on every time scale alike"),
-        _Of("acceleration", "ug", _one, "bias that changes on every time scale alike"),
-    ),
-    *_term(
-        ("rate_ramp", "bias ramp", "ramp", "vector"),
-        _Of("rate ramp", "deg/h/h", _time, "the bias grows steadily, R: g R t⁴ / 24"),
-        _Of("acceleration ramp", "ug/h", _time, "the bias grows steadily, R: R t³ / 6"),
-    ),
-    *_term(
-        ("quantisation", "quantisation", "quantisation", "vector"),
-        _Of("angle", "arcsec", _one, "steps of the angle, white and bounded, Q: g Q √(Δt t³ / 3)"),
-        _Of("velocity", "m/s", _one, "steps of the velocity, white and bounded, Q: Q √(Δt t)"),
-    ),
-    *_term(("resolution", "resolution", "white", "vector"), _Of("rate", "deg/s"), _Of("acceleration", "mg")),
-    *_term(("range", "end of the range", "constant", "vector"), _Of("rate", "deg/s"), _Of("acceleration", "g")),
-    *_term(
-        ("vibration_rectification", "vibration rectification", "constant", "vector"),
-        _Of("rate per acceleration squared", "deg/h/g^2"),
-        _Of("per acceleration", "ug/g^2"),
-    ),
-    *_term(
-        ("asymmetry", "asymmetry", "constant", "diagonal"),
-        _Of("ratio", "ppm", _rate_size, "scale factors of left and right turns differ"),
-        _Of("ratio", "ppm", _force_size, "scale factors of both signs differ; at rest as a scale factor"),
-    ),
-    *_term(
-        ("quadratic", "non-linearity", "constant", "diagonal"),
-        _Of("per rate", "ppm/(deg/s)", _rate_squared, "a part of the square of the rate shows as a bias"),
-        _Of("per acceleration", "ug/g^2", _force_squared, "a part of the square of the force shows as a bias"),
-    ),
-    *_term(
-        ("bias_slope", "bias by temperature", "constant", "vector"),
-        _Of("rate per kelvin", "deg/h/K"),
-        _Of("acceleration per kelvin", "ug/K"),
-    ),
-    *_term(
-        ("scale_slope", "scale factor by temperature", "constant", "diagonal"),
-        _Of("ratio per kelvin", "ppm/K"),
-        _Of("ratio per kelvin", "ppm/K"),
-    ),
-    *_term(
-        ("g_sensitivity", "g-sensitivity", "constant", "matrix"),
-        _Of("rate per acceleration", "deg/h/g", _force, "specific force shows as a rate; at rest a bias of one g"),
-    ),
-)
+def _terms() -> Iterator[ErrorTerm]:
+    """Rows of ``error_terms.toml``."""
+    table = tomllib.loads(Path(__file__).with_suffix(".toml").read_text(encoding="utf-8"))
+    for key, row in table.items():
+        for sensor in get_args(Sensor):
+            if sensor in row:
+                dimension, unit, *more = row[sensor]
+                drive, text = more or ("", "")
+                process = row["name"], dimension, unit, row["process"], row["spread"]
+                yield ErrorTerm(sensor, key, *process, _DRIVES.get(drive), text)
+
+
+TERMS = tuple(_terms())
 
 
 def terms_of(sensor: Sensor) -> tuple[ErrorTerm, ...]:

@@ -17,21 +17,13 @@ import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.input.formats.table import Table
-from insnav.input.interpret.schema import Quantity
+from insnav.input.interpret.schema import schema
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, measured
 from insnav.lab.least_squares import Fit, coverage_factor, linear_fit, outliers
 from insnav.types import FloatArray
 
-FALL = (
-    Quantity("height", "height_m", "length", "m", ("height", "h", "drop", "fall", "fallheight")),
-    Quantity("fall_time", "fall_time_s", "time", "s", ("falltime", "duration", "droptime")),
-)
-PRECESSION = (
-    Quantity("period", "precession_period_s", "time", "s", ("precessionperiod", "period", "tp")),
-    Quantity("rotor_rate", "rotor_rate_rad_s", "rate", "rad/s", ("rotorrate", "spin", "rotorspeed", "spinrate", "wr")),
-    Quantity("mass", "mass_kg", "mass", "kg", ("mass", "weight", "m")),
-)
+FALL, PRECESSION = schema("fall"), schema("precession")
 WORST = 0.1  # relative uncertainty of a slope that still is one
 SLOW = 10.0  # the rotor must turn so much faster than it precesses for the formula to hold
 

@@ -23,7 +23,7 @@ from insnav.exceptions import InputError
 from insnav.imu.higher_order import ErrorTerms
 from insnav.imu.model import ImuErrors
 from insnav.input.formats.table import Table
-from insnav.input.interpret.schema import Quantity as Column
+from insnav.input.interpret.schema import schema
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
 from insnav.lab.bench_data.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, common_unit, condition_warnings, measured
@@ -33,20 +33,7 @@ from insnav.quantity import Quantity
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG, G0, UG
 
-SCHEMA = (
-    Column("roll", "roll_deg", "angle", "deg", ("roll", "gamma", "rotationx")),
-    Column("pitch", "pitch_deg", "angle", "deg", ("pitch", "theta", "rotationy")),
-    *(
-        Column(f"{m}_a{a}{key}", f"{m}_a{a}_{suffix}", kind, unit, (f"{m}a{a}", f"{m}accel{a}", f"{m}modulea{a}"))
-        for m, a in ("xy", "xz", "yz", "yx", "zx", "zy")
-        for key, suffix, kind, unit in (("", "m_s2", "acceleration", "m/s^2"), ("_raw", "v", "signal", "V"))
-    ),
-    *(
-        Column(f"gyro_{m}{key}", f"gyro_{m}_{suffix}", kind, unit, (f"gyro{m}", f"gyr{m}", f"{m}gyro"))
-        for m in "xyz"
-        for key, suffix, kind, unit in (("", "deg_s", "rate", "deg/s"), ("_raw", "v", "signal", "V"))
-    ),
-)
+SCHEMA = schema("nine_position")
 SENSORS = ("x_ay", "x_az", "y_az", "y_ax", "z_ax", "z_ay")
 GYROS = ("gyro_x", "gyro_y", "gyro_z")
 AXIS = np.array([1, 2, 2, 0, 0, 1])  # of each sensor

@@ -10,7 +10,7 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.input.formats.table import Table
-from insnav.input.interpret.schema import Quantity
+from insnav.input.interpret.schema import schema
 from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
 from insnav.lab.bench_data.dwells import Dwells, default_limit, dwell_warnings, reduce_dwells
 from insnav.lab.calibration import common_unit
@@ -19,14 +19,7 @@ from insnav.units import UNITS
 
 AXES = ("x", "y", "z")
 USUAL_SAMPLES = 500  # in a dwell
-_RATE = ("rate", "tablerate", "angularrate", "omega")
-_GYRO = ("gyro", "gyr", "output", "voltage", "u", "w")
-SCHEMA = (
-    Quantity("rate", "rate_deg_s", "rate", "deg/s", (*_RATE, "w")),
-    *(Quantity(f"rate_{a}", f"rate_{a}_deg_s", "rate", "deg/s", tuple(f"{word}{a}" for word in _RATE)) for a in AXES),
-    *(Quantity(f"gyro_{a}", f"gyro_{a}_deg_s", "rate", "deg/s", tuple(f"{word}{a}" for word in _GYRO)) for a in AXES),
-    *(Quantity(f"raw_{a}", f"gyro_{a}_v", "signal", "V", tuple(f"{word}{a}" for word in _GYRO)) for a in AXES),
-)
+SCHEMA = schema("rate_sweep")
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,10 +17,10 @@ from scipy.special import stdtr
 
 from insnav.exceptions import InputError
 from insnav.input.formats.table import Table
-from insnav.input.interpret.schema import Quantity
+from insnav.input.interpret.schema import schema
 from insnav.lab.calibration import BenchOptions, Calibration
 from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
-from insnav.lab.single_axis.records import OUTPUT, Record, read_records, refuse_unit, triad_calibration
+from insnav.lab.single_axis.records import Record, read_records, refuse_unit, triad_calibration
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
 
@@ -30,11 +30,7 @@ BENT = 3  # so many outermost rates of a side may be bent
 FEWEST = 5  # rates that make a line and show how good it is
 NAMES = ("zero U0", "scale factor K")
 USUAL_RATES = 10  # ± 10, 20, 40, 60, 80 deg/s
-SCHEMA = (
-    Quantity("rate", "rate_deg_s", "rate", "deg/s", ("rate", "tablerate", "angularrate", "omega", "w")),
-    Quantity("output", "output_v", "signal", "V", OUTPUT),
-    Quantity("sensed", "output_deg_s", "rate", "deg/s", (*OUTPUT, "gyro")),
-)
+SCHEMA = schema("rate_table")
 
 
 @dataclass(frozen=True, slots=True)

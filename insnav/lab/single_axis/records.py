@@ -34,8 +34,6 @@ from insnav.lab.least_squares import Fit
 from insnav.types import FloatArray
 from insnav.units import UNITS
 
-OUTPUT = ("output", "voltage", "volts", "u", "signal", "measured")
-
 
 @dataclass(frozen=True, slots=True)
 class Record:

@@ -14,10 +14,10 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.input.formats.table import Table
-from insnav.input.interpret.schema import Quantity
+from insnav.input.interpret.schema import schema
 from insnav.lab.calibration import BenchOptions, Calibration
 from insnav.lab.least_squares import Fit, linear_fit, outliers
-from insnav.lab.single_axis.records import OUTPUT, Record, read_records, refuse_unit, triad_calibration
+from insnav.lab.single_axis.records import Record, read_records, refuse_unit, triad_calibration
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG, G0
 
@@ -26,11 +26,7 @@ FEWEST = 6  # positions: four unknowns, and some to spare that show how good the
 USUAL = 12
 HIGHEST = 4  # order of the harmonics
 EVEN = 0.25  # positions may be off even spacing by this share of it
-SCHEMA = (
-    Quantity("angle", "angle_deg", "angle", "deg", ("angle", "theta", "position", "pitch")),
-    Quantity("output", "output_v", "signal", "V", OUTPUT),
-    Quantity("sensed", "output_m_s2", "acceleration", "m/s^2", (*OUTPUT, "accel")),
-)
+SCHEMA = schema("tumble")
 
 
 @dataclass(frozen=True, slots=True)
