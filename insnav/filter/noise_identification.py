@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.gps_noise import OPEN_VELOCITY
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import CORRELATED, Prepared
-from insnav.filter.sensor_axes import Misalignment, errors_of_axes, misalignment
+from insnav.filter.sensor_axes import Misalignment, by_turn, errors_of_axes, misalignment
 from insnav.filter.state_layout import first_state, layout
 from insnav.imu.noise_density import SLOW, white_noise
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
@@ -45,6 +46,7 @@ ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
 AXES_STEP = 1e-4  # of those by misalignments [rad]
 FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error whose square counts [rad], in this part of a drive [-]
+REJECTED = 3.5  # times the usual interval between fixes that are used, beyond which others are missing
 SETTLING = 4  # the attitude of a filter settles in this part of a drive, one in so many
 ENOUGH_FOR_AXES = 900.0  # of the record, where nothing else is looked for [s]
 WORTH_TURNING = 0.5  # of what is not known of attitude: if misalignments that are known do more, samples are corrected
@@ -126,6 +128,7 @@ class NoiseEstimate:
     mean_before: float
     mean_after: float
     far_off: bool  # the attitude of the run was so far off that the innovations are no linear function of it
+    rejected: bool  # it rejected fixes in a row, or lacked them
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,8 +295,33 @@ class InnovationLikelihood:
             turned.append(np.column_stack([np.einsum("kji,kj->ki", self._c[settled], tilt)[:, :2], tilt[:, 2]]))
         kind = self._tape[1][: settled.start]
         late = slice(int(np.bitwise_count(kind[kind > COAST]).sum()), None)
-        weighted = np.array(by) / (s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0))
+        weighted = np.array(by) * self._weight(e, s)
         return weighted[:, late] @ np.transpose(by)[late], -weighted[:, late] @ e[late], np.array(turned)
+
+    def rejected(self) -> bool:
+        """Whether several fixes in a row were rejected in the run, or missing, positions or velocities."""
+        kind = self._tape[1]
+        step = np.diff(self.times[kind == kind.max()])
+        return bool((step > REJECTED * np.median(step)).any())
+
+    @property
+    def times(self) -> FloatArray:
+        """Of the epochs, (m,) [s]."""
+        return np.asarray(self._run.initial.time + np.cumsum(self._tape[0]))
+
+    def by_rates(self, at: FloatArray, edges: FloatArray, axis: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Innovations (n,), their weights (n,), and by 1 rad/s more of a gyro between `edges` (k + 1,) [s], (k, n)."""
+        e, s = self.normalised(at)
+        end, by = self.times, []
+        for first, last in pairwise(edges):
+            inside = np.maximum(np.minimum(end, last) - np.maximum(end - self._tape[0], first), 0.0)
+            push = by_turn(-AXES_STEP * self._c[:, :, axis] * inside[:, None], self._tape[2])
+            by.append((self.normalised(at, push)[0] - e) / AXES_STEP)
+        return e, self._weight(e, s), np.array(by)
+
+    @staticmethod
+    def _weight(e: FloatArray, s: FloatArray) -> FloatArray:
+        return np.asarray(1.0 / (s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0)))
 
     def far_off(self, at: FloatArray) -> bool:
         """Whether the attitude of the run was so far off so long that the innovations are no linear function of it."""
@@ -460,6 +488,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
         float(np.mean(before[0] ** 2 / before[1])),
         float(np.mean(e**2 / s)),
         any(each.far_off(top) for each in posterior.drives),
+        any(each.rejected() for each in posterior.drives),
     )
 
 
@@ -535,14 +564,20 @@ def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
 
 def with_known_noise(ready: Prepared, spec: ImuSpec) -> Prepared:
     """The recording prepared with the misalignments that it tells, all noise as it is specified."""
-    drive = _likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if ready.model.axes_sd.any() else None
+    known = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if ready.model.axes_sd.any() else None
+    return ready if known is None else _with_axes(ready, _misalignment([known[0]], known[1], 0.0))
+
+
+def known_likelihood(ready: Prepared, spec: ImuSpec) -> tuple[InnovationLikelihood, FloatArray] | None:
+    """Innovations of a drive and the figures of its noise as it is specified; none as of `_likelihood`."""
+    drive = _likelihood(ready, spec)
     if drive is None:
-        return ready
+        return None
     at, correlated = np.array([p.middle for p in drive.parameters]), ready.settings.correlated
     at[-2] = -np.inf
     if correlated is not None:
         at[-2:] = np.log([correlated.share / (LARGEST_SHARE - correlated.share), correlated.time])
-    return _with_axes(ready, _misalignment([drive], at, 0.0))
+    return drive, at
 
 
 def _with_axes(ready: Prepared, found: Misalignment) -> Prepared:

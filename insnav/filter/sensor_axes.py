@@ -50,14 +50,17 @@ def errors_of_axes(
     turned, pushed = between(parts.gyro), between(parts.accel)
     found = np.zeros((2 * len(TERMS), time.size, 9))
     for number, (i, j) in enumerate(TERMS):
-        tilt, speed = -c[:, :, i] * turned[:, j, None], c[:, :, i] * pushed[:, j, None]
-        gyro, accel = found[number], found[len(TERMS) + number]
-        # spread evenly over the span, an error acts on the next one for half of it, on the one after for a third
-        gyro[:, 6:], accel[:, 3:6] = tilt, speed
-        gyro[:, 3:6] = np.einsum("kij,kj->ki", transition[:, 3:6, 6:9], tilt) / 2.0
-        gyro[:, :3] = np.einsum("kij,kj->ki", transition[:, :3, 6:9], tilt) / 3.0
+        speed, accel = c[:, :, i] * pushed[:, j, None], found[len(TERMS) + number]
+        found[number], accel[:, 3:6] = by_turn(-c[:, :, i] * turned[:, j, None], transition), speed
         accel[:, :3] = np.einsum("kij,kj->ki", transition[:, :3, 3:6], speed) / 2.0
     return found, c
+
+
+def by_turn(tilt: FloatArray, transition: FloatArray) -> FloatArray:
+    """Errors of position, velocity and attitude, (m, 9), by a `tilt` (m, 3) [rad] that grows from epoch to epoch."""
+    # spread evenly over the span, an error acts on the next one for half of it, on the one after for a third
+    parts = (transition[:, :3, 6:9] / 3.0, transition[:, 3:6, 6:9] / 2.0)
+    return np.hstack([*(np.einsum("kij,kj->ki", part, tilt) for part in parts), tilt])
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ from insnav.filter.delay_step import with_one_delay
 from insnav.filter.fine_alignment import FineAlignment, fine_alignment
 from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
+from insnav.filter.gyro_fault import without_gyro_faults
 from insnav.filter.lever_check import delay_contradicted, lever_contradicted, with_right_heading, with_right_lever
 from insnav.filter.navigate import AidingChoice, Navigated, aided, dense, navigate_prepared, thinned
 from insnav.filter.noise_identification import identify_noise, understated, with_known_noise, with_noise
@@ -266,6 +267,7 @@ class Drive:
                     "positions are worse than stated"
                 )
             return replace(ready, notes=(*ready.notes, *said)), self.imu_spec
+        ready, found = without_gyro_faults(ready, found, self.imu_spec)
         return with_noise(ready, found), found.spec
 
     def navigate(

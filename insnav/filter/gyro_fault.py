@@ -1,0 +1,140 @@
+"""A gyro that is off for a while, as after a shock or with a loose contact: which, when, and by how much.
+
+The noise found in a drive with such a fault holds it, as a bias that wanders as far, so that no gate sees it. Where the
+noise is implausible for the IMU, the rate by which one axis is off between any two times is estimated beside the
+filter, as misalignments are (`insnav.filter.sensor_axes`), and the likeliest span is taken: A. S. Willsky, H. L. Jones,
+"A generalized likelihood ratio approach to the detection and estimation of jumps in linear systems", IEEE Trans.
+Autom. Control 21 (1976) 108-112. What is found is taken off the samples, noise is found anew, and the span is refined.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from insnav import strapdown
+from insnav.filter.noise_identification import NoiseEstimate, identify_noise, known_likelihood, with_noise
+from insnav.filter.prepare import Prepared
+from insnav.filter.whole_record import OPEN
+from insnav.imu.specification import ImuSpec
+from insnav.kernels.dynamics import NAV
+from insnav.plain_text import moment
+from insnav.types import Event, EventKind, FloatArray, ImuData, StateChange
+from insnav.units import DEG
+
+SUSPECT = 4.0  # times the in-run bias of the preset: recorded cars have up to 2.5
+PARTS, SHORTEST = 50, 4.0  # of the record that spans are made of at first, and how long at least [s]
+REACH, STEP = 6.0, 1.0  # about the ends of a span and from one to the next, where it is refined [s]
+ROUNDS, SETTLED = 12, 0.03  # at most, and the part of a rate that ends them
+# twice the gain of the log-likelihood from which a span is looked at, and from which, with the noise beside it, it is a
+# fault: recorded drives without one have up to 46 and 81 [-]
+LOOKED_AT, SURELY = 45.0, 100.0
+LEAST = 0.1 * DEG  # rate; a bias that warms up is no fault [rad/s]
+OPENED = 0.5  # part of the rate by which the bias is opened where a span begins and ends
+MOST = 3  # in one drive
+
+
+@dataclass(frozen=True, slots=True)
+class GyroFault:
+    """An axis that is off for a while."""
+
+    axis: int
+    begin: float  # [s]
+    end: float
+    rate: float  # [rad/s]
+    gain: float  # twice the gain of the log-likelihood by it [-]
+
+    def taken_off(self, imu: ImuData) -> ImuData:
+        """Samples without it."""
+        inside, gyro = (imu.time > self.begin) & (imu.time <= self.end), imu.gyro.copy()
+        gyro[inside, self.axis] -= self.rate * (
+            strapdown.nominal_interval(imu.time) if imu.sampling == "increment" else 1.0
+        )
+        return replace(imu, gyro=gyro)
+
+    def told(self) -> Event:
+        """What is said of it."""
+        rate, when = self.rate / DEG, moment(self.begin, self.end)
+        said = f"gyro {'xyz'[self.axis]} is off by {rate:+.2g} deg/s from {when}: taken off, standard deviations opened"
+        return Event(self.begin, EventKind.CONTRADICTION, abs(rate), np.nan, "deg/s", said)
+
+    def ends(self) -> list[StateChange]:
+        """Where the filter knows the bias of its axis no longer."""
+        change = OPENED * abs(self.rate) * np.eye(3)[self.axis]
+        return [StateChange(at, NAV, change, self.gain, -np.inf) for at in (self.begin, self.end)]
+
+
+def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) -> tuple[Prepared, NoiseEstimate]:
+    """Recording without gyros that are off for a while, as far as the drive shows them, and its noise.
+
+    `found`: noise of the recording as it is; `spec`: that it was prepared with.
+    """
+    faults: list[GyroFault] = []
+    while len(faults) < MOST and _suspect(found, spec):
+        other = _one(ready, found, spec)
+        if other is None:
+            break
+        fault, ready, found = other
+        faults.append(fault)
+    ends = sorted((end for fault in faults for end in fault.ends()), key=lambda end: end.time)
+    settings = replace(ready.settings, changes=(*ready.settings.changes, *ends))
+    return replace(ready, settings=settings, faults=(*ready.faults, *(fault.told() for fault in faults))), found
+
+
+def _suspect(found: NoiseEstimate, spec: ImuSpec) -> bool:
+    """Whether noise holds what no gyro of the kind has, or innovations lack what was rejected."""
+    size, usual = (float(np.mean(each.gyro.bias_instability**2)) ** 0.5 for each in (found.spec, spec))
+    return found.far_off or found.rejected or size > SUSPECT * usual
+
+
+def _one(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) -> tuple[GyroFault, Prepared, NoiseEstimate] | None:
+    """The fault that stands out most, the recording without it, and its noise."""
+    fault, some = None, ready
+    for _ in range(ROUNDS):
+        noisy = with_noise(some, found)
+        open_ = replace(noisy, settings=replace(noisy.settings, gates=OPEN))  # what was rejected tells most
+        likelihood = known_likelihood(open_, found.filter_spec)
+        if likelihood is None:
+            return None
+        drive, at = likelihood
+        time = drive.times
+        begin, end = float(time[0]), float(time[-1])
+        edges = np.linspace(begin, end, int(np.clip((end - begin) / SHORTEST, 1, PARTS)) + 1)
+        length, axes = edges[1] - edges[0], range(3)
+        if fault is not None:
+            near = np.arange(-max(REACH, length), max(REACH, length) + STEP, STEP)
+            edges = np.concatenate([edges, fault.begin + near, fault.end + near])
+            edges, axes = np.unique(np.clip(edges, begin, end)), range(fault.axis, fault.axis + 1)
+        spans = [_likeliest(*drive.by_rates(at, edges, axis), edges, axis, fault) for axis in axes]
+        before, fault = fault, max(spans, key=lambda each: each.gain)
+        if fault.gain < (LOOKED_AT if before is None else SURELY) or abs(fault.rate) < LEAST:
+            return None
+        some = replace(ready, imu=fault.taken_off(ready.imu))
+        again = identify_noise(some, spec)
+        if again is None:
+            return None
+        found = again
+        if before is not None and abs(fault.rate - before.rate) < SETTLED * abs(fault.rate):
+            break
+    return None if fault is None else (fault, some, found)
+
+
+def _likeliest(
+    e: FloatArray, weight: FloatArray, by: FloatArray, edges: FloatArray, axis: int, before: GyroFault | None
+) -> GyroFault:
+    """The span, of all between two of the `edges` (k + 1,), in which an axis is likeliest off.
+
+    `e`, `weight` (n,): innovations and inverse variances; `by` (k, n): innovations by a rate between edges; `before`:
+    what is taken off already.
+    """
+    if before is not None:
+        e = e - before.rate * by[(edges[:-1] >= before.begin - 1e-6) & (edges[1:] <= before.end + 1e-6)].sum(axis=0)
+    whole = np.vstack([np.zeros(e.size), np.cumsum(by, axis=0)])
+    fisher, slope = (whole * weight) @ whole.T, -(whole * weight) @ e
+    first, last = np.triu_indices(edges.size, 1)
+    own = np.maximum(fisher[first, first] + fisher[last, last] - 2.0 * fisher[first, last], 1e-12)
+    pull = slope[last] - slope[first]
+    best = int(np.argmax(pull**2 / own))
+    span = edges[first[best]], edges[last[best]]
+    return GyroFault(axis, float(span[0]), float(span[1]), float((pull / own)[best]), float((pull**2 / own)[best]))
