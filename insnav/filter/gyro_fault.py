@@ -1,6 +1,6 @@
 """A gyro that is off for a while, as after a shock or with a loose contact: which, when, and by how much.
 
-The noise found in a drive with such a fault holds it, as a bias that wanders as far, so that no gate sees it. Where the
+The noise found in a drive with such a fault holds it, as in-run bias, so that no gate sees it. Where the
 noise is implausible for the IMU, the rate by which one axis is off between any two times is estimated beside the
 filter, as misalignments are (`insnav.filter.sensor_axes`), and the likeliest span is taken: A. S. Willsky, H. L. Jones,
 "A generalized likelihood ratio approach to the detection and estimation of jumps in linear systems", IEEE Trans.
@@ -48,21 +48,9 @@ class GyroFault:
     def taken_off(self, imu: ImuData) -> ImuData:
         """Samples without it."""
         inside, gyro = (imu.time > self.begin) & (imu.time <= self.end), imu.gyro.copy()
-        gyro[inside, self.axis] -= self.rate * (
-            strapdown.nominal_interval(imu.time) if imu.sampling == "increment" else 1.0
-        )
+        span = strapdown.nominal_interval(imu.time) if imu.sampling == "increment" else 1.0
+        gyro[inside, self.axis] -= self.rate * span
         return replace(imu, gyro=gyro)
-
-    def told(self) -> Event:
-        """What is said of it."""
-        rate, when = self.rate / DEG, moment(self.begin, self.end)
-        said = f"gyro {'xyz'[self.axis]} is off by {rate:+.2g} deg/s from {when}: taken off, standard deviations opened"
-        return Event(self.begin, EventKind.CONTRADICTION, abs(rate), np.nan, "deg/s", said)
-
-    def ends(self) -> list[StateChange]:
-        """Where the filter knows the bias of its axis no longer."""
-        change = OPENED * abs(self.rate) * np.eye(3)[self.axis]
-        return [StateChange(at, NAV, change, self.gain, -np.inf) for at in (self.begin, self.end)]
 
 
 def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) -> tuple[Prepared, NoiseEstimate]:
@@ -70,16 +58,19 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
 
     `found`: noise of the recording as it is; `spec`: that it was prepared with.
     """
-    faults: list[GyroFault] = []
-    while len(faults) < MOST and _suspect(found, spec):
-        other = _one(ready, found, spec)
-        if other is None:
-            break
+    said, ends = list[Event](), list[StateChange]()
+    while len(said) < MOST and _suspect(found, spec) and (other := _one(ready, found, spec)) is not None:
         fault, ready, found = other
-        faults.append(fault)
-    ends = sorted((end for fault in faults for end in fault.ends()), key=lambda end: end.time)
-    settings = replace(ready.settings, changes=(*ready.settings.changes, *ends))
-    return replace(ready, settings=settings, faults=(*ready.faults, *(fault.told() for fault in faults))), found
+        rate, when = fault.rate / DEG, moment(fault.begin, fault.end)
+        text = (
+            f"gyro {'xyz'[fault.axis]} is off by {rate:+.2g} deg/s from {when}: taken off, standard deviations opened"
+        )
+        said.append(Event(fault.begin, EventKind.CONTRADICTION, abs(rate), np.nan, "deg/s", text))
+        opened = OPENED * abs(fault.rate) * np.eye(3)[fault.axis]
+        ends += [StateChange(at, NAV, opened, fault.gain, -np.inf) for at in (fault.begin, fault.end)]
+    changes = sorted((*ready.settings.changes, *ends), key=lambda each: each.time)
+    settings = replace(ready.settings, changes=tuple(changes))
+    return replace(ready, settings=settings, faults=(*ready.faults, *said)), found
 
 
 def _suspect(found: NoiseEstimate, spec: ImuSpec) -> bool:
@@ -92,20 +83,18 @@ def _one(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) -> tuple[GyroFaul
     """The fault that stands out most, the recording without it, and its noise."""
     fault, some = None, ready
     for _ in range(ROUNDS):
-        noisy = with_noise(some, found)
-        open_ = replace(noisy, settings=replace(noisy.settings, gates=OPEN))  # what was rejected tells most
-        likelihood = known_likelihood(open_, found.filter_spec)
+        open_ = replace(some, settings=replace(some.settings, gates=OPEN))  # what was rejected tells most
+        likelihood = known_likelihood(with_noise(open_, found), found.filter_spec)
         if likelihood is None:
             return None
         drive, at = likelihood
-        time = drive.times
-        begin, end = float(time[0]), float(time[-1])
+        begin, end = float(drive.times[0]), float(drive.times[-1])
         edges = np.linspace(begin, end, int(np.clip((end - begin) / SHORTEST, 1, PARTS)) + 1)
-        length, axes = edges[1] - edges[0], range(3)
+        axes = range(3) if fault is None else (fault.axis,)
         if fault is not None:
-            near = np.arange(-max(REACH, length), max(REACH, length) + STEP, STEP)
-            edges = np.concatenate([edges, fault.begin + near, fault.end + near])
-            edges, axes = np.unique(np.clip(edges, begin, end)), range(fault.axis, fault.axis + 1)
+            reach = max(REACH, edges[1] - edges[0])
+            near = np.arange(-reach, reach + STEP, STEP)
+            edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, fault.end + near]), begin, end))
         spans = [_likeliest(*drive.by_rates(at, edges, axis), edges, axis, fault) for axis in axes]
         before, fault = fault, max(spans, key=lambda each: each.gain)
         if fault.gain < (LOOKED_AT if before is None else SURELY) or abs(fault.rate) < LEAST:

@@ -56,16 +56,8 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
         for row, axis in zip(*spikes, strict=True):
             mean = 0.5 * (values[row - 1, axis] + values[row + 1, axis])
             unit, limit = ("rad/s", SPIKE_GYRO) if axis < 3 else ("m/s^2", SPIKE_ACCEL)
-            events.append(
-                Event(
-                    float(imu.time[row]),
-                    EventKind.IMU_SPIKE,
-                    float(values[row, axis] - mean),
-                    limit,
-                    unit,
-                    f"{_AXES[axis]}: replaced by the mean of its neighbours",
-                )
-            )
+            size, told = float(values[row, axis] - mean), f"{_AXES[axis]}: replaced by the mean of its neighbours"
+            events.append(Event(float(imu.time[row]), EventKind.IMU_SPIKE, size, limit, unit, told))
             values[row, axis] = mean
         change = _changes(values)
     # of the samples as they are: divided by intervals, equal increments would differ in their last digits
@@ -110,16 +102,8 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Event]]:
     for kind, first, count, what in found:
         for start, number in zip(first, count, strict=True):
             lost[start : start + number] |= what.endswith(OUT)
-            events.append(
-                Event(
-                    float(imu.time[start]),
-                    kind,
-                    float(imu.time[start + number - 1] - imu.time[start]),
-                    float("nan"),
-                    "s",
-                    what,
-                )
-            )
+            begin, end = float(imu.time[start]), float(imu.time[start + number - 1])
+            events.append(Event(begin, kind, end - begin, float("nan"), "s", what))
     if not events:
         return imu, []
     events.sort(key=lambda event: event.time)
