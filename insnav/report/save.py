@@ -111,7 +111,7 @@ def open_folder(folder: Path) -> Result[Any]:
     """Read a saved result again; see `insnav.result.open_result`."""
     facts = read_facts(folder)
     kind = str(facts.get("kind", "run"))
-    parts = {"input": dict, "configuration": dict, "notes": list, "fixes": dict, "imu_model": dict}
+    parts = {"input": dict, "configuration": dict, "notes": list, "assumptions": list, "fixes": dict, "imu_model": dict}
     for name, what in parts.items():
         if not isinstance(facts.get(name, what()), what):
             raise InputError("run.json is damaged", where=str(folder / FACTS_FILE), why=name, fix="make the run again")
@@ -119,7 +119,12 @@ def open_folder(folder: Path) -> Result[Any]:
     found = _of_room(kind, "read_found")(folder)
     file, model = folder / "imu.toml", facts.get("imu_model")
     imu_model = (load_imu(str(file)), str(model["chosen"])) if model and file.is_file() else None
-    return Result(kind, found, inputs, facts.get("configuration", {}), imu_model, tuple(facts.get("notes", ())))
+    opened = Result(kind, found, inputs, facts.get("configuration", {}), imu_model, tuple(facts.get("notes", ())))
+    if kind != "run":
+        return opened
+    told = _of_room(kind, "page")(opened, sections=False).assumptions  # the others were notes, too
+    notes = (*opened.notes, *(text for text in facts.get("assumptions", ()) if text not in told))
+    return replace(opened, notes=notes)
 
 
 def write_page(

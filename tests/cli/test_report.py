@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 
@@ -50,8 +51,12 @@ def test_figures_and_figures_of_merit_are_those_of_the_run(drive: Path, cli: Cli
 
 
 def test_vector_figures_and_json(drive: Path, cli: Cli):
+    gps = pd.read_csv("gps.csv")
+    gps[[name for name in gps if not name.startswith("sd")]].to_csv("gps.csv", index=False)
     assert cli(*RUN, "--figures", "none").code == 0
     shown = cli("report", "run", "--figures", "svg", "--json")
+    assert any("without position sigma" in text for text in read_facts(Path("run"))["assumptions"])
+    assert read_facts(Path("run_report"))["assumptions"] == read_facts(Path("run"))["assumptions"]
     assert json.loads(shown.out) == read_facts(Path("run_report"))
     assert "figures/position_error.svg" in read_facts(Path("run_report"))["files"]
 
