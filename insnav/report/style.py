@@ -20,33 +20,7 @@ FigureFormat = Literal["png", "svg", "pdf"]
 DOTS_PER_INCH = 130
 _LONG = 1e4  # ends of a logarithmic axis so far apart have no room for more than powers of ten
 
-_RC: Any = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],  # comes with matplotlib, so the same everywhere
-    "font.size": 9.0,
-    "axes.titlesize": 9.0,
-    "axes.titlelocation": "left",
-    "axes.titley": 1.0,  # known beforehand, so it need not be measured out
-    "axes.labelsize": 9.0,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.xmargin": 0.01,
-    "axes.axisbelow": True,
-    "axes.formatter.useoffset": False,
-    "grid.color": "#DDDDDD",
-    "grid.linewidth": 0.6,
-    "lines.linewidth": 1.1,
-    "legend.frameon": False,
-    "legend.fontsize": 8.0,
-    "xtick.labelsize": 8.0,
-    "ytick.labelsize": 8.0,
-    "text.parse_math": False,  # a dollar sign in a file name is a dollar sign
-    "svg.hashsalt": "insnav",  # the same figure gives the same bytes
-    "path.simplify_threshold": 0.5,
-    "agg.path.chunksize": 20000,
-}
+_RC: Any = mpl.rc_params_from_file(Path(__file__).with_name("papers.mplstyle"), use_default_template=False)
 
 
 @contextmanager
