@@ -55,9 +55,10 @@ class Estimate:
         self._record, self._lever_given, self._gps_noise = record, settings.lever_b, settings.correlated
         if self._gps_noise is not None:
             self._lasting_sd, self._lasting_time = self._gps_noise.sds, self._gps_noise.times
-            self._lasting = self.at.correlated + np.arange(self._lasting_sd.size)
+            self._lasting = slice(self.at.correlated, self.at.correlated + self._lasting_sd.size)
         self._carried = errorstate.Carried(self.x, self.correction, self.motion, np.zeros(errorstate.SUMS), self.span)
         self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
+        self._fading = self._phi.reshape(-1)[:: n + 1], self._q.reshape(-1)[:: n + 1]
         self._work = errorstate.scratch()
         self.before = np.zeros(12)  # variances predicted for the last epoch
         self._changes = [change for change in settings.changes if change.time > start.time]
@@ -97,8 +98,8 @@ class Estimate:
         if self._gps_noise is not None:
             fade = np.exp(-self.span[0] / self._lasting_time)
             self.correlated *= fade
-            self._phi[self._lasting, self._lasting] = fade
-            self._q[self._lasting, self._lasting] = (1.0 - fade**2) * self._lasting_sd**2
+            for diagonal, value in zip(self._fading, (fade, (1.0 - fade**2) * self._lasting_sd**2), strict=True):
+                diagonal[self._lasting] = value
         while self._changes and self._changes[0].time <= time + TIME_TOLERANCE:
             self._change(self._changes.pop(0))
         self._note_repair(time, self._engine.predict(self._phi, self._q, time))
@@ -172,7 +173,7 @@ class Estimate:
         grown = np.where(decay > 0.0, (1.0 - fade**2) / np.where(decay > 0.0, 2.0 * decay, 1.0), span)
         q[sensors, sensors] = np.diag(driving * grown)
         if self._gps_noise is not None:
-            phi[self._lasting, self._lasting] = 0.0
+            phi[self._lasting] = 0.0
         p = phi @ self.covariance @ phi.T + q
         phi[:NAV, sensors] = across.slope * fade
         p[:NAV, NAV:] = across.slope @ p[sensors, NAV:]

@@ -88,7 +88,8 @@ class Record:
     def aiding(self, measurement: Measurement, innovation: FloatArray, nis: float, used: bool) -> None:
         """Note the innovation of an aiding measurement; at most its first three numbers are of one unit."""
         rows = self._aiding.setdefault((measurement.name, measurement.unit.split(",")[0]), [])
-        rows.append((nis / innovation.shape[0], float(np.mean(innovation[:3] ** 2)), float(used)))
+        first = innovation[:3]
+        rows.append((nis / innovation.shape[0], float(first @ first) / first.size, float(used)))
 
     def fix(
         self,
