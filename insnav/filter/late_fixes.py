@@ -156,7 +156,7 @@ class LateFixes:
             np.ones(3) if correlated is None else correlated.times,
             self._variance,
             (np.zeros(at.states), self._start),
-            np.zeros((self._kind.size, NAV)),
+            np.zeros((1, self._kind.size, NAV)),
             HUBER,
             self._out,
         )

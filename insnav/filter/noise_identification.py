@@ -44,7 +44,6 @@ HUBER = 3.0  # innovations beyond so many standard deviations count less, so tha
 CLEAN = 0.9973
 ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
-AXES_STEP = 1e-4  # of those by misalignments [rad]
 FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error whose square counts [rad], in this part of a drive [-]
 REJECTED = 3.5  # times the usual interval between fixes that are used, beyond which others are missing
 SETTLING = 4  # the attitude of a filter settles in this part of a drive, one in so many
@@ -174,7 +173,6 @@ class InnovationLikelihood:
         fix = np.searchsorted(gps.time - ready.settings.delay, time - 1e-4)
         fix = np.minimum(fix, gps.time.shape[0] - 1)
         self._sd = np.nan_to_num(np.hstack([gps.position_sd[fix], gps.velocity_sd[fix]]), nan=1.0)
-        self._out = np.empty((2, 6 * rows.shape[0]))
         self._axes, self._c = errors_of_axes(rows, self._tape[2], imu, ready.nominal)
         moving = np.isfinite(gps.v_n).all(axis=1)
         unknown = np.full(3, OPEN_VELOCITY)
@@ -249,8 +247,10 @@ class InnovationLikelihood:
             correlated = replace(correlated, velocity_sd=size * measured, velocity_time=time)
         return position, velocity, correlated
 
-    def normalised(self, at: FloatArray, push: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-        """Innovations and their variances with a set of figures; `push` (m, 9) as of `kernel.innovations`."""
+    def normalised(self, at: FloatArray, push: FloatArray | None = None) -> FloatArray:
+        """Innovations and variances with a set of figures, and derivatives by `push`, as of `kernel.innovations`."""
+        push = np.zeros((1, self._offered.size, NAV)) if push is None else push
+        out = np.empty((1 + push.shape[0], 6 * self._offered.size))
         model = error_model(self.spec(at), self._states)
         position, velocity, correlated = self.fixes_of(at)
         start = first_state(
@@ -273,11 +273,11 @@ class InnovationLikelihood:
             correlated.times,
             variance,
             (mean, start.covariance),
-            np.zeros((self._offered.size, NAV)) if push is None else push,
+            push,
             HUBER,
-            self._out,
+            out,
         )
-        return self._out[0, :count].copy(), self._out[1, :count].copy()
+        return out[:, :count]
 
     def by_axes(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Curvature (12, 12) and slope (12,) of the log-likelihood by the misalignments [rad], and what these do.
@@ -285,18 +285,14 @@ class InnovationLikelihood:
         That is the error of roll, pitch and heading by each (12, k, 3) [-]. All is of the settled filter: while the
         heading is off by degrees, its products with tilts count as much as misalignments.
         """
-        mean = np.zeros((self._offered.size, NAV))
-        e, s = self.normalised(at, mean)
-        by, turned, settled = [], [], slice(mean.shape[0] // SETTLING, None)
-        for axis in self._axes:
-            push = AXES_STEP * axis
-            by.append((self.normalised(at, push)[0] - e) / AXES_STEP)
-            tilt = (mean - push)[settled, 6:] / AXES_STEP
-            turned.append(np.column_stack([np.einsum("kji,kj->ki", self._c[settled], tilt)[:, :2], tilt[:, 2]]))
+        push, settled = np.insert(self._axes, 0, 0.0, axis=0), slice(self._offered.size // SETTLING, None)
+        e, s, *by = self.normalised(at, push)
+        tilt = -push[1:, settled, 6:]
+        turned = np.concatenate([np.einsum("kji,akj->aki", self._c[settled], tilt)[..., :2], tilt[..., 2:]], axis=-1)
         kind = self._tape[1][: settled.start]
         late = slice(int(np.bitwise_count(kind[kind > COAST]).sum()), None)
         weighted = np.array(by) * self._weight(e, s)
-        return weighted[:, late] @ np.transpose(by)[late], -weighted[:, late] @ e[late], np.array(turned)
+        return weighted[:, late] @ np.transpose(by)[late], -weighted[:, late] @ e[late], turned
 
     def rejected(self) -> bool:
         """Whether several fixes in a row were rejected in the run, or missing, positions or velocities."""
@@ -311,12 +307,11 @@ class InnovationLikelihood:
 
     def by_rates(self, at: FloatArray, edges: FloatArray, axis: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Innovations (n,), their weights (n,), and by 1 rad/s more of a gyro between `edges` (k + 1,) [s], (k, n)."""
-        e, s = self.normalised(at)
-        end, by = self.times, []
+        end, push = self.times, [np.zeros((self._offered.size, NAV))]
         for first, last in pairwise(edges):
             inside = np.maximum(np.minimum(end, last) - np.maximum(end - self._tape[0], first), 0.0)
-            push = by_turn(-AXES_STEP * self._c[:, :, axis] * inside[:, None], self._tape[2])
-            by.append((self.normalised(at, push)[0] - e) / AXES_STEP)
+            push.append(by_turn(-self._c[:, :, axis] * inside[:, None], self._tape[2]))
+        e, s, *by = self.normalised(at, np.array(push))
         return e, self._weight(e, s), np.array(by)
 
     @staticmethod
@@ -325,9 +320,9 @@ class InnovationLikelihood:
 
     def far_off(self, at: FloatArray) -> bool:
         """Whether the attitude of the run was so far off so long that the innovations are no linear function of it."""
-        mean = np.zeros((self._offered.size, NAV))
+        mean = np.zeros((1, self._offered.size, NAV))
         self.normalised(at, mean)
-        return float(np.mean(np.abs(mean[:, 6:]).max(axis=1) > FAR_OFF)) > FAR_OFF_SHARE
+        return float(np.mean(np.abs(mean[0, :, 6:]).max(axis=1) > FAR_OFF)) > FAR_OFF_SHARE
 
     def bias_seen(self, at: FloatArray) -> float:
         """Negative log-likelihood of the gyro bias that a static alignment saw."""

@@ -115,7 +115,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         ((errorstate.propagate, *propagation),),
         ((smoother.backward, d2, i, d1, d2, d2, d2, d3, d2, d2, d2, d3, d2, d2),),
         ((increments.increments, flag, d1, d1, d2, d2, i1, d4, d4, i1, d1, d1, d2, d2, d2, d2),),
-        ((likelihood.innovations, run, *4 * [d1], i, d1, d1, d2, (d1, d2), d2, d, d2),),
+        ((likelihood.innovations, run, *4 * [d1], i, d1, d1, d2, (d1, d2), d3, d, d2),),
         ((gps_measurement.assess, *assessment),),
         ((alignment.felt_changes, d1, d1, d2, d2, d1, d1, d1, d2, i[:, ::1], d3),),
         ((alignment.level_history, d1, d2, d2, d, d1, d2),),

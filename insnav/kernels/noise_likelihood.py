@@ -115,15 +115,18 @@ def innovations(  # type: ignore[no-untyped-def]
     `driving` (12,): of what drives the sensor errors; `lasting`: first of the states of time-correlated errors of
     position, or of position and velocity, or negative, with `lasting_sd` (k,) [m, m/s] and `lasting_time` (k,) [s];
     `variance` (m, 6): white noise of the measurements; `start`: mean (n,) and covariance (n, n) of the error of the
-    nominal run; `push` (m, 9): known errors that each span adds to position, velocity and attitude, overwritten by the
-    mean of these errors at the end of each epoch; `limit`: an innovation beyond so many standard deviations is
-    de-weighted, in the manner of Huber; `out` (2, 6 m): filled with innovation and variance of every component of a
-    measurement used, one given those before.
+    nominal run; `push` (k, m, 9): known errors that each span adds to position, velocity and attitude, and k - 1 others
+    of which only the derivatives are asked for; overwritten by the mean of the errors at the end of each epoch, and by
+    its derivatives; `limit`: an innovation beyond so many standard deviations is de-weighted, in the manner of Huber;
+    `out` (k + 1, 6 m): filled with innovation and variance of every component of a measurement used, one given those
+    before, and with the derivatives of the innovation.
     Returns: number of components.
     """
     span, kind, phi, white, share, bridge, z, h, fed, correction, restart = run
-    mean = start[0].copy()
-    n = mean.shape[0]
+    each, n = push.shape[0], start[0].shape[0]
+    means = np.zeros((each, n))
+    mean = means[0]
+    mean[:] = start[0]
     wide = 4 * ((n + 3) // 4)  # whole registers, of which the rest stays zero
     p = np.zeros((wide, wide))
     p[:n, :n] = start[1]
@@ -153,11 +156,13 @@ def innovations(  # type: ignore[no-untyped-def]
                     for a in range(STATES):
                         total += phi[k, i, a] * p[a, j]
                     w[i, j] = total
-                moved[i] = push[k, i]
-                for a in range(STATES):
-                    moved[i] += phi[k, i, a] * mean[a]
+            for c in range(each):
+                for i in range(NAV):
+                    moved[i] = push[c, k, i]
+                    for a in range(STATES):
+                        moved[i] += phi[k, i, a] * means[c, a]
+                means[c, :NAV] = moved[:NAV]
             for i in range(NAV):
-                mean[i] = moved[i]
                 for j in range(i + 1):
                     total = gyro * white[k, 0, i, j] + accel * white[k, 1, i, j]
                     for a in range(STATES):
@@ -174,6 +179,9 @@ def innovations(  # type: ignore[no-untyped-def]
             for i in range(NAV, n):
                 for j in range(NAV, n):
                     p[i, j] *= fades[i, j]
+            for c in range(1, each):
+                for j in range(NAV, n):
+                    means[c, j] *= fade[j]
             for j in range(SENSOR):
                 p[NAV + j, NAV + j] += dt * driving[j]
                 # the nominal run let its correction decay at its own pace
@@ -185,7 +193,7 @@ def innovations(  # type: ignore[no-untyped-def]
         if kind[k] == RESTART:
             for i in range(n):
                 if i < 6 or 0 <= i - lasting < lasts:
-                    mean[i] = 0.0
+                    means[:, i] = 0.0
                     for j in range(n):
                         p[i, j] = p[j, i] = 0.0
             for i in range(OPENED):
@@ -219,14 +227,22 @@ def innovations(  # type: ignore[no-untyped-def]
                 for a in range(n):
                     s += h[k, i, a] * ph[used, a]
                 out[0, count], out[1, count] = error, s
-                count += 1
                 far = abs(error) / np.sqrt(s)
                 if far > limit:
                     s *= far / limit
                 inverse[used] = 1.0 / s
                 for a in range(n):
                     mean[a] += error / s * ph[used, a]
+                for c in range(1, each):
+                    error = 0.0
+                    for a in range(n):
+                        error -= h[k, i, a] * means[c, a]
+                    out[1 + c, count] = error
+                    if far <= limit:  # beyond, the pull no longer grows
+                        for a in range(n):
+                            means[c, a] += error / s * ph[used, a]
                 used += 1
+                count += 1
             for b in range(used, 6):
                 inverse[b] = 0.0
             for b in range(0, used, 3):
@@ -236,8 +252,7 @@ def innovations(  # type: ignore[no-untyped-def]
                         p[a, j] -= g0 * ph[b, j] + g1 * ph[b + 1, j] + g2 * ph[b + 2, j]
             for a in range(n):
                 mean[a] -= fed[k, a]
-        for i in range(NAV):
-            push[k, i] = mean[i]
+        push[:, k] = means[:, :NAV]
         for i in range(SENSOR):
             last[i] = correction[k, i]
     return count

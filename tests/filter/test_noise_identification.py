@@ -97,15 +97,17 @@ def test_the_likelihood_is_that_of_a_textbook_filter():
     sd, time = rng.uniform(0.5, 0.9, 6), np.repeat([3.0, 7.0], 3)
     variance = rng.uniform(0.5, 2.0, (m, 6))
     root, first = rng.standard_normal((n, n)), rng.standard_normal(n)
-    out = np.empty((2, 6 * m))
-    push = rng.standard_normal((m, 9))
+    out = np.empty((3, 6 * m))
+    push = rng.standard_normal((2, m, 9))
     pushed = push.copy()
     count = kernel.innovations(
         run, before, density, driving, decay, lasting, sd, time, variance, (first, root @ root.T), push, 1e9, out
     )
     found = np.sum(np.log(out[1, :count]) + out[0, :count] ** 2 / out[1, :count])
 
-    mean, p, total, rows = first, root @ root.T, 0.0, 0
+    slope = np.sum(2.0 * out[0, :count] * out[2, :count] / out[1, :count])
+
+    mean, by, p, total, by_push, rows = first, np.zeros(n), root @ root.T, 0.0, 0.0, 0
     for k in range(m):
         dt = span[k]
         if dt > 0.0:
@@ -121,22 +123,23 @@ def test_the_likelihood_is_that_of_a_textbook_filter():
             q[9:21, 9:21] = np.diag(driving * dt)
             q[:9, 9:21] = 0.5 * dt * phi[k][:, 9:] * driving
             q[9:21, :9] = q[:9, 9:21].T
-            known = np.concatenate([pushed[k], np.zeros(n - 9)])
+            known, more = np.concatenate([pushed[:, k], np.zeros((2, n - 9))], axis=1)
             known[9:21] = (np.exp(-before * dt) - np.exp(-decay * dt)) * correction[k - 1]
-            mean, p = f @ mean + known, f @ p @ f.T + q
+            mean, by, p = f @ mean + known, f @ by + more, f @ p @ f.T + q
         used = [i for i in range(6) if kind[k] >> i & 1]
         if used:
             hk, r = h[k][used], np.diag(variance[k, used])
             s = hk @ p @ hk.T + r
             e = z[k, used] - hk @ mean
             total += np.linalg.slogdet(s)[1] + e @ np.linalg.solve(s, e)
+            by_push -= 2.0 * e @ np.linalg.solve(s, hk @ by)
             gain = p @ hk.T @ np.linalg.inv(s)
             keep = np.eye(n) - gain @ hk
-            mean, p = mean + gain @ e - fed[k], keep @ p @ keep.T + gain @ r @ gain.T
+            mean, by, p = mean + gain @ e - fed[k], keep @ by, keep @ p @ keep.T + gain @ r @ gain.T
             rows += len(used)
-        np.testing.assert_allclose(push[k], mean[:9], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(push[:, k], [mean[:9], by[:9]], rtol=1e-9, atol=1e-9)
     assert count == rows
-    assert found == pytest.approx(total, rel=1e-9)
+    assert (found, slope) == pytest.approx((total, by_push), rel=1e-9)
 
 
 @pytest.mark.parametrize("of_velocities", [False, True])
