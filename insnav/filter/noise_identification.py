@@ -376,6 +376,9 @@ def _thinned(gps: GpsData) -> GpsData:
     return gps.rows(np.array(keep, dtype=int))
 
 
+_Seen = tuple[FloatArray, FloatArray, float]  # innovations, their variances, and the cost of a set of figures
+
+
 class _Posterior:
     """Innovation likelihood of drives that share one IMU, with the prior."""
 
@@ -389,7 +392,7 @@ class _Posterior:
         curvature: FloatArray = np.where(at >= self.middle, self._sd[0], self._sd[1]) ** -2.0
         return curvature
 
-    def innovations(self, at: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    def innovations(self, at: FloatArray) -> _Seen:
         """Innovations, their variances, and the cost of a set of figures."""
         parts = [drive.normalised(at) for drive in self.drives]
         e, s = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
@@ -400,8 +403,8 @@ class _Posterior:
         off = np.where(np.isfinite(at), at - self.middle, 0.0)
         return 0.5 * float(np.sum(self.weight(at) * off**2)) + sum(drive.bias_seen(at) for drive in self.drives)
 
-    def climb(self, at: FloatArray, settled: float = ENOUGH) -> tuple[FloatArray, FloatArray]:
-        """Where the posterior density is largest, and the covariance there, by Fisher scoring with Levenberg's damping.
+    def climb(self, at: FloatArray, settled: float = ENOUGH) -> tuple[FloatArray, FloatArray, _Seen]:
+        """Where the posterior density is largest, covariance and innovations there: Fisher scoring, damped (Levenberg).
 
         In a round the derivatives of the innovations are those of its start, as long as steps with them gain enough.
         """
@@ -437,7 +440,7 @@ class _Posterior:
             if start - cost < settled:
                 break
         fisher += np.diag(self.weight(at + KINK * self._sd[1]) - weight)
-        return at, np.linalg.inv(fisher).astype(np.float64)
+        return at, np.linalg.inv(fisher).astype(np.float64), (e, s, cost)
 
 
 def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
@@ -449,16 +452,14 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     lasting = np.array([(np.log(share / (1.0 - share)), np.log(time)) for share, time in STARTS])
     starts = [np.concatenate([posterior.middle[:-2], each]) for each in lasting]
     short = _Posterior([drive.beginning(SHORT) for drive in drives])
-    first, _ = short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR)
-    top, covariance = posterior.climb(first)
-    e, s, cost = posterior.innovations(top)
+    first, *_ = short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR)
+    top, covariance, (e, s, cost) = posterior.climb(first)
     if any(p.key == "gps.velocity" for p in posterior.parameters):
         wider = _Posterior([drive.with_correlated_velocities() for drive in drives])
         starts = [np.concatenate([top[:-2], each, top[-2:]]) for each in VELOCITY_STARTS]
         costs = [wider.innovations(at)[2] for at in starts]
         if min(costs) < cost:
-            at, of_at = wider.climb(starts[int(np.argmin(costs))])
-            found = wider.innovations(at)
+            at, of_at, found = wider.climb(starts[int(np.argmin(costs))])
             if found[2] < cost - VELOCITY_WORTH:
                 posterior, top, covariance, (e, s, cost) = wider, at, of_at, found
     drive = posterior.drives[0]
@@ -642,12 +643,9 @@ def _words(found: NoiseEstimate) -> list[str]:
         if figure.observable and not figure.key.startswith("gps.")
     ]
     notes = [f"noise from the innovations: {', '.join(told) or 'IMU as in the preset'}"]
-    level, down = found.position_factor[0], found.position_factor[2]
-    if max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH:
-        notes.append(f"GPS position sd times {level:.2f} horizontally, {down:.2f} vertically, from the innovations")
-    level, down = found.velocity_factor[0], found.velocity_factor[2]
-    if max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH:
-        notes.append(f"GPS velocity sd times {level:.2f} horizontally, {down:.2f} vertically, from the innovations")
+    for name, (level, _, down) in (("position", found.position_factor), ("velocity", found.velocity_factor)):
+        if max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH:
+            notes.append(f"GPS {name} sd times {level:.2f} horizontally, {down:.2f} vertically, from the innovations")
     if found.correlated.velocity_sd is not None:
         size, time = float(np.max(found.correlated.velocity_sd)), found.correlated.velocity_time
         notes.append(

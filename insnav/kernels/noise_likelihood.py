@@ -61,12 +61,13 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     noise_of = np.where(both, history[:, NOISE : NOISE + 36].reshape(m, 6, 6), np.eye(6))
     s = hp @ np.swapaxes(of_used, 1, 2) + noise_of
     gain = np.linalg.inv(s) @ hp
-    after = np.roll(before - np.swapaxes(gain, 1, 2) @ hp, 1, axis=0)  # the epoch before
+    told = np.swapaxes(gain[:, :, :STATES], 1, 2) @ hp[:, :, :STATES]
+    after = np.roll(before[:, :STATES, :STATES] - told, 1, axis=0)  # the epoch before
     gyro, accel = _white(phi, span, 6), _white(phi, span, 3)
     by_gyro, own = (np.diagonal(each, axis1=1, axis2=2) for each in (gyro, before))
     # what white noise and driving noise leave of the whole is that of misalignment, or of a bridged gap
     rest = own[:, :NAV] - noise[0] * by_gyro - noise[3] * np.diagonal(accel, axis1=1, axis2=2)
-    rest -= np.sum(phi @ after[:, :STATES, :STATES] * phi, axis=2)
+    rest -= np.sum(phi @ after * phi, axis=2)
     rest[span <= 0.0] = 0.0
     pushed, turned = (np.maximum(0.0, rest[:, i : i + 3].sum(axis=1)) / 3.0 for i in (3, 6))
     bridge = bridged[:, None] * np.column_stack([pushed, turned])
