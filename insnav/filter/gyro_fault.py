@@ -1,10 +1,11 @@
 """A gyro that is off for a while, as after a shock or with a loose contact: which, when, and by how much.
 
-The noise found in a drive with such a fault holds it, as in-run bias, so that no gate sees it. Where the
-noise is implausible for the IMU, the rate by which one axis is off between any two times is estimated beside the
-filter, as misalignments are (`insnav.filter.sensor_axes`), and the likeliest span is taken: A. S. Willsky, H. L. Jones,
-"A generalized likelihood ratio approach to the detection and estimation of jumps in linear systems", IEEE Trans.
-Autom. Control 21 (1976) 108-112. What is found is taken off the samples, noise is found anew, and the span is refined.
+The noise found in a drive with such a fault holds it, as in-run bias, so that no gate sees it. So the rate by which one
+axis is off between any two times is estimated beside the filter, as misalignments are (`insnav.filter.sensor_axes`), of
+z always, of all where the noise is implausible for the IMU or fixes were rejected. The likeliest span is taken: A. S.
+Willsky, H. L. Jones, "A generalized likelihood ratio approach to the detection and estimation of jumps in linear
+systems", IEEE Trans. Autom. Control 21 (1976) 108-112. What is found is taken off the samples, noise is found anew, and
+the span is refined.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ LOOKED_AT, SURELY = 45.0, 100.0
 LEAST = 0.1 * DEG  # rate; a bias that warms up is no fault [rad/s]
 OPENED = 0.5  # part of the rate by which the bias is opened where a span begins and ends
 MOST = 3  # in one drive
+HEADING = 2  # the axis that is looked at in every drive: weak fixes hardly show a heading, tilts they do
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +61,10 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
     `found`: noise of the recording as it is; `spec`: that it was prepared with.
     """
     said, ends = list[Event](), list[StateChange]()
-    while len(said) < MOST and _suspect(found, spec) and (other := _one(ready, found, spec)) is not None:
+    while len(said) < MOST:
+        other = _one(ready, found, spec, (0, 1, 2) if _suspect(found, spec) else (HEADING,))
+        if other is None:
+            break
         fault, ready, found = other
         rate, when = fault.rate / DEG, moment(fault.begin, fault.end)
         text = (
@@ -79,8 +84,10 @@ def _suspect(found: NoiseEstimate, spec: ImuSpec) -> bool:
     return found.far_off or found.rejected or size > SUSPECT * usual
 
 
-def _one(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) -> tuple[GyroFault, Prepared, NoiseEstimate] | None:
-    """The fault that stands out most, the recording without it, and its noise."""
+def _one(
+    ready: Prepared, found: NoiseEstimate, spec: ImuSpec, axes: tuple[int, ...]
+) -> tuple[GyroFault, Prepared, NoiseEstimate] | None:
+    """The fault of one of the `axes` that stands out most, the recording without it, and its noise."""
     fault, some = None, ready
     for _ in range(ROUNDS):
         open_ = replace(some, settings=replace(some.settings, gates=OPEN))  # what was rejected tells most
@@ -90,8 +97,8 @@ def _one(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) -> tuple[GyroFaul
         drive, at = likelihood
         begin, end = float(drive.times[0]), float(drive.times[-1])
         edges = np.linspace(begin, end, int(np.clip((end - begin) / SHORTEST, 1, PARTS)) + 1)
-        axes = range(3) if fault is None else (fault.axis,)
         if fault is not None:
+            axes = (fault.axis,)
             reach = max(REACH, edges[1] - edges[0])
             near = np.arange(-reach, reach + STEP, STEP)
             edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, fault.end + near]), begin, end))
