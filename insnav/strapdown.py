@@ -351,3 +351,10 @@ def navigate(
     rph_n = rph_from_quat(out[:, 6:])
     rph_n[near_pole(out[:, 0]), 2] = np.nan
     return Trajectory(time, out[:, :3], out[:, 3:6], rph_n)
+
+
+def between(time: FloatArray, values: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Row behind each wanted time, and the values there on straight lines, constant beyond the ends."""
+    after = np.clip(np.searchsorted(time, wanted), 1, time.shape[0] - 1)
+    part = np.clip((wanted - time[after - 1]) / (time[after] - time[after - 1]), 0.0, 1.0)[:, None]
+    return after, values[after - 1] + part * (values[after] - values[after - 1])

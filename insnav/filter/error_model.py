@@ -54,6 +54,7 @@ class FilterState:
     x: FloatArray  # (10,) position, velocity, quaternion; see `insnav.kernels.mechanization`
     correction: FloatArray  # (12,) estimated sensor errors; see `insnav.kernels.errorstate`
     delay: float  # estimated GPS delay, beyond the one given [s]
+    lag: float  # of velocities behind positions [s]
     correlated: FloatArray  # (3,) estimated time-correlated GPS position error, North, East, Down [m]
     lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
     shaken_b: FloatArray  # (3,) the same as vibration moves it, for the receiver [m]

@@ -36,7 +36,7 @@ RESET_FACTOR = 3.0  # the fix of a reset follows many that were rejected: its st
 class Estimate:
     """State and covariance of the filter.
 
-    `x`, `correction`, `delay`, `correlated`, `lever`, `shaken` and `motion` are those of
+    `x`, `correction`, `delay`, `lag`, `correlated`, `lever`, `shaken` and `motion` are those of
     `insnav.filter.error_model.FilterState`, `at` the indices of the states, `span` the time since the last epoch, (1,)
     [s], and `history` what the smoother needs. `coast` is the longest time between filter epochs [s].
     """
@@ -47,7 +47,7 @@ class Estimate:
         self.at, self._coast = layout(settings), coast
         n = self.at.states
         self.x, self.correction = start.x.copy(), start.correction.copy()
-        self.delay, self.correlated = start.delay, start.correlated.copy()
+        self.delay, self.lag, self.correlated = start.delay, start.lag, start.correlated.copy()
         self.lever, self.shaken = start.lever_b.copy(), start.shaken_b.copy()
         self.motion, self.span = start.motion.copy(), np.zeros(1)
         self.history = History(n) if settings.smooth else None
@@ -74,7 +74,7 @@ class Estimate:
     def kept(self, time: float) -> FilterState:
         """Copy of everything, to go on from."""
         levers = self.lever, self.shaken
-        state = (self.x, self.correction, self.delay, self.correlated, *levers, self.motion, self.covariance)
+        state = (self.x, self.correction, self.delay, self.lag, self.correlated, *levers, self.motion, self.covariance)
         return FilterState(time, *deepcopy(state))
 
     def propagate(
@@ -210,6 +210,8 @@ class Estimate:
         at = self.at
         if at.delay >= 0:
             self.delay -= error[at.delay]
+        if at.lag >= 0:
+            self.lag -= error[at.lag]
         if at.correlated >= 0:
             self.correlated -= error[at.correlated : at.correlated + self.correlated.size]
         if at.lever >= 0:

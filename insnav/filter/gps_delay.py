@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,7 @@ from insnav.attitude import rph_from_quat
 from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import initial_state
 from insnav.filter.gates import Gates
+from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE
 from insnav.filter.late_fixes import REACH, LateFixes
 from insnav.filter.navigate import feed
 from insnav.filter.noise_identification import HUBER
@@ -43,12 +45,20 @@ WIDEST = 0.5  # standard deviation of a delay with which the filter begins where
 SURE, REFINED = 5.0, 3.0  # delays are believed beyond so many of their standard deviations, once it was moved
 ROUNDS = 3  # of moving the clock
 LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # of an arm of vibration's own: the least, and what is worth states [m]
+LAGS = 0.2 * np.arange(-1, 6)  # of velocities where the search for one begins, from the one assumed on [s]
+NEWTON = 6  # steps of it
+STENCIL = np.array([(0, 0), (-1, 0), (0, -1), (1, 0), (0, 1), (1, 1), (-1, -1)])
+# Part of the receivers whose velocities lag, and by how much: Doppler counted since the fix before lags by half an
+# interval, what a filter in the receiver smooths by its time constant [s]
+LAGGING, LAG_SD = 0.1, 0.2
+LAG_SD_WORTH = 0.003  # a smaller standard deviation is no state: at 2 m/s^2 it makes 6 mm/s [s]
 SCALES = 50  # steps of the search for a standard deviation
 OPENED, FREEDOM = 2.0, 3.0  # times the scale of the prior of a lever arm at first; its degrees of freedom
 STARTS = 2  # of a start in motion by the run before
 LOOKED = 2.0  # times the standard deviation of the first run for the second: its measurements count little twice
 LEAST_START = 0.5 * DEG  # least standard deviation of attitude from there [rad]
 TRUE_FIXES = 0.9  # part of the fixes that the first look must have accepted for that
+POOR = 3.0, 0.5  # standard deviations of positions [m] and velocities [m/s] for another look where it has not
 WORSE = 0.02  # by which a fix's misfit may grow by chance when the clock is moved rightly (up to 0.0095 seen)
 
 
@@ -131,20 +141,33 @@ def scale_of(
     return float(scales[np.argmax(likely)]), float(np.sqrt(weight @ scales**2 / weight.sum()))
 
 
-def delay_of(seen: Filtered) -> tuple[float, float, float]:
-    """Delay of the fixes at the start of the record, its standard deviation [s], and its surely known drift [s/s].
+class Found(NamedTuple):
+    """What the likelihood says of the clock of the fixes."""
 
-    The standard deviation is infinite where nothing tells the delay; a drift that is not sure is zero.
+    delay: float  # at the start of the record, and its standard deviation, infinite where nothing tells it [s]
+    sd: float
+    drift: float  # of it, where it is sure [s/s]
+    lag: float  # of velocities behind positions, and its standard deviation [s]
+    lag_sd: float
+
+
+def delay_of(seen: Filtered) -> Found:
+    """Delay of the fixes and lag of their velocities.
+
+    Most receivers have no lag, and velocities then tell the delay far better than positions do; with one they tell a
+    wrong delay. Both are held possible, each as likely as the fixes have it against the odds before (Bayesian model
+    averaging: J. A. Hoeting, D. Madigan, A. E. Raftery and C. T. Volinsky, Statistical Science 14 (1999) 382-417).
     """
     likelihood = LateFixes(seen.ready, seen.settings, seen.epochs) if seen.epochs is not None else None
-    if likelihood is None or likelihood.accepted < TRUE_FIXES:  # seconds late, nearly all fixes look false
-        seen = filtered(
-            seen.ready,
-            starts=0,
-            gates=replace(seen.settings.gates, max_speed=np.inf, probability=1.0, reset_after=np.inf),
-        )
+    plain = likelihood is not None and likelihood.accepted >= TRUE_FIXES
+    if not plain:  # seconds late, nearly all fixes look false, and precise ones bend the filter beyond all measure
+        gps, gates = seen.ready.gps, seen.settings.gates
+        position_sd, velocity_sd = np.hypot(gps.position_sd, POOR[0]), np.hypot(gps.velocity_sd, POOR[1])
+        gps = replace(gps, position_sd=position_sd, velocity_sd=velocity_sd)
+        gates = replace(gates, max_speed=np.inf, probability=1.0, reset_after=np.inf)
+        seen = filtered(replace(seen.ready, gps=gps), starts=0, gates=gates)
         likelihood = LateFixes(seen.ready, seen.settings, seen.epochs) if seen.epochs is not None else None
-    nothing = 0.0, np.inf, 0.0
+    nothing = Found(0.0, np.inf, 0.0, seen.settings.velocity_lag, 0.0)
     if likelihood is None or likelihood.blocks < FEWEST_BLOCKS:
         return nothing
     grid = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
@@ -161,12 +184,12 @@ def delay_of(seen: Filtered) -> tuple[float, float, float]:
     sure = drifting[rates.size // 2] - drifting[least - 1 : least + 2].max() > SURE**2
     if sure and abs(rates[least]) * likelihood.half > DRIFT_WORTH:
         drift = float(rates[least])
-        fine = likelihood.costs(near, np.array([drift]))
+        fine = likelihood.costs(near, drift)
     middle = int(np.clip(np.argmin(fine.sum(axis=1)), 1, near.size - 2))
     before, top, after = fine[middle - 1 : middle + 2]
     bend, slopes = (before - 2.0 * top + after) / FINE**2, 0.5 * (after - before) / FINE
     curvature = float(bend.sum())
-    innovation, variance = likelihood.innovations(near[middle], drift)
+    innovation, variance = likelihood.innovations(near[middle], drift, likelihood.lag)
     if curvature <= 0.0 or np.median(np.abs(innovation) / np.sqrt(variance)) > HUBER:  # nor does any delay explain it
         return nothing
     away = -float(np.clip(slopes.sum() / curvature, -FINE, FINE))
@@ -176,7 +199,48 @@ def delay_of(seen: Filtered) -> tuple[float, float, float]:
     gain = max(float(coarse[grid.size // 2] - top.sum()), 1e-9)
     width = abs(delay) / float(np.sqrt(2.0 * gain)) if abs(delay) > WORTH and not drift else 0.0
     scatter = float(np.sqrt(bend.size * np.var(slopes + away * bend, ddof=1))) / curvature
-    return delay - drift * likelihood.half, max(1.0 / float(np.sqrt(curvature)), width, scatter), drift
+    sd = max(1.0 / float(np.sqrt(curvature)), width, scatter)
+    lag, lag_sd = likelihood.lag, 0.0
+    with_lag = _with_lag(likelihood, delay, drift) if plain and likelihood.velocities else None
+    if with_lag is not None:
+        # between a normal prior of the lag and none (Laplace's approximation)
+        (other, lag), covariance = with_lag
+        variance, total = covariance[1, 1], covariance[1, 1] + LAG_SD**2
+        evidence = 0.5 * lag**2 * (1.0 / variance - 1.0 / total) + 0.5 * np.log(variance / total)
+        share = 1.0 / (1.0 + np.exp(-evidence) * (1.0 - LAGGING) / LAGGING)
+        apart = share * (1.0 - share)
+        sd = float(np.sqrt(share * max(covariance[0, 0], sd**2) + (1.0 - share) * sd**2 + apart * (other - delay) ** 2))
+        delay += share * (other - delay)
+        lag, lag_sd = share * lag, float(np.sqrt(share * variance + apart * lag**2))
+    return Found(delay - drift * likelihood.half, sd, drift, float(lag), lag_sd)
+
+
+def _with_lag(likelihood: LateFixes, delay: float, drift: float) -> tuple[FloatArray, FloatArray] | None:
+    """Delay and lag of velocities where both together are likeliest (2,) [s] and their covariance, by Newton's method.
+
+    None if there is no top; `delay`: with the lag that was assumed [s].
+    """
+    lags = likelihood.lag + LAGS
+    start = np.array([(delay - by * (lag - likelihood.lag), lag) for by in (0.0, 1.0) for lag in lags])
+    at = start[np.argmin(likelihood.costs(start[:, 0], drift, start[:, 1]).sum(axis=1))]
+    for _ in range(NEWTON):
+        near = at + FINE * STENCIL
+        cost = likelihood.costs(near[:, 0], drift, near[:, 1])
+        before, after = cost[1:3], cost[3:5]
+        slopes, bend = 0.5 * (after - before) / FINE, (after - 2.0 * cost[0] + before).sum(axis=1) / FINE**2
+        across = 0.5 * (cost[5] + cost[6] - before.sum(axis=0) - after.sum(axis=0) + 2.0 * cost[0]).sum() / FINE**2
+        information = np.array([[bend[0], across], [across, bend[1]]])
+        if bend[0] <= 0.0 or np.linalg.det(information) <= 0.0:
+            return None
+        inverse = np.linalg.inv(information)
+        step = -inverse @ slopes.sum(axis=1)
+        far = np.abs(step).max() / FINE
+        at = at + step / max(1.0, 0.2 * far)
+        if far < 1.0:
+            scatter = inverse @ (slopes.shape[1] * np.cov(slopes)) @ inverse
+            ratio = np.maximum(np.diag(scatter) / np.diag(inverse), 1.0)
+            return at, inverse * np.sqrt(np.outer(ratio, ratio))
+    return None
 
 
 def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettings) -> Prepared:
@@ -191,29 +255,36 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
     if settings.delay_sd <= 0.0 and settings.lever_sd <= 0.0 and not settings.lever_b.any():
         return ready
     seen = filtered(ready)
-    further, width = seen, settings.delay_sd
+    further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0)
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
-        delay, sd, drift = delay_of(further)
-        width = max(settings.delay_sd, min(sd, WIDEST)) if np.isfinite(sd) else settings.delay_sd
+        delay, sd, drift, lag, lag_sd = delay_of(further)
+        width = max(settings.delay_sd, min(sd, WIDEST))
         sure = SURE if clock == 0.0 else REFINED
-        if abs(delay) < max(WORTH, sure * sd) and not drift:
+        moved = bool(abs(delay) >= max(WORTH, sure * sd) or drift)
+        lags = lag, LOOKED * lag_sd if lag_sd > LAG_SD_WORTH else 0.0
+        if not moved and abs(lag - further.settings.velocity_lag) < LAG_WORTH:
             break
-        clock, rate = clock + delay, rate + drift
+        if moved:
+            clock, rate = clock + delay, rate + drift
         there = prepared(clock, rate)
+        there = replace(there, settings=replace(there.settings, velocity_lag=lag))
         further = filtered(there)
         if further.misfit <= seen.misfit + WORSE:  # a large delay is found in steps, of which the first may be worse
             ready, seen, of_ready = there, further, rate
-    ready = replace(ready, settings=replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd, delay_sd=width))
+    arm = replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd)
+    ready = replace(ready, settings=replace(arm, delay_sd=width, velocity_lag=lags[0], lag_sd=lags[1]))
     if seen.ready.clock == ready.clock and not ready.parts:  # of a start in motion
         ready = replace(ready, alignment=seen.ready.alignment, initial=seen.ready.initial)
-    notes = []
+    notes = [note for note in ready.notes if not note.startswith(LAGGING_NOTE)]
+    if abs(lags[0]) > LAG_WORTH:
+        notes.append(f"{LAGGING_NOTE} {lags[0]:.3f} s; corrected")
     if ready.clock != 0.0:
         which = "late" if ready.clock > 0.0 else "early"
         notes.append(f"the fixes are {abs(ready.clock):.2f} s {which}: IMU time is moved by that")
     if of_ready != 0.0:
         which = "slow" if of_ready > 0.0 else "fast"
         notes.append(f"the clock of the IMU is {abs(1e6 * of_ready):.0f} ppm {which} against GPS time: corrected")
-    return replace(ready, notes=(*ready.notes, *notes))
+    return replace(ready, notes=tuple(notes))
 
 
 def with_surer_start(ready: Prepared, history: History) -> Prepared | None:

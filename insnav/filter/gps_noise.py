@@ -23,6 +23,7 @@ BY_FIX = {FIXED: (POSITION_FLOOR,) * 3, FLOAT: (FLOAT_SD, FLOAT_SD, 2.0 * FLOAT_
 OPEN_VELOCITY = 100.0  # of a vertical velocity that was not measured: it counts as nothing [m/s]
 BY_SCATTER = "as estimated from successive fixes"
 LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
+LAGGING_NOTE = "GPS velocity lags position by"
 
 
 def velocity_lag(gps: GpsData) -> tuple[float, float]:

@@ -31,7 +31,6 @@ REACH = 2.0  # delays looked for, early and late [s]
 EDGE = REACH + 1.0  # fixes so near to the ends of the record may be of a time outside [s]
 BLOCK = 20.0  # parts whose errors are independent [s]
 OPEN_START = 20.0, 2.0, 5.0 * DEG  # sd of position [m], velocity [m/s], attitude at the start, which is late, too
-NO_DRIFT = np.zeros(1)
 
 
 class LateFixes:
@@ -49,9 +48,10 @@ class LateFixes:
         self._kind = np.where(velocity, POSITION + VELOCITY, np.where(good, POSITION, COAST))
         self._block = np.repeat(((time - time[0]) / BLOCK).astype(int), np.bitwise_count(self._kind))
         self.accepted = float(np.mean(epochs[good, KIND] == self._kind[good])) if good.any() else 0.0
+        self.velocities = bool(velocity.any())
         self.blocks, self.half = np.unique(self._block).size, 0.5 * float(time[-1] - time[0])
         self._away = self._time - time[0] - self.half
-        self._at, self._model, self._lag, self._correlated = at, ready.model, settings.velocity_lag, settings.correlated
+        self._at, self._model, self.lag, self._correlated = at, ready.model, settings.velocity_lag, settings.correlated
         self._variance = np.ones((time.size, 6))
         share = 0.0 if settings.correlated is None else settings.correlated.share
         self._variance[good, :3] = (1.0 - share) * self._fixes.position_sd**2
@@ -65,14 +65,12 @@ class LateFixes:
         self._lever, self._shaken = (
             settings.lever_b - (taken[:, first : first + 3] if first >= 0 else none) for first in (at.lever, at.shaken)
         )
-        self._lasting = np.zeros((time.size, 6))
-        if settings.correlated is not None:
-            states = slice(at.correlated, at.correlated + settings.correlated.times.size)
-            fade = np.exp(-self._tape[0][:, None] / settings.correlated.times)
-            for k in range(1, time.size):
-                self._lasting[k, : fade.shape[1]] = fade[k] * (
-                    self._lasting[k - 1, : fade.shape[1]] - fed[k - 1, states]
-                )
+        self._lasting = np.zeros((self._rows.size, 6))
+        if settings.correlated is not None:  # what was fed back fades from its epoch on
+            size = settings.correlated.times.size
+            grown = np.exp((time[:, None] - time[0]) / settings.correlated.times)
+            back = np.cumsum(fed[:, at.correlated : at.correlated + size] * grown, axis=0)
+            self._lasting[:, :size] = -(np.vstack([np.zeros(size), back[:-1]]) / grown)[good]
         parts, self._bias = strapdown.intervals(ready.imu, ready.nominal), epochs[good, CORRECTION:]
         self._samples = parts.end, turned(parts)
         self._nominal, self._gravity = ready.nominal, gravity_n(gps.lla[0, 0], gps.lla[0, 2])
@@ -82,36 +80,35 @@ class LateFixes:
         u, c = track.u_n, dcm_from_quat(track.q_nb).reshape(-1, 9)
         moved = np.cumsum(0.5 * (u[1:] + u[:-1]) * np.diff(track.time)[:, None], axis=0)
         self._track = track.time, np.hstack([u, np.vstack([np.zeros(3), moved]), c])
-        self._here = self._sampled(self._time)
+        self._here = strapdown.between(*self._track, self._time)[1]
         back = np.swapaxes(self._here[:, 6:].reshape(-1, 3, 3), 1, 2)
         self._turn = (np.eye(3) - skew(fed[good, 6:9])) @ dcm_from_quat(x[:, 6:]) @ back
         self._start = first_state(ready.initial, settings).covariance
         self._start[:NAV, :NAV] += np.diag(np.repeat(OPEN_START, 3) ** 2)
         self._out = np.empty((2, 6 * time.size))
 
-    def _sampled(self, time: FloatArray) -> FloatArray:
-        return np.stack([np.interp(time, self._track[0], column) for column in self._track[1].T], axis=-1)
-
     def _since(self, span: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """What specific force adds to velocity and position in a time (k,) from the epoch on [s], and ``C_nb`` then."""
-        there, s = self._sampled(self._time + span), span[:, None]
+        there, s = strapdown.between(*self._track, self._time + span)[1], span[:, None]
         v, p = there[:, :3] - self._here[:, :3], there[:, 3:6] - self._here[:, 3:6] - self._here[:, :3] * s
         c = self._turn @ there[:, 6:].reshape(-1, 3, 3)
         push = _times(c, self._bias[:, 3:6])
         return _times(self._turn, v) - push * s, _times(self._turn, p) - 0.5 * push * s**2, c
 
-    def costs(self, delays: FloatArray, drifts: FloatArray = NO_DRIFT) -> FloatArray:
-        """Negative log-likelihood of each block of the record, (k, blocks), with delays in its middle [s] and drifts.
+    def costs(self, delays: FloatArray, drift: FloatArray | float = 0.0, lag: FloatArray | None = None) -> FloatArray:
+        """Negative log-likelihood of each block of the record, (k, blocks), with delays in its middle [s].
 
-        `delays`, `drifts` [s/s]: (k,), or one of either.
+        `delays`, `drift` of these [s/s], `lag` of the velocities behind the positions, of none the one assumed [s]:
+        (k,), or one of each.
         """
-        every = [costs_of(*self.innovations(*each)) for each in np.broadcast(delays, drifts)]
+        cases = np.broadcast(delays, drift, self.lag if lag is None else lag)
+        every = [costs_of(*self.innovations(*each)) for each in cases]
         return np.array([np.bincount(self._block, each) for each in every])
 
-    def measured(self, delay: float, drift: float) -> tuple[FloatArray, FloatArray]:
-        """Predicted minus measured of each row (m, 6) with a delay, and how errors show in that (m, 6, n)."""
+    def measured(self, delay: float, drift: float, lag: float) -> tuple[FloatArray, FloatArray]:
+        """Predicted minus measured of each row (m, 6) and how errors show in that (m, 6, n)."""
         at, span = self._at, -(delay + drift * self._away)
-        late = span - self._lag
+        late = span - lag
         (_, p, c), (v, _, c_late) = self._since(span), self._since(late)
         whole, rate = (
             rates_at(self._time + late, *self._samples, reach) - self._bias[:, :3]
@@ -136,13 +133,13 @@ class LateFixes:
             own[:, :3, at.lever : at.lever + 3], own[:, 3:, at.lever : at.lever + 3] = c, by_lever
         if at.shaken >= 0:
             own[:, 3:, at.shaken : at.shaken + 3] = by_shaken
-        z[self._rows] += self._lasting[self._rows]
+        z[self._rows] += self._lasting
         h[self._rows] = own
         return z, h
 
-    def innovations(self, delay: float, drift: float) -> FloatArray:
-        """Innovations and their variances, (2, n), with a delay in the middle of the record [s] and its drift [s/s]."""
-        at, (z, h) = self._at, self.measured(delay, drift)
+    def innovations(self, delay: float, drift: float, lag: float) -> FloatArray:
+        """Innovations and their variances, (2, n), with a delay in the middle of the record [s], drift and lag."""
+        at, (z, h) = self._at, self.measured(delay, drift, lag)
         (time, _, *before), noise, decay = self._tape, self._model.noise, self._model.decay
         correlated = self._correlated
         count = noise_likelihood.innovations(

@@ -303,12 +303,13 @@ class Navigator:
                 estimate.covariance,
             ),
             Fix(gps.lla[row], gps.v_n[row], gps.position_sd[row], gps.velocity_sd[row]),
-            settings.velocity_lag,
+            estimate.lag,
             settings.jitter,
             settings.correlated.share if settings.correlated is not None else 0.0,
             estimate.at.correlated,
             estimate.at.lever,
             estimate.at.shaken,
+            estimate.at.lag,
             Assessment(self._z, self._h, self._r, self._s, self._sd),
         )
         return found
@@ -377,8 +378,8 @@ def rates_at(times: FloatArray, end: FloatArray, angles: FloatArray, reach: floa
     `end` (n,): of the samples [s]; `angles` (n, 3): as `turned` has them.
     """
     window = np.clip(times + np.array([[-reach], [reach]]), end[0], end[-1])
-    angle = np.array([np.interp(window, end, column) for column in angles.T])
-    return np.asarray((angle[:, 1] - angle[:, 0]) / np.maximum(window[1] - window[0], reach)).T
+    before, after = (strapdown.between(end, angles, each)[1] for each in window)
+    return np.asarray((after - before) / np.maximum(window[1] - window[0], reach)[:, None])
 
 
 def _rows(inc: Increments, every: float) -> int:

@@ -16,7 +16,7 @@ from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, error_model, initial_state
 from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import correlated_noise
-from insnav.filter.gps_noise import LAG_WORTH, velocity_lag, with_sd
+from insnav.filter.gps_noise import LAG_WORTH, LAGGING_NOTE, velocity_lag, with_sd
 from insnav.filter.measurements.height import HeightAiding
 from insnav.filter.navigator import Navigator
 from insnav.filter.parts import LONGEST_GAP, SHORTEST, Part, spans
@@ -242,7 +242,7 @@ def _noise_of_fixes(
     lag, lag_sd = velocity_lag(gps)
     if abs(lag) > max(LAG_WORTH, 5.0 * lag_sd):
         settings = replace(settings, velocity_lag=lag)
-        notes.append(f"GPS velocity lags position by {lag:.3f} s; corrected")
+        notes.append(f"{LAGGING_NOTE} {lag:.3f} s; corrected")
     correlated = correlated_noise(gps, settings.velocity_lag, reported=reported)
     if correlated is not None:
         settings = replace(settings, correlated=correlated)

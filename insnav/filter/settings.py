@@ -24,7 +24,8 @@ class FilterSettings:
     shaken: float = 0.0  # of the arm by which vibration moves the antenna, for the receiver, less that one [m]
     delay: float = 0.0  # how much older the fixes are than their timestamps [s]
     delay_sd: float = 0.0  # of that [s]; estimated, it puts the solution into the time of the fixes
-    velocity_lag: float = 0.0  # of the velocity of a fix behind its position [s]; see `gps_noise.velocity_lag`
+    velocity_lag: float = 0.0  # of the velocity of a fix behind its position [s]; see `gps_delay.delay_of`
+    lag_sd: float = 0.0  # of that [s]
     # of the timestamps of samples against fixes [s]; times speed and acceleration it adds to the noise of every fix
     jitter: float = 0.0
     correlated: CorrelatedNoise | None = None  # time-correlated part of the position error; three more states

@@ -27,23 +27,27 @@ class Layout(NamedTuple):
 
     A receiver measures velocity over its own 20 to 200 ms, and what shakes an IMU need not move the antenna.
     """
+    lag: int
+    """Of the velocities of fixes behind their positions."""
 
 
 def layout(settings: FilterSettings) -> Layout:
     """States that the settings ask for; whatever follows the delay needs its place, if only as a known zero."""
     swings = settings.shaken > 0.0 and (settings.lever_sd > 0.0 or settings.lever_b.any())
-    more = settings.correlated is not None or settings.lever_sd > 0.0 or swings
+    more = settings.correlated is not None or settings.lever_sd > 0.0 or settings.lag_sd > 0.0 or swings
     if not more and settings.delay_sd <= 0.0:
-        return Layout(STATES, -1, -1, -1, -1)
+        return Layout(STATES, -1, -1, -1, -1, -1)
     count = STATES + 1
-    correlated = lever = shaken = -1
+    correlated = lever = shaken = lag = -1
     if settings.correlated is not None:
         correlated, count = count, count + settings.correlated.sds.size
     if settings.lever_sd > 0.0:
         lever, count = count, count + 3
     if swings:
         shaken, count = count, count + 3
-    return Layout(count, STATES, correlated, lever, shaken)
+    if settings.lag_sd > 0.0:
+        lag, count = count, count + 1
+    return Layout(count, STATES, correlated, lever, shaken, lag)
 
 
 def first_state(start: InitialState, settings: FilterSettings) -> FilterState:
@@ -64,6 +68,8 @@ def first_state(start: InitialState, settings: FilterSettings) -> FilterState:
         if at.lever >= 0:
             other = slice(at.lever, at.lever + 3)
             covariance[part, other] = covariance[other, part] = settings.lever_sd**2 * np.eye(3)
+    if at.lag >= 0:
+        covariance[at.lag, at.lag] = settings.lag_sd**2
     if start.from_fix and at.delay >= 0:
         # the position is that of a fix: wrong by its time-correlated error and by the way travelled in the delay
         if settings.correlated is not None:
@@ -77,7 +83,7 @@ def first_state(start: InitialState, settings: FilterSettings) -> FilterState:
     correction = np.concatenate([start.gyro_bias, np.zeros(9)])
     levers = settings.lever_b.copy(), settings.lever_b.copy()
     lasting = np.zeros(3 if settings.correlated is None else settings.correlated.sds.size)
-    return FilterState(start.time, x, correction, 0.0, lasting, *levers, np.zeros(6), covariance)
+    return FilterState(start.time, x, correction, 0.0, settings.velocity_lag, lasting, *levers, np.zeros(6), covariance)
 
 
 def reset_correlated(covariance: FloatArray, at: int, sd: FloatArray) -> None:

@@ -23,6 +23,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
+from insnav import strapdown
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter.changes import (
@@ -101,8 +102,8 @@ def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> tuple[FloatAr
     track = run.smoothed.solution
     assert track.sd is not None
     time = gps.time - settings.delay
-    after, lla = _between(track.time, track.lla, time)
-    late, v_n = _between(track.time, track.v_n, time - settings.velocity_lag)
+    after, lla = strapdown.between(track.time, track.lla, time)
+    late, v_n = strapdown.between(track.time, track.v_n, time - settings.velocity_lag)
     antenna = lla_offset(lla, dcm_from_rph(track.rph[after]) @ run.lever_b)
     turned = dcm_from_rph(track.rph[late]) - dcm_from_rph(track.rph[late - 1])  # the antenna swings about the IMU
     swing = turned @ run.lever_b / (track.time[late] - track.time[late - 1])[:, None]
@@ -113,13 +114,6 @@ def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> tuple[FloatAr
     off[:, outside] = np.nan
     smoothed = np.array([track.sd[after, :3], track.sd[after, 3:6]])
     return off, np.sum(off**2 / (np.array([gps.position_sd, gps.velocity_sd]) ** 2 + smoothed**2), axis=2)
-
-
-def _between(time: FloatArray, values: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Row behind each wanted time, and the values there on straight lines, constant beyond the ends."""
-    after = np.clip(np.searchsorted(time, wanted), 1, time.shape[0] - 1)
-    part = np.clip((wanted - time[after - 1]) / (time[after] - time[after - 1]), 0.0, 1.0)[:, None]
-    return after, values[after - 1] + part * (values[after] - values[after - 1])
 
 
 def decided(

@@ -146,13 +146,13 @@ class Assessment(NamedTuple):
 
 
 @njit(cache=True)
-def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_at, out):  # type: ignore[no-untyped-def]
+def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_at, lag_at, out):  # type: ignore[no-untyped-def]
     """Everything about a fix that the gates and the filter need.
 
     `predicted`; `fix`; `lag`: how much older than its position the velocity of the fix is [s]; `jitter`: standard
     deviation of the timestamps [s]; `share`: share of the time-correlated error in the variance of a fix, which is not
-    white [-]; `correlated_at`, `lever_at`, `shaken_at`: first state of the time-correlated error, of the lever arm and
-    of that by which vibration moves the antenna; negative where they are not estimated; `out`.
+    white [-]; `correlated_at`, `lever_at`, `shaken_at`, `lag_at`: first state of the time-correlated error, of the
+    lever arm, of that by which vibration moves the antenna, of the lag; negative where not estimated; `out`.
 
     Returns: `position`, `velocity`: NIS of each half, 3 degrees of freedom; ``NaN`` where nothing was measured;
     `distance`, `change`: length of the innovation of position [m] and of velocity [m/s].
@@ -177,6 +177,8 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
         for i in range(3):
             for j in range(3):
                 z[3 + i] += h[3 + i, shaken_at + j] * shaken[j]
+    if lag_at >= 0:
+        h[3:, lag_at] = h[3:, STATES]
     for i in range(3):
         for j in range(3):
             r[i, j] = jitter * jitter * x[3 + i] * x[3 + j]

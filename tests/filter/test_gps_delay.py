@@ -15,7 +15,7 @@ from insnav.errors.ensemble import normalised
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, error_model
-from insnav.filter.gps_delay import delay_of, filtered, scale_of
+from insnav.filter.gps_delay import delay_of, filtered, on_time, scale_of
 from insnav.filter.late_fixes import REACH, LateFixes
 from insnav.filter.prepare import DELAY_SD, Prepared, prepare
 from insnav.filter.state_layout import layout
@@ -23,6 +23,7 @@ from insnav.kernels import errorstate
 from insnav.kernels.smoother import CORRECTION, STATE
 from insnav.report.run.warnings import run_warnings
 from insnav.session.simulation import plan_of, profiled
+from insnav.simulate import gps_from_truth
 from insnav.simulate.gps_file import load_gps
 from insnav.types import FloatArray
 from tests.filter import drives
@@ -51,7 +52,39 @@ def late(ready: Prepared, delay: float) -> Prepared:
 
 def by_likelihood(ready: Prepared) -> tuple[float, float, float]:
     """Delay, its standard deviation and its drift."""
-    return delay_of(filtered(ready))
+    return delay_of(filtered(ready))[:3]
+
+
+def lagging(lag: float, noise: float) -> Prepared:
+    """Velocities that are older than positions, which scatter."""
+    ready, motion = recorded(), drives.truth(LAPS)
+    gps = drives.perfect_gps(laps=LAPS)
+    older, own = (gps_from_truth(motion, gps.time - by, drives.LEVER_B).v_n for by in (lag, 0.0))
+    gps = replace(gps, v_n=gps.v_n + older - own, position_sd=np.full_like(gps.lla, noise))
+    return replace(ready, gps=drives.noisy_gps(gps, np.random.default_rng([11, round(100 * lag)])))
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.13, 0.4])
+@pytest.mark.parametrize(("noise", "delay"), [(0.02, 0.2), (1.5, -0.07)])
+def test_delay_and_lag_of_velocities_are_told_apart(lag, noise, delay):
+    """With metres of scatter velocities tell the delay, and without their lag a wrong one."""
+    there = late(lagging(lag, noise), delay)
+
+    def prepared(clock: float, rate: float) -> Prepared:
+        imu = replace(there.imu, time=there.imu.time + clock)
+        return replace(prepare(imu, there.gps, drives.SPEC, there.settings), clock=clock)
+
+    ready = on_time(prepared, there.settings)
+    assert abs(ready.clock - delay) < 2.0 * DELAY_SD  # from where the filter goes on
+    assert abs(ready.settings.velocity_lag - lag) < 3.0 * max(ready.settings.lag_sd, 0.002)
+    assert ready.settings.lag_sd < 0.03
+
+
+def test_the_filter_is_no_surer_of_the_delay_than_of_the_lag():
+    ready = late(lagging(0.13, 1.5), 0.1)
+    run = insnav.load(ready.imu, gps=ready.gps).navigate().found.run
+    assert abs(run.gps_delay - 0.1) < 3.0 * run.gps_delay_sd
+    assert 0.003 < run.gps_delay_sd < 0.03
 
 
 @pytest.mark.parametrize("delay", [-1.3, -0.4, -0.1, 0.0, 0.1, 0.3, 1.0, 1.7])
@@ -309,9 +342,8 @@ def test_errors_show_in_fixes_of_another_time_as_differences_do(delay, state, co
         settings = replace(settings, lever_b=settings.lever_b + ROTATED)
     else:
         epochs[1:, column : column + 3] += ROTATED
-    (before, shown), (after, _) = (
-        LateFixes(seen.ready, *each).measured(delay, 0.0) for each in ((seen.settings, seen.epochs), (settings, epochs))
-    )
+    runs = (seen.settings, seen.epochs), (settings, epochs)
+    (before, shown), (after, _) = (LateFixes(seen.ready, *each).measured(delay, 0.0, 0.0) for each in runs)
     expected = sum(shown[:, :, first : first + 3] @ ROTATED for first in firsts if first >= 0)
     assert np.abs(expected).max() > 1e-5
     np.testing.assert_allclose(after - before, expected, atol=0.02 * np.abs(expected).max())

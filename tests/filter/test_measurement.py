@@ -104,7 +104,7 @@ class Assessed:
             LAG,
             jitter,
             white,
-            *(-1, -1, -1),
+            *(-1, -1, -1, -1),
             Assessment(self.z, self.h, self.r, self.s, self.sd),
         )
 
@@ -144,7 +144,8 @@ def test_lever_arms_of_turns_and_of_vibration_show_in_position_and_velocity(colu
     motion, fix = np.concatenate([RATE, ACCELERATION, vibration]), Fix(lla, velocity, np.ones(3), np.ones(3))
     found = Assessment(*(np.empty(n) for n in (6, (6, 27), (6, 6), (6, 6), 6)))
     arm, shaken = LEVER + off[:3], LEVER + off[3:]
-    assess(Predicted(state, motion, arm, shaken, np.zeros(3), 0.0, np.eye(27)), fix, LAG, 0.0, 0.0, -1, 21, 24, found)
+    state = Predicted(state, motion, arm, shaken, np.zeros(3), 0.0, np.eye(27))
+    assess(state, fix, LAG, 0.0, 0.0, -1, 21, 24, -1, found)
     expected = np.concatenate([x.c @ off[:3], x.c @ (np.cross(RATE, off[:3]) + np.cross(vibration, off[3:]))])
     np.testing.assert_allclose(found.z, expected, atol=1e-3)
     np.testing.assert_allclose(found.h[:, 21 + column] * 2.0, expected, atol=1e-3)

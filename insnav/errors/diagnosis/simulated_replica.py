@@ -99,7 +99,7 @@ class ReplicaTask:
             self.ready,
             imu=sensors.imu,
             gps=fixes,
-            settings=replace(self.ready.settings, delay=0.0, velocity_lag=0.0, aiding=None),
+            settings=replace(self.ready.settings, delay=0.0, velocity_lag=0.0, lag_sd=0.0, aiding=None),
             initial=_started(self.ready.initial, self.truth, sensors, np.random.default_rng((seed, _START))),
         )
         if self.reference.own_fixes:

@@ -128,6 +128,7 @@ def free_inertial_settings(settings: FilterSettings, *, own_fixes: bool) -> Filt
         lever_sd=0.0,
         jitter=0.0,
         velocity_lag=settings.velocity_lag if own_fixes else 0.0,
+        lag_sd=0.0,
         heading_sd=0.0,
         aiding=None,
         smooth=False,
