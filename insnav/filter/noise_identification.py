@@ -279,10 +279,11 @@ class InnovationLikelihood:
         )
         return out[:, :count]
 
-    def by_axes(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def by_axes(self, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
         """Curvature (12, 12) and slope (12,) of the log-likelihood by the misalignments [rad], and what these do.
 
-        That is the error of roll, pitch and heading by each (12, k, 3) [-]. All is of the settled filter: while the
+        That is the error of roll, pitch and heading by each (12, k, 3) [-]. Last, whether the attitude of the run was
+        so far off so long that the innovations are no linear function of it. All is of the settled filter: while the
         heading is off by degrees, its products with tilts count as much as misalignments.
         """
         push, settled = np.insert(self._axes, 0, 0.0, axis=0), slice(self._offered.size // SETTLING, None)
@@ -292,7 +293,8 @@ class InnovationLikelihood:
         kind = self._tape[1][: settled.start]
         late = slice(int(np.bitwise_count(kind[kind > COAST]).sum()), None)
         weighted = np.array(by) * self._weight(e, s)
-        return weighted[:, late] @ np.transpose(by)[late], -weighted[:, late] @ e[late], turned
+        far_off = float(np.mean(np.abs(push[0, :, 6:]).max(axis=1) > FAR_OFF)) > FAR_OFF_SHARE
+        return weighted[:, late] @ np.transpose(by)[late], -weighted[:, late] @ e[late], turned, far_off
 
     def rejected(self) -> bool:
         """Whether several fixes in a row were rejected in the run, or missing, positions or velocities."""
@@ -317,12 +319,6 @@ class InnovationLikelihood:
     @staticmethod
     def _weight(e: FloatArray, s: FloatArray) -> FloatArray:
         return np.asarray(1.0 / (s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0)))
-
-    def far_off(self, at: FloatArray) -> bool:
-        """Whether the attitude of the run was so far off so long that the innovations are no linear function of it."""
-        mean = np.zeros((1, self._offered.size, NAV))
-        self.normalised(at, mean)
-        return float(np.mean(np.abs(mean[0, :, 6:]).max(axis=1) > FAR_OFF)) > FAR_OFF_SHARE
 
     def bias_seen(self, at: FloatArray) -> float:
         """Negative log-likelihood of the gyro bias that a static alignment saw."""
@@ -468,7 +464,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     wide = top + np.diag(covariance) * [AVERAGED.get(p.key, 0.0) for p in posterior.parameters]
     position, velocity, correlated = drive.fixes_of(wide)
     filter_spec = drive.spec(top)
-    axes = _misalignment(posterior.drives, top, IMU_PRIOR["misalignment"])
+    axes, far_off = _misalignment(posterior.drives, top, IMU_PRIOR["misalignment"])
     return NoiseEstimate(
         _turned(drive.prior, filter_spec, axes.size[0]),
         filter_spec,
@@ -483,18 +479,17 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
         before[2] - cost,
         float(np.mean(before[0] ** 2 / before[1])),
         float(np.mean(e**2 / s)),
-        any(each.far_off(top) for each in posterior.drives),
+        far_off,
         any(each.rejected() for each in posterior.drives),
     )
 
 
-def _misalignment(drives: Sequence[InnovationLikelihood], at: FloatArray, prior_sd: float) -> Misalignment:
-    """Misalignments of the IMU of all drives; attitude is that of the first."""
+def _misalignment(drives: Sequence[InnovationLikelihood], at: FloatArray, prior_sd: float) -> tuple[Misalignment, bool]:
+    """Misalignments of the IMU of all drives, attitude is that of the first; and whether a run was far off."""
     prior = drives[0].prior
     sd = np.concatenate([np.repeat(sensor.misalignment, 2) for sensor in (prior.gyro, prior.accel)])
-    seen = [drive.by_axes(at) for drive in drives]
-    fisher, slope = (np.sum([each[i] for each in seen], axis=0) for i in (0, 1))
-    return misalignment(fisher, slope, seen[0][2], sd, prior_sd)
+    fisher, slope, turned, far_off = zip(*(drive.by_axes(at) for drive in drives), strict=True)
+    return misalignment(np.sum(fisher, axis=0), np.sum(slope, axis=0), turned[0], sd, prior_sd), any(far_off)
 
 
 def _turned(prior: ImuSpec, found: ImuSpec, size: float) -> ImuSpec:
@@ -561,7 +556,7 @@ def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
 def with_known_noise(ready: Prepared, spec: ImuSpec) -> Prepared:
     """The recording prepared with the misalignments that it tells, all noise as it is specified."""
     known = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if ready.model.axes_sd.any() else None
-    return ready if known is None else _with_axes(ready, _misalignment([known[0]], known[1], 0.0))
+    return ready if known is None else _with_axes(ready, _misalignment([known[0]], known[1], 0.0)[0])
 
 
 def known_likelihood(ready: Prepared, spec: ImuSpec) -> tuple[InnovationLikelihood, FloatArray] | None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from insnav.kernels import njit
 from insnav.kernels.earth import OMEGA
-from insnav.kernels.gps_measurement import rotation
+from insnav.kernels.gps_measurement import inverse, rotation
 
 
 @njit(cache=True)
@@ -103,19 +103,8 @@ def innovation(p, z, h, r, first, last, s):  # type: ignore[no-untyped-def]
                     for a in range(n):
                         total += share * p[k, a] * h[first + j, a]
             s[i, j] = total
-    # Cholesky, forward substitution
-    nis = 0.0
-    low = np.zeros((m, m))
-    y = np.zeros(m)
+    inv, nis = inverse(s), 0.0
     for i in range(m):
-        for j in range(i + 1):
-            total = s[i, j]
-            for k in range(j):
-                total -= low[i, k] * low[j, k]
-            low[i, j] = np.sqrt(total) if i == j else total / low[j, j]
-        total = z[first + i]
-        for k in range(i):
-            total -= low[i, k] * y[k]
-        y[i] = total / low[i, i]
-        nis += y[i] * y[i]
+        for j in range(m):
+            nis += z[first + i] * inv[i, j] * z[first + j]
     return nis

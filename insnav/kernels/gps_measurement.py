@@ -235,8 +235,7 @@ def inverse(s):  # type: ignore[no-untyped-def]
             total = 0.0
             for k in range(i, n):
                 total += inv[k, i] * inv[k, j]
-            out[i, j] = total
-            out[j, i] = total
+            out[i, j] = out[j, i] = total
     return out
 
 
@@ -258,19 +257,11 @@ def measurement_fault(z, h, r):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def covariance_fault(p):  # type: ignore[no-untyped-def]
     """Whether a covariance has a number that is not finite (1) or a negative variance (2); symmetrised in place."""
-    n = p.shape[0]
-    fault = 0
+    n, fault, total = p.shape[0], 0, 0.0
     for i in range(n):
         if p[i, i] < 0.0:
             fault = 2
-        for j in range(i):
-            mean = 0.5 * (p[i, j] + p[j, i])
-            p[i, j] = mean
-            p[j, i] = mean
-    total = 0.0
-    for i in range(n):
         for j in range(i + 1):
+            p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
             total += p[i, j]
-    if not np.isfinite(total):
-        fault = 1
-    return fault
+    return fault if np.isfinite(total) else 1

@@ -325,7 +325,7 @@ def test_what_a_misalignment_does_is_what_the_regression_says():
     for each in (imu, replace(imu, gyro=imu.gyro @ turned.T)):
         ready = prepared(each, gps, drives.SPEC, 5, laps=8)
         drive = InnovationLikelihood(ready, drives.SPEC)
-        fisher, slope, does = drive.by_axes(np.array([p.middle for p in drive.parameters]))
+        fisher, slope, does, _ = drive.by_axes(np.array([p.middle for p in drive.parameters]))
         slopes.append(slope)
         attitudes.append(settled_attitude(ready))
     row = sensor_axes.TERMS.index((1, 2))
