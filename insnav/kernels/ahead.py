@@ -107,7 +107,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
     assessment = (
         gps_measurement.Predicted(d1, d1, d1, d1, d1, d, d2),
         gps_measurement.Fix(d1, d1, d1, d1),
-        *(d, d, d, i, i, i),
+        *(d, d, d, i, i, i, i),
         gps_measurement.Assessment(d1, d2, d2, d2, d1),
     )
     run = (d1, i1, d3, d4, d2, d2, d2, d3, d2, d2, d2)
