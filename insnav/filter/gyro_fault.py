@@ -29,8 +29,8 @@ PARTS, SHORTEST = 50, 4.0  # of the record that spans are made of at first, and 
 REACH, STEP = 6.0, 1.0  # about the ends of a span and from one to the next, where it is refined [s]
 ROUNDS, SETTLED = 12, 0.03  # at most, and the part of a rate that ends them
 # twice the gain of the log-likelihood from which a span is looked at, and from which, with the noise beside it, it is a
-# fault: recorded drives without one have up to 46 and 81 [-]
-LOOKED_AT, SURELY = 45.0, 100.0
+# fault: recorded drives without one have up to 47 and 81 [-]
+LOOKED_AT, SURELY = 15.0, 100.0
 LEAST = 0.1 * DEG  # rate; a bias that warms up is no fault [rad/s]
 OPENED = 0.5  # part of the rate by which the bias is opened where a span begins and ends
 MOST = 3  # in one drive
