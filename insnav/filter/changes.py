@@ -149,13 +149,17 @@ def of_the_imu(change: StateChange) -> bool:
     return change.first >= ATTITUDE or (change.first == VELOCITY and bool(np.linalg.norm(change.change) > FASTEST))
 
 
-def false_between(changes: tuple[StateChange, ...], gps: GpsData, delay: float) -> Trust | None:
-    """Fixes between changes that take each other back; None if fixes end elsewhere than they began."""
+def false_between(changes: tuple[StateChange, ...], gps: GpsData, delay: float, held: float = 0.0) -> Trust | None:
+    """Fixes between changes that take each other back, but for `held` [m]; None if fixes end elsewhere than they began.
+
+    What standard deviations hold is no other place.
+    """
     dragged = unused(changes, gps, delay)
     size = np.linalg.norm(offset(changes, gps.time - delay), axis=1)
-    if size.any() and size[-1] > BACK * size.max():
+    back = max(BACK * size.max(), min(held, MINORITY * size.max()))
+    if size.any() and size[-1] > back:
         return None
-    away = size > BACK * size.max()
+    away = size > back
     if dragged is not None:
         away = away | dragged.false[0]
     faster = away & any(each.first == VELOCITY for each in changes)

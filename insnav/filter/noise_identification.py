@@ -38,7 +38,7 @@ from insnav.units import G0, UNITS
 LONGEST = 1800.0  # of the record that is looked at [s]
 SHORT = 600.0  # of it for the first steps, from which the rest is not far [s]
 SPACING = 0.9  # shortest time between the fixes that are looked at [s]
-FEWEST = 120  # fixes needed
+FEWEST = 30  # fixes needed: what fewer show is less than what the prior knows
 HUBER = 3.0  # innovations beyond so many standard deviations count less, so that false fixes do not decide
 # what the variance of clean innovations loses by that: 1 - 2 Q(3), the expectation of psi(u) u for standard normal u
 CLEAN = 0.9973

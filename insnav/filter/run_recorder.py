@@ -205,8 +205,7 @@ class Record:
         if found is not None:
             rows = np.searchsorted(self._time[:n], found.time[found.used] - 1e-6)
             moved = _moved(self._state[rows], delay_sd)
-            velocities = bool(np.isfinite(innovations.nis_velocity).any())
-            shown = shocks(found, velocities=velocities)
+            shown = shocks(found, innovations)
             both = np.ascontiguousarray(found.covariance[:, [*range(NAV), 6, 6, 7], [*range(NAV), 7, 8, 8]])
             track = self._trajectory(
                 found.time,

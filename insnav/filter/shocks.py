@@ -18,7 +18,7 @@ from insnav.filter.smoother import SmoothedErrors
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import DRAG, SHOCK
-from insnav.types import BoolArray, FloatArray, StateChange
+from insnav.types import BoolArray, FloatArray, Innovations, StateChange
 from insnav.units import DEG
 
 
@@ -50,6 +50,8 @@ AT_REST = 1.0  # [m/s]
 # so long after a start at rest, after one in motion, before and after a departure the attitude is not yet that of a
 # linear model: a departure tells heading and misalignments at once [s]
 START, IN_MOTION, BEFORE, AFTER = 10.0, 60.0, 10.0, 20.0
+# innovations so near tell how large noise is there [s], so many before each how alike they are, none beyond so many sd
+NEAR, LAGS, LARGEST = 10.0, 3, 3.0
 NEARLY_ALL = 0.9  # of the epochs see what is stated as seen
 NINE_IN_TEN = 1.28  # standard deviations by which a change must exceed the limit to be seen nine times in ten
 
@@ -66,16 +68,20 @@ class Shocks(NamedTuple):
     sure: bool  # no other change explains as much
 
 
-def shocks(found: SmoothedErrors, *, velocities: bool = True) -> Shocks:
-    """Changes that stand out; without GPS `velocities` there is nothing that a drift is beside of."""
+def shocks(found: SmoothedErrors, innovations: Innovations) -> Shocks:
+    """Changes that stand out; without GPS velocities there is nothing that a drift is beside of."""
     rows = settled(found)
     time, smallest = found.time[rows], dict.fromkeys(OF_FIXES, np.inf)
+    squares, count = scatter(innovations, time)
+    velocities = bool(np.isfinite(innovations.nis_velocity).any())
+    wide = np.sqrt(np.maximum(squares / count, 1.0))
     worst, surest, likely = 1.0, None, list[StateChange]()
     for kind, columns in zip(KINDS, np.split(found.shocks[rows], len(KINDS), axis=1), strict=True):
-        gain, vectors, sd = columns[:, 0], columns[:, 1:4], columns[:, SHOCK - 1]
-        if not np.isfinite(gain).any() or (kind is DRIFT and not velocities):
+        gain, vectors, sd = np.nan_to_num(columns[:, 0]), columns[:, 1:4], columns[:, SHOCK - 1]
+        if not gain.any() or (kind is DRIFT and not velocities):
             continue
-        row, usual = clearest(time, np.nan_to_num(gain), kind.beside)
+        gain = gain / np.maximum((squares - gain) / count, 1.0)
+        row, usual = clearest(time, gain, kind.beside)
         value, at = float(gain[row]), float(time[row])
         change = StateChange(at, kind.first, vectors[row], value)
         if kind is DRIFT:
@@ -83,13 +89,30 @@ def shocks(found: SmoothedErrors, *, velocities: bool = True) -> Shocks:
         seen = max(kind.limit, usual)
         if kind in OF_FIXES:
             excess = np.sqrt(seen / kind.limit)  # of what the drive shows over what the model has
-            smallest[kind] = (np.sqrt(seen) + NINE_IN_TEN * excess) * np.nanquantile(sd, NEARLY_ALL)
+            smallest[kind] = (np.sqrt(seen) + NINE_IN_TEN * excess) * np.nanquantile(wide * sd, NEARLY_ALL)
         if value > worst * seen and np.linalg.norm(vectors[row]) > kind.least:
             worst, surest = value / seen, change
         if value > max(TRIED, usual):
             likely.append(change)
     likely.sort(key=lambda change: -change.gain)
     return Shocks(surest, tuple(likely), np.array(list(smallest.values())), *late(found))
+
+
+def scatter(innovations: Innovations, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Squares of the normalised innovations about each time (m,), and how many numbers they are of.
+
+    What follows each other alike counts as often as it is alike: squares are those of the long-run variance (W. K.
+    Newey, K. D. West, Econometrica 55 (1987) 703-708). A gain of likelihood counts in parts of this variance without
+    it, as with noise of unknown size (P. McCullagh, J. A. Nelder, "Generalized Linear Models", 1989, ch. 9).
+    """
+    u = np.clip(np.nan_to_num(innovations.innovation / innovations.sd), -LARGEST, LARGEST)
+    each = np.sum(u**2, axis=1)
+    for lag in range(1, LAGS + 1):
+        each[lag:] += 2.0 * (1.0 - lag / (LAGS + 1)) * np.sum(u[lag:] * u[:-lag], axis=1)
+    known = np.isfinite(innovations.innovation).sum(axis=1)
+    first, last = (np.searchsorted(innovations.time, time + by) for by in (-NEAR, NEAR))
+    squares, count = (np.concatenate([[0.0], np.cumsum(some)]) for some in (each, known))
+    return squares[last] - squares[first], np.maximum(count[last] - count[first], 1.0)
 
 
 def late(found: SmoothedErrors) -> tuple[StateChange | None, bool]:

@@ -29,6 +29,7 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.filter.changes import (
     ATTITUDE,
     BETTER,
+    HELD,
     beyond,
     changes_of,
     either,
@@ -210,7 +211,10 @@ def _left_open(
     of_imu, of_fixes = (tuple(each for each in changes if of_the_imu(each) is imu) for imu in (True, False))
     perhaps = "against all fixes, which may be false; standard deviations hold both"
     said = told(of_imu, "likelier than false fixes; taken into account" if sure else perhaps)
-    trust, lasting = false_between(of_fixes, gps, settings.delay), beyond(run, of_fixes)
+    sd = run.smoothed.solution.sd
+    assert sd is not None
+    held = HELD * float(np.linalg.norm(np.median(sd[:, :3], axis=0)))
+    trust, lasting = false_between(of_fixes, gps, settings.delay, held), beyond(run, of_fixes)
     if trust is not None:
         run = found.again(trust=trust, changes=of_imu)
     elif lasting:

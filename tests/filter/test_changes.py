@@ -23,7 +23,8 @@ from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM, simulate_recording
 from insnav.types import Event, EventKind, FloatArray, GpsData, ImuData, StateChange, Trajectory
 from tests.filter.test_shocks import AT as SHOCK
-from tests.filter.test_shocks import drives, smoothed
+from tests.filter.test_shocks import drives, shown
+from tests.filter.test_shocks import navigated as smoothed
 from tests.filter.test_whole_record import AT, SETTINGS, false, navigated, recording, span, told
 
 
@@ -128,16 +129,17 @@ def test_a_jump_of_metres_by_a_receiver_good_to_centimetres_is_left_out():
 
 
 def test_the_clearest_changes_are_vectors():
-    found = shocks(smoothed(0, "step", 0.05))
+    found = shown(0, "step", 0.05)
     change = found.likely[0]
     assert change.first == 9
     assert change.time == pytest.approx(drives.truth().start + SHOCK, abs=5.0)
     np.testing.assert_allclose(np.rad2deg(change.change), [0.0, 0.0, -0.05], atol=0.01)
     assert change.gain >= found.likely[-1].gain
-    assert shocks(smoothed(0)).likely == ()
-    dragged = smoothed(0, "minute", 0.5)
-    assert np.isfinite(shocks(dragged).likely[0].since)
-    assert not any(np.isfinite(each.since) for each in shocks(dragged, velocities=False).likely)
+    assert shown(0).likely == ()
+    assert np.isfinite(shown(0, "minute", 0.5).likely[0].since)
+    found, innovations = smoothed(0, "minute", 0.5)
+    alone = replace(innovations, nis_velocity=np.full_like(innovations.nis_velocity, np.nan))
+    assert not any(np.isfinite(each.since) for each in shocks(found, alone).likely)
 
 
 def jump(time: float, metres: float) -> StateChange:
