@@ -80,7 +80,8 @@ def shocks(found: SmoothedErrors, innovations: Innovations) -> Shocks:
         gain, vectors, sd = np.nan_to_num(columns[:, 0]), columns[:, 1:4], columns[:, SHOCK - 1]
         if not gain.any() or (kind is DRIFT and not velocities):
             continue
-        gain = gain / np.maximum((squares - gain) / count, 1.0)
+        part = gain / np.maximum((squares - gain) / count, 1.0)
+        gain = np.where(part > min(kind.limit, TRIED), gain, part)
         row, usual = clearest(time, gain, kind.beside)
         value, at = float(gain[row]), float(time[row])
         change = StateChange(at, kind.first, vectors[row], value)
