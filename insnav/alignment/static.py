@@ -19,6 +19,7 @@ from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray
 
 WINDOW = 0.5  # length of the windows that are classified: several periods of an idling engine [s]
+BLOCK = 4096  # windows whose samples are looked at together
 FEWEST = 10  # samples a mean is taken of
 SHORTEST = 3.0  # a shorter stop levels no better than the first fixes [s]
 CALM_ACCEL, CALM_GYRO = 0.3, 0.03  # without GPS, quiet below: standard deviation [m/s^2], [rad/s] ...
@@ -79,13 +80,11 @@ def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[fl
     `slow` (n,): false where another sensor has seen motion.
     Returns: start and end [s].
     """
-    rate, force = rates(parts)
     size = max(4, round(WINDOW / float(np.median(parts.dt[1 : 1 << 16]))))
-    n = rate.shape[0] // size
+    n = parts.end.shape[0] // size
     if n < 2:
         return None
-    rate, force = (v[: n * size].reshape(n, size, 3) for v in (rate, force))
-    (mean_f, loud_f), (mean_w, loud_w) = _scatter(force), _scatter(rate)
+    mean_w, loud_w, mean_f, loud_f = _windows(parts, n, size)
     quiet = (loud_f < LOUD_ACCEL) & (loud_w < LOUD_GYRO)
     if slow is not None:
         quiet &= slow[: n * size].reshape(n, size).all(axis=1)
@@ -109,11 +108,19 @@ def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[fl
     return None
 
 
-def _scatter(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean of each window of values (n, k, 3), (n, 3), and the length of its standard deviation, (n,)."""
-    mean = np.einsum("ijk->ik", values) / values.shape[1]  # sums over the middle axis take numpy five times as long
-    away = values - mean[:, None]
-    return mean, np.sqrt(np.einsum("ijk,ijk->i", away, away) / values.shape[1])
+def _windows(parts: Intervals, n: int, size: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Rate of `n` windows: mean (n, 3), length of the standard deviation (n,); the same of specific force."""
+    mean, loud = np.empty((2, n, 3)), np.empty((2, n))
+    for first in range(0, n, BLOCK):  # a rest may last for days
+        some = slice(first, min(first + BLOCK, n))
+        for i, values in enumerate(rates(parts, slice(some.start * size, some.stop * size))):
+            window = values.reshape(-1, size, 3)
+            mean[i, some] = (
+                np.einsum("ijk->ik", window) / size
+            )  # sums over the middle axis take numpy five times as long
+            away = window - mean[i, some, None]
+            loud[i, some] = np.sqrt(np.einsum("ijk,ijk->i", away, away) / size)
+    return mean[0], loud[0], mean[1], loud[1]
 
 
 def _before_departure(force: FloatArray, rate: FloatArray) -> int:
