@@ -127,7 +127,7 @@ class NoiseEstimate:
     mean_before: float
     mean_after: float
     far_off: bool  # the attitude of the run was so far off that the innovations are no linear function of it
-    rejected: bool  # it rejected fixes in a row, or lacked them
+    seen: tuple[InnovationLikelihood, FloatArray] | None = None  # what it was found in, and the logarithms of figures
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +170,8 @@ class InnovationLikelihood:
         measured = rows[:, SOURCE, None] != 0.0
         self._other = np.where(measured, rows[:, NOISE : NOISE + 36 : 7], 0.0)
         self._other[self._offered] = (jitter * h[self._offered][:, :, STATES]) ** 2
-        fix = np.searchsorted(gps.time - ready.settings.delay, time - 1e-4)
+        self._given = gps.time - ready.settings.delay
+        fix = np.searchsorted(self._given, time - 1e-4)
         fix = np.minimum(fix, gps.time.shape[0] - 1)
         self._sd = np.nan_to_num(np.hstack([gps.position_sd[fix], gps.velocity_sd[fix]]), nan=1.0)
         self._axes, self._c = errors_of_axes(rows, self._tape[2], imu, ready.nominal)
@@ -297,10 +298,11 @@ class InnovationLikelihood:
         return weighted[:, late] @ np.transpose(by)[late], -weighted[:, late] @ e[late], turned, far_off
 
     def rejected(self) -> bool:
-        """Whether several fixes in a row were rejected in the run, or missing, positions or velocities."""
+        """Whether several fixes in a row were rejected in the run, positions or velocities."""
         kind = self._tape[1]
-        step = np.diff(self.times[kind == kind.max()])
-        return bool((step > REJECTED * np.median(step)).any())
+        used = self.times[kind == kind.max()]
+        step, offered = np.diff(used), np.diff(np.searchsorted(self._given, used + 1e-4))
+        return bool(((step > REJECTED * np.median(step)) & (offered > REJECTED)).any())
 
     @property
     def times(self) -> FloatArray:
@@ -480,7 +482,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
         float(np.mean(before[0] ** 2 / before[1])),
         float(np.mean(e**2 / s)),
         far_off,
-        any(each.rejected() for each in posterior.drives),
+        (drive, top),
     )
 
 
