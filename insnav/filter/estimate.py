@@ -6,7 +6,7 @@ from copy import deepcopy
 
 import numpy as np
 
-from insnav.attitude import dcm_from_rph, quat_from_rph
+from insnav.attitude import dcm_from_rph, quat_from_rph, skew
 from insnav.exceptions import DivergenceError
 from insnav.filter.engine import Engine
 from insnav.filter.error_model import ErrorModel, FilterState, InitialState
@@ -18,6 +18,7 @@ from insnav.filter.state_layout import cross_covariance, layout, reset_correlate
 from insnav.kernels import errorstate
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
+from insnav.kernels.gps_measurement import correct_with_arm, swing
 from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import Event, EventKind, FloatArray, StateChange
 
@@ -48,11 +49,14 @@ class Estimate:
         n = self.at.states
         self.x, self.correction = start.x.copy(), start.correction.copy()
         self.delay, self.lag, self.correlated = start.delay, start.lag, start.correlated.copy()
-        self.lever, self.shaken = start.lever_b.copy(), start.shaken_b.copy()
+        self.arm, self.shaken = np.concatenate([start.lever_b, np.zeros(9)]), start.shaken_b.copy()
+        self.lever, self._swung = self.arm[:3], np.zeros(3)
         self.motion, self.span = start.motion.copy(), np.zeros(1)
+        self._seen = self.x, self.correction, self.arm
         self.history = History(n) if settings.smooth else None
         self._engine = Engine(start.covariance)
         self._record, self._lever_given, self._gps_noise = record, settings.lever_b, settings.correlated
+        self._from_rest = settings.settled and not start.x[3:6].any()
         if self._gps_noise is not None:
             self._lasting_sd, self._lasting_time = self._gps_noise.sds, self._gps_noise.times
             self._lasting = slice(self.at.correlated, self.at.correlated + self._lasting_sd.size)
@@ -64,7 +68,7 @@ class Estimate:
         self._changes = [change for change in settings.changes if change.time > start.time]
         self._noise = errorstate.Model(np.array([SUBSTEP, coast]), model.noise, GAP_NOISE, model.decay)
         if self.history is not None:
-            self.history.epoch(start.time, self.x, self.correction, self._phi, self.covariance)
+            self.history.epoch(start.time, *self._seen, self._phi, self.covariance)
 
     @property
     def covariance(self) -> FloatArray:
@@ -73,8 +77,12 @@ class Estimate:
 
     def kept(self, time: float) -> FilterState:
         """Copy of everything, to go on from."""
-        levers = self.lever, self.shaken
-        state = (self.x, self.correction, self.delay, self.lag, self.correlated, *levers, self.motion, self.covariance)
+        levers, p = (self.lever, self.shaken), self.covariance.copy()
+        if self.at.lever >= 0:
+            lever, turned = slice(self.at.lever, self.at.lever + 3), self.arm[3:].reshape(3, 3)
+            p[:3] -= turned @ p[lever] + skew(self._swung) @ p[6:9]
+            p[:, :3] -= p[:, lever] @ turned.T - p[:, 6:9] @ skew(self._swung)
+        state = (self.x, self.correction, self.delay, self.lag, self.correlated, *levers, self.motion, p)
         return FilterState(time, *deepcopy(state))
 
     def propagate(
@@ -102,10 +110,12 @@ class Estimate:
                 diagonal[self._lasting] = value
         while self._changes and self._changes[0].time <= time + TIME_TOLERANCE:
             self._change(self._changes.pop(0))
+        if self._swung.any():
+            swing(self._phi, self._swung)
         self._note_repair(time, self._engine.predict(self._phi, self._q, time))
         errorstate.variances(self.covariance, self.x, self.before)
         if self.history is not None:
-            self.history.epoch(time, self.x, self.correction, self._phi, self.covariance)
+            self.history.epoch(time, *self._seen, self._phi, self.covariance)
         errorstate.reset_transition(self._phi, self._q, self.span)
 
     def _change(self, found: StateChange) -> None:
@@ -126,7 +136,7 @@ class Estimate:
     def epoch(self, time: float) -> None:
         """Another epoch at the time of the last, for one more measurement."""
         if self.history is not None:
-            self.history.epoch(time, self.x, self.correction, self._unity, self.covariance)
+            self.history.epoch(time, *self._seen, self._unity, self.covariance)
 
     def correct(self, time: float, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
         """Use a measurement: predicted minus measured, its derivative by the error states, its covariance."""
@@ -134,7 +144,7 @@ class Estimate:
         self._take(error)
         self._note_repair(time, repaired)
         if self.history is not None:
-            self.history.updated(self.x, self.correction)
+            self.history.updated(*self._seen)
 
     def restart(self, time: float, z: FloatArray, position_sd: FloatArray, velocity_sd: FloatArray | None) -> None:
         """Set position, and velocity if its standard deviation is given, to a fix, with a covariance to match.
@@ -156,7 +166,7 @@ class Estimate:
         errorstate.feed_back(self.x, self.correction, error)
         self._begin_at_fix(p)
         if self.history is not None:
-            self.history.restart(time, self.x, self.correction, p)
+            self.history.restart(time, *self._seen, p)
 
     def go_on(self, start: InitialState, span: float) -> None:
         """Go on after a gap of `span` seconds: position, velocity and attitude from a new alignment.
@@ -194,10 +204,11 @@ class Estimate:
         self._begin_at_fix(p)
         errorstate.reset_transition(self._phi, self._q, self.span)
         if self.history is not None:
-            self.history.epoch(start.time, self.x, self.correction, phi, p)
+            self.history.epoch(start.time, *self._seen, phi, p)
 
     def _begin_at_fix(self, p: FloatArray) -> None:
         """Set the covariance where the position is that of a fix, with its time-correlated error."""
+        self.arm[3:] = self._swung[:] = 0.0
         if self._gps_noise is not None:
             reset_correlated(p, self.at.correlated, self._lasting_sd)
             cross_covariance(p, self.at.correlated, self._lasting_sd)
@@ -206,16 +217,19 @@ class Estimate:
 
     def _take(self, error: FloatArray) -> None:
         """Correct the state by an estimated error (closed loop)."""
-        errorstate.feed_back(self.x, self.correction, error)
         at = self.at
+        if at.lever >= 0 and self._from_rest:
+            correct_with_arm(self.x, self.correction, error, at.lever, self.arm, self._swung)
+        else:
+            errorstate.feed_back(self.x, self.correction, error)
+            if at.lever >= 0:
+                self.lever -= error[at.lever : at.lever + 3]
         if at.delay >= 0:
             self.delay -= error[at.delay]
         if at.lag >= 0:
             self.lag -= error[at.lag]
         if at.correlated >= 0:
             self.correlated -= error[at.correlated : at.correlated + self.correlated.size]
-        if at.lever >= 0:
-            self.lever -= error[at.lever : at.lever + 3]
         if at.shaken >= 0:
             self.shaken -= error[at.shaken : at.shaken + 3]
 

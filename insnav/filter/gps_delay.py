@@ -42,7 +42,7 @@ FIXES = 600  # of it at most
 FEWEST_BLOCKS = 3  # of it; fewer may agree by accident
 WORTH = 0.03  # smaller delays are linear enough for the state of the filter [s]
 WIDEST = 0.5  # standard deviation of a delay with which the filter begins where a drive hardly shows it [s]
-SURE, REFINED = 5.0, 3.0  # delays are believed beyond so many of their standard deviations, once it was moved
+SURE, REFINED = 4.0, 3.0  # delays are believed beyond so many of their standard deviations, once it was moved
 ROUNDS = 3  # of moving the clock
 LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # of an arm of vibration's own: the least, and what is worth states [m]
 LAGS = 0.2 * np.arange(-1, 6)  # of velocities where the search for one begins, from the one assumed on [s]
@@ -88,7 +88,7 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
     gates = gates or replace(ready.settings.gates, reset_after=np.inf)
     lever_sd = ready.settings.lever_sd
     other = float(np.hypot(OPENED * lever_sd, np.linalg.norm(ready.settings.lever_b)))
-    settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0, gates=gates)
+    settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0, gates=gates, settled=False)
     settings = replace(settings, lever_sd=OPENED * lever_sd, shaken=other)
     navigator = replace(ready, settings=settings).navigator()
     try:

@@ -22,7 +22,7 @@ from insnav.filter.settings import FilterSettings
 from insnav.filter.state_layout import first_state, layout
 from insnav.kernels import noise_likelihood
 from insnav.kernels.dynamics import NAV
-from insnav.kernels.smoother import COAST, CORRECTION, KIND, POSITION, STATE, TIME, VELOCITY
+from insnav.kernels.smoother import ARM, COAST, CORRECTION, KIND, POSITION, STATE, TIME, VELOCITY
 from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import FloatArray
 from insnav.units import DEG
@@ -71,7 +71,7 @@ class LateFixes:
             grown = np.exp((time[:, None] - time[0]) / settings.correlated.times)
             back = np.cumsum(fed[:, at.correlated : at.correlated + size] * grown, axis=0)
             self._lasting[:, :size] = -(np.vstack([np.zeros(size), back[:-1]]) / grown)[good]
-        parts, self._bias = strapdown.intervals(ready.imu, ready.nominal), epochs[good, CORRECTION:]
+        parts, self._bias = strapdown.intervals(ready.imu, ready.nominal), epochs[good, CORRECTION:ARM]
         self._samples = parts.end, turned(parts)
         self._nominal, self._gravity = ready.nominal, gravity_n(gps.lla[0, 0], gps.lla[0, 2])
         begin, rph = float(time[0]), rph_from_quat(epochs[0, STATE + 6 : STATE + 10])

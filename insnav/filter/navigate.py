@@ -52,43 +52,12 @@ def navigate_recording(
 ) -> Navigated:
     """Navigate one recording: `prepare` it and feed it to the filter.
 
-    Parameters
-    ----------
-    imu : ImuData
-        Samples, calibrated.
-    gps : GpsData
-        Fixes.
-    spec : ImuSpec
-        IMU error specification.
-    settings : FilterSettings
-        Lever arm, delay, gates, output, logs of further sensors.
-    states : {21, 15}
-        With or without scale factor errors.
-    start : Start, optional
-        Initial state; by default the data are aligned.
-    static_span : tuple of float, optional
-        Stationary interval for the alignment [s].
-    heading : float, optional
-        Heading at the start [rad].
-    aiding : {"auto", "on", "off"}
-        Non-holonomic constraint, odometer, ZUPT, barometer and `settings.logs`, calibrated in a first pass. auto: where
-        there are logs or GPS gaps; on: always; off: never.
-    progress : callable, optional
-        Called with the fraction done.
-
-    Returns
-    -------
-    Navigated
-        Run and notes.
-
-    Raises
-    ------
-    InputError
-        No fixes, or an initial state outside the record.
-    AlignmentError
-        The data do not determine the attitude.
-    DivergenceError
-        The filter lost consistency.
+    `states`: 21 or 15, with or without scale factor errors; `start`: initial state, by default the data are aligned;
+    `static_span`: stationary interval for the alignment [s]; `heading`: at the start [rad]; `aiding`: non-holonomic
+    constraint, odometer, ZUPT, barometer and `settings.logs`, calibrated in a first pass (auto: where there are logs or
+    GPS gaps); `progress`: called with the fraction done.
+    Raises: InputError: no fixes, or an initial state outside the record; AlignmentError: the data do not determine the
+    attitude; DivergenceError: the filter lost consistency.
     """
     ready = prepare(imu, gps, spec, settings, states=states, start=start, static_span=static_span, heading=heading)
     return navigate_prepared(ready, spec, aiding=aiding, progress=progress)

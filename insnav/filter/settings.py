@@ -28,6 +28,7 @@ class FilterSettings:
     lag_sd: float = 0.0  # of that [s]
     # of the timestamps of samples against fixes [s]; times speed and acceleration it adds to the noise of every fix
     jitter: float = 0.0
+    settled: bool = True  # how late fixes are is known; see `insnav.kernels.gps_measurement.correct_with_arm`
     correlated: CorrelatedNoise | None = None  # time-correlated part of the position error; three more states
     mounting_yaw: float = 0.0  # of the IMU in the vehicle, to the right [rad]; see `insnav.alignment.mounting`
     output_interval: float = 0.1  # of the solution [s]; 0 for every sample

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav import spill
+from insnav.attitude import dcm_from_quat, skew
 from insnav.kernels import smoother as kernel
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES
@@ -42,12 +43,14 @@ class History:
         self._blocks: list[FloatArray] = []
         self._used = ROWS
 
-    def epoch(self, time: float, x: FloatArray, correction: FloatArray, phi: FloatArray, p: FloatArray) -> None:
+    def epoch(
+        self, time: float, x: FloatArray, correction: FloatArray, arm: FloatArray, phi: FloatArray, p: FloatArray
+    ) -> None:
         """Note state and covariance before a measurement, and the transition that led there."""
         if self._used == ROWS:
             self._blocks.append(spill.empty((ROWS, self._width)))
             self._used = 0
-        kernel.keep(self._blocks[-1][self._used], time, x, correction, phi, p)
+        kernel.keep(self._blocks[-1][self._used], time, x, correction, arm, phi, p)
         self._used += 1
 
     def measurement(self, position: bool, velocity: bool, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
@@ -60,13 +63,13 @@ class History:
         kind = (1 << part.stop) - (1 << part.start)
         kernel.keep_measurement(self._blocks[-1][self._used - 1], kind, kernel.AIDING, z, h, r)
 
-    def updated(self, x: FloatArray, correction: FloatArray) -> None:
+    def updated(self, x: FloatArray, correction: FloatArray, arm: FloatArray) -> None:
         """Note the state after the measurement of the last epoch."""
-        kernel.keep_state(self._blocks[-1][self._used - 1], x, correction)
+        kernel.keep_state(self._blocks[-1][self._used - 1], x, correction, arm)
 
-    def restart(self, time: float, x: FloatArray, correction: FloatArray, p: FloatArray) -> None:
+    def restart(self, time: float, x: FloatArray, correction: FloatArray, arm: FloatArray, p: FloatArray) -> None:
         """Note a reset: what follows says nothing of what was before."""
-        self.epoch(time, x, correction, np.eye(self._states), p)
+        self.epoch(time, x, correction, arm, np.eye(self._states), p)
         self._blocks[-1][self._used - 1, kernel.KIND] = kernel.RESTART
 
     def rows(self) -> FloatArray:
@@ -82,13 +85,14 @@ class History:
         after, before, variance = spill.empty((count, m)), spill.empty((count, m)), np.empty((count, SENSOR))
         covariance, innovations = spill.empty((count, NAV, NAV)), spill.empty((count, 25))
         shocks, cross, ends = spill.empty((count, 6 * kernel.SHOCK)), np.zeros((9, n + 3)), np.zeros((3, 5, 3))
-        late = np.empty((count, 2))
+        late, arm = np.empty((count, 2)), self._blocks[-1][self._used - 1, kernel.ARM : kernel.ARM + 3].copy()
         ends[1:, 4] = np.nan
         for number in range(len(self._blocks) - 1, -1, -1):
             last = min(count, (number + 1) * ROWS)
             part = slice(number * ROWS, last)
             block = self._blocks[number][: last - number * ROWS]
-            ends[0, 4, 0] = (self._blocks[number - 1][-1] if number else block[0])[kernel.TIME]
+            earlier = self._blocks[number - 1][-1] if number else block[0]
+            ends[0, 4, 0] = earlier[kernel.TIME]
             kernel.backward(
                 block,
                 n,
@@ -105,13 +109,15 @@ class History:
                 late[part],
             )
             head[part] = block[:, : kernel.RESIDUAL]
+            arms = np.vstack([earlier, block])[:, kernel.ARM : kernel.RESIDUAL]
+            _place(head[part], arms, arm, after[part], before[part], covariance[part])
             self._blocks.pop()
             spill.release()
         kind = head[:, kernel.KIND]
         return SmoothedErrors(
             head[:, kernel.TIME].copy(),
             head[:, kernel.STATE : kernel.CORRECTION].copy(),
-            head[:, kernel.CORRECTION :].copy(),
+            head[:, kernel.CORRECTION : kernel.ARM].copy(),
             (kind > kernel.COAST) & (head[:, kernel.SOURCE] == kernel.FIX),
             after,
             before,
@@ -121,3 +127,26 @@ class History:
             shocks,
             late,
         )
+
+
+def _place(
+    head: FloatArray, arms: FloatArray, arm: FloatArray, after: FloatArray, before: FloatArray, covariance: FloatArray
+) -> None:
+    """Make the smoothed position that of the smoothed antenna less the smoothed lever arm in the smoothed attitude.
+
+    The products of the errors of lever arm and attitude are centimetres, far more than where the antenna is unknown.
+
+    `head` (m, RESIDUAL): of the epochs; `arms` (m + 1, 12): before them and after, see
+    `insnav.kernels.gps_measurement.correct_with_arm`; `arm` (3,): smoothed [m]; the others change, see
+    `SmoothedErrors`.
+    """
+    off, turned = arms[:, :3] - arm, arms[:, 3:].reshape(-1, 3, 3)
+    if not off.any():
+        return
+    c = dcm_from_quat(head[:, kernel.STATE + 6 : kernel.CORRECTION])
+    wrong = np.einsum("kij,kj->ki", c, off[:-1])
+    for error, each in ((before, slice(0, -1)), (after, slice(1, None))):
+        error[:, :3] += np.cross(wrong, error[:, 6:9]) - np.einsum("kij,kj->ki", turned[each], off[each])
+    by = np.tile(np.eye(NAV), (len(wrong), 1, 1))
+    by[:, :3, 6:] = skew(wrong)
+    covariance[:] = by @ covariance @ np.swapaxes(by, 1, 2)

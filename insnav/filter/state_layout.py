@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from insnav.attitude import quat_from_rph
+from insnav.attitude import dcm_from_rph, quat_from_rph
 from insnav.filter.error_model import FilterState, InitialState
 from insnav.filter.settings import FilterSettings
 from insnav.kernels.errorstate import STATES
@@ -77,8 +77,12 @@ def first_state(start: InitialState, settings: FilterSettings) -> FilterState:
         covariance[:3, :3] += settings.delay_sd**2 * np.outer(start.v_n, start.v_n)
         covariance[:3, at.delay] = covariance[at.delay, :3] = settings.delay_sd**2 * start.v_n
         if at.lever >= 0:
-            # and by the error of the lever arm; the direction hardly matters
+            # and by the error of the lever arm: wherever the antenna is, the fix says no more of it
             covariance[:3, :3] += settings.lever_sd**2 * np.eye(3)
+            for first in {at.lever, at.shaken} - {-1}:
+                arm = slice(first, first + 3)
+                covariance[:3, arm] = -(settings.lever_sd**2) * dcm_from_rph(start.rph)
+                covariance[arm, :3] = covariance[:3, arm].T
     x = np.concatenate([start.lla, start.v_n, quat_from_rph(start.rph)])
     correction = np.concatenate([start.gyro_bias, np.zeros(9)])
     levers = settings.lever_b.copy(), settings.lever_b.copy()

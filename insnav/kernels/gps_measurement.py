@@ -7,8 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from insnav.kernels import inner, njit
+from insnav.kernels.dynamics import NAV
 from insnav.kernels.earth import OMEGA, radii
-from insnav.kernels.errorstate import STATES
+from insnav.kernels.errorstate import STATES, feed_back
+
+LARGEST_TURN = 0.35  # of all corrections together: what is more than an alignment errs is drift [1]
 
 
 @njit(cache=True)
@@ -113,13 +116,54 @@ def _by_lever(rotated, rate, at, h):  # type: ignore[no-untyped-def]
         h[3 + i, at + 2] = rotated[i, 0] * rate[1] - rotated[i, 1] * rate[0]
 
 
+@njit(cache=True)
+def correct_with_arm(x, correction, error, at, arm, swung):  # type: ignore[no-untyped-def]
+    """Take an estimated error (n,) off the state, and off the lever arm, whose states begin at `at`.
+
+    `arm` (12,): the lever arm [m]; then by how much corrections have turned ``C_nb`` so far. A correction of the
+    attitude is no turn, and shows no lever arm: where the antenna was seen, it was seen with the error that the IMU had
+    then. The state of the position is therefore its error and what these turns make of that of the lever arm, and what
+    positions tell about the arm stays as it was when they were measured. Likewise with the antenna, as it has `swung`
+    (3,) in navigation axes since the last epoch [m], and the heading (observability-constrained filter: G. P. Huang, A.
+    I. Mourikis and S. I. Roumeliotis, Int. J. Robotics Research 29 (2010) 502-528). For a start at rest: in
+    motion attitude is soon corrected for a drift, or for fixes that are late, and the arm is seen anew.
+    """
+    before, after, moved, square = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(STATES), 0.0
+    rotation(x, before)
+    feed_back(x, correction, error)
+    rotation(x, after)
+    for i in range(3):
+        for j in range(3):
+            swung[i] += after[i, j] * (arm[j] - error[at + j]) - before[i, j] * arm[j]
+            arm[3 + 3 * i + j] += after[i, j] - before[i, j]
+            square += arm[3 + 3 * i + j] ** 2
+    for i in range(3):
+        arm[i] -= error[at + i]
+        for j in range(3):
+            arm[3 + 3 * i + j] *= min(1.0, LARGEST_TURN / np.sqrt(max(square, 1e-12)))
+            moved[i] -= arm[3 + 3 * i + j] * error[at + j]
+    feed_back(x, correction, moved)
+
+
+@njit(cache=True)
+def swing(phi, swung):  # type: ignore[no-untyped-def]
+    """Let a transition (n, n) begin with what the antenna has `swung` (3,), which becomes zero: ``-phi [swung x]``."""
+    for i in range(NAV):
+        north, east, down = phi[i, 0], phi[i, 1], phi[i, 2]
+        phi[i, 6] -= east * swung[2] - down * swung[1]
+        phi[i, 7] -= down * swung[0] - north * swung[2]
+        phi[i, 8] -= north * swung[1] - east * swung[0]
+    swung[:] = 0.0
+
+
 class Predicted(NamedTuple):
     """What the filter believes when a fix arrives; see `antenna`."""
 
     x: np.ndarray  # (10,) state
-    # (9,) body rate [rad/s], acceleration in n [m/s^2]; what vibration adds to the rate [rad/s]
+    # (10,) body rate [rad/s], acceleration in n [m/s^2]; what vibration adds to the rate [rad/s]; square of a rate so
+    # small that it may be noise of the gyros, which swings no antenna and must show no lever arm [rad^2/s^2]
     motion: np.ndarray
-    lever: np.ndarray  # (3,) antenna seen from the IMU, body axes [m]
+    arm: np.ndarray  # (12,) see `correct_with_arm`
     shaken: np.ndarray  # (3,) the same as vibration moves it for the receiver [m]
     correlated: np.ndarray  # (3,) time-correlated position error [m], or (6,) with that of velocity [m/s]
     delay: float  # estimated [s]
@@ -157,10 +201,10 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
     Returns: `position`, `velocity`: NIS of each half, 3 degrees of freedom; ``NaN`` where nothing was measured;
     `distance`, `change`: length of the innovation of position [m] and of velocity [m/s].
     """
-    x, motion, lever, shaken, correlated, delay, p = predicted
+    x, motion, arm, shaken, correlated, delay, p = predicted
     lla, v_n, position_sd, velocity_sd = fix
     z, h, r, s, sd = out
-    antenna(x, motion, lever, delay, lag, lla, v_n, z, h)
+    antenna(x, motion, arm, delay, lag, lla, v_n, z, h)
     if correlated_at >= 0:
         for i in range(correlated.shape[0]):
             z[i] += correlated[i]
@@ -170,8 +214,9 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
     if lever_at >= 0:
         for i in range(3):
             for j in range(3):
-                h[i, lever_at + j] = rotated[i, j]
-        _by_lever(rotated, motion[:3], lever_at, h)
+                h[i, lever_at + j] = rotated[i, j] - arm[3 + 3 * i + j]
+        turning = motion[0] ** 2 + motion[1] ** 2 + motion[2] ** 2
+        _by_lever(rotated, motion[:3] * (turning / max(turning + motion[9], 1e-30)), lever_at, h)
     if shaken_at >= 0:
         _by_lever(rotated, motion[6:], shaken_at, h)
         for i in range(3):

@@ -16,7 +16,7 @@ from insnav.kernels.errorstate import SENSOR, STATES, at_fix_time, feed_back
 from insnav.kernels.gps_measurement import inverse
 
 # columns of a row of the history
-TIME, KIND, SOURCE, STATE, CORRECTION, RESIDUAL, NOISE = 0, 1, 2, 3, 13, 25, 31
+TIME, KIND, SOURCE, STATE, CORRECTION, ARM, RESIDUAL, NOISE = 0, 1, 2, 3, 13, 25, 37, 43
 JACOBIAN = NOISE + 36
 COAST, RESTART = 0, -1  # kinds; else a bit for each row of the measurement that was used
 POSITION, VELOCITY = 7, 56
@@ -31,16 +31,17 @@ def width(n: int) -> int:
 
 
 @njit(cache=True)
-def keep(row, time, x, correction, phi, p):  # type: ignore[no-untyped-def]
+def keep(row, time, x, correction, arm, phi, p):  # type: ignore[no-untyped-def]
     """Note a filter epoch: state (10,), sensor errors (12,) and covariance before its measurement, at `time` [s].
 
-    `phi` is the transition from the epoch before; `row`, (width(n),), is filled.
+    `arm` (12,): see `insnav.kernels.gps_measurement.correct_with_arm`; `phi` is the transition from the epoch before;
+    `row`, (width(n),), is filled.
     """
     n = p.shape[0]
     row[TIME] = time
     row[KIND] = COAST
     row[SOURCE] = 0.0
-    keep_state(row, x, correction)
+    keep_state(row, x, correction, arm)
     at = JACOBIAN + 6 * n
     for i in range(NAV):
         for j in range(STATES):
@@ -56,12 +57,13 @@ def keep(row, time, x, correction, phi, p):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def keep_state(row, x, correction):  # type: ignore[no-untyped-def]
+def keep_state(row, x, correction, arm):  # type: ignore[no-untyped-def]
     """Note the state after the measurement."""
     for i in range(10):
         row[STATE + i] = x[i]
     for i in range(SENSOR):
         row[CORRECTION + i] = correction[i]
+        row[ARM + i] = arm[i]
 
 
 @njit(cache=True)

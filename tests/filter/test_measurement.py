@@ -141,9 +141,9 @@ def test_lever_arms_of_turns_and_of_vibration_show_in_position_and_velocity(colu
     x, vibration, off = case("car"), np.array([-0.3, 0.5, 0.2]), 2.0 * np.eye(6)[column]
     lla, velocity = predicted(x, 0.0, RATE + vibration)
     state = np.concatenate([x.lla, x.v, Rotation.from_matrix(x.c).as_quat(scalar_first=True)])
-    motion, fix = np.concatenate([RATE, ACCELERATION, vibration]), Fix(lla, velocity, np.ones(3), np.ones(3))
+    motion, fix = np.concatenate([RATE, ACCELERATION, vibration, [0.0]]), Fix(lla, velocity, np.ones(3), np.ones(3))
     found = Assessment(*(np.empty(n) for n in (6, (6, 27), (6, 6), (6, 6), 6)))
-    arm, shaken = LEVER + off[:3], LEVER + off[3:]
+    arm, shaken = np.concatenate([LEVER + off[:3], np.zeros(9)]), LEVER + off[3:]
     state = Predicted(state, motion, arm, shaken, np.zeros(3), 0.0, np.eye(27))
     assess(state, fix, LAG, 0.0, 0.0, -1, 21, 24, -1, found)
     expected = np.concatenate([x.c @ off[:3], x.c @ (np.cross(RATE, off[:3]) + np.cross(vibration, off[3:]))])

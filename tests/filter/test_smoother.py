@@ -50,7 +50,7 @@ def filtered(system, y, n, start):
         if k:
             x, p = system["phi"][k] @ x, system["phi"][k] @ p @ system["phi"][k].T + system["q"][k]
         row = np.zeros(kernel.width(n))
-        kernel.keep(row, SPACING * k, np.zeros(10), np.zeros(12), system["phi"][k] if k else np.eye(n), p)
+        kernel.keep(row, SPACING * k, np.zeros(10), np.zeros(12), np.zeros(12), system["phi"][k] if k else np.eye(n), p)
         part = used(KINDS[k])
         if part.stop:
             h, r = system["h"][k], system["r"][k]

@@ -104,8 +104,10 @@ def test_without_reported_standard_deviations_errors_are_as_stated(kept):
     found = drive.navigate().found
     assert any("fix type" in note for note in drive.notes)
     assert found.noise is not None
+    # positions alone do not tell how high above the IMU the antenna is: what is as good as stated is the antenna there
+    unseen = np.zeros(3) if "v_n" in kept else (found.run.lever_b - LEVER) * [0.0, 0.0, 1.0]
     for errors in (found.errors, found.smoothed_errors):
         assert inside(errors) > 0.97
-        assert (np.sqrt(np.mean(errors.position**2, axis=0)) < [1.0, 1.0, 1.2]).all()  # fixes: 1.7, 1.7, 2.6 m
+        assert (np.sqrt(np.mean((errors.position + unseen) ** 2, axis=0)) < [1.0, 1.0, 1.2]).all()
     assert (np.abs(found.run.lever_b - LEVER) <= 3.0 * found.run.lever_sd).all()
     assert abs(found.run.gps_delay) <= 3.0 * found.run.gps_delay_sd

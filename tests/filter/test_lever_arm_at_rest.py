@@ -1,0 +1,71 @@
+"""What nobody can see of a lever arm, the filter does not claim to see, and the smoother places the IMU rightly."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import insnav
+from insnav.errors.metrics import position_errors
+from insnav.kernels.gps_measurement import antenna, correct_with_arm
+from insnav.session.simulation import plan_of, profiled
+from insnav.simulate.gps_file import load_gps
+
+ARM = np.array([2.2, 0.5, -1.6])
+AT = 22
+
+
+def test_a_correction_moves_the_antenna_as_its_derivative_says():
+    """Where attitude and lever arm are corrected together: their product would be 90 mm."""
+    x = np.array([0.8, 0.1, 200.0, 0.0, 0.0, 0.0, 0.9, 0.1, -0.1, np.sqrt(1.0 - 0.83)])
+    arm, correction, swung = np.zeros(12), np.zeros(12), np.zeros(3)
+    lla, none = x[:3].copy(), np.zeros(3)
+    error = np.zeros(25)
+    error[:3], error[6:9], error[AT : AT + 3] = [0.3, -0.2, 0.1], [0.02, -0.01, 0.07], [-1.2, 0.4, 0.9]
+    z, h = np.zeros(6), np.zeros((6, 25))
+    quaternion = x[6:].copy()
+    correct_with_arm(x, correction, error, AT, arm, swung)
+    assert np.abs(x[6:] - quaternion).max() > 0.01
+    antenna(x, np.zeros(6), arm, 0.0, 0.0, lla, none, z, h)
+    q0, q = quaternion[0], quaternion[1:]
+    by_arm = 2.0 * q0 * np.cross(q, error[AT:], axis=0) + 2.0 * np.cross(q, np.cross(q, error[AT:])) + error[AT:]
+    np.testing.assert_allclose(z[:3], -error[:3] - by_arm, atol=1e-5)
+    np.testing.assert_allclose(arm[:3], -error[AT:])
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """A minute of rest, heading off by 4 deg, then turns; RTK fixes of an antenna 2.8 m from the IMU."""
+    plan = plan_of(
+        profiled("figure_eight", 9028),
+        {"imu": "automotive", "gps": replace(load_gps("rtk"), lever_b=ARM), "seed": 9028},
+    )
+    made = plan.measured()
+    imu, gps = made.imu, made.gps
+    end = imu.time[0] + 170.0
+    return insnav.load(imu.rows(imu.time < end), gps=gps.rows(gps.time < end)), made.reference
+
+
+def test_rest_shows_neither_lever_arm_nor_heading(drive):
+    drive, _ = drive
+    ready, _ = drive.prepared_with_noise()
+    navigator = ready.navigator()
+    start = ready.imu.time[0]
+    before = np.sqrt(np.diagonal(navigator._estimate.covariance))
+    navigator.feed(ready.imu.rows(ready.imu.time < start + 55.0))
+    after, at = np.sqrt(np.diagonal(navigator._estimate.covariance)), navigator._estimate.at
+    assert (after[at.lever : at.lever + 3] > 0.9 * before[at.lever : at.lever + 3]).all()
+    assert after[8] > 0.75 * before[8]
+
+
+def test_positions_at_rest_and_later_are_inside_three_sd(drive):
+    drive, reference = drive
+    run = drive.navigate().found.run
+    assert (np.abs(run.lever_b - ARM) < 3.0 * run.lever_sd).all()
+    for solution in (run.solution, run.smoothed.solution):
+        error = position_errors(solution, reference)
+        inside = np.abs(error.position) <= 3.0 * error.sd[:, :3]
+        assert inside.mean() > 0.97
+        assert inside[error.time < error.time[0] + 55.0].mean() > 0.97
