@@ -8,6 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -19,6 +20,7 @@ from insnav.exceptions import ConfigError, InsnavError
 
 if TYPE_CHECKING:
     from insnav.fleet.batch import Drive
+    from insnav.quantity import Quantity
 
 SHORT_HELP = "Navigate many drives with one command: one row a drive, and a page of the fleet."
 HELP = """Navigate many drives with one command.
@@ -96,12 +98,22 @@ def batch(
         stage("writing")
         page = write_fleet(folder, made, left, {"drives": str(drives), "run": list(common)})
     more = max(len(made) - _SHOWN, 0)
-    shown = replace(page.sections[0], rows=page.sections[0].rows[:_SHOWN])
+    shown = replace(page.sections[0], rows=_short(page.sections[0].rows[:_SHOWN]))
     names = ("drives", f"fleet.csv ({more} drives more)" if more else "fleet.csv")
     result_page(folder, replace(page, sections=(shown, *page.sections[1:])), out, as_json=as_json, more=names)
     if page.verdict is not None and page.verdict.light == "bad":
         error_block(page.verdict.reason, (("fix", "see the reasons above; insnav check FILES says what to mend"),))
         raise typer.Exit(1)
+
+
+def _short(rows: Sequence[tuple[Quantity, ...]]) -> tuple[tuple[Quantity, ...], ...]:
+    """Rows whose last cell, the reason, fits beside the name of the drive; in full it is on the page."""
+    from insnav.report.terminal import WIDTH
+
+    room = (console.terminal_width() or WIDTH) - 4 - max(len(str(row[0].value)) for row in rows)
+    return tuple(
+        (*row, replace(why, value=shorten(str(why.value), max(room, 20), placeholder=" …"))) for *row, why in rows
+    )
 
 
 def run_drive(arguments: Sequence[str]) -> None:

@@ -200,7 +200,7 @@ def fleet_page(rows: Sequence[Row], left_out: Sequence[str]) -> Page:
         (f"Each drive has its run folder in {DRIVES}/; {kept} of {total} were finished already.",),
         (
             Section("drives", "Drives", rows=tuple(map(Row.quantities, rows)), panels=_panels(rows), note=note),
-            Section("failures", "Drives that failed", rows=failures),
+            Section("failures", "Drives that failed", rows=failures, show="page"),
             one_each("vehicles", "Noise found in each vehicle", vehicle_noise(rows), "vehicle", noise),
         ),
         notes=tuple(f"left out: {each}" for each in left_out),

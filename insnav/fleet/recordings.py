@@ -8,11 +8,11 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from insnav.engine import Failed, Workers, each
+from insnav.engine import Failed, Workers, attempt, each
 from insnav.exceptions import InputError
 from insnav.fleet.batch import Drive
 from insnav.input.formats.recording_folder import NO_DATA
-from insnav.input.formats.registry import open_tables
+from insnav.input.formats.registry import open_tables, suffixes
 from insnav.input.readers.kinds import kinds_of
 from insnav.output.contents import FACTS_FILE, read_facts
 
@@ -20,6 +20,7 @@ _FIX = "give the folder that holds the recordings, or a drives.toml; one drive i
 _ROLE = re.compile(r"(^|[-_. ])(imu|gps|gnss|gnns|ref|reference|truth|fixes|samples)\d*(?=$|[-_. ])", re.IGNORECASE)
 _UNSAFE = re.compile(r"[^\w.+-]+")
 _PARTS = ("imu", "gps", "ref")
+_NAMED = {"samples": "imu", "gnss": "gps", "gnns": "gps", "fixes": "gps", "reference": "ref", "truth": "ref"}
 _MANY = 200  # files, from which on several processes look at them
 
 _Parts = dict[str, Path]  # file of each part
@@ -44,7 +45,7 @@ def find_drives(folder: Path, without: Path, workers: Workers) -> tuple[list[Dri
         if isinstance(roles, Failed):
             left.append(f"{place}: {roles.reason}")
             continue
-        found = list(_paired(place, roles))
+        found = list(_paired(place, _with_broken(roles)))
         used = {path for _, parts, _ in found for path in parts.values()}
         left += [f"{path}: {role}" for path, role in roles.items() if path not in used]
         for where, parts, unclear in found:
@@ -114,15 +115,51 @@ def _roles(files: Sequence[Path]) -> dict[Path, str]:
 
 
 def _role(path: Path) -> str:
-    try:
-        kinds = kinds_of(open_tables(path))
-    except Exception as error:  # a file of another kind
-        return " ".join(str(error).split())
+    kinds = attempt(lambda: kinds_of(open_tables(path)))
+    if isinstance(kinds, Failed):  # a file of another kind, or a broken one
+        return " ".join(kinds.reason.split())
     if not kinds:
         return "its columns are neither samples nor positions by their names or numbers"
     if {"imu", "gps"} <= kinds:
         return "both"
     return "imu" if "imu" in kinds else "ref" if "reference" in kinds else "gps"
+
+
+def _with_broken(roles: dict[Path, str]) -> dict[Path, str]:
+    """Roles, and those of samples and fixes that cannot be read: by name, or as the only file beside fixes alone.
+
+    So a drive with a broken file is one that fails, not one that nobody misses.
+    """
+    if "both" in roles.values():
+        return roles
+    said = {path: role if role in _PARTS else _named(path) for path, role in roles.items()}
+    pairs = {(_key(path), part) for path, part in said.items()}
+    found = dict(roles)
+    for path, part in said.items():
+        other = {"imu": "gps", "gps": "imu"}.get(part, "")
+        alike = any(roles[each] == part and _key(each) == _key(path) for each in roles)
+        lacking = part not in roles.values() and other in said.values()
+        if other and not alike and (lacking or (_key(path), other) in pairs):
+            found[path] = part
+    rest = [path for path, role in found.items() if role not in _PARTS]
+    if "gps" in found.values() and "imu" not in found.values() and len(rest) == 1 and _is_data(rest[0]):
+        found[rest[0]] = "imu"
+    return found
+
+
+def _named(path: Path) -> str:
+    """Part that the name of a data file says; empty for none."""
+    word = _ROLE.search(_stem(path))
+    return _NAMED.get(word[2].lower(), word[2].lower()) if word and _is_data(path) else ""
+
+
+def _key(path: Path) -> str:
+    """Name without what says the part: that of the drive."""
+    return _ROLE.sub("", _stem(path)).strip("-_. ").lower()
+
+
+def _is_data(path: Path) -> bool:
+    return not {each.lower() for each in path.suffixes}.isdisjoint(suffixes())
 
 
 def _paired(files: Sequence[Path], roles: dict[Path, str]) -> Iterator[tuple[Path, _Parts, str]]:
@@ -138,7 +175,7 @@ def _paired(files: Sequence[Path], roles: dict[Path, str]) -> Iterator[tuple[Pat
     named: dict[str, dict[str, list[Path]]] = defaultdict(lambda: {part: [] for part in _PARTS})
     for part, own in parts.items():
         for path in own:
-            named[_ROLE.sub("", _stem(path)).strip("-_. ").lower()][part].append(path)
+            named[_key(path)][part].append(path)
     for stem, group in named.items():
         if not group["imu"]:
             continue

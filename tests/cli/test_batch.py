@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import json
 import os
 import shutil
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from insnav.fleet.recordings import _with_broken
 from tests.cli.conftest import QUICK as RUN
 from tests.cli.conftest import ROOT, Cli
 
@@ -52,14 +54,15 @@ def test_a_folder_of_drives(drives: Path, drive: Path, cli: Cli):
     rows = table(drives / "fleet")
     assert next(iter(rows)) == "broken"
     assert rows.keys() == {"broken", "van-monday", "car-tuesday", "car-friday"}
-    assert (rows["broken"]["result"], rows["broken"]["exit_code"]) == ("failed", "2")
-    assert rows["broken"]["reason"].startswith("nothing tells where the vehicle was")
+    assert (rows["broken"]["result"], rows["broken"]["exit_code"]) == ("failed", "3")
+    assert "nothing tells where" not in rows["broken"]["reason"]  # but what is wrong with the file of its fixes
+    assert max(map(len, shown.out.partition("Noise found")[0].splitlines())) < 240
     assert [rows[name]["vehicle"] for name in ("van-monday", "car-tuesday")] == ["van", "car"]
     assert float(rows["van-monday"]["horizontal_error_m"]) > 0.0
     assert rows["car-friday"]["horizontal_error_m"] == ""  # no reference
     facts = json.loads((drives / "fleet" / "run.json").read_text())
     assert facts["kind"] == "fleet"
-    assert [each["exit_code"] for each in facts["failures"]] == [2]
+    assert [each["exit_code"] for each in facts["failures"]] == [3]
     assert any("photo.dat" in note for note in facts["notes"])
     assert cli("run", *RUN, "--ref", "ref.csv", "--out", "alone").code == 0  # the same run, to the byte
     for name in ("solution.csv", "innovations.csv", "smoothed.csv"):
@@ -72,6 +75,36 @@ def test_a_folder_of_drives(drives: Path, drive: Path, cli: Cli):
     assert "3 of 4 were finished already" in cli("batch", drives, "--out", drives / "fleet", *QUICK).out
     other = cli("batch", drives, "--out", drives / "fleet", *QUICK, "--states", 15, "--json")
     assert "0 of 4 were finished already" in json.loads(other.out)["summary"][0]
+
+
+@pytest.mark.parametrize(("name", "left"), [("imu.csv", 0), ("drive.csv", 0), ("gps.csv", 0), ("imu.csv", 50_000)])
+def test_a_drive_with_a_broken_file_is_one_that_failed(name: str, left: int, drive: Path, cli: Cli):
+    for day in ("monday", "tuesday"):
+        (drive.parent / "week" / day).mkdir(parents=True)
+        for part in ("imu", "gps"):
+            shutil.copy(drive / f"{part}.csv", drive.parent / "week" / day / f"{part}.csv")
+    broken = drive.parent / "week" / "tuesday"
+    whole = (broken / "imu.csv").read_bytes()
+    if name == "drive.csv":
+        (broken / "imu.csv").unlink()
+    zipped = gzip.compress(whole)[:left] if left else b""
+    (broken / name).unlink(missing_ok=True)
+    (broken / (f"{name}.gz" if left else name)).write_bytes(zipped)
+    shown = cli("batch", drive.parent / "week", *QUICK)
+    assert (shown.code, shown.out.splitlines()[0]) == (1, "Fleet of 2 drives")
+    rows = table(Path("fleet"))
+    first = next(iter(rows.values()))
+    assert (first["drive"], first["result"], first["exit_code"]) == ("tuesday", "failed", "3")
+    assert ("the file is empty; 0 bytes" if not left else "cut") in first["reason"]
+    assert "tuesday" not in str(json.loads(Path("fleet/run.json").read_text())["notes"])
+
+
+def test_files_beside_a_drive_that_are_none_are_no_drives(tmp_path: Path):
+    files = {name: tmp_path / name for name in ("imu.csv", "gps.csv", "imu_notes.txt", "photo.dat")}
+    whole = {files["imu.csv"]: "imu", files["gps.csv"]: "gps"}
+    others = {files["imu_notes.txt"]: "the file looks like text", files["photo.dat"]: "no table"}
+    assert _with_broken({**whole, **others}) == {**whole, **others}
+    assert _with_broken({files["gps.csv"]: "gps", **others})[files["photo.dat"]] == "no table"
 
 
 def test_drives_of_a_file_with_options_of_their_own(drives: Path, cli: Cli):
