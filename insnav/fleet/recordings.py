@@ -122,7 +122,7 @@ def _role(path: Path) -> str:
         return "its columns are neither samples nor positions by their names or numbers"
     if {"imu", "gps"} <= kinds:
         return "both"
-    return "imu" if "imu" in kinds else "ref" if "reference" in kinds else "gps"
+    return "imu" if "imu" in kinds else "ref" if "reference" in kinds or _named(path) == "ref" else "gps"
 
 
 def _with_broken(roles: dict[Path, str]) -> dict[Path, str]:
@@ -172,6 +172,12 @@ def _paired(files: Sequence[Path], roles: dict[Path, str]) -> Iterator[tuple[Pat
         path = parts["imu"][0]
         yield path if path.is_dir() else path.parent, {part: own[0] for part, own in parts.items() if own}, ""
         return
+    if len(parts["imu"]) == len(parts["gps"]) == 1:  # and several references: that with the name of one of the two
+        keys = {_key(parts["imu"][0]), _key(parts["gps"][0])}
+        parts["ref"] = [path for path in parts["ref"] if _key(path) in keys]
+        if len(parts["ref"]) == 1:
+            yield parts["imu"][0].parent, {part: own[0] for part, own in parts.items()}, ""
+            return
     named: dict[str, dict[str, list[Path]]] = defaultdict(lambda: {part: [] for part in _PARTS})
     for part, own in parts.items():
         for path in own:

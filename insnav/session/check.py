@@ -22,10 +22,9 @@ from insnav.filter.lever_check import looked
 from insnav.imu.health import inspect
 from insnav.imu.inspection import JOLT, ImuFigures, inspect_samples
 from insnav.input import Reading, ReadingFacts, read_gps
-from insnav.input.formats.recording_folder import NO_DATA
 from insnav.input.formats.registry import open_tables
 from insnav.input.readers.imu import parse_units
-from insnav.input.readers.kinds import kinds_of
+from insnav.input.readers.kinds import data_files, kinds_of
 from insnav.input.readers.reading import not_covered
 from insnav.result import Result
 from insnav.session.clock import clock_offset
@@ -171,8 +170,7 @@ def _inside(path: str | Path) -> list[str | Path]:
         open_tables(path)
         return [path]
     except InsnavError:
-        files = sorted(each for each in Path(path).iterdir() if each.is_file() and each.suffix.lower() not in NO_DATA)
-        return [each for each in files if not each.name.startswith(".")] or [path]
+        return [*data_files(path)] or [path]
 
 
 def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Readings | None, Drive | None]:

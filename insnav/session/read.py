@@ -15,11 +15,12 @@ import numpy as np
 from insnav.exceptions import ConfigError, InputError, InsnavError
 from insnav.imu import correct, load_calibration
 from insnav.input import Reading, ReadingFacts, read_gps, read_imu, read_reference
-from insnav.input.formats.registry import choose_table, open_tables
+from insnav.input.formats.registry import choose_table
 from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.interpret.clean import GPS_KINDS, IMU_KINDS, REFERENCE_KINDS, find_gaps
 from insnav.input.interpret.columns import match_header
 from insnav.input.interpret.schema import IMU_SCHEMA, Quantity
+from insnav.input.readers.kinds import open_parts
 from insnav.input.readers.sensor_log import read_sensor_log
 from insnav.plain_text import plain_text
 from insnav.session.checked_inputs import checked, one_of
@@ -82,7 +83,7 @@ def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
 
     A folder gives the reference, too, if that is a file of its own: that in a log is of the device that wrote it.
     """
-    logs = {str(each): open_tables(each) for each in sources.values() if isinstance(each, str | Path)}
+    logs = {str(each): open_parts(each) for each in sources.values() if isinstance(each, str | Path)}
     if not logs:
         return dict(sources)
     topics = _topics(inputs, [key for tables in logs.values() for key in tables])

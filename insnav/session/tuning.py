@@ -29,6 +29,12 @@ def tune(
         if drives:
             given["imu_model"] = drives[0].imu_spec
         drive = load(imu, gps, **given)
+        if drive.fixes is None:
+            what, fix = (
+                "no fixes were found for the samples of a drive",
+                "give each drive a folder, with the fixes in it",
+            )
+            raise InputError(what, where=str(imu), why="no file of fixes is alone beside it or has its name", fix=fix)
         ready = drive.prepared()
         one = InnovationLikelihood(ready, drive.imu_spec)
         if one.fixes < FEWEST:

@@ -3,7 +3,20 @@
 from __future__ import annotations
 
 import gzip
+from dataclasses import replace
 
+import numpy as np
+import pytest
+
+from insnav.alignment import Mounting
+from insnav.alignment.clock_offset import ClockOffset
+from insnav.exceptions import InputError
+from insnav.fleet.recordings import find_drives
+from insnav.input.readers.kinds import open_parts
+from insnav.report.check.page import page
+from insnav.report.terminal import page_text
+from insnav.session.check import check
+from insnav.session.tuning import tune
 from tests.input.spellings.recorded import GPS_HEADERS, IMU_HEADERS, fixes, samples, table
 
 
@@ -39,3 +52,34 @@ def test_files_may_be_given_as_for_a_run_or_as_a_folder_of_any_names(cli, tmp_pa
     assert cli("check", imu, "--gps", gps, "--ref", ref).out.rstrip().splitlines()[-1] == line
     assert cli("check", tmp_path).out.rstrip().splitlines()[-1] == line
     assert f"insnav check {tmp_path}" in " ".join(cli("run", tmp_path).err.split())
+
+
+def test_a_folder_of_any_names_is_read_by_what_its_files_hold(tmp_path):
+    imu, gps = table(tmp_path / "drive.csv", samples(IMU_HEADERS)), table(tmp_path / "rover.csv", fixes(GPS_HEADERS))
+    (tmp_path / "notes.txt").write_text("a fine day\n")
+    assert {part: each.name for part, each in open_parts(tmp_path).items()} == {"imu": str(imu), "gps": str(gps)}
+    ref = table(tmp_path / "ref.csv", fixes(GPS_HEADERS))  # only its name says that these are no fixes
+    table(tmp_path / "ref_moved.csv", fixes(GPS_HEADERS))
+    with pytest.raises(InputError, match="holds no recording"):  # rover or ref_moved?
+        open_parts(tmp_path)
+    gps = gps.rename(tmp_path / "gps.csv")
+    named = {"imu": str(imu), "gps": str(gps), "reference": str(ref)}
+    assert {part: each.name for part, each in open_parts(tmp_path).items()} == named
+    (drive,), left = find_drives(tmp_path, tmp_path / "fleet", 1)
+    assert drive.arguments == (str(imu), "--gps", str(gps), "--ref", str(ref))
+    assert any("ref_moved" in each for each in left)
+    gps.unlink()
+    (drive,), _ = find_drives(tmp_path, tmp_path / "fleet", 1)
+    with pytest.raises(InputError, match="no fixes were found for the samples") as error:
+        tune([drive.files()])
+    assert "--gps" not in error.value.fix
+
+
+def test_clocks_that_differ_are_spoken_of_only_where_they_do(tmp_path):
+    readings = replace(check([table(tmp_path / "a.csv", samples(IMU_HEADERS))], {}), notes=())
+    for offset, said in ((None, False), (0.002, False), (0.2, True)):
+        both = None if offset is None else ClockOffset(offset, 0.025, 0.9, 0.9, 300.0)
+        arm = replace(readings.found, offset=both, mounting=Mounting(np.eye(3), 0.1, 9, 0.0, (1, 1, 1), False))
+        shown = page_text(page(replace(readings, found=arm)))
+        assert "IMU and GPS together" in shown
+        assert ("clocks that differ" in shown) == said

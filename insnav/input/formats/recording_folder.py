@@ -10,7 +10,7 @@ from insnav.input.formats.table import Table
 
 name = "folder of a recording"
 
-_NAMES = {"imu": "imu", "gps": "gps", "gnss": "gps", "ref": "reference", "reference": "reference"}
+NAMES = {"imu": "imu", "gps": "gps", "gnss": "gps", "ref": "reference", "reference": "reference"}
 # endings of files that are no data
 NO_DATA = {".toml", ".json", ".md", ".yaml", ".html", ".pdf", ".png", ".svg", ".jpg", ".kml", ".tag", ".py", ".ipynb"}
 
@@ -36,7 +36,7 @@ def _files(source: Source) -> dict[str, str]:
     found: dict[str, list[str]] = {}
     for path in source.members:
         file = PurePosixPath(path)
-        part = _NAMES.get(file.name.split(".")[0].lower())
+        part = NAMES.get(file.name.split(".")[0].lower())
         if part is not None and "/" not in path and file.suffix.lower() not in NO_DATA:
             found.setdefault(part, []).append(path)
     return {part: paths[0] for part, paths in found.items() if len(paths) == 1}

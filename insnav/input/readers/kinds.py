@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
 
-from insnav.exceptions import InsnavError
+from insnav.exceptions import InputError, InsnavError
+from insnav.input.formats.recording_folder import NAMES, NO_DATA
+from insnav.input.formats.registry import open_tables
 from insnav.input.formats.table import Table
 from insnav.input.interpret.columns import match_header
 from insnav.input.interpret.headerless import imu_columns, is_headerless, position_columns
@@ -26,6 +30,36 @@ def kinds_of(tables: Mapping[str, Table], *, imu_known: bool = False) -> set[str
             return {"gps"}
         return set() if not is_headerless(table.headers) or imu_known else {"imu"}
     return {"imu" if samples else "reference" if attitude else "gps"}
+
+
+def data_files(folder: str | Path) -> list[Path]:
+    """Files in a folder that may hold data."""
+    files = sorted(each for each in Path(folder).iterdir() if each.is_file() and each.suffix.lower() not in NO_DATA)
+    return [each for each in files if not each.name.startswith(".")]
+
+
+def open_parts(path: str | Path) -> Mapping[str, Table]:
+    """Tables of a file by part; of a folder that is no recording by its names, by what its files hold.
+
+    Of several files of a kind that is taken whose name says so; if none does, or several, nothing is.
+    """
+    try:
+        return open_tables(path)
+    except InputError:
+        if not Path(path).is_dir():
+            raise
+        held: dict[str, list[tuple[bool, Table]]] = {}
+        for file in data_files(path):
+            with suppress(InsnavError):
+                tables = open_tables(file)
+                kinds, said = kinds_of(tables), NAMES.get(file.name.split(".")[0].lower(), "")
+                if len(kinds) == len(tables) == 1:
+                    (kind,) = {said} if said and kinds <= {"gps", "reference"} else kinds
+                    held.setdefault(kind, []).append((said == kind, next(iter(tables.values()))))
+        chosen = {kind: [each for name, each in own if name or len(own) == 1] for kind, own in held.items()}
+        if not {"imu", "gps"} <= chosen.keys() or any(len(own) != 1 for own in chosen.values()):
+            raise
+        return {kind: own[0] for kind, own in chosen.items()}
 
 
 def _known(headers: Sequence[str], schema: Sequence[Quantity], words: str) -> bool:

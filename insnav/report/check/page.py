@@ -15,6 +15,7 @@ from insnav.report.page import Page, Section
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.session.check import TO_MEND, Checked
+from insnav.session.clock import SIGMAS
 
 _UNITS = {"gyro": ("deg/s", "deg/sqrt(h)"), "accel": ("m/s^2", "m/s/sqrt(h)")}
 
@@ -140,7 +141,8 @@ def _both(found: Checked) -> tuple[Section, ...]:
         ]
     if not items:
         return ()
-    note = "The offset by motion shows clocks that differ; the delay that counts is that by the filter."
+    apart = found.offset is not None and abs(found.offset.offset) > SIGMAS * found.offset.sd
+    note = "The offset by motion shows clocks that differ; the delay that counts is that by the filter." * apart
     return (Section("together", "IMU and GPS together", items=tuple(items), note=note),)
 
 
