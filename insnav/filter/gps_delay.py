@@ -46,8 +46,7 @@ SURE, REFINED = 4.0, 3.0  # delays are believed beyond so many of their standard
 ROUNDS = 3  # of moving the clock
 LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # of an arm of vibration's own: the least, and what is worth states [m]
 LAGS = 0.2 * np.arange(-1, 6)  # of velocities where the search for one begins, from the one assumed on [s]
-NEWTON = 6  # steps of it
-STENCIL = np.array([(0, 0), (-1, 0), (0, -1), (1, 0), (0, 1), (1, 1), (-1, -1)])
+NEWTON, LAG_STEP, LARGEST_STEP = 6, 0.005, 0.2  # steps of it, over which derivatives are taken, and at most [s]
 # Part of the receivers whose velocities lag, and by how much: Doppler counted since the fix before lags by half an
 # interval, what a filter in the receiver smooths by its time constant [s]
 LAGGING, LAG_SD = 0.1, 0.2
@@ -201,46 +200,39 @@ def delay_of(seen: Filtered) -> Found:
     scatter = float(np.sqrt(bend.size * np.var(slopes + away * bend, ddof=1))) / curvature
     sd = max(1.0 / float(np.sqrt(curvature)), width, scatter)
     lag, lag_sd = likelihood.lag, 0.0
-    with_lag = _with_lag(likelihood, delay, drift) if plain and likelihood.velocities else None
-    if with_lag is not None:
-        # between a normal prior of the lag and none (Laplace's approximation)
-        (other, lag), covariance = with_lag
-        variance, total = covariance[1, 1], covariance[1, 1] + LAG_SD**2
-        evidence = 0.5 * lag**2 * (1.0 / variance - 1.0 / total) + 0.5 * np.log(variance / total)
+    if likelihood.velocities:
+        (other, along), covariance, evidence = _with_lag(likelihood, delay, drift)
         share = 1.0 / (1.0 + np.exp(-evidence) * (1.0 - LAGGING) / LAGGING)
         apart = share * (1.0 - share)
         sd = float(np.sqrt(share * max(covariance[0, 0], sd**2) + (1.0 - share) * sd**2 + apart * (other - delay) ** 2))
         delay += share * (other - delay)
-        lag, lag_sd = share * lag, float(np.sqrt(share * variance + apart * lag**2))
+        lag, lag_sd = share * along, float(np.sqrt(share * covariance[1, 1] + apart * along**2))
     return Found(delay - drift * likelihood.half, sd, drift, float(lag), lag_sd)
 
 
-def _with_lag(likelihood: LateFixes, delay: float, drift: float) -> tuple[FloatArray, FloatArray] | None:
-    """Delay and lag of velocities where both together are likeliest (2,) [s] and their covariance, by Newton's method.
+def _with_lag(likelihood: LateFixes, delay: float, drift: float) -> tuple[FloatArray, FloatArray, float]:
+    """Delay and lag of velocities where both together are likeliest, with the prior of a lag, by Gauss and Newton.
 
-    None if there is no top; `delay`: with the lag that was assumed [s].
+    `delay`: with the lag that was assumed [s].
+    Returns: delay and lag (2,) [s], their covariance, and by how much that is likelier than no lag (Laplace).
     """
-    lags = likelihood.lag + LAGS
-    start = np.array([(delay - by * (lag - likelihood.lag), lag) for by in (0.0, 1.0) for lag in lags])
+    start = np.array([(delay - by * lag, likelihood.lag + lag) for by in (0.0, 1.0) for lag in LAGS])
     at = start[np.argmin(likelihood.costs(start[:, 0], drift, start[:, 1]).sum(axis=1))]
+    known = np.array([REACH, LAG_SD]) ** -2.0
     for _ in range(NEWTON):
-        near = at + FINE * STENCIL
-        cost = likelihood.costs(near[:, 0], drift, near[:, 1])
-        before, after = cost[1:3], cost[3:5]
-        slopes, bend = 0.5 * (after - before) / FINE, (after - 2.0 * cost[0] + before).sum(axis=1) / FINE**2
-        across = 0.5 * (cost[5] + cost[6] - before.sum(axis=0) - after.sum(axis=0) + 2.0 * cost[0]).sum() / FINE**2
-        information = np.array([[bend[0], across], [across, bend[1]]])
-        if bend[0] <= 0.0 or np.linalg.det(information) <= 0.0:
-            return None
-        inverse = np.linalg.inv(information)
-        step = -inverse @ slopes.sum(axis=1)
-        far = np.abs(step).max() / FINE
-        at = at + step / max(1.0, 0.2 * far)
-        if far < 1.0:
-            scatter = inverse @ (slopes.shape[1] * np.cov(slopes)) @ inverse
-            ratio = np.maximum(np.diag(scatter) / np.diag(inverse), 1.0)
-            return at, inverse * np.sqrt(np.outer(ratio, ratio))
-    return None
+        slopes, curvature = likelihood.slopes(at[0], drift, at[1], LAG_STEP)
+        covariance = np.linalg.inv(curvature + np.diag(known))
+        step = -covariance @ (slopes.sum(axis=1) + known * [0.0, at[1]])
+        at = at + np.clip(step, -LARGEST_STEP, LARGEST_STEP)
+        if np.abs(step).max() < LAG_STEP:
+            break
+    scatter = covariance @ (slopes.shape[1] * np.cov(slopes)) @ covariance
+    ratio = np.maximum(np.diag(scatter) / np.diag(covariance), 1.0)
+    none = np.array([delay, delay + likelihood.lag, at[0] + at[1], at[0]])
+    costs = likelihood.costs(none, drift, np.append(np.zeros(3), at[1])).sum(axis=1)
+    gain = (costs[:3].min() - costs[3]) / ratio[1] - 0.5 * known[1] * at[1] ** 2
+    covariance = covariance * np.sqrt(np.outer(ratio, ratio))
+    return at, covariance, float(gain + 0.5 * np.log(min(known[1] * covariance[1, 1], 1.0)))
 
 
 def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettings) -> Prepared:

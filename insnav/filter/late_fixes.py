@@ -16,7 +16,7 @@ from insnav.alignment import in_motion
 from insnav.attitude import dcm_from_quat, rph_from_quat, skew
 from insnav.earth import gravity_n, ned_offset
 from insnav.filter.navigator import SEEN, rates_at, turned
-from insnav.filter.noise_identification import HUBER, bridged, costs_of
+from insnav.filter.noise_identification import HUBER, bridged, costs_of, weights_of
 from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
 from insnav.filter.state_layout import first_state, layout
@@ -104,6 +104,13 @@ class LateFixes:
         cases = np.broadcast(delays, drift, self.lag if lag is None else lag)
         every = [costs_of(*self.innovations(*each)) for each in cases]
         return np.array([np.bincount(self._block, each) for each in every])
+
+    def slopes(self, delay: float, drift: float, lag: float, step: float) -> tuple[FloatArray, FloatArray]:
+        """Slopes of the cost of each block by delay and lag, (2, blocks), and its curvature (2, 2), Gauss-Newton's."""
+        e, s = self.innovations(delay, drift, lag)
+        ends = [[self.innovations(delay + d, drift, lag + q)[0] for d, q in way * np.eye(2)] for way in (step, -step)]
+        by, weight = (np.array(ends[0]) - ends[1]) / (2.0 * step), weights_of(e, s)
+        return np.array([np.bincount(self._block, each * weight * e) for each in by]), (by * weight) @ by.T
 
     def measured(self, delay: float, drift: float, lag: float) -> tuple[FloatArray, FloatArray]:
         """Predicted minus measured of each row (m, 6) and how errors show in that (m, 6, n)."""

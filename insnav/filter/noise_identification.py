@@ -293,7 +293,7 @@ class InnovationLikelihood:
         turned = np.concatenate([np.einsum("kji,akj->aki", self._c[settled], tilt)[..., :2], tilt[..., 2:]], axis=-1)
         kind = self._tape[1][: settled.start]
         late = slice(int(np.bitwise_count(kind[kind > COAST]).sum()), None)
-        weighted = np.array(by) * self._weight(e, s)
+        weighted = np.array(by) * weights_of(e, s)
         far_off = float(np.mean(np.abs(push[0, :, 6:]).max(axis=1) > FAR_OFF)) > FAR_OFF_SHARE
         return weighted[:, late] @ np.transpose(by)[late], -weighted[:, late] @ e[late], turned, far_off
 
@@ -316,11 +316,7 @@ class InnovationLikelihood:
             inside = np.maximum(np.minimum(end, last) - np.maximum(end - self._tape[0], first), 0.0)
             push.append(by_turn(-self._c[:, :, axis] * inside[:, None], self._tape[2]))
         e, s, *by = self.normalised(at, np.array(push))
-        return e, self._weight(e, s), np.array(by)
-
-    @staticmethod
-    def _weight(e: FloatArray, s: FloatArray) -> FloatArray:
-        return np.asarray(1.0 / (s * np.maximum(np.abs(e) / np.sqrt(s) / HUBER, 1.0)))
+        return e, weights_of(e, s), np.array(by)
 
     def bias_seen(self, at: FloatArray) -> float:
         """Negative log-likelihood of the gyro bias that a static alignment saw."""
@@ -347,6 +343,11 @@ def costs_of(innovation: FloatArray, variance: FloatArray) -> FloatArray:
     u = np.abs(innovation) / np.sqrt(variance)
     square = np.where(u <= HUBER, 0.5 * u * u, HUBER * u - 0.5 * HUBER**2)
     return np.asarray(square + 0.5 * CLEAN * np.log(variance))
+
+
+def weights_of(innovation: FloatArray, variance: FloatArray) -> FloatArray:
+    """Curvature of `costs_of` by each innovation (k,), in iteratively reweighted least squares."""
+    return np.asarray(1.0 / (variance * np.maximum(np.abs(innovation) / np.sqrt(variance) / HUBER, 1.0)))
 
 
 def _start(initial: InitialState, alignment: Alignment, model: ErrorModel, factor: FloatArray) -> InitialState:
