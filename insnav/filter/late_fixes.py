@@ -108,8 +108,8 @@ class LateFixes:
     def slopes(self, delay: float, drift: float, lag: float, step: float) -> tuple[FloatArray, FloatArray]:
         """Slopes of the cost of each block by delay and lag, (2, blocks), and its curvature (2, 2), Gauss-Newton's."""
         e, s = self.innovations(delay, drift, lag)
-        ends = [[self.innovations(delay + d, drift, lag + q)[0] for d, q in way * np.eye(2)] for way in (step, -step)]
-        by, weight = (np.array(ends[0]) - ends[1]) / (2.0 * step), weights_of(e, s)
+        by = np.array([self.innovations(delay + d, drift, lag + q)[0] - e for d, q in step * np.eye(2)]) / step
+        weight = weights_of(e, s)
         return np.array([np.bincount(self._block, each * weight * e) for each in by]), (by * weight) @ by.T
 
     def measured(self, delay: float, drift: float, lag: float) -> tuple[FloatArray, FloatArray]:
