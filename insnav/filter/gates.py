@@ -61,12 +61,13 @@ class Gates:
 REJECTED = "rejected"
 WHOLE_SD = 3.0  # so many of its standard deviations may a fix step, whatever part of them is white [-]
 _IMPOSSIBLE = "no vehicle moves this fast"
+OF_REFERENCE = -99  # fix type of what is no fix but only compared with, and has none of the errors of fixes
 _CONTRADICTED = "all other fixes and the IMU contradict it"
 
 
 def quality(gates: Gates, time: float, fix: int | None, position_sd: FloatArray) -> Event | None:
     """Reject a fix that is reported as none: type 0, or a standard deviation beyond `Gates.max_sd`."""
-    if fix == 0:
+    if fix in (0, OF_REFERENCE):
         return Event(time, EventKind.GATE_QUALITY, 0.0, 1.0, "fix type", REJECTED, "the receiver had no position")
     worst = max(position_sd.tolist())
     if worst > gates.max_sd:

@@ -254,7 +254,7 @@ class Navigator:
         use = [True, nis_velocity == nis_velocity]
         fix = int(self._gps.fix[row]) if self._gps.fix is not None else None
         quality = gate.quality(self._settings.gates, time, fix, self._gps.position_sd[row])
-        if quality is not None and fix == 0:  # no fix at all, and no velocity either
+        if quality is not None and fix in (0, gate.OF_REFERENCE):  # no fix at all, and no velocity either
             if estimate.history is not None:
                 estimate.history.measurement(False, False, z, h, r)
             self._record.event(quality)
@@ -294,6 +294,7 @@ class Navigator:
     def _assess(self, row: int) -> tuple[float, float, float, float]:
         """Innovation of a fix, its covariance, NIS of position and velocity, and their lengths."""
         gps, settings, estimate = self._gps, self._settings, self._estimate
+        own = gps.fix is None or gps.fix[row] != gate.OF_REFERENCE
         found: tuple[float, float, float, float] = assess(
             Predicted(
                 estimate.x,
@@ -305,13 +306,13 @@ class Navigator:
                 estimate.covariance,
             ),
             Fix(gps.lla[row], gps.v_n[row], gps.position_sd[row], gps.velocity_sd[row]),
-            estimate.lag,
+            estimate.lag if own else 0.0,
             settings.jitter,
             settings.correlated.share if settings.correlated is not None else 0.0,
-            estimate.at.correlated,
+            estimate.at.correlated if own else -1,
             estimate.at.lever,
             estimate.at.shaken,
-            estimate.at.lag,
+            estimate.at.lag if own else -1,
             Assessment(self._z, self._h, self._r, self._s, self._sd),
         )
         return found

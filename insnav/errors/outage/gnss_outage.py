@@ -18,6 +18,7 @@ from insnav.engine import Workers, every
 from insnav.errors.outage.windows import comparison_only, navigated_drive, part_of, valid, window_starts
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import FilterState
+from insnav.filter.gates import OF_REFERENCE
 from insnav.filter.navigate import feed
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared
@@ -159,7 +160,8 @@ def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, e
         after = replace(after, fix=np.ones(after.time.shape[0], dtype=np.int64))
     # the headings of the receiver are lost with its fixes, and back with them
     unknown = None if gps.heading is None else np.full(compared.time.shape[0], np.nan)
-    return replace(comparison_only(compared), heading=unknown).joined(after)
+    kind = 0 if reference is None else OF_REFERENCE
+    return replace(comparison_only(compared, kind), heading=unknown).joined(after)
 
 
 @dataclass(frozen=True, slots=True)

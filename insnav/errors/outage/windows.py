@@ -85,9 +85,9 @@ def valid(gps: GpsData) -> BoolArray:
     return np.ones(gps.time.shape[0], dtype=np.bool_) if gps.fix is None else np.asarray(gps.fix != 0)
 
 
-def comparison_only(gps: GpsData) -> GpsData:
-    """The same fixes marked as none: a filter compares itself with them and does not use them."""
-    return replace(gps, fix=np.zeros(gps.time.shape[0], dtype=np.int64), heading=None)
+def comparison_only(gps: GpsData, fix: int = 0) -> GpsData:
+    """The same fixes marked as none, or `OF_REFERENCE`: a filter compares itself with them and does not use them."""
+    return replace(gps, fix=np.full(gps.time.shape[0], fix), heading=None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from insnav.earth import lla_offset, ned_offset
+from insnav.errors.metrics import at_point
 from insnav.errors.outage import gnss_outage
 from insnav.errors.outage.gnss_outage import RECOVERY, outages
 from insnav.errors.outage.statistics import outage_growth
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter import FilterSettings
+from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.navigate import feed
 from insnav.filter.prepare import Prepared
 from insnav.simulate import reference, without_fixes
@@ -53,6 +55,25 @@ def test_a_window_is_what_a_filter_without_those_fixes_does():
         fix_error = ned_offset(ready.gps.lla[at], drives.perfect_gps().lla[at])
         expected = ned_offset(solution.lla[row], true.lla[0]) - fix_error
         np.testing.assert_allclose(error[19, :3], expected, atol=0.02)
+
+
+def test_against_a_reference_all_that_the_solution_errs_counts_and_is_predicted():
+    """Not only what it errs against fixes that share most of its error, and lag in velocity."""
+    ready = prepared(3)
+    lasting = CorrelatedNoise(0.9, 300.0, np.sqrt(0.9) * np.median(ready.gps.position_sd, axis=0))
+    ready = replace(ready, settings=replace(ready.settings, correlated=lasting, velocity_lag=0.2))
+    (window,) = outages(ready, lengths=[4.0], first=100.0, spacing=1000.0, reference=exact())
+    navigator = replace(ready, gps=without_fixes(ready.gps, window.start, np.inf)).navigator()
+    feed(navigator, ready.imu)
+    alone = navigator.finish().solution
+    row = int(np.searchsorted(alone.time, window.start + 3.0 - 1e-3))
+    part = alone.rows(slice(row, row + 1))
+    np.testing.assert_allclose(window.sd[2, :3], part.sd[0, :3], rtol=0.05)  # that of the lever arm is in it
+    true = reference(drives.truth(), part.time)
+    np.testing.assert_allclose(window.error[2, 3:], part.v_n[0] - true.v_n[0], atol=0.02)
+    found, true = (at_point(each, drives.LEVER_B) for each in (part, true))
+    np.testing.assert_allclose(window.error[2, :3], ned_offset(found.lla[0], true.lla[0]), atol=0.01)
+    assert np.all(window.sd[2, :3] > 0.5 * lasting.sd)
 
 
 def test_errors_are_as_large_as_predicted():
