@@ -28,7 +28,7 @@ STEADY = 1.0  # scatter of the speed below which an error of the clock is like o
 FAST = 2.0  # speed above which the course is a heading [m/s]
 LEAST_HEADING, LEAST_TURN, SURE = 1.0 * DEG, 5.0 * DEG, 5.0  # that contradict: all, some, and standard deviations
 _MOST = 0.9  # share of epochs that stands for all
-_SAME = 0.3  # of an error of the clock by which the delay of the fixes may differ and be its cause
+_SAME = 0.5  # of an error of the clock by which the delay of the fixes may differ and be most of its cause
 
 
 def check_reference(

@@ -44,6 +44,19 @@ def test_a_reference_that_proves_nothing_or_is_wrong_is_said(two_runs: Path, cli
     assert "reference" not in cli("compare", "right", "--ref", "ref.csv").out.split("epochs of the reference")[1]
 
 
+def test_a_constant_difference_is_said_as_a_run_says_it(two_runs: Path, cli: Cli):
+    head, *rows = Path("ref.csv").read_text().splitlines()
+    place = head.split(",").index(next(each for each in head.split(",") if each.startswith("lat")))
+    cells = [row.split(",") for row in rows]
+    moved = [[*row[:place], f"{float(row[place]) + 5.0 / 111_000.0:.9f}", *row[place + 1 :]] for row in cells]
+    Path("moved.csv").write_text("\n".join([head, *map(",".join, moved)]))
+    assert "warning" not in cli("compare", "right", "--ref", "ref.csv").out
+    said = cli("compare", "right", "--ref", "moved.csv").out.partition("a constant difference of ")[2]
+    assert float(said.split()[0]) == pytest.approx(-5.0, abs=0.2)  # and what the run errs by
+    assert cli("compare", "right", "--ref", "moved.csv", "--out", "page").code == 0
+    assert "is the datum" in read_facts(Path("page"))["warnings"][0]
+
+
 def test_json_holds_the_same_figures(two_runs: Path, cli: Cli):
     shown = cli("compare", "right", "wrong", "--ref", "ref.csv", "--json")
     assert shown.err == ""

@@ -123,6 +123,9 @@ def test_a_reference_that_is_late_does_not_condemn_the_solution(driven, navigate
     for words in (f"{right} m RMS", f"with -1.00 s added to the times of the reference, {wrong} m without"):
         assert words in said.verdict.reason
         assert words.split(" m")[0] in said.verdict.sentence
+    shown = replace(run, events=(*run.events, event), gps_delay=-0.7, gps_delay_sd=0.1)  # which explains it
+    of_fixes = replace(navigated, found=replace(found, run=shown)).page().verdict.reason
+    assert of_fixes.startswith("the solution has the time of the fixes, not that of samples and reference")
     fixes = replace(run.innovations, nis_position=4.0 * run.innovations.nis_position)  # which contradict it
     wild = replace(run, events=(*run.events, event), innovations=fixes)
     assert not replace(navigated, found=replace(found, run=wild)).page().verdict.reason.startswith("the clock")

@@ -17,6 +17,7 @@ from insnav.report.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, rows_frame, section_tables
 from insnav.report.panels import Curve, Kind, Panel
+from insnav.report.run.warnings import overconfident
 from insnav.report.series import Clock, broken_at_gaps
 from insnav.report.terminal import table_text
 from insnav.result import Result
@@ -61,11 +62,20 @@ def page(result: Result[Comparison]) -> Page:
         (f"{count} epochs of the reference that every run covers are compared.",),
         (_section(found), Section("", parts=drawings, show="page")),
         verdict=_verdict(found),
+        warnings=_warnings(found),
         merits=tuple(
             Quantity(f"rms_{place}", rms(errors.horizontal), "m", meaning=f"{name}, horizontal RMS")
             for place, (name, errors) in enumerate(list(found.named().items())[:_MERITS], start=1)
         ),
     )
+
+
+def _warnings(found: Comparison) -> tuple[str, ...]:
+    """What makes errors of the last solution of each run larger than stated, as the report of a run has it."""
+    last = {
+        each.run: (name, errors) for each, (name, errors) in zip(found.compared, found.named().items(), strict=True)
+    }
+    return tuple(text for name, errors in last.values() for text in overconfident(name, errors, same_data=False))
 
 
 def _verdict(found: Comparison) -> Verdict:
@@ -114,7 +124,8 @@ def comparison_lines(found: Comparison) -> list[str]:
     columns = (headings[0], *headings[2:])
     lines = table_text(replace(table, title="", note="", columns=columns, rows=tuple(rows))).splitlines()
     count = len(found.compared[0].errors.time)
-    return [*(line[2:] for line in lines), *(line.format(n=count) for line in _NOTE)]
+    warned = [f"warning: {text}" for text in _warnings(found)]
+    return [*(line[2:] for line in lines), *(line.format(n=count) for line in _NOTE), *warned]
 
 
 def _section(found: Comparison) -> Section:

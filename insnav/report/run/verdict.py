@@ -161,7 +161,8 @@ def _light(found: EvaluatedRun, warnings: Sequence[str]) -> tuple[Light, str]:
     if found.reference_late and shares and (consistency(found.run) or 0.0) < SCATTER:
         best = next(iter(found.errors_on_clock.values()))
         fixes = fixes_are_late(found.reference_late, shown_by_drive(found.run))
-        what = "fixes and samples have two clocks" if fixes else "the clock of the reference is off, not the solution"
+        of_fixes = "the solution has the time of the fixes, not that of samples and reference"
+        what = of_fixes if fixes else "the clock of the reference is off, not the solution"
         return "attention", f"{what}: {number(rms(best.horizontal))} m RMS {_as_it_is(found)}"
     more = _too_sure(found) if shares else []
     reasons = [f"{len(warnings)} warning{'s' * (len(warnings) > 1)}"] if warnings else []

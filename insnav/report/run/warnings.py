@@ -33,9 +33,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     """Warn of what makes a solution worse than it states."""
     stated, same = found.errors_on_clock, found.reference_is_gps
     names = {"filtered": "position", "smoothed": "smoothed position"}
-    overconfident = [
-        text for key, name in names.items() for text in _overconfident(name, stated.get(key), same_data=same)
-    ]
+    too_sure = [text for key, name in names.items() for text in overconfident(name, stated.get(key), same_data=same)]
     why = failure(found.run)
     warnings = (
         *([f"the solution is not to be used: {why}; IMU and fixes contradict each other"] if why else []),
@@ -44,14 +42,16 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
         *_late(found.run),
         *(event.action for event in found.run.events if event.kind == EventKind.REF_CONTRADICTION),
         *_many_rejected(found.run),
-        *overconfident[:1],
+        *too_sure[:1],
         *_diverged(found.run),
         *_impossible_scale(found.run),
         *_samples_lost(found.run),
         *_no_heights(found),
     )
     clock = Clock.of(found.run.solution.time)
-    return tuple(clock.tell(text) for text in warnings)
+    timed = [place for place, text in enumerate(warnings) if "t = " in text and abs(clock.start) > 1.0][:1]
+    said = " (times in warnings are from the start)"
+    return tuple(clock.tell(text) + said * (place in timed) for place, text in enumerate(warnings))
 
 
 def file_warnings(result: Result[Any]) -> tuple[str, ...]:
@@ -142,7 +142,7 @@ def _late(run: Run) -> list[str]:
     ]
 
 
-def _overconfident(name: str, errors: TrajectoryErrors | None, *, same_data: bool) -> list[str]:
+def overconfident(name: str, errors: TrajectoryErrors | None, *, same_data: bool) -> list[str]:
     """The reference is outside 3 sd much more often than it should be."""
     position = None if errors is None else (nees(errors) or {}).get("position")
     if errors is None or not position or position["inside_3_sd"] >= HOLDS:
