@@ -20,7 +20,6 @@ from insnav.exceptions import ConfigError, InsnavError
 
 if TYPE_CHECKING:
     from insnav.fleet.batch import Drive
-    from insnav.quantity import Quantity
 
 SHORT_HELP = "Navigate many drives with one command: one row a drive, and a page of the fleet."
 HELP = """Navigate many drives with one command.
@@ -50,6 +49,7 @@ Examples:
 """
 SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # those of run go on to it
 _SHOWN = 20  # drives in the terminal
+_WHY = 60  # characters of a reason there: beside a name it fits 80 columns
 _UNSAFE = re.compile(r"[^\w.+-]+")
 
 
@@ -98,22 +98,16 @@ def batch(
         stage("writing")
         page = write_fleet(folder, made, left, {"drives": str(drives), "run": list(common)})
     more = max(len(made) - _SHOWN, 0)
-    shown = replace(page.sections[0], rows=_short(page.sections[0].rows[:_SHOWN]))
+    rows = [
+        (*row, replace(why, value=shorten(str(why.value), _WHY, placeholder=" …")))
+        for *row, why in page.sections[0].rows[:_SHOWN]
+    ]
+    shown = replace(page.sections[0], rows=tuple(rows))
     names = ("drives", f"fleet.csv ({more} drives more)" if more else "fleet.csv")
     result_page(folder, replace(page, sections=(shown, *page.sections[1:])), out, as_json=as_json, more=names)
     if page.verdict is not None and page.verdict.light == "bad":
         error_block(page.verdict.reason, (("fix", "see the reasons above; insnav check FILES says what to mend"),))
         raise typer.Exit(1)
-
-
-def _short(rows: Sequence[tuple[Quantity, ...]]) -> tuple[tuple[Quantity, ...], ...]:
-    """Rows whose last cell, the reason, fits beside the name of the drive; in full it is on the page."""
-    from insnav.report.terminal import WIDTH
-
-    room = (console.terminal_width() or WIDTH) - 4 - max(len(str(row[0].value)) for row in rows)
-    return tuple(
-        (*row, replace(why, value=shorten(str(why.value), max(room, 20), placeholder=" …"))) for *row, why in rows
-    )
 
 
 def run_drive(arguments: Sequence[str]) -> None:

@@ -126,40 +126,31 @@ def _role(path: Path) -> str:
 
 
 def _with_broken(roles: dict[Path, str]) -> dict[Path, str]:
-    """Roles, and those of samples and fixes that cannot be read: by name, or as the only file beside fixes alone.
+    """Roles, and those of samples and fixes that cannot be read, by name, or as the only file beside fixes: they fail.
 
-    So a drive with a broken file is one that fails, not one that nobody misses.
+    A file is taken for the part that its drive, or the whole folder, lacks beside the other one.
     """
-    if "both" in roles.values():
-        return roles
-    said = {path: role if role in _PARTS else _named(path) for path, role in roles.items()}
-    pairs = {(_key(path), part) for path, part in said.items()}
+    unread = [path for path, role in roles.items() if role not in _PARTS and set(path.suffixes) & set(suffixes())]
+    said = {**roles, **{path: _named(path) or "imu" * (len(unread) == 1) for path in unread}}
     found = dict(roles)
-    for path, part in said.items():
-        other = {"imu": "gps", "gps": "imu"}.get(part, "")
-        alike = any(roles[each] == part and _key(each) == _key(path) for each in roles)
-        lacking = part not in roles.values() and other in said.values()
-        if other and not alike and (lacking or (_key(path), other) in pairs):
-            found[path] = part
-    rest = [path for path, role in found.items() if role not in _PARTS]
-    if "gps" in found.values() and "imu" not in found.values() and len(rest) == 1 and _is_data(rest[0]):
-        found[rest[0]] = "imu"
+    for path in unread if "both" not in roles.values() else ():
+        other = {"imu": "gps", "gps": "imu"}.get(said[path], "none")
+        own = [each for each in roles if _key(each) == _key(path)]
+        lacking = other in said.values() and said[path] not in roles.values()
+        if said[path] not in map(roles.get, own) and (lacking or other in map(said.get, own)):
+            found[path] = said[path]
     return found
 
 
 def _named(path: Path) -> str:
-    """Part that the name of a data file says; empty for none."""
+    """Part that a name says; empty for none."""
     word = _ROLE.search(_stem(path))
-    return _NAMED.get(word[2].lower(), word[2].lower()) if word and _is_data(path) else ""
+    return _NAMED.get(word[2].lower(), word[2].lower()) if word else ""
 
 
 def _key(path: Path) -> str:
     """Name without what says the part: that of the drive."""
     return _ROLE.sub("", _stem(path)).strip("-_. ").lower()
-
-
-def _is_data(path: Path) -> bool:
-    return not {each.lower() for each in path.suffixes}.isdisjoint(suffixes())
 
 
 def _paired(files: Sequence[Path], roles: dict[Path, str]) -> Iterator[tuple[Path, _Parts, str]]:
@@ -168,16 +159,13 @@ def _paired(files: Sequence[Path], roles: dict[Path, str]) -> Iterator[tuple[Pat
         if roles[path] == "both":
             yield path if path.is_dir() else path.with_name(_stem(path)), {"imu": path}, ""
     parts = {part: [path for path in files if roles[path] == part] for part in _PARTS}
+    if len(parts["imu"]) == len(parts["gps"]) == 1 < len(parts["ref"]):  # that with the name of one of the two
+        keys = {_key(parts["imu"][0]), _key(parts["gps"][0])}
+        parts["ref"] = [path for path in parts["ref"] if _key(path) in keys]
     if max(map(len, parts.values())) == 1 and parts["imu"]:
         path = parts["imu"][0]
         yield path if path.is_dir() else path.parent, {part: own[0] for part, own in parts.items() if own}, ""
         return
-    if len(parts["imu"]) == len(parts["gps"]) == 1:  # and several references: that with the name of one of the two
-        keys = {_key(parts["imu"][0]), _key(parts["gps"][0])}
-        parts["ref"] = [path for path in parts["ref"] if _key(path) in keys]
-        if len(parts["ref"]) == 1:
-            yield parts["imu"][0].parent, {part: own[0] for part, own in parts.items()}, ""
-            return
     named: dict[str, dict[str, list[Path]]] = defaultdict(lambda: {part: [] for part in _PARTS})
     for part, own in parts.items():
         for path in own:

@@ -30,11 +30,7 @@ def tune(
             given["imu_model"] = drives[0].imu_spec
         drive = load(imu, gps, **given)
         if drive.fixes is None:
-            what, fix = (
-                "no fixes were found for the samples of a drive",
-                "give each drive a folder, with the fixes in it",
-            )
-            raise InputError(what, where=str(imu), why="no file of fixes is alone beside it or has its name", fix=fix)
+            raise InputError("no fixes were found for the samples", where=str(imu), fix="put them beside it, alone")
         ready = drive.prepared()
         one = InnovationLikelihood(ready, drive.imu_spec)
         if one.fixes < FEWEST:

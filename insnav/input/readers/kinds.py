@@ -48,15 +48,14 @@ def open_parts(path: str | Path) -> Mapping[str, Table]:
     except InputError:
         if not Path(path).is_dir():
             raise
-        held: dict[str, list[tuple[bool, Table]]] = {}
+        held: dict[tuple[str, bool], list[Table]] = {}  # by kind, and whether the name says it
         for file in data_files(path):
             with suppress(InsnavError):
-                tables = open_tables(file)
-                kinds, said = kinds_of(tables), NAMES.get(file.name.split(".")[0].lower(), "")
+                tables, said = open_tables(file), NAMES.get(file.name.split(".")[0].lower())
+                kinds = kinds_of(tables)
                 if len(kinds) == len(tables) == 1:
-                    (kind,) = {said} if said and kinds <= {"gps", "reference"} else kinds
-                    held.setdefault(kind, []).append((said == kind, next(iter(tables.values()))))
-        chosen = {kind: [each for name, each in own if name or len(own) == 1] for kind, own in held.items()}
+                    held.setdefault((said or kinds.pop(), said is not None), []).extend(tables.values())
+        chosen = {kind: held.get((kind, True)) or held[kind, False] for kind, _ in held}
         if not {"imu", "gps"} <= chosen.keys() or any(len(own) != 1 for own in chosen.values()):
             raise
         return {kind: own[0] for kind, own in chosen.items()}
