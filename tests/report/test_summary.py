@@ -46,6 +46,12 @@ def test_warnings_count_from_the_start_of_the_run(driven):
     lost = Event(1012.0, EventKind.IMU_STUCK, 3.0, np.nan, "s", "gyro x stuck: left out")
     (said,) = [text for text in run_warnings(EvaluatedRun(replace(later, events=(lost,)), gps)) if "stuck" in text]
     assert "first at 12.0 s" in said
+    assert said.endswith("(times in warnings are from the start)")
+    more = (lost, replace(lost, action="gyro y stuck: left out"))
+    several = run_warnings(EvaluatedRun(replace(later, events=more), gps))
+    assert sum("from the start" in text for text in several) == 1  # the first says it for all
+    early = run_warnings(EvaluatedRun(replace(run, events=(replace(lost, time=12.0),)), gps))
+    assert not any("from the start" in text for text in early)  # a record that begins at zero
 
 
 def test_a_constant_difference_is_named_as_what_it_is(driven, navigated):
