@@ -75,6 +75,13 @@ def test_a_folder_of_any_names_is_read_by_what_its_files_hold(tmp_path):
     assert "--gps" not in str(error.value)
 
 
+def test_a_folder_that_may_not_be_looked_into_is_no_recording(tmp_path, monkeypatch):
+    monkeypatch.setattr("os.access", lambda *_: False)
+    table(tmp_path / "drive.csv", samples(IMU_HEADERS)), table(tmp_path / "gps.csv", fixes(GPS_HEADERS))
+    with pytest.raises(InputError, match="holds no recording"):
+        open_parts(tmp_path)
+
+
 def test_clocks_that_differ_are_spoken_of_only_where_they_do(tmp_path):
     readings = replace(check([table(tmp_path / "a.csv", samples(IMU_HEADERS))], {}), notes=())
     for offset, said in ((None, False), (0.002, False), (0.2, True)):

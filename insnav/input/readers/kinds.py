@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -46,7 +47,7 @@ def open_parts(path: str | Path) -> Mapping[str, Table]:
     try:
         return open_tables(path)
     except InputError:
-        if not Path(path).is_dir():
+        if not Path(path).is_dir() or not os.access(path, os.R_OK | os.X_OK):
             raise
         held: dict[tuple[str, bool], list[Table]] = {}  # by kind, and whether the name says it
         for file in data_files(path):
