@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -43,6 +44,8 @@ def outage(
     for value, name in ((first, "--first"), (spacing, "--spacing")):
         if value is not None:
             parse.finite(value, name, largest=1e5)
+    from insnav.report.page import LIGHTS
+
     with working(out, force) as (folder, stage):
         outcome = data.load(stage).outage(
             lengths=wanted,
@@ -53,4 +56,7 @@ def outage(
             progress=lambda fraction: stage("navigating", fraction),
         )
         outcome, where = data.save(outcome, folder, stage)
-    result_page(where, outcome.page(), out, as_json=as_json)
+    page = outcome.page()
+    assert page.verdict is not None
+    judged = f"{LIGHTS[page.verdict.light]}: {page.verdict.reason}"
+    result_page(where, replace(page, summary=(judged, *page.summary)), out, as_json=as_json)

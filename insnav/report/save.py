@@ -19,7 +19,7 @@ from insnav.imu.imu_file import load_imu
 from insnav.input.readers.reading import ReadingFacts
 from insnav.output.contents import FACTS_FILE
 from insnav.output.folder import RunFolder, read_facts
-from insnav.output.solution_tables import TableFormat
+from insnav.output.solution_tables import TableFormat, read_events
 from insnav.plain_text import without_exponents
 from insnav.report.html import page_html
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page
@@ -120,6 +120,8 @@ def open_folder(folder: Path) -> Result[Any]:
     file, model = folder / "imu.toml", facts.get("imu_model")
     imu_model = (load_imu(str(file)), str(model["chosen"])) if model and file.is_file() else None
     opened = Result(kind, found, inputs, facts.get("configuration", {}), imu_model, tuple(facts.get("notes", ())))
+    if any(folder.glob("events.*")):
+        opened = replace(opened, events=read_events(folder))
     if kind != "run":
         return opened
     told = _of_room(kind, "page")(opened, sections=False).assumptions  # the others were notes, too

@@ -397,8 +397,12 @@ class Drive:
             progress=progress,
         )
         found = OutageStudy(tuple(windows), tuple(outage_growth(windows)), self._compared_with())
+        missed = ", ".join(f"{each:g}" for each in sorted({*lengths} - {window.length for window in windows}))
+        said = f"not tried: {missed} s without GPS, as no such window fits between start, gaps and end"
+        notes = (*([said] if missed else []), *self.notes, *ready.notes)
         options = {"lengths_s": lengths, "first_s": first, "spacing_s": spacing, "aiding": aiding}
-        return self._result("outage", found, options, (*self.notes, *ready.notes), self._events(()), spec)
+        events = self.navigate(aiding=aiding).found.run.events  # what a run warns of
+        return self._result("outage", found, options, notes, events, spec)
 
     def budget(
         self,

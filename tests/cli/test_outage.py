@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from insnav.output.folder import read_facts, verify_folder
+from insnav.report.page import LIGHTS
 from tests.cli.conftest import Cli
 
 QUICK = ("outage", "imu.csv", "--gps", "gps.csv", "--imu", "automotive", "--lengths", "3,6", "--first", "80")
@@ -22,7 +23,14 @@ def test_folder_and_table(drive: Path, cli: Cli):
     assert facts["outages"][1]["horizontal_m"]["rms"] < 20.0
     assert 'id="outage_horizontal"' in Path("outage/report.html").read_text(encoding="utf-8")
     assert "predicted" in shown.out
+    judged = facts["verdict"]
+    assert f"{LIGHTS[judged['light']]}: {judged['reason']}" in shown.out
     assert "workers" not in facts["configuration"]
+
+
+def test_a_length_that_does_not_fit_is_named(drive: Path, cli: Cli):
+    shown = cli(*QUICK[:-3], "3,999", "--first", "80", "--spacing", "60", "--engine", "1", "--aiding", "off")
+    assert "not tried: 999 s" in shown.out
 
 
 def test_json_is_that_of_the_folder(drive: Path, cli: Cli):

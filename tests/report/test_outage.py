@@ -15,6 +15,7 @@ from insnav.report.page import Page, section_tables
 from insnav.report.run_json import page_facts
 from insnav.report.terminal import table_text
 from insnav.result import Result, open_result
+from insnav.types import Event, EventKind
 from tests.errors.outage.test_statistics import outage_windows
 
 
@@ -80,3 +81,35 @@ def test_a_saved_outage_test_is_opened_again(tmp_path: Path, table_format: str):
     before, after = (each.found.growth[0].corrected[:, :4] for each in (made, again))
     np.testing.assert_allclose(after, before, rtol=1e-4)
     assert again.page().verdict.light == made.page().verdict.light
+
+
+def test_smoothed_errors_larger_than_stated_are_no_green_light():
+    error = np.random.default_rng(1).standard_normal((60, 6)) * 3.0
+    windows = [replace(each, smoothed_sd=0.5 * each.smoothed_sd) for each in outage_windows(error, 3.0, 0.001, 60)]
+    said = Result("outage", OutageStudy(tuple(windows), tuple(outage_growth(windows)), "the truth")).page().verdict
+    assert said.light != "good"
+    assert "smoothed errors" in said.reason
+
+
+def test_what_a_run_warns_of_is_said(tmp_path: Path):
+    error = np.random.default_rng(1).standard_normal((60, 6)) * 3.0
+    windows = outage_windows(error, 3.0, 0.1, 60)
+    gyro = Event(3.0, EventKind.CONTRADICTION, 1.0, 1.0, "-", "gyro z is off by +1.9 deg/s")
+    lost = Event(9.0, EventKind.IMU_CUT_ROW, 1.0, 1.0, "-", "the last row was left out")
+    study = OutageStudy(tuple(windows), tuple(outage_growth(windows)), "the truth")
+    made = Result("outage", study, events=(gyro, lost))
+    for page in (made.page(), open_result(made.save(tmp_path / "outage")).page()):
+        assert page.warnings[0] == f"a run of this drive says: {gyro.action}"
+        assert "cut off" in page.warnings[1]
+        assert page.verdict.light == "attention"
+        assert page.verdict.reason.startswith(page.warnings[0])
+
+
+def test_shares_inside_stand_in_order():
+    error = np.random.default_rng(1).standard_normal((60, 6)) * 3.0
+    short, long = outage_windows(error, 3.0, 0.1, 60), outage_windows(error, 1.3, 0.1, 60)
+    long = [replace(each, length=20.0) for each in long]
+    windows = (*short, *long)
+    first, *_ = Result("outage", OutageStudy(windows, tuple(outage_growth(windows)), "the truth")).page().summary
+    least, most = (int(each) for each in first.split(": ")[1].split(" %")[0].split(" to "))
+    assert least < most

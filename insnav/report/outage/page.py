@@ -12,17 +12,19 @@ import numpy as np
 from insnav.errors.outage.gnss_outage import OutageEpochs, OutageStudy
 from insnav.errors.outage.statistics import Growth, outage_growth
 from insnav.output.folder import RunFolder, read_facts
-from insnav.output.solution_tables import TableFormat, read_run_table, write_run_table
+from insnav.output.solution_tables import TableFormat, read_run_table, write_events, write_run_table
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.outage.windows import INTERVALS, NOTE, common_text, corrected, corrected_text, outage_panels
-from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, only_json, rows_frame
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
+from insnav.report.run.warnings import event_warnings, file_warnings
 from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.units import UNITS
 
 _INSIDE, _FEW_INSIDE = 0.95, 0.8  # shares inside 3 sd from which the stated sd is right, or at least not far off
 _LARGER = 1.25  # times the predicted RMS error from which on it is said, whatever share is inside 3 sd
+_MODES = ("", "smoothed ")
 _SAME = 0.98  # of an RMS error: so much of it left without the reference is the same in words
 STATISTICS = {  # of `Growth`: key and attribute
     "rms": "rms",
@@ -50,14 +52,19 @@ def page(result: Result[OutageStudy]) -> Page:
     name = str(Path(*Path(result.inputs["imu"].path).parts[-2:])) if "imu" in result.inputs else "a drive"
     rows = tuple(_row(each) for each in study.growth)
     first, *others = (table for component in _COMPONENTS if (table := _table(component, study.growth)).rows)
-    inside = list(dict.fromkeys(f"{100.0 * each.inside_at_end:.0f}" for each in study.growth))
+    inside = sorted({round(100.0 * each.inside_at_end) for each in study.growth})
     lengths = ", ".join(f"{each.length:g}" for each in study.growth)
+    run = (f"a run of this drive says: {text}" for text in event_warnings(result.events, smoothed=True))
+    told = (*run, *file_warnings(result))
     common = tuple(line for line in (common_text(each) for each in study.growth) if line)
     title = f"Error without GPS against {study.reference}"
     growing = drawn("outages", title, outage_panels(study.windows, study.growth), NOTE)
     return Page(
         f"GNSS outage test: {name}, {len(study.windows)} windows",
-        (f"Inside 3 sd (north, east, down): {' to '.join(inside[:: max(len(inside) - 1, 1)])} % after {lengths} s.",),
+        (
+            f"Inside 3 sd (north, east, down): {' to '.join(map(str, inside[:: max(len(inside) - 1, 1)]))} % after "
+            f"{lengths} s.",
+        ),
         (
             only_json("", Quantity("reference", study.reference)),
             Section("outages", rows=rows, show="json"),
@@ -68,8 +75,8 @@ def page(result: Result[OutageStudy]) -> Page:
                 for each in others
             ),
         ),
-        warnings=common,
-        verdict=_verdict(study),
+        warnings=(*told, *common),
+        verdict=_verdict(study, told),
         merits=_merits(study.growth[-1]),
         merits_note=f"After {study.growth[-1].length:g} s, as measured: the error of {study.reference} is in it.",
         assumptions=(
@@ -83,19 +90,20 @@ def page(result: Result[OutageStudy]) -> Page:
     )
 
 
-def _verdict(study: OutageStudy) -> Verdict:
+def _verdict(study: OutageStudy, told: tuple[str, ...]) -> Verdict:
     """Say how large errors become in the longest outages, and whether the stated sd can be relied on in all."""
     found = study.growth[-1]
     i, smoothed = found.column("horizontal"), found.column("smoothed horizontal")
-    least, most = min(study.growth, key=lambda each: each.inside_at_end), max(study.growth, key=_as_predicted)
-    few, ratio = least.inside_at_end, _as_predicted(most)
+    both = [(each, lead) for each in study.growth for lead in _MODES]
+    few, length, mode = min((_inside(each, lead), each.length, lead) for each, lead in both)
+    ratio, longer, larger = max((_as_predicted(each, lead), each.length, lead) for each, lead in both)
     light, words = ("good", "can be relied on") if few >= _INSIDE else ("attention", "is too small")
     if few < _FEW_INSIDE:
         light, words = "bad", "is far too small"
-    reason = f"{100.0 * few:.0f} % of the errors after {least.length:g} s are inside 3 sd: the stated sd {words}"
+    reason = f"{100.0 * few:.0f} % of the {mode}errors after {length:g} s are inside 3 sd: the stated sd {words}"
     if light == "good" and ratio > _LARGER:
         light = "attention"
-        reason = f"after {most.length:g} s the errors are {ratio:.2f} times as large as predicted; "
+        reason = f"after {longer:g} s the {larger}errors are {ratio:.2f} times as large as predicted; "
         reason += f"{100.0 * few:.0f} % or more are inside 3 sd"
     raw, left = float(found.rms[-1, i]), float(found.corrected[-1, i])
     text = (
@@ -109,12 +117,20 @@ def _verdict(study: OutageStudy) -> Verdict:
     text += f"; predicted {number(float(found.predicted[-1, i]))} m"
     if np.isfinite(found.rms[-1, smoothed]):
         text += f"; smoothed {number(float(found.rms[-1, smoothed]))} m RMS"
-    return Verdict(cast(Light, light), reason, f"{text}.")
+    verdict = Verdict(cast(Light, light), reason, f"{text}.")
+    return by_warnings(verdict.sentence, told, (verdict.light, reason)) if light == "good" else verdict
 
 
-def _as_predicted(found: Growth) -> float:
+def _inside(found: Growth, mode: str) -> float:
+    """Share of the errors of a mode inside 3 sd, all of them where it is not known."""
+    shares = [float(found.inside[-1, found.column(f"{mode}{name}")]) for name in ("horizontal", "vertical")]
+    share = (2.0 * shares[0] + shares[1]) / 3.0
+    return share if np.isfinite(share) else 1.0
+
+
+def _as_predicted(found: Growth, mode: str) -> float:
     """RMS horizontal error at the end of windows of one length over the predicted, that of the reference in both."""
-    i = found.column("horizontal")
+    i = found.column(f"{mode}horizontal")
     predicted = float(np.hypot(found.predicted[-1, i], found.reference[-1, i]))
     return float(found.rms[-1, i]) / predicted if predicted > 0.0 and np.isfinite(found.rms[-1, i]) else 0.0
 
@@ -181,6 +197,7 @@ def write_files(result: Result[OutageStudy], folder: RunFolder, table_format: Ta
     `folder`: entered, not committed; `table_format` {"csv", "parquet"}.
     """
     write_run_table(folder.directory, OutageEpochs.of(result.found.windows), table_format, "windows")
+    write_events(folder.directory, result.events)
 
 
 def read_found(folder: Path) -> OutageStudy:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[str, ...]:
     warnings = (
         *([f"the solution is not to be used: {why}; IMU and fixes contradict each other"] if why else []),
         *([SAME_DATA] if found.reference_is_gps else []),
-        *_contradictions(found.run),
+        *event_warnings(found.run.events, smoothed=found.run.smoothed is not None),
         *_late(found.run),
         *(event.action for event in found.run.events if event.kind == EventKind.REF_CONTRADICTION),
         *_many_rejected(found.run),
@@ -63,17 +63,17 @@ def file_warnings(result: Result[Any]) -> tuple[str, ...]:
     return (*cut, *(not_covered(result.inputs["imu"], result.inputs["gps"]) if both else ()))
 
 
-def _contradictions(run: Run) -> list[str]:
+def event_warnings(events: Sequence[Event], *, smoothed: bool) -> list[str]:
     """Fixes and samples that cannot both be right, and what was done about it."""
-    found = [event.action for event in run.events if event.kind == EventKind.CONTRADICTION]
-    resets = [event for event in run.events if event.kind == EventKind.RESET]
+    found = [event.action for event in events if event.kind == EventKind.CONTRADICTION]
+    resets = [event for event in events if event.kind == EventKind.RESET]
     if resets:
         first = resets[0]
         found.append(
             f"the filter was reset to the fixes {_times(len(resets))}, first at {moment(first.time)} by "
             f"{first.value:.3g} m, after every position had been rejected for {first.limit:g} s"
             + "; those before or those after are false, smoothed standard deviations hold both"
-            * (run.smoothed is not None)
+            * smoothed
         )
     return found
 
