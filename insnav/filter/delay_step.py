@@ -4,7 +4,7 @@ The delay is a state of the filter, constant throughout; the adjoint of the smoo
 fixes ask for (see `insnav.filter.shocks`). Where one stands out, all fixes are put on the smaller of both delays and
 the drive is prepared and navigated anew: a state of the filter goes only half way, and so is done a few times. Which of
 both is right the drive does not tell; standard deviations hold the other one, and where a jump of the fixes explains as
-much, that, too.
+much, that, too. What a drift of the clock explains as well, or is gone without fixes that were false, is no step.
 """
 
 from __future__ import annotations
@@ -15,22 +15,25 @@ from dataclasses import replace
 import numpy as np
 
 from insnav.filter.changes import BETTER, either, widened
+from insnav.filter.gps_delay import LARGEST_DRIFT
 from insnav.filter.navigate import Navigated
 from insnav.filter.prepare import Prepared
-from insnav.filter.whole_record import stretches, unlikely
+from insnav.filter.shocks import scatter
+from insnav.filter.whole_record import rows_of, stretches, unlikely
 from insnav.plain_text import moment
 from insnav.types import DelayStep, Event, EventKind, FloatArray, GpsData, Run
 
 ROUNDS = 5  # of moving fixes
+PARTS = 0.5, 1.0, 1.5  # of the drift of the clock that a step may stand for
 SAME = 0.2  # part of the largest move; smaller ones are none
 
+Solved = tuple[Prepared, Navigated]
 
-def with_one_delay(
-    fixes: GpsData | None, navigated: Callable[[GpsData | None], tuple[Prepared, Navigated]]
-) -> tuple[Prepared, Navigated]:
+
+def with_one_delay(fixes: GpsData | None, navigated: Callable[..., Solved]) -> Solved:
     """Navigate, and again with fixes on one delay if that changes; the likelier of both.
 
-    `navigated`: prepares and navigates with other fixes.
+    `navigated`: prepares and navigates with other fixes, and with the clock of the samples from where it is looked for.
     """
     first = other = navigated(fixes)
     assert fixes is not None  # else there was nothing to navigate
@@ -46,21 +49,72 @@ def with_one_delay(
         kept = time > np.maximum.accumulate(np.concatenate([[-np.inf], time[:-1]]))
         some = replace(fixes, time=time).rows(kept)
         other = navigated(some)
-    if other is first or _cost(*other, some) > _cost(*first, fixes) - BETTER:
+    if other is first or _cost(*other, some) > _cost(*first, fixes) - _margin(other):
         return first
+    found, row = other[1].run.innovations, rows_of(other[1].run, some, other[0].settings)
+    false = np.isin(fixes.time - late, some.time[row[np.isfinite(found.nis_position) & ~found.used_position]])
+    if false.any():
+        ready, done = navigated(fixes.rows(~false))
+        if done.run.smoothed is not None and done.run.smoothed.delay_step is None:  # false fixes looked like one
+            said = (event for event in other[1].run.events if event not in done.run.events and _contradicts(event))
+            return ready, replace(done, gps=first[1].gps, run=replace(done.run, events=(*done.run.events, *said)))
+    drifting = _drifting(first, other, fixes, late, navigated)
+    if drifting is not None and _cost(*drifting, fixes) < _cost(*other, some) + _margin(other):
+        # a delay that was given stays, and is said to contradict the drive
+        return drifting if first[0].settings.delay_sd > 0.0 else first
     ready, done = other
     run = _told(done.run, fixes.time, late)
     if not sure:
-        said = (event for event in first[1].run.events if event.kind is EventKind.CONTRADICTION)
-        run = either(replace(run, events=(*run.events, *said)), first[1].run)
+        told = filter(_contradicts, first[1].run.events)
+        run = either(replace(run, events=(*run.events, *told)), first[1].run)
     return ready, replace(done, run=run)
+
+
+def _drifting(
+    first: Solved, other: Solved, fixes: GpsData, late: FloatArray, navigated: Callable[..., Solved]
+) -> Solved | None:
+    """Navigate with a drift of the clock, or with a delay that is free, where that may look like a step; the likeliest.
+
+    `first`, `other`: with fixes as they are, and with those of the larger delay moved; `late` (n,): by how much [s].
+    """
+    ready, length = first[0], float(fixes.time[-1] - fixes.time[0])
+    # means before and after the middle of a drift are half of it apart
+    slope = 2.0 * float(late[-1] - late[0]) / length
+    rates = [part * slope for part in PARTS if abs(part * slope) <= LARGEST_DRIFT]
+    if ready.settings.delay_sd <= 0.0:
+        rates.append(0.0)
+    mean = other[1].run.gps_delay + float(late.mean()) - ready.settings.delay
+
+    def at(rate: float) -> tuple[float, Solved]:
+        total = ready.rate + rate
+        some = navigated(fixes, (mean - 0.5 * total * length, total))
+        return _cost(*some, fixes), some
+
+    tried = [at(rate) for rate in rates]
+    if len(tried) >= 3:
+        curve = np.polyfit(rates[:3], [cost for cost, _ in tried[:3]], 2)
+        top = -0.5 * curve[1] / curve[0]
+        if curve[0] > 0.0 and abs(top) <= LARGEST_DRIFT:
+            tried.append(at(float(top)))
+    return min(tried, key=lambda each: each[0])[1] if tried else None
+
+
+def _margin(solved: Solved) -> float:
+    """By how much likelier a drive must be, by the size of its innovations and how alike they are."""
+    squares, count = scatter(solved[1].run.innovations, solved[1].run.innovations.time)
+    return BETTER * max(1.0, float(squares.sum() / count.sum()))
 
 
 def _cost(ready: Prepared, done: Navigated, gps: GpsData) -> float:
     """How unlikely a drive was, whatever standard deviations its fixes came with, and all that had to be explained."""
     same = np.ones_like(gps.lla)
     total = unlikely(done.run, replace(gps, position_sd=same, velocity_sd=same), ready.settings)
-    return total + BETTER * sum(event.kind is EventKind.CONTRADICTION for event in done.run.events)
+    return total + BETTER * sum(map(_contradicts, done.run.events))
+
+
+def _contradicts(event: Event) -> bool:
+    """Whether an event says that fixes and IMU contradict each other."""
+    return event.kind is EventKind.CONTRADICTION
 
 
 def moved(step: DelayStep, time: FloatArray) -> FloatArray:
@@ -74,7 +128,7 @@ def _told(run: Run, time: FloatArray, late: FloatArray) -> Run:
     """An event for each stretch of fixes that were moved, and standard deviations that hold them as they were."""
     largest = float(np.abs(late).max())
     events = []
-    for begin, end in stretches(time, np.abs(late) > SAME * largest):
+    for begin, end in stretches(time, (np.abs(late) > SAME * largest) & (time >= run.solution.time[0])):
         size = float(np.median(late[(time >= begin) & (time <= end)]))
         said = f"fixes from {moment(begin, end)} are {abs(size):.2g} s {'later' if size > 0.0 else 'earlier'} than the"
         said += " others: moved; standard deviations hold both"

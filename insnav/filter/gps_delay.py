@@ -235,15 +235,17 @@ def _with_lag(likelihood: LateFixes, delay: float, drift: float) -> tuple[FloatA
     return at, covariance, float(gain + 0.5 * np.log(min(known[1] * covariance[1, 1], 1.0)))
 
 
-def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettings) -> Prepared:
+def on_time(
+    prepared: Callable[[float, float], Prepared], settings: FilterSettings, at_first: tuple[float, float] = (0.0, 0.0)
+) -> Prepared:
     """Prepare a recording, its samples moved into the time of the fixes where these are late or early.
 
     Whether vibration moves the antenna otherwise than turns do is seen on the way, and where a moving start was.
     `prepared`: prepares with the clock of the samples moved by so much at the start [s], and made faster by so much
-    [s/s]; `settings`: of the filter; a delay that is given is not looked for.
+    [s/s]; `settings`: of the filter; a delay that is given is not looked for; `at_first`: where the search begins.
     """
-    ready = prepared(0.0, 0.0)
-    clock = rate = of_ready = 0.0
+    ready = prepared(*at_first)
+    clock, rate = at_first
     if settings.delay_sd <= 0.0 and settings.lever_sd <= 0.0 and not settings.lever_b.any():
         return ready
     seen = filtered(ready)
@@ -262,7 +264,7 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
         there = replace(there, settings=replace(there.settings, velocity_lag=lag))
         further = filtered(there)
         if further.misfit <= seen.misfit + WORSE:  # a large delay is found in steps, of which the first may be worse
-            ready, seen, of_ready = there, further, rate
+            ready, seen = there, further
     arm = replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd)
     ready = replace(ready, settings=replace(arm, delay_sd=width, velocity_lag=lags[0], lag_sd=lags[1]))
     if seen.ready.clock == ready.clock and not ready.parts:  # of a start in motion
@@ -273,9 +275,9 @@ def on_time(prepared: Callable[[float, float], Prepared], settings: FilterSettin
     if ready.clock != 0.0:
         which = "late" if ready.clock > 0.0 else "early"
         notes.append(f"the fixes are {abs(ready.clock):.2f} s {which}: IMU time is moved by that")
-    if of_ready != 0.0:
-        which = "slow" if of_ready > 0.0 else "fast"
-        notes.append(f"the clock of the IMU is {abs(1e6 * of_ready):.0f} ppm {which} against GPS time: corrected")
+    if ready.rate != 0.0:
+        which = "slow" if ready.rate > 0.0 else "fast"
+        notes.append(f"the clock of the IMU is {abs(1e6 * ready.rate):.0f} ppm {which} against GPS time: corrected")
     return replace(ready, notes=tuple(notes))
 
 

@@ -70,6 +70,7 @@ class Prepared:
     noise: NoiseEstimate | None = None  # as found in the innovations of the drive
     parts: tuple[Part, ...] = ()  # where the filter goes on after a long gap of the samples
     clock: float = 0.0  # by which the samples were moved into the time of the fixes [s]: their delay as it was found
+    rate: float = 0.0  # by which their clock was made faster [s/s]
 
     def navigator(self, marks: Container[int] = ()) -> Navigator:
         """Filter at the start; see `Navigator` for `marks`."""

@@ -289,7 +289,7 @@ def unlikely(run: Run, gps: GpsData, settings: FilterSettings, dragged: Trust | 
 
     A fix that was not used costs more than those that were, but for positions that were `dragged` all together.
     """
-    found, rows = run.innovations, _rows_of(run, gps, settings)
+    found, rows = run.innovations, rows_of(run, gps, settings)
     total = EPISODE * sum(event.kind is EventKind.RESET for event in run.events)
     for nis, sd, reported, used in (
         (found.nis_position, found.sd[:, :3], gps.position_sd[rows], found.used_position),
@@ -306,7 +306,7 @@ def unlikely(run: Run, gps: GpsData, settings: FilterSettings, dragged: Trust | 
     return total
 
 
-def _rows_of(run: Run, gps: GpsData, settings: FilterSettings) -> IntArray:
+def rows_of(run: Run, gps: GpsData, settings: FilterSettings) -> IntArray:
     """Row of the fix of each innovation."""
     return np.searchsorted(gps.time - settings.delay, run.innovations.time - 1e-6)
 
@@ -315,7 +315,7 @@ def contradicted(run: Run, gps: GpsData, settings: FilterSettings) -> bool:
     """Whether the filter reset, believed a fix that the smoothed track contradicts, or rejected many it supports."""
     if any(event.kind is EventKind.RESET for event in run.events):
         return True
-    gates, rows = settings.gates, _rows_of(run, gps, settings)
+    gates, rows = settings.gates, rows_of(run, gps, settings)
     off, square = (each[:, rows] for each in residuals(run, gps, settings))
     square = square / _scales(run)[:, None]
     believed = np.array([run.innovations.used_position, run.innovations.used_velocity])

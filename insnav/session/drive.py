@@ -31,7 +31,7 @@ from insnav.filter.gyro_fault import without_gyro_faults
 from insnav.filter.lever_check import delay_contradicted, lever_contradicted, with_right_heading, with_right_lever
 from insnav.filter.navigate import AidingChoice, Navigated, aided, dense, navigate_prepared, thinned
 from insnav.filter.noise_identification import identify_noise, understated, with_known_noise, with_noise
-from insnav.filter.prepare import Prepared, Start, prepare
+from insnav.filter.prepare import DELAY_SD, Prepared, Start, prepare
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
@@ -139,6 +139,8 @@ class Drive:
         Lever arm, delay, gates.
     notes : tuple of str
         What was assumed.
+    clock : tuple of float
+        By which samples are late at the start [s] and their clock is slow [s/s] where the search for that begins.
     """
 
     readings: Readings
@@ -147,6 +149,7 @@ class Drive:
     imu_chosen: str
     settings: FilterSettings
     notes: tuple[str, ...]
+    clock: tuple[float, float] = (0.0, 0.0)
 
     @property
     def imu(self) -> Reading[ImuData]:
@@ -215,7 +218,9 @@ class Drive:
         fixes, given = self.fixes, self.readings.inputs.get("heading")
 
         def with_heading(heading: float | None) -> Prepared:
-            return on_time(lambda clock, rate: self._prepared(fixes, states, clock, rate, heading), self.settings)
+            return on_time(
+                lambda clock, rate: self._prepared(fixes, states, clock, rate, heading), self.settings, self.clock
+            )
 
         ready = with_heading(given)
         return ready if given is None else with_right_heading(ready, lambda: with_heading(None))
@@ -240,7 +245,7 @@ class Drive:
             static_span=None if span is None else (moved(span[0]), moved(span[1])),
             heading=heading,
         )
-        return replace(ready, clock=clock + 0.5 * rate * (end - begin))
+        return replace(ready, clock=clock + 0.5 * rate * (end - begin), rate=rate)
 
     def prepared_with_noise(self, states: int = 21) -> tuple[Prepared, ImuSpec]:
         """As `prepared`, with the noise found in the innovations of the drive if that was asked for, and its IMU.
@@ -309,8 +314,10 @@ class Drive:
         one_of("aiding", aiding, get_args(AidingChoice))
         one_of("mechanization", mechanization, ("full", "short"))
 
-        def navigated(fixes: GpsData | None) -> tuple[Prepared, Navigated]:
+        def navigated(fixes: GpsData | None, clock: tuple[float, float] | None = None) -> tuple[Prepared, Navigated]:
             some = replace(self, fixes=fixes)
+            if clock is not None:
+                some = replace(some, clock=clock, settings=replace(self.settings, delay_sd=DELAY_SD))
             ready, _ = some.prepared_with_noise(states)
             if self.readings.inputs.get("lever_arm") is not None and not ready.settings.lever_sd:
                 free = replace(self.settings, lever_b=np.zeros(3), lever_sd=defaults.LEVER_SD)

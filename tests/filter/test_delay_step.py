@@ -20,8 +20,10 @@ def navigated(seed, fixes):
     settings = replace(SETTINGS, delay_sd=0.05)
     made, spec = recording(seed), load_imu("automotive")
 
-    def once(gps):
-        ready = prepare(made.imu, gps, spec, settings)
+    def once(gps, clock=(0.0, 0.0)):
+        time = made.imu.time
+        imu = replace(made.imu, time=time + clock[0] + clock[1] * (time - time[0]))
+        ready = replace(prepare(imu, gps, spec, settings), rate=clock[1])
         return ready, navigate_prepared(ready, spec)
 
     return with_one_delay(fixes, once)[1]
@@ -40,6 +42,14 @@ def test_fixes_that_begin_to_lag_are_moved(seed, seconds):
     assert event.value == pytest.approx(abs(seconds), abs=0.05)
     assert event.time == pytest.approx(begin, abs=3.0)
     assert ("later" if seconds > 0.0 else "earlier") in event.action
+
+
+def test_a_drift_of_the_clock_is_none():
+    gps = recording(8).gps
+    drifting = replace(gps, time=gps.time + 3e-4 * (gps.time - gps.time.mean()))
+    done = navigated(8, drifting)
+    assert not told(done)
+    assert done.run.gps_delay == pytest.approx(0.0, abs=0.02)
 
 
 def test_without_one_nothing_is_moved():
