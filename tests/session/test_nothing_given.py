@@ -11,7 +11,7 @@ import pytest
 import insnav
 from insnav.errors.budget.from_windows import WindowSettings
 from insnav.errors.evaluated_run import EvaluatedRun
-from insnav.exceptions import ConfigError
+from insnav.exceptions import InputError
 from insnav.fleet.recordings import find_drives
 from insnav.imu import load_imu
 from insnav.result import Result
@@ -88,7 +88,7 @@ def test_drives_of_one_imu_are_tuned_together(tmp_path):
         for found in (both, one)
     ]
     assert widths[0]["gyro.bias_instability"] < 0.8 * widths[1]["gyro.bias_instability"]
-    with pytest.raises(ConfigError, match="where the vehicle was"):
+    with pytest.raises(InputError, match="no fixes were found"):
         tune([(SAMPLE / "imu.csv.gz", None)])
 
 
