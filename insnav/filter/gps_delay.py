@@ -207,7 +207,9 @@ def delay_of(seen: Filtered) -> Found:
         sd = float(np.sqrt(share * max(covariance[0, 0], sd**2) + (1.0 - share) * sd**2 + apart * (other - delay) ** 2))
         delay += share * (other - delay)
         lag, lag_sd = share * along, float(np.sqrt(share * covariance[1, 1] + apart * along**2))
-    return Found(delay - drift * likelihood.half, sd, drift, float(lag), lag_sd)
+    # to the microsecond: where the arrays of the search lie in memory rounds its sums, and must not round the run
+    delay, sd, lag, lag_sd = (round(float(each), 6) for each in (delay - drift * likelihood.half, sd, lag, lag_sd))
+    return Found(delay, sd, drift, lag, lag_sd)
 
 
 def _with_lag(likelihood: LateFixes, delay: float, drift: float) -> tuple[FloatArray, FloatArray, float]:
