@@ -223,7 +223,8 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
             for j in range(3):
                 z[3 + i] += h[3 + i, shaken_at + j] * shaken[j]
     if lag_at >= 0:
-        h[3:, lag_at] = h[3:, STATES]
+        for i in range(3, 6):
+            h[i, lag_at] = h[i, STATES]
     for i in range(3):
         for j in range(3):
             r[i, j] = jitter * jitter * x[3 + i] * x[3 + j]

@@ -127,10 +127,12 @@ def innovations(  # type: ignore[no-untyped-def]
     each, n = push.shape[0], start[0].shape[0]
     means = np.zeros((each, n))
     mean = means[0]
-    mean[:] = start[0]
     wide = 4 * ((n + 3) // 4)  # whole registers, of which the rest stays zero
     p = np.zeros((wide, wide))
-    p[:n, :n] = start[1]
+    for i in range(n):
+        mean[i] = start[0][i]
+        for j in range(n):
+            p[i, j] = start[1][i, j]
     lasts = lasting_sd.shape[0] if lasting > 0 else 0
     work = np.zeros((19, wide))
     w, ph, moved = work[:9], work[9:15], work[15]
@@ -162,7 +164,8 @@ def innovations(  # type: ignore[no-untyped-def]
                     moved[i] = push[c, k, i]
                     for a in range(STATES):
                         moved[i] += phi[k, i, a] * means[c, a]
-                means[c, :NAV] = moved[:NAV]
+                for i in range(NAV):
+                    means[c, i] = moved[i]
             for i in range(NAV):
                 for j in range(i + 1):
                     total = gyro * white[k, 0, i, j] + accel * white[k, 1, i, j]
@@ -253,7 +256,9 @@ def innovations(  # type: ignore[no-untyped-def]
                         p[a, j] -= g0 * ph[b, j] + g1 * ph[b + 1, j] + g2 * ph[b + 2, j]
             for a in range(n):
                 mean[a] -= fed[k, a]
-        push[:, k] = means[:, :NAV]
+        for c in range(each):
+            for i in range(NAV):
+                push[c, k, i] = means[c, i]
         for i in range(SENSOR):
             last[i] = correction[k, i]
     return count
