@@ -35,6 +35,7 @@ class Navigated:
     run: Run  # the result
     gps: GpsData  # the fixes as processed, every value with a standard deviation
     notes: tuple[str, ...] = field(default=())  # what was found, and what was done about it
+    ready: Prepared | None = None  # what was navigated, other aiding included
 
 
 def navigate_recording(
@@ -84,7 +85,7 @@ def navigate_prepared(
         step = run.smoothed.delay_step
         step = replace(step, before=step.before + ready.clock, after=step.after + ready.clock)
         run = replace(run, smoothed=replace(run.smoothed, delay_step=step))
-    return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready), *_unseen(run)))
+    return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready), *_unseen(run)), ready)
 
 
 def dense(every: float) -> float:

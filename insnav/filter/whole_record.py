@@ -311,6 +311,14 @@ def rows_of(run: Run, gps: GpsData, settings: FilterSettings) -> IntArray:
     return np.searchsorted(gps.time - settings.delay, run.innovations.time - 1e-6)
 
 
+def without_rejected(gps: GpsData, run: Run, settings: FilterSettings) -> GpsData:
+    """Fixes of which only that is left which a run used: those whose position it rejected are marked as none."""
+    found, rows = run.innovations, rows_of(run, gps, settings)
+    fix, v_n = np.ones(gps.time.shape[0], dtype=np.int64) if gps.fix is None else gps.fix.copy(), gps.v_n.copy()
+    fix[rows[~found.used_position]], v_n[rows[~found.used_velocity]] = 0, np.nan
+    return replace(gps, fix=fix, v_n=v_n)
+
+
 def contradicted(run: Run, gps: GpsData, settings: FilterSettings) -> bool:
     """Whether the filter reset, believed a fix that the smoothed track contradicts, or rejected many it supports."""
     if any(event.kind is EventKind.RESET for event in run.events):

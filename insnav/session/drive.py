@@ -29,9 +29,10 @@ from insnav.filter.gps_delay import on_time
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.gyro_fault import without_gyro_faults
 from insnav.filter.lever_check import delay_contradicted, lever_contradicted, with_right_heading, with_right_lever
-from insnav.filter.navigate import AidingChoice, Navigated, aided, dense, navigate_prepared, thinned
+from insnav.filter.navigate import AidingChoice, Navigated, dense, navigate_prepared, thinned
 from insnav.filter.noise_identification import identify_noise, understated, with_known_noise, with_noise
 from insnav.filter.prepare import DELAY_SD, Prepared, Start, prepare
+from insnav.filter.whole_record import without_rejected
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
@@ -314,31 +315,9 @@ class Drive:
         one_of("aiding", aiding, get_args(AidingChoice))
         one_of("mechanization", mechanization, ("full", "short"))
 
-        def navigated(fixes: GpsData | None, clock: tuple[float, float] | None = None) -> tuple[Prepared, Navigated]:
-            some = replace(self, fixes=fixes)
-            if clock is not None:
-                some = replace(some, clock=clock, settings=replace(self.settings, delay_sd=DELAY_SD))
-            ready, _ = some.prepared_with_noise(states)
-            if self.readings.inputs.get("lever_arm") is not None and not ready.settings.lever_sd:
-                free = replace(self.settings, lever_b=np.zeros(3), lever_sd=defaults.LEVER_SD)
-                ready = with_right_lever(ready, lambda: replace(some, settings=free).prepared_with_noise(states)[0])
-            spec = self.imu_spec if ready.noise is None else ready.noise.spec
-            settings = replace(ready.settings, smooth=smooth, output_interval=dense(output_interval))
-            ready = replace(ready, settings=settings)
-            return ready, navigate_prepared(ready, spec, aiding=aiding, progress=progress)
-
-        ready, done = with_one_delay(self.fixes, navigated)
-        spec = self.imu_spec if ready.noise is None else ready.noise.spec
-        doubts = () if self.gps is None else understated(ready, self.gps.data)
-        if self.readings.inputs.get("gps_delay") is not None:
-            doubts = (*doubts, *delay_contradicted(ready))
-        if ready.settings.lever_sd and not self.settings.lever_sd:
-            doubts = (*doubts, lever_contradicted(self.settings.lever_b, done.run))
-        done = replace(done, run=replace(done.run, events=self._events((*doubts, *done.run.events))))
-        point = None if self.reference is None else reference_point(self.readings.inputs, self.reference.data)
-        found, notes = evaluate_run(done, self.reference, done.run.lever_b if point is None else point)
+        ready, found, notes = self._evaluated(states, aiding, smooth, output_interval, progress)
         if mechanization == "short":
-            windows = short_windows(ready.imu, done.run.solution, done.run.sensor_errors)
+            windows = short_windows(ready.imu, found.run.solution, found.run.sensor_errors)
             found = replace(found, short_duration=tuple(windows))
         options = {
             "states": states,
@@ -347,8 +326,45 @@ class Drive:
             "output_interval_s": output_interval,
             "mechanization": mechanization,
         }
-        found = replace(found, run=thinned(found.run, output_interval), noise=ready.noise)
-        return self._result("run", found, options, (*self.notes, *done.notes, *notes), found.run.events, spec)
+        found = replace(found, run=thinned(found.run, output_interval))
+        return self._result("run", found, options, notes, found.run.events, self._spec(ready))
+
+    def _spec(self, ready: Prepared) -> ImuSpec:
+        return self.imu_spec if ready.noise is None else ready.noise.spec
+
+    def _evaluated(
+        self,
+        states: int = 21,
+        aiding: AidingChoice = "auto",
+        smooth: bool = True,
+        output_interval: float = 0.1,
+        progress: Callable[[float], None] | None = None,
+    ) -> tuple[Prepared, EvaluatedRun, tuple[str, ...]]:
+        """See `navigate`: the drive as it was prepared, other aiding included, the run of it, and notes."""
+
+        def navigated(fixes: GpsData | None, clock: tuple[float, float] | None = None) -> tuple[Prepared, Navigated]:
+            some = replace(self, fixes=fixes)
+            if clock is not None:
+                some = replace(some, clock=clock, settings=replace(self.settings, delay_sd=DELAY_SD))
+            ready, _ = some.prepared_with_noise(states)
+            if self.readings.inputs.get("lever_arm") is not None and not ready.settings.lever_sd:
+                free = replace(self.settings, lever_b=np.zeros(3), lever_sd=defaults.LEVER_SD)
+                ready = with_right_lever(ready, lambda: replace(some, settings=free).prepared_with_noise(states)[0])
+            settings = replace(ready.settings, smooth=smooth, output_interval=dense(output_interval))
+            ready = replace(ready, settings=settings)
+            return ready, navigate_prepared(ready, self._spec(ready), aiding=aiding, progress=progress)
+
+        ready, done = with_one_delay(self.fixes, navigated)
+        doubts = () if self.gps is None else understated(ready, self.gps.data)
+        if self.readings.inputs.get("gps_delay") is not None:
+            doubts = (*doubts, *delay_contradicted(ready))
+        if ready.settings.lever_sd and not self.settings.lever_sd:
+            doubts = (*doubts, lever_contradicted(self.settings.lever_b, done.run))
+        done = replace(done, run=replace(done.run, events=self._events((*doubts, *done.run.events))))
+        point = None if self.reference is None else reference_point(self.readings.inputs, self.reference.data)
+        found, notes = evaluate_run(done, self.reference, done.run.lever_b if point is None else point)
+        found = replace(found, noise=ready.noise)
+        return done.ready or ready, found, (*self.notes, *done.notes, *notes)
 
     def outage(
         self,
@@ -390,26 +406,28 @@ class Drive:
         from insnav.errors.outage.statistics import outage_growth
 
         lengths = [float(length) for length in np.ravel(lengths)]
-        ready, spec = self.prepared_with_noise()
-        if aiding != "off":
-            ready = aided(ready, spec)
+        share = 0.4  # of the work is the run
+
+        def part(begin: float, size: float) -> Callable[[float], None] | None:
+            return None if progress is None else lambda done: progress(begin + size * done)
+
+        ready, run, notes = self._evaluated(aiding="off" if aiding == "off" else "on", progress=part(0.0, share))
         reference = None if self.reference is None else partial(self._antenna_positions, self.reference)
         windows = outages(
-            ready,
+            replace(ready, gps=without_rejected(ready.gps, run.run, ready.settings)),
             lengths=lengths,
             first=first,
             spacing=spacing,
             reference=reference,
             workers=workers,
-            progress=progress,
+            progress=part(share, 1.0 - share),
         )
-        found = OutageStudy(tuple(windows), tuple(outage_growth(windows)), self._compared_with())
+        found = OutageStudy(tuple(windows), tuple(outage_growth(windows)), self._compared_with(), run)
         missed = ", ".join(f"{each:g}" for each in sorted({*lengths} - {window.length for window in windows}))
         said = f"not tried: {missed} s without GPS, as no such window fits between start, gaps and end"
-        notes = (*([said] if missed else []), *self.notes, *ready.notes)
+        notes = (*([said] if missed else []), *notes)
         options = {"lengths_s": lengths, "first_s": first, "spacing_s": spacing, "aiding": aiding}
-        events = self.navigate(aiding=aiding).found.run.events  # what a run warns of
-        return self._result("outage", found, options, notes, events, spec)
+        return self._result("outage", found, options, notes, run.run.events, self._spec(ready))
 
     def budget(
         self,

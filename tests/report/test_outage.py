@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.outage.gnss_outage import OutageStudy
 from insnav.errors.outage.statistics import outage_growth
 from insnav.report.numbers import number
@@ -91,16 +92,18 @@ def test_smoothed_errors_larger_than_stated_are_no_green_light():
     assert "smoothed errors" in said.reason
 
 
-def test_what_a_run_warns_of_is_said(tmp_path: Path):
+def test_what_a_run_warns_of_is_said(tmp_path: Path, bare):
     error = np.random.default_rng(1).standard_normal((60, 6)) * 3.0
     windows = outage_windows(error, 3.0, 0.1, 60)
     gyro = Event(3.0, EventKind.CONTRADICTION, 1.0, 1.0, "-", "gyro z is off by +1.9 deg/s")
     lost = Event(9.0, EventKind.IMU_CUT_ROW, 1.0, 1.0, "-", "the last row was left out")
-    study = OutageStudy(tuple(windows), tuple(outage_growth(windows)), "the truth")
+    run = EvaluatedRun(replace(bare, events=(gyro,), gps_delay=0.34, gps_delay_sd=0.01))
+    study = OutageStudy(tuple(windows), tuple(outage_growth(windows)), "the truth", run)
     made = Result("outage", study, events=(gyro, lost))
     for page in (made.page(), open_result(made.save(tmp_path / "outage")).page()):
-        assert page.warnings[0] == f"a run of this drive says: {gyro.action}"
-        assert "cut off" in page.warnings[1]
+        assert page.warnings[0] == gyro.action
+        assert page.warnings[1].startswith("the fixes are 0.340 s late")
+        assert "cut off" in page.warnings[2]
         assert page.verdict.light == "attention"
         assert page.verdict.reason.startswith(page.warnings[0])
 

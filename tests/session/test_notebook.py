@@ -27,6 +27,16 @@ __all__ = ["cli"]
 LEVER = (0.8, -0.3, -1.2)
 
 
+def test_false_fixes_are_no_reference_of_outages(drive: Path) -> None:
+    fixes = pd.read_csv("gps.csv")
+    false = (fixes.time_s > fixes.time_s[0] + 90.0) & (fixes.time_s < fixes.time_s[0] + 100.0)
+    fixes.loc[false, "lat_deg"] += 1e-3  # 111 m
+    fixes.to_csv("false.csv", index=False)
+    found = insnav.load("imu.csv", gps="false.csv", lever_arm=LEVER).outage(lengths=10, workers=1)
+    assert found.found.growth[0].largest[-1, found.found.growth[0].column("horizontal")] < 50.0
+    assert "was rejected: false fixes" in found.page().warnings[0]
+
+
 def test_the_first_lines_of_a_notebook(drive: Path) -> None:
     drive_ = insnav.load("imu.csv", gps="gps.csv", ref="ref.csv", lever_arm=LEVER)
     assert "13000 rows" in repr(drive_)

@@ -26,6 +26,7 @@ from insnav.tabular import Tabular
 from insnav.types import FloatArray, GpsData
 
 if TYPE_CHECKING:
+    from insnav.errors.evaluated_run import EvaluatedRun
     from insnav.errors.outage.statistics import Growth
 
 RECOVERY = 60.0  # time after the window whose fixes the smoother gets [s]
@@ -166,11 +167,13 @@ def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, e
 
 @dataclass(frozen=True, slots=True)
 class OutageStudy:
-    """Windows without fixes."""
+    """Windows without fixes, and the run with all fixes."""
 
     windows: tuple[Outage, ...]  # in order of length, then of time
     growth: tuple[Growth, ...]  # their errors, summed up by length
     reference: str  # what errors are against, in words
+    run: EvaluatedRun | None = None  # not known of a study read from its folder ...
+    warnings: tuple[str, ...] = ()  # ... which has what was warned of
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.outage.windows import INTERVALS, NOTE, common_text, corrected, corrected_text, outage_panels
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
-from insnav.report.run.warnings import event_warnings, file_warnings
+from insnav.report.run.warnings import file_warnings, run_warnings
 from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.units import UNITS
@@ -54,9 +54,9 @@ def page(result: Result[OutageStudy]) -> Page:
     first, *others = (table for component in _COMPONENTS if (table := _table(component, study.growth)).rows)
     inside = sorted({round(100.0 * each.inside_at_end) for each in study.growth})
     lengths = ", ".join(f"{each.length:g}" for each in study.growth)
-    run = (f"a run of this drive says: {text}" for text in event_warnings(result.events, smoothed=True))
-    told = (*run, *file_warnings(result))
     common = tuple(line for line in (common_text(each) for each in study.growth) if line)
+    said = study.warnings if study.run is None else (*run_warnings(study.run), *file_warnings(result))
+    told = tuple(text for text in said if text not in common)
     title = f"Error without GPS against {study.reference}"
     growing = drawn("outages", title, outage_panels(study.windows, study.growth), NOTE)
     return Page(
@@ -206,7 +206,9 @@ def read_found(folder: Path) -> OutageStudy:
     Raises: InputError: the table of windows is missing or damaged.
     """
     windows = read_run_table(folder, OutageEpochs, "windows").windows()
-    return OutageStudy(windows, tuple(outage_growth(windows)), str(read_facts(folder).get("reference", "a reference")))
+    facts = read_facts(folder)
+    reference, warnings = str(facts.get("reference", "a reference")), tuple(facts.get("warnings", ()))
+    return OutageStudy(windows, tuple(outage_growth(windows)), reference, warnings=warnings)
 
 
 def frame(result: Result[OutageStudy]) -> DataFrame:
