@@ -15,6 +15,7 @@ from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import ned_offset
 from insnav.errors.metrics import TrajectoryErrors, position_errors
 from insnav.errors.reference_offset import FEWEST, WORTH, jackknifed, offset_notes, reference_offset, rows_at
+from insnav.filter.gps_noise import velocity_lag
 from insnav.input.interpret.velocities import fit_velocities
 from insnav.sample_statistics import rms
 from insnav.types import Event, EventKind, FloatArray, GpsData, Run, Trajectory
@@ -55,6 +56,20 @@ def check_reference(
     elif gps is not None and _copied(reference.v_n, gps.v_n):
         reference = replace(reference, v_n=np.full_like(reference.v_n, np.nan))
         say(0.0, 0.0, "", "the velocities of the reference are those of the fixes, which proves nothing: not used")
+    lag, lag_sd = velocity_lag(
+        GpsData(reference.time, reference.lla, reference.v_n, *np.full((2, *reference.lla.shape), np.nan))
+    )
+    if abs(lag) > max(LEAST_CLOCK, CLEAR * lag_sd):
+        at = reference.time + lag
+        moved = [np.interp(at, reference.time, each, left=np.nan, right=np.nan) for each in reference.v_n.T]
+        reference = replace(reference, v_n=np.transpose(moved))
+        how = "lag" if lag > 0.0 else "lead"
+        say(
+            lag,
+            LEAST_CLOCK,
+            "s of velocity",
+            f"velocities of the reference {how} its positions by {abs(lag):.2f} s: corrected",
+        )
     errors = position_errors(track, reference, lever_b=lever_b)
     late, before, after = clock_error(errors, reference, track, lever_b)
     given = reference.time

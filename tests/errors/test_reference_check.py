@@ -109,6 +109,17 @@ def test_velocities_that_prove_nothing_are_not_used(pair: tuple[Trajectory, Traj
     assert check_reference(truth, track, others, HERE)[1] == []
 
 
+@pytest.mark.parametrize("lag", [-0.1, 0.13, 0.5])
+def test_velocities_that_lag_are_moved(pair: tuple[Trajectory, Trajectory], lag: float):
+    track, truth = pair
+    old = np.column_stack([np.interp(truth.time - lag, truth.time, each) for each in truth.v_n.T])
+    found, (event,) = check_reference(replace(truth, v_n=old), track, None, HERE)
+    assert event.value == pytest.approx(lag, abs=0.02)
+    inside = slice(20, -20)
+    off = [np.abs(each[inside] - truth.v_n[inside]).max() for each in (found.v_n, old)]
+    assert off[0] < 0.35 * off[1]
+
+
 def test_velocities_under_wrong_names_are_not_used(pair: tuple[Trajectory, Trajectory]):
     track, truth = pair
     found, (event,) = check_reference(replace(truth, v_n=truth.v_n[:, [1, 0, 2]]), track, None, HERE)
