@@ -12,7 +12,8 @@ import pytest
 ROOT = Path(__file__).parents[1]
 GLOSSARY = ROOT / "docs" / "glossary.md"
 MANUAL = (str(path.relative_to(ROOT)) for path in sorted((ROOT / "docs").rglob("*.md")) if path != GLOSSARY)
-DOCUMENTS = ("README.md", "trajectories/README.md", "reports/accuracy.md", *MANUAL)
+HELP = (str(path.relative_to(ROOT)) for path in sorted((ROOT / "insnav" / "cli" / "texts").rglob("*.txt")))
+DOCUMENTS = ("README.md", "trajectories/README.md", "reports/accuracy.md", *MANUAL, *HELP)
 
 
 def avoided() -> dict[str, str]:

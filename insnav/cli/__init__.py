@@ -1,4 +1,4 @@
-"""Command line: one thin file a command. Heavy imports happen inside the command, mathematics elsewhere."""
+"""Command line: one thin file a command, its help in ``texts``; heavy imports in the command, mathematics elsewhere."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from typer.main import get_command
 
 from insnav.cli import console, signals
 from insnav.cli.console import discard_output, error_block, result
-from insnav.cli.help import GroupedCommand, LightGroup
+from insnav.cli.help import GroupedCommand, LightGroup, help_of
 from insnav.exceptions import InputError, InsnavError
 
 EPILOG = """\b
@@ -52,17 +52,12 @@ def commands(*names: str) -> Any:
     chosen = [name for name in COMMANDS if name in names]
     for name in chosen or COMMANDS:
         about = vars(import_module(f"insnav.cli.{name}"))
-        app.command(
-            name,
-            cls=GroupedCommand,
-            context_settings=about.get("SETTINGS"),
-            help=about["HELP"],
-            short_help=about.get("SHORT_HELP", about["HELP"].partition("\n")[0]),
-        )(about[name])
+        how = {"cls": GroupedCommand, "context_settings": about.get("SETTINGS"), **help_of(name)}
+        app.command(name, **how)(about[name])
     if not chosen:
         from insnav.cli import calibrate
 
-        app.add_typer(calibrate.app, name="calibrate", help=calibrate.HELP, short_help=calibrate.SHORT_HELP)
+        app.add_typer(calibrate.app, name="calibrate", **help_of("calibrate"))
     return get_command(app)
 
 

@@ -10,25 +10,6 @@ from insnav.cli.console import note, result_page, working
 from insnav.cli.options import FILES, METHOD, Columns, Force, Json, Out, SpikeLimit, option
 from insnav.exceptions import ConfigError
 
-HELP = """Acceptance figures from the bench: scale factor, bias, stability, repeatability.
-
-Each file holds as many of gyro_x, gyro_y, gyro_z, accel_x, accel_y, accel_z as were measured: rates and specific
-forces (gyro_x_deg_s, accel_x_g), volts or counts (gyro_x_v, accel_x_lsb).
-
-\b
-  --rates      rate_x_deg_s, rate_y_deg_s, … and outputs: one row a dwell, or its samples in successive rows
-  --positions  force_x_g, force_y_g, … and outputs, likewise
-  --static     time_s and outputs, at rest
-  --powerups   powerup (its number), rate_x_deg_s or force_x_g …, and outputs at +w and -w;
-               or biases already computed: powerup, gyro_x_bias_deg_s
-\b
-Examples:
-  insnav acceptance --rates rates.csv --static static.csv --powerups powerups.csv
-  insnav acceptance --rates r.csv --positions p.csv --static s.csv --powerups pg.csv --powerups pa.csv
-  insnav acceptance --rates r.csv --static s.csv --lengths 1,10,100,1000
-  insnav acceptance --static s.csv --json | jq .sensors.gyro_x
-"""
-
 
 def acceptance(
     rates: Annotated[list[Path] | None, option(FILES, "FILE", "Rate table of the gyros; may be given again.")] = None,

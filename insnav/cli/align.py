@@ -9,19 +9,6 @@ from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import Force, Json, Out
 from insnav.exceptions import ConfigError
 
-HELP = """Initial attitude from a record at rest, with its uncertainty.
-
-Roll and pitch come from gravity, heading from the Earth's rotation if the gyros are good enough (gyrocompass), else as
-given. Where the heading is known the filter refines all with zero-velocity updates.
-
-\b
-Examples:
-  insnav align static.csv --lat 48.1
-  insnav align static.csv --lat 34.246 --height 380 --imu navigation
-  insnav align static.csv --lat 48.1 --static 0:300 --heading 92 --out bench1
-  insnav align static.csv --lat 48.1 --json | jq .coarse.roll_deg
-"""
-
 
 @takes_data(without=("logs",))
 def align(

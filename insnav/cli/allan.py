@@ -10,21 +10,6 @@ from insnav.cli.console import note, result_page, working
 from insnav.cli.data_options import READING, Data, takes_data
 from insnav.cli.options import RESULT, START, Force, Json, Out, option
 
-HELP = """Noise of an IMU from a record at rest: Allan deviation and imu.toml.
-
-Overlapping Allan deviation of all axes with 95 % intervals, the noise coefficients that the record supports
-(quantisation, random walk, bias instability, rate random walk, rate ramp), and imu.toml for run, simulate and budget.
-Turn-on bias, scale factor and misalignment cannot be seen in one record at rest: they stay absent.
-
-\b
-Examples:
-  insnav allan static.csv
-  insnav allan static.csv --taus octave --out bench/imu7
-  insnav allan static.csv --taus 0.1,1,10,100
-  insnav allan static.csv --json | jq .axes.gyro_x.random_walk_deg_sqrt_h
-  insnav run drive.csv --gps gps.csv --imu allan/imu.toml
-"""
-
 IMU_TOML = "imu.toml"
 
 

@@ -21,32 +21,6 @@ from insnav.exceptions import ConfigError, InsnavError
 if TYPE_CHECKING:
     from insnav.fleet.batch import Drive
 
-SHORT_HELP = "Navigate many drives with one command: one row a drive, and a page of the fleet."
-HELP = """Navigate many drives with one command.
-
-DRIVES is a folder: every log of IMU and GPS below it, and every IMU file with the fixes and the reference beside it
-(one of each in a folder, or names that differ only in imu, gps, ref) is a drive; the folder above names the vehicle.
-Or it is a TOML file with a table [[drive]] for each: file, gps, ref, name, vehicle, and options of insnav run by their
-names. Options of insnav run behind DRIVES are for all drives.
-
-Each drive has its run folder below FOLDER/drives. fleet.csv has a row for each; report.html has outliers first, what
-failed and why, and the noise found in each vehicle. The same command again goes on where it was stopped: drives that
-are finished are not navigated again unless their files, options or insnav changed. Ends with exit code 1 if drives
-failed or are not to be relied on.
-
-\b
-Examples:
-  insnav batch recordings
-  insnav batch recordings --out monday --imu mems.toml --lever-arm 0.8,-0.3,-1.2
-  insnav batch drives.toml --engine processes:8 --figures none
-  insnav batch drives.toml --engine dask:tcp://10.0.0.1:8786
-\b
-  [[drive]]
-  file = "monday/imu.csv"
-  gps = "monday/gps.csv"
-  vehicle = "van 7"
-  lever-arm = [0.8, -0.3, -1.2]
-"""
 SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # those of run go on to it
 _SHOWN = 20  # drives in the terminal
 _WHY = 60  # characters of a reason there: beside a name it fits 80 columns

@@ -14,35 +14,6 @@ from insnav.cli.options import IMU, MOTION, RESULT, Engine, Force, Json, Out, Pr
 from insnav.exceptions import ConfigError
 from insnav.units import UNITS
 
-SHORT_HELP = "How much error an IMU makes in a minute, from what: analytic, simulated, recorded."
-HELP = """How much error an IMU makes in a minute without aiding, and from what.
-
-Every error source in the IMU file (and of the start, in its table [initial]) is propagated to position, velocity and
-attitude: analytically, by the covariance of the whole linear error model along the motion, and with --runs by simulated
-free-inertial runs. All of it on one page, report.html, and on two of paper, budget.pdf.
-
-\b
-Examples:
-  insnav budget --imu mems.toml
-  insnav budget --imu tactical --times 10,60,300
-  insnav budget --imu lab.toml --lat 0 --gravity 9.7803
-  insnav budget --imu mems.toml --profile city --runs 500
-  insnav budget --imu mems.toml --profile drive.toml --begin 120 --height held
-  insnav budget imu.csv --gps gps.csv --imu mems.toml --uncalibrated
-  insnav budget imu.csv --gps gps.csv --lever-arm 0.8,-0.3,-1.2 --ref ref.csv --ref-sd 0.05,0.02
-  insnav budget --end=-2.668,-8.231,-0.0803,-0.2754 --times 60 --gravity 9.7803
-  insnav budget run --end run
-  insnav budget --imu mems.toml --json | jq '.budget[-1].covariance.horizontal_m'
-
-With a recorded drive, free-inertial windows are slid along it, each initialised from the filter; their errors are
-compared with the three predictions and with simulated replicas of the drive, and attributed to tilt, bias and drift by
-their growth (t, t², t³). Windows are as long as the last of --times.
-
-Without a profile or a drive the IMU is stationary, level, heading north, at a latitude of 45 deg (--heading, --lat,
---gravity): errors of heading, scale factor and misalignment show only in motion, with a profile. Where attitude errors
-are too large for the linear model 100 runs are simulated, and the headline is theirs. What the IMU file does not give
-is taken as zero, and listed.
-"""
 WINDOWS = "Windows of the recorded drive"
 
 

@@ -13,23 +13,6 @@ from insnav.cli.console import Stages, result, result_facts
 from insnav.cli.data_options import READING, Data, compile_at_first, takes_data
 from insnav.cli.options import RESULT, Force, Json, argument, option
 
-HELP = """What recorded files are, what is wrong with them, and how to run them.
-
-Any files of one recording in any order, or its folder: columns, units, axes, clocks, gaps, noise, vibration, mounting,
-the offset between IMU and GPS, reported standard deviations against scatter. Ends with the three things to mend first
-and the line to run them with, which was seen to run (its first five minutes); none before what is missing is given.
-
-Exit code 0: insnav run takes the files as they are. 1: it refuses them, or wants what the line says.
-
-\b
-Examples:
-  insnav check imu.csv gps.csv
-  insnav check imu.csv --gps fixes.csv --ref ins.csv
-  insnav check drive.ubx
-  insnav check imu.csv gps.csv --out checked
-  insnav check imu.csv gps.csv --json | jq .mend
-"""
-
 
 @takes_data(None, only=(*READING, "time_offset", "topic", "lever_arm", "gps_height", "gps_columns"))
 def check(

@@ -11,20 +11,6 @@ from insnav.cli.console import quiet_figures, result
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import RESULT, Force, Json, argument, option
 
-HELP = """Accuracy of several runs against one reference, side by side.
-
-Every run has a row for the filtered and one for the smoothed solution, if it has that. Only epochs of the
-reference that every run covers are counted, so that the rows can be compared.
-
-\b
-Examples:
-  insnav compare run1 run2 --ref ref.csv
-  insnav compare run1 run2 --ref ref.csv --out comparison
-  insnav compare run1 --ref rtk.csv --ref-lever-arm 0.8,-0.3,-1.2
-  insnav compare run1 --ref ref.csv --tum tum   # files for evo_ape
-  insnav compare run1 run2 --ref ref.csv --json | jq '.[].accuracy'
-"""
-
 
 @takes_data(None, files={"ref": True}, only=("ref_lever_arm", "ref_columns"))
 def compare(

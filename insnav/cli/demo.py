@@ -9,18 +9,6 @@ import typer
 
 from insnav.cli.options import Force, Out
 
-SHORT_HELP = "Navigate the sample drive that comes with insnav: the first thing to try."
-HELP = """Navigate the sample drive that comes with insnav.
-
-A simulated car, four minutes in a town, with two GPS outages and an exact reference. The command that does it is
-printed: copy it, and put your own files in.
-
-\b
-Examples:
-  insnav demo
-  insnav demo --out first --force
-"""
-
 
 def demo(context: typer.Context, out: Out = Path("demo"), force: Force = False) -> None:
     """Run the main job on the sample drive."""

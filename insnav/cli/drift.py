@@ -9,26 +9,6 @@ from insnav.cli import parse
 from insnav.cli.console import note, result_page, working
 from insnav.cli.options import Columns, Force, Json, Out, argument
 
-HELP = """Drift of MEMS gyros: model, Kalman smoothing, and what both do to the noise.
-
-The drift is fitted by bias, rate, temperature and specific force, and corrected; what is left is smoothed by a scalar
-Kalman filter and evaluated by Allan deviations before and after, and by a rate ramp.
-Smoothing lowers the Allan deviation at short times. It delays the rate, and cannot remove bias instability.
-
-\b
-Columns: time_s, gyro_x_deg_s, gyro_y_deg_s, … and what there is of
-  rate_x_deg_s …   true rates, of the table; zero at the beginning, at best a slow ramp later [at rest]
-  temperature_c    of the gyros
-  accel_x_g …      specific force along the axes
-A term whose cause does not change in the record is named and left out.
-
-\b
-Examples:
-  insnav drift record.csv
-  insnav drift record.csv --out bench/drift7 --json
-  insnav run drive.csv --gps gps.csv --calibration drift/calibration.toml
-"""
-
 
 def drift(
     file: Annotated[Path, argument("FILE", "Record of the bench.")],

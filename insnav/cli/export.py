@@ -9,20 +9,6 @@ from insnav.cli.console import result
 from insnav.cli.options import RESULT, Force, argument, flag, option
 from insnav.exceptions import OutputError, writing
 
-SHORT_HELP = "A run as GPX, KML, GeoJSON, TUM, EuRoC, RTKLIB .pos, NMEA, ROS bag or CSV."
-HELP = """A run in the format of another program.
-
-Writes the smoothed solution if the run has one. GPX, .pos, NMEA and bags need dates: they are known where the fixes had
-a GPS week (NMEA, u-blox, RTKLIB …) or the times are Unix time; else give --week.
-
-\b
-Examples:
-  insnav export run --to gpx
-  insnav export run --to pos --out drive.pos --filtered
-  insnav export run --to nmea --week 2381
-"""
-
-
 Kind = Literal["gpx", "kml", "geojson", "tum", "euroc", "pos", "nmea", "bag", "csv"]
 _OWN_NAMES = {"euroc": "track.euroc.csv"}  # others are track.FORMAT
 

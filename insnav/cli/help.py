@@ -1,4 +1,4 @@
-"""Commands whose help has the options in named groups, as plain text: rich is not worth its import time here."""
+"""Help of the commands: their texts, and options in named groups; plain, as rich is not worth its import time here."""
 
 from __future__ import annotations
 
@@ -12,6 +12,16 @@ from typer.core import TyperCommand, TyperGroup
 _TYPE = re.compile(r" <[^>]*>$")  # Python's type of an argument behind its name
 _TWICE = re.compile(r"(?<=\])\s+\[(default: [^]]*|[-\d.<=>x]+)\]$")  # what the text in brackets before it says better
 _WHOLE = re.compile(r"(\[default: -?\d+)\.0\]")
+_TEXTS = Path(__file__).parent / "texts"
+
+
+def help_of(command: str) -> dict[str, Any]:
+    """Help of a command, from its file; its line in a list of commands, if that is not the first, stands above ``---``.
+
+    `command`: such as ``run`` or ``calibrate/gyro``. Returns: ``help`` and ``short_help`` for typer.
+    """
+    short, _, text = (_TEXTS / f"{command}.txt").read_text(encoding="utf-8").rpartition("---\n")
+    return {"help": text.replace("\\b\n", "\b\n"), "short_help": (short or text).partition("\n")[0]}
 
 
 class _Light:

@@ -9,20 +9,6 @@ from insnav.cli.console import result
 from insnav.cli.options import IMU, RESULT, argument, flag
 from insnav.exceptions import ConfigError
 
-HELP = """Real IMUs by name, every figure with its source.
-
-Without a name all of them in a table; with one, every figure of that part, the
-document it stands in and what it is read as. What no document says is missing.
-
-\b
-Examples:
-  insnav imus
-  insnav imus STIM300
-  insnav imus --json | jq '.imus[].part'
-  insnav run drive.csv --gps gps.csv --imu STIM300
-  insnav require --error "5 m" --after "30 s" --profile city
-"""
-
 
 def imus(
     name: Annotated[str | None, argument("PART", "A part, in any spelling. [all]", IMU)] = None,

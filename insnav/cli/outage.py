@@ -11,21 +11,6 @@ from insnav.cli.console import result_page, working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import START, Aiding, Engine, Force, Json, Out, option
 
-SHORT_HELP = "How the error grows without GPS: simulated outages all over a drive."
-HELP = """How the error grows without GPS.
-
-GNSS outages of several lengths are simulated all over a recorded drive. The error of the filtered and of the smoothed
-solution in them, against the fixes left out or a better reference, is compared with the standard deviation they state.
-
-\b
-Examples:
-  insnav outage imu.csv --gps gps.csv
-  insnav outage imu.csv --gps gps.csv --lengths 10,60 --spacing 20
-  insnav outage imu.csv --gps gps.csv --lever-arm 0.8,-0.3,-1.2 --ref rtk.csv
-  insnav outage imu.csv --gps gps.csv --aiding off --out plain
-  insnav outage imu.csv --gps gps.csv --json | jq .outages
-"""
-
 
 @takes_data(without=("lat", "height"))
 def outage(

@@ -17,31 +17,6 @@ if TYPE_CHECKING:
     from insnav.gimbal import PlatformErrors
     from insnav.report.page import Page
 
-SHORT_HELP = "North-pointing gimballed platform: velocity, position and torquing rates."
-HELP = """North-pointing gimballed platform.
-
-Specific force along level axes in; out come velocity, position and the rates at which the platform's gyros are torqued,
-by four integrators side by side. With a tilt, drifts or biases given, the platform has these errors and swings.
-
-\b
-Columns: time_s, f_east_m_s2, f_north_m_s2, f_up_m_s2 (or f_down_m_s2), or
-x, y, z with --axes. Without a vertical column only --vertical off works.
-Steps are as long as the intervals of the samples; a gap of over five samples
-is refused.
-
-\b
-Examples:
-  insnav platform fw.csv --lat 48 --lon 11
-  insnav platform fw.csv --lat 48 --lon 11 --height 500 --v-east 60 --axes ENU
-  insnav platform xyz.csv --lat 48 --lon 11 --axes ENU --sample-rate 100
-  insnav platform fw.csv --lat 48 --lon 11 --vertical free --v-up 2
-  insnav platform f.csv --lat 9 --lon 9 --vertical damped --height-input h.csv
-  insnav platform rest.csv --lat 45 --lon 0 --gyro-drift 0.01,0,0
-  insnav platform --demo --out demo
-
-The demonstration integrates y = 2x, y = sin t and a flight whose truth is known, and shows a day of a platform and of a
-strapdown navigator with the same errors.
-"""
 ERRORS = "Errors of the platform"
 
 

@@ -16,25 +16,6 @@ from insnav.exceptions import ConfigError
 if TYPE_CHECKING:
     from insnav.regression.baseline import Baseline
 
-SHORT_HELP = "Accuracy of this version on the corpus of drives against the baseline."
-HELP = """Accuracy of this version on the corpus of drives, against the baseline.
-
-Simulated drives are made again with fixed seeds, recorded ones are read from a folder next to the project and left out
-by name where it is absent. Figures of merit are compared with those of the baseline by paired tests, not by equality;
-one that is significantly worse by 5 % or more ends with exit code 1 and its name.
-
-\b
-Examples:
-  insnav regress                       compares with reports/baseline.json
-  insnav regress --quick               a part of it, in less than a minute
-  insnav regress --power               the smallest change that each figure can show
-  insnav regress --update-baseline     what later versions are compared with
-  insnav regress --plot                plots over versions, and a page
-  insnav regress --peers --plot        with other programs, for the README
-  insnav regress --published           published outage figures, simulated again
-  insnav regress --json | jq .changes
-"""
-
 
 def regress(
     corpus: Annotated[Path | None, option(FILES, "FILE", "The drives. [trajectories/corpus.toml of insnav]")] = None,

@@ -13,21 +13,6 @@ from insnav.exceptions import ConfigError
 if TYPE_CHECKING:
     from insnav.result import Result
 
-SHORT_HELP = "Page and figures of a run, outage test or budget again, from its folder."
-HELP = """Page and figures of a run, an outage test or a budget again, from its folder.
-
-Reads what `insnav run`, `outage` or `budget` has written and makes a new folder with figures and page from it, such as
-in another format or by another version of insnav. Nothing is navigated.
-
-\b
-Examples:
-  insnav report monday/run                      monday/run_report
-  insnav report run --figures svg --out run_svg
-  insnav report run --pdf                       run.pdf, three pages
-  insnav report run --backdrop streets.geojson  lines behind the track
-  insnav report budget --out budget_figures
-"""
-
 
 def report(
     run: Annotated[Path, argument("RUN", "Folder of a run, outage test or budget.")],

@@ -12,23 +12,6 @@ from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import MOTION, RESULT, Engine, Force, Json, Out, Profile, Seed, option
 from insnav.exceptions import ConfigError
 
-HELP = """Which IMU do I need: the error budget backwards.
-
-How large each error may be for a limit on the position error after a time
-without GPS: each alone, and all in a balanced set, verified by simulated runs.
-With --imu the figures of that IMU are given and only the others are allocated.
-Which real IMUs (insnav imus) meet it after minutes of GPS, alone and with the
-non-holonomic constraint of a vehicle on wheels, how long each stays within 1,
-10 and 100 m, and what helps instead of a better one.
-
-\b
-Examples:
-  insnav require --error "5 m" --after "30 s" --profile city
-  insnav require --error "1 m" --after "60 s"
-  insnav require --error "10 m" --after "60 s" --imu STIM300 --probability 0.99
-  insnav require --error "1 m" --after "60 s" --cost "gyro bias=8"
-  insnav require imu.csv --gps gps.csv --error "5 m" --after "30 s"
-"""
 REQUIREMENT = "Requirement"
 
 

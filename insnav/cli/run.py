@@ -18,26 +18,6 @@ if TYPE_CHECKING:
     from insnav.errors.metrics import TrajectoryErrors
     from insnav.types import Run
 
-SHORT_HELP = "Navigate a recorded drive: IMU and GPS to a solution, figures and a report."
-HELP = """Navigate a recorded drive.
-
-IMU and GPS in; out comes a folder with the solution, the innovation statistics of every fix, an interactive report page
-and run.json. A few lines say how good it is and what was assumed; -v says how the files were understood too.
-
-\b
-Examples:
-  insnav run imu.csv --gps gps.csv
-  insnav run imu.csv --gps gps.csv --lever-arm 0.8,-0.3,-1.2 --ref ref.csv
-  insnav run imu.csv --gps gps.csv --imu automotive --out monday --force
-  insnav run imu.csv --gps gps.csv --imu-axes FLU --imu-units deg/s,g
-  insnav run imu.csv --gps gps.csv --columns time_s=stamp,gyro_x=Gx -v
-  insnav run imu.csv.gz --gps gps.csv --rate full --format parquet
-  insnav run imu.csv --gps gps.csv --ref ref.csv --fail-above 2.5
-  zcat imu.csv.gz | insnav run - --gps gps.csv --json | jq .fixes
-
-Where a default in brackets is not right, insnav either finds it out or says that it was assumed.
-"""
-
 
 @takes_data(without=("lat", "height"))
 def run(

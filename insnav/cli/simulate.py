@@ -17,30 +17,6 @@ if TYPE_CHECKING:
     from insnav.report.page import Page
     from insnav.session.simulation import Plan, SimulationOptions
 
-SHORT_HELP = "IMU and GPS files of a motion that is exactly known; or hundreds of runs of it."
-HELP = """IMU and GPS files of a motion that is exactly known.
-
-The motion comes from a profile, by name or as a file, or from a recorded track. One IMU and one receiver are sampled
-from their specifications; out comes a folder with imu.csv, gps.csv, ref.csv, and the command that navigates them. With
---runs every run samples its own, is navigated at once, and the errors are compared with what the filter states.
-
-\b
-Examples:
-  insnav simulate --list
-  insnav simulate city
-  insnav simulate city --imu tactical --gps rtk --seed 7 --out monday
-  insnav simulate drive.toml --imu mems.toml --rate 200 --sampling increment
-  insnav simulate city --fault gps-jump:60m@120s+8s --fault imu-gap@200s+1s
-  insnav simulate --from run --imu automotive --out replica
-  insnav simulate city --imu ideal --gps ideal
-  insnav simulate city --runs 500 --out ensemble
-
-A fault is VERB[:SIZE][@TIME[+LENGTH]], times since the first sample: gps-spike, gps-jump, gps-drag, gps-outage,
-gps-flap, gps-latency, gps-sd, gps-duplicate, gps-shuffle; imu-gap, imu-nan, imu-clip, imu-stuck, imu-spike, imu-units,
-imu-axes, imu-reverse, imu-duplicate.
-
-The same options give the same bytes, for any engine. A stopped series of runs goes on with --resume.
-"""
 RUNS = "Many runs"
 
 

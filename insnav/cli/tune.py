@@ -9,20 +9,6 @@ from insnav.cli.console import note, result_page, working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import Force, Json, Out, argument
 
-HELP = """Noise of an IMU from drives with it: imu.toml.
-
-The figures of IMU and fixes under which the innovations of all drives together
-are most likely, with 95 % intervals. What the drives do not tell stays that of
-the prior: the nearest grade, or --imu. Each DRIVE is a folder: all recordings in
-it, as insnav batch finds them, are drives.
-
-\b
-Examples:
-  insnav tune monday tuesday friday
-  insnav tune monday --imu industrial --lever-arm 0.8,-0.3,-1.2 --out imu7
-  insnav run drive.csv --gps gps.csv --imu tune/imu.toml
-"""
-
 
 @takes_data(None, files={}, only=("imu_model", "axes", "units", "lever_arm", "lever_arm_sd", "gps_delay", "gps_height"))
 def tune(

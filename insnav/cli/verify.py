@@ -13,23 +13,6 @@ from insnav.cli.console import note, result, result_page, working
 from insnav.cli.options import RESULT, START, Force, Json, Out, flag
 from insnav.exceptions import ConfigError
 
-HELP = """Certify the numerics of this installation against closed forms.
-
-Coning, sculling, spin, loops, hours without aiding, the Schuler period, rest, a day of sensor errors, meridians, poles,
-the north-pointing platform and normal gravity: the errors of all integrators with the limit that the one insnav
-navigates with has to keep. Takes some ten seconds; twice as long the first time, when loops are compiled.
-
-\b
-Examples:
-  insnav verify
-  insnav verify --peer                       with the integrator of python-ins
-  insnav verify --json | jq .failed
-  insnav verify --markdown > certificate.md
-  insnav verify --faults                     what faults in data and machines may do, and what holds it
-\b
-Ends with exit code 1 if a limit is exceeded.
-"""
-
 
 def verify(
     peer: Annotated[bool, flag(START, "--peer", "Compare with python-ins, if it is installed.")] = False,

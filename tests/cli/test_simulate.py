@@ -182,12 +182,12 @@ def test_faults_are_applied_and_told(prepared: Path, here: Path, cli: Cli):
 
 
 def test_every_fault_is_named_in_the_help_and_in_the_readme():
-    from insnav.cli.simulate import HELP
+    from insnav.cli.help import help_of
     from insnav.simulate.faults import VERBS
 
     readme = (ROOT / "trajectories" / "README.md").read_text()
     for name, verb in VERBS.items():
-        assert name in HELP
+        assert name in help_of("simulate")["help"]
         assert f"`{verb.example}`" in readme
 
 
