@@ -80,25 +80,16 @@ LOG_SCHEMAS: dict[str, tuple[tuple[Quantity, ...], tuple[tuple[str, ...], ...]]]
 
 PREFIXES = tuple(_NAMES["prefixes"].split())
 
-_MORE_UNITS: dict[str, tuple[str, float]] = {
-    "us": ("time", 1e-6),
-    "ns": ("time", 1e-9),
-    "mdeg/s": ("rate", 1e-3 * DEG),
-    "mrad/s": ("rate", 1e-3),
-    "r/min": ("rate", 6.0 * DEG),
-    "urad": ("angle", 1e-6),
-    "cm/s^2": ("acceleration", 1e-2),
-    "mm/s^2": ("acceleration", 1e-3),
-    "ft/s^2": ("acceleration", 0.3048),
-    "mm/s": ("velocity", 1e-3),
-    "knot": ("velocity", 1852.0 / 3600.0),
-    "mph": ("velocity", 0.44704),
-    "ft/s": ("velocity", 0.3048),
-    "g*s": ("velocity", G0),
-    "ft": ("length", 0.3048),
-    "degC": ("temperature", 1.0),
+_MORE_UNITS: dict[str, dict[str, float]] = {
+    "time": {"us": 1e-6, "ns": 1e-9},
+    "rate": {"mdeg/s": 1e-3 * DEG, "mrad/s": 1e-3, "r/min": 6.0 * DEG},
+    "angle": {"urad": 1e-6},
+    "acceleration": {"cm/s^2": 1e-2, "mm/s^2": 1e-3, "ft/s^2": 0.3048},
+    "velocity": {"knot": 1852.0 / 3600.0, "mph": 0.44704, "ft/s": 0.3048, "g*s": G0},
+    "length": {"ft": 0.3048},
+    "temperature": {"degC": 1.0},
 }
-ALL_UNITS: dict[str, tuple[str, float]] = {**UNITS, **_MORE_UNITS}
+ALL_UNITS = UNITS | {unit: (kind, size) for kind, units in _MORE_UNITS.items() for unit, size in units.items()}
 
 
 def _unit_table() -> dict[str, dict[str, str]]:
