@@ -23,6 +23,7 @@ POSITION, VELOCITY = 7, 56
 FIX, AIDING = 1, 2  # sources of a measurement
 SHOCK = 5  # numbers of a change: see `_change`
 DRAG = 60.0  # duration of the drags that are looked for [s]
+REORDERED = {"reassoc", "contract", "nsz"}  # sums of many numbers at a time
 
 
 def width(n: int) -> int:
@@ -80,7 +81,7 @@ def keep_measurement(row, kind, source, z, h, r):  # type: ignore[no-untyped-def
             row[JACOBIAN + n * i + j] = h[i, j]
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=REORDERED)
 def used(row, n, p, z, h, hp):  # type: ignore[no-untyped-def]
     """Measurement of an epoch by the rows that were used of it: ``z``, ``H`` and ``H P``; inverse of ``H P H' + R``.
 
@@ -112,19 +113,24 @@ def used(row, n, p, z, h, hp):  # type: ignore[no-untyped-def]
     return inverse(s)
 
 
-@njit(cache=True)
-def product(a, b, out):  # type: ignore[no-untyped-def]
-    """Product of two matrices, row by row: numpy's takes seconds to compile."""
-    for i in range(a.shape[0]):
-        for j in range(b.shape[1]):
+@inner()
+def _product(a, b, rows, out):  # type: ignore[no-untyped-def]
+    """First rows of the product of a matrix with a square one, of which four rows are added at a time."""
+    n = b.shape[0]
+    fours = n - n % 4
+    for i in range(rows):
+        for j in range(n):
             out[i, j] = 0.0
-        for k in range(b.shape[0]):
-            share = a[i, k]
-            for j in range(b.shape[1]):
-                out[i, j] += share * b[k, j]
+        for k in range(0, fours, 4):
+            a0, a1, a2, a3 = a[i, k], a[i, k + 1], a[i, k + 2], a[i, k + 3]
+            for j in range(n):
+                out[i, j] += a0 * b[k, j] + a1 * b[k + 1, j] + a2 * b[k + 2, j] + a3 * b[k + 3, j]
+        for k in range(fours, n):
+            for j in range(n):
+                out[i, j] += a[i, k] * b[k, j]
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=REORDERED)
 def backward(  # type: ignore[no-untyped-def]
     history, n, adjoint, information, after, before, covariance, variance, innovations, cross, ends, shocks, late
 ):
@@ -142,9 +148,9 @@ def backward(  # type: ignore[no-untyped-def]
     biases of gyros and accelerometers, and a minute of drag that begins at the epoch; `late` (m, 2): twice the gain of
     a change of the delay, and the change [s], or zero without that state.
     """
-    p, part, removed = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
-    z, h, hp, weight = np.zeros(6), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n))
-    pull, x, moved = np.zeros(6), np.zeros(10), np.zeros(n)
+    p, part, kept = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
+    z, h, hp, weight, by = np.zeros(6), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n))
+    pull, x, moved, rows = np.zeros(6), np.zeros(10), np.zeros(n), min(n, STATES + 1)
     for k in range(history.shape[0] - 1, -1, -1):
         row = history[k]
         at = JACOBIAN + 6 * n + NAV * STATES + n - NAV
@@ -173,23 +179,24 @@ def backward(  # type: ignore[no-untyped-def]
         for j in range(n):
             for i in range(m):
                 adjoint[j] += weight[i, j] * z[i]
-        # (I - K H)' information (I - K H) + H' S^-1 H
-        for i in range(n):
-            for a in range(m):
-                total = 0.0
-                for j in range(n):
-                    total += information[i, j] * hp[a, j]
-                for j in range(n):
-                    part[i, j] = total * weight[a, j] + (part[i, j] if a > 0 else 0.0)
-            for j in range(n if m > 0 else 0):
-                information[i, j] -= part[i, j]
+        # (I - K H)' information (I - K H) + H' S^-1 H, with what is on both sides of the diagonal alike: u w' + w u',
+        # where w = S^-1 H and u = (w H P information P H' + H) / 2 - H P information
+        _product(hp, information, m, by)
         for a in range(m):
+            for c in range(m):
+                pull[c] = 0.0
+                for j in range(n):
+                    pull[c] += by[a, j] * hp[c, j]
             for j in range(n):
-                moved[j] = -h[a, j]
-                for i in range(n):
-                    moved[j] += hp[a, i] * information[i, j]
-            for j in range(n):
-                part[a, j] = moved[j]
+                total = h[a, j]
+                for c in range(m):
+                    total += pull[c] * weight[c, j]
+                part[a, j] = 0.5 * total - by[a, j]
+        for a in range(m):
+            for i in range(n):
+                left, right = part[a, i], weight[a, i]
+                for j in range(n):
+                    information[i, j] += left * weight[a, j] + right * part[a, j]
         for c in range(9):  # (I - K H)' on what drags have with the states
             for i in range(m):
                 pull[i] = 0.0
@@ -198,25 +205,26 @@ def backward(  # type: ignore[no-untyped-def]
             for i in range(m):
                 for j in range(n):
                     cross[c, j] -= weight[i, j] * pull[i]
-        for i in range(n):
-            for a in range(m):
-                for j in range(n):
-                    information[i, j] -= weight[a, i] * part[a, j]
-        product(p, information, part)
-        product(part, p, removed)
+        _product(p, information, rows, part)
         for i in range(n):
             moved[i] = 0.0  # error before the measurement
             for j in range(n):
                 moved[i] += p[i, j] * adjoint[j]
-                part[i, j] = p[i, j] - 0.5 * (removed[i, j] + removed[j, i])
+        for i in range(rows):  # of what the smoother leaves, what is asked for
+            for j in range(i + 1):
+                if j == i or (j < NAV and not NAV <= i < STATES):
+                    kept[i, j] = p[i, j]
+                    for a in range(n):
+                        kept[i, j] -= part[i, a] * p[j, a]
+                    kept[j, i] = kept[i, j]
         for i in range(STATES):
             before[k, i] = moved[i]
         for i in range(SENSOR):
-            variance[k, i] = p[NAV + i, NAV + i] - removed[NAV + i, NAV + i]
+            variance[k, i] = kept[NAV + i, NAV + i]
         for i in range(10):
             x[i] = row[STATE + i]
-        at_fix_time(part, x, covariance[k])
-        _compare(row, n, p, removed, moved, innovations[k])
+        at_fix_time(kept, x, covariance[k])
+        _compare(row, n, p, information, moved, h, by, innovations[k])
         for i in range(5):
             j = 3 * i
             _change(adjoint[j : j + 3], information[j : j + 3, j : j + 3], shocks[k, SHOCK * i :])
@@ -276,8 +284,8 @@ def _undragged(row, n, span, adjoint, information, cross, ends):  # type: ignore
             cross[c, j] += span * information[c, j]
         for j in range(n):
             moved[j] = cross[c, j] * row[at + j] if j >= NAV else 0.0
-        for i in range(NAV):
-            for j in range(STATES):
+        for j in range(STATES):
+            for i in range(NAV):
                 moved[j] += row[first + i * STATES + j] * cross[c, i]
         for j in range(n):
             cross[c, j] = moved[j]
@@ -321,11 +329,13 @@ def _past(row, n, adjoint, information, part, moved):  # type: ignore[no-untyped
     first, at = JACOBIAN + 6 * n, JACOBIAN + 6 * n + NAV * STATES - NAV
     # phi = [[A, B], [0, diag(d)]]: information phi, then phi' of that
     for i in range(n):
-        for j in range(n):
-            part[i, j] = information[i, j] * row[at + j] if j >= NAV else 0.0
-        for k in range(NAV):
-            for j in range(STATES):
-                part[i, j] += information[i, k] * row[first + k * STATES + j]
+        for j in range(STATES):
+            total = 0.0
+            for k in range(NAV):
+                total += information[i, k] * row[first + k * STATES + j]
+            part[i, j] = total
+        for j in range(NAV, n):
+            part[i, j] = information[i, j] * row[at + j] + (part[i, j] if j < STATES else 0.0)
         moved[i] = adjoint[i] * row[at + i] if i >= NAV else 0.0
     for k in range(NAV):
         for j in range(STATES):
@@ -333,34 +343,43 @@ def _past(row, n, adjoint, information, part, moved):  # type: ignore[no-untyped
     for i in range(n):
         adjoint[i] = rest * moved[i]
         for j in range(n):
-            information[i, j] = part[i, j] * row[at + i] if i >= NAV else 0.0
-        for k in range(NAV if i < STATES else 0):
-            for j in range(n):
-                information[i, j] += row[first + k * STATES + i] * part[k, j]
+            information[i, j] = row[at + i] * part[i, j] if i >= NAV else 0.0
+        for j in range(n if i < STATES else 0):
+            total = information[i, j]
+            for k in range(NAV):
+                total += row[first + k * STATES + i] * part[k, j]
+            information[i, j] = total
     for i in range(n):
         for j in range(i + 1):
-            information[i, j] = information[j, i] = rest * 0.5 * (information[i, j] + information[j, i])
+            information[i, j] *= rest
+            information[j, i] = information[i, j]
 
 
 @inner()
-def _compare(row, n, p, removed, error, out):  # type: ignore[no-untyped-def]
-    """Innovation of a fix, accepted or not, against filter and smoother."""
+def _compare(row, n, p, information, error, hp, by, out):  # type: ignore[no-untyped-def]
+    """Innovation of a fix, accepted or not, against filter and smoother; `hp`, `by` (6, n): work space."""
     if row[SOURCE] != FIX:
         for i in range(25):
             out[i] = np.nan
         return
     for i in range(6):
-        at = JACOBIAN + n * i
-        shift, before, after = 0.0, 0.0, 0.0
         for j in range(n):
-            h = row[at + j]
-            if h != 0.0:
-                shift += h * error[j]
-                for m in range(n):
-                    before += h * p[j, m] * row[at + m]
-                    after += h * (p[j, m] - removed[j, m]) * row[at + m]
+            hp[i, j] = 0.0
+        for a in range(n):
+            share = row[JACOBIAN + n * i + a]
+            if share != 0.0:
+                for j in range(n):
+                    hp[i, j] += share * p[a, j]
+    _product(hp, information, 6, by)
+    for i in range(6):
+        shift, before, told = 0.0, 0.0, 0.0
+        for j in range(n):
+            h = row[JACOBIAN + n * i + j]
+            shift += h * error[j]
+            before += h * hp[i, j]
+            told += by[i, j] * hp[i, j]
         out[i], out[6 + i] = row[RESIDUAL + i], before
-        out[12 + i], out[18 + i] = row[RESIDUAL + i] - shift, after
+        out[12 + i], out[18 + i] = row[RESIDUAL + i] - shift, before - told
     out[24] = p[8, 8]
 
 
