@@ -91,8 +91,8 @@ def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> Clo
 
 def evidence(found: ClockOffset) -> str:
     """What an offset was found from."""
-    seen = (("turns", found.turns), ("accelerations", found.accelerations))
-    shown = " and ".join(f"{name} (r = {abs(r):.2f})" for name, r in seen if abs(r) > 0.3)
+    seen = (("turns", abs(found.turns)), ("accelerations", found.accelerations))
+    shown = " and ".join(f"{name} (r = {r:.2f})" for name, r in seen if r > 0.3)
     return (
         f"{shown} agree for {found.overlap:.0f} s if {found.offset:+.3f} ± {found.sd:.3f} s are added to the IMU times"
     )
