@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -20,10 +21,13 @@ from insnav.exceptions import ConfigError, InsnavError
 
 if TYPE_CHECKING:
     from insnav.fleet.batch import Drive
+    from insnav.quantity import Quantity
+    from insnav.report.page import Section
 
 SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # those of run go on to it
 _SHOWN = 20  # drives in the terminal
-_WHY = 60  # characters of a reason there: beside a name it fits 80 columns
+_COLUMNS = ("drive", "vehicle", "result", "horizontal_error", "horizontal_sd", "rejected", "outlier", "reason")  # there
+_WHY, WIDTH = 30, 120  # least characters of a reason there, and columns where no terminal says how many it has
 _UNSAFE = re.compile(r"[^\w.+-]+")
 
 
@@ -72,16 +76,29 @@ def batch(
         stage("writing")
         page = write_fleet(folder, made, left, {"drives": str(drives), "run": list(common)})
     more = max(len(made) - _SHOWN, 0)
-    rows = [
-        (*row, replace(why, value=shorten(str(why.value), _WHY, placeholder=" …")))
-        for *row, why in page.sections[0].rows[:_SHOWN]
-    ]
-    shown = replace(page.sections[0], rows=tuple(rows))
     names = ("drives", f"fleet.csv ({more} drives more)" if more else "fleet.csv")
-    result_page(folder, replace(page, sections=(shown, *page.sections[1:])), out, as_json=as_json, more=names)
+    shown = _narrow(page.sections[1], shutil.get_terminal_size((WIDTH, 0)).columns)
+    result_page(folder, replace(page, sections=(shown,)), out, as_json=as_json, more=names)
     if page.verdict is not None and page.verdict.light == "bad":
         error_block(page.verdict.reason, (("fix", "see the reasons above; insnav check FILES says what to mend"),))
         raise typer.Exit(1)
+
+
+def _narrow(table: Section, width: int) -> Section:
+    """Columns of a fleet that matter, in so many characters."""
+    from insnav.fleet.page import told
+    from insnav.report.page import section_tables
+    from insnav.report.terminal import table_text
+
+    rows = told([[each for each in row if each.key in _COLUMNS] for row in table.rows[:_SHOWN]])
+    without = replace(table, rows=tuple(tuple(each for each in row if each.key != "reason") for row in rows), note="")
+    room = max(width - 2 - max(map(len, table_text(section_tables(without)[0]).splitlines())), _WHY)
+
+    def short(each: Quantity) -> Quantity:
+        cut = each.key == "reason"
+        return replace(each, value=shorten(str(each.value), room, placeholder=" …")) if cut else each
+
+    return replace(table, rows=tuple(tuple(map(short, row)) for row in rows))
 
 
 def run_drive(arguments: Sequence[str]) -> None:

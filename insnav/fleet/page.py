@@ -194,12 +194,15 @@ def fleet_page(rows: Sequence[Row], left_out: Sequence[str]) -> Page:
     note = (
         f"outliers first; z-score: largest of error, sd, NIS and rejected fixes, against the fleet; ! beyond {OUTLIER}"
     )
+    note *= any(row.score for row in rows)
     noise = "with 95 % interval; a drive of no named vehicle stands alone; those of GPS are factors on the stated sd"
+    cells = tuple(map(Row.quantities, rows))
     return Page(
         f"Fleet of {total} drives",
         (f"Each drive has its run folder in {DRIVES}/; {kept} of {total} were finished already.",),
         (
-            Section("drives", "Drives", rows=tuple(map(Row.quantities, rows)), panels=_panels(rows), note=note),
+            Section("drives", rows=cells, show="json"),
+            Section("", "Drives", rows=told(cells), panels=_panels(rows), note=note),
             Section("failures", "Drives that failed", rows=failures, show="page"),
             one_each("vehicles", "Noise found in each vehicle", vehicle_noise(rows), "vehicle", noise),
         ),
@@ -210,6 +213,12 @@ def fleet_page(rows: Sequence[Row], left_out: Sequence[str]) -> Page:
             *(Quantity(name, n, meaning=_LABELS[name]) for name, n in count.items() if n),
         ),
     )
+
+
+def told(rows: Sequence[Sequence[Quantity]]) -> tuple[tuple[Quantity, ...], ...]:
+    """Rows without the columns in which nothing stands."""
+    known = {each.key for row in rows for each in row if each.value not in (None, "")}
+    return tuple(tuple(each for each in row if each.key in known) for row in rows)
 
 
 def _panels(rows: Sequence[Row]) -> tuple[Panel, ...]:

@@ -38,16 +38,18 @@ def _wrapped(lines: Sequence[str], width: int | None) -> list[str]:
 
 
 def table_text(table: Table, width: int | None = None) -> str:
-    """Write a table in columns: the first to the left, numbers to the right.
+    """Write a table in columns: the first to the left, a last one of words too, numbers to the right.
 
     `width`: of the terminal; columns that do not fit in it follow below, their rows named again.
     """
     cells = [row for row in (table.columns, *table.rows) if any(row)]
     widths = [max(len(row[i]) for row in cells) for i in range(len(table.columns))]
+    words = any(row[-1][:1].isalpha() and " " in row[-1] for row in table.rows)
+    left = {0, len(widths) - 1} if words else {0}
     lines: list[str] = []
     for columns in _fitting(widths, width):
         for row in cells:
-            texts = (row[i].ljust(widths[i]) if i == 0 else row[i].rjust(widths[i]) for i in columns)
+            texts = (row[i].ljust(widths[i]) if i in left else row[i].rjust(widths[i]) for i in columns)
             lines.append("  ".join(texts).rstrip())
     head = [table.title] if table.title else []
     note = _wrapped([f"  {table.note}"], width) if table.note else []

@@ -56,7 +56,10 @@ def test_a_folder_of_drives(drives: Path, drive: Path, cli: Cli):
     assert rows.keys() == {"broken", "van-monday", "car-tuesday", "car-friday"}
     assert (rows["broken"]["result"], rows["broken"]["exit_code"]) == ("failed", "3")
     assert "nothing tells where" not in rows["broken"]["reason"]  # but what is wrong with the file of its fixes
-    assert max(map(len, shown.out.partition("Noise found")[0].splitlines())) < 240
+    lines = shown.out.partition("\nfiles ")[0].splitlines()
+    assert max(map(len, lines)) <= 120
+    assert not any("NIS" in line for line in lines)  # on the page, and in fleet.csv
+    assert "NIS velocity" in (drives / "fleet" / "report.html").read_text(encoding="utf-8")
     assert [rows[name]["vehicle"] for name in ("van-monday", "car-tuesday")] == ["van", "car"]
     assert float(rows["van-monday"]["horizontal_error_m"]) > 0.0
     assert rows["car-friday"]["horizontal_error_m"] == ""  # no reference
