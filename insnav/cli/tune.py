@@ -29,11 +29,11 @@ def tune(
         from insnav.session.tuning import tune as tuned
 
         recordings = [each for folder in drives for each in find_drives(folder, out, 1)[0]]
-        found, loaded = tuned([each.files() for each in recordings], **data.inputs)
+        found, loaded, off = tuned([each.files() for each in recordings], **data.inputs)
         note(f"prior: {loaded[0].imu_spec.name}: {loaded[0].imu_chosen}")
         stage("writing")
         summary = f"{len(loaded)} drives raise the log-likelihood by {found.gain:.0f} over the prior."
-        page = Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),))
+        page = Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),), warnings=off)
         metadata = {"kind": "tune", "configuration": data.options}
         where = write_page(folder, page, metadata, {"imu.toml": to_toml(found.spec)})
     result_page(where, page, out, as_json=as_json, more=("imu.toml",))

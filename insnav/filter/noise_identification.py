@@ -32,6 +32,8 @@ from insnav.kernels import noise_likelihood as kernel
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import COAST, FIX, NOISE, SOURCE, TIME
+from insnav.plain_text import without_exponents
+from insnav.sample_statistics import chi2_limit
 from insnav.types import Alignment, Event, EventKind, FloatArray, GpsData
 from insnav.units import G0, UNITS
 
@@ -57,6 +59,9 @@ OBSERVABLE = 0.8  # a figure is observable if the drive narrows its interval to 
 INTERVAL = np.array([0.0, -1.96, 1.96])  # middle and ends of 95 % of a normal distribution, in its sd
 # times the reported standard deviations: a receiver that is so wrong is wrong in what is not seen, too
 UNDERSTATED = 2.0
+# a drive is by another IMU if by chance its innovations are so unlikely, and figures so many times and standard
+# deviations off those of all
+CHANCE, UNLIKE, UNLIKE_SD = 1e-4, 2.0, 3.0
 FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not told
 
 # how far figures of an IMU may be from those of the nearest grade, one sd of their logarithm: datasheets of parts of
@@ -547,6 +552,30 @@ def identify(drives: Sequence[InnovationLikelihood]) -> NoiseEstimate:
     return found
 
 
+def unlike(drives: Sequence[InnovationLikelihood], found: NoiseEstimate) -> list[list[NoiseFigure]]:
+    """Figures of the IMU that one of several drives has of its own, each in every drive; see `identify`.
+
+    `found`: in all of them together. Drives by one IMU share its figures, not those of their fixes: it is another one
+    where its own figures make the innovations so much likelier that chance does not, and are far from those of all.
+    """
+    assert found.seen is not None
+    shared, figures, far = found.seen[1], [], np.zeros(found.seen[1].size, dtype=np.bool_)
+    for drive in drives:
+        one = drive if len(drive.parameters) == shared.size else drive.with_correlated_velocities()
+        of_imu = np.array([not p.key.startswith("gps.") and not p.key.endswith("misalignment") for p in one.parameters])
+        at, covariance, _ = _Posterior([one]).climb(shared)
+        gain, sd = _cost(one, np.where(of_imu, shared, at)) - _cost(one, at), np.sqrt(np.diag(covariance))
+        off = of_imu & (np.abs(at - shared) > np.maximum(np.log(UNLIKE), UNLIKE_SD * sd))
+        far |= off & (2.0 * gain > chi2_limit(int(of_imu.sum()), CHANCE))
+        values = at[:, None] + np.outer(sd, INTERVAL)
+        figures.append([_figure(p, x, drive.prior) for p, x in zip(one.parameters, values, strict=True)])
+    return [[each[i] for each in figures] for i in np.flatnonzero(far)]
+
+
+def _cost(drive: InnovationLikelihood, at: FloatArray) -> float:
+    return cost_of(*drive.normalised(at)) + drive.bias_seen(at)
+
+
 def identify_noise(ready: Prepared, spec: ImuSpec) -> NoiseEstimate | None:
     """Noise of IMU and fixes from the innovations of one drive; none where it tells none.
 
@@ -634,12 +663,14 @@ def understated(ready: Prepared, read: GpsData) -> tuple[Event, ...]:
     return (Event(ready.initial.time, kind, max(position, velocity), UNDERSTATED, "", told),)
 
 
+def figure_words(figure: NoiseFigure) -> str:
+    """Name, value and unit of a figure."""
+    name, value = figure.key.replace(".", " ").replace("_", " "), figure.value / UNITS[figure.unit][1]
+    return without_exponents(f"{name} {value:.2g} {figure.unit}")
+
+
 def _words(found: NoiseEstimate) -> list[str]:
-    told = [
-        f"{figure.key.replace('.', ' ').replace('_', ' ')} {figure.value / UNITS[figure.unit][1]:.2g} {figure.unit}"
-        for figure in found.figures
-        if figure.observable and not figure.key.startswith("gps.")
-    ]
+    told = [figure_words(each) for each in found.figures if each.observable and not each.key.startswith("gps.")]
     notes = [f"noise from the innovations: {', '.join(told) or 'IMU as in the preset'}"]
     for name, (level, _, down) in (("position", found.position_factor), ("velocity", found.velocity_factor)):
         if max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH:

@@ -8,15 +8,24 @@ from pathlib import Path
 from typing import Unpack
 
 from insnav.exceptions import InputError
-from insnav.filter.noise_identification import FEWEST, InnovationLikelihood, NoiseEstimate, identify
+from insnav.filter.noise_identification import (
+    FEWEST,
+    InnovationLikelihood,
+    NoiseEstimate,
+    figure_words,
+    identify,
+    unlike,
+)
 from insnav.session.drive import Drive, load
 from insnav.session.inputs import Inputs
 
 
 def tune(
     recordings: Sequence[tuple[Path, Path | None]], **inputs: Unpack[Inputs]
-) -> tuple[NoiseEstimate, tuple[Drive, ...]]:
+) -> tuple[NoiseEstimate, tuple[Drive, ...], tuple[str, ...]]:
     """Find the noise of one IMU in several of its drives, by the likelihood of all their innovations together.
+
+    Returns: noise, the drives, and a warning if drives are by different IMUs.
 
     `recordings`: IMU and GPS file of each drive, or a log of both and None; `inputs`: as for `insnav.load`, the same
     for all drives; ``imu_model`` is the prior, that of the first drive by default.
@@ -43,4 +52,9 @@ def tune(
         raise InputError("some drives have GPS velocities and some have none", fix="tune them apart")
     found = identify(likelihoods)
     name = f"{drives[0].imu_spec.name}, from {len(drives)} drives" if len(drives) > 1 else found.spec.name
-    return replace(found, spec=replace(found.spec, name=name)), tuple(drives)
+    off = []
+    for figures in unlike(likelihoods, found) if len(drives) > 1 else ():
+        ends = [f(range(len(figures)), key=lambda i: figures[i].value) for f in (min, max)]
+        off.append(" and ".join(f"{figure_words(figures[i])} in {Path(*recordings[i][0].parts[-2:])}" for i in ends))
+    told = (f"one IMU does not differ so from drive to drive: alone, {'; '.join(off)}: tune them apart",) if off else ()
+    return replace(found, spec=replace(found.spec, name=name)), tuple(drives), told

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import insnav
@@ -16,6 +17,7 @@ from insnav.fleet.recordings import find_drives
 from insnav.imu import load_imu
 from insnav.result import Result
 from insnav.session.tuning import tune
+from insnav.units import DEG
 
 SAMPLE = Path(__file__).parents[2] / "trajectories" / "sample"
 LEVER = np.array([0.8, -0.3, -1.2])
@@ -74,15 +76,29 @@ def test_a_lever_arm_of_zero_is_zero():
     assert insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv").settings.lever_sd == 1.0
 
 
+def test_a_drive_by_another_imu_is_named(tmp_path):
+    (tmp_path / "other").mkdir()
+    samples = pd.read_csv(SAMPLE / "imu.csv.gz")
+    gyros = [name for name in samples if name.startswith("gyro")]
+    rate = 1.0 / np.median(np.diff(samples.time_s))
+    walk = 5.0 * DEG / 60.0  # 5 deg/sqrt(h): twenty times that of the sample
+    samples[gyros] += walk * np.sqrt(rate) * np.random.default_rng(1).normal(size=(len(samples), 3))
+    samples.to_csv(tmp_path / "other" / "imu.csv", index=False)
+    own, other = (SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv"), (tmp_path / "other" / "imu.csv", SAMPLE / "gps.csv")
+    *_, (told,) = tune([own, own, other], lever_arm=LEVER)
+    assert "gyro random walk 0." in told.partition(" in sample/imu.csv.gz")[0]
+    assert "gyro random walk" in told.partition(" in other/imu.csv")[0].rpartition(" and ")[2]
+
+
 def test_drives_of_one_imu_are_tuned_together(tmp_path):
     for name in ("monday", "tuesday"):
         (tmp_path / name).mkdir()
         for file in ("imu.csv.gz", "gps.csv"):
             (tmp_path / name / file).symlink_to(SAMPLE / file)
     found = sorted(each.files() for each in find_drives(tmp_path, tmp_path / "out", 1)[0])
-    both, drives = tune(found, lever_arm=LEVER)
-    one, _ = tune(found[:1], lever_arm=LEVER)
-    assert len(drives) == 2
+    both, drives, off = tune(found, lever_arm=LEVER)
+    one, *_ = tune(found[:1], lever_arm=LEVER)
+    assert (len(drives), off) == (2, ())
     widths = [
         {figure.key: np.log(figure.high / figure.low) for figure in found.figures if figure.observable}
         for found in (both, one)
