@@ -24,11 +24,14 @@ _TEMPLATES = Path(__file__).parent / "templates"
 _BOKEH = ("bokeh.min.js", "bokeh-api.min.js")
 
 
-def _filled(template: str, **values: Any) -> str:
-    """Fill a template; a value that it asks for and does not get is an error."""
+def filled(template: str, **values: Any) -> str:
+    """Fill a template; a value that it asks for and does not get is an error.
+
+    `template`: a file of ``templates``; in those of HTML everything that is filled in is escaped.
+    """
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
+        autoescape=".html." in template,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -48,7 +51,7 @@ def page_html(page: Page, files: Mapping[str, Path]) -> str:
     `files`: pictures of the figures that it shows, by their names; a figure without one is left out.
     """
     scripts = _scripts() if page.panels else ()
-    return _filled(
+    return filled(
         "page.html.j2",
         page=page,
         images={name: data_uri(file) for name, file in files.items()},
@@ -63,7 +66,7 @@ def page_html(page: Page, files: Mapping[str, Path]) -> str:
 def page_fragment(page: Page) -> str:
     """Write a report as a part of another page, such as a notebook: what the terminal shows, as tables."""
     still = tuple(_without_panels(section) for section in page.sections)
-    return _filled("fragment.html.j2", page=replace(page, sections=still), images={}, tables=_tables_of("all"))
+    return filled("fragment.html.j2", page=replace(page, sections=still), images={}, tables=_tables_of("all"))
 
 
 def _without_panels(section: Section) -> Section:
