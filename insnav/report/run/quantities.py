@@ -56,7 +56,7 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
     ]
     return (
         _accuracy("Accuracy of the filtered solution", found.errors, reference),
-        *_reference_offset(found.reference_offset),
+        *((_reference_offset(offset),) if (offset := found.reference_offset) is not None else ()),
         _smoothed(found, reference),
         _solution(run.solution),
         _fixes(run),
@@ -162,6 +162,7 @@ def _state(solution: Trajectory, row: int) -> tuple[Quantity, ...]:
 def _fixes(run: Run) -> Section:
     fixes = run.innovations
     kinds = Counter(event.kind for event in run.events)
+    taken = "" if np.any(run.lever_b) or np.any(run.lever_sd > 0.0) else "(not estimated: taken as zero)"
     groups = {
         "position": _innovations(fixes.innovation[:, 0:3], fixes.nis_position, fixes.used_position, "m"),
         "velocity": _innovations(fixes.innovation[:, 3:6], fixes.nis_velocity, fixes.used_velocity, "m/s"),
@@ -171,7 +172,7 @@ def _fixes(run: Run) -> Section:
         "GPS: time offset and lever arm",
         (
             Quantity("delay", run.gps_delay, "s", sd=run.gps_delay_sd),
-            Quantity("lever_arm", run.lever_b, "m", sd=run.lever_sd, mark=_taken(run)),
+            Quantity("lever_arm", run.lever_b, "m", sd=run.lever_sd, mark=taken),
             Quantity("rejected_for", {why: kinds[kind] for kind, why in _REASONS.items() if kinds[kind]}),
         ),
         parts=(one_each("", "GPS fixes", groups, "GPS", "NIS per axis is 1 if fixes and filter agree"),),
@@ -240,10 +241,8 @@ def _accuracy(title: str, errors: TrajectoryErrors | None, reference: str) -> Se
     return Section("accuracy", parts=(only_json("", *counted), *each, table, _consistency(nees(errors))))
 
 
-def _reference_offset(found: ReferenceOffset | None) -> tuple[Section, ...]:
-    """Give what of the difference to the reference is constant, if it was found."""
-    if found is None:
-        return ()
+def _reference_offset(found: ReferenceOffset) -> Section:
+    """Give what of the difference to the reference is constant."""
     items = (
         Quantity("forward", found.body[0], "m", sd=found.body_sd[0], meaning="point of the reference, forward"),
         Quantity("right", found.body[1], "m", sd=found.body_sd[1], meaning="point of the reference, right"),
@@ -252,7 +251,7 @@ def _reference_offset(found: ReferenceOffset | None) -> tuple[Section, ...]:
         Quantity("down", found.down, "m", meaning="mean height difference, positive: reference higher"),
     )
     note = "From the errors themselves; the accuracy above is not corrected by it."
-    return (Section("reference_offset", "Point and height of the reference", items, note=note, show="all"),)
+    return Section("reference_offset", "Point and height of the reference", items, note=note)
 
 
 def _accuracy_table(title: str, parts: Mapping[str, tuple[Quantity, ...]]) -> Section:
@@ -309,8 +308,3 @@ def _smoothed(found: EvaluatedRun, reference: str) -> Section:
 
 def _ratio(value: float | None, by: float | None) -> float | None:
     return value / by if value is not None and by else None
-
-
-def _taken(run: Run) -> str:
-    """Say that a lever arm was neither given nor estimated."""
-    return "" if np.any(run.lever_b) or np.any(run.lever_sd > 0.0) else "(not estimated: taken as zero)"

@@ -15,9 +15,9 @@ from insnav.input.readers.reading import ReadingFacts
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.report.numbers import distance_text, duration_text, number
-from insnav.report.page import Light, Page, Table, Verdict, cell
+from insnav.report.page import LIGHTS, Light, Page, Table, Verdict, cell
 from insnav.report.run.warnings import HOLDS
-from insnav.report.terminal import WIDTH, light_text, table_text
+from insnav.report.terminal import WIDTH, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import EventKind, FloatArray, Run
@@ -74,15 +74,11 @@ def run_line(result: Result[EvaluatedRun]) -> str:
     since = f" from {time[0]:.1f} s" if abs(time[0]) > 1.0 else ""
     parts = [f"{duration_text(float(np.ptp(time)))}{since}, {distance_text(distance)}"]
     parts += [_rate(name, result.inputs[name]) for name in ("imu", "gps") if name in result.inputs]
-    for one, many, lost in (
-        ("GPS outage of", "GPS outages, longest", [length for length, rejected in inside if not rejected]),
-        (
-            "fixes rejected for",
-            "times fixes rejected, longest for",
-            [length for length, rejected in inside if rejected],
-        ),
+    for one, many, refused in (
+        ("GPS outage of", "GPS outages, longest", False),
+        ("fixes rejected for", "times fixes rejected, longest for", True),
     ):
-        if lost:
+        if lost := [length for length, rejected in inside if bool(rejected) is refused]:
             parts.append(f"{f'{len(lost)} {many}' if lost[1:] else one} {duration_text(max(lost))}")
     ends = {"before the first used fix": (0, time[0]), "after the last used fix": (1, time[-1])}
     for words, (side, edge) in ends.items():
@@ -209,9 +205,8 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = WIDTH) -> l
     `page`: that of the run; `width`: of the lines, which may cut long texts; none: nothing is wrapped or cut.
     """
     title = _rows(f"{page.title}: {page.summary[0]}" if page.summary else page.title, 2, width)
-    verdict = (
-        [] if page.verdict is None else _rows(f"{light_text(page.verdict.light)}: {page.verdict.reason}", 2, width)
-    )
+    said = "" if page.verdict is None else f"{LIGHTS[page.verdict.light]}: {page.verdict.reason}"
+    verdict = _rows(said, 2, width) if said else []
     best, *others = rated(found) or [""]
     table = _table({best: page.merits} | {mode: run_merits(found, mode) for mode in others})
     warnings = _listed("warning", page.warnings, _WARNINGS, width)
@@ -242,6 +237,5 @@ def _rows(text: str, most: int, width: int | None) -> list[str]:
         return [plain_text(text)]
     rows = textwrap.wrap(plain_text(text), width, subsequent_indent="  ", break_on_hyphens=False) or [""]
     if len(rows) > most:
-        rows = [*rows[:most]]
-        rows[-1] = f"{rows[-1][: width - 1]}…"
+        rows[most - 1 :] = [f"{rows[most - 1][: width - 1]}…"]
     return rows

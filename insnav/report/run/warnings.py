@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -78,14 +78,13 @@ def event_warnings(events: Sequence[Event], *, smoothed: bool) -> list[str]:
     return found
 
 
-def _no_heights(found: EvaluatedRun) -> list[str]:
+def _no_heights(found: EvaluatedRun) -> Iterator[str]:
     lla = np.empty((0, 3)) if found.gps is None else found.gps.lla
-    if len(lla) < 2 or np.ptp(lla[:, 2]) != 0.0 or np.ptp(lla[:, 0]) == 0.0:
-        return []
-    return [f"GPS heights are all {lla[0, 2]:g} m: not measured, and so is nothing vertical"]
+    if len(lla) > 1 and np.ptp(lla[:, 2]) == 0.0 and np.ptp(lla[:, 0]) != 0.0:
+        yield f"GPS heights are all {lla[0, 2]:g} m: not measured, and so is nothing vertical"
 
 
-def _samples_lost(run: Run) -> list[str]:
+def _samples_lost(run: Run) -> Iterator[str]:
     """Samples that were no measurement, or missing for long: nothing but the uncertainty knows what happened there."""
     lost: dict[str, list[Event]] = {}
     for event in run.events:
@@ -93,53 +92,46 @@ def _samples_lost(run: Run) -> list[str]:
             lost.setdefault(event.action, []).append(event)
         elif event.kind == EventKind.IMU_GAP and event.value > _LONG_GAP:
             lost.setdefault("samples are missing: bridged like a data gap", []).append(event)
-    return [
-        f"{what}: {_times(len(found))}, {sum(event.value for event in found):.3g} s in all, first at "
-        f"{moment(found[0].time)}; {how.removeprefix('taken out, ')}"
-        for (what, _, how), found in ((text.partition(": "), found) for text, found in lost.items())
-    ]
+    for text, found in lost.items():
+        what, _, how = text.partition(": ")
+        length, how = sum(event.value for event in found), how.removeprefix("taken out, ")
+        yield f"{what}: {_times(len(found))}, {length:.3g} s in all, first at {moment(found[0].time)}; {how}"
 
 
 def _times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
 
 
-def _many_rejected(run: Run) -> list[str]:
+def _many_rejected(run: Run) -> Iterator[str]:
     """So many fixes rejected that the fixes are hardly to blame, and nothing that names them."""
     fixes = run.innovations
     if any(event.kind in (EventKind.GATE_RECORD_POSITION, EventKind.GATE_RECORD_VELOCITY) for event in run.events):
-        return []
+        return
     groups, rows = [], []
-    for name, columns, used in (
-        ("position", slice(0, 3), fixes.used_position),
-        ("velocity", slice(3, 6), fixes.used_velocity),
-    ):
-        processed = np.isfinite(fixes.innovation[:, columns]).any(axis=1)
+    for name, first, used in (("position", 0, fixes.used_position), ("velocity", 3, fixes.used_velocity)):
+        processed = np.isfinite(fixes.innovation[:, first : first + 3]).any(axis=1)
         if processed.any() and (share := float(np.mean(~used[processed]))) > _MANY:
             groups.append(f"{100.0 * share:.0f} % of {name}")
         time = fixes.time[processed]
         found = [(name, a, b) for a, b in stretches(time, ~used[processed]) if b - a >= _ROW_TIME]
         rows += [each for each in found if np.sum((time >= each[1]) & (time <= each[2])) >= _ROW]
-    if not groups:
-        longest = max(rows, key=lambda row: row[2] - row[1], default=None)
-        if longest is None:
-            return []
-        name, start, stop = longest
+    if groups:
+        causes = "is a heading, lever arm, axis, clock or standard deviation wrong?"
+        yield f"many fixes were rejected, {' and '.join(groups)}: {causes} See innovations and events"
+    elif rows:
+        name, start, stop = max(rows, key=lambda row: row[2] - row[1])
         more = f", and so it was {_times(len(rows) - 1)} for a shorter time" * (len(rows) > 1)
-        return [f"every {name} from {moment(start, stop)} was rejected{more}: false fixes, or false samples"]
-    causes = "is a heading, lever arm, axis, clock or standard deviation wrong?"
-    return [f"many fixes were rejected, {' and '.join(groups)}: {causes} See innovations and events"]
+        yield f"every {name} from {moment(start, stop)} was rejected{more}: false fixes, or false samples"
 
 
-def _late(run: Run) -> list[str]:
+def _late(run: Run) -> Iterator[str]:
     """Clocks of samples and fixes so far apart that the time of the solution is a question."""
     delay = run.gps_delay
-    if run.gps_delay_sd == 0.0 or abs(delay) < LATE:  # as given, or small
-        return []
-    return [
-        f"the fixes are {abs(delay):.3f} s {'late' if delay > 0.0 else 'early'} against the samples: the solution has "
-        f"the time of the fixes; where that of the samples is right, give --gps-delay {delay:.3f}"
-    ]
+    if run.gps_delay_sd and abs(delay) >= LATE:  # neither as given nor small
+        yield (
+            f"the fixes are {abs(delay):.3f} s {'late' if delay > 0.0 else 'early'} against the samples: the solution "
+            f"has the time of the fixes; where that of the samples is right, give --gps-delay {delay:.3f}"
+        )
 
 
 def overconfident(name: str, errors: TrajectoryErrors | None, *, same_data: bool) -> list[str]:
@@ -165,32 +157,29 @@ def overconfident(name: str, errors: TrajectoryErrors | None, *, same_data: bool
     return [f"{said}likely causes: time-correlated GPS errors, optimistic sigmas, reference errors"]
 
 
-def _diverged(run: Run) -> list[str]:
+def _diverged(run: Run) -> Iterator[str]:
     found = [event for event in run.events if event.kind is EventKind.DIVERGED]
-    if not found:
-        return []
-    first = found[0]
-    return [
-        f"innovations inconsistent with their predicted sd in {len(found)} window{'s' * (len(found) > 1)} of 1 min, "
-        f"first at {moment(first.time)}: {first.unit} = {first.value:.2g}; {first.hint}"
-    ]
+    for first in found[:1]:
+        yield (
+            f"innovations inconsistent with their predicted sd in {len(found)} window{'s' * (len(found) > 1)} of "
+            f"1 min, first at {moment(first.time)}: {first.unit} = {first.value:.2g}; {first.hint}"
+        )
 
 
-def _impossible_scale(run: Run) -> list[str]:
+def _impossible_scale(run: Run) -> Iterator[str]:
     """A scale factor surely beyond what a sensor, and this IMU, has: the state stands for what the model lacks."""
     if len(run.sensor_errors.time) == 0:
-        return []
+        return
     value, sd = (each[-1, 6:] for each in (run.sensor_errors.value, run.sensor_errors.sd))
     names = [f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz"]
     sure = np.abs(value) > np.maximum(_LARGEST_SCALE, run.sensor_errors.sd[0, 6:]) + 3.0 * sd
     found = [f"{name} {100.0 * error:+.0f} %" for name, error, said in zip(names, value, sure, strict=True) if said]
-    if not found:
-        return []
-    return [
-        f"scale factor errors larger than any sensor has: {', '.join(found)}; the drive has what the model lacks, such "
-        "as velocities smoothed by the receiver, vibration, misalignment, wrong units or timestamps. Positions between "
-        "fixes may be worse than stated"
-    ]
+    if found:
+        yield (
+            f"scale factor errors larger than any sensor has: {', '.join(found)}; the drive has what the model lacks, "
+            "such as velocities smoothed by the receiver, vibration, misalignment, wrong units or timestamps. "
+            "Positions between fixes may be worse than stated"
+        )
 
 
 def run_assumptions(result: Result[Any]) -> tuple[str, ...]:
@@ -198,28 +187,18 @@ def run_assumptions(result: Result[Any]) -> tuple[str, ...]:
     evidence = {text: name for name, each in result.inputs.items() for text in each.evidence if _ASSUMED.search(text)}
     notes = tuple(text for text in result.notes if _ASSUMED.search(text))
     files = tuple(f"{name}: {text.replace('(assumed; ', '(')}" for text, name in evidence.items())
-    return (*_reference(result), *_lever_arm(result.found.run, result.options), *_model(result), *notes, *files)
+    return (*_not_given(result), *notes, *files)
 
 
-def _reference(result: Result[Any]) -> tuple[str, ...]:
-    errors = result.found.errors
-    if errors is None or result.options.get("ref_lever_arm") is not None or np.isfinite(errors.attitude).any():
-        return ()
-    return ("the reference has no attitude, so its positions are of the antenna: else give --ref-lever-arm",)
-
-
-def _lever_arm(run: Run, options: Mapping[str, Any]) -> tuple[str, ...]:
-    given = options.get("lever_arm") is not None
-    if given or np.any(run.lever_b) or np.any(run.lever_sd > 0.0) or len(run.innovations.time) == 0:
-        return ()
-    return ("lever arm zero, the antenna at the IMU: give it with lever_arm, --lever-arm",)
-
-
-def _model(result: Result[Any]) -> tuple[str, ...]:
-    given = any(result.options.get(name) is not None for name in ("imu", "imu_model"))
-    if given or result.imu_model is None:
-        return ()
-    spec, how = result.imu_model
-    if spec.name.endswith("as found"):  # in the innovations of the drive
-        return ()
-    return (f"IMU model {spec.name}: {how}",)
+def _not_given(result: Result[Any]) -> Iterator[str]:
+    run, errors = result.found.run, result.found.errors
+    given = {name for name, value in result.options.items() if value is not None}
+    if errors is not None and "ref_lever_arm" not in given and not np.isfinite(errors.attitude).any():
+        yield "the reference has no attitude, so its positions are of the antenna: else give --ref-lever-arm"
+    known = "lever_arm" in given or np.any(run.lever_b) or np.any(run.lever_sd > 0.0)
+    if not known and len(run.innovations.time):
+        yield "lever arm zero, the antenna at the IMU: give it with lever_arm, --lever-arm"
+    if result.imu_model is not None and given.isdisjoint(("imu", "imu_model")):
+        spec, how = result.imu_model
+        if not spec.name.endswith("as found"):  # in the innovations of the drive
+            yield f"IMU model {spec.name}: {how}"
