@@ -6,14 +6,15 @@ import textwrap
 from collections.abc import Sequence
 
 from insnav.plain_text import plain_text
-from insnav.report.page import LIGHTS, Light, Page, Show, Table, section_tables
+from insnav.report.page import Page, Show, Table, section_tables
 
 WIDTH = 80  # of a line that is not part of a table
+_MARGIN = 12  # of the names of a summary
 
 
-def light_text(light: Light) -> str:
-    """Say how good a result is."""
-    return LIGHTS[light]
+def entry(name: str, text: str) -> str:
+    """One line of a summary, under its name."""
+    return f"{name:<{_MARGIN}}{text}"
 
 
 def page_text(page: Page, width: int | None = None, shown: Sequence[Show] = ("all",)) -> str:

@@ -2,37 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from insnav.alignment.static import CONTRADICTED
 from insnav.earth import OMEGA_EARTH
 from insnav.filter.fine_alignment import FineAlignment
-from insnav.imu.specification import ImuSpec, gyro_bias_sd
+from insnav.imu.specification import gyro_bias_sd
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Page, Section, only_json, rows_frame
 from insnav.report.run.quantities import alignment_items
+from insnav.report.terminal import entry
 from insnav.result import Result
 from insnav.types import Alignment
 from insnav.units import DEG
 
-_MARGIN = 12
 _USEFUL = 10.0 * DEG  # a latitude from the sensors with a larger sd is of no use
 
 
 def page(result: Result[FineAlignment]) -> Page:
     """Lay out an alignment."""
     found = result.found
-    sd = None if result.imu_model is None else _latitude_sd(result.imu_model[0])
+    sd = None
+    if result.imu_model is not None:
+        # tilt of the measured Earth rate by the gyro bias, at most a right angle [rad]
+        sd = min(float(np.max(gyro_bias_sd(result.imu_model[0].gyro))) / OMEGA_EARTH, 0.5 * np.pi)
     steps = {"coarse": found.coarse, "fine": found.fine}
     latitude = (
         Quantity("latitude_given", found.latitude, "deg", decimals=4),
         Quantity("latitude_from_sensors", found.sensor_latitude, "deg", sd=sd),
     )
-    contradiction = None if sd is None else _contradiction(found, sd)
+    warnings = () if sd is None else tuple(_contradiction(found, sd))
     return Page(
         "Alignment",
-        (*_summary(found, sd), *([] if contradiction is None else [_entry("warning", contradiction)])),
+        (*_summary(found, sd), *(entry("warning", text) for text in warnings)),
         (
             *(
                 only_json("", Quantity(name, None))
@@ -42,20 +47,14 @@ def page(result: Result[FineAlignment]) -> Page:
             ),
             Section("", "Latitude", latitude, show="page"),
         ),
-        () if contradiction is None else (contradiction,),
+        warnings,
     )
 
 
-def _latitude_sd(spec: ImuSpec) -> float:
-    """Tilt of the measured Earth rate by the gyro bias, at most a right angle [rad]."""
-    return min(float(np.max(gyro_bias_sd(spec.gyro))) / OMEGA_EARTH, 0.5 * np.pi)
-
-
-def _contradiction(found: FineAlignment, sd: float) -> str | None:
+def _contradiction(found: FineAlignment, sd: float) -> Iterator[str]:
     """Say that the sensors do not show the latitude given, of which `sd` [rad] is the uncertainty."""
-    if abs(found.sensor_latitude - found.latitude) < CONTRADICTED * sd:
-        return None
-    return "the gyros contradict the latitude: it is wrong, or their biases exceed the IMU model (turn-on bias?)"
+    if abs(found.sensor_latitude - found.latitude) >= CONTRADICTED * sd:
+        yield "the gyros contradict the latitude: it is wrong, or their biases exceed the IMU model (turn-on bias?)"
 
 
 def _summary(found: FineAlignment, sd: float | None) -> tuple[str, ...]:
@@ -63,23 +62,19 @@ def _summary(found: FineAlignment, sd: float | None) -> tuple[str, ...]:
     lines = []
     if found.coarse.static is not None:
         start, end = (round(time, 1) + 0.0 for time in found.coarse.static)
-        lines.append(_entry("static", f"{start:.1f} to {end:.1f} s, {end - start:.1f} s long"))
+        lines.append(entry("static", f"{start:.1f} to {end:.1f} s, {end - start:.1f} s long"))
     for name, each in (("coarse", found.coarse), ("fine", found.fine)):
         if each is not None:
             roll, pitch = (number(float(angle) / DEG, 4) for angle in each.rph[:2])
             tilt = number(float(max(each.sd[:2])) / DEG, 2)
             lines += [
-                _entry(name, f"roll {roll}, pitch {pitch}, each ± {tilt} deg  ({each.level_method})"),
-                _entry("", f"heading {_heading(each)}"),
+                entry(name, f"roll {roll}, pitch {pitch}, each ± {tilt} deg  ({each.level_method})"),
+                entry("", f"heading {_heading(each)}"),
             ]
     text = "not observable: the gyro bias hides the Earth's rotation"
     if sd is not None and sd < _USEFUL:
         text = f"{found.sensor_latitude / DEG:.4f} ± {number(sd / DEG, 2)} deg from the sensors alone"
-    return (*lines, _entry("latitude", f"{found.latitude / DEG:.4f} deg given, {text}"))
-
-
-def _entry(name: str, text: str) -> str:
-    return f"{name:<{_MARGIN}}{text}"
+    return (*lines, entry("latitude", f"{found.latitude / DEG:.4f} deg given, {text}"))
 
 
 def _heading(found: Alignment) -> str:

@@ -18,13 +18,13 @@ from insnav.report.panels import Curve, Panel
 from insnav.report.save import write_page
 from insnav.report.series import Clock, broken_at_gaps
 from insnav.report.simulation import page as recording
+from insnav.report.terminal import entry
 from insnav.session.simulation import Plan
 from insnav.simulate.gps_errors import GpsSpec
 from insnav.simulate.montecarlo import Runs
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG
 
-_UNITS = (*("m",) * 3, *("m/s",) * 3, *("deg",) * 3)
 _FACTORS = np.array([1.0] * 6 + [1.0 / DEG] * 3)
 _MUCH, _TOO_GOOD = 0.3, 2.0  # share of time-correlated errors, and NEES, for one to explain the other
 _SHOWN = 5  # failures that are named one by one
@@ -34,6 +34,7 @@ _COMPONENTS = (
     *((f"{axis} velocity", "m/s") for axis in ("north", "east", "down")),
     *((axis, "deg") for axis in ("roll", "pitch", "heading")),
 )
+_UNITS = tuple(unit for _, unit in _COMPONENTS)
 
 
 def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> tuple[Path, Page]:
@@ -60,6 +61,11 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     horizontal = columns["rms_horizontal"]
     positions, rejected, resets = (int(columns[name].sum()) for name in _COUNTS)
     failed = _failure_lines(runs)
+    failures = tuple(
+        (Quantity("run", each.number), Quantity("seed", each.seed), Quantity("reason", each.reason))
+        for each in runs.failures
+    )
+    parts = (Section("failed", rows=failures, show="json"), _errors(found))
     items = (
         Quantity("runs", len(runs.number)),
         Quantity("rms_horizontal", {"mean": float(horizontal.mean()), "largest": float(horizontal.max())}, "m"),
@@ -79,23 +85,23 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
         f"{len(runs.number)} simulated runs of {plan.motion.name}",
         (
             *recording.motion_lines(plan, time, motion),
-            recording.entry("runs", f"{count} of {imu} and {recording.model_name(plan.gps)}, seed {plan.seed}"),
-            recording.entry(
+            entry("runs", f"{count} of {imu} and {recording.model_name(plan.gps)}, seed {plan.seed}"),
+            entry(
                 "horizontal",
                 f"RMS {number(float(horizontal.mean()))} m in the mean of the runs, "
                 f"{number(float(horizontal.max()))} m in the worst",
             ),
-            recording.entry("NEES", inside_text or "not known: there was no fix"),
-            recording.entry(
+            entry("NEES", inside_text or "not known: there was no fix"),
+            entry(
                 "", f"per axis: 1 if the stated sd is right (share of the fixes inside the {100.0 * BAND:.0f} % band)"
             ),
-            recording.entry("rejected", f"{rejected} of {positions} fixes, {resets} resets"),
-            *(recording.entry("note", text) for text in correlation_notes(plan.gps, nees)),
-            *(recording.entry("failed", text) for text in failed),
+            entry("rejected", f"{rejected} of {positions} fixes, {resets} resets"),
+            *(entry("note", text) for text in correlation_notes(plan.gps, nees)),
+            *(entry("failed", text) for text in failed),
         ),
         (
             *drawings,
-            Section("ensemble", "Consistency and rejections", items, parts=(_failures(runs), _errors(found))),
+            Section("ensemble", "Consistency and rejections", items, parts=parts),
             recording.motion_section(plan, time, motion),
             recording.sensor_section(plan),
             *recording.motion_drawings(plan, time, motion),
@@ -130,7 +136,7 @@ def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], fail
 
 def ensemble_lines(page: Page, out: Path) -> list[str]:
     """What the terminal shows of an ensemble: its summary and its files."""
-    return [*page.summary, recording.entry("files", f"{out}: runs.csv, ensemble.csv, report.html, run.json, …")]
+    return [*page.summary, entry("files", f"{out}: runs.csv, ensemble.csv, report.html, run.json, …")]
 
 
 def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[str, ...]:
@@ -138,23 +144,13 @@ def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[s
 
     `nees`: mean per axis, by group.
     """
-    if gps is None or nees.get("position", 1.0) < _TOO_GOOD:
-        return ()
-    share = recording.correlated_share(gps)
-    if share < _MUCH:
+    share = 0.0 if gps is None or nees.get("position", 1.0) < _TOO_GOOD else recording.correlated_share(gps)
+    if gps is None or share < _MUCH:
         return ()
     return (
         f"{100.0 * share:.0f} % of the position variance of {gps.name} is time-correlated over about "
         f"{gps.errors.correlation_time:g} s; a filter that takes it as white, as on a short drive, is over-confident",
     )
-
-
-def _failures(runs: Runs) -> Section:
-    rows = tuple(
-        (Quantity("run", each.number), Quantity("seed", each.seed), Quantity("reason", each.reason))
-        for each in runs.failures
-    )
-    return Section("failed", rows=rows, show="json")
 
 
 def _failure_lines(runs: Runs) -> tuple[str, ...]:
@@ -185,17 +181,11 @@ def _rows(runs: Runs) -> dict[str, FloatArray | IntArray]:
         elif name.startswith("nees"):
             table[f"{name}_per_axis"] = np.round(values, 6)
         else:
-            unit, factor = _unit(name.split("_", 1)[1])
-            table[f"{name}{key_suffix(unit)}"] = np.round(values * factor, 6)
+            component = name.split("_", 1)[1]
+            # what is none of the components is a length
+            at = COMPONENTS.index(component) if component in COMPONENTS else 0
+            table[f"{name}{key_suffix(_UNITS[at])}"] = np.round(values * _FACTORS[at], 6)
     return table
-
-
-def _unit(component: str) -> tuple[str, float]:
-    """Unit of a component and its factor from SI; what is none of them is a length."""
-    if component not in COMPONENTS:
-        return "m", 1.0
-    at = COMPONENTS.index(component)
-    return _UNITS[at], float(_FACTORS[at])
 
 
 def _epochs(found: Ensemble) -> dict[str, FloatArray | IntArray]:

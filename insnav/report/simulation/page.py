@@ -27,6 +27,7 @@ from insnav.report.provenance import imu_model
 from insnav.report.run_json import json_ready, section_facts, versions
 from insnav.report.save import write_page
 from insnav.report.simulation.motion_panels import motion_panels, simulated_track, sketch_panel, track_length
+from insnav.report.terminal import entry
 from insnav.session.simulation import IDEAL, Plan
 from insnav.simulate.gps_errors import GpsSpec
 from insnav.simulate.motion import MotionProfile
@@ -38,7 +39,6 @@ from insnav.units import DEG
 
 _DRAWN = 20_000  # most instants of the motion that reports look at
 _DRAWN_RATE = 97.0  # no multiple of what people make motions of, whose peaks would all be missed [Hz]
-_MARGIN = 12
 _GRAVITY = {
     "plumb": "without its north component: for comparison with packages that leave it out",
     "linear": "without its north component, and linear in height: for comparison with packages that have it so",
@@ -73,6 +73,7 @@ def recording_page(plan: Plan, made: Recording) -> Page:
         Quantity("command", command),
     )
     moved = motion_section(plan, time, motion)
+    absent = () if plan.imu is None else plan.imu.absent
     realisation = () if made.errors is None else (_realisation(made.errors),)
     return Page(
         f"Simulated recording of {plan.motion.name}",
@@ -89,7 +90,7 @@ def recording_page(plan: Plan, made: Recording) -> Page:
             *realisation,
             sensor_section(plan, *counts),
         ),
-        assumptions=_assumptions(plan),
+        assumptions=(f"errors the IMU file does not give are zero: {', '.join(absent)}",) * bool(absent),
         merits=(*moved.items[:3], *counts[:2], sensor_section(plan).items[0]),
         verdict=Verdict(
             "good",
@@ -256,11 +257,6 @@ def motion_lines(plan: Plan, time: FloatArray, motion: Kinematics) -> list[str]:
     return [*lines, entry("replica", text), *(entry("warning", doubt) for doubt in apart.doubts)]
 
 
-def entry(name: str, text: str) -> str:
-    """One line of a summary, under its name."""
-    return f"{name:<{_MARGIN}}{text}"
-
-
 def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
     """Extent and dynamics of the motion, and how far a simulated replica is from its track."""
     lat, lon, height = plan.truth.evaluate(np.array([plan.truth.start])).lla[0]
@@ -310,9 +306,3 @@ def motion_drawings(plan: Plan, time: FloatArray, motion: Kinematics) -> tuple[S
         drawn("track", f"Simulated motion {name}", (simulated_track(time, motion),)),
         drawn("motion", f"Simulated motion {name}: what ideal sensors measure", motion_panels(time, motion)),
     )
-
-
-def _assumptions(plan: Plan) -> tuple[str, ...]:
-    if plan.imu is None or not plan.imu.absent:
-        return ()
-    return (f"errors the IMU file does not give are zero: {', '.join(plan.imu.absent)}",)
