@@ -11,7 +11,7 @@ from insnav.lab.acceptance.figures_of_merit import BENCH_UNIT, Spread, Stability
 from insnav.lab.bench_data.records import SI, BenchRecord
 from insnav.lab.calibration import condition_warnings
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import quality_rows, residuals_section
+from insnav.report.calibration.common import quality_rows, quality_section
 from insnav.report.calibration.panels import Series, residual_panels
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
 from insnav.report.page import Page, Section, by_warnings, cell, drawn, only_json
@@ -49,7 +49,7 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
     at_rest = f", {found.length:.6g} s at rest" if found.length else ""
     names = ", ".join(item.axis for item in found.sensors)
     warnings = (*found.warnings, *condition_warnings(fits))
-    merits = _merits(found.sensors, units)
+    merits = tuple(_merits(found.sensors, units))
     largest = "; ".join(f"{each.label} {cell(each)} {each.shown_unit}" for each in merits)
     return Page(
         "Acceptance of gyros and accelerometers",
@@ -60,7 +60,7 @@ def acceptance_page(found: Acceptance, files: Sequence[BenchRecord]) -> Page:
                 "sensors",
                 parts=tuple(part for item in found.sensors for part in _sensor(item, units[item.axis.split()[0]])),
             ),
-            residuals_section([row for item in steps for row in _quality(item)]),
+            quality_section(row for item in steps for row in _quality(item)),
             only_json("", Quantity("left_out", left_out)),
         ),
         warnings,
@@ -98,36 +98,32 @@ def _sensor(item: Accepted, shown: str) -> tuple[Section, ...]:
     title = f"{item.axis[0].upper()}{item.axis[1:]}"
     sections = (
         only_json(key, Quantity("output_unit", _output_unit(item))),
-        Section(key, title, _scale(item, shown), parts=_spreads(item, shown), note="± 1 sd"),
+        Section(key, title, tuple(_scale(item, shown)), parts=tuple(_spreads(item, shown)), note="± 1 sd"),
     )
     if shown == fixed:
         return sections
-    return (*sections, only_json(key, *_scale(item, fixed), parts=_spreads(item, fixed)))
+    return (*sections, only_json(key, *_scale(item, fixed), parts=tuple(_spreads(item, fixed))))
 
 
-def _scale(item: Accepted, unit: str) -> tuple[Quantity, ...]:
+def _scale(item: Accepted, unit: str) -> Iterator[Quantity]:
     if item.scale is None:
-        return ()
+        return
     table, bench = item.scale.table, UNITS[_bench(item)][1]
     k_unit = "" if item.unit in SI.values() else f"{item.unit}/({_bench(item)})"
     senses = {"forward": table.forward, "reverse": table.reverse} if table.average is not None else {}
     known = {sense: fit for sense, fit in senses.items() if fit is not None}
-    items = [Quantity("scale_factor", item.scale.k, k_unit, item.scale.k_sd, meaning="scale factor K")]
-    items += [
-        Quantity(f"scale_factor_{sense}", float(fit.value[1]), k_unit, float(fit.sd[1]), meaning=f"K {sense}")
-        for sense, fit in known.items()
-    ]
+    yield Quantity("scale_factor", item.scale.k, k_unit, item.scale.k_sd, meaning="scale factor K")
+    for sense, fit in known.items():
+        yield Quantity(f"scale_factor_{sense}", float(fit.value[1]), k_unit, float(fit.sd[1]), meaning=f"K {sense}")
     if table.asymmetry is not None:
-        items.append(Quantity("asymmetry", table.asymmetry, "ppm", meaning="asymmetry of K"))
-    items.append(Quantity("bias", item.scale.bias, unit, item.scale.bias_sd))
+        yield Quantity("asymmetry", table.asymmetry, "ppm", meaning="asymmetry of K")
+    yield Quantity("bias", item.scale.bias, unit, item.scale.bias_sd)
     for sense, fit in known.items():
         (zero, k), zero_sd = fit.value, float(fit.sd[0])
-        items.append(Quantity(f"bias_{sense}", float(zero / k) * bench, unit, float(zero_sd / abs(k)) * bench))
-    return tuple(items)
+        yield Quantity(f"bias_{sense}", float(zero / k) * bench, unit, float(zero_sd / abs(k)) * bench)
 
 
-def _spreads(item: Accepted, unit: str) -> tuple[Section, ...]:
-    found = []
+def _spreads(item: Accepted, unit: str) -> Iterator[Section]:
     if item.stability:
         rows = tuple(
             (
@@ -137,14 +133,13 @@ def _spreads(item: Accepted, unit: str) -> tuple[Section, ...]:
             )
             for each in item.stability
         )
-        found.append(Section("bias_stability", f"Bias stability of {item.axis}", rows=rows, note="in brackets 95 %"))
+        yield Section("bias_stability", f"Bias stability of {item.axis}", rows=rows, note="in brackets 95 %")
     if item.repeatability is not None:
         values = item.repeatability.values
         items = (*_spread(item.repeatability, unit), Quantity("mean_bias", float(values.mean()), unit))
         title = f"Bias repeatability of {item.axis}"
-        found.append(Section("bias_repeatability", title, items, note="in brackets 95 %"))
-        found.append(only_json("bias_repeatability", Quantity("powerup_biases", np.asarray(values), unit)))
-    return tuple(found)
+        yield Section("bias_repeatability", title, items, note="in brackets 95 %")
+        yield only_json("bias_repeatability", Quantity("powerup_biases", np.asarray(values), unit))
 
 
 def _spread(spread: Spread, unit: str) -> tuple[Quantity, ...]:
@@ -157,9 +152,8 @@ def _spread(spread: Spread, unit: str) -> tuple[Quantity, ...]:
     )
 
 
-def _merits(items: Sequence[Accepted], units: Mapping[str, str]) -> tuple[Quantity, ...]:
+def _merits(items: Sequence[Accepted], units: Mapping[str, str]) -> Iterator[Quantity]:
     """Largest bias, stability and repeatability of all gyros, of all accelerometers."""
-    found = []
     for sensor, unit in units.items():
         own = [item for item in items if item.axis.startswith(sensor)]
         sizes = {
@@ -169,8 +163,7 @@ def _merits(items: Sequence[Accepted], units: Mapping[str, str]) -> tuple[Quanti
         }
         for name, values in sizes.items():
             if values:
-                found.append(Quantity(f"{sensor}_{name}", max(values), unit, meaning=f"{sensor}, {name}"))
-    return tuple(found)
+                yield Quantity(f"{sensor}_{name}", max(values), unit, meaning=f"{sensor}, {name}")
 
 
 def _units(items: Sequence[Accepted]) -> dict[str, str]:
@@ -186,11 +179,10 @@ def _units(items: Sequence[Accepted]) -> dict[str, str]:
     return {"gyro": gyro, "accel": "ug" if largest["accel"] < 0.01 * G0 else "mg"}
 
 
-def _drawn(found: Acceptance, units: Mapping[str, str]) -> list[Section]:
-    sections = []
+def _drawn(found: Acceptance, units: Mapping[str, str]) -> Iterator[Section]:
     at_rest = [(item.axis, item.stability, units[item.axis.split()[0]]) for item in found.sensors if item.stability]
     if at_rest:
-        sections.append(drawn("stability", "Acceptance: bias at rest", stability_panels(at_rest)))
+        yield drawn("stability", "Acceptance: bias at rest", stability_panels(at_rest))
     for sensor, title in _SENSORS.items():
         series = [
             Series.of(item.axis, _output_unit(item), item.scale.table)
@@ -200,8 +192,7 @@ def _drawn(found: Acceptance, units: Mapping[str, str]) -> list[Section]:
         if series:
             label = f"{'rate' if sensor == 'gyro' else 'specific force'} set [{BENCH_UNIT[sensor][0]}]"
             panels = residual_panels(series, label, f"residuals_{sensor}")
-            sections.append(drawn(f"residuals_{sensor}", f"Output of the {title} minus the straight line", panels))
-    return sections
+            yield drawn(f"residuals_{sensor}", f"Output of the {title} minus the straight line", panels)
 
 
 def stability_panels(sensors: Sequence[tuple[str, Sequence[Stability], str]]) -> Iterator[Panel]:

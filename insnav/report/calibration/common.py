@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -36,14 +36,7 @@ def quality_rows(
     )
 
 
-def quality_section(
-    fits: Mapping[str, Fit], unit: str, settings: Mapping[str, Sequence[str]], factor: float = 1.0
-) -> Section:
-    """Give `quality_rows` as a section."""
-    return residuals_section(quality_rows(fits, unit, settings, factor))
-
-
-def residuals_section(rows: Sequence[tuple[Quantity, ...]]) -> Section:
+def quality_section(rows: Iterable[tuple[Quantity, ...]]) -> Section:
     """Give rows of `quality_rows`, of fits in any unit, as a section."""
     note = (
         "rms: root of the sum of squares over the number of points; sd: over the degrees of freedom. Condition: of the "
@@ -59,9 +52,7 @@ def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Sectio
             Quantity("motion", item.motion, meaning="one minute, free inertial"),
             Quantity("without", item.without, "m", meaning="without calibration"),
             Quantity("with", item.corrected, "m", meaning="with calibration", digits=2),
-            Quantity(
-                "ratio", item.without / item.corrected if item.corrected > 0.0 else None, meaning="ratio", digits=2
-            ),
+            Quantity("ratio", item.without / item.corrected if item.corrected > 0.0 else None, digits=2),
         )
         for item in calibration.impact
     )
@@ -69,9 +60,11 @@ def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Sectio
         "Horizontal position error after 60 s, RMS, simulated: true errors sampled about the calibrated ones with "
         "their uncertainty, no other errors, exact initial state, height held. "
     )
-    return Section(
-        "navigation_impact", "Impact on navigation", rows=rows, note=(method + (note or _without(calibration))).rstrip()
-    )
+    # what "without" means where the output is in volts or counts
+    errors, sd = calibration.errors or ImuErrors(), calibration.sd
+    raw = (errors.gyro_raw and sd.gyro_bias.any()) or (errors.accel_raw and sd.accel_bias.any())
+    note = note or "Without: zero output taken as 0, scale factor known." * bool(raw)
+    return Section("navigation_impact", "Impact on navigation", rows=rows, note=(method + note).rstrip())
 
 
 def corrected_section(calibration: Calibration[Any, Any]) -> Section:
@@ -100,10 +93,3 @@ def corrected_section(calibration: Calibration[Any, Any]) -> Section:
 def bench_input(tables: Sequence[BenchTable]) -> list[dict[str, Any]]:
     """Files of the bench, for ``run.json``."""
     return [{"path": table.name, "sha256": table.sha256, "units": dict(table.units)} for table in tables]
-
-
-def _without(calibration: Calibration[Any, Any]) -> str:
-    """What "without" means where the output is in volts or counts."""
-    errors, sd = calibration.errors or ImuErrors(), calibration.sd
-    raw = (errors.gyro_raw and sd.gyro_bias.any()) or (errors.accel_raw and sd.accel_bias.any())
-    return "Without: zero output taken as 0, scale factor known." if raw else ""

@@ -9,7 +9,7 @@ import numpy as np
 from insnav.lab.calibration import Calibration
 from insnav.lab.nine_position.method import AXIS, SENSORS, NinePositions, NineRecord
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import corrected_section, impact_section, quality_section
+from insnav.report.calibration.common import corrected_section, impact_section, quality_rows, quality_section
 from insnav.report.calibration.panels import Series, residual_panels
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json
@@ -69,7 +69,7 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
             Section("parameters", "Gyro misalignment", gyro, note=_INTERVALS),
             Section("parameters", "Gyros at rest: bias, and what they feel of the specific force", at_rest),
             Section("", "Pseudo-inverses", rows=inverses),
-            quality_section(fits, "m/s^2", dict.fromkeys(SENSORS, places)),
+            quality_section(quality_rows(fits, "m/s^2", dict.fromkeys(SENSORS, places))),
             corrected_section(calibration),
             impact_section(calibration),
             details,

@@ -10,7 +10,7 @@ from insnav.lab.calibration import Calibration
 from insnav.lab.rate_sweep.method import SweepCalibration
 from insnav.lab.rate_sweep.records import SweepRecord
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import corrected_section, impact_section, quality_section
+from insnav.report.calibration.common import corrected_section, impact_section, quality_rows, quality_section
 from insnav.report.calibration.panels import sweep_panels
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json
@@ -27,6 +27,7 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
     unit, scale = (record.unit, 1.0) if record.raw else ("deg/s", 1.0 / DEG)
     stages = (rms(found.error_line), rms(found.error_matrix), rms(found.error_map))
     settings = {name: _settings(found.rate[found.used[:, i]]) for i, name in enumerate(fits)}
+    note = "given the pieces below, whose shape is not in the 1 sd" * any(item is not None for item in found.pieces)
     return Page(
         "Three gyros swept over rates about three axes",
         (
@@ -36,11 +37,11 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
         ),
         (
             drawn("rate_errors", "Rate sweeps: error of each gyro", sweep_panels(found), columns=2),
-            Section("parameters", "Output = B rate + b", calibration.parameters, note=_pieces_note(found)),
+            Section("parameters", "Output = B rate + b", calibration.parameters, note=note),
             _errors(found, stages),
             *_pieces(found),
             *_adjusted(found),
-            quality_section(fits, unit, settings, scale),
+            quality_section(quality_rows(fits, unit, settings, scale)),
             corrected_section(calibration),
             impact_section(calibration),
             _details(found),
@@ -83,12 +84,6 @@ def _gain(found: SweepCalibration, stages: Sequence[float]) -> str:
     _, before, after = stages
     less = f", {number(before / after, 2)} times smaller" if 0.0 < after < before else ""
     return f"{number(after / DEG)} deg/s with the piecewise compensation too{less}"
-
-
-def _pieces_note(found: SweepCalibration) -> str:
-    if all(item is None for item in found.pieces):
-        return ""
-    return "given the pieces below, whose shape is not in the 1 sd"
 
 
 def _settings(rate: FloatArray) -> list[str]:

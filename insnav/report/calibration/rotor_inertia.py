@@ -6,7 +6,7 @@ from insnav.lab.bench_data.bench_tables import BenchTable
 from insnav.lab.calibration import Calibration, fitted
 from insnav.lab.rotor_inertia import Inertia, Inertias
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import quality_rows, residuals_section
+from insnav.report.calibration.common import quality_rows, quality_section
 from insnav.report.calibration.panels import line_panels
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json
@@ -71,7 +71,7 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
             drawn("lines", "Moment of inertia of a rotor", line_panels(lines, _ACROSS), _CAPTION, columns=2),
             Section("parameters", "Moment of inertia", calibration.parameters),
             *_powers(precession),
-            residuals_section(quality),
+            quality_section(quality),
             agreement,
         ),
         warnings,

@@ -11,7 +11,7 @@ from insnav.lab.single_axis.rate_table import RateTable
 from insnav.lab.single_axis.records import Record
 from insnav.lab.single_axis.tumble import Tumble, harmonics
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import impact_section, quality_section
+from insnav.report.calibration.common import impact_section, quality_rows, quality_section
 from insnav.report.calibration.panels import Series, residual_panels
 from insnav.report.numbers import number
 from insnav.report.page import Page, Section, drawn, only_json
@@ -47,7 +47,7 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
             drawn("residuals", "Rate table: output minus the straight line", residual_panels(series, "rate [deg/s]")),
             Section("parameters", "Output = U0 + K rate", calibration.parameters, note=_IN_BRACKETS),
             _senses(found, unit),
-            quality_section(fits, unit, settings),
+            quality_section(quality_rows(fits, unit, settings)),
             _dwells(calibration.record, tuple(fits)),
             impact_section(calibration),
             Section("dropped", rows=left_out, show="json"),
@@ -77,7 +77,7 @@ def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]])
             drawn("residuals", "Tumble test: output minus the model", residual_panels(series, _ANGLE)),
             Section("parameters", "Output = K0 + K1 ai + K2 ai² + K3 ai ao", calibration.parameters, note=note),
             *_harmonics(found, unit),
-            quality_section(fits, unit, settings),
+            quality_section(quality_rows(fits, unit, settings)),
             _dwells(calibration.record, tuple(fits)),
             impact_section(calibration),
             only_json("", Quantity("gravity", gravity, "m/s^2")),

@@ -8,11 +8,12 @@ import numpy as np
 
 from insnav.lab.calibration import condition_warnings
 from insnav.lab.drift.allan_before_after import POWERS, DriftStudy, GyroDrift
+from insnav.lab.drift.allan_before_after import Curve as Deviations
 from insnav.lab.drift.drift_model import DriftModel
 from insnav.lab.drift.rate_smoothing import P0
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import quality_section
+from insnav.report.calibration.common import quality_rows, quality_section
 from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
 from insnav.report.noise.page import noise_quantity
 from insnav.report.numbers import number
@@ -59,7 +60,7 @@ def drift_page(found: DriftStudy, name: str) -> Page:
             drawn("drift", f"Drift of gyros before and after: {name}", drift_panels(found), columns=3),
             drawn("rates", f"Rates on a ramp and after it: {name}", rate_panels(found), columns=2),
             Section("gyros", parts=tuple(_gyro(each) for each in gyros)),
-            quality_section(fits, "rad/s", dict.fromkeys(fits, times)),
+            quality_section(quality_rows(fits, "rad/s", dict.fromkeys(fits, times))),
         ),
         warnings,
         ASSUMPTIONS,
@@ -99,7 +100,7 @@ def _gyro(each: GyroDrift) -> Section:
     return Section(
         f"gyro_{each.model.axis}",
         parts=(
-            Section("drift", f"Drift model of {name}", _parameters(each.model)),
+            Section("drift", f"Drift model of {name}", tuple(_parameters(each.model))),
             only_json("left_out", *(Quantity(term, why) for term, why in each.model.left_out.items())),
             _filter(each, name),
             _curves(each, name),
@@ -109,13 +110,11 @@ def _gyro(each: GyroDrift) -> Section:
     )
 
 
-def _parameters(model: DriftModel) -> tuple[Quantity, ...]:
-    found = []
+def _parameters(model: DriftModel) -> Iterator[Quantity]:
     for term, value in model.value.items():
         label, unit = _TERMS[term]
         half = model.half_width(term)
-        found.append(Quantity(term, value, unit, model.sd[term], (value - half, value + half), label))
-    return tuple(found)
+        yield Quantity(term, value, unit, model.sd[term], (value - half, value + half), label)
 
 
 def _filter(each: GyroDrift, name: str) -> Section:
@@ -132,32 +131,37 @@ def _filter(each: GyroDrift, name: str) -> Section:
     return Section("filter", f"Scalar Kalman filter of {name}", items, note="F = H = 1")
 
 
+def _states(each: GyroDrift) -> dict[str, Deviations]:
+    return {"before": each.measured, "corrected": each.corrected, "smoothed": each.smoothed}
+
+
 def _curves(each: GyroDrift, name: str) -> Section:
-    curves = {"before": each.measured, "corrected": each.corrected, "smoothed": each.smoothed}
-    rows = []
-    for k, tau in enumerate(each.measured.allan.tau):
-        row = [Quantity("tau", float(tau), "s")]
-        for state, curve in curves.items():
-            low, value, high = (float(x[k]) for x in (curve.low, curve.deviation, curve.high))
-            row.append(Quantity(state, value, "deg/h", interval=(low, high)))
-        row += [
-            Quantity(f"freedom_{state}", float(curve.freedom[k]), meaning=f"freedom {state}", digits=2)
-            for state, curve in curves.items()
-        ]
-        rows.append(tuple(row))
-    longest = each.corrected.allan
+    curves, longest = _states(each), each.corrected.allan
+    rows = tuple(
+        (
+            Quantity("tau", float(tau), "s"),
+            *(
+                Quantity(state, float(c.deviation[k]), "deg/h", interval=(float(c.low[k]), float(c.high[k])))
+                for state, c in curves.items()
+            ),
+            *(
+                Quantity(f"freedom_{state}", float(c.freedom[k]), meaning=f"freedom {state}", digits=2)
+                for state, c in curves.items()
+            ),
+        )
+        for k, tau in enumerate(longest.tau)
+    )
     note = (
         "before: as measured; corrected: drift model subtracted; smoothed: that after the filter; in brackets 95 %. "
         f"{longest.tau[-1]:g} s out of {longest.n * longest.interval:g} s have "
         f"{number(float(each.corrected.freedom[-1]), 2)} equivalent degrees of freedom"
     )
-    return Section("allan", f"Allan deviation of {name} at rest", rows=tuple(rows), note=note)
+    return Section("allan", f"Allan deviation of {name} at rest", rows=rows, note=note)
 
 
 def _coefficients(each: GyroDrift, name: str) -> Section:
-    curves = {"before": each.measured, "corrected": each.corrected, "smoothed": each.smoothed}
     rows = []
-    for state, curve in curves.items():
+    for state, curve in _states(each).items():
         known = {term: curve.coefficients[term] for term in POWERS if curve.coefficients}
         if known:
             found = (noise_quantity(term, one.value, interval=(one.low, one.high)) for term, one in known.items())
