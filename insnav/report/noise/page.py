@@ -35,6 +35,13 @@ _TERMS = {
     "GM": ("gauss_markov", "Gauss-Markov bias, sd", ("deg/h", "rad/s"), ("ug", "m/s^2")),
     "R": ("rate_ramp", "rate ramp R", ("deg/h/h", "rad/s^2"), ("ug/h", "m/s^3")),
 }
+_IN_FILE = {
+    "N": "random_walk",
+    "GM": "bias_instability",
+    "K": "rate_random_walk",
+    "Q": "quantisation",
+    "R": "rate_ramp",
+}
 ASSUMPTIONS = (
     "overlapping Allan deviation, NIST SP 1065 (2008) section 5.2.5; noise terms of IEEE Std 952-1997 annex C",
     "intervals 95 %: chi-square with the degrees of freedom that the fitted noise gives a record of this length "
@@ -119,6 +126,7 @@ def _sentence(found: StaticNoise) -> str:
 def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
     """Coefficients of one axis in their usual units, and in SI."""
     model, floor, gyro = found.models[column], found.floors[column], column < 3
+    size = "deg/h" if gyro else "ug"
     key = AXES[column].replace(" ", "_")
     if model is None or floor is None:
         return (only_json("", Quantity(key, None)),)
@@ -129,13 +137,12 @@ def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
     if np.isfinite(model.correlation_time):
         items.append(Quantity("correlation_time", model.correlation_time, "s", model.correlation_time_sd))
     for i, line in enumerate(model.sinusoids, start=1):
-        size = "deg/h" if gyro else "ug"
         items += [
             Quantity(f"sinusoid_{i}", line.amplitude, size, line.amplitude_sd, meaning=f"sinusoid {i}, amplitude"),
             Quantity(f"sinusoid_{i}_frequency", line.frequency, "Hz", line.frequency_sd, meaning=f"sinusoid {i} at"),
         ]
     items += [
-        Quantity("floor", floor.value, "deg/h" if gyro else "ug", meaning="lowest deviation"),
+        Quantity("floor", floor.value, size, meaning="lowest deviation"),
         Quantity("floor_tau", floor.tau, "s", meaning="at averaging time"),
         Quantity("misfit", model.misfit, meaning="relative misfit of the model"),
     ]
@@ -162,17 +169,12 @@ def _filter_figures(found: StaticNoise) -> Section:
     rows = []
     for column, axis in enumerate(AXES):
         sensor, k = (found.spec.gyro, column) if column < 3 else (found.spec.accel, column - 3)
-        terms = {
-            "N": sensor.random_walk,
-            "GM": sensor.bias_instability,
-            "K": sensor.rate_random_walk,
-            "Q": sensor.quantisation,
-            "R": sensor.rate_ramp,
-        }
-        figures = [noise_quantity(term, float(value[k]) or None, gyro=column < 3) for term, value in terms.items()]
+        n, gm, *others = (
+            noise_quantity(term, float(getattr(sensor, key)[k]) or None, gyro=column < 3)
+            for term, key in _IN_FILE.items()
+        )
         time = sensor.correlation_time if np.isfinite(sensor.correlation_time) else None
-        figures.insert(2, Quantity("correlation_time", time, "s"))
-        rows.append((Quantity("axis", axis), *figures))
+        rows.append((Quantity("axis", axis), n, gm, Quantity("correlation_time", time, "s"), *others))
     return Section(
         "imu_model",
         "IMU model for filters and simulations (imu.toml)",

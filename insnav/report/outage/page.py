@@ -16,6 +16,7 @@ from insnav.output.solution_tables import TableFormat, read_run_table, write_eve
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
 from insnav.report.outage.windows import INTERVALS, NOTE, common_text, corrected, corrected_text, outage_panels
+from insnav.report.page import STATISTICS as SHOWN
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
 from insnav.report.run.warnings import file_warnings, run_warnings
 from insnav.result import Result
@@ -144,12 +145,13 @@ def _merits(found: Growth) -> tuple[Quantity, ...]:
         ("heading", found.rms, "heading, RMS"),
         ("smoothed horizontal", found.rms, "smoothed horizontal, RMS"),
     )
-    quantities = [
-        Quantity(text.replace(" ", "_"), float(values[-1, found.column(name)]), _COMPONENTS[name], meaning=text)
-        for name, values, text in wanted
-    ]
-    inside = Quantity("inside", f"{100.0 * found.inside_at_end:.0f} %", meaning=f"inside 3 sd, {found.count} windows")
-    return (*quantities, inside)
+    return (
+        *(
+            Quantity(text.replace(" ", "_"), float(values[-1, found.column(name)]), _COMPONENTS[name], meaning=text)
+            for name, values, text in wanted
+        ),
+        Quantity("inside", f"{100.0 * found.inside_at_end:.0f} %", meaning=f"inside 3 sd, {found.count} windows"),
+    )
 
 
 def _row(found: Growth) -> tuple[Quantity, ...]:
@@ -160,35 +162,35 @@ def _row(found: Growth) -> tuple[Quantity, ...]:
         Quantity("effective", found.effective),
         Quantity("inside_3_sd", found.inside_at_end),
         Quantity("common_to_all_windows", float(found.common[-1, found.column("horizontal")])),
-        *(_component(found, name, unit) for name, unit in _COMPONENTS.items()),
+        *(Quantity(name.replace(" ", "_"), _statistics(found, name), unit) for name, unit in _COMPONENTS.items()),
     )
 
 
-def _component(found: Growth, name: str, unit: str) -> Quantity:
+def _statistics(found: Growth, name: str) -> dict[str, float]:
+    """Everything about a component at the end of the windows."""
     column = found.column(name)
-    values = {key: float(getattr(found, attribute)[-1, column]) for key, attribute in STATISTICS.items()}
-    return Quantity(name.replace(" ", "_"), values, unit)
+    return {key: float(getattr(found, attribute)[-1, column]) for key, attribute in STATISTICS.items()}
 
 
 def _table(component: str, growth: Sequence[Growth]) -> Section:
     """Table of one component, with a row a length; without rows if nothing is known of it."""
-    unit, rows = _COMPONENTS[component], []
-    for found in growth:
-        i = found.column(component)
-        measured = (
-            Quantity(key, float(getattr(found, STATISTICS[key])[-1, i]), unit, meaning=meaning)
-            for key, meaning in (("rms", "RMS"), ("p95", "95 %"), ("max", "max"))
+    unit, at_end = _COMPONENTS[component], [_statistics(found, component) for found in growth]
+    rows = tuple(
+        (
+            Quantity("length", f"{found.length:g} s", meaning="after"),
+            Quantity("windows", found.count),
+            *(Quantity(key, each[key], unit, meaning=SHOWN[key]) for key in ("rms", "p95", "max")),
+            corrected(found, found.column(component), unit),
+            Quantity("predicted", each["predicted"], unit),
         )
-        predicted = Quantity("predicted", float(found.predicted[-1, i]), unit)
-        length = Quantity("length", f"{found.length:g} s", meaning="after")
-        rows.append((length, Quantity("windows", found.count), *measured, corrected(found, i, unit), predicted))
-    known = [found.rms[-1, found.column(component)] for found in growth]
-    reference = rms([found.reference[-1, found.column(component)] for found in growth]) / UNITS[unit][1]
+        for found, each in zip(growth, at_end, strict=True)
+    )
+    reference = rms([each["reference"] for each in at_end]) / UNITS[unit][1]
     head = f"{component.capitalize()} error [{unit}]"
     if component.startswith("smoothed"):
         head += " where predicted largest"
     own = f"; reference {number(reference)} {unit}, 1 sd" if reference > 0.0 else ""
-    return Section("", f"{head}{own}", rows=tuple(rows) if np.isfinite(known).any() else ())
+    return Section("", f"{head}{own}", rows=rows if np.isfinite([each["rms"] for each in at_end]).any() else ())
 
 
 def write_files(result: Result[OutageStudy], folder: RunFolder, table_format: TableFormat) -> None:

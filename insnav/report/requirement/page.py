@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from insnav.errors.requirement import aided as aiding
-from insnav.errors.requirement.allocation import STEEP, TAU, Share
+from insnav.errors.requirement.allocation import STEEP, TAU
 from insnav.errors.requirement.parts import LIMITS, Candidate
 from insnav.errors.requirement.study import TEXT as FIELD_FACTOR
 from insnav.errors.requirement.study import RequirementStudy
-from insnav.errors.requirement.verification import Verified
 from insnav.quantity import Quantity
 from insnav.report.numbers import number
-from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, only_json, rows_frame
 from insnav.report.requirement.panels import allocation_panel, nearest, outages_text, part_panels
 from insnav.result import Result
 from insnav.units import DEG, UNITS
@@ -62,16 +61,14 @@ def _met(study: RequirementStudy, kind: str, *answers: str) -> list[str]:
 def _verdict(study: RequirementStudy) -> Verdict | None:
     if not study.candidates:
         return None
-    light: Light
     if _met(study, "alone", "yes"):
-        light, reason = "good", "some IMUs meet it alone"
-    elif _met(study, "alone"):
-        light, reason = "attention", "alone some IMUs only likely meet it: not all of their figures are documented"
-    elif _met(study, "nhc"):
-        light, reason = "attention", "only with the NHC"
-    else:
-        light, reason = "bad", "none of the library meets it"
-    return Verdict(light, reason, _answer(study))
+        return Verdict("good", "some IMUs meet it alone", _answer(study))
+    if _met(study, "alone"):
+        reason = "alone some IMUs only likely meet it: not all of their figures are documented"
+        return Verdict("attention", reason, _answer(study))
+    if _met(study, "nhc"):
+        return Verdict("attention", "only with the NHC", _answer(study))
+    return Verdict("bad", "none of the library meets it", _answer(study))
 
 
 def _merits(study: RequirementStudy) -> tuple[Quantity, ...]:
@@ -192,17 +189,16 @@ def _requirement(study: RequirementStudy) -> tuple[Quantity, ...]:
 
 
 def _rows(study: RequirementStudy) -> tuple[tuple[Quantity, ...], ...]:
-    return tuple(_row(share, feasible=study.allocation.feasible) for share in study.allocation.shares)
-
-
-def _row(share: Share, *, feasible: bool) -> tuple[Quantity, ...]:
-    what = "given" if share.given else "hardly acts" if share.capped else ""
-    return (
-        Quantity("family", share.family, meaning="error"),
-        Quantity("alone", share.alone, share.unit),
-        Quantity("in_set", share.size if share.given or feasible else None, share.unit, meaning="in the set"),
-        Quantity("share", share.part, "%", meaning="share of the variance"),
-        Quantity("note", what),
+    feasible = study.allocation.feasible
+    return tuple(
+        (
+            Quantity("family", share.family, meaning="error"),
+            Quantity("alone", share.alone, share.unit),
+            Quantity("in_set", share.size if share.given or feasible else None, share.unit, meaning="in the set"),
+            Quantity("share", share.part, "%", meaning="share of the variance"),
+            Quantity("note", "given" if share.given else "hardly acts" if share.capped else ""),
+        )
+        for share in study.allocation.shares
     )
 
 
@@ -233,25 +229,21 @@ def summary(study: RequirementStudy) -> tuple[str, ...]:
         tight = sorted((share for share in found.shares if not share.given and not share.capped), key=lambda s: -s.part)
         sizes = (f"{each.family} {number(each.size / UNITS[each.unit][1])} {each.unit}" for each in tight[:6])
         lines.append(f"A balanced set: {', '.join(sizes)}; see the table.")
-    lines += [_verified(each, study) for each in study.verified]
+    for each in study.verified:
+        low, high = each.interval
+        # runs can refute a probability, not prove it
+        verdict = "agrees with" if each.meets(required.probability) else "less than"
+        lines.append(
+            f"{each.factor:g} x the set, {each.runs} simulated runs: {100 * each.within / each.runs:.1f} % within the "
+            f"limit ({100 * low:.1f} to {100 * high:.1f} %): {verdict} {100 * required.probability:g} %."
+        )
     return tuple(lines)
-
-
-def _verified(each: Verified, study: RequirementStudy) -> str:
-    low, high = each.interval
-    # runs can refute a probability, not prove it
-    verdict = "agrees with" if each.meets(study.required.probability) else "less than"
-    return (
-        f"{each.factor:g} x the set, {each.runs} simulated runs: {100 * each.within / each.runs:.1f} % within the "
-        f"limit ({100 * low:.1f} to {100 * high:.1f} %): {verdict} {100 * study.required.probability:g} %."
-    )
 
 
 def warnings(study: RequirementStudy) -> tuple[str, ...]:
     """Say what the reader must not overlook."""
-    if study.allocation.feasible:
-        return ()
-    return (f"{study.imu} cannot meet this requirement on this motion as it is turned on, whatever the rest is.",)
+    text = f"{study.imu} cannot meet this requirement on this motion as it is turned on, whatever the rest is."
+    return () if study.allocation.feasible else (text,)
 
 
 def assumptions(study: RequirementStudy) -> tuple[str, ...]:
