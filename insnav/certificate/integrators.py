@@ -1,17 +1,22 @@
-"""The integrators of the package in one shape, so that all of them get the same samples and the same questions."""
+"""The integrators of the package, and another's, in one shape: all get the same samples and the same questions."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 
 from insnav import strapdown
 from insnav.attitude import quat_from_rotvec, quat_multiply
+from insnav.exceptions import ConfigError
 from insnav.strapdown import Method
 from insnav.types import FloatArray, ImuData, Increments, Trajectory
+from insnav.units import DEG
 
 METHODS: tuple[Method, ...] = ("polynomial", "rk4", "rotvec", "euler")  # the limits apply to the first
 
@@ -44,7 +49,18 @@ class Integrator:
 
 def integrators() -> tuple[Integrator, ...]:
     """All strapdown integrators of this package; the first is the default one."""
-    return tuple(Integrator(m, partial(_steps, m), partial(_navigate, m)) for m in METHODS)
+    return tuple(_own(method) for method in METHODS)
+
+
+def _own(method: Method) -> Integrator:
+    def increments(imu: ImuData) -> Increments:
+        return strapdown.increments(strapdown.intervals(imu), method=method)
+
+    def navigate(imu: ImuData, start: Start, height: FloatArray, v_down: FloatArray, every: int) -> Trajectory:
+        after = increments(imu).rows(slice(1, None))
+        return strapdown.navigate(after, *start, vertical=(height, v_down), every=every)
+
+    return Integrator(method, lambda imu: steps_of(increments(imu)), navigate)
 
 
 def steps_of(inc: Increments) -> Steps:
@@ -67,16 +83,57 @@ def attitude_after(rotation: FloatArray) -> FloatArray:
     return np.asarray(q[0] / np.linalg.norm(q[0]))
 
 
-def _increments(method: Method, imu: ImuData) -> Increments:
-    return strapdown.increments(strapdown.intervals(imu), method=method)
+def pyins() -> Integrator:
+    """Strapdown integrator of python-ins: increments with the term of the previous one, local-level mechanization.
+
+    Its normal gravity has no north component, which alone is metres after an hour at a height of 500 m. Without
+    python-ins a `ConfigError` names the option.
+    """
+    if find_spec("pyins") is None:
+        raise ConfigError(
+            "python-ins is not installed",
+            where="--peer",
+            why="no package of the name pyins was found",
+            fix="pip install python-ins, or leave --peer out",
+        )
+    return Integrator("pyins", _pyins_steps, _pyins_navigate)
 
 
-def _steps(method: Method, imu: ImuData) -> Steps:
-    return steps_of(_increments(method, imu))
+def _pyins_increments(imu: ImuData) -> Any:
+    """Its table of increments: one for every sample but the first, which it only looks back at."""
+    import pandas as pd
+
+    theirs, util = import_module("pyins.strapdown"), import_module("pyins.util")
+    samples = pd.DataFrame(
+        np.hstack([imu.gyro, imu.accel]), index=pd.Index(imu.time), columns=util.GYRO_COLS + util.ACCEL_COLS
+    )
+    return theirs.compute_increments_from_imu(samples, "increment")
 
 
-def _navigate(
-    method: Method, imu: ImuData, start: Start, height: FloatArray, v_down: FloatArray, every: int
-) -> Trajectory:
-    inc = _increments(method, imu)
-    return strapdown.navigate(inc.rows(slice(1, None)), *start, vertical=(height, v_down), every=every)
+def _pyins_steps(imu: ImuData) -> Steps:
+    table = _pyins_increments(imu).to_numpy()
+    return Steps(imu.time[1:], table[:, 0], table[:, 1:4], table[:, 4:7])
+
+
+def _pyins_navigate(imu: ImuData, start: Start, height: FloatArray, v_down: FloatArray, every: int) -> Trajectory:
+    """Navigate with its height held to the first, and tell that given: only what is horizontal is its own."""
+    import pandas as pd
+
+    theirs, util = import_module("pyins.strapdown"), import_module("pyins.util")
+    lla, v_n, rph = start
+    first = np.concatenate([lla[:2] / DEG, lla[2:], v_n, rph / DEG])
+    pva = pd.Series(first, index=util.TRAJECTORY_COLS, name=imu.time[0])
+    with warnings.catch_warnings(), np.errstate(all="ignore"):  # it divides by zero at a pole, and uses pandas of old
+        warnings.simplefilter("ignore")
+        try:
+            table = theirs.Integrator(pva, with_altitude=False).integrate(_pyins_increments(imu)).to_numpy()
+        except ZeroDivisionError:
+            table = np.full((imu.time.size, 9), np.nan)
+    found = table[every::every]
+    chosen = slice(every - 1, None, every)
+    return Trajectory(
+        imu.time[1:][chosen],
+        np.column_stack([found[:, :2] * DEG, height[chosen]]),
+        np.column_stack([found[:, 3:5], v_down[chosen]]),
+        found[:, 6:9] * DEG,
+    )

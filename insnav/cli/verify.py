@@ -31,7 +31,7 @@ def verify(
     with working(out, force) as (folder, stage):
         stage("certifying")
         from insnav.certificate.certify import certify
-        from insnav.certificate.pyins_peer import pyins
+        from insnav.certificate.integrators import pyins
 
         peers = (pyins(),) if peer else ()
         found = certify(peers, lambda fraction: stage("certifying", fraction))

@@ -185,7 +185,7 @@ def test_progress_is_told(monkeypatch):
 
 def test_another_package_stands_beside():
     pytest.importorskip("pyins", reason="python-ins is not installed")
-    from insnav.certificate.pyins_peer import pyins
+    from insnav.certificate.integrators import pyins
 
     found = [*attitude.coning((*integrators()[:1], pyins())), *navigation.meridians((*integrators()[:1], pyins()))]
     # figures measured beforehand by a program of their own

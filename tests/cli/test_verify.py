@@ -12,7 +12,7 @@ import pytest
 from insnav import strapdown
 from insnav.certificate import certify, gravity
 from insnav.certificate import coning_sculling as attitude
-from insnav.certificate import pyins_peer as peer
+from insnav.certificate import integrators as peer
 from insnav.output.folder import read_facts, verify_folder
 from tests.cli.conftest import Cli
 

@@ -164,9 +164,8 @@ def test_a_heading_not_told_is_an_empty_cell(tmp_path):
 
 def test_another_package_leaves_the_map_there():
     pytest.importorskip("pyins", reason="python-ins is not installed")
-    from insnav.certificate.integrators import integrators
+    from insnav.certificate.integrators import integrators, pyins
     from insnav.certificate.motions import start_of
-    from insnav.certificate.pyins_peer import pyins
 
     truth = replace(over_pole(250.0, 600.0), start=0.003)  # no sample exactly at the pole, where it divides by zero
     time = 0.003 + np.arange(59_900) / RATE
