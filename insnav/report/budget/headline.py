@@ -11,7 +11,6 @@ from insnav.report.budget.contributions import horizontal, ranked, shares, size
 from insnav.report.numbers import number
 from insnav.report.outage.windows import BELOW, below_noise
 from insnav.report.page import Light, Section, Verdict
-from insnav.types import FloatArray
 
 _SHOWN = 3  # times of the first screen
 
@@ -65,25 +64,17 @@ def sentence(budget: Budget) -> str:
     """Give the horizontal error at the last time, by all ways to it, and its largest source."""
     last = budget.chosen[-1]
     beyond = "" if budget.linear else " (beyond the linear model)"
-    ways = [f"analytic {number(float(horizontal(budget.analytic.total[last])))}{beyond}"]
-    ways.append(f"covariance {number(float(horizontal(budget.covariance.total[last])))}{beyond}")
+    both = {"analytic": budget.analytic, "covariance": budget.covariance}
+    ways = [f"{name} {number(float(horizontal(way.total[last])))}{beyond}" for name, way in both.items()]
     if budget.simulated is not None:
         ways.append(f"simulated {number(float(horizontal(budget.simulated.total[last])))}")
     if budget.recorded is not None:
         ways.append(f"recorded {_recorded(budget, len(budget.chosen) - 1)[0]}")
     whole = number(float(horizontal(budget.headline[last])))
-    return (
-        f"After {budget.time[last]:g} s without GPS: {whole} m horizontal (1 sd) — {', '.join(ways)}{_largest(budget)}."
-    )
-
-
-def _largest(budget: Budget) -> str:
-    """The largest source, in words behind the figures."""
-    first, part = ranked(budget)[0], shares(budget)
-    share, name = 100.0 * float(part[first]), budget.families[first]
-    if share < 1.0:
-        return ""
-    return f"; {share:.0f} % of the variance is {size(budget, name)} of {name}"
+    first = ranked(budget)[0]
+    share, name = 100.0 * float(shares(budget)[first]), budget.families[first]
+    largest = f"; {share:.0f} % of the variance is {size(budget, name)} of {name}" if share >= 1.0 else ""
+    return f"After {budget.time[last]:g} s without GPS: {whole} m horizontal (1 sd) — {', '.join(ways)}{largest}."
 
 
 def _recorded(budget: Budget, row: int) -> tuple[str, bool]:
@@ -117,42 +108,33 @@ def estimates_section(budget: Budget) -> Section:
             cells.append(Quantity("recorded", _recorded(budget, row)[0], "m", meaning="recorded, RMS corrected"))
         cells.append(Quantity("worst", float(budget.worst[k, 3]), "m", meaning="worst-case sum"))
         rows.append(tuple(cells))
-    notes = ["1 sd; in brackets 95 % intervals"]
+    note = "1 sd; in brackets 95 % intervals; "
     if budget.simulated is None:
-        notes.append("not simulated: --runs 500")
+        note += "not simulated: --runs 500"
     else:
-        notes.append(
-            f"{budget.simulated.runs} simulated runs: mean normalised squared error "
-            f"{budget.simulated.nees[budget.chosen[-1]]:.3g} (1 if the covariance is true)"
-        )
-    if budget.recorded is None:
-        notes.append("not recorded: give a drive with --gps")
-    return Section("", "Horizontal error by four ways", rows=tuple(rows), note="; ".join(notes))
+        nees = f"{budget.simulated.nees[budget.chosen[-1]]:.3g} (1 if the covariance is true)"
+        note += f"{budget.simulated.runs} simulated runs: mean normalised squared error {nees}"
+    note += "; not recorded: give a drive with --gps" * (budget.recorded is None)
+    return Section("", "Horizontal error by four ways", rows=tuple(rows), note=note)
 
 
 def merits(budget: Budget, windows: RecordedBudget | None) -> tuple[Quantity, ...]:
     """Give the figures of merit."""
-    found = [
-        Quantity(f"after_{budget.time[k]:g}_s", float(horizontal(budget.covariance.total[k])), "m", meaning=text)
-        for k, text in (
-            (budget.chosen[row], f"horizontal after {budget.time[budget.chosen[row]]:g} s")
-            for row in shown_times(budget)
-        )
-    ]
+    found = []
+    for k in (budget.chosen[row] for row in shown_times(budget)):
+        value, text = float(horizontal(budget.covariance.total[k])), f"horizontal after {budget.time[k]:g} s"
+        found.append(Quantity(f"after_{budget.time[k]:g}_s", value, "m", meaning=text))
     last = budget.chosen[-1]
     if not budget.hold:
         found.append(Quantity("down", float(budget.covariance.total[last, 2]), "m", meaning="down at the end"))
     if windows is None:
         return (*found, Quantity("worst", float(budget.worst[last, 3]), "m", meaning="worst-case sum, horizontal"))
     part, count = windows.shown, windows.shown.windows.count
-    ratio = _ratio(part.growth.corrected, part.growth.predicted, part.growth.column("horizontal"))
+    i = part.growth.column("horizontal")
+    value, by = float(part.growth.corrected[-1, i]), float(part.growth.predicted[-1, i])
+    ratio = value / by if np.isfinite(value) and by > 0.0 else None
     return (
         *found,
         Quantity("recorded_ratio", ratio, meaning="recorded / predicted, horizontal"),
         Quantity("inside_3_sd", f"{100.0 * part.growth.inside_at_end:.0f} %", meaning=f"inside 3 sd, {count} windows"),
     )
-
-
-def _ratio(corrected: FloatArray, predicted: FloatArray, i: int) -> float | None:
-    value, by = float(corrected[-1, i]), float(predicted[-1, i])
-    return value / by if np.isfinite(value) and by > 0.0 else None

@@ -46,17 +46,16 @@ def page(result: Result[BudgetStudy]) -> Page:
             ),
             show="page",
         ),
-        replace(quantities.contributions_section(budget), folded=True),
-        replace(quantities.positions_section(budget), folded=True),
-    )
-    more = (
-        replace(quantities.states_section(budget), folded=True),
-        replace(quantities.impact_section(budget), folded=True),
+        quantities.contributions_section(budget),
+        quantities.positions_section(budget),
+        *(_windows(windows) if windows is not None else ()),
+        quantities.states_section(budget),
+        quantities.impact_section(budget),
     )
     return Page(
         _title(budget),
         summary(budget),
-        (*sections, *(_windows(windows) if windows is not None else ()), *more),
+        sections,
         warnings=(*warnings(budget), *(recorded.windows_warnings(windows) if windows is not None else ())),
         assumptions=(*assumptions(budget), *(recorded.windows_assumptions(windows) if windows is not None else ())),
         verdict=headline.verdict(budget, windows),
@@ -133,12 +132,10 @@ def frame(result: Result[BudgetStudy]) -> DataFrame:
     for row in quantities.contributions_rows(budget):
         least, most, unit = extent(budget, str(row[0].value))
         sizes = Quantity("size_least", least), Quantity("size_largest", most), Quantity("size_unit", unit)
-        rows.append((*(_in_metres(each) for each in row if each.key != "size"), *sizes))
+        others = [each for each in row if each.key != "size"]
+        metres = (each if each.unit or isinstance(each.value, str) else replace(each, unit="m") for each in others)
+        rows.append((*metres, *sizes))
     return rows_frame(rows)
-
-
-def _in_metres(each: Quantity) -> Quantity:
-    return each if each.unit or isinstance(each.value, str) else replace(each, unit="m")
 
 
 def summary(budget: Budget) -> tuple[str, ...]:

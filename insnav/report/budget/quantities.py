@@ -148,7 +148,7 @@ def positions_section(budget: Budget) -> Section:
         )
         for row, k in enumerate(at)
     )
-    return Section("", "Position error North, East, Down [m]", rows=rows, note=note)
+    return Section("", "Position error North, East, Down [m]", rows=rows, note=note, folded=True)
 
 
 def _at(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
@@ -195,7 +195,7 @@ def contributions_section(budget: Budget) -> Section:
         for text, values, down in sums
     ]
     title = f"Error contributions: horizontal error √(N² + E²) after {budget.time[last]:g} s [m]"
-    return Section("", title, rows=(*contributions_rows(budget), *rows))
+    return Section("", title, rows=(*contributions_rows(budget), *rows), folded=True)
 
 
 def states_section(budget: Budget) -> Section:
@@ -211,11 +211,11 @@ def states_section(budget: Budget) -> Section:
         for name, sd in sizes.items()
     )
     title = f"Velocity and attitude after {budget.time[last]:g} s, covariance, 1 sd"
-    return Section("", title, rows=rows, show="page")
+    return Section("", title, rows=rows, show="page", folded=True)
 
 
 def impact_section(budget: Budget) -> Section:
     """The impact of the families, in words."""
     families = [budget.families[k] for k in ranked(budget)]
     rows = tuple((Quantity("source", each), Quantity("impact", effect(each))) for each in families)
-    return Section("", "Impact of the sources", rows=rows, show="page")
+    return Section("", "Impact of the sources", rows=rows, show="page", folded=True)

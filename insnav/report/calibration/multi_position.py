@@ -78,12 +78,17 @@ def _of_poses(found: PosesCalibration) -> Page:
         Quantity("used", [bool(used) for used in found.turn_used]),
     )
     every = Section("", parts=(_poses(found), turns), show="page")
-    times = np.array([[pose.start, pose.end] for pose in found.poses])
+    times, used = np.array([[pose.start, pose.end] for pose in found.poses]), found.turn_used
     more = only_json("", Quantity("poses", times, "s"), Quantity("rest_limit_sd", found.factor))
     drawing = drawn("poses", "Gravity in every pose, and turns between them", poses_panels(found))
     return Page(
         "",
-        _poses_summary(found),
+        (
+            f"{_gravity_text(found)}; turns miss the next pose by {number(rms(found.turn_before[used]) / DEG)} deg "
+            f"before, {number(rms(found.turn_after[used]) / DEG)} deg after.",
+            f"{len(found.poses)} poses and {int(np.count_nonzero(used))} turns; stationary where the accelerometers "
+            f"scatter less than {found.factor:g} times as in the quietest tenth.",
+        ),
         (drawing, _quality(found), every, more),
         assumptions=(
             "Body x is the sensitive axis of accelerometer x; body y lies in the plane of x and y.",
@@ -92,7 +97,7 @@ def _of_poses(found: PosesCalibration) -> Page:
             "Method: Tedaldi, Pretto, Menegatti (ICRA 2014), plus g-sensitivity from the stationary spans.",
         ),
         merits=tuple(
-            Quantity(f"turn_{name}", rms(values[found.turn_used]), "deg", meaning=f"error of turn, {name}")
+            Quantity(f"turn_{name}", rms(values[used]), "deg", meaning=f"error of turn, {name}")
             for name, values in zip(
                 ("before", "after", "left out"), (found.turn_before, found.turn_after, found.turn_left_out), strict=True
             )
@@ -105,9 +110,15 @@ def _of_six_positions(found: SixPositions) -> Page:
     every = Section("", parts=(_positions(found), sections), show="page")
     more = only_json("", Quantity("position_tilt", found.tilt, "mrad"), Quantity("turn", found.angle, "deg"))
     drawing = drawn("positions", "Gravity in the six positions", positions_panels(found))
+    place = int(np.argmax(np.abs(found.norm_after)))
+    worst = float(np.abs(found.norm_after[place]))
     return Page(
         "",
-        _six_summary(found),
+        (
+            f"{_gravity_text(found)}, worst {number(worst / _MG)} mg in position {POSITIONS[place]}; positions are "
+            f"off by {number(found.tilt / _MRAD)} mrad (1 sd).",
+            f"Six positions and three turns by {found.angle / DEG:g} deg.",
+        ),
         (drawing, _turns(found), every, more),
         assumptions=(
             f"Turns are by {found.angle / DEG:g} deg within {TURN_SD / DEG:g} deg (1 sd), to either side.",
@@ -118,29 +129,9 @@ def _of_six_positions(found: SixPositions) -> Page:
     )
 
 
-def _poses_summary(found: PosesCalibration) -> tuple[str, ...]:
-    used = found.turn_used
-    return (
-        f"{_gravity_text(found)}; turns miss the next pose by {number(rms(found.turn_before[used]) / DEG)} deg "
-        f"before, {number(rms(found.turn_after[used]) / DEG)} deg after.",
-        f"{len(found.poses)} poses and {int(np.count_nonzero(used))} turns; stationary where the accelerometers "
-        f"scatter less than {found.factor:g} times as in the quietest tenth.",
-    )
-
-
 def _gravity_text(found: Found) -> str:
     before, after = (number(rms(values) / _MG) for values in (found.norm_before, found.norm_after))
     return f"Gravity error {before} mg before, {after} mg after (RMS)"
-
-
-def _six_summary(found: SixPositions) -> tuple[str, ...]:
-    place = int(np.argmax(np.abs(found.norm_after)))
-    worst = float(np.abs(found.norm_after[place]))
-    return (
-        f"{_gravity_text(found)}, worst {number(worst / _MG)} mg in position {POSITIONS[place]}; positions are off by "
-        f"{number(found.tilt / _MRAD)} mrad (1 sd).",
-        f"Six positions and three turns by {found.angle / DEG:g} deg.",
-    )
 
 
 def _quality(found: PosesCalibration) -> Section:

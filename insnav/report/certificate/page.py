@@ -34,6 +34,18 @@ def certificate_page(certificate: Certificate) -> Page:
     """Report all checks, a table for every topic."""
     checks, failed = certificate.checks, certificate.failed
     lines = tuple(f"{check.topic}: {check.case}" for check in failed)
+    facts = tuple(
+        (
+            Quantity("topic", check.topic),
+            Quantity("case", check.case),
+            Quantity("unit", check.unit),
+            Quantity("limit", check.limit),
+            Quantity("required", [name for name, _ in check.values[: check.required]]),
+            Quantity("errors", dict(check.values)),
+            Quantity("passed", check.passed),
+        )
+        for check in checks
+    )
     machine = f"{platform.system()} {platform.machine()}"
     said = f"{len(checks) - len(failed)} of {len(checks)} checks passed in {certificate.seconds:.1f} s"
     return Page(
@@ -51,7 +63,7 @@ def certificate_page(certificate: Certificate) -> Page:
                 Quantity("passed", not failed),
                 Quantity("failed", lines),
             ),
-            Section("checks", rows=tuple(_facts(check) for check in checks), show="json"),
+            Section("checks", rows=facts, show="json"),
             *(_topic(topic, list(rows)) for topic, rows in groupby(checks, key=lambda check: check.topic)),
             drawn(
                 "certificate", "Error of every integrator in parts of its limit", (certificate_panel(checks),), _READ
@@ -84,18 +96,6 @@ def certificate_markdown(certificate: Certificate) -> str:
         rows.append((f"{check.topic}: {check.case}", limit, first, *(errors.get(name, "") for name in others)))
     lines = [f"| {' | '.join(row)} |" for row in rows]
     return "\n".join([lines[0], f"|---|{'--:|' * (len(rows[0]) - 1)}", *lines[1:]])
-
-
-def _facts(check: Check) -> tuple[Quantity, ...]:
-    return (
-        Quantity("topic", check.topic),
-        Quantity("case", check.case),
-        Quantity("unit", check.unit),
-        Quantity("limit", check.limit),
-        Quantity("required", [name for name, _ in check.values[: check.required]]),
-        Quantity("errors", dict(check.values)),
-        Quantity("passed", check.passed),
-    )
 
 
 def _topic(topic: str, checks: list[Check]) -> Section:

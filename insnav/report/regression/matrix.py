@@ -15,6 +15,7 @@ from insnav.regression.run_corpus import Result
 from insnav.regression.verdict import Change, Comparison
 from insnav.report.numbers import number
 from insnav.report.page import Cell, Matrix, Table
+from insnav.report.regression.tables import change_head
 from insnav.types import FloatArray
 
 _VERSIONS, _DRIVES = 8, 40  # shown of a history, and of the drives behind a cell
@@ -69,8 +70,7 @@ def change_matrix(result: Result, comparison: Comparison, baseline: Baseline, hi
 def _cell(change: Change, tests: int, key: str, behind: tuple[Table, ...]) -> Cell:
     size = change.shift.change
     text = "·" if abs(size) < 0.005 else f"{100.0 * size:+.0f}"
-    unit = f" {change.metric.unit}" if change.metric.unit else ""
-    title = f"{change.case}: {change.metric.label}: {number(change.old)} -> {number(change.new)}{unit}"
+    title = change_head(change)
     if change.metric.kind != "cpu":
         least = detectable(change.shift, tests)
         words = f"from {100.0 * least:.2g} % on a change is found" if np.isfinite(least) else "too few drives to test"

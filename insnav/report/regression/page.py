@@ -121,7 +121,14 @@ def regression_page(
             tables.case_section(result, comparison),
             *changed,
             *([replace(tables.peer_section(peers), folded=True)] if peers else []),
-            _outcome(result, comparison),
+            only_json(
+                "",
+                Quantity("quick", result.quick),
+                Quantity("passed", None if comparison is None else comparison.passed),
+                Quantity("skipped", result.skipped),
+                Quantity("apart", {} if comparison is None else comparison.apart),
+                Quantity("broken", {} if comparison is None else comparison.broken),
+            ),
             Section(
                 "cases", rows=tuple(_case(name, case) for name, case in result.cases.items()), show="json", keyed=True
             ),
@@ -160,18 +167,6 @@ def _merits(result: Result, comparison: Comparison | None) -> tuple[Quantity, ..
         *(Quantity(name, verdicts.count(name)) for name in ("better", "worse")),
         Quantity("failing", len(comparison.failing) + len(comparison.broken), meaning="fail"),
         Quantity("unclear", unclear_changes(comparison), meaning="cannot be told"),
-    )
-
-
-def _outcome(result: Result, comparison: Comparison | None) -> Section:
-    found = comparison or Comparison((), {}, {})
-    return only_json(
-        "",
-        Quantity("quick", result.quick),
-        Quantity("passed", None if comparison is None else comparison.passed),
-        Quantity("skipped", result.skipped),
-        Quantity("apart", found.apart),
-        Quantity("broken", found.broken),
     )
 
 

@@ -16,15 +16,11 @@ from insnav.regression.history import Entry
 from insnav.regression.run_corpus import CaseResult
 from insnav.report.colours import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, SKY, VERMILLION
 from insnav.report.panels import Curve, Panel
+from insnav.report.run.panels import GROUPS
 from insnav.types import BoolArray, FloatArray
 
 COLUMNS = 4  # of panels side by side
 _TICKS = 5  # versions named below a panel, at most
-_GROUPS = (
-    ("position", "m", slice(0, 3), ("north", "east", "down")),
-    ("velocity", "m/s", slice(3, 6), ("north", "east", "down")),
-    ("attitude", "deg", slice(6, 9), ("roll", "pitch", "heading")),
-)
 
 
 def history_panels(history: Sequence[Entry], baseline: Baseline | None, metric: Metric) -> list[Panel]:
@@ -137,14 +133,14 @@ def predicted_panels(cases: Mapping[str, CaseResult]) -> list[Panel]:
     """
     known = [case.measured.spread for case in cases.values() if case.measured is not None]
     panels = []
-    for title, unit, columns, names in _GROUPS if known else ():
-        part = np.sqrt(np.concatenate(known))[:, columns]
+    for i, (title, unit, _, names) in enumerate(GROUPS if known else ()):
+        part = np.sqrt(np.concatenate(known))[:, 3 * i : 3 * i + 3]
         usable: BoolArray = np.logical_and.reduce(np.isfinite(part) & (part > 0.0), axis=2)
         predicted = part[:, :, 1][usable]
         ends = np.array([predicted.min(), predicted.max()]) if usable.any() else np.array([0.1, 1.0])
         curves = [
-            Curve(name, part[usable[:, i], i, 1], part[usable[:, i], i, 0], colour, "points")
-            for i, (name, colour) in enumerate(zip(names, AXIS_COLOURS, strict=True))
+            Curve(name, part[usable[:, k], k, 1], part[usable[:, k], k, 0], colour, "points")
+            for k, (name, colour) in enumerate(zip(names, AXIS_COLOURS, strict=True))
         ]
         line, head = fitted(predicted, part[:, :, 0][usable]), title
         curves.append(Curve("right", ends, ends, GREY))

@@ -46,13 +46,17 @@ HEADLINES = {
 }
 
 
-def change_text(change: Change) -> str:
-    """Say one change in a line: case, metric, old and new value."""
+def change_head(change: Change) -> str:
+    """Say of one change case, metric, old and new value."""
     unit = f" {change.metric.unit}" if change.metric.unit else ""
-    head = f"{change.case}: {change.metric.label}: {number(change.old)} -> {number(change.new)}{unit}"
+    return f"{change.case}: {change.metric.label}: {number(change.old)} -> {number(change.new)}{unit}"
+
+
+def change_text(change: Change) -> str:
+    """Say one change in a line, with its size and significance."""
     if change.metric.kind == "cpu":
-        return f"{head} ({change.shift.change + 1.0:.1f} times)"
-    return f"{head} ({100.0 * change.shift.change:+.1f} %, p {change.adjusted:.1g})"
+        return f"{change_head(change)} ({change.shift.change + 1.0:.1f} times)"
+    return f"{change_head(change)} ({100.0 * change.shift.change:+.1f} %, p {change.adjusted:.1g})"
 
 
 def case_section(result: Result, comparison: Comparison | None) -> Section:
@@ -64,19 +68,14 @@ def case_section(result: Result, comparison: Comparison | None) -> Section:
             Quantity(key, rms(values[key]) if key in values else None, meaning=label)
             for key, label in HEADLINES.items()
         )
-        rows.append((Quantity("case", name), *cells, *_counts(name, comparison)))
+        verdicts = [change.verdict for change in (comparison.changes if comparison else ()) if change.case == name]
+        counts = (Quantity(each, verdicts.count(each) if verdicts else None) for each in ("better", "same", "worse"))
+        rows.append((Quantity("case", name), *cells, *counts))
     note = (
         "RMS over all drives (seeds) of a case, all pieces or outages of a recorded drive, as in the plots; whether a "
         "figure has changed is tested by logarithms, so that one bad drive does not decide it"
     )
     return Section("", "Accuracy, and figures that changed", rows=tuple(rows), note=note)
-
-
-def _counts(name: str, comparison: Comparison | None) -> tuple[Quantity, ...]:
-    verdicts = [] if comparison is None else [change.verdict for change in comparison.changes if change.case == name]
-    return tuple(
-        Quantity(verdict, verdicts.count(verdict) if verdicts else None) for verdict in ("better", "same", "worse")
-    )
 
 
 def change_rows(changes: Sequence[Change]) -> tuple[tuple[Quantity, ...], ...]:

@@ -180,7 +180,7 @@ def read_found(folder: Path) -> EvaluatedRun:
         np.array(fixes["lever_arm_m"]),
         np.array(fixes["lever_arm_sd_m"]),
         smoothed,
-        tuple(_aiding(each) for each in aiding),
+        tuple(map(_aiding, aiding)),
     )
     errors, smoothed_errors = (
         solution_tables.read_run_table(folder, TrajectoryErrors, name) if any(folder.glob(f"{name}.*")) else None

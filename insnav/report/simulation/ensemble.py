@@ -15,6 +15,7 @@ from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, VERMILLION
 from insnav.report.numbers import number
 from insnav.report.page import Light, Page, Section, Verdict, drawn
 from insnav.report.panels import Curve, Panel
+from insnav.report.run.panels import GROUPS as ERRORS
 from insnav.report.save import write_page
 from insnav.report.series import Clock, broken_at_gaps
 from insnav.report.simulation import page as recording
@@ -29,10 +30,8 @@ _FACTORS = np.array([1.0] * 6 + [1.0 / DEG] * 3)
 _MUCH, _TOO_GOOD = 0.3, 2.0  # share of time-correlated errors, and NEES, for one to explain the other
 _SHOWN = 5  # failures that are named one by one
 _COUNTS = ("positions", "rejected", "resets")
-_COMPONENTS = (
-    *((f"{axis} position", "m") for axis in ("north", "east", "down")),
-    *((f"{axis} velocity", "m/s") for axis in ("north", "east", "down")),
-    *((axis, "deg") for axis in ("roll", "pitch", "heading")),
+_COMPONENTS = tuple(
+    (axis if group == "attitude" else f"{axis} {group}", unit) for group, unit, _, axes in ERRORS for axis in axes
 )
 _UNITS = tuple(unit for _, unit in _COMPONENTS)
 
