@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 import scipy  # its parts load themselves when they are used: a tenth of a second
@@ -28,6 +29,11 @@ def rms(values: FloatArray | Sequence[float]) -> float:
     array = np.asarray(values, dtype=np.float64)
     known = array[np.isfinite(array)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+
+
+def chi_square(freedom: Any, probability: float) -> Any:
+    """Sum of the squares of so many standard normal numbers that is not exceeded with a probability."""
+    return 2.0 * scipy.special.gammaincinv(0.5 * np.asarray(freedom, dtype=np.float64), probability)
 
 
 def rms_length(values: FloatArray) -> float:
@@ -135,9 +141,7 @@ def mean_square_interval(
     freedom = axes / (share + (1.0 - share) / effective_count(start, length))
     middle = means(square, np.ones((1, len(start))))[0]
     tails = (0.5 * (1.0 + CONFIDENCE), 0.5 * (1.0 - CONFIDENCE))
-    by_chi2 = [
-        middle * freedom / np.maximum(2.0 * scipy.special.gammaincinv(0.5 * freedom, tail), 1e-300) for tail in tails
-    ]
+    by_chi2 = [middle * freedom / np.maximum(chi_square(freedom, tail), 1e-300) for tail in tails]
     return np.minimum(low, by_chi2[0]), np.maximum(high, by_chi2[1])
 
 

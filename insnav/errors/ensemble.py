@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its parts load themselves when they are used
 
 from insnav.attitude import dcm_from_quat, quat_conjugate, quat_from_rph, quat_multiply
 from insnav.earth import ned_offset
@@ -20,6 +19,7 @@ from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD
 from insnav.filter.settings import FilterSettings
 from insnav.imu import ImuSpec
+from insnav.sample_statistics import chi_square
 from insnav.simulate.faults import Fault
 from insnav.simulate.gps_errors import GpsSpec
 from insnav.simulate.ideal_sensors import reference
@@ -189,9 +189,8 @@ def band(degrees: FloatArray | IntArray) -> tuple[FloatArray, FloatArray]:
     section 5.4.2).
     Returns: `low`, `high` (m,).
     """
-    half = 0.5 * np.asarray(degrees, dtype=np.float64)
     tail = 0.5 * (1.0 - BAND)
-    return scipy.special.gammaincinv(half, tail) / half, scipy.special.gammaincinv(half, 1.0 - tail) / half
+    return chi_square(degrees, tail) / degrees, chi_square(degrees, 1.0 - tail) / degrees
 
 
 def inside(found: Ensemble) -> BoolArray:

@@ -71,23 +71,9 @@ def position_errors(
 
     Reference epochs outside the estimate's span, or inside one of its gaps, are left out.
 
-    Parameters
-    ----------
-    estimate : Trajectory
-        Its velocity and attitude make the interpolation and the lever arm exact.
-    reference : Trajectory
-        The reference.
-    lever_b : (3,) array, optional
-        The point of the reference seen from the point of the estimate, body axes [m].
-
-    Returns
-    -------
-    TrajectoryErrors
-
-    Raises
-    ------
-    InputError
-        No epoch of the reference lies inside the estimate.
+    `estimate`: its velocity and attitude make the interpolation and the lever arm exact; `lever_b` (3,): the point of
+    the reference seen from the point of the estimate, body axes [m].
+    Raises: InputError: no epoch of the reference lies inside the estimate.
     """
     if lever_b is not None:
         estimate = at_point(estimate, lever_b)

@@ -26,7 +26,6 @@ from insnav.units import DEG
 SLICES = 8  # of a recording, in each of which predicted and actual error are compared
 _SHORTEST = 0.2  # a last piece shorter than this share of the others belongs to the one before
 _FAR = 7.0  # NIS / 3 at the end of the gate
-_VELOCITY = (slice(3, 6), "innovation_velocity_m_s")
 _LOOP = 400  # turns of the calibration loop
 GROWTH = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0)  # times without GPS at which the error is kept [s]
 _WINDOWS = 20  # at most, in a recording
@@ -107,16 +106,9 @@ def errors_of(solution: Trajectory, time: FloatArray, material: Material) -> Tra
     position, velocity, attitude = errors.position.copy(), errors.velocity.copy(), errors.attitude.copy()
     if material.remove_offset:
         position -= np.median(position, axis=0)
-    if "position" not in material.groups:
-        position[:] = np.nan
-    if "velocity" not in material.groups:
-        velocity[:] = np.nan
-    if "attitude" not in material.groups:
-        attitude[:, :2] = np.nan
-    if "heading" not in material.groups:
-        attitude[:, 2] = np.nan
-    for each in (position, velocity, attitude):
-        each[errors.speed < material.min_speed] = np.nan
+    groups = {"position": position, "velocity": velocity, "attitude": attitude[:, :2], "heading": attitude[:, 2]}
+    for name, each in groups.items():
+        each[(errors.speed < material.min_speed) | (name not in material.groups)] = np.nan
     return replace(errors, position=position, velocity=velocity, attitude=attitude)
 
 
@@ -171,14 +163,13 @@ def _fixes(run: Run, edges: FloatArray) -> dict[str, FloatArray]:
     found: dict[str, FloatArray] = {}
     pieces = _pieces(processed.time, edges)
     rejected = np.zeros(len(pieces))
-    for group, nis, used in (
-        ("position", processed.nis_position, processed.used_position),
-        ("velocity", processed.nis_velocity, processed.used_velocity),
-    ):
+    for group, unit, columns in (("position", "m", slice(0, 3)), ("velocity", "m_s", slice(3, 6))):
+        nis, used = getattr(processed, f"nis_{group}"), getattr(processed, f"used_{group}")
         known = np.isfinite(nis)
-        columns, name = (slice(0, 3), "innovation_position_m") if group == "position" else _VELOCITY
         size = _likely_size(processed.innovation[:, columns], processed.sd[:, columns])
-        found[name] = np.array([math.exp(_mean(size[rows & np.isfinite(size)])) for rows in pieces])
+        found[f"innovation_{group}_{unit}"] = np.array(
+            [math.exp(_mean(size[rows & np.isfinite(size)])) for rows in pieces]
+        )
         found[f"nis_{group}"] = np.array([_mean(nis[rows & used & known]) / 3.0 for rows in pieces])
         rejected += [np.count_nonzero(rows & known & ~used) for rows in pieces]
     found["rejected_fixes"] = rejected

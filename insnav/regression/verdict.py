@@ -52,13 +52,7 @@ class Comparison:
 
 
 def compare(result: Result, baseline: Baseline) -> Comparison:
-    """Compare a result with a baseline.
-
-    Parameters
-    ----------
-    result : Result
-        Of the whole corpus, or of a quick run: only drives that both have count.
-    """
+    """Compare a result, of the whole corpus or of a quick run, with a baseline: drives that both have count."""
     broken: dict[str, str] = {}
     apart: dict[str, str] = {}
     found: list[tuple[str, Metric, float, float, Shift]] = []

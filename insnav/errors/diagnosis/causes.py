@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its parts load themselves when they are used
 
 from insnav.attitude import dcm_from_quat
 from insnav.earth import gravity_n
@@ -13,7 +12,7 @@ from insnav.errors.diagnosis.growth_curves import TERMS, Curve, about_the_curve,
 from insnav.errors.outage.free_inertial import Windows
 from insnav.errors.outage.windows import growth_by_start_error
 from insnav.filter.error_model import ErrorModel
-from insnav.sample_statistics import CONFIDENCE, FEWEST, effective_count, rms
+from insnav.sample_statistics import CONFIDENCE, FEWEST, chi_square, effective_count, rms
 from insnav.types import FloatArray
 
 AXES = ("north", "east")
@@ -126,7 +125,7 @@ def _axis(
     part = np.mean(grown**2, axis=0)
     units = np.array([1.0, 1.0, 1.0 / gravity])  # from jerk to drift
     draws = 1.0 if windows.uncalibrated else max(count, 1.0)  # turn-on errors are the same in all windows
-    limit = float(2.0 * scipy.special.gammaincinv(0.5 * draws, 0.5 + 0.5 * CONFIDENCE) / draws)
+    limit = float(chi_square(draws, 0.5 + 0.5 * CONFIDENCE) / draws)
     causes = []
     for k in range(3):
         square, noise = float(np.mean(value[:, k] ** 2)), float(np.mean(fit[:, k] ** 2))

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its parts load themselves when they are used
 
 from insnav.errors.diagnosis.growth_curves import FITS, fit_curve, position_terms, velocity_terms
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.exceptions import InputError
+from insnav.sample_statistics import chi_square
 from insnav.types import FloatArray
 
 AXES = ("north", "east")
@@ -33,7 +33,7 @@ class EndAxis:
     @property
     def fits(self) -> tuple[bool, ...]:
         """Whether each alone explains it, at 95 %."""
-        return tuple(bool(each**2 <= 2.0 * scipy.special.gammaincinv(0.5, FITS)) for each in self.left)
+        return tuple(bool(each**2 <= chi_square(1, FITS)) for each in self.left)
 
 
 def explain_end(

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its parts load themselves when they are used
 
 from insnav.errors.outage.free_inertial import Windows
 from insnav.errors.outage.statistics import columns_at, components, table_times
-from insnav.sample_statistics import CONFIDENCE, effective_count, interval
+from insnav.sample_statistics import CONFIDENCE, chi_square, effective_count, interval
 from insnav.types import FloatArray
 
 _MEAN_SIZE = np.sqrt(2.0 / np.pi)  # of a normal number, by its standard deviation
@@ -53,7 +52,7 @@ def regression(windows: Windows) -> Regression:
     low, high = interval(windows.start, windows.length, slope)
     found = float(np.mean(ratio[known]))
     freedom = _ONE_SENSOR if windows.uncalibrated else 2.0 * effective_count(windows.start, windows.length)
-    ends = (2.0 * scipy.special.gammaincinv(0.5 * freedom, 0.5 + sign * 0.5 * CONFIDENCE) for sign in (1.0, -1.0))
+    ends = (chi_square(freedom, 0.5 + sign * 0.5 * CONFIDENCE) for sign in (1.0, -1.0))
     narrow, wide = (found * np.sqrt(freedom / end) for end in ends)
     low, high = np.minimum(low, narrow), np.maximum(high, wide)
     x, y = predicted[known], recorded[known]

@@ -18,6 +18,7 @@ import numpy as np
 import scipy  # its parts load themselves when they are used
 from scipy.linalg import cho_factor, cho_solve
 
+from insnav.sample_statistics import chi_square
 from insnav.types import FloatArray
 
 TERMS = ("t", "t²", "t³")
@@ -64,7 +65,7 @@ def fit_curve(elapsed: FloatArray, position: FloatArray, velocity: FloatArray, c
     for size in (1, 2, 3):
         tries = [(*_solve(design[:, list(part)], observed, factor), part) for part in combinations(range(3), size)]
         estimate, spread, misfit, part = min(tries, key=lambda each: each[2])
-        if size >= m or misfit <= 2.0 * scipy.special.gammaincinv(0.5 * (m - size), FITS) or size == 3:
+        if size >= m or misfit <= chi_square(m - size, FITS) or size == 3:
             chosen = part
             best, best_covariance = _placed(estimate, spread, part)
             probability = float(scipy.special.chdtrc(m - size, misfit)) if m > size else np.nan

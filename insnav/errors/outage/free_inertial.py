@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -137,7 +137,8 @@ def free_windows(
     dropped: dict[str, int] = {}
     for number, state in enumerate(drive.states):
         begin = state.time + delay
-        reason = _touches(gaps, begin, begin + length)
+        end = begin + length
+        reason = next((why for a, b, why in gaps if np.any((a < end - 1e-6) & (b > begin + 1e-6))), None)
         compared, known = _compared(reference.fixes, begin + grid, 0.5 * spread)
         if reason is None and not known[-1]:
             reason = "no reference at the end"
@@ -226,21 +227,9 @@ def _gaps(ready: Prepared, reference: WindowReference) -> list[tuple[FloatArray,
     stamps = reference.fixes.time
     step = np.diff(stamps)
     dark = np.flatnonzero(step > max(REFERENCE_GAP, 3.0 * float(np.median(step))))
-    begin, end = (
-        np.concatenate([[-np.inf], stamps[dark], stamps[-1:]]),
-        np.concatenate([stamps[:1], stamps[dark + 1], [np.inf]]),
-    )
-    return [
-        (time[lost] + delay, time[lost + 1] + delay, "gap in the IMU record"),
-        (begin, end, "gap in the reference"),
-    ]
-
-
-def _touches(gaps: Sequence[tuple[FloatArray, FloatArray, str]], begin: float, end: float) -> str | None:
-    for starts_at, ends_at, reason in gaps:
-        if np.any((starts_at < end - 1e-6) & (ends_at > begin + 1e-6)):
-            return reason
-    return None
+    begin = np.concatenate([[-np.inf], stamps[dark], stamps[-1:]])
+    end = np.concatenate([stamps[:1], stamps[dark + 1], [np.inf]])
+    return [(time[lost] + delay, time[lost + 1] + delay, "gap in the IMU record"), (begin, end, "gap in the reference")]
 
 
 def _course(drive: NavigatedDrive) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 from scipy.optimize import brentq
-from scipy.special import betaincinv, erf, gammaincinv
+from scipy.special import betaincinv, erf
 
 from insnav.exceptions import ConfigError
-from insnav.sample_statistics import CONFIDENCE
+from insnav.sample_statistics import CONFIDENCE, chi_square
 from insnav.types import FloatArray
 
 Component = Literal["horizontal", "vertical", "3d"]
@@ -111,7 +111,7 @@ def length_quantile(variances: FloatArray, probability: float) -> float:
     if largest <= 0.0:
         return 0.0
     scaled = np.maximum(variances, 0.0) / largest
-    low, high = (np.sqrt(2.0 * gammaincinv(0.5 * n, probability)) for n in (1, len(scaled)))
+    low, high = (np.sqrt(chi_square(n, probability)) for n in (1, len(scaled)))
     if high - low < 1e-12:
         return float(low * np.sqrt(largest))
     found = brentq(lambda r: length_probability(scaled, r) - probability, 0.99 * low, 1.01 * high, xtol=1e-10)
