@@ -129,14 +129,25 @@ def each(
 
 
 def every(
-    function: Callable[..., T], jobs: Sequence[J], workers: Workers = 1, shared: tuple[Any, ...] = ()
+    function: Callable[..., T],
+    jobs: Sequence[J],
+    workers: Workers = 1,
+    shared: tuple[Any, ...] = (),
+    progress: Callable[[float], None] | None = None,
 ) -> Generator[T]:
-    """Result of every job as `each` has them; the first that fails is raised."""
+    """Result of every job as `each` has them; the first that fails is raised. `progress`: told the share done."""
     with closing(each(function, jobs, workers, shared)) as outcomes:
-        for outcome in outcomes:
+        for number, outcome in enumerate(outcomes, start=1):
             if isinstance(outcome, Failed):
                 raise outcome.error()
             yield outcome
+            if progress is not None:
+                progress(number / len(jobs))
+
+
+def share_of(progress: Callable[[float], None] | None, begin: float, part: float) -> Callable[[float], None] | None:
+    """Progress of a part of the work, which begins at the share `begin` of it."""
+    return None if progress is None else lambda done: progress(begin + part * done)
 
 
 class _Handed:

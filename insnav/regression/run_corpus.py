@@ -72,11 +72,8 @@ def run_corpus(
             skipped[case.name] = "not part of a quick run"
         jobs += [(case, number) for number in range(1, count + 1)]
     outcomes: dict[str, list[_Outcome]] = {}
-    made = every(_attempt, jobs, workers, (data,))
-    for done, ((case, _), outcome) in enumerate(zip(jobs, made, strict=True), start=1):
+    for (case, _), outcome in zip(jobs, every(_attempt, jobs, workers, (data,), progress), strict=True):
         outcomes.setdefault(case.name, []).append(outcome)
-        if progress is not None:
-            progress(done / len(jobs))
     by_name = {case.name: case for case in corpus.cases}
     return Result({name: _case(by_name[name], each) for name, each in outcomes.items()}, skipped, quick)
 

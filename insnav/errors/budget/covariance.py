@@ -25,21 +25,6 @@ _DIRECTIONS = 720  # a quarter of a degree: of a worst case all but 2e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Covariance:
-    """Covariance that each source makes alone."""
-
-    time: FloatArray  # (m,) since the start [s]
-    # (m, s, 9, 9) of the errors of position N, E, D [m], velocity [m/s] and attitude [rad] by each source; the attitude
-    # error is that of ``C_hat = (I - [phi x]) C``
-    parts: FloatArray
-
-    @property
-    def total(self) -> FloatArray:
-        """Of all sources together, ``(m, 9, 9)``."""
-        return np.asarray(self.parts.sum(axis=1))
-
-
-@dataclass(frozen=True, slots=True)
 class Steps:
     """A motion in steps of several samples."""
 
@@ -120,12 +105,14 @@ def _sensed(source: Source, motion: SampledMotion) -> tuple[FloatArray | None, F
     return (error, None) if source.group == "gyro" else (None, error)
 
 
-def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray, *, hold: bool = False) -> Covariance:
+def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray, *, hold: bool = False) -> FloatArray:
     """Carry each source alone along a motion.
 
     `sources`: see `insnav.errors.budget.sources.sources_of`; those of size zero cost nothing; `rows` (m,): samples
     after which results are wanted, increasing; `hold`: constrain the vertical channel to the reference height, the
     free-inertial convention: no errors down. Otherwise it is free, and unstable with an e-folding time of 570 s.
+    Returns: (m, s, 9, 9) covariance of the errors of position N, E, D [m], velocity [m/s] and attitude [rad] by each
+    source, whose sum is that of all; the attitude error is that of ``C_hat = (I - [phi x]) C``.
     """
     steps = steps_of(motion, rows)
     at = np.searchsorted(steps.edges, rows)
@@ -146,13 +133,13 @@ def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArra
         parts[:, constant] = found[..., :, None] * found[..., None, :]
     if noisy:
         _add_noises(parts, sources, noisy, motion, steps, at, hold)
-    return Covariance(motion.elapsed[rows - 1], parts)
+    return parts
 
 
 def worst_case(parts: FloatArray) -> FloatArray:
     """Largest position errors when every source errs by no more than one standard deviation.
 
-    `parts` (m, s, 9, 9): see `Covariance`.
+    `parts` (m, s, 9, 9): as of `covariance`.
     Returns: (m, 4): North, East, Down, horizontal [m].
 
     Notes

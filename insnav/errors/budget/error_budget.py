@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-import scipy  # its parts load themselves when they are used
 
+from insnav.engine import share_of
 from insnav.errors.budget import laws
 from insnav.errors.budget.analytic import analytic, gravity_of, schuler_rate
 from insnav.errors.budget.covariance import covariance, processes, worst_case
@@ -19,6 +19,7 @@ from insnav.errors.budget.simulated import free_runs
 from insnav.errors.budget.sources import Source, families, left_out, not_given, only, sources_of
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec
+from insnav.sample_statistics import chi_square
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG
 
@@ -61,7 +62,7 @@ class SimulatedColumn:
     def band(self) -> tuple[float, float]:
         """Limits of RMS error over true standard deviation that hold with the probability `BAND`."""
         tails = (0.5 * (1.0 - BAND), 0.5 * (1.0 + BAND))
-        low, high = (float(np.sqrt(2.0 * scipy.special.gammaincinv(0.5 * self.runs, p) / self.runs)) for p in tails)
+        low, high = (float(np.sqrt(chi_square(self.runs, p) / self.runs)) for p in tails)
         return low, high
 
 
@@ -162,8 +163,8 @@ def budget(
         )
     rows, chosen = _rows(motion, times)
     analytic_sd = analytic(sources, motion, rows, hold=hold)
-    predicted = covariance(sources, motion, rows, hold=hold)
-    variance = np.einsum("msii->msi", predicted.parts)
+    parts = covariance(sources, motion, rows, hold=hold)
+    variance = np.einsum("msii->msi", parts)
     found = Budget(
         imu=spec.name,
         motion=motion.description,
@@ -173,7 +174,7 @@ def budget(
         sources=sources,
         analytic=Column(_by_family(analytic_sd**2, sources, names)),
         covariance=Column(_by_family(variance, sources, names)),
-        worst=worst_case(predicted.parts),
+        worst=worst_case(parts),
         hold=hold,
         gravity=gravity_of(motion),
         schuler_rate=schuler_rate(motion),
@@ -184,13 +185,13 @@ def budget(
     if runs == 0:
         return found
 
-    def done(share: float, of: float = 0.0, width: float = 1.0) -> None:
-        if progress is not None:
-            progress(of + width * share)
+    def rms(error: FloatArray) -> FloatArray:
+        return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
 
+    alone_done = share_of(progress, 0.3, 0.7)
     simulate = partial(free_runs, motion=motion, rows=rows, hold=hold)
     together = simulate(
-        spec, runs=runs, seed=(seed, 0), deflection=deflection, known=known, progress=lambda x: done(x, 0.0, 0.3)
+        spec, runs=runs, seed=(seed, 0), deflection=deflection, known=known, progress=share_of(progress, 0.0, 0.3)
     )
     fewer = min(runs, _ALONE)
     alone = np.zeros((len(rows), len(names), 9))
@@ -198,10 +199,10 @@ def budget(
         slope = deflection if name.startswith("gravity") else 0.0
         mine = tuple(source for source in known if source.family == name)
         family = simulate(only(spec, name), runs=fewer, seed=(seed, 1 + number), deflection=slope, known=mine)
-        alone[:, number] = family.rms
-        done((number + 1) / len(names), 0.3, 0.7)
-    nees = _normalised(together.error, predicted.total)
-    simulated = SimulatedColumn(runs, fewer, seed, alone, together.rms, nees)
+        alone[:, number] = rms(family)
+        if alone_done is not None:
+            alone_done((number + 1) / len(names))
+    simulated = SimulatedColumn(runs, fewer, seed, alone, rms(together), _normalised(together, parts.sum(axis=1)))
     return replace(found, simulated=simulated)
 
 

@@ -6,9 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its parts load themselves when they are used
 
-from insnav.engine import Workers
+from insnav.engine import Workers, share_of
 from insnav.errors.diagnosis.causes import Diagnosis, diagnose
 from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit, fit_sensors
 from insnav.errors.diagnosis.error_regression import Regression, regression
@@ -21,7 +20,7 @@ from insnav.exceptions import ConfigError
 from insnav.filter.error_model import ErrorModel
 from insnav.filter.prepare import Prepared
 from insnav.imu import ImuSpec
-from insnav.sample_statistics import CONFIDENCE
+from insnav.sample_statistics import CONFIDENCE, chi_square
 from insnav.types import Trajectory
 
 MINUTE = 60.0  # [s]
@@ -112,7 +111,7 @@ def recorded_budget(
         )
     reference = reference or reference_from_fixes(ready)
     starts = free_window_starts(ready, settings.length, settings.first, settings.spacing)
-    drive = navigated_drive(ready, starts, _share(progress, 0.0, 0.15))
+    drive = navigated_drive(ready, starts, share_of(progress, 0.0, 0.15))
     spacing = float(np.median(np.diff(starts))) if len(starts) > 1 else settings.length
     kinds = (False, True) if settings.uncalibrated else (False,)
     share = 0.1 if settings.replicas else 0.8
@@ -124,7 +123,7 @@ def recorded_budget(
             spacing,
             uncalibrated=kind,
             start=settings.start,
-            progress=_share(progress, 0.15 + share * number / len(kinds), share / len(kinds)),
+            progress=share_of(progress, 0.15 + share * number / len(kinds), share / len(kinds)),
         )
         for number, kind in enumerate(kinds)
     ]
@@ -137,7 +136,7 @@ def recorded_budget(
             settings.replicas,
             seed=settings.seed,
             workers=settings.workers,
-            progress=_share(progress, 0.15 + share, 0.8 - share),
+            progress=share_of(progress, 0.15 + share, 0.8 - share),
         )
     parts = [_part(each, ready.model, theirs) for each, theirs in zip(windows, made, strict=True)]
     if progress is not None:
@@ -194,10 +193,7 @@ def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
         samples = 1.0 / (common**2 + (1.0 - common) ** 2 / max(found.effective, 1.0))
         if one_sensor:
             samples = 2.0 if name == "horizontal" else 1.0
-        below, above = (
-            predicted * float(np.sqrt(2.0 * scipy.special.gammaincinv(0.5 * samples, p) / samples))
-            for p in (tail, 1.0 - tail)
-        )
+        below, above = (predicted * float(np.sqrt(chi_square(samples, p) / samples)) for p in (tail, 1.0 - tail))
         explained, cautious = recorded <= above, rms < below
         if np.isfinite(low) and not one_sensor:
             explained |= low <= predicted
@@ -247,7 +243,3 @@ def _notes(
     if "straight" in missing and "static" in missing:
         notes.append("All windows have turns: growth curves are less certain")
     return notes
-
-
-def _share(progress: Callable[[float], None] | None, begin: float, part: float) -> Callable[[float], None] | None:
-    return None if progress is None else lambda done: progress(begin + part * done)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,21 +33,6 @@ _IN_KERNEL = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Runs:
-    """Errors of many runs."""
-
-    time: FloatArray  # (m,) since the start [s]
-    # (runs, m, 9) position N, E, D [m], velocity [m/s], attitude [rad], estimate minus truth; the attitude error is
-    # that of ``C_hat = (I - [phi x]) C``
-    error: FloatArray
-
-    @property
-    def rms(self) -> FloatArray:
-        """Root mean square over the runs, ``(m, 9)``."""
-        return np.asarray(np.sqrt(np.mean(self.error**2, axis=0)))
-
-
 def free_runs(
     spec: ImuSpec,
     motion: SampledMotion,
@@ -61,23 +45,19 @@ def free_runs(
     known: tuple[Source, ...] = (),
     workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
-) -> Runs:
+) -> FloatArray:
     """Navigate without aiding, many times, each time with another IMU and another start.
 
     `rows` (m,): samples after which errors are wanted, increasing; `seed`: the same seed gives the same runs, and the
     first runs are the same however many follow; `deflection`: deflection of the vertical [rad]; see
     `insnav.errors.budget.sources.sources_of`; `known`: correlated errors of start and sensors besides those of `spec`;
     see `start_sources`.
+    Returns: (runs, m, 9) errors of position N, E, D [m], velocity [m/s], attitude [rad], estimate minus truth; the
+    attitude error is that of ``C_hat = (I - [phi x]) C``.
     """
     blocks = [range(first, min(first + _BLOCK, runs)) for first in range(0, runs, _BLOCK)]
-    made = []
-    for block, states in zip(
-        blocks, every(_states, blocks, workers, (spec, motion, rows, seed, deflection, hold, known)), strict=True
-    ):
-        made.append(states)
-        if progress is not None:
-            progress(block.stop / runs)
-    return Runs(motion.elapsed[rows - 1], _errors(np.concatenate(made), motion, rows))
+    shared = (spec, motion, rows, seed, deflection, hold, known)
+    return _errors(np.concatenate(list(every(_states, blocks, workers, shared, progress))), motion, rows)
 
 
 def _states(

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from insnav.attitude import rph_from_quat, wrap_pi
-from insnav.engine import Workers, every
+from insnav.engine import Workers, every, share_of
 from insnav.errors.outage.windows import comparison_only, navigated_drive, part_of, valid, window_starts
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import FilterState
@@ -83,9 +83,7 @@ def outages(
     begin, end = ready.initial.time, float(min(ready.imu.time[-1], fixes[-1]))
     rows = window_starts(fixes, begin, end, lengths[0], first=first, spacing=spacing, rule="quarter of drive")
     share = 0.3  # of the work is the drive itself
-    drive = navigated_drive(
-        ready, ready.gps.time[rows], None if progress is None else lambda done: progress(share * done)
-    )
+    drive = navigated_drive(ready, ready.gps.time[rows], share_of(progress, 0.0, share))
     assert drive.run.smoothed is not None
     if callable(reference):
         reference = reference(drive.run.lever_b)
@@ -99,14 +97,8 @@ def outages(
     ]
     # what a window needs of the drive, for its process
     jobs = [(part_of(ready, state, length + RECOVERY), state, length) for state, length in tasks]
-    results = every(_window, jobs, workers, (reference, course))
-    found = []
-    for number, window in enumerate(results, start=1):
-        if window is not None and window.elapsed.size:
-            found.append(window)
-        if progress is not None:
-            progress(share + (1.0 - share) * number / len(tasks))
-    return found
+    results = every(_window, jobs, workers, (reference, course), share_of(progress, share, 1.0 - share))
+    return [window for window in results if window is not None and window.elapsed.size]
 
 
 def _window(reference: GpsData | None, course: FloatArray, job: tuple[Prepared, FilterState, float]) -> Outage | None:

@@ -81,7 +81,7 @@ def family_covariances(
     """Covariance ``(9, 9)`` that each family of errors makes alone after a time [s]."""
     sources = sources_of(spec)
     row = np.array([last_sample(motion, after)])
-    parts = covariance(sources, motion, row, hold=hold).parts[0]
+    parts = covariance(sources, motion, row, hold=hold)[0]
     return {
         name: np.asarray(parts[[source.family == name for source in sources]].sum(axis=0)) for name in families(sources)
     }

@@ -61,8 +61,7 @@ def verify(
     """Count the runs that stay within the limit."""
     row = np.array([last_sample(motion, required.after)])
     seeds, larger = (seed, round(100 * factor)), scaled(spec, factor)
-    made = free_runs(larger, motion, row, runs, seeds, hold=hold, workers=workers, progress=progress)
-    error = made.error[:, 0]
+    error = free_runs(larger, motion, row, runs, seeds, hold=hold, workers=workers, progress=progress)[:, 0]
     count = int(required.within(error).sum())
     size = np.linalg.norm(error[:, list(required.axes)], axis=1)
     return Verified(factor, runs, count, float(np.quantile(size, required.probability)), binomial_interval(count, runs))

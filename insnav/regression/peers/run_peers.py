@@ -56,12 +56,8 @@ def run_peers(
     `data`: folder of recorded data; cases without theirs are left out.
     """
     cases = [case for case in corpus.cases if not isinstance(case, RecordedCase) or (data / case.data).is_dir()]
-    rows: list[PeerRow] = []
-    for done, part in enumerate(every(_compared, [(case, data) for case in cases], workers), start=1):
-        rows += part
-        if progress is not None:
-            progress(done / len(cases))
-    return rows
+    found = every(_compared, [(case, data) for case in cases], workers, progress=progress)
+    return [row for rows in found for row in rows]
 
 
 def _compared(of: tuple[AnyCase, Path]) -> list[PeerRow]:

@@ -50,7 +50,7 @@ def test_every_source_is_as_large_as_the_covariance_says(kind, grade):
     spec = replace(whole(), clock=ClockSpec())
     sources = tuple(replace(each, sd=grade * each.sd) for each in sources_of(spec, 2e-5))
     found = of_families(sources, analytic(sources, motion, ROWS))
-    parts = covariance(sources, motion, ROWS).parts
+    parts = covariance(sources, motion, ROWS)
     wanted = of_families(sources, np.sqrt(np.einsum("msii->msi", parts)))
     for name in wanted:
         np.testing.assert_allclose(found[name], wanted[name], rtol=0.02, err_msg=name)

@@ -44,7 +44,7 @@ def test_without_gps_it_is_the_covariance_of_the_budget(city: Truth) -> None:
     moved = propagation(city, [0.0], 110.0)
     with_errors, without = aided_covariances(moved, [spec, BARE])[1][0, :, -1]
     motion = sampled(city, 0.0, 110.0)
-    expected = covariance(sources_of(spec), motion, np.array([len(motion.dt)])).total[0]
+    expected = covariance(sources_of(spec), motion, np.array([len(motion.dt)]))[0].sum(axis=0)
     size = np.sqrt(np.diag(expected))
     assert np.abs((with_errors - without - expected) / np.outer(size, size)).max() < 5e-3
 
