@@ -102,8 +102,8 @@ def regress(
                 replicas.read_cases(), progress=lambda fraction: stage("published", fraction)
             )
             real = {each.name for each in drives.recorded}
-            growth = {} if baseline is None else {name: case.growth for name, case in baseline.cases.items()}
-            growth |= {name: case.measured.growth for name, case in found.cases.items() if case.measured}
+            growth = {} if baseline is None else {name: case.measured.growth for name, case in baseline.cases.items()}
+            growth |= {name: case.measured.growth for name, case in found.cases.items() if case.measured.values}
             growth = {name: rows for name, rows in growth.items() if name in real}
             factor = replicas.field_factor(compared, replicas.recorded_ratios(growth))
             note(f"written: {write_published(folder, compared, factor, now)}")

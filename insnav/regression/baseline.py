@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from insnav.exceptions import InputError, writing
 from insnav.regression.accuracy_metrics import BY_KEY
+from insnav.regression.evaluate import NOTHING
 from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import CaseResult, Result
 from insnav.types import FloatArray
@@ -23,35 +24,17 @@ _DIGITS = 5  # of the values kept: a relative rounding of 1e-5, far below any ch
 
 
 @dataclass(frozen=True, slots=True)
-class Stored:
-    """One case as it was."""
-
-    digest: str  # of the case and the files behind it
-    pieces: bool  # values are those of successive pieces of one drive
-    values: dict[str, FloatArray]  # (n,) by metric, one for each drive or piece; NaN where not known
-    growth: FloatArray  # (6, 3) as in `insnav.regression.evaluate.Measured`
-    failed: tuple[int, ...]  # numbers of the drives that ended in an error
-
-
-@dataclass(frozen=True, slots=True)
 class Baseline:
     """All cases as they were, and where the figures are from."""
 
     origin: Origin
-    cases: dict[str, Stored]
-
-
-def stored(result: CaseResult) -> Stored:
-    """Keep the values of a case."""
-    assert result.measured is not None
-    measured = result.measured
-    return Stored(result.digest, result.pieces, measured.values, measured.growth, tuple(sorted(result.failures)))
+    cases: dict[str, CaseResult]  # without spreads, reasons of failures and digests of files
 
 
 def renewed(old: Baseline | None, result: Result, origin: Origin) -> Baseline:
     """Make a baseline of a result; cases that were skipped stay as they were."""
     kept = {} if old is None else {name: case for name, case in old.cases.items() if name in result.skipped}
-    made = {name: stored(case) for name, case in result.cases.items() if case.measured is not None}
+    made = {name: case for name, case in result.cases.items() if case.measured.values}
     return Baseline(origin, kept | made)
 
 
@@ -98,10 +81,11 @@ def write_baseline(path: Path, baseline: Baseline) -> None:
     """
     lines = ["{", f' "format": {FORMAT},', f' "origin": {json.dumps(asdict(baseline.origin))},', ' "cases": {']
     for number, (name, case) in enumerate(baseline.cases.items(), start=1):
-        head = {"digest": case.digest, "pieces": case.pieces, "failed": list(case.failed)}
+        head = {"digest": case.digest, "pieces": case.pieces, "failed": sorted(case.failures)}
         rows = [f"   {json.dumps(key)}: {json.dumps(value)}" for key, value in head.items()]
-        rows.append(f'   "growth": {json.dumps(_short(case.growth))}')
-        values = ",\n".join(f"    {json.dumps(key)}: {json.dumps(_short(value))}" for key, value in case.values.items())
+        rows.append(f'   "growth": {json.dumps(short(case.measured.growth))}')
+        figures = case.measured.values.items()
+        values = ",\n".join(f"    {json.dumps(key)}: {json.dumps(short(value))}" for key, value in figures)
         rows.append(f'   "values": {{\n{values}\n   }}')
         comma = "," if number < len(baseline.cases) else ""
         lines.append(f"  {json.dumps(name)}: {{\n" + ",\n".join(rows) + f"\n  }}{comma}")
@@ -125,17 +109,18 @@ def write_text(path: Path, text: str) -> None:
             raise
 
 
-def _short(value: FloatArray) -> Any:
-    if value.ndim > 1:
-        return [_short(row) for row in value]
-    return [float(f"{number:.{_DIGITS}g}") if np.isfinite(number) else None for number in value]
+def short(value: FloatArray, digits: int = _DIGITS) -> Any:
+    """Round figures to be kept; None where they are not known."""
+    if value.ndim:
+        return [short(each, digits) for each in value]
+    return float(f"{value:.{digits}g}") if np.isfinite(value) else None
 
 
-def _case(content: Mapping[str, Any]) -> Stored:
+def _case(content: Mapping[str, Any]) -> CaseResult:
     values = {
         key: np.array([np.nan if number is None else number for number in value], dtype=np.float64)
         for key, value in content["values"].items()
         if key in BY_KEY
     }
-    growth = np.array(content["growth"], dtype=np.float64)
-    return Stored(content["digest"], content["pieces"], values, growth, tuple(content["failed"]))
+    measured = replace(NOTHING, values=values, growth=np.array(content["growth"], dtype=np.float64))
+    return CaseResult(content["digest"], content["pieces"], measured, dict.fromkeys(content["failed"], ""), {})

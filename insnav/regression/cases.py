@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -50,17 +49,6 @@ class Material:
     min_speed: float = 0.0  # slower epochs of the truth do not count [m/s]
     remove_offset: bool = False  # a constant difference of position is no error
     block: float = 0.0  # length of the pieces that are evaluated [s]; zero for the whole as one piece
-
-
-class Source(Protocol):
-    """What makes the recordings of one case."""
-
-    digest: str  # of everything that decides about them
-    files: dict[str, str]  # digest of each recorded file
-
-    def material(self, seed: int) -> Material:
-        """Make the recording of one seed."""
-        ...
 
 
 class SimulatedSource:
@@ -178,6 +166,9 @@ class RecordedSource:
             remove_offset=case.remove_offset,
             block=case.block if case.seeds == 1 else 0.0,
         )
+
+
+Source = SimulatedSource | RecordedSource  # with digests of everything that decides about the recordings
 
 
 def source_of(case: SimulatedCase | RecordedCase, data: Path) -> Source:

@@ -45,6 +45,9 @@ class Measured:
     spread: FloatArray
 
 
+NOTHING = Measured({}, np.zeros((len(GROWTH), 3)), np.full((SLICES, 9, 2), np.nan))  # of a drive that fails
+
+
 def measure(material: Material) -> Measured:
     """Navigate a recording in every way and sum up the errors.
 

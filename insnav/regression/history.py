@@ -11,13 +11,14 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.regression.accuracy_metrics import BY_KEY, METRICS
-from insnav.regression.baseline import kept_text, write_text
+from insnav.regression.baseline import kept_text, short, write_text
 from insnav.regression.paired_tests import interval
 from insnav.regression.provenance import Origin
 from insnav.regression.run_corpus import Result
 from insnav.regression.verdict import Comparison, Verdict
 
 HISTORY_FILE = "history.jsonl"
+_DIGITS = 4  # of the figures kept
 
 Value = tuple[float, float, float]  # typical, and its 95 % interval
 
@@ -40,7 +41,7 @@ def entry(result: Result, comparison: Comparison | None, origin: Origin) -> Entr
     metrics = {
         name: {key: interval(value, BY_KEY[key], pieces=case.pieces) for key, value in case.measured.values.items()}
         for name, case in result.cases.items()
-        if case.measured is not None
+        if case.measured.values
     }
     verdicts: dict[str, dict[str, Verdict]] = {}
     for change in () if comparison is None else comparison.changes:
@@ -90,15 +91,11 @@ def write_history(path: Path, history: list[Entry]) -> None:
     for each in history:
         content = asdict(each)
         content["metrics"] = {
-            name: {key: [_short(number) for number in value] for key, value in metrics.items()}
+            name: {key: short(np.array(value), _DIGITS) for key, value in metrics.items()}
             for name, metrics in each.metrics.items()
         }
         lines.append(json.dumps(content, ensure_ascii=False, separators=(",", ":")))
     write_text(path, "\n".join(lines) + "\n")
-
-
-def _short(number: float) -> float | None:
-    return float(f"{number:.4g}") if np.isfinite(number) else None
 
 
 def _entry(content: dict[str, Any]) -> Entry:

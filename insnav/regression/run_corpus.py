@@ -6,13 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from insnav.engine import Workers, every
 from insnav.exceptions import InsnavError
 from insnav.regression.cases import Source, source_of
 from insnav.regression.corpus import Corpus, RecordedCase, SimulatedCase
-from insnav.regression.evaluate import Measured, joined, measure
+from insnav.regression.evaluate import NOTHING, Measured, joined, measure
 from insnav.simulate.montecarlo import run_seed
 
 AnyCase = SimulatedCase | RecordedCase
@@ -25,7 +23,7 @@ class CaseResult:
 
     digest: str  # of the case and all files behind it
     pieces: bool  # values are those of successive pieces of one drive, else of independent drives
-    measured: Measured | None  # none if every drive failed
+    measured: Measured  # without values if every drive failed
     failures: dict[int, str]  # number of each drive that ended in an error, from 1, and why
     files: dict[str, str]  # digest of each recorded file
 
@@ -80,10 +78,7 @@ def run_corpus(
 
 def _case(case: AnyCase, outcomes: list[_Outcome]) -> CaseResult:
     failures = {number: each.reason for number, each in enumerate(outcomes, start=1) if each.measured is None}
-    good = [each.measured for each in outcomes if each.measured is not None]
-    nothing = Measured({}, np.zeros_like(good[0].growth), np.full_like(good[0].spread, np.nan)) if good else None
-    parts = [each.measured or nothing for each in outcomes]
-    measured = joined([part for part in parts if part is not None]) if good else None
+    measured = joined([each.measured or NOTHING for each in outcomes])
     pieces = isinstance(case, RecordedCase) and case.seeds == 1
     return CaseResult(outcomes[0].digest, pieces, measured, failures, outcomes[0].files)
 

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from insnav.regression.accuracy_metrics import METRICS, Metric
-from insnav.regression.baseline import Baseline, Stored
+from insnav.regression.baseline import Baseline
 from insnav.regression.paired_tests import ALPHA, FEWEST, SMALLEST, Shift, holm, shift
 from insnav.regression.run_corpus import CaseResult, Result
 from insnav.types import FloatArray
@@ -63,23 +63,21 @@ def compare(result: Result, baseline: Baseline) -> Comparison:
             then = None
         elif then is None:
             apart[name] = "the baseline has no such case"
-        failed = sorted(set(now.failures) - set(() if then is None else then.failed))
+        failed = sorted(now.failures.keys() - (() if then is None else then.failures.keys()))
         if failed:
             broken[name] = f"run {failed[0]} fails: {now.failures[failed[0]]}"
-        if then is not None and now.measured is not None:
+        if then is not None:
             found += _shifts(name, now, then)
     adjusted = iter(holm([each[-1].p for each in found if each[1].kind != "cpu"]))
     changes = [_change(*each, 1.0 if each[1].kind == "cpu" else float(next(adjusted))) for each in found]
     return Comparison(tuple(changes), broken, apart)
 
 
-def _shifts(name: str, now: CaseResult, then: Stored) -> list[tuple[str, Metric, float, float, Shift]]:
-    assert now.measured is not None
+def _shifts(name: str, now: CaseResult, then: CaseResult) -> list[tuple[str, Metric, float, float, Shift]]:
+    before, after = then.measured.values, now.measured.values
     found = []
-    for metric in METRICS:
-        if metric.key not in now.measured.values or metric.key not in then.values:
-            continue
-        old, new = _both(then.values[metric.key], now.measured.values[metric.key])
+    for metric in (each for each in METRICS if each.key in before and each.key in after):
+        old, new = _both(before[metric.key], after[metric.key])
         change = _cpu(old, new) if metric.kind == "cpu" else shift(old, new, metric, pieces=now.pieces)
         if np.isfinite(change.change):
             found.append((name, metric, metric.typical(old), metric.typical(new), change))

@@ -17,7 +17,7 @@ from insnav.regression.baseline import Baseline, renewed
 from insnav.regression.cases import Material
 from insnav.regression.corpus import Corpus, load_corpus
 from insnav.regression.provenance import Origin
-from insnav.regression.run_corpus import Result, run_corpus
+from insnav.regression.run_corpus import CaseResult, Result, run_corpus
 
 LIBRARY = Path(__file__).parents[2] / "trajectories"
 NOWHERE = Path("nowhere")
@@ -73,6 +73,11 @@ segment = [
   { kind = "cruise", duration = "10 s" },
 ]
 """
+
+
+def with_values(case: CaseResult, values: dict[str, np.ndarray]) -> CaseResult:
+    """The same case with other values."""
+    return replace(case, measured=replace(case.measured, values=values))
 
 
 @pytest.fixture(scope="session")

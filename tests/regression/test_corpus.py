@@ -64,9 +64,9 @@ def test_a_baseline_comes_back_as_it_was(baseline: Baseline, tmp_path: Path):
     assert back is not None
     assert back.origin == baseline.origin
     for name, case in baseline.cases.items():
-        assert list(back.cases[name].values) == list(case.values)
-        for key, value in case.values.items():
-            np.testing.assert_allclose(back.cases[name].values[key], value, rtol=1e-4)
+        assert list(back.cases[name].measured.values) == list(case.measured.values)
+        for key, value in case.measured.values.items():
+            np.testing.assert_allclose(back.cases[name].measured.values[key], value, rtol=1e-4)
 
 
 @pytest.mark.parametrize(

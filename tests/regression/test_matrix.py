@@ -17,7 +17,7 @@ from insnav.regression.verdict import compare
 from insnav.report.html import page_html
 from insnav.report.regression.matrix import change_matrix, figures_tested, is_unclear, peer_matrix
 from insnav.report.regression.page import regression_page
-from tests.regression.conftest import THEN
+from tests.regression.conftest import THEN, with_values
 
 KEY = "cep50_m"
 
@@ -28,9 +28,7 @@ def changed(result: Result, factor: float, scatter: float) -> Result:
     old = case.measured.values[KEY] + BY_KEY[KEY].floor
     error = np.linspace(-1.0, 1.0, len(old)) * scatter
     values = case.measured.values | {KEY: old * factor * np.exp(error) - BY_KEY[KEY].floor}
-    return replace(
-        result, cases=result.cases | {"sculling": replace(case, measured=replace(case.measured, values=values))}
-    )
+    return replace(result, cases=result.cases | {"sculling": with_values(case, values)})
 
 
 @pytest.mark.parametrize(
@@ -92,7 +90,8 @@ def test_a_change_that_counts_as_excluded_would_be_found():
 
 def test_too_few_drives_are_unclear(result: Result, baseline: Baseline):
     short = {
-        name: replace(case, values={k: v[:3] for k, v in case.values.items()}) for name, case in baseline.cases.items()
+        name: with_values(case, {k: v[:3] for k, v in case.measured.values.items()})
+        for name, case in baseline.cases.items()
     }
     comparison = compare(result, replace(baseline, cases=short))
     tested = [change for change in comparison.changes if change.metric.kind != "cpu"]

@@ -12,11 +12,10 @@ import pytest
 
 from insnav.regression.baseline import BASELINE_FILE, Baseline, read_baseline
 from insnav.regression.corpus import Corpus
-from insnav.regression.evaluate import Measured
-from insnav.regression.run_corpus import CaseResult, Result, run_corpus
+from insnav.regression.run_corpus import Result, run_corpus
 from insnav.regression.verdict import Comparison, compare
 from tests.cli.conftest import Cli, cli  # noqa: F401
-from tests.regression.conftest import LIBRARY, NOWHERE, Spoil
+from tests.regression.conftest import LIBRARY, NOWHERE, Spoil, with_values
 
 REPEATS = 20
 
@@ -29,8 +28,7 @@ def altered(result: Result, change) -> Result:
     """The same with all values changed by a function of metric and values."""
     cases = {}
     for name, case in result.cases.items():
-        values = {key: change(key, value) for key, value in case.measured.values.items()}
-        cases[name] = replace(case, measured=replace(case.measured, values=values))
+        cases[name] = with_values(case, {key: change(key, value) for key, value in case.measured.values.items()})
     return replace(result, cases=cases)
 
 
@@ -177,7 +175,10 @@ def test_an_untrue_sd_is_worse_either_way(factor: float, passes: bool, result: R
     honest = replace(
         baseline,
         cases={
-            name: replace(case, values={**case.values, "nees_velocity": np.full(len(case.values["north_rms_m"]), 1.02)})
+            name: with_values(
+                case,
+                {**case.measured.values, "nees_velocity": np.full(len(case.measured.values["north_rms_m"]), 1.02)},
+            )
             for name, case in baseline.cases.items()
         },
     )
@@ -209,11 +210,11 @@ def test_noise_alone_is_never_called_worse():
         rng = np.random.default_rng(repeat)
         now, then = {}, {}
         for name, case in cases.items():
-            order = rng.permutation(len(case.values["north_rms_m"]))
+            values = case.measured.values
+            order = rng.permutation(len(values["north_rms_m"]))
             halves = order[: len(order) // 2], order[len(order) // 2 :]
-            first, second = ({key: value[half] for key, value in case.values.items()} for half in halves)
-            then[name] = replace(case, values=first)
-            now[name] = CaseResult(case.digest, False, Measured(second, case.growth, np.zeros(0)), {}, {})
+            first, second = ({key: value[half] for key, value in values.items()} for half in halves)
+            then[name], now[name] = with_values(case, first), with_values(case, second)
         found.append(compare(Result(now, {}, False), Baseline(stored.origin, then)))
     smallest = sorted(min(change.adjusted for change in each.changes) for each in found)
     print(f"{len(found[0].changes)} figures, {REPEATS} repeats: smallest corrected p {smallest[:3]}")

@@ -103,12 +103,9 @@ def _behind(change: Change, result: Result, baseline: Baseline, history: Sequenc
     if rows:
         label = f"{metric.label} [{metric.unit}]" if metric.unit else metric.label
         tables.append(Table("over the versions", ("version", "date", label, "95 %", ""), tuple(rows)))
-    measured = result.cases[name].measured
-    if measured is not None and metric.key in baseline.cases[name].values:
-        old, new = baseline.cases[name].values[metric.key], measured.values[metric.key]
-        what = "piece" if result.cases[name].pieces else "drive"
-        tables.append(_drives(f"{what}s, baseline and now", what, old, new))
-    return tuple(tables)
+    old, new = (each[name].measured.values[metric.key] for each in (baseline.cases, result.cases))
+    what = "piece" if result.cases[name].pieces else "drive"
+    return (*tables, _drives(f"{what}s, baseline and now", what, old, new))
 
 
 def _drives(title: str, what: str, old: FloatArray, new: FloatArray) -> Table:

@@ -135,7 +135,7 @@ def regression_page(
             Section("changes", rows=tables.change_rows(changes), show="json"),
         ),
         tuple(warnings),
-        tables.rules(),
+        tables.RULES,
         verdict=_verdict(comparison, baseline),
         merits=_merits(result, comparison),
     )
@@ -171,12 +171,11 @@ def _merits(result: Result, comparison: Comparison | None) -> tuple[Quantity, ..
 
 
 def _case(name: str, case: CaseResult) -> tuple[Quantity, ...]:
-    values = {} if case.measured is None else case.measured.values
     return (
         Quantity("case", name),
         Quantity("digest", case.digest),
         Quantity("failures", {str(number): why for number, why in case.failures.items()}),
-        Quantity("values", {key: BY_KEY[key].typical(value) for key, value in values.items()}),
+        Quantity("values", {key: BY_KEY[key].typical(value) for key, value in case.measured.values.items()}),
     )
 
 
@@ -195,7 +194,7 @@ def markdown(
         lines += [f"![{caption}]({name})", ""]
     lines += _table(tables.case_section(result, comparison))
     lines += _table(tables.peer_section(peers), made) if peers else kept
-    return "\n".join([*lines, *(f"- {rule}" for rule in tables.rules()), ""])
+    return "\n".join([*lines, *(f"- {rule}" for rule in tables.RULES), ""])
 
 
 def _table(section: Section, made: str = "") -> list[str]:

@@ -36,8 +36,8 @@ def history_panels(history: Sequence[Entry], baseline: Baseline | None, metric: 
             continue
         curves = _versions(history, place, name, metric)
         old = None if baseline is None else baseline.cases.get(name)
-        if old is not None and old.digest == last.digests.get(name) and metric.key in old.values:
-            level = np.full(2, metric.typical(old.values[metric.key]))
+        if old is not None and old.digest == last.digests.get(name) and metric.key in old.measured.values:
+            level = np.full(2, metric.typical(old.measured.values[metric.key]))
             curves.insert(0, Curve("", ends, (1 + FAILS_FROM) * level, GREY, "band", (1 - FAILS_FROM) * level))
             curves.append(Curve("", ends, level, GREY, "dashed"))
         seen = np.concatenate([edge for each in curves for edge in (each.y, each.y if each.low is None else each.low)])
@@ -73,12 +73,12 @@ def growth_panels(cases: Mapping[str, CaseResult], baseline: Baseline | None) ->
     """Draw the error without GPS over time, now and in the baseline."""
     panels: list[Panel] = []
     for name, case in cases.items():
-        if case.measured is None or not case.measured.growth[:, 0].any():
+        if not case.measured.growth[:, 0].any():
             continue
         old = None if baseline is None else baseline.cases.get(name)
         grown = [("predicted now", case.measured.growth, 2, SKY), ("now", case.measured.growth, 1, BLUE)]
         if old is not None and old.digest == case.digest:
-            grown.append(("baseline", old.growth, 1, BLACK))
+            grown.append(("baseline", old.measured.growth, 1, BLACK))
         curves = tuple(  # named in the first panel alone
             Curve(
                 "" if panels else each, np.array(GROWTH), _grown(of, i), colour, "dashed" if colour == BLACK else "line"
@@ -131,7 +131,7 @@ def predicted_panels(cases: Mapping[str, CaseResult]) -> list[Panel]:
 
     `cases`: each gives eight points, one a part of its drives, for every axis.
     """
-    known = [case.measured.spread for case in cases.values() if case.measured is not None]
+    known = [case.measured.spread for case in cases.values() if case.measured.values]
     panels = []
     for i, (title, unit, _, names) in enumerate(GROUPS if known else ()):
         part = np.sqrt(np.concatenate(known))[:, 3 * i : 3 * i + 3]

@@ -45,6 +45,18 @@ HEADLINES = {
     "outage_60s_m": "60 s without GPS [m]",
 }
 
+# by which figures are compared
+RULES = (
+    "A figure is compared drive by drive, by the logarithm of new over old: Student's t over the seeds of a "
+    "simulated case, a standard error by moving-block bootstrap over the pieces of a recorded drive.",
+    f"Holm's correction holds the probability of any false call over all figures of all cases to {ALPHA:g}.",
+    f"Better and worse are significant changes of 1 % and more; {100 * FAILS_FROM:g} % worse fails, of the "
+    f"likelihood of the innovations {100 * LIKELY:g} %.",
+    "CPU time is that of a sample over that of a turn of a fixed loop. It is noisy: it fails only from "
+    f"{CPU_FAILS_FROM:g} times the baseline's on, in the median over five drives or more of a case.",
+    "NEES and NIS are better the nearer they are to one; caution (below) counts half of over-confidence (above).",
+)
+
 
 def change_head(change: Change) -> str:
     """Say of one change case, metric, old and new value."""
@@ -63,7 +75,7 @@ def case_section(result: Result, comparison: Comparison | None) -> Section:
     """One row a case: headline figures, and how many figures are better, the same, worse."""
     rows = []
     for name, case in result.cases.items():
-        values = {} if case.measured is None else case.measured.values
+        values = case.measured.values
         cells = (
             Quantity(key, rms(values[key]) if key in values else None, meaning=label)
             for key, label in HEADLINES.items()
@@ -97,10 +109,10 @@ def change_rows(changes: Sequence[Change]) -> tuple[tuple[Quantity, ...], ...]:
 
 def power_section(baseline: Baseline) -> Section:
     """Smallest change of each figure that is found in `POWER` of all cases, by the scatter of the drives."""
-    tests = sum(key != "cpu_ratio" for case in baseline.cases.values() for key in case.values)
+    tests = sum(key != "cpu_ratio" for case in baseline.cases.values() for key in case.measured.values)
     rows = []
     for name, case in baseline.cases.items():
-        for key, values in case.values.items():
+        for key, values in case.measured.values.items():
             if key == "cpu_ratio" or key not in BY_KEY:
                 continue
             known = values[np.isfinite(values)]
@@ -138,9 +150,9 @@ def overconfident(baseline: Baseline) -> list[str]:
     found = []
     for name, case in baseline.cases.items():
         for key in ("nees_position", "nees_velocity", "nees_attitude"):
-            if key not in case.values:
+            if key not in case.measured.values:
                 continue
-            middle, low, _ = interval(case.values[key], BY_KEY[key], pieces=case.pieces)
+            middle, low, _ = interval(case.measured.values[key], BY_KEY[key], pieces=case.pieces)
             if low > OVERCONFIDENT:
                 found.append(f"note    {name}: {BY_KEY[key].label} {number(middle)} in the baseline: over-confident")
     return found
@@ -193,17 +205,3 @@ def verdict_text(comparison: Comparison, then: Origin) -> str:
     which = f"version {then.version} ({then.commit or 'no commit'}, {then.date})"
     outcome = "passed" if comparison.passed else f"FAILED: {len(comparison.failing) + len(comparison.broken)}"
     return f"{outcome}: {better} better, {worse} worse of {len(tested)} figures against {which}"
-
-
-def rules() -> tuple[str, ...]:
-    """The rules by which figures are compared."""
-    return (
-        "A figure is compared drive by drive, by the logarithm of new over old: Student's t over the seeds of a "
-        "simulated case, a standard error by moving-block bootstrap over the pieces of a recorded drive.",
-        f"Holm's correction holds the probability of any false call over all figures of all cases to {ALPHA:g}.",
-        f"Better and worse are significant changes of 1 % and more; {100 * FAILS_FROM:g} % worse fails, of the "
-        f"likelihood of the innovations {100 * LIKELY:g} %.",
-        "CPU time is that of a sample over that of a turn of a fixed loop. It is noisy: it fails only from "
-        f"{CPU_FAILS_FROM:g} times the baseline's on, in the median over five drives or more of a case.",
-        "NEES and NIS are better the nearer they are to one; caution (below) counts half of over-confidence (above).",
-    )
