@@ -45,7 +45,7 @@ def day(integrators: Sequence[Integrator]) -> list[Check]:
 def compared(topic: str, records: Sequence[Record], where: str = "") -> list[Check]:
     """Compare records of the position error with the closed form of `ERRORS`; `where` begins the cases."""
     theory = periods(float(PLACE[0]), float(PLACE[2]))
-    found = [(name, *_parts(time, position)) for name, time, position in records]
+    found = [(name, _parts(time, position)) for name, time, position in records]
     cases = (
         ("error, in parts of its largest", _AMPLITUDE),
         (f"Schuler period, {theory.schuler / 60.0:.2f} min", _PERIOD),
@@ -53,23 +53,18 @@ def compared(topic: str, records: Sequence[Record], where: str = "") -> list[Che
         (f"Earth's period, {(theory.earth or 0.0) / 3600.0:.2f} h", _PERIOD),
     )
     return [
-        Check(topic, where + case, "1", limit, tuple((str(each[0]), float(each[column + 1])) for each in found))
-        for column, (case, limit) in enumerate(cases)
+        Check(topic, where + case, "1", limit, tuple((name, parts[k]) for name, parts in found))
+        for k, (case, limit) in enumerate(cases)
     ]
 
 
-def _parts(time: FloatArray, position: FloatArray) -> tuple[float, float, float, float]:
+def _parts(time: FloatArray, position: FloatArray) -> tuple[float, ...]:
     """Largest error, Schuler, Foucault and Earth's period: how far off, in parts of what theory says."""
     if not np.isfinite(position).all():
-        return np.inf, np.inf, np.inf, np.inf
+        return (np.inf,) * 4
     lat, height = float(PLACE[0]), float(PLACE[2])
     theory = static_errors(time, lat, height, ERRORS).position
     off = float(np.abs(position - theory).max() / np.abs(theory).max())
     seen, true = measured_periods(time, position, lat, height), periods(lat, height)
-    ratios = (
-        (seen.schuler, true.schuler),
-        (seen.foucault, true.foucault),
-        (seen.earth, true.earth),
-    )
-    schuler, foucault, earth = (abs(a / b - 1.0) if a is not None and b is not None else np.inf for a, b in ratios)
-    return off, schuler, foucault, earth
+    pairs = ((seen.schuler, true.schuler), (seen.foucault, true.foucault), (seen.earth, true.earth))
+    return off, *(abs(a / b - 1.0) if a is not None and b is not None else np.inf for a, b in pairs)

@@ -159,22 +159,18 @@ def at_most(spec: ImuSpec, sensor: Sensor, sizes: dict[str, float]) -> ImuSpec:
 
 def at_constant_temperature(spec: ImuSpec, part: Part) -> ImuSpec | None:
     """Specification with the in-run bias of the Allan deviation; None where no document has it or it counts."""
-    found = spec
+    changed = {}
     for sensor in ("gyro", "accel"):
+        old = getattr(spec, sensor)
         floors = [
             figure.sd
             for figure in part.figures
             if figure.key == f"{sensor}.bias_instability" and figure.statistic == "Allan minimum"
         ]
-        if floors:
-            least: FloatArray = np.minimum.reduce(floors)
-            smaller = np.minimum(getattr(found, sensor).bias_instability, least)
-            found = replace(found, **{sensor: replace(getattr(found, sensor), bias_instability=smaller)})
-    same = all(
-        np.array_equal(getattr(found, name).bias_instability, getattr(spec, name).bias_instability)
-        for name in ("gyro", "accel")
-    )
-    return None if same else found
+        least: FloatArray = np.minimum.reduce([old.bias_instability, *floors])
+        if not np.array_equal(least, old.bias_instability):
+            changed[sensor] = replace(old, bias_instability=least)
+    return replace(spec, **changed) if changed else None
 
 
 def halved(spec: ImuSpec, family: str) -> ImuSpec:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from insnav.input.readers.reading import ReadingFacts
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
-from insnav.report.page import Page, Section
+from insnav.report.page import DataFrame, Page, Section, rows_frame
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.session.check import TO_MEND, Checked
@@ -156,8 +155,6 @@ def _problems(found: Checked) -> Section:
     return Section("mend", "To mend, the worst first", rows=rows, parts=command, show="page")
 
 
-def frame(result: Result[Checked]) -> Any:
+def frame(result: Result[Checked]) -> DataFrame:
     """Give what is to be mended as a table: one row a problem, ``what``, ``why``, ``fix``."""
-    from insnav.report.page import rows_frame
-
     return rows_frame(_problems(result.found).rows)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -104,43 +105,40 @@ def _distribution(found: EvaluatedRun) -> tuple[Panel, ...]:
     return (Panel("figure", "", label, "horizontal error [m]", curves, levels=levels, limits=(0.0, 101.0), height=320),)
 
 
-def _state(found: EvaluatedRun, name: str, value: FloatArray, column: int, size: float, label: str) -> list[Curve]:
-    solution = found.run.solution
+def _state(
+    found: EvaluatedRun, label: str, value: FloatArray, column: int, fixes: FloatArray | None = None, **how: Any
+) -> Panel:
+    """One state of the solution over the fixes that measure it; `column` of its standard deviation."""
+    solution, gps = found.run.solution, found.gps
+    size = 1.0 / DEG if label.endswith("[deg]") else 1.0
     half = np.full_like(value, np.nan) if solution.sd is None else 3.0 * size * solution.sd[:, column]
-    return _lines(found, solution.time, value, half, "filtered", name)
-
-
-def _fixes(found: EvaluatedRun, values: FloatArray) -> list[Curve]:
-    """Measured values (k,) of the fixes."""
-    assert found.gps is not None
-    return [Curve("GPS fix", Clock.of(found.run.solution.time)(found.gps.time), values, GREY, "points")]
+    curves = _lines(found, solution.time, value, half, "filtered", "solution")
+    if gps is not None and fixes is not None:
+        curves.insert(0, Curve("GPS fix", Clock.of(solution.time)(gps.time), fixes, GREY, "points"))
+    return _panel(found, label, curves, **how)
 
 
 def _height(found: EvaluatedRun) -> tuple[Panel, ...]:
-    curves = [] if found.gps is None else _fixes(found, found.gps.lla[:, 2])
-    curves += _state(found, "solution", found.run.solution.lla[:, 2], 2, 1.0, "height [m]")
-    return (_panel(found, "height [m]", curves, height=280),)
+    fixes = None if found.gps is None else found.gps.lla[:, 2]
+    return (_state(found, "height [m]", found.run.solution.lla[:, 2], 2, fixes, height=280),)
 
 
 def _velocity(found: EvaluatedRun) -> tuple[Panel, ...]:
-    panels = []
-    for k, name in enumerate(("north", "east", "down")):
-        curves = [] if found.gps is None else _fixes(found, found.gps.v_n[:, k])
-        curves += _state(found, "solution", found.run.solution.v_n[:, k], 3 + k, 1.0, name)
-        panels.append(_panel(found, f"{name} [m/s]", curves))
-    return tuple(panels)
+    fixes = np.empty((0, 3)) if found.gps is None else found.gps.v_n
+    return tuple(
+        _state(found, f"{name} [m/s]", found.run.solution.v_n[:, k], 3 + k, fixes[:, k])
+        for k, name in enumerate(("north", "east", "down"))
+    )
 
 
 def _attitude(found: EvaluatedRun) -> tuple[Panel, ...]:
-    degrees = found.run.solution.rph / DEG
-    degrees[:, 2], unwrapped = readable_heading(found.run.solution.rph[:, 2])
-    panels = [
-        _panel(found, f"{name} [deg]", _state(found, "solution", degrees[:, k], 6 + k, 1.0 / DEG, name))
-        for k, name in enumerate(("roll", "pitch"))
-    ]
-    heading = _state(found, "solution", degrees[:, 2], 8, 1.0 / DEG, "heading")
-    limits = None if unwrapped else (-5.0, 365.0)
-    return (*panels, _panel(found, "heading [deg]", heading, limits=limits))
+    heading, unwrapped = readable_heading(found.run.solution.rph[:, 2])
+    columns = (*(found.run.solution.rph[:, :2] / DEG).T, heading)
+    limits = (None, None, None if unwrapped else (-5.0, 365.0))
+    return tuple(
+        _state(found, f"{name} [deg]", columns[k], 6 + k, limits=limits[k])
+        for k, name in enumerate(("roll", "pitch", "heading"))
+    )
 
 
 def readable_heading(heading: FloatArray) -> tuple[FloatArray, bool]:
