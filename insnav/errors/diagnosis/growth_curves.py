@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-import scipy  # its parts load themselves when they are used
 from scipy.linalg import cho_factor, cho_solve
 
 from insnav.sample_statistics import chi_square
@@ -30,21 +29,19 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact for the polynomia
 class Curve:
     """Error of one axis as a curve."""
 
-    # (3,) velocity [m/s], acceleration [m/s^2], jerk [m/s^3], all three fitted together; standard deviation from noise
-    # and reference. Infinite where not observable.
+    # (3,) velocity [m/s], acceleration [m/s^2], jerk [m/s^3], all three fitted together; of fewer than three numbers
+    # those of the fewest terms, the others zero
     value: FloatArray
-    sd: FloatArray
-    covariance: FloatArray  # (3, 3) of these
+    covariance: FloatArray  # (3, 3) of these from noise and reference; infinite where not observable
     terms: tuple[str, ...]  # the fewest of `TERMS` that fit
-    # (3,) the same with these terms alone, the others zero
-    simple: FloatArray
-    simple_sd: FloatArray
-    # probability of a larger misfit of the simple curve, were it the true one [-]; ``NaN`` if it goes through all
-    # points
-    misfit: float
     # what is left by all three terms, squared, by its expectation [-]: about one if the error is such a curve and its
     # noise is known; ``NaN`` if three terms go through all points
     roughness: float
+
+    @property
+    def sd(self) -> FloatArray:
+        """(3,) standard deviation of `value`."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
 def fit_curve(elapsed: FloatArray, position: FloatArray, velocity: FloatArray, covariance: FloatArray) -> Curve:
@@ -59,33 +56,17 @@ def fit_curve(elapsed: FloatArray, position: FloatArray, velocity: FloatArray, c
     observed = observed[known]
     factor = cho_factor(covariance[np.ix_(known, known)], lower=True)
     m = len(observed)
-    chosen: tuple[int, ...] = (0, 1, 2)
-    best, probability = np.zeros(3), np.nan
-    best_covariance = np.full((3, 3), np.nan)
     for size in (1, 2, 3):
         tries = [(*_solve(design[:, list(part)], observed, factor), part) for part in combinations(range(3), size)]
-        estimate, spread, misfit, part = min(tries, key=lambda each: each[2])
-        if size >= m or misfit <= chi_square(m - size, FITS) or size == 3:
-            chosen = part
-            best, best_covariance = _placed(estimate, spread, part)
-            probability = float(scipy.special.chdtrc(m - size, misfit)) if m > size else np.nan
+        estimate, _, misfit, part = min(tries, key=lambda each: each[2])
+        if size >= m or misfit <= chi_square(m - size, FITS):
             break
-    roughness = np.nan
+    value, spread, roughness = np.zeros(3), np.full((3, 3), np.inf), np.nan
+    value[list(part)] = estimate
     if m >= 3:
         value, spread, left = _solve(design, observed, factor)
         roughness = left / (m - 3) if m > 3 else np.nan
-    else:
-        value, spread = best, np.full((3, 3), np.inf)
-    return Curve(
-        value,
-        np.sqrt(np.diag(spread)),
-        spread,
-        tuple(TERMS[i] for i in chosen),
-        best,
-        np.sqrt(np.diag(best_covariance)),
-        probability,
-        roughness,
-    )
+    return Curve(value, spread, tuple(TERMS[i] for i in part), roughness)
 
 
 def position_terms(elapsed: FloatArray) -> FloatArray:
@@ -149,10 +130,3 @@ def _solve(
     estimate = inverse @ ((weighted / scale).T @ observed) / scale
     left = observed - design @ estimate
     return estimate, inverse / np.outer(scale, scale), float(left @ cho_solve(factor, left))
-
-
-def _placed(estimate: FloatArray, spread: FloatArray, part: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
-    value, covariance = np.zeros(3), np.zeros((3, 3))
-    value[list(part)] = estimate
-    covariance[np.ix_(part, part)] = spread
-    return value, covariance
