@@ -26,6 +26,7 @@ from insnav.input.formats.registry import open_tables
 from insnav.input.readers.imu import parse_units
 from insnav.input.readers.kinds import data_files, kinds_of
 from insnav.input.readers.reading import not_covered
+from insnav.plain_text import moment
 from insnav.result import Result
 from insnav.session.clock import clock_offset
 from insnav.session.defaults import stationary_part
@@ -291,7 +292,7 @@ def _faults(imu: ImuData, patient: _Patient) -> None:
         some = [event for event in events if event.kind is kind]
         if some:
             what, often = some[0].action.split(":")[0], "once" if len(some) == 1 else f"{len(some)} times"
-            patient.mend(weight, f"{word}, {often}", f"first {what} at {some[0].time:.1f} s", fix)
+            patient.mend(weight, f"{word}, {often}", f"first {what} at {moment(some[0].time)}", fix)
 
 
 def _of_imu(reading: Reading[ImuData], found: Checked, patient: _Patient) -> None:
@@ -304,7 +305,7 @@ def _of_imu(reading: Reading[ImuData], found: Checked, patient: _Patient) -> Non
         some = [event for event in reading.events if event.kind is kind]
         if some:
             what = f"{sum(event.value for event in some):.0f} samples {word}"
-            patient.mend(30.0, what, f"first at {some[0].time:.1f} s", "stamp samples where they are taken")
+            patient.mend(30.0, what, f"first at {moment(some[0].time)}", "stamp samples where they are taken")
     if facts.rate_hz < 40.0:
         what = f"the IMU has only {facts.rate_hz:.3g} Hz"
         patient.mend(55.0, what, "turns and vibration within a sample are lost", "record at 100 Hz or more")
@@ -321,15 +322,15 @@ def _of_imu(reading: Reading[ImuData], found: Checked, patient: _Patient) -> Non
         patient.mend(
             35.0,
             f"the specific force at rest steps by {1e3 * figures.gravity_steps[0] / G0:+.1f} mg",
-            f"between two stops, at {figures.gravity_steps[1]:.1f} s",
+            f"between two stops, at {moment(figures.gravity_steps[1])}",
             "look for a knock, a change of temperature or a loose mount",
         )
     if figures.jolt[0] > STEP:
         patient.mend(
             34.0,
             f"at rest the specific force changes by {1e3 * figures.jolt[0] / G0:.1f} mg from one second to the next",
-            f"at {figures.jolt[1]:.1f} s, {JOLT:g} times the usual or more",
-            "look for a knock or a loose mount; align from a quieter part: --static FROM:TO",
+            f"at {moment(figures.jolt[1])}, {JOLT:g} times the usual or more",
+            "look for a knock or a loose mount; align from a quieter part: --static FROM:TO, times of the file",
         )
     if found.rest is None:
         patient.mend(15.0, "no rest was found", "bias and noise at rest are not known", "stand still for 20 s first")

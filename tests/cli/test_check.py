@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -90,3 +91,13 @@ def test_clocks_that_differ_are_spoken_of_only_where_they_do(tmp_path):
         shown = page_text(page(replace(readings, found=arm)))
         assert "IMU and GPS together" in shown
         assert ("clocks that differ" in shown) == said
+
+
+def test_times_in_what_is_to_be_mended_are_from_the_start(cli, tmp_path):
+    cli("simulate", "city", "--fault", "imu-spike:3rad/s@200s", "--out", tmp_path / "city")
+    imu = tmp_path / "city" / "imu.csv"
+    head, *rows = imu.read_text().splitlines()
+    later = [f"{float(time) + 5000.0:.3f},{rest}" for time, _, rest in (row.partition(",") for row in rows)]
+    imu.write_text("\n".join([head, *later]))
+    shown = cli("check", imu).out
+    assert re.search(r"single spikes.*first .* at (199|200|201)\.\d s from the start", shown)

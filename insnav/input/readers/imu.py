@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -290,7 +291,8 @@ def _choose(
     hint, gives = "", None
     if not {"time", *wanted} <= found.keys() and (held := imu_columns(table)):
         guess = {key: header for key, header in held.items() if key not in found}
-        hint = f"by what they hold say --columns {','.join(f'{key}={header}' for key, header in guess.items())}"
+        hint = "by what they hold say --columns "
+        hint += shlex.quote(",".join(f"{key}={header}" for key, header in guess.items()))
         gives = {"columns": guess}
     words = {header.lower()[:3] for header in table.headers}
     if {"lat", "lon"} <= words and not some_rates:

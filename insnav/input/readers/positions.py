@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -129,7 +130,7 @@ def read_positions(
     elif not {"time", "lat"} <= found.keys() and (held := position_columns(table)):
         guess = {key: header for key, header in held.items() if key not in found}
         names = ", ".join({"lat": "latitude", "lon": "longitude"}.get(key, key) for key in guess)
-        numbers = ",".join(f"{key}={header}" for key, header in guess.items())
+        numbers = shlex.quote(",".join(f"{key}={header}" for key, header in guess.items()))
         hint = f"if {'these are' if len(guess) > 1 else 'this is'} {names}, say --columns {numbers}"
         gives = {"columns": guess}
     if "lat" not in found and _ROOM & {re.sub(r"\[.*|[\W_]", "", header.lower()) for header in table.headers}:

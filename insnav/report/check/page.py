@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from insnav.input.readers.reading import ReadingFacts
-from insnav.plain_text import plain_text
+from insnav.plain_text import moments, plain_text
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, rows_frame
 from insnav.report.terminal import page_text
@@ -21,7 +21,7 @@ _UNITS = {"gyro": ("deg/s", "deg/sqrt(h)"), "accel": ("m/s^2", "m/s/sqrt(h)")}
 
 def page(result: Result[Checked]) -> Page:
     """Lay out a check."""
-    found = result.found
+    found = _from_start(result)
     sections = [_files(found, result.inputs), *_imu(found), *_gps(found), *_both(found), _problems(found)]
     first = [f"mend {i}: {each.what} ({each.why}): {each.fix}" for i, each in enumerate(found.problems[:TO_MEND], 1)]
     run = f"run:  {found.command}" if found.runs else "run:  nothing to copy before mend 1"
@@ -37,6 +37,18 @@ def text(result: Result[Checked]) -> str:
     lines = ["", *understood, "", *laid_out.summary]
     shown = replace(laid_out, summary=(), notes=result.notes)
     return "\n".join([page_text(shown), *(plain_text(line) for line in lines)])
+
+
+def _from_start(result: Result[Checked]) -> Checked:
+    """What was found, times in its words from the start of the samples; figures, as files, have those of the files."""
+    if "imu" not in result.inputs:
+        return result.found
+    start = result.inputs["imu"].start_s
+
+    def told(text: str) -> str:
+        return moments(text, lambda time: f"{time - start:.1f}", "s from the start")
+
+    return replace(result.found, problems=tuple(replace(each, why=told(each.why)) for each in result.found.problems))
 
 
 def _files(found: Checked, inputs: Mapping[str, ReadingFacts]) -> Section:
@@ -85,11 +97,17 @@ def _imu(found: Checked) -> tuple[Section, ...]:
     items = (
         Quantity("jitter", found.imu.jitter, "ms", meaning="scatter of the intervals", decimals=3),
         Quantity("missing", found.imu.missing, meaning="intervals with samples missing"),
-        Quantity("rest", None if found.rest is None else np.array(found.rest), "s", meaning="first rest", decimals=1),
+        Quantity(
+            "rest",
+            None if found.rest is None else np.array(found.rest),
+            "s",
+            meaning="first rest, times of the file",
+            decimals=1,
+        ),
         Quantity("rest_step", step or None, "mg", meaning="largest step of the specific force between stops"),
-        Quantity("rest_step_time", time, "s", meaning="at", decimals=1),
+        Quantity("rest_step_time", time, "s", meaning="at, time of the file", decimals=1),
         Quantity("jolt", found.imu.jolt[0] or None, "mg", meaning="largest step between seconds of the first rest"),
-        Quantity("jolt_time", found.imu.jolt[1], "s", meaning="at", decimals=1),
+        Quantity("jolt_time", found.imu.jolt[1], "s", meaning="at, time of the file", decimals=1),
     )
     return (Section("imu", "IMU", items=items, parts=(*parts, Section("vibration", "Vibration: lines", rows=peaks))),)
 
