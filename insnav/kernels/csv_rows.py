@@ -20,14 +20,16 @@ def rows_as_text(values, scale, out):  # type: ignore[no-untyped-def]
     What is not finite is an empty cell; `out` has room for `WIDEST` bytes a number.
     Returns: number of bytes; -1 if a number needs an exponent or more digits.
     """
-    at = 0
+    at, one = np.uint64(0), np.uint64(1)  # places without a sign need no look whether they count from the end
     columns = values.shape[0]
-    most, least, places = np.empty(columns), np.empty(columns), np.zeros(columns, np.int64)
+    most, least, places = np.empty(columns), np.empty(columns), np.empty(columns, np.uint64)
     for column in range(columns):
         most[column], least[column] = min(_EXACT, LARGEST * scale[column]), SMALLEST * scale[column]
-        while 10.0 ** places[column] < scale[column]:
-            places[column] += 1
-    ten, hundred = np.uint64(10), np.uint64(100)
+        power, places[column] = 1.0, 0
+        while power < scale[column]:
+            power *= 10.0
+            places[column] += one
+    ten, hundred, myriad = np.uint64(10), np.uint32(100), np.uint64(10000)
     for row in range(values.shape[1]):
         for column in range(columns):
             value = values[column, row]
@@ -38,33 +40,43 @@ def rows_as_text(values, scale, out):  # type: ignore[no-untyped-def]
                     return -1
                 if parts < 0.0:
                     out[at] = 45
-                    at += 1
+                    at += one
                 number, each = np.uint64(size), np.uint64(scale[column])
                 whole = number // each
                 rest = number - whole * each
-                count, limit = 1, ten
+                count, limit = one, ten
                 while whole >= limit:
-                    count += 1
+                    count += one
                     limit *= ten
-                for i in range(at + count - 1, at - 1, -1):
-                    tenth = whole // ten
-                    out[i] = 48 + whole - tenth * ten
-                    whole = tenth
                 at += count
+                i = at
+                for _ in range(count):
+                    i -= one
+                    tenth = whole // ten
+                    out[i] = np.uint8(48) + np.uint8(whole - tenth * ten)
+                    whole = tenth
                 if rest > 0:
                     out[at] = 46
-                    if places[column] % 2:
+                    odd = places[column] & one
+                    if odd:
                         rest *= ten
-                    for i in range(at + places[column] - 1 + places[column] % 2, at, -2):  # two digits at a time
-                        hundredth = rest // hundred
-                        pair = 2 * (rest - hundredth * hundred)
-                        out[i], out[i + 1] = _PAIRS[pair], _PAIRS[pair + 1]
-                        rest = hundredth
+                    i = at + places[column] - one + odd
+                    while i > at + one + one:  # four digits at a time
+                        left = rest // myriad
+                        four = np.uint32(rest - left * myriad)
+                        two = four // hundred
+                        pair, low = 2 * two, 2 * (four - two * hundred)
+                        out[i], out[i + one] = _PAIRS[low], _PAIRS[low + 1]
+                        out[i - one - one], out[i - one] = _PAIRS[pair], _PAIRS[pair + 1]
+                        rest = left
+                        i -= np.uint64(4)
+                    if i > at:
+                        out[i], out[i + one] = _PAIRS[2 * rest], _PAIRS[2 * rest + 1]
                     at += places[column]
                     while out[at] == 48:
-                        at -= 1
-                    at += 1
+                        at -= one
+                    at += one
             out[at] = 44
-            at += 1
-        out[at - 1] = 10
-    return at
+            at += one
+        out[at - one] = 10
+    return np.int64(at)
