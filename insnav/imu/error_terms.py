@@ -72,48 +72,19 @@ class ErrorTerm:
         return ELEMENTS[self.spread]
 
 
-def _one(w: FloatArray, f: FloatArray, t: FloatArray) -> FloatArray:
-    return np.ones_like(w)
+@dataclass(frozen=True, slots=True)
+class _Signal:
+    """Drive by its name in the table: ``one``, ``time``, ``rate`` or ``force``; its ``_size``, or it ``_squared``."""
 
+    name: str
 
-def _time(w: FloatArray, f: FloatArray, t: FloatArray) -> FloatArray:
-    return t * np.ones(3)
-
-
-def _rate(w: FloatArray, f: FloatArray, t: FloatArray) -> FloatArray:
-    return w
-
-
-def _rate_size(w: FloatArray, f: FloatArray, t: FloatArray) -> FloatArray:
-    return np.abs(w)
-
-
-def _rate_squared(w: FloatArray, f: FloatArray, t: FloatArray) -> FloatArray:
-    return w * w
-
-
-def _force(w: FloatArray, f: FloatArray, t: FloatArray) -> FloatArray:
-    return f
-
-
-def _force_size(w: FloatArray, f: FloatArray, t: FloatArray) -> FloatArray:
-    return np.abs(f)
-
-
-def _force_squared(w: FloatArray, f: FloatArray, t: FloatArray) -> FloatArray:
-    return f * f
-
-
-_DRIVES: dict[str, Drive] = {
-    "one": _one,
-    "time": _time,
-    "rate": _rate,
-    "rate_size": _rate_size,
-    "rate_squared": _rate_squared,
-    "force": _force,
-    "force_size": _force_size,
-    "force_squared": _force_squared,
-}
+    def __call__(self, w: FloatArray, f: FloatArray, t: FloatArray) -> FloatArray:
+        """Return the signals; see `ErrorTerm.drive`."""
+        of, _, shape = self.name.partition("_")
+        signal: FloatArray = {"one": np.ones_like(w), "time": t * np.ones(3), "rate": w, "force": f}[of]
+        if shape == "size":
+            return np.abs(signal)
+        return signal * signal if shape == "squared" else signal
 
 
 def _terms() -> Iterator[ErrorTerm]:
@@ -125,7 +96,7 @@ def _terms() -> Iterator[ErrorTerm]:
                 dimension, unit, *more = row[sensor]
                 drive, text = more or ("", "")
                 process = row["name"], dimension, unit, row["process"], row["spread"]
-                yield ErrorTerm(sensor, key, *process, _DRIVES.get(drive), text)
+                yield ErrorTerm(sensor, key, *process, _Signal(drive) if drive else None, text)
 
 
 TERMS = tuple(_terms())
