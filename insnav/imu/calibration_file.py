@@ -1,34 +1,6 @@
 """The calibration file (``calibration.toml``): known errors of one IMU, measured = matrix @ true + bias.
 
-name = "bench IMU 7"          # optional, as are date and temperature_c
-date = 2025-03-14
-temperature_c = 24.5
-
-[gyro]
-bias = ["12 deg/h", "-3 deg/h", "0.5 deg/h"]
-matrix = [[1.001, 0.0002, 0.0], [0.0, 0.9995, 0.0001], [0.0, 0.0, 1.0003]]
-
-[accel]
-bias = ["1.2 mg", "-0.4 mg", "3 mg"]
-matrix = [[1.0005, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.999]]
-
-A file whose samples are volts or counts needs a line for each sensor, value = (output - zero) / scale; bias and matrix
-are of what that makes:
-
-[gyro.raw]
-unit = "V"                                  # or mV, uV, LSB
-zero = [0.2, 0.19, 0.21]                    # in that unit
-scale_per_rad_s = [2.795, 2.8, 2.79]        # that unit per rad/s; scale_per_m_s2 in [accel.raw]
-
-What non-linear gyros leave after that is a piecewise-linear map, error = measured - true over the measured rate:
-
-[gyro.map.x]                                # and y, z
-rate_rad_s = [-5.2, 0.0, 5.2]
-error_rad_s = [-0.001, 0.0, 0.002]
-
-What bias and matrix leave out (`insnav.imu.higher_order`) may follow in each table: asymmetry, quadratic,
-bias_slope, scale_slope, one value or three; g_sensitivity, three rows of three, in [gyro]; positions, three places,
-in [accel].
+An example with every key is in ``docs/howto/calibration.md``.
 """
 
 from __future__ import annotations

@@ -1,27 +1,7 @@
 """Faults put into data on purpose: what receivers, sensors and loggers do wrong, as pure functions and by name.
 
-A fault is written ``VERB[:SIZE][@TIME[+LENGTH]]``, times in seconds after the first sample:
-
-==================================  ==================================================================
-``gps-spike:60m@120s``              one fix off by so much, to the north-east
-``gps-jump:60m@120s+8s``            all fixes off for a while (multipath); without length to the end
-``gps-drag:1m/s@120s+60s``          fixes dragged off, ever farther, then left there
-``gps-outage@120s+30s``             no fixes
-``gps-flap:50m@120s+60s``           four fixes of five off by so much
-``gps-latency:0.3s``                fixes timestamped late
-``gps-sd:0.1``                      reported standard deviations multiplied
-``gps-duplicate@120s``              a fix twice, the second one elsewhere
-``gps-shuffle@120s+10s``            fixes of these seconds in reverse order
-``imu-gap@120s+0.5s``               samples missing
-``imu-nan@120s+0.05s``              samples that are not numbers
-``imu-clip:20deg/s@120s+2s``        gyros (or with ``g`` accelerometers) at the end of their range
-``imu-stuck:gyro-z@120s+2s``        an axis, or ``all``, that does not change
-``imu-spike:3rad/s@120s``           one sample of the z gyro (or with ``m/s^2`` x accelerometer) off
-``imu-units:deg/s``                 gyros in deg/s (or accelerometers in ``g``)
-``imu-axes:FLU``                    sensor axes that point elsewhere
-``imu-reverse@120s``                the clock goes back by a second
-``imu-duplicate@120s+0.1s``         samples twice
-==================================  ==================================================================
+A fault is written ``VERB[:SIZE][@TIME[+LENGTH]]``, times in seconds after the first sample. The verbs, each with an
+example, are `VERBS`; what they do is in ``trajectories/README.md``.
 """
 
 from __future__ import annotations
@@ -50,7 +30,7 @@ _DIRECTIONS = {"F": (0, 1.0), "B": (0, -1.0), "R": (1, 1.0), "L": (1, -1.0), "D"
 class Fault:
     """One fault."""
 
-    verb: str  # what goes wrong; see the table of this module
+    verb: str  # what goes wrong; see `VERBS`
     # how much, in SI units; an axis, a unit or three directions for the faults that want them
     size: float | str | None = None
     begin: float = 0.0  # when it begins, after the first sample [s]

@@ -1,35 +1,6 @@
 """The receiver file (``gps.toml``): how good a receiver is, with a unit in every value.
 
-name = "my receiver"
-rate = "5 Hz"
-lever_arm = ["0.8 m", "-0.3 m", "-1.2 m"]    # antenna seen from the IMU: forward, right, down
-latency = "0.1 s"                            # stamped later than valid; jitter = "5 ms" about that
-fix = 5                                      # 1 fixed, 2 float, 4 DGPS, 5 single
-stated = 1.0                                 # standard deviations it states, by the true ones
-
-[position]                                   # North, East, Down, or one value for all
-white = "1 m"
-lasting = "1.5 m"                            # Gauss-Markov
-correlation_time = "60 s"
-
-[velocity]                                   # without this table the receiver gives none
-white = "0.1 m/s"
-
-[multipath]                                  # jumps that the reported standard deviations do not show
-every = "60 s"
-length = "8 s"
-size = "8 m"
-
-[degraded]                                   # a float solution now and then, reported by fix type 2
-every = "200 s"
-length = "10 s"
-white = "0.3 m"
-
-[outage]                                     # random, and regular, and in a list of begin and length
-every = "150 s"
-length = "12 s"
-period = ["300 s", "20 s"]
-list = [["120 s", "30 s"]]
+An example with every key is in ``trajectories/README.md``.
 """
 
 from __future__ import annotations
