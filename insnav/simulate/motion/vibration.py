@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,12 +37,7 @@ def shaken(
     t: FloatArray, speed: FloatArray, body: Vehicle, vibration: Vibration, seed: Seed
 ) -> tuple[FloatArray, FloatArray]:
     """Vibration of velocity forward, right, down [m/s] and of roll, pitch, heading [rad], each ``(n, 3)``."""
-    scaled = replace(
-        body,
-        velocity_shake=_times(vibration.suspension, body.velocity_shake),
-        angle_shake=_times(vibration.suspension, body.angle_shake),
-    )
-    velocity, angle = shake(t, speed, scaled, seed)
+    velocity, angle = _suspension(t, speed, body, vibration.suspension, seed)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
     for frequency, size in vibration.lines:
         velocity += _tones(t, np.full((1, 3), frequency), size, rng)
@@ -53,11 +48,10 @@ def shaken(
     return velocity, angle
 
 
-def shake(t: FloatArray, speed: FloatArray, vehicle: Vehicle, seed: Seed) -> tuple[FloatArray, FloatArray]:
-    """Vibration as a sum of tones, in proportion to the speed ``(n,)`` [m/s]: none at rest.
-
-    Returns: `velocity` (n, 3): Forward, right, down [m/s]; `angle` (n, 3): roll, pitch, heading [rad].
-    """
+def _suspension(
+    t: FloatArray, speed: FloatArray, vehicle: Vehicle, factor: float, seed: Seed
+) -> tuple[FloatArray, FloatArray]:
+    """`factor` times the vibration of the vehicle: tones in proportion to the speed ``(n,)`` [m/s], none at rest."""
     rng = np.random.default_rng(seed)
     result = np.empty((len(t), 6))
     for i, sd in enumerate(vehicle.velocity_shake + vehicle.angle_shake):
@@ -66,7 +60,7 @@ def shake(t: FloatArray, speed: FloatArray, vehicle: Vehicle, seed: Seed) -> tup
         tones = np.zeros(len(t))
         for w, p in zip(omega, phase, strict=True):
             tones += np.sin(w * t + p)
-        result[:, i] = sd * math.sqrt(2.0 / _TONES) * speed / _REFERENCE_SPEED * tones
+        result[:, i] = factor * sd * math.sqrt(2.0 / _TONES) * speed / _REFERENCE_SPEED * tones
     return result[:, :3], result[:, 3:]
 
 
@@ -78,8 +72,3 @@ def _tones(t: FloatArray, frequency: FloatArray, size: float, rng: np.random.Gen
         omega = 2.0 * np.pi * f
         total += size / omega * np.sin(omega * t[:, None] + p)
     return total
-
-
-def _times(factor: float, values: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = values
-    return factor * x, factor * y, factor * z
