@@ -33,18 +33,7 @@ class Tabular:
     """Columns of each array field, their unit in the name."""
 
     def rows(self, selection: Selection) -> Self:
-        """Some of the rows, of every array that is there; all else is kept.
-
-        Parameters
-        ----------
-        selection : slice, (n,) bool array or (k,) int array
-            Rows to take.
-
-        Returns
-        -------
-        same type
-            Views of the arrays for a slice, else copies.
-        """
+        """Some of the rows, of every array that is there; all else is kept. Views for a slice, else copies."""
         if not isinstance(selection, slice):
             return replace(self, **{name: chosen(values, selection) for name, values in self._arrays().items()})
         return replace(self, **{name: values[selection] for name, values in self._arrays().items()})
@@ -52,15 +41,7 @@ class Tabular:
     def joined(self, after: Self) -> Self:
         """These rows and then those of another, of every array that both have; all else as here.
 
-        Parameters
-        ----------
-        after : same type
-            What follows.
-
-        Returns
-        -------
-        same type
-            Copies; None for an array that only one of the two has.
+        Arrays are copies, and None where only one of the two has them.
         """
         others = after._arrays()
         return replace(

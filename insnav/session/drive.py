@@ -172,17 +172,7 @@ class Drive:
         return as_keywords("\n".join(["Drive", *lines, f"IMU model: {self.imu_spec.name}: {self.imu_chosen}"]))
 
     def beginning(self, length: float) -> Drive:
-        """Give the drive with the samples of its begin only.
-
-        Parameters
-        ----------
-        length : float
-            So much of it [s].
-
-        Returns
-        -------
-        Drive
-        """
+        """Give the drive with the samples of its first `length` [s] only."""
         imu = self.readings.imu
         rows = slice(int(np.searchsorted(imu.data.time, imu.data.time[0] + length)))
         return replace(self, readings=replace(self.readings, imu=replace(imu, data=imu.data.rows(rows))))
