@@ -39,7 +39,7 @@ from insnav.units import G0, UNITS
 
 LONGEST = 1800.0  # of the record that is looked at [s]
 SHORT = 600.0  # of it for the first steps, from which the rest is not far [s]
-SPACING = 0.9  # shortest time between the fixes that are looked at [s]
+SPACING = 0.9  # time between the fixes that are looked at, on average at least [s]
 FEWEST = 30  # fixes needed: what fewer show is less than what the prior knows
 HUBER = 3.0  # innovations beyond so many standard deviations count less, so that false fixes do not decide
 # what the variance of clean innovations loses by that: 1 - 2 Q(3), the expectation of psi(u) u for standard normal u
@@ -371,12 +371,15 @@ def bridged(samples: FloatArray, epochs: FloatArray) -> FloatArray:
 
 
 def _thinned(gps: GpsData) -> GpsData:
-    """Fixes with at least `SPACING` between them."""
-    keep, last = [], -np.inf
+    """Fixes in pairs of neighbours, two `SPACING` from pair to pair.
+
+    Noise that is new in each fix is told from what the IMU adds in between only if the times in between differ.
+    """
+    keep, begin, single = [], -np.inf, False
     for row, time in enumerate(gps.time.tolist()):
-        if time - last >= SPACING and (gps.fix is None or gps.fix[row] != 0):
+        if (single or time - begin >= 2.0 * SPACING - 1e-6) and (gps.fix is None or gps.fix[row] != 0):
+            begin, single = (begin, False) if single else (time, True)
             keep.append(row)
-            last = time
     return gps.rows(np.array(keep, dtype=int))
 
 

@@ -13,6 +13,7 @@ from insnav.filter import FilterSettings, error_model, sensor_axes
 from insnav.filter.noise_identification import (
     InnovationLikelihood,
     NoiseEstimate,
+    _thinned,
     identify_noise,
     maximise,
     with_noise,
@@ -172,6 +173,15 @@ def test_the_beginning_of_a_drive_has_the_first_of_its_innovations():
     assert 0.9 * 6 * 100 < part[0].size * (gps.time[1] - gps.time[0]) <= 6 * 100
     for all_of_them, first in zip(whole, part, strict=True):
         np.testing.assert_array_equal(all_of_them[: first.size], first)
+
+
+@pytest.mark.parametrize(("rate", "between"), [(1, [1.0]), (5, [0.2, 1.6])])
+def test_fixes_that_are_looked_at_come_in_pairs_once_a_second_on_average(rate, between):
+    time = np.arange(0.0, 90.0, 1.0 / rate)
+    three = np.zeros((time.size, 3))
+    found = _thinned(GpsData(time, three, three, three, three)).time
+    assert np.unique(np.diff(found).round(6)) == pytest.approx(between)
+    assert found.size == pytest.approx(90.0 / np.mean(between), abs=2.0)
 
 
 def test_memory_that_nothing_was_written_to_is_not_looked_at(monkeypatch):

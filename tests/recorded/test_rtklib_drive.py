@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import insnav
 from insnav.attitude import wrap_pi
 from insnav.earth import ned_offset
 from insnav.filter.gps_noise import velocity_lag
 from insnav.filter.navigate import Navigated
 from insnav.types import GpsData
 from tests.recorded.recording import imu_model, navigated, recording, rms
+from tests.shared import recorded
 
 NAME = "rtklib_drive_20250708"
 LEVER_ARM = (0.0, -0.05, 0.0)
@@ -73,6 +75,14 @@ def test_position_innovations_are_below_those_of_gps_alone(done: Navigated, gps:
 def test_innovations_have_their_predicted_size(done: Navigated) -> None:
     offered = done.run.innovations
     assert 0.7 < offered.nis_position[offered.used_position].mean() / 3.0 < 1.4
+
+
+def test_with_nothing_configured_innovations_have_their_predicted_size() -> None:
+    """Noise that was found in fixes a second apart is right for those of a quarter of a second, too: .71 were not."""
+    folder = recorded(NAME)
+    offered = insnav.load(folder / "imu.csv.gz", gps=folder / "gps.csv").navigate().found.run.innovations
+    for nis, used in ((offered.nis_position, offered.used_position), (offered.nis_velocity, offered.used_velocity)):
+        assert 0.8 < nis[used & np.isfinite(nis)].mean() / 3.0 < 1.2
 
 
 def test_hardly_any_fix_is_rejected(done: Navigated) -> None:
