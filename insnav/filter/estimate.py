@@ -6,7 +6,7 @@ from copy import deepcopy
 
 import numpy as np
 
-from insnav.attitude import dcm_from_rph, quat_from_rph, skew
+from insnav.attitude import dcm_from_rph, quat_from_rph
 from insnav.exceptions import DivergenceError
 from insnav.filter.engine import Engine
 from insnav.filter.error_model import ErrorModel, FilterState, InitialState
@@ -79,9 +79,10 @@ class Estimate:
         """Copy of everything, to go on from."""
         levers, p = (self.lever, self.shaken), self.covariance.copy()
         if self.at.lever >= 0:
-            lever, turned = slice(self.at.lever, self.at.lever + 3), self.arm[3:].reshape(3, 3)
-            p[:3] -= turned @ p[lever] + skew(self._swung) @ p[6:9]
-            p[:, :3] -= p[:, lever] @ turned.T - p[:, 6:9] @ skew(self._swung)
+            phi = self._unity.copy()
+            phi[:3, self.at.lever : self.at.lever + 3] = -self.arm[3:].reshape(3, 3)
+            swing(phi, self._swung.copy())
+            p = phi @ p @ phi.T
         state = (self.x, self.correction, self.delay, self.lag, self.correlated, *levers, self.motion, p)
         return FilterState(time, *deepcopy(state))
 

@@ -68,9 +68,10 @@ class LateFixes:
         self._lasting = np.zeros((self._rows.size, 6))
         if settings.correlated is not None:  # what was fed back fades from its epoch on
             size = settings.correlated.times.size
-            grown = np.exp((time[:, None] - time[0]) / settings.correlated.times)
-            back = np.cumsum(fed[:, at.correlated : at.correlated + size] * grown, axis=0)
-            self._lasting[:, :size] = -(np.vstack([np.zeros(size), back[:-1]]) / grown)[good]
+            left = np.zeros((time.size, size))
+            for k, fade in enumerate(np.exp(-np.diff(time)[:, None] / settings.correlated.times)):
+                left[k + 1] = (left[k] + fed[k, at.correlated : at.correlated + size]) * fade
+            self._lasting[:, :size] = -left[good]
         parts, self._bias = strapdown.intervals(ready.imu, ready.nominal), epochs[good, CORRECTION:ARM]
         self._samples = parts.end, turned(parts)
         self._nominal, self._gravity = ready.nominal, gravity_n(gps.lla[0, 0], gps.lla[0, 2])
