@@ -44,6 +44,7 @@ WORTH = 0.03  # smaller delays are linear enough for the state of the filter [s]
 WIDEST = 0.5  # standard deviation of a delay with which the filter begins where a drive hardly shows it [s]
 SURE, REFINED = 4.0, 2.0  # delays are believed beyond so many of their standard deviations, once it was moved
 ROUNDS = 3  # of moving the clock
+BACK = 0.5  # part of a move within the filter's reach by which the next must not go back: neither is believed
 LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # of an arm of vibration's own: the least, and what is worth states [m]
 LAGS = 0.2 * np.arange(-1, 6)  # of velocities where the search for one begins, from the one assumed on [s]
 NEWTON, LAG_STEP, LARGEST_STEP = 6, 0.005, 0.2  # steps of it, over which derivatives are taken, and at most [s]
@@ -252,20 +253,27 @@ def on_time(
         return ready
     seen = filtered(ready)
     further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0)
+    before, last = (ready, seen), 0.0
     for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
         delay, sd, drift, lag, lag_sd = delay_of(further)
         width = max(settings.delay_sd, min(sd, WIDEST))
         sure = SURE if clock == 0.0 else REFINED
         moved = bool(abs(delay) >= max(WORTH, sure * sd) or drift)
+        if moved and abs(last) < settings.delay_sd and delay * last < -BACK * last**2:
+            ready, seen = before
+            break
         lags = lag, LOOKED * lag_sd if lag_sd > LAG_SD_WORTH else 0.0
         if not moved and abs(lag - further.settings.velocity_lag) < LAG_WORTH:
             break
+        before, last = (ready, seen), 0.0 if drift or not moved else delay
         if moved:
             clock, rate = clock + delay, rate + drift
         there = prepared(clock, rate)
         there = replace(there, settings=replace(there.settings, velocity_lag=lag))
+        # within its reach the filter explains a delay as well by its state, but for what is not linear in it
+        refined = further is seen and sure == REFINED and abs(delay) < settings.delay_sd and not drift
         further = filtered(there)
-        if further.misfit <= seen.misfit + WORSE:  # a large delay is found in steps, of which the first may be worse
+        if refined or further.misfit <= seen.misfit + WORSE:  # a large one is found in steps: the first may be worse
             ready, seen = there, further
     arm = replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd)
     ready = replace(ready, settings=replace(arm, delay_sd=width, velocity_lag=lags[0], lag_sd=lags[1]))
@@ -276,7 +284,8 @@ def on_time(
         notes.append(f"{LAGGING_NOTE} {lags[0]:.3f} s; corrected")
     if ready.clock != 0.0:
         which = "late" if ready.clock > 0.0 else "early"
-        notes.append(f"the fixes are {abs(ready.clock):.2f} s {which}: IMU time is moved by that")
+        # by how much is said once, by the run, which goes on from there
+        notes.append(f"the fixes are {which}: IMU time is moved into that of the fixes")
     if ready.rate != 0.0:
         which = "slow" if ready.rate > 0.0 else "fast"
         notes.append(f"the clock of the IMU is {abs(1e6 * ready.rate):.0f} ppm {which} against GPS time: corrected")
