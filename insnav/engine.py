@@ -33,6 +33,7 @@ Workers = int | str  # a number of processes, or an engine: ``processes:4``, ``d
 IDLE = 10.0  # workers without work end after this [s]
 CONNECT = 10.0  # a scheduler and its workers answer within this [s]
 _FORM = re.compile(r"processes(?::(?P<count>\d+))?|dask(?::(?P<address>.+))?|(?P<number>\d+)")
+_LEFT_BEHIND = "ignore:resource_tracker:UserWarning"
 _log = logging.getLogger(__name__)
 _KINDS = {each.exit_code: each for each in (DivergenceError, ConfigError, InputError, OutputError)}
 _STOPS = (signal.SIGINT, signal.SIGTERM)
@@ -196,6 +197,8 @@ def _pool(engine: Engine, jobs: int, shared: tuple[Any, ...]) -> Iterator[Pool]:
                     results.close()
 
     if engine.dask is None:
+        # what a process that is stopped leaves behind is removed by a process of loky, which gets these, without a word
+        sys.warnoptions += {_LEFT_BEHIND} - {*sys.warnoptions}
         config = {"backend": "loky", "inner_max_num_threads": 1, "n_jobs": min(engine.processes, jobs)}
         how = {"idle_worker_timeout": IDLE, "initializer": _serve, "initargs": (os.getpid(),)}
         with warnings.catch_warnings():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -112,3 +114,17 @@ def test_a_cluster_that_is_not_there_or_not_the_same_is_refused(cluster: str, mo
     monkeypatch.setattr("insnav.__version__", "9.9")
     with pytest.raises(ConfigError, match="another version"):
         list(each(slow, range(3), cluster))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="loky cleans up in another way there")
+def test_what_a_stopped_process_leaves_behind_is_removed_without_a_word():
+    script = """
+import os
+from insnav.engine import each
+assert list(each(len, ["a", "bb"], 2)) == [1, 2]
+from joblib.externals.loky.backend import resource_tracker
+resource_tracker.register("/loky-left-behind", "semlock")
+os._exit(0)
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=True)
+    assert done.stderr == ""

@@ -15,7 +15,7 @@ import numpy as np
 
 from insnav import spill
 from insnav.alignment import find_stationary
-from insnav.engine import Workers
+from insnav.engine import Workers, share_of
 from insnav.errors.evaluated_run import EvaluatedRun, evaluate_run, fixed_epochs
 from insnav.errors.metrics import at_point
 from insnav.errors.outage.gnss_outage import LENGTHS, outages
@@ -397,11 +397,9 @@ class Drive:
 
         lengths = [float(length) for length in np.ravel(lengths)]
         share = 0.4  # of the work is the run
-
-        def part(begin: float, size: float) -> Callable[[float], None] | None:
-            return None if progress is None else lambda done: progress(begin + size * done)
-
-        ready, run, notes = self._evaluated(aiding="off" if aiding == "off" else "on", progress=part(0.0, share))
+        ready, run, notes = self._evaluated(
+            aiding="off" if aiding == "off" else "on", progress=share_of(progress, 0.0, share)
+        )
         reference = None if self.reference is None else partial(self._antenna_positions, self.reference)
         windows = outages(
             replace(ready, gps=without_rejected(ready.gps, run.run, ready.settings)),
@@ -410,7 +408,7 @@ class Drive:
             spacing=spacing,
             reference=reference,
             workers=workers,
-            progress=part(share, 1.0 - share),
+            progress=share_of(progress, share, 1.0 - share),
         )
         found = OutageStudy(tuple(windows), tuple(outage_growth(windows)), self._compared_with(), run)
         missed = ", ".join(f"{each:g}" for each in sorted({*lengths} - {window.length for window in windows}))
