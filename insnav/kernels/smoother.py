@@ -392,7 +392,13 @@ def correct(time, state, epoch, after, before):  # type: ignore[no-untyped-def]
     `time` (n,) [s], `state` (n, 10): filter's states, after the measurement where there was one, changed in place;
     `epoch` (m,): times of the epochs [s]; `after`, `before`: from `backward`.
     """
-    m, k = epoch.shape[0], max(np.searchsorted(epoch, time[0]) - 1, 0)
+    m, k, end = epoch.shape[0], 0, epoch.shape[0]
+    while k + 1 < end:  # numpy's search takes as long to be compiled as all else here
+        middle = (k + end) // 2
+        if epoch[middle] < time[0]:
+            k = middle
+        else:
+            end = middle
     error, unused = np.zeros(STATES), np.zeros(SENSOR)
     for row in range(time.shape[0]):
         t = time[row]
