@@ -5,7 +5,9 @@ axis is off between any two times is estimated beside the filter, as misalignmen
 z always, of all where the noise is implausible for the IMU or fixes were rejected. The likeliest span is taken: A. S.
 Willsky, H. L. Jones, "A generalized likelihood ratio approach to the detection and estimation of jumps in linear
 systems", IEEE Trans. Autom. Control 21 (1976) 108-112. What is found is taken off the samples, noise is found anew, and
-the span is refined.
+the span is refined. Where nothing
+of this is as likely as fixes that are moved, or later from then on, these are left to the searches for them: gyros do
+not stand for what they do not do. A run that is lost is looked at up to there, and again without what began there.
 """
 
 from __future__ import annotations
@@ -15,8 +17,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from insnav import strapdown
-from insnav.filter.noise_identification import NoiseEstimate, identify_noise, known_likelihood, with_noise
+from insnav.filter.noise_identification import (
+    LATER,
+    MOVED,
+    InnovationLikelihood,
+    NoiseEstimate,
+    identify_noise,
+    known_likelihood,
+    with_noise,
+)
 from insnav.filter.prepare import Prepared
+from insnav.filter.shocks import LATE_START, LEAST_LATE
 from insnav.filter.whole_record import OPEN
 from insnav.imu.specification import ImuSpec
 from insnav.kernels.dynamics import NAV
@@ -32,6 +43,8 @@ ROUNDS, SETTLED = 12, 0.03  # at most, and the part of a rate that ends them
 # fault: recorded drives without one have up to 47 and 81 [-]
 LOOKED_AT, SURELY = 15.0, 100.0
 LEAST = 0.3 * DEG  # rate; biases that warm up and what vibration adds on a recorded car, 0.23 deg/s, are none [rad/s]
+ALIKE = 0.9  # part of the largest gain from which another axis is tried where that one does not last
+SHORTEST_FOUND = 1.5 * STEP  # what is left at the ends of another one is none [s]
 OPENED = 0.5  # part of the rate by which the bias is opened where a span begins and ends
 MOST = 3  # in one drive
 HEADING = 2  # the axis that is looked at in every drive: weak fixes hardly show a heading, tilts they do
@@ -47,6 +60,11 @@ class GyroFault:
     rate: float  # [rad/s]
     gain: float  # twice the gain of the log-likelihood by it [-]
 
+    def near(self, other: GyroFault) -> bool:
+        """Whether another one is the same, as far as the search for it goes."""
+        ends = max(abs(self.begin - other.begin), abs(self.end - other.end))
+        return ends <= STEP and abs(self.rate - other.rate) < SETTLED * abs(self.rate)
+
     def taken_off(self, imu: ImuData) -> ImuData:
         """Samples without it."""
         inside, gyro = (imu.time > self.begin) & (imu.time <= self.end), imu.gyro.copy()
@@ -61,8 +79,10 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
     `found`: noise of the recording as it is; `spec`: that it was prepared with.
     """
     said, ends = list[Event](), list[StateChange]()
-    while len(said) < MOST:
-        other = _one(ready, found, spec, (0, 1, 2) if _suspect(found, spec) else (HEADING,))
+    while len(said) < MOST and found.seen is not None:
+        suspect = found.far_off or found.seen[0].rejected() or _far_larger(found.spec, spec)
+        seen = _opened(ready, found) if suspect else found.seen
+        other = None if seen is None else _one(ready, spec, seen, (0, 1, 2) if suspect else (HEADING,))
         if other is None:
             break
         fault, ready, found = other
@@ -78,50 +98,78 @@ def without_gyro_faults(ready: Prepared, found: NoiseEstimate, spec: ImuSpec) ->
     return replace(ready, settings=settings, faults=(*ready.faults, *said)), replace(found, seen=None)
 
 
-def _suspect(found: NoiseEstimate, spec: ImuSpec) -> bool:
-    """Whether noise holds what no gyro of the kind has, or innovations lack what was rejected."""
-    size, usual = (float(np.mean(each.gyro.bias_instability**2)) ** 0.5 for each in (found.spec, spec))
-    return found.far_off or found.seen is None or found.seen[0].rejected() or size > SUSPECT * usual
+def _far_larger(found: ImuSpec, spec: ImuSpec) -> bool:
+    """Whether noise holds what no gyro of the kind has."""
+    size, usual = (float(np.mean(each.gyro.bias_instability**2)) ** 0.5 for each in (found, spec))
+    return bool(size > SUSPECT * usual)
 
 
 def _one(
-    ready: Prepared, found: NoiseEstimate, spec: ImuSpec, axes: tuple[int, ...]
+    ready: Prepared, spec: ImuSpec, seen: tuple[InnovationLikelihood, FloatArray], axes: tuple[int, ...]
 ) -> tuple[GyroFault, Prepared, NoiseEstimate] | None:
-    """The fault of one of the `axes` that stands out most, the recording without it, and its noise."""
-    fault, some = None, ready
+    """The fault of one of the `axes` that stands out most in what was `seen`, the recording without it, its noise."""
+    drive, at = seen[0].linear(seen[1]), seen[1]
+    edges = _edges(drive)
+    spans = [_likeliest(*drive.by_spans(at, edges, axis), edges, axis) for axis in axes]
+    if max(each.gain for each in spans) < LOOKED_AT:
+        return None
+    for cause, least in (LATER, LEAST_LATE), *((MOVED + i, ready.settings.gates.small_position) for i in range(3)):
+        other = _likeliest(*drive.by_spans(at, edges, cause), edges, cause)
+        spans += [other] * (abs(other.rate) > least)
+    spans.sort(key=lambda each: -each.gain)
+    for fault in spans:
+        if fault.axis >= LATER or fault.gain < max(LOOKED_AT, ALIKE * spans[0].gain):
+            break
+        settled = _settled(ready, spec, fault)
+        if settled is not None:
+            return settled
+    return None
+
+
+def _opened(ready: Prepared, found: NoiseEstimate) -> tuple[InnovationLikelihood, FloatArray] | None:
+    """The likelihood of all fixes: what was rejected tells most."""
+    open_ = replace(ready, settings=replace(ready.settings, gates=OPEN))
+    return known_likelihood(with_noise(open_, found), found.filter_spec)
+
+
+def _edges(drive: InnovationLikelihood) -> FloatArray:
+    """Of the spans that are looked at, (k + 1,) [s]: where the attitude is known."""
+    begin, end = drive.times[0] + LATE_START, drive.times[-1]
+    return np.linspace(min(begin, end), end, int(np.clip((end - begin) / SHORTEST, 1, PARTS)) + 1)
+
+
+def _settled(ready: Prepared, spec: ImuSpec, fault: GyroFault) -> tuple[GyroFault, Prepared, NoiseEstimate] | None:
+    """Refine a fault about runs without it, with the noise of these, as long as it changes; none if it does not last.
+
+    A run that is lost tells of what was before. A fault that is there until then may be so to the end.
+    """
+    whole = float(ready.imu.time[-1])
     for _ in range(ROUNDS):
-        likelihood = found.seen
-        if fault is not None or len(axes) > 1:
-            open_ = replace(some, settings=replace(some.settings, gates=OPEN))  # what was rejected tells most
-            likelihood = known_likelihood(with_noise(open_, found), found.filter_spec)
-        if likelihood is None:
-            return None
-        drive, at = likelihood
-        begin, end = float(drive.times[0]), float(drive.times[-1])
-        edges = np.linspace(begin, end, int(np.clip((end - begin) / SHORTEST, 1, PARTS)) + 1)
-        if fault is not None:
-            axes = (fault.axis,)
-            reach = max(REACH, edges[1] - edges[0])
-            near = np.arange(-reach, reach + STEP, STEP)
-            edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, fault.end + near]), begin, end))
-        spans = [_likeliest(*drive.by_rates(at, edges, axis), edges, axis, fault) for axis in axes]
-        before, fault = fault, max(spans, key=lambda each: each.gain)
-        if fault.gain < (LOOKED_AT if before is None else SURELY):
-            return None
         some = replace(ready, imu=fault.taken_off(ready.imu))
         again = identify_noise(some, spec)
-        if again is None:
+        seen = None if again is None else _opened(some, again)
+        if again is None or seen is None:
             return None
-        found = again
-        if before is not None and abs(fault.rate - before.rate) < SETTLED * abs(fault.rate):
-            break
-    return None if fault is None or abs(fault.rate) < LEAST else (fault, some, found)
+        drive, at = seen[0].linear(seen[1]), seen[1]
+        edges = _edges(drive)
+        begin, end = edges[[0, -1]]
+        reach = max(REACH, edges[1] - edges[0])
+        near = np.arange(-reach, reach + STEP, STEP)
+        edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, min(fault.end, end) + near]), begin, end))
+        before, fault = fault, _likeliest(*drive.by_spans(at, edges, fault.axis), edges, fault.axis, fault)
+        if fault.gain < LOOKED_AT or abs(fault.rate) < LEAST or fault.end - fault.begin < SHORTEST_FOUND:
+            return None
+        if drive is not seen[0] and fault.end == end:
+            fault = replace(fault, end=whole)
+        elif drive is seen[0] and fault.near(before):
+            return (fault, some, again) if fault.gain > SURELY else None
+    return None
 
 
 def _likeliest(
-    e: FloatArray, weight: FloatArray, by: FloatArray, edges: FloatArray, axis: int, before: GyroFault | None
+    e: FloatArray, weight: FloatArray, by: FloatArray, edges: FloatArray, axis: int, before: GyroFault | None = None
 ) -> GyroFault:
-    """The span, of all between two of the `edges` (k + 1,), in which an axis is likeliest off.
+    """The span, of all between two of the `edges` (k + 1,), in which an axis is likeliest off; a delay stays.
 
     `e`, `weight` (n,): innovations and inverse variances; `by` (k, n): innovations by a rate between edges; `before`:
     what is taken off already.
@@ -131,6 +179,8 @@ def _likeliest(
     whole = np.vstack([np.zeros(e.size), np.cumsum(by, axis=0)])
     fisher, slope = (whole * weight) @ whole.T, -(whole * weight) @ e
     first, last = np.triu_indices(edges.size, 1)
+    if axis == LATER:
+        first, last = first[last == edges.size - 1], last[last == edges.size - 1]
     own = np.maximum(fisher[first, first] + fisher[last, last] - 2.0 * fisher[first, last], 1e-12)
     pull = slope[last] - slope[first]
     best = int(np.argmax(pull**2 / own))

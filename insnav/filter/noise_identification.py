@@ -99,6 +99,8 @@ VELOCITY_CORRELATED = {
 }
 VELOCITY_STARTS = np.log([(share, time) for time in (30.0, 150.0) for share in (0.1, 0.3)])
 VELOCITY_WORTH = 20.0
+LATER, MOVED = 3, 4  # first of the causes that innovations are looked at for, beside three gyros
+LOST, AFTER = 9.0, 5.0  # mean square of normalised innovations of so long [s] beyond which a run is no start
 STARTS = [(share, time) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0.85)]
 
 
@@ -195,8 +197,20 @@ class InnovationLikelihood:
         part = copy(self)
         last = int(np.searchsorted(np.cumsum(self._tape[0]), length))
         part._tape = tuple(each[:last] for each in self._tape)
-        part._other, part._offered, part._sd = self._other[:last], self._offered[:last], self._sd[:last]
+        part._other, part._offered, part._sd, part._c = (
+            each[:last] for each in (self._other, self._offered, self._sd, self._c)
+        )
         return part
+
+    def linear(self, at: FloatArray) -> InnovationLikelihood:
+        """The same up to where the run is lost, beyond which innovations are no linear function of what is wrong."""
+        e, s = self.normalised(at)[:2]
+        many = np.concatenate([[0], np.cumsum(np.bitwise_count(np.maximum(self._tape[1], COAST)).astype(int))])
+        square = np.concatenate([[0.0], np.cumsum(e**2 / s)])[many]
+        first = np.searchsorted(self.times, self.times - AFTER)
+        mean = (square[1:] - square[first]) / np.maximum(many[1:] - many[first], 1)
+        lost = mean > LOST
+        return self.beginning(float(self.times[np.argmax(lost)] - self._run.initial.time)) if lost.any() else self
 
     def with_correlated_velocities(self) -> InnovationLikelihood:
         """The same if velocities have a time-correlated error: three more states, which the run took for zero."""
@@ -314,12 +328,26 @@ class InnovationLikelihood:
         """Of the epochs, (m,) [s]."""
         return np.asarray(self._run.initial.time + np.cumsum(self._tape[0]))
 
-    def by_rates(self, at: FloatArray, edges: FloatArray, axis: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Innovations (n,), their weights (n,), and by 1 rad/s more of a gyro between `edges` (k + 1,) [s], (k, n)."""
+    def by_spans(self, at: FloatArray, edges: FloatArray, cause: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Innovations (n,), their weights (n,), and what one unit of a cause between `edges` (k + 1,) [s] adds, (k, n).
+
+        `cause`: a gyro shows more, 0 to 2 [rad/s]; fixes are later, `LATER` [s], or off to North, East, Down, `MOVED`
+        and the two after it [m].
+        """
         end, push = self.times, [np.zeros((self._offered.size, NAV))]
+        off = np.zeros(push[0].shape)
+        if cause == LATER:
+            off[:, :6] = -self._tape[7][:, :, STATES]  # by the speed
+        else:
+            off[:, cause - MOVED] = -1.0
         for first, last in pairwise(edges):
-            inside = np.maximum(np.minimum(end, last) - np.maximum(end - self._tape[0], first), 0.0)
-            push.append(by_turn(-self._c[:, :, axis] * inside[:, None], self._tape[2]))
+            if cause >= LATER:  # errors that are there only as long as the fixes are off
+                now = off * ((end > first) & (end <= last))[:, None]
+                before = np.vstack([push[0][:1], now[:-1]])
+                push.append(now - np.einsum("kij,kj->ki", self._tape[2][:, :, :NAV], before))
+            else:
+                inside = np.maximum(np.minimum(end, last) - np.maximum(end - self._tape[0], first), 0.0)
+                push.append(by_turn(-self._c[:, :, cause] * inside[:, None], self._tape[2]))
         e, s, *by = self.normalised(at, np.array(push))
         return e, weights_of(e, s), np.array(by)
 

@@ -9,8 +9,8 @@ import pytest
 
 import insnav
 from insnav.attitude import wrap_pi
-from insnav.filter.noise_identification import known_likelihood
-from insnav.types import ImuData
+from insnav.filter.noise_identification import LATER, known_likelihood
+from insnav.types import EventKind, ImuData
 from insnav.units import DEG
 
 
@@ -32,9 +32,62 @@ def test_what_a_rate_does_to_the_innovations_is_what_samples_with_it_show(axis):
         assert known is not None
         innovations.append(known[0].normalised(known[1])[0])
         if samples is imu:
-            _, weight, by = known[0].by_rates(known[1], edges, axis)
+            _, weight, by = known[0].by_spans(known[1], edges, axis)
     change, expected = innovations[1] - innovations[0], -rate * by.sum(axis=0)
     assert np.sum(weight * (change - expected) ** 2) < 0.01 * np.sum(weight * expected**2)
+
+
+def test_what_a_delay_does_to_the_innovations_is_what_later_fixes_show():
+    """The same of fixes that are late between two times, and true before and after."""
+    drive = insnav.simulate("city", imu="automotive", gps="single", seed=3)
+    imu, gps = drive.imu.data, drive.gps.data
+    edges, late, innovations = np.array([200.4, 215.4, 230.4]) + imu.time[0], 0.01, []
+    inside = (gps.time > edges[0]) & (gps.time <= edges[-1])
+    fixes = replace(gps, lla=gps.lla.copy(), v_n=gps.v_n.copy())
+    before = drive.reference.data  # what the receiver would have shown so much earlier
+    for name in ("lla", "v_n"):
+        value = getattr(before, name)
+        moved = [
+            np.column_stack([np.interp(gps.time[inside] - by, before.time, column) for column in value.T])
+            for by in (late, 0.0)
+        ]
+        getattr(fixes, name)[inside] += moved[0] - moved[1]
+    loaded = insnav.load(imu, gps)
+    ready = loaded.prepared()
+    for some in (ready.gps, replace(ready.gps, lla=fixes.lla, v_n=fixes.v_n)):
+        known = known_likelihood(replace(ready, gps=some), loaded.imu_spec)
+        assert known is not None
+        innovations.append(known[0].normalised(known[1])[0])
+        if some is ready.gps:
+            _, weight, by = known[0].by_spans(known[1], edges, LATER)
+    change, expected = innovations[1] - innovations[0], -late * by.sum(axis=0)
+    assert np.sum(weight * (change - expected) ** 2) < 0.05 * np.sum(weight * expected**2)
+
+
+def test_gyros_do_not_stand_for_fixes_that_begin_to_lag():
+    drive = insnav.simulate("round_trip", imu="automotive", gps="single", seed=9112)
+    gps, begin = drive.gps.data, drive.imu.data.time[0] + 80.0
+    gps = replace(gps, v_n=np.full_like(gps.v_n, np.nan), velocity_sd=np.full_like(gps.velocity_sd, np.nan))
+    late = gps.time + 1.0 * (gps.time > begin)
+    gps = replace(gps, time=late).rows(np.diff(late, prepend=-np.inf) > 0.0)
+    run = insnav.load(drive.imu.data, gps).navigate().found.run
+    (said,) = (event for event in run.events if event.kind is EventKind.CONTRADICTION)
+    assert "later than the others" in said.action
+    assert said.value == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.parametrize(("motion", "seed", "begin", "length"), [("bends", 1, 120.0, 30.0), ("city", 4, 200.0, 40.0)])
+def test_a_gyro_by_which_the_filter_is_lost_is_named(motion, seed, begin, length):
+    """Heading is off by 150 deg and more, where innovations are no linear function of the rate."""
+    drive = insnav.simulate(motion, imu="automotive", gps="single", seed=seed)
+    run = insnav.load(off(drive.imu.data, 2, -5.0 * DEG, begin, length), drive.gps.data).navigate().found.run
+    (said,) = (event for event in run.events if event.kind is EventKind.CONTRADICTION)
+    assert "gyro z is off by -" in said.action
+    assert said.value == pytest.approx(5.0, rel=0.05)
+    assert said.time == pytest.approx(begin, abs=2.0)
+    solution, truth = run.smoothed.solution, drive.reference.data
+    heading = np.interp(solution.time, truth.time, np.unwrap(truth.rph[:, 2]))
+    assert np.abs(wrap_pi(solution.rph[:, 2] - heading)).max() < 6.0 * DEG
 
 
 @pytest.mark.parametrize(
