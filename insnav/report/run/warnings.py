@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from insnav.attitude import dcm_from_rph
 from insnav.errors.evaluated_run import SAME_DATA, EvaluatedRun, failure
 from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.errors.reference_check import LATE
@@ -18,7 +19,7 @@ from insnav.input.readers.reading import not_covered
 from insnav.plain_text import moment
 from insnav.report.series import Clock
 from insnav.result import Result
-from insnav.types import Event, EventKind, Run
+from insnav.types import Event, EventKind, FloatArray, Run, Trajectory
 
 HOLDS = 0.95  # share of errors inside 3 sd that needs no word
 _MANY = 0.1  # share of rejected fixes that wants an explanation
@@ -26,6 +27,8 @@ _ROW, _ROW_TIME = 3, 1.9  # rejected fixes in a row, and over so long [s], that 
 _LONG_GAP = 1.0  # of samples [s]: a car turns and brakes in it
 _EXPLAINED = 0.5  # part of the epochs outside 3 sd that a constant difference must not leave, to be their cause
 _LARGEST_SCALE = 0.05  # scale factor error [-]: consumer MEMS sensors are sold with at most 0.03
+_ACROSS = 0.02  # part of what is about the other axes that such sensors show, too [-]
+_PACE = 1.0  # over which turns and accelerations are those of the motion, not of vibration [s]
 _ASSUMED = re.compile(r"\bassumed\b")
 
 
@@ -167,10 +170,16 @@ def _diverged(run: Run) -> Iterator[str]:
 
 
 def _impossible_scale(run: Run) -> Iterator[str]:
-    """A scale factor surely beyond what a sensor, and this IMU, has: the state stands for what the model lacks."""
+    """A scale factor surely beyond what a sensor, and this IMU, has: the state stands for what the model lacks.
+
+    An axis about which, or along which, little happens shows no scale factor, but what it senses of the others.
+    """
     if len(run.sensor_errors.time) == 0:
         return
     value, sd = (each[-1, 6:] for each in (run.sensor_errors.value, run.sensor_errors.sd))
+    own = _motion(run.solution)
+    across = np.sqrt(np.repeat(np.sum(own.reshape(2, 3) ** 2, axis=1), 3) - own**2)
+    sd = np.hypot(sd, _ACROSS * across / np.maximum(own, 1e-9))
     names = [f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz"]
     sure = np.abs(value) > np.maximum(_LARGEST_SCALE, run.sensor_errors.sd[0, 6:]) + 3.0 * sd
     found = [f"{name} {100.0 * error:+.0f} %" for name, error, said in zip(names, value, sure, strict=True) if said]
@@ -180,6 +189,16 @@ def _impossible_scale(run: Run) -> Iterator[str]:
             "such as velocities smoothed by the receiver, vibration, misalignment, wrong units or timestamps. "
             "Positions between fixes may be worse than stated"
         )
+
+
+def _motion(track: Trajectory) -> FloatArray:
+    """Root mean square of turning rate [rad/s] and acceleration [m/s^2] about and along the axes of the body, (6,)."""
+    track = track.rows(np.unique(np.searchsorted(track.time, np.arange(track.time[0], track.time[-1], _PACE))))
+    c, step = dcm_from_rph(track.rph), np.diff(track.time)[:, None]
+    turned = np.swapaxes(c[:-1], 1, 2) @ c[1:]
+    rate = np.column_stack([turned[:, k, j] - turned[:, j, k] for j, k in ((1, 2), (2, 0), (0, 1))]) / 2.0
+    speed = np.einsum("kji,kj->ki", c[:-1], np.diff(track.v_n, axis=0))
+    return np.asarray(np.sqrt(np.mean(np.hstack([rate, speed]) ** 2 / step**2, axis=0)))
 
 
 def run_assumptions(result: Result[Any]) -> tuple[str, ...]:
