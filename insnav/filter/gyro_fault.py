@@ -113,7 +113,8 @@ def _one(
     spans = [_likeliest(*drive.by_spans(at, edges, axis), edges, axis) for axis in axes]
     if max(each.gain for each in spans) < LOOKED_AT:
         return None
-    for cause, least in (LATER, LEAST_LATE), *((MOVED + i, ready.settings.gates.small_position) for i in range(3)):
+    small = ready.settings.gates.small_of(np.median(ready.gps.position_sd, axis=0))
+    for cause, least in (LATER, LEAST_LATE), *((MOVED + i, small) for i in range(3)):
         other = _likeliest(*drive.by_spans(at, edges, cause), edges, cause)
         spans += [other] * (abs(other.rate) > least)
     spans.sort(key=lambda each: -each.gain)
@@ -157,12 +158,13 @@ def _settled(ready: Prepared, spec: ImuSpec, fault: GyroFault) -> tuple[GyroFaul
         near = np.arange(-reach, reach + STEP, STEP)
         edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, min(fault.end, end) + near]), begin, end))
         before, fault = fault, _likeliest(*drive.by_spans(at, edges, fault.axis), edges, fault.axis, fault)
-        if fault.gain < LOOKED_AT or abs(fault.rate) < LEAST or fault.end - fault.begin < SHORTEST_FOUND:
+        if fault.gain < LOOKED_AT or abs(fault.rate) < LEAST:
             return None
         if drive is not seen[0] and fault.end == end:
             fault = replace(fault, end=whole)
         elif drive is seen[0] and fault.near(before):
-            return (fault, some, again) if fault.gain > SURELY else None
+            sure = fault.gain > SURELY and fault.end - fault.begin > SHORTEST_FOUND
+            return (fault, some, again) if sure else None
     return None
 
 

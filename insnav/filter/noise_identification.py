@@ -210,7 +210,10 @@ class InnovationLikelihood:
         first = np.searchsorted(self.times, self.times - AFTER)
         mean = (square[1:] - square[first]) / np.maximum(many[1:] - many[first], 1)
         lost = mean > LOST
-        return self.beginning(float(self.times[np.argmax(lost)] - self._run.initial.time)) if lost.any() else self
+        row = int(np.argmax(lost))
+        if not lost.any() or row < mean.size // SETTLING:  # it has not settled: what is wrong is all over
+            return self
+        return self.beginning(float(self.times[row] - self._run.initial.time))
 
     def with_correlated_velocities(self) -> InnovationLikelihood:
         """The same if velocities have a time-correlated error: three more states, which the run took for zero."""
