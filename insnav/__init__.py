@@ -105,7 +105,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # numba and pyarrow take most of a second to import: only when something that needs them is used
+    # numba, filterpy and pyarrow take most of a second to import: only when something that needs them is used
     if name == "simulate":  # a package that can be called
         return import_module("insnav.simulate")
     if name in _HOME:

@@ -1,32 +1,55 @@
-"""Covariance of the filter behind guards: one NaN, or one negative variance, would spoil all that follows, silently."""
+"""filterpy's Kalman filter behind guards.
+
+filterpy checks nothing: one NaN, one wrong shape or one negative variance spoils all that follows, silently. Nothing
+enters or leaves here unchecked.
+"""
 
 from __future__ import annotations
 
+import math
+from importlib import import_module
+from typing import Any
+
 import numpy as np
 
+from insnav.deferred import deferred
 from insnav.exceptions import DivergenceError
-from insnav.kernels.gps_measurement import predict, update
+from insnav.kernels.gps_measurement import covariance_fault, inverse, measurement_fault
 from insnav.types import FloatArray
 
 MAX_REPAIRS = 10  # rounding costs one or two in hours; more are a defect of model or data
+# filterpy imports all its parts at once; scipy.stats and scipy.linalg for these take half a second; no run does
+with deferred("filterpy.discrete_bayes", "filterpy.stats", "scipy.linalg"):
+    KalmanFilter: Any = import_module("filterpy.kalman").KalmanFilter
 
 
 class Engine:
     """Closed-loop error-state filter: the state is zero before every update; starts from a covariance, (n, n)."""
 
     def __init__(self, covariance: FloatArray) -> None:
-        self.covariance = covariance.copy()  # of the error state, (n, n), changed in place; for others to read only
+        n = covariance.shape[0]
+        self._filter = KalmanFilter(dim_x=n, dim_z=6)
+        self._filter.P = covariance.copy()
+        # numpy's inverse takes longer than the whole rest of an update with three numbers
+        self._filter.inv = inverse
+        self._zero = np.zeros((n, 1))
         self.repairs = 0
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the error state, (n, n); do not change it."""
+        p: FloatArray = self._filter.P
+        return p
 
     def predict(self, transition: FloatArray, noise: FloatArray, time: float) -> bool:
         """Carry the covariance to `time` [s] by transition and noise, (n, n) each, accumulated since the last call.
 
-        The transition is ``[[A, B], [0, diag(d)]]``, see `insnav.kernels.errorstate`.
         Returns whether a negative variance had to be repaired.
 
         Raises: DivergenceError: a number that is not finite, or too many repairs.
         """
-        return self._checked(predict(self.covariance, transition, noise), time)
+        self._filter.predict(F=transition, Q=noise)
+        return self._check(time)
 
     def update(self, z: FloatArray, h: FloatArray, r: FloatArray, time: float) -> tuple[FloatArray, bool]:
         """Use a measurement: predicted minus measured, (m,), its derivative by the error state, (m, n), its covariance.
@@ -34,24 +57,28 @@ class Engine:
         Returns: `error` (n,): estimated error, for the caller to correct the state by.
         Raises: DivergenceError: as `predict`; also where the measurement is not finite or its covariance not positive.
         """
-        error = np.empty(h.shape[1])
-        fault = update(self.covariance, z, h, np.ascontiguousarray(r), error)  # one kind of array, one kernel
-        if fault == 4:
+        r = np.ascontiguousarray(r)  # one kind of array, one kernel
+        if measurement_fault(z, h, r):
             raise DivergenceError(
                 "a measurement is not finite or has no positive variance",
                 where=f"time {time:.3f} s",
                 why=f"innovation {z}, variance {np.diagonal(r)}",
                 fix="check the GPS file around this time",
             )
-        if fault == 3:
+        self._filter.update(z.reshape(-1, 1), R=r, H=h)
+        error: FloatArray = self._filter.x[:, 0]
+        self._filter.x = self._zero
+        repaired = self._check(time)
+        if not math.isfinite(math.fsum(error.tolist())):
             raise DivergenceError("the filter's state is not finite", where=f"time {time:.3f} s")
-        return error, self._checked(fault, time)
+        return error, repaired
 
     def replace_covariance(self, covariance: FloatArray) -> None:
         """Set the covariance, at an explicit reset."""
-        self.covariance = covariance.copy()
+        self._filter.P = covariance.copy()
 
-    def _checked(self, fault: int, time: float) -> bool:
+    def _check(self, time: float) -> bool:
+        fault = covariance_fault(self._filter.P)
         if fault == 0:
             return False
         if fault == 1:
@@ -65,11 +92,11 @@ class Engine:
                 fix="check the standard deviations of the GPS file and the IMU error specification",
             )
         # in units of each state's own standard deviation, or the largest would set the floor for all
-        scale = np.sqrt(np.abs(np.diagonal(self.covariance)))
+        scale = np.sqrt(np.abs(np.diagonal(self._filter.P)))
         live = scale > 0.0
         unit = np.where(live, scale, 1.0)
-        values, vectors = np.linalg.eigh(self.covariance / np.outer(unit, unit))
+        values, vectors = np.linalg.eigh(self._filter.P / np.outer(unit, unit))
         repaired = (vectors * np.maximum(values, 1e-12 * values[-1])) @ vectors.T * np.outer(unit, unit)
         repaired[~live, :] = repaired[:, ~live] = 0.0
-        self.covariance = repaired
+        self._filter.P = repaired
         return True

@@ -132,7 +132,8 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         ((smoother.keep, d1, d, *3 * [d1], d2, d2), (smoother.keep_state, *4 * [d1])),
         ((gps_measurement.correct_with_arm, *3 * [d1], i, d1, d1), (gps_measurement.swing, d2, d1)),
         ((smoother.keep_measurement, d1, i, i, d1, d2, d2),),
-        ((gps_measurement.predict, d2, d2, d2), (gps_measurement.update, d2, d1, d2, d2, d1)),
+        ((gps_measurement.inverse, d2), (gps_measurement.covariance_fault, d2)),
+        ((gps_measurement.measurement_fault, d1, d2, d2),),
         ((errorstate.at_fix_time, d2, d1, d2), (errorstate.move_along, d2, d1)),
         ((errorstate.reset_transition, d2, d2, d1),),
     )

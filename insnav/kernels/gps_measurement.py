@@ -11,7 +11,6 @@ from insnav.kernels.dynamics import NAV
 from insnav.kernels.earth import OMEGA, radii
 from insnav.kernels.errorstate import STATES, feed_back
 
-REORDERED = {"reassoc", "contract", "nsz"}  # sums of many numbers at a time
 LARGEST_TURN = 0.35  # of all corrections together: what is more than an alignment errs is drift [1]
 
 
@@ -286,106 +285,29 @@ def inverse(s):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, fastmath=REORDERED)
-def predict(p, phi, q):  # type: ignore[no-untyped-def]
-    """Carry a covariance by transition ``[[A, B], [0, diag(d)]]`` and noise, (n, n) each, in place.
-
-    Returns: see `_fault_of`.
-    """
-    n = p.shape[0]
-    w = np.zeros((NAV, n))
-    for i in range(NAV):
-        for j in range(n):  # compiled for many columns at a time
-            total = 0.0
-            for k in range(STATES):
-                total += phi[i, k] * p[k, j]
-            w[i, j] = total
-    for i in range(NAV):
-        for j in range(i + 1):
-            total = q[i, j]
-            for k in range(STATES):
-                total += w[i, k] * phi[j, k]
-            p[i, j] = p[j, i] = total
-        for j in range(NAV, n):
-            p[i, j] = p[j, i] = w[i, j] * phi[j, j] + q[j, i]
-    for i in range(NAV, n):
-        for j in range(NAV, i + 1):
-            p[i, j] = p[j, i] = phi[i, i] * phi[j, j] * p[i, j] + q[i, j]
-    return _fault_of(p)
-
-
-@njit(cache=True, fastmath=REORDERED)
-def update(p, z, h, r, error):  # type: ignore[no-untyped-def]
-    """Update a covariance (n, n) by a measurement, in place, by Joseph's form ``(I - K H) P (I - K H)' + K R K'``.
-
-    `z` (m,), `h` (m, n), `r` (m, m): predicted minus measured, its derivative by the error state and its covariance,
-    m <= 6; `error` (n,): filled with the estimated error.
-    Returns: see `_fault_of`; 3 if the error is not finite; and 4, with nothing changed, if the measurement has a number
-    that is not finite or a variance that is not positive.
-    """
-    m, n = h.shape
-    hp, gain, rest, s = np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n)), np.zeros((m, m))
+@njit(cache=True)
+def measurement_fault(z, h, r):  # type: ignore[no-untyped-def]
+    """Whether a measurement has a number that is not finite or a variance that is not positive."""
     total = 0.0
-    for i in range(m):
+    for i in range(z.shape[0]):
         total += z[i]
         if not r[i, i] > 0.0:
-            return 4
-        for a in range(n):
-            share = h[i, a]
-            total += share
-            if share != 0.0:  # most are zero
-                for j in range(n):
-                    hp[i, j] += share * p[a, j]
-        for j in range(m):
-            s[i, j] = r[i, j]
+            return True
+        for j in range(h.shape[1]):
+            total += h[i, j]
+        for j in range(z.shape[0]):
             total += r[i, j]
-            for a in range(n):
-                s[i, j] += hp[i, a] * h[j, a]
-    if not np.isfinite(total):
-        return 4
-    inv, total = inverse(s), 0.0
-    for j in range(n):
-        error[j] = 0.0
-        for i in range(m):
-            for a in range(m):
-                gain[i, j] += inv[i, a] * hp[a, j]
-            error[j] += gain[i, j] * z[i]
-        total += error[j]
-    _less(p, gain, hp)
-    for a in range(m):  # what (I - K H) P H' leaves of K R: nothing but rounding
-        for i in range(n):
-            for b in range(m):
-                rest[a, i] -= gain[b, i] * r[b, a]
-        for j in range(n):
-            if h[a, j] != 0.0:
-                for i in range(n):
-                    rest[a, i] += p[i, j] * h[a, j]
-    _less(p, rest, gain)
-    for i in range(n):
-        for j in range(i):
-            p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
-    fault = _fault_of(p)
-    return 3 if fault == 0 and not np.isfinite(total) else fault
+    return not np.isfinite(total)
 
 
-@inner(fastmath=REORDERED)
-def _less(p, a, b):  # type: ignore[no-untyped-def]
-    """Take the product ``a' b`` of two matrices of six rows off a covariance, three at a time."""
-    n = p.shape[0]
-    for k in range(0, 6, 3):
-        for i in range(n):
-            a0, a1, a2 = a[k, i], a[k + 1, i], a[k + 2, i]
-            for j in range(n):
-                p[i, j] -= a0 * b[k, j] + a1 * b[k + 1, j] + a2 * b[k + 2, j]
-
-
-@inner()
-def _fault_of(p):  # type: ignore[no-untyped-def]
-    """Whether a covariance has a number that is not finite (1) or a negative variance (2), else 0."""
+@njit(cache=True)
+def covariance_fault(p):  # type: ignore[no-untyped-def]
+    """Whether a covariance has a number that is not finite (1) or a negative variance (2); symmetrised in place."""
     n, fault, total = p.shape[0], 0, 0.0
     for i in range(n):
         if p[i, i] < 0.0:
             fault = 2
-        for j in range(n):
+        for j in range(i + 1):
+            p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
             total += p[i, j]
     return fault if np.isfinite(total) else 1

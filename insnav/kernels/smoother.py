@@ -13,7 +13,7 @@ import numpy as np
 from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES, at_fix_time, feed_back
-from insnav.kernels.gps_measurement import REORDERED, inverse
+from insnav.kernels.gps_measurement import inverse
 
 # columns of a row of the history
 TIME, KIND, SOURCE, STATE, CORRECTION, ARM, RESIDUAL, NOISE = 0, 1, 2, 3, 13, 25, 37, 43
@@ -23,6 +23,7 @@ POSITION, VELOCITY = 7, 56
 FIX, AIDING = 1, 2  # sources of a measurement
 SHOCK = 5  # numbers of a change: see `_change`
 DRAG = 60.0  # duration of the drags that are looked for [s]
+REORDERED = {"reassoc", "contract", "nsz"}  # sums of many numbers at a time
 
 
 def width(n: int) -> int:
