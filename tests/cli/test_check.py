@@ -32,6 +32,13 @@ def test_exit_codes_and_the_line(cli, tmp_path):
     assert cli("check", tmp_path / "nothing.csv").code == 1
 
 
+def test_a_file_of_dates_alone_is_not_understood(cli, tmp_path):
+    (tmp_path / "dates.txt").write_text("".join(f"2011-09-26 13:02:{s:02d}.33509\n" for s in range(20)))
+    found = cli("check", tmp_path / "dates.txt")
+    assert found.code == 1
+    assert "not understood" in found.out
+
+
 def test_a_folder_of_a_recording_is_no_phone(cli, tmp_path):
     folder = tmp_path / "drive"
     folder.mkdir()

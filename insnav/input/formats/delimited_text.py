@@ -73,8 +73,8 @@ class TextCells:
             return replace(self, text=text, dialect=replace(self.dialect, delimiter=";", offset=0)).read(indices)
         texts = self._texts(indices)
         plain = [i for i in indices if i not in texts]
-        # Arrow does not say where it stumbled, and knows neither comments nor cut rows.
-        numbers = _if_valid(_read_fast, self.text, self.dialect, plain) or self._scan(plain)
+        # Arrow does not say where it stumbled, and knows neither comments nor cut rows, nor rows without a number.
+        numbers = (_if_valid(_read_fast, self.text, self.dialect, plain) if plain else None) or self._scan(plain)
         if not numbers.cut and (cut := self._cut_number(plain, numbers.n_rows)):
             numbers = Numbers({i: c[:-1] for i, c in numbers.columns.items()}, numbers.n_rows - 1, cut)
         if texts:
