@@ -5,9 +5,9 @@ axis is off between any two times is estimated beside the filter, as misalignmen
 z always, of all where the noise is implausible for the IMU or fixes were rejected. The likeliest span is taken: A. S.
 Willsky, H. L. Jones, "A generalized likelihood ratio approach to the detection and estimation of jumps in linear
 systems", IEEE Trans. Autom. Control 21 (1976) 108-112. What is found is taken off the samples, noise is found anew, and
-the span is refined. Where nothing
-of this is as likely as fixes that are moved, or later from then on, these are left to the searches for them: gyros do
-not stand for what they do not do. A run that is lost is looked at up to there, and again without what began there.
+the span is refined. Where nothing of this is as likely as fixes that are moved, or later from then on, these are left
+to the searches for them: gyros do not stand for what they do not do. A run that is lost is looked at up to there, and
+again without what began there.
 """
 
 from __future__ import annotations
