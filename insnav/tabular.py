@@ -136,6 +136,11 @@ def unit_of(name: str) -> float:
     return next((factor for suffix, factor in _FACTORS if name.endswith(suffix)), 1.0)
 
 
+def runs_of(chosen: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Begin and end ``(m, 2)`` of each unbroken run of chosen rows ``(n,)``."""
+    return np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(np.int8), [0]]))).reshape(-1, 2)
+
+
 def _array(frame: pd.DataFrame, names: tuple[str, ...]) -> NDArray[Any]:
     """(n,) or (n, k) array of SI values; whole numbers for a column that means a kind, such as ``fix``."""
     absent = np.full(len(frame), np.nan)

@@ -16,6 +16,7 @@ from insnav.earth import OMEGA_EARTH, earth_rate_n, gravity_n
 from insnav.exceptions import AlignmentError
 from insnav.imu.specification import ImuSpec, gyro_bias_sd, level_bias_sd
 from insnav.strapdown import Intervals
+from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray
 
 WINDOW = 0.5  # length of the windows that are classified: several periods of an idling engine [s]
@@ -96,8 +97,7 @@ def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[fl
     quiet &= (np.abs(mean_w - np.median(mean_w[quiet], axis=0)) < TURNING).all(axis=1)
     change = np.linalg.norm(np.diff(mean_f, axis=0), axis=1) > PUSHED
     quiet[1:] &= ~change
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet.astype(np.int8), [0]])))
-    for begin, last in zip(edges[::2], edges[1::2], strict=True):
+    for begin, last in runs_of(quiet):
         # without fixes a step of a sensor looks like a soft departure
         end = last if slow is None else begin + _before_departure(mean_f[begin:last], mean_w[begin:last])
         start = float(parts.end[begin * size] - parts.dt[begin * size])

@@ -46,6 +46,7 @@ from insnav.filter.parts import LONGEST_GAP
 from insnav.filter.settings import FilterSettings
 from insnav.plain_text import moment
 from insnav.sample_statistics import chi2_limit
+from insnav.tabular import runs_of
 from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData, IntArray, Run, StateChange
 
 OPEN = Gates(max_sd=np.inf, max_speed=np.inf, probability=1.0, reset_after=np.inf)  # no gate: the weights decide
@@ -343,8 +344,7 @@ def _weighted(gps: GpsData, weights: ArrayLike) -> GpsData:
 
 def stretches(time: FloatArray, chosen: BoolArray) -> list[tuple[float, float]]:
     """First and last time of each unbroken row of chosen fixes."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(np.int8), [0]])))
-    return [(float(time[start]), float(time[stop - 1])) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+    return [(float(time[start]), float(time[stop - 1])) for start, stop in runs_of(chosen)]
 
 
 def told_false(gps: GpsData, trust: Trust) -> list[Event]:

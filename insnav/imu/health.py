@@ -14,6 +14,7 @@ from insnav import spill
 from insnav.exceptions import InputError
 from insnav.imu.model import per_sample
 from insnav.kernels.health import glance
+from insnav.tabular import runs_of
 from insnav.types import BoolArray, Event, EventKind, FloatArray, ImuData, IntArray
 
 SPIKE_GYRO, SPIKE_ACCEL = 1.5, 9.5  # a smaller jump of one sample does no harm worth a search [rad/s], [m/s^2]
@@ -294,7 +295,7 @@ def _others_vary(quiet: BoolArray, axis: int, first: IntArray, count: IntArray) 
 
 def _runs(same: BoolArray) -> tuple[IntArray, IntArray]:
     """First sample and number of samples of each row of equal ones, at least `CLIPPED`."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]])))
-    first, count = edges[::2], edges[1::2] - edges[::2] + 1
+    first, end = runs_of(same).T
+    count = end - first + 1
     long = count >= CLIPPED
     return first[long], count[long]

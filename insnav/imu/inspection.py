@@ -10,6 +10,7 @@ from scipy.ndimage import median_filter
 from insnav.exceptions import InputError
 from insnav.imu.model import per_sample
 from insnav.imu.noise_density import white_noise
+from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, ImuData
 
 AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
@@ -156,8 +157,7 @@ def _jolt(time: FloatArray, force: FloatArray, interval: float) -> tuple[float, 
 
 def _gravity_step(time: FloatArray, force: FloatArray, still: BoolArray) -> tuple[float, float]:
     """Largest change of the size of the specific force from one rest to the next [m/s^2], and when [s]."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
-    rests = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if time[b - 1] - time[a] > 2.0]
+    rests = [(a, b) for a, b in runs_of(still) if time[b - 1] - time[a] > 2.0]
     sizes = np.array([float(np.linalg.norm(force[a:b].mean(axis=0))) for a, b in rests])
     if sizes.size < 2:
         return 0.0, float("nan")

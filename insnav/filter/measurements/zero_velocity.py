@@ -12,6 +12,7 @@ from insnav.filter.measurements.first_pass import FirstPass
 from insnav.filter.measurements.measurement import INTERVAL, NOTHING, FilterView
 from insnav.imu.specification import ImuSpec
 from insnav.kernels.aiding_measurements import zero_velocity
+from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData
 
 WINDOW = 0.5  # length of the windows that are classified: several periods of an idling engine [s]
@@ -81,9 +82,8 @@ def find_stops(imu: ImuData, gps: GpsData, spec: ImuSpec) -> tuple[FloatArray, F
     rates = f"{100 * right:.0f} % of stops detected, {100 * wrong:.3g} % false"
     if stationary.all() or wrong > FALSE_STOPS or right < FEWEST_STOPS:
         return none, no_sd, f"ZUPT: not used, {rates}"
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], stationary.astype(np.int8), [0]])))
     # the first and the last window of a stop may hold a moment of braking or starting
-    stops = np.array([[begin[a] + 0.5 * WINDOW, end[b - 1] - 0.5 * WINDOW] for a, b in edges.reshape(-1, 2)])
+    stops = np.array([[begin[a] + 0.5 * WINDOW, end[b - 1] - 0.5 * WINDOW] for a, b in runs_of(stationary)])
     stops = stops[stops[:, 1] - stops[:, 0] >= WINDOW]
     if not stops.size:
         return none, no_sd, "ZUPT: no stops"

@@ -9,6 +9,7 @@ import numpy as np
 
 from insnav import spill
 from insnav.exceptions import InputError
+from insnav.tabular import runs_of
 from insnav.types import BoolArray, Event, FloatArray, IntArray
 
 MAX_UNSORTED = 0.01  # fraction of rows that may be out of order
@@ -129,12 +130,6 @@ def cut_event(kinds: Kinds, time: float, why: str) -> Event:
     return kinds.event("cut_row", time, 1.0, f"the last row was left out: {why}")
 
 
-def runs(mask: BoolArray) -> list[tuple[int, int]]:
-    """First index and length of every run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
-    return [(int(a), int(b - a)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
 def _stray(time: FloatArray) -> BoolArray:
     """Rows whose time is that of another day or week, where they are few and all others are of one day.
 
@@ -166,9 +161,9 @@ def _run_events(time: FloatArray, bad: BoolArray, kinds: Kinds, action: str) -> 
     if not len(known):
         return []
     events = []
-    for first, length in runs(bad):
+    for first, end in runs_of(bad).tolist():
         at = known[min(int(np.searchsorted(known, first)), len(known) - 1)]
-        events.append(kinds.event("nan", time[at], length, f"{length} {kinds.rows} left out: {action}"))
+        events.append(kinds.event("nan", time[at], end - first, f"{end - first} {kinds.rows} left out: {action}"))
     return events
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.interpret.clean import runs
+from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, ImuData
 
 WINDOW = 1.0  # over which the variance is taken [s]
@@ -132,7 +132,7 @@ def find_poses(imu: ImuData, activity: Activity, factor: float) -> tuple[Pose, .
     """
     still: BoolArray = activity.ratio < factor * factor
     shortest = max(FEWEST, round(SHORTEST / activity.interval))
-    found = [pose_between(imu, first, first + n) for first, n in runs(still) if n >= shortest]
+    found = [pose_between(imu, first, end) for first, end in runs_of(still).tolist() if end - first >= shortest]
     if not found:
         return ()
     force = np.array([pose.force for pose in found])
@@ -156,7 +156,7 @@ def clipped(values: FloatArray, moving: BoolArray) -> BoolArray:
     found = np.zeros(values.shape[0], dtype=np.bool_)
     for column in values.T:
         for extreme in (column.min(), column.max()):
-            for first, n in runs((column == extreme) & moving):
-                if n >= CLIPPED:
-                    found[first : first + n] = True
+            for first, end in runs_of((column == extreme) & moving):
+                if end - first >= CLIPPED:
+                    found[first:end] = True
     return found
