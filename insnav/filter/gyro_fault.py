@@ -43,7 +43,7 @@ ROUNDS, SETTLED = 12, 0.03  # at most, and the part of a rate that ends them
 # fault: recorded drives without one have up to 47 and 81 [-]
 LOOKED_AT, SURELY = 15.0, 100.0
 LEAST = 0.3 * DEG  # rate; biases that warm up and what vibration adds on a recorded car, 0.23 deg/s, are none [rad/s]
-ALIKE = 0.9  # part of the largest gain from which another axis is tried where that one does not last
+ALIKE = 0.3  # part of the largest gain from which an axis is tried: the run with the fault is not linear in it
 SHORTEST_FOUND = 1.5 * STEP  # what is left at the ends of another one is none [s]
 OPENED = 0.5  # part of the rate by which the bias is opened where a span begins and ends
 MOST = 3  # in one drive
@@ -108,23 +108,34 @@ def _one(
     ready: Prepared, spec: ImuSpec, seen: tuple[InnovationLikelihood, FloatArray], axes: tuple[int, ...]
 ) -> tuple[GyroFault, Prepared, NoiseEstimate] | None:
     """The fault of one of the `axes` that stands out most in what was `seen`, the recording without it, its noise."""
-    drive, at = seen[0].linear(seen[1]), seen[1]
-    edges = _edges(drive)
-    spans = [_likeliest(*drive.by_spans(at, edges, axis), edges, axis) for axis in axes]
-    if max(each.gain for each in spans) < LOOKED_AT:
-        return None
-    small = ready.settings.gates.small_of(np.median(ready.gps.position_sd, axis=0))
-    for cause, least in (LATER, LEAST_LATE), *((MOVED + i, small) for i in range(3)):
-        other = _likeliest(*drive.by_spans(at, edges, cause), edges, cause)
-        spans += [other] * (abs(other.rate) > least)
-    spans.sort(key=lambda each: -each.gain)
-    for fault in spans:
-        if fault.axis >= LATER or fault.gain < max(LOOKED_AT, ALIKE * spans[0].gain):
-            break
-        settled = _settled(ready, spec, fault)
-        if settled is not None:
-            return settled
+    for cut in (True, False):  # what is seen after a run was lost misleads, but may be all that shows a fault
+        spans = sorted(_spans(seen, axes, cut), key=lambda each: -each.gain)
+        rival = 0.0 if spans[0].gain < LOOKED_AT else _rival(ready, seen, cut)
+        for fault in spans:
+            if fault.gain < max(LOOKED_AT, ALIKE * max(spans[0].gain, rival)):
+                break
+            settled = _settled(ready, spec, fault, cut)
+            if settled is None:
+                continue
+            left = _opened(*settled[1:]) if rival > fault.gain else None
+            if left is None or _rival(settled[1], left, cut) < settled[0].gain:
+                return settled
     return None
+
+
+def _spans(seen: tuple[InnovationLikelihood, FloatArray], causes: tuple[int, ...], cut: bool) -> list[GyroFault]:
+    """Where each of the causes is likeliest."""
+    drive, at = seen[0].linear(seen[1]) if cut else seen[0], seen[1]
+    edges = _edges(drive)
+    return [_likeliest(*drive.by_spans(at, edges, cause), edges, cause) for cause in causes]
+
+
+def _rival(ready: Prepared, seen: tuple[InnovationLikelihood, FloatArray], cut: bool) -> float:
+    """Gain by what else may look like a gyro: fixes that are later from then on, or off for a while."""
+    small = ready.settings.gates.small_of(np.median(ready.gps.position_sd, axis=0))
+    others = _spans(seen, (LATER, MOVED, MOVED + 1, MOVED + 2), cut)
+    least = (LEAST_LATE, small, small, small)
+    return max((o.gain for o, size in zip(others, least, strict=True) if abs(o.rate) > size), default=0.0)
 
 
 def _opened(ready: Prepared, found: NoiseEstimate) -> tuple[InnovationLikelihood, FloatArray] | None:
@@ -139,30 +150,33 @@ def _edges(drive: InnovationLikelihood) -> FloatArray:
     return np.linspace(min(begin, end), end, int(np.clip((end - begin) / SHORTEST, 1, PARTS)) + 1)
 
 
-def _settled(ready: Prepared, spec: ImuSpec, fault: GyroFault) -> tuple[GyroFault, Prepared, NoiseEstimate] | None:
+def _settled(
+    ready: Prepared, spec: ImuSpec, fault: GyroFault, cut: bool
+) -> tuple[GyroFault, Prepared, NoiseEstimate] | None:
     """Refine a fault about runs without it, with the noise of these, as long as it changes; none if it does not last.
 
-    A run that is lost tells of what was before. A fault that is there until then may be so to the end.
+    `cut`: a run that is lost is looked at up to there. A fault that is there until then may be so to the end.
     """
     whole = float(ready.imu.time[-1])
-    for _ in range(ROUNDS):
+    for count in range(ROUNDS):
         some = replace(ready, imu=fault.taken_off(ready.imu))
         again = identify_noise(some, spec)
         seen = None if again is None else _opened(some, again)
         if again is None or seen is None:
             return None
-        drive, at = seen[0].linear(seen[1]), seen[1]
+        drive, at = seen[0].linear(seen[1]) if cut else seen[0], seen[1]
         edges = _edges(drive)
         begin, end = edges[[0, -1]]
         reach = max(REACH, edges[1] - edges[0])
         near = np.arange(-reach, reach + STEP, STEP)
         edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, min(fault.end, end) + near]), begin, end))
         before, fault = fault, _likeliest(*drive.by_spans(at, edges, fault.axis), edges, fault.axis, fault)
-        if fault.gain < LOOKED_AT or abs(fault.rate) < LEAST:
+        lost = drive is not seen[0]
+        if fault.gain < (LOOKED_AT if lost or count == 0 else SURELY) or abs(fault.rate) < LEAST:
             return None
-        if drive is not seen[0] and fault.end == end:
+        if lost and fault.end == end:
             fault = replace(fault, end=whole)
-        elif drive is seen[0] and fault.near(before):
+        elif not lost and fault.near(before):
             sure = fault.gain > SURELY and fault.end - fault.begin > SHORTEST_FOUND
             return (fault, some, again) if sure else None
     return None
