@@ -12,11 +12,13 @@ true, and the variance is that of the mixture of both.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 
 from insnav.earth import ned_offset
+from insnav.exceptions import DivergenceError
 from insnav.filter.gates import Trust
 from insnav.kernels.dynamics import NAV
 from insnav.plain_text import moment
@@ -64,7 +66,10 @@ def changes_of(
             wanted = [run.smoothed.surest] if run.smoothed.surest is not None else []
         elif wanted and wanted[0].first == ATTITUDE:
             wanted += [each for each in run.smoothed.likely[1:] if each.first > ATTITUDE]
-        tried = [(more, again(changes=more)) for added in wanted for more in with_(changes, added, passing)]
+        tried = []
+        for more in (more for added in wanted for more in with_(changes, added, passing)):
+            with suppress(DivergenceError):  # what ends so explains nothing
+                tried.append((more, again(changes=more)))
         if not tried:
             break
         bold = [sum(each.first == ATTITUDE or not each.change.any() for each in more) for more, _ in tried]

@@ -17,6 +17,7 @@ Signal Processing 60 (2012) 5024-5037: smoothing repeated with weights of each m
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -26,6 +27,7 @@ from numpy.typing import ArrayLike
 from insnav import strapdown
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
+from insnav.exceptions import DivergenceError
 from insnav.filter.changes import (
     ATTITUDE,
     BETTER,
@@ -140,7 +142,10 @@ def decided(
     others = list[Run]()
     starts = STARTS if np.isfinite(gps.v_n).any() else ALONE
     for start in starts if against else ():
-        weighed = reconcile(first, gps, settings, again, start)
+        try:
+            weighed = reconcile(first, gps, settings, again, start)
+        except DivergenceError:
+            continue
         if weighed.agreed:
             found, others = weighed, []
             break
@@ -149,9 +154,10 @@ def decided(
     changes: tuple[StateChange, ...] = ()
     step = first.smoothed.delay_step
     if against or any(each.first == ATTITUDE for each in first.smoothed.likely[:1]):  # else gates hide nothing
-        ungated = again(gps)
-        step = (ungated.smoothed and ungated.smoothed.delay_step) or step
-        _, changes, _ = changes_of(ungated, (), partial(again, gps), worth)
+        with suppress(DivergenceError):
+            ungated = again(gps)
+            step = (ungated.smoothed and ungated.smoothed.delay_step) or step
+            _, changes, _ = changes_of(ungated, (), partial(again, gps), worth)
     if changes:
         ways = [partial(again, gps, gates=gates) for gates in (settings.gates, OPEN)]
         runs = [way(changes=changes) for way in ways]
@@ -313,11 +319,11 @@ def rows_of(run: Run, gps: GpsData, settings: FilterSettings) -> IntArray:
 
 
 def without_rejected(gps: GpsData, run: Run, settings: FilterSettings) -> GpsData:
-    """Fixes of which only that is left which a run used: those whose position it rejected are marked as none."""
+    """Fixes of which those whose position a run rejected are marked as none; velocities the gates decide anew."""
     found, rows = run.innovations, rows_of(run, gps, settings)
-    fix, v_n = np.ones(gps.time.shape[0], dtype=np.int64) if gps.fix is None else gps.fix.copy(), gps.v_n.copy()
-    fix[rows[~found.used_position]], v_n[rows[~found.used_velocity]] = 0, np.nan
-    return replace(gps, fix=fix, v_n=v_n)
+    fix = np.ones(gps.time.shape[0], dtype=np.int64) if gps.fix is None else gps.fix.copy()
+    fix[rows[~found.used_position]] = 0
+    return replace(gps, fix=fix)
 
 
 def contradicted(run: Run, gps: GpsData, settings: FilterSettings) -> bool:
