@@ -238,6 +238,8 @@ def _as_numbers(values: list[list[float]], indices: Sequence[int], cut: str) -> 
 def _why_not_a_number(cell: str) -> str:
     if re.match(r"^\d{4}-\d\d-\d\d|^\d{1,2}:\d\d:", cell):
         return "it looks like a date or a time of day; times must be seconds"
-    if re.match(r"^[-+]?\d{1,3}(,\d{3})+", cell):
+    if re.match(r"^[-+]?\d{1,3}(,\d{3})+(\.\d*)?$", cell):
         return "it looks like a number with a thousands separator"
+    if re.match(r"^[-+]?\d+,\d+$", cell):
+        return "it looks like a number with a decimal comma: columns must then be separated by semicolons or tabs"
     return "every cell of this column must be a number"
