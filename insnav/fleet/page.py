@@ -182,7 +182,7 @@ def fleet_page(rows: Sequence[Row], left_out: Sequence[str]) -> Page:
     light: Light = (
         "bad" if wrong else "attention" if count["attention"] or out else "unknown" if count["unknown"] else "good"
     )
-    reason = f"{wrong or 'none'} of {total} drives failed or are not to be relied on"
+    reason = f"{wrong} of {total} drives failed or are not to be relied on" if wrong else f"none of {total} failed"
     if not wrong and count["attention"]:
         reason = f"{count['attention']} of {total} drives have warnings"
     kept = sum(row.drive.kept for row in rows)

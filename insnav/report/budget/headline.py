@@ -135,6 +135,6 @@ def merits(budget: Budget, windows: RecordedBudget | None) -> tuple[Quantity, ..
     ratio = value / by if np.isfinite(value) and by > 0.0 else None
     return (
         *found,
-        Quantity("recorded_ratio", ratio, meaning="recorded / predicted, horizontal"),
+        Quantity("recorded_ratio", ratio, meaning="recorded / predicted by the filter, horizontal"),
         Quantity("inside_3_sd", f"{100.0 * part.growth.inside_at_end:.0f} %", meaning=f"inside 3 sd, {count} windows"),
     )

@@ -96,7 +96,8 @@ def _verdict(each: Verdict, length: float) -> str:
         words += f", {number(each.recorded / each.predicted, 2)} times as large"
     return (
         f"{each.component.capitalize()} after {length:g} s: recorded "
-        f"{corrected_text(each.recorded, each.low, each.high)}, predicted {number(each.predicted)} m: {words}."
+        f"{corrected_text(each.recorded, each.low, each.high)}, predicted {number(each.predicted)} m by the filter for "
+        f"all windows: {words}."
     )
 
 

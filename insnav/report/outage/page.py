@@ -106,20 +106,23 @@ def _verdict(study: OutageStudy, told: tuple[str, ...]) -> Verdict:
         light = "attention"
         reason = f"after {longer:g} s the {larger}errors are {ratio:.2f} times as large as predicted; "
         reason += f"{100.0 * few:.0f} % or more are inside 3 sd"
-    raw, left = float(found.rms[-1, i]), float(found.corrected[-1, i])
     text = (
-        f"After {found.length:g} s without GPS: horizontal error {number(raw)} m RMS, 95 % {number(found.p95[-1, i])} m"
+        f"After {found.length:g} s without GPS: horizontal error {number(float(found.rms[-1, i]))} m RMS, "
+        f"95 % {number(found.p95[-1, i])} m{_less_reference(found, i)}; "
+        f"predicted {number(float(found.predicted[-1, i]))} m"
     )
-    if not left > _SAME * raw:
-        text += (
-            f" as measured, {corrected_text(left, float(found.low[-1, i]), float(found.high[-1, i]))} without that of "
-            "the reference"
-        )
-    text += f"; predicted {number(float(found.predicted[-1, i]))} m"
     if np.isfinite(found.rms[-1, smoothed]):
-        text += f"; smoothed {number(float(found.rms[-1, smoothed]))} m RMS"
+        text += f"; smoothed {number(float(found.rms[-1, smoothed]))} m RMS{_less_reference(found, smoothed)}"
     verdict = Verdict(cast(Light, light), reason, f"{text}.")
     return by_warnings(verdict.sentence, told, (verdict.light, reason)) if light == "good" else verdict
+
+
+def _less_reference(found: Growth, column: int) -> str:
+    """Say what is left of an RMS error at the end without that of the reference, if that is less."""
+    left, low, high = (float(each[-1, column]) for each in (found.corrected, found.low, found.high))
+    if left > _SAME * found.rms[-1, column]:
+        return ""
+    return f" as measured, {corrected_text(left, low, high)} without that of the reference"
 
 
 def _inside(found: Growth, mode: str) -> float:
