@@ -50,6 +50,9 @@ MOST = 3  # in one drive
 HEADING = 2  # the axis that is looked at in every drive: weak fixes hardly show a heading, tilts they do
 
 
+_Seen = tuple[InnovationLikelihood, FloatArray]  # innovations of a run, and the logarithms of figures of its noise
+
+
 @dataclass(frozen=True, slots=True)
 class GyroFault:
     """An axis that is off for a while."""
@@ -105,40 +108,50 @@ def _far_larger(found: ImuSpec, spec: ImuSpec) -> bool:
 
 
 def _one(
-    ready: Prepared, spec: ImuSpec, seen: tuple[InnovationLikelihood, FloatArray], axes: tuple[int, ...]
+    ready: Prepared, spec: ImuSpec, seen: _Seen, axes: tuple[int, ...]
 ) -> tuple[GyroFault, Prepared, NoiseEstimate] | None:
     """The fault of one of the `axes` that stands out most in what was `seen`, the recording without it, its noise."""
+    alike = set[int]()  # axes of which all runs were looked at as a whole already
     for cut in (True, False):  # what is seen after a run was lost misleads, but may be all that shows a fault
-        spans = sorted(_spans(seen, axes, cut), key=lambda each: -each.gain)
-        rival = 0.0 if spans[0].gain < LOOKED_AT else _rival(ready, seen, cut)
+        look = _looked_at(seen, cut)
+        spans = sorted(_spans(look, axes), key=lambda each: -each.gain)
+        rival = 0.0 if spans[0].gain < LOOKED_AT else _rival(ready, look)
         for fault in spans:
             if fault.gain < max(LOOKED_AT, ALIKE * max(spans[0].gain, rival)):
                 break
-            settled = _settled(ready, spec, fault, cut)
+            if fault.axis in alike:
+                continue
+            settled, lost = _settled(ready, spec, fault, cut)
             if settled is None:
+                alike |= {fault.axis} if look[0] is seen[0] and not lost else set()
                 continue
             left = _opened(*settled[1:]) if rival > fault.gain else None
-            if left is None or _rival(settled[1], left, cut) < settled[0].gain:
+            if left is None or _rival(settled[1], _looked_at(left, cut)) < settled[0].gain:
                 return settled
     return None
 
 
-def _spans(seen: tuple[InnovationLikelihood, FloatArray], causes: tuple[int, ...], cut: bool) -> list[GyroFault]:
+def _looked_at(seen: _Seen, cut: bool) -> _Seen:
+    """What was seen, up to where a run is lost if it is `cut` there."""
+    return (seen[0].linear(seen[1]), seen[1]) if cut else seen
+
+
+def _spans(look: _Seen, causes: tuple[int, ...]) -> list[GyroFault]:
     """Where each of the causes is likeliest."""
-    drive, at = seen[0].linear(seen[1]) if cut else seen[0], seen[1]
+    drive, at = look
     edges = _edges(drive)
     return [_likeliest(*drive.by_spans(at, edges, cause), edges, cause) for cause in causes]
 
 
-def _rival(ready: Prepared, seen: tuple[InnovationLikelihood, FloatArray], cut: bool) -> float:
+def _rival(ready: Prepared, look: _Seen) -> float:
     """Gain by what else may look like a gyro: fixes that are later from then on, or off for a while."""
     small = ready.settings.gates.small_of(np.median(ready.gps.position_sd, axis=0))
-    others = _spans(seen, (LATER, MOVED, MOVED + 1, MOVED + 2), cut)
+    others = _spans(look, (LATER, MOVED, MOVED + 1, MOVED + 2))
     least = (LEAST_LATE, small, small, small)
     return max((o.gain for o, size in zip(others, least, strict=True) if abs(o.rate) > size), default=0.0)
 
 
-def _opened(ready: Prepared, found: NoiseEstimate) -> tuple[InnovationLikelihood, FloatArray] | None:
+def _opened(ready: Prepared, found: NoiseEstimate) -> _Seen | None:
     """The likelihood of all fixes: what was rejected tells most."""
     open_ = replace(ready, settings=replace(ready.settings, gates=OPEN))
     return known_likelihood(with_noise(open_, found), found.filter_spec)
@@ -152,19 +165,20 @@ def _edges(drive: InnovationLikelihood) -> FloatArray:
 
 def _settled(
     ready: Prepared, spec: ImuSpec, fault: GyroFault, cut: bool
-) -> tuple[GyroFault, Prepared, NoiseEstimate] | None:
+) -> tuple[tuple[GyroFault, Prepared, NoiseEstimate] | None, bool]:
     """Refine a fault about runs without it, with the noise of these, as long as it changes; none if it does not last.
 
     `cut`: a run that is lost is looked at up to there. A fault that is there until then may be so to the end.
+    Returns: the fault, the recording without it, its noise; and whether one of the runs was cut.
     """
-    whole = float(ready.imu.time[-1])
+    whole, any_lost = float(ready.imu.time[-1]), False
     for count in range(ROUNDS):
         some = replace(ready, imu=fault.taken_off(ready.imu))
         again = identify_noise(some, spec)
         seen = None if again is None else _opened(some, again)
         if again is None or seen is None:
-            return None
-        drive, at = seen[0].linear(seen[1]) if cut else seen[0], seen[1]
+            break
+        drive, at = _looked_at(seen, cut)
         edges = _edges(drive)
         begin, end = edges[[0, -1]]
         reach = max(REACH, edges[1] - edges[0])
@@ -172,14 +186,15 @@ def _settled(
         edges = np.unique(np.clip(np.concatenate([edges, fault.begin + near, min(fault.end, end) + near]), begin, end))
         before, fault = fault, _likeliest(*drive.by_spans(at, edges, fault.axis), edges, fault.axis, fault)
         lost = drive is not seen[0]
+        any_lost |= lost
         if fault.gain < (LOOKED_AT if lost or count == 0 else SURELY) or abs(fault.rate) < LEAST:
-            return None
+            break
         if lost and fault.end == end:
             fault = replace(fault, end=whole)
         elif not lost and fault.near(before):
             sure = fault.gain > SURELY and fault.end - fault.begin > SHORTEST_FOUND
-            return (fault, some, again) if sure else None
-    return None
+            return (fault, some, again) if sure else None, any_lost
+    return None, any_lost
 
 
 def _likeliest(
