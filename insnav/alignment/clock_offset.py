@@ -39,8 +39,6 @@ AS_TOLD = 0.3  # part of the best log-likelihood with which the clocks as they a
 APART = 5.0  # other lags are at least so far away [s]
 BLOCKS = 12  # of the record, in which residuals may be alike
 SYSTEMATIC = 0.01  # error that lever arm and levelling leave, RMS of simulated city drives [s]
-# correlation that tells of turns, which an IMU may see upside down, and of sizes of accelerations
-LEAST = -1.0, 0.0
 # standard deviations beyond which a residual is that of a false velocity, if it exceeds the RMS of what is seen, too:
 # in a flight straight for most of the time it would else be that of every turn
 OUTSIDE = 4.0
@@ -146,12 +144,12 @@ def _best_lag(imu: tuple[float, FloatArray, BoolArray], gps: tuple[float, FloatA
     if min(n, m) * STEP < SHORTEST:
         return None
     score = np.zeros(n + m - 1)
-    for least, x, mx, y, my in zip(LEAST, imu[1], imu[2], gps[1], gps[2], strict=True):
+    for x, mx, y, my in zip(imu[1], imu[2], gps[1], gps[2], strict=True):
         if not (mx.any() and my.any()) or float(np.std(y[my])) < 0.1 * MOVES:
             continue
         correlation, count = _masked_correlation(x, mx, y, my)
         enough = count * STEP >= max(SHORTEST, SHARE * STEP * min(mx.sum(), my.sum()))
-        r = np.where(enough, np.clip(correlation, max(least, -0.999), 0.999), 0.0)
+        r = np.where(enough, np.clip(correlation, -0.999, 0.999), 0.0)
         score -= 0.5 * (count * STEP / MEMORY) * np.log1p(-(r**2))
     best = int(np.argmax(score))
     around = abs(np.arange(n + m - 1) - best) * STEP < APART
@@ -220,8 +218,6 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
                 if power == 0.0 or float(np.sum(y**2)) == 0.0:
                     break
                 r[i] = float(np.sum(x * y)) / np.sqrt(power * float(np.sum(y**2)))
-                if r[i] < LEAST[i]:
-                    break
                 fitted = float(np.sum(x * y)) / power * x
                 rest = y - fitted
                 left[i], weight[i] = 0.0, 1.0 / max(float(np.mean(rest**2)), 1e-12)
