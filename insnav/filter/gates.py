@@ -9,8 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from insnav.earth import ned_offset
 from insnav.sample_statistics import chi2_limit
-from insnav.types import BoolArray, Event, EventKind, FloatArray
+from insnav.types import BoolArray, Event, EventKind, FloatArray, GpsData
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +94,14 @@ def physical_velocity(gates: Gates, time: float, v_n: FloatArray) -> Event | Non
     if speed <= gates.max_speed:
         return None
     return Event(time, EventKind.GATE_PHYSICAL_VELOCITY, speed, gates.max_speed, "m/s", REJECTED, _IMPOSSIBLE)
+
+
+def impossible(gates: Gates, gps: GpsData) -> BoolArray:
+    """Find positions that nothing can have come to from the fix before and left for the one after."""
+    sd = gps.position_sd.max(axis=1)
+    limit = gates.max_speed * np.diff(gps.time) + gates.physical_sd * (sd[1:] + sd[:-1])
+    far = np.linalg.norm(ned_offset(gps.lla[1:], gps.lla[:-1]), axis=1) > limit
+    return np.asarray(np.append(True, far) & np.append(far, True))
 
 
 def statistical(

@@ -15,6 +15,7 @@ from insnav import strapdown
 from insnav.alignment import in_motion
 from insnav.attitude import dcm_from_quat, rph_from_quat, skew
 from insnav.earth import gravity_n, ned_offset
+from insnav.filter.gates import impossible
 from insnav.filter.navigator import SEEN, rates_at, turned
 from insnav.filter.noise_identification import HUBER, bridged, costs_of, weights_of
 from insnav.filter.prepare import Prepared
@@ -42,6 +43,7 @@ class LateFixes:
         own = np.minimum(np.searchsorted(gps.time - settings.delay, time - TIME_TOLERANCE), gps.time.size - 1)
         good = np.abs(gps.time[own] - settings.delay - time) <= TIME_TOLERANCE
         good &= (gps.position_sd[own].max(axis=1) <= settings.gates.max_sd) & (gps.fix is None or gps.fix[own] != 0)
+        good &= ~impossible(settings.gates, gps)[own]  # one of 100 km would decide alone
         good &= (time > time[0] + EDGE) & (time < time[-1] - EDGE)
         self._fixes, self._time, self._rows = gps.rows(own[good]), time[good], np.flatnonzero(good)
         velocity = good & np.isfinite(gps.v_n[own]).all(axis=1)

@@ -15,6 +15,7 @@ from insnav.errors.ensemble import normalised
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, error_model
+from insnav.filter.gates import impossible
 from insnav.filter.gps_delay import delay_of, filtered, on_time, scale_of
 from insnav.filter.late_fixes import REACH, LateFixes
 from insnav.filter.prepare import DELAY_SD, Prepared, prepare
@@ -111,6 +112,17 @@ def test_false_fixes_do_not_decide():
     lla[false, :2] += 50.0 / 6.4e6
     found, *_ = by_likelihood(late(replace(ready, gps=replace(ready.gps, lla=lla)), 0.5))
     assert found == pytest.approx(0.5, abs=0.05)
+
+
+@pytest.mark.parametrize("row", [0, 1, 200, -1])
+def test_a_fix_where_nothing_can_have_been_does_not_decide(row):
+    ready = recorded()
+    lla = ready.gps.lla.copy()
+    lla[row, 0] += 1e5 / 6.4e6
+    lost = replace(ready.gps, lla=lla)
+    assert impossible(ready.settings.gates, lost)[row]
+    assert np.count_nonzero(impossible(ready.settings.gates, lost)) <= 2  # the only neighbour of the second is one, too
+    assert by_likelihood(replace(ready, gps=lost)) == pytest.approx(by_likelihood(ready), abs=0.003)
 
 
 @pytest.mark.parametrize("rate", [200e-6, -350e-6])
