@@ -3,15 +3,48 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from functools import partial
+from importlib import import_module
+from typing import Any
 
 from insnav.deferred import deferred
 
 # numba reads it once: colours for errors, of which it makes many that it gets over, take 3 % of the compiling
 os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
-with deferred("scipy.linalg", "scipy.linalg.cython_blas", "yaml"):  # numba only looks whether they are there: 0.12 s
-    import numba.np.arraymath
+with deferred("yaml"):  # it only looks whether it is there
+    import numba
+from numba.core.caching import FunctionCache
+from numba.core.runtime.nrt import rtsys
+
+
+class _Kept(FunctionCache):
+    """Compiled kernels on the disk; what numba knows of numpy is loaded where it has to compile only (0.12 s)."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            found = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        if found is None:
+            with deferred("scipy.linalg", "scipy.linalg.cython_blas"):  # as above
+                import_module("numba.np.arraymath")
+        return found
+
 
 # division by zero gives inf or NaN, as in numpy, and C calls no kernel: a tenth less to compile
-njit = partial(numba.njit, error_model="numpy", no_cfunc_wrapper=True)
+_njit: Any = partial(numba.njit, error_model="numpy", no_cfunc_wrapper=True)
+
+
+def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorator of a kernel."""
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        kernel = _njit(function, **options)
+        if cache:
+            kernel._cache = _Kept(function)  # type: ignore[no-untyped-call]
+        return kernel
+
+    return compiled
+
+
 inner = partial(njit, no_cpython_wrapper=True)  # called by kernels alone: kept within these, no entry from Python

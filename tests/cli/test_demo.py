@@ -35,6 +35,7 @@ try:
     main()
 except SystemExit as end:
     assert not end.code
+print("what compiles kernels is left out", "numba.np.arraymath" not in sys.modules)
 from insnav.kernels import ahead
 given = {}
 for kernel, *types in sum(ahead._kernels(), ()):
