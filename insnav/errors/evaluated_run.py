@@ -53,6 +53,11 @@ class EvaluatedRun:
         return {**smoothed, "filtered": self.run.solution}
 
     @property
+    def best(self) -> Trajectory:
+        """The smoothed solution, or the filtered one where there is no other."""
+        return next(iter(self.solutions.values()))
+
+    @property
     def known_errors(self) -> dict[str, TrajectoryErrors]:
         """Errors of the solutions, where there is a reference, the better one first."""
         both = {"smoothed": self.smoothed_errors, "filtered": self.errors}

@@ -13,6 +13,7 @@ from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import position_errors
 from insnav.report.numbers import number
 from insnav.report.panel_figures import draw_drawings
+from insnav.report.panels import modes
 from insnav.report.run.figures import figure_drawings
 from insnav.report.run.page import run_figures
 from insnav.report.run.panels import run_track
@@ -21,7 +22,7 @@ from insnav.report.style import (
     drawing,
     save,
 )
-from insnav.types import GpsData
+from insnav.types import GpsData, Smoothed
 from tests.report.synthetic import drive
 
 ALWAYS = ["track", "height", "velocity", "attitude"]
@@ -178,3 +179,12 @@ def test_a_track_is_coloured_by_what_varies_on_it(driven):
     assert run_track(EvaluatedRun(run, gps)).shades[0].name == "horizontal sd [m]"
     even = replace(run.solution, sd=np.ones_like(run.solution.sd))
     assert run_track(EvaluatedRun(replace(run, solution=even), gps)).shades[0].name.startswith("speed")
+
+
+def test_the_page_opens_on_the_smoothed_solution_whatever_varies(driven):
+    run, gps, _ = driven
+    even = replace(run.solution, sd=np.ones_like(run.solution.sd))
+    found = EvaluatedRun(replace(run, smoothed=Smoothed(even, run.epochs, run.sensor_errors)), gps)
+    assert modes([run_track(found)]) == ("smoothed", "filtered")
+    _, _, (height,), _ = figure_drawings("height", found)
+    assert [each.name for each in height.curves if each.name.endswith("ed")] == ["±3 sd, smoothed", "smoothed"]

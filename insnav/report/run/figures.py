@@ -12,7 +12,7 @@ from insnav.errors.metrics import MOVING_M_S, travelled
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, SKY, VERMILLION
 from insnav.report.numbers import distance_text, duration_text, number
 from insnav.report.panels import Curve, Drawing, Panel
-from insnav.report.run.panels import CHI2_95, GROUPS, RunAxis, gate_levels, run_track
+from insnav.report.run.panels import CHI2_95, GROUPS, RunAxis, gate_levels, run_track, sensor_errors
 from insnav.report.series import Clock, broken_at_gaps
 from insnav.sample_statistics import rms
 from insnav.types import BoolArray, FloatArray
@@ -31,7 +31,10 @@ _SENSORS = (
 
 
 def figure_drawings(name: str, found: EvaluatedRun) -> tuple[str, str, tuple[Drawing, ...], int]:
-    """Give one figure of a run by its name: title, how to read it, drawings, columns."""
+    """Give one figure of a run by its name: title, how to read it, drawings, columns.
+
+    Where one solution is drawn it is the better one, as on the page.
+    """
     solution, fixes = found.run.solution, found.run.innovations
     if name.endswith("_error"):
         group = name.removesuffix("_error")
@@ -47,13 +50,14 @@ def figure_drawings(name: str, found: EvaluatedRun) -> tuple[str, str, tuple[Dra
         ]
         panels, columns = _innovations(found)
         return "Innovations: measured minus predicted", f"accepted: {', '.join(shares)}", panels, columns
+    best = next(iter(found.solutions))
     whole = {
-        "error_distribution": ("Distribution of the horizontal error", _FASTER, _distribution),
+        "error_distribution": (f"Distribution of the horizontal error, {best}", _FASTER, _distribution),
         "height": ("Height, counted as the heights of the fixes", "band: ±3 sd; fixes at the antenna", _height),
         "velocity": ("Velocity of the solution", "band: ±3 sd; fixes at the antenna", _velocity),
         "attitude": ("Attitude of the solution", "band: ±3 sd", _attitude),
         "uncertainty": ("Standard deviation of the solution", "smoothed (RTS): from all fixes", _uncertainty),
-        "biases": ("Estimated sensor errors", "line: estimate; band: ±3 sd", _sensor_errors),
+        "biases": (f"Estimated sensor errors, {best}", "line: estimate; band: ±3 sd", _sensor_errors),
     }
     title, note, make = whole[name]
     return title, note, make(found), 1
@@ -91,8 +95,7 @@ def _errors(found: EvaluatedRun, group: str) -> tuple[Panel, ...]:
 
 def _distribution(found: EvaluatedRun) -> tuple[Panel, ...]:
     """Share of horizontal errors below a given one, with CEP50 and R95."""
-    errors = found.errors
-    assert errors is not None
+    errors = next(iter(found.known_errors.values()))
     size = errors.horizontal
     parts: list[tuple[str, BoolArray, str]] = [("all", np.ones(len(size), dtype=np.bool_), BLUE)]
     if errors.moving.any() and not errors.moving.all():
@@ -109,10 +112,10 @@ def _state(
     found: EvaluatedRun, label: str, value: FloatArray, column: int, fixes: FloatArray | None = None, **how: Any
 ) -> Panel:
     """One state of the solution over the fixes that measure it; `column` of its standard deviation."""
-    solution, gps = found.run.solution, found.gps
+    (mode, solution), gps = next(iter(found.solutions.items())), found.gps
     size = 1.0 / DEG if label.endswith("[deg]") else 1.0
     half = np.full_like(value, np.nan) if solution.sd is None else 3.0 * size * solution.sd[:, column]
-    curves = _lines(found, solution.time, value, half, "filtered", "solution")
+    curves = _lines(found, solution.time, value, half, mode, mode)
     if gps is not None and fixes is not None:
         curves.insert(0, Curve("GPS fix", Clock.of(solution.time)(gps.time), fixes, GREY, "points"))
     return _panel(found, label, curves, **how)
@@ -120,20 +123,20 @@ def _state(
 
 def _height(found: EvaluatedRun) -> tuple[Panel, ...]:
     fixes = None if found.gps is None else found.gps.lla[:, 2]
-    return (_state(found, "height [m]", found.run.solution.lla[:, 2], 2, fixes, height=280),)
+    return (_state(found, "height [m]", found.best.lla[:, 2], 2, fixes, height=280),)
 
 
 def _velocity(found: EvaluatedRun) -> tuple[Panel, ...]:
     fixes = np.empty((0, 3)) if found.gps is None else found.gps.v_n
     return tuple(
-        _state(found, f"{name} [m/s]", found.run.solution.v_n[:, k], 3 + k, fixes[:, k])
+        _state(found, f"{name} [m/s]", found.best.v_n[:, k], 3 + k, fixes[:, k])
         for k, name in enumerate(("north", "east", "down"))
     )
 
 
 def _attitude(found: EvaluatedRun) -> tuple[Panel, ...]:
-    heading, unwrapped = readable_heading(found.run.solution.rph[:, 2])
-    columns = (*(found.run.solution.rph[:, :2] / DEG).T, heading)
+    heading, unwrapped = readable_heading(found.best.rph[:, 2])
+    columns = (*(found.best.rph[:, :2] / DEG).T, heading)
     limits = (None, None, None if unwrapped else (-5.0, 365.0))
     return tuple(
         _state(found, f"{name} [deg]", columns[k], 6 + k, limits=limits[k])
@@ -201,7 +204,7 @@ def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
 
 
 def _sensor_errors(found: EvaluatedRun) -> tuple[Panel, ...]:
-    estimated = found.run.sensor_errors
+    estimated = next(iter(sensor_errors(found.run).values()))
     time, later = Clock.of(found.run.solution.time)(estimated.time), int(_SETTLED * len(estimated.time))
     panels = []
     for i, (name, unit, size) in enumerate(_SENSORS):

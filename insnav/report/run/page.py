@@ -133,7 +133,7 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
     if result.imu_model is not None:
         folder.path("imu.toml").write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
     solution_tables.write_events(place, result.events or run.events)
-    write_kml(place, run.solution, Path(result.inputs["imu"].path).name if "imu" in result.inputs else "track")
+    write_kml(place, found.best, Path(result.inputs["imu"].path).name if "imu" in result.inputs else "track")
     if found.backdrop is not None:
         write_backdrop(found.backdrop, folder.path(BACKDROP))
     if found.short_duration:

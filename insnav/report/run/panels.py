@@ -15,7 +15,7 @@ from insnav.plain_text import moment
 from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
 from insnav.report.panels import Curve, Panel, Shade, Track
 from insnav.report.series import Clock, broken_at_gaps, wrapped
-from insnav.types import BoolArray, EventKind, FloatArray, Run, Trajectory
+from insnav.types import BoolArray, EventKind, FloatArray, Run, SensorErrors, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0
 
 LINK = "time"
@@ -170,18 +170,21 @@ def gate_levels(run: Run, group: str = "") -> list[tuple[float, str]]:
     return [(limit, f"gate ({limit:.1f})") for limit in limits]
 
 
+def sensor_errors(run: Run) -> dict[str, SensorErrors]:
+    """Estimated sensor errors by their solutions, the better one first."""
+    both = {} if run.smoothed is None else {"smoothed": run.smoothed.sensor_errors}
+    return {mode: each for mode, each in (both | {"filtered": run.sensor_errors}).items() if len(each.time)}
+
+
 def _bias_panels(run: Run, axis: RunAxis) -> list[Panel]:
-    found = [("filtered", run.sensor_errors)]
-    if run.smoothed is not None and len(run.smoothed.sensor_errors.time):
-        found.insert(0, ("smoothed", run.smoothed.sensor_errors))
-    panels = []
+    found, panels = sensor_errors(run), []
     for key, title, unit, size, first in (
         ("gyro_bias", "Gyro bias", "deg/h", DEG_PER_H, 0),
         ("accel_bias", "Accelerometer bias", "mg", 1e-3 * G0, 3),
     ):
         own = slice(first, first + 3)
         curves: list[Curve] = []
-        for mode, each in found:
+        for mode, each in found.items():
             value, sd = each.value[:, own] / size, each.sd[:, own] / size
             curves += _banded(axis, _XYZ, each.time, value, sd, mode if len(found) > 1 else "")
         panels.append(axis.panel(key, title, f"bias [{unit}]", curves, note="as estimated, body axes; band: ±1 sd"))
@@ -253,7 +256,7 @@ def _events(run: Run, axis: RunAxis) -> list[Panel]:
 def run_track(found: EvaluatedRun) -> Track:
     """Draw the track from above, with fixes, outages and rejected positions."""
     run, gps, axis = found.run, found.gps, RunAxis.of(found.run)
-    solution = next(iter(found.solutions.values()))
+    solution = found.best
     rows = np.unique(np.linspace(0, len(solution.time) - 1, MAP_POINTS).round().astype(np.int64))
     origin, time = solution.lla[0], solution.time[rows]
     position = ned_offset(solution.lla[rows], origin)
@@ -267,7 +270,8 @@ def run_track(found: EvaluatedRun) -> Track:
             Shade("horizontal error [m]", np.interp(time, each.time, each.horizontal, np.nan, np.nan), mode=mode)
         )
     speed = Shade("speed [m/s]", np.linalg.norm(solution.v_n[rows], axis=1))
-    shades = sorted([*shades, speed], key=_even)  # of those that vary the first is shown
+    first = {each.name: each for each in reversed([*shades, speed])}  # of the better solution, shown first if it varies
+    shades = sorted([*shades, speed], key=lambda each: _even(first[each.name]))
     if gps is not None and gps.fix is not None and len(gps.time):
         shades.append(Shade("fix", gps.fix[_nearest(gps.time, time)].astype(np.float64), _FIX_TYPES))
     if np.isfinite(run.innovations.nis_position).any():
