@@ -18,10 +18,14 @@ _MARGIN = 5.0  # of the track on both sides of a window [s]
 
 
 def typical_window(part: RecordedPart) -> int:
-    """Number of the window with the median predicted horizontal error at the end."""
-    last = part.windows.covariance[:, -1]
-    size = last[:, 0, 0] + last[:, 1, 1]
-    return int(np.argsort(size)[len(size) // 2])
+    """Number of the window whose predicted variances at the end, horizontal and down, are nearest their mean.
+
+    So the budget of this one window predicts what the RMS of all windows is compared with.
+    """
+    north, east, down = np.diagonal(part.windows.covariance[:, -1], axis1=1, axis2=2)[:, :3].T
+    sizes = np.column_stack((north + east, down))
+    mean = sizes.mean(axis=0)
+    return int(np.argmin(np.sum(np.abs(sizes - mean) / np.maximum(mean, np.finfo(float).tiny), axis=1)))
 
 
 def window_motion(budget: RecordedBudget, duration: float) -> SampledMotion:
@@ -35,7 +39,8 @@ def window_motion(budget: RecordedBudget, duration: float) -> SampledMotion:
     first = max(0, first - 1)
     truth = truth_from_track(track.rows(slice(first, last + 1)))
     begin = min(max(start - truth.start, 0.0), truth.duration - duration)
-    return sampled(truth, begin, duration, f"that of the drive from {start:.1f} s, the window of median prediction")
+    text = f"that of the drive from {start:.1f} s, the window nearest the mean prediction"
+    return sampled(truth, begin, duration, text)
 
 
 def window_start_sources(budget: RecordedBudget) -> tuple[Source, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,14 @@ def test_sources_one_by_one_add_up_to_what_the_filter_predicts(both: dict[bool, 
     assert found.simulated is not None
     # 200 runs of nine components at three times: one sd of their mean is 0.04
     assert found.simulated.nees[found.chosen] == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_window_of_a_budget_predicts_what_all_predict_together(both: dict[bool, RecordedBudget]):
+    """Their recorded errors are told as RMS: of many windows that begin well and one lost, the median is none."""
+    part, variance = both[False].calibrated, np.zeros((5, 1, 21, 21))
+    variance[:, 0, 0, 0] = 1.0, 1.2, 1.4, 7.0, 21.0  # mean 6.3 m^2
+    variance[:, 0, 2, 2] = 1.0, 1.0, 1.0, 2.0, 5.0  # mean 2 m^2
+    assert typical_window(replace(part, windows=replace(part.windows, covariance=variance))) == 3
 
 
 def test_the_motion_is_that_of_the_window(both: dict[bool, RecordedBudget]):
