@@ -96,7 +96,7 @@ def regress(
         if published:
             stage("published")
             from insnav.regression.published import replicas
-            from insnav.report.regression.published import write_published
+            from insnav.report.regression.page import write_published
 
             compared = replicas.compare_published(
                 replicas.read_cases(), progress=lambda fraction: stage("published", fraction)

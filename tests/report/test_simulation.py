@@ -21,13 +21,16 @@ from insnav.report.simulation.ensemble import (
     nees_panels,
     write_runs,
 )
-from insnav.report.simulation.motion_panels import motion_panels, simulated_track, sketch_panel, track_length
 from insnav.report.simulation.page import (
     in_folder,
+    motion_panels,
     plan_key,
     run_command,
     seen,
     shown_lines,
+    simulated_track,
+    sketch_panel,
+    track_length,
     write_recording,
 )
 from insnav.report.style import drawing

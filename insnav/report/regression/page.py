@@ -13,9 +13,11 @@ from insnav.regression.baseline import Baseline, write_text
 from insnav.regression.history import Entry
 from insnav.regression.peers.run_peers import PeerRow
 from insnav.regression.provenance import Origin
+from insnav.regression.published.replicas import Compared, FieldFactor
 from insnav.regression.run_corpus import CaseResult, Result
 from insnav.regression.verdict import Change, Comparison
-from insnav.report.html import page_html
+from insnav.report.html import filled, page_html
+from insnav.report.numbers import number
 from insnav.report.page import Page, Section, Verdict, drawn, only_json, section_tables
 from insnav.report.regression import tables
 from insnav.report.regression.matrix import change_matrix, figures_tested, peer_matrix, unclear_changes
@@ -27,6 +29,9 @@ OVER_VERSIONS = ("cep50_m", "down_rms_m", "roll_pitch_rms_deg", "heading_rms_deg
 _WARNED = 3  # failing figures that are said before the matrix
 _MADE = "Version "  # how the line begins that says with what figures were made
 _IN_SECTION = ("accuracy_cep50_m", "accuracy_growth")
+
+
+FILE = "published.md"
 
 
 def write_pages(
@@ -220,3 +225,15 @@ def peers_of(text: str) -> list[str]:
 def _where(now: Origin) -> str:
     commit = f", commit {now.commit}" if now.commit else ""
     return f"{_MADE}{now.version}{commit}, {now.date}, {now.computer}; made by `insnav regress --plot`."
+
+
+def write_published(folder: Path, compared: Sequence[Compared], field: FieldFactor, now: Origin) -> Path:
+    """Write the table into a folder."""
+    missing = sorted({f"{each.case.imu}: {', '.join(each.missing)}" for each in compared if each.missing})
+    places = sorted({f"{each.case.source.split(',')[0]}: {each.case.where}" for each in compared})
+    lists = {"compared": compared, "missing": missing, "places": places}
+    path = folder / FILE
+    folder.mkdir(parents=True, exist_ok=True)
+    text = filled("published.md.j2", field=field, now=now, number=number, **lists)
+    path.write_text(text, encoding="utf-8", newline="\n")
+    return path
