@@ -8,12 +8,17 @@ from typing import Annotated
 from insnav.cli.console import note, result_page, working
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import Force, Json, Out, argument
+from insnav.exceptions import ConfigError
 
 
-@takes_data(None, files={}, only=("imu_model", "axes", "units", "lever_arm", "lever_arm_sd", "gps_delay", "gps_height"))
+@takes_data(
+    None,
+    files={"gps": False},
+    only=("imu_model", "axes", "units", "lever_arm", "lever_arm_sd", "gps_delay", "gps_height"),
+)
 def tune(
     data: Data,
-    drives: Annotated[list[Path], argument("DRIVE", "Folders of recordings.")],
+    drives: Annotated[list[Path], argument("DRIVE", "Folders of recordings, or one IMU file.")],
     out: Out = Path("tune"),
     force: Force = False,
     as_json: Json = False,
@@ -28,11 +33,17 @@ def tune(
         from insnav.report.save import write_page
         from insnav.session.tuning import tune as tuned
 
-        recordings = [each for folder in drives for each in find_drives(folder, out, 1)[0]]
-        found, loaded, off = tuned([each.files() for each in recordings], **data.inputs)
+        if data.gps is not None and len(drives) > 1:
+            fix = "put the files of each drive into a folder of their own"
+            raise ConfigError("the fixes of one file are of one drive", where="--gps", fix=fix)
+        recordings: list[tuple[Path, Path | None]] = []
+        for place in drives:
+            one = place.is_file()
+            recordings += [(place, data.gps)] if one else [each.files() for each in find_drives(place, out, 1)[0]]
+        found, loaded, off = tuned(recordings, **data.inputs)
         note(f"prior: {loaded[0].imu_spec.name}: {loaded[0].imu_chosen}")
         stage("writing")
-        summary = f"{len(loaded)} drives raise the log-likelihood by {found.gain:.0f} over the prior."
+        summary = f"The log-likelihood is {found.gain:.0f} above that of the prior; drives: {len(loaded)}."
         page = Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),), warnings=off)
         metadata = {"kind": "tune", "configuration": data.options}
         where = write_page(folder, page, metadata, {"imu.toml": to_toml(found.spec)})
