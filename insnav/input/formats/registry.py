@@ -124,13 +124,13 @@ def suffixes() -> tuple[str, ...]:
 
 
 def _folder(folder: Source) -> InputError:
-    names = [name for name in folder.members if set(PurePosixPath(name).suffixes) & set(suffixes())]
+    names = [name for name in folder.members if set(PurePosixPath(name.lower()).suffixes) & set(suffixes())]
     shown = ", ".join(map(plain_text, (names or [*folder.members])[:8]))
     kind = "folder" if folder.path else "archive"
     return InputError(
         f"this {kind} holds no recording of a kind that is known",
         where=folder.name,
-        why=f"{len(folder.members)} files: {shown}" if shown else "it is empty",
+        why=f"{len(folder.members)} file{'s' * (len(folder.members) > 1)}: {shown}" if shown else "it is empty",
         fix=f"give a file in it: {shown}; insnav check {folder.name} says what each is"
         if names
         else "give a file in it",
