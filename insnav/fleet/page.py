@@ -183,8 +183,9 @@ def fleet_page(rows: Sequence[Row], left_out: Sequence[str]) -> Page:
         "bad" if wrong else "attention" if count["attention"] or out else "unknown" if count["unknown"] else "good"
     )
     reason = f"{wrong} of {total} drives failed or are not to be relied on" if wrong else f"none of {total} failed"
-    if not wrong and count["attention"]:
-        reason = f"{count['attention']} of {total} drives have warnings"
+    if light == "attention":
+        some = f"results of {count['attention']} of {total} drives need attention"
+        reason = some if count["attention"] or out is None else f"{out.drive.name} stands out"
     kept = sum(row.drive.kept for row in rows)
     why = ("exit_code", "what", "where", "why", "fix")
     failed = [(row.drive.name, row.drive.failed) for row in rows if row.drive.failed is not None]

@@ -62,8 +62,8 @@ class Verdict:
 
 
 def by_warnings(sentence: str, warnings: Sequence[str], without: tuple[Light, str]) -> Verdict:
-    """Give a result whose only doubts are its warnings; `without` any, this light and its reason."""
-    if not warnings:
+    """Give a result that needs attention if it has warnings; `without` any, or where worse, this light and reason."""
+    if not warnings or without[0] in ("attention", "bad"):
         return Verdict(*without, sentence)
     more = f" (and {len(warnings) - 1} more)" if len(warnings) > 1 else ""
     first = warnings[0].rstrip(".")

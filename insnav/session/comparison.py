@@ -78,7 +78,7 @@ def _solutions(run: Result[EvaluatedRun] | str | Path, number: int) -> Iterator[
     """Filtered and, if there is one, smoothed solution of a run."""
     if isinstance(run, Result):
         name, found = f"run {number}", run.found.run
-        yield Solution(name, "filter", found.solution, found.lever_b)
+        yield Solution(name, "filtered", found.solution, found.lever_b)
         if found.smoothed is not None:
             yield Solution(name, "smoothed", found.smoothed.solution, found.lever_b)
         return
@@ -87,6 +87,6 @@ def _solutions(run: Result[EvaluatedRun] | str | Path, number: int) -> Iterator[
     filtered = read_solution(folder)
     facts = read_facts(folder) if (folder / FACTS_FILE).is_file() else {}
     lever_b = np.array(facts.get("fixes", {}).get("lever_arm_m") or np.zeros(3))
-    yield Solution(name, "filter", filtered, lever_b)
+    yield Solution(name, "filtered", filtered, lever_b)
     if has_smoothed(folder):
         yield Solution(name, "smoothed", read_solution(folder, "smoothed"), lever_b)

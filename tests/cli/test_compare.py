@@ -63,7 +63,7 @@ def test_json_holds_the_same_figures(two_runs: Path, cli: Cli):
     alone = json.loads(cli("compare", "right", "--ref", "ref.csv", "--json").out)
     rows = json.loads(shown.out)
     assert [(row["run"], row["solution"]) for row in rows] == [
-        (name, which) for name in ("right", "wrong") for which in ("filter", "smoothed")
+        (name, which) for name in ("right", "wrong") for which in ("filtered", "smoothed")
     ]
     assert rows[1]["accuracy"]["horizontal_m"]["rms"] < rows[0]["accuracy"]["horizontal_m"]["rms"]
     own = read_facts(Path("right"))["accuracy"]["all"]["horizontal_m"]["rms"]

@@ -20,7 +20,7 @@ def compared(drive: Path, cli: Cli) -> dict[str, dict]:
         assert cli("run", *QUICK, "--lever-arm", arm, "--out", name).code == 0
     done = cli("compare", "right", "wrong", "--ref", "ref.csv", "--tum", "tum", "--json")
     assert done.code == 0, done.err
-    ends = {"filter": "", "smoothed": "-smoothed"}
+    ends = {"filtered": "", "smoothed": "-smoothed"}
     return {row["run"] + ends[row["solution"]]: row["accuracy"] for row in json.loads(done.out)}
 
 

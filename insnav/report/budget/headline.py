@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from insnav.errors.budget.error_budget import Budget, SimulatedColumn
@@ -10,7 +12,7 @@ from insnav.quantity import Quantity
 from insnav.report.budget.contributions import horizontal, ranked, shares, size
 from insnav.report.numbers import number
 from insnav.report.outage.windows import BELOW, below_noise
-from insnav.report.page import Light, Section, Verdict
+from insnav.report.page import Light, Section, Verdict, by_warnings
 
 _SHOWN = 3  # times of the first screen
 
@@ -28,10 +30,9 @@ def simulated_matches(budget: Budget, simulated: SimulatedColumn) -> bool:
     return bool(np.all(np.abs(simulated.nees[budget.chosen] - 1.0) < limit))
 
 
-def verdict(budget: Budget, windows: RecordedBudget | None) -> Verdict:
-    """Say the result, and whether it can be relied on."""
-    light, reason = _light(budget, windows)
-    return Verdict(light, reason, sentence(budget))
+def verdict(budget: Budget, windows: RecordedBudget | None, warnings: Sequence[str]) -> Verdict:
+    """Say the result, and whether it can be relied on; `warnings` of the page."""
+    return by_warnings(sentence(budget), warnings, _light(budget, windows))
 
 
 def _light(budget: Budget, windows: RecordedBudget | None) -> tuple[Light, str]:
@@ -57,6 +58,9 @@ def _light(budget: Budget, windows: RecordedBudget | None) -> tuple[Light, str]:
     made = windows.shown.replicas
     if made is not None and not made.agree:
         return "attention", "recorded errors lie outside the band of the simulated replicas"
+    less = " and ".join(each.component for each in windows.shown.verdicts if each.cautious)
+    if less:
+        return "good", f"no recorded error is larger than predicted, {less} smaller: the stated errors are cautious"
     return "good", "recorded errors are explained by the stated errors of IMU and fixes"
 
 

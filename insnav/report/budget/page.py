@@ -34,6 +34,7 @@ __all__ = ["frame", "page", "read_found", "write_files"]
 def page(result: Result[BudgetStudy]) -> Page:
     """Lay out an error budget."""
     budget, windows = result.found.budget, result.found.windows
+    told = warnings(budget, windows)
     sections = (
         *quantities.budget_sections(budget),
         headline.estimates_section(budget),
@@ -56,9 +57,9 @@ def page(result: Result[BudgetStudy]) -> Page:
         _title(budget),
         summary(budget),
         sections,
-        warnings=(*warnings(budget), *(recorded.windows_warnings(windows) if windows is not None else ())),
+        warnings=told,
         assumptions=(*assumptions(budget), *(recorded.windows_assumptions(windows) if windows is not None else ())),
-        verdict=headline.verdict(budget, windows),
+        verdict=headline.verdict(budget, windows, told),
         merits=headline.merits(budget, windows),
     )
 
@@ -94,7 +95,9 @@ def _front(result: Result[BudgetStudy]) -> Figure:
     budget, windows = result.found.budget, result.found.windows
     (estimates,) = section_tables(headline.estimates_section(budget))
     panels = budget_panels(budget, windows, _origin(result))
-    return draw_front(panels, budget.motion, _title(budget), headline.verdict(budget, windows), estimates)
+    return draw_front(
+        panels, budget.motion, _title(budget), headline.verdict(budget, windows, warnings(budget, windows)), estimates
+    )
 
 
 def _back(result: Result[BudgetStudy]) -> Figure:
@@ -106,7 +109,7 @@ def _back(result: Result[BudgetStudy]) -> Figure:
         section_tables(each(budget)) for each in (quantities.contributions_section, quantities.positions_section)
     )
     widths = ((3.2, 2.6, *(1.4,) * (len(sources.columns) - 4), 1.9, 1.8), (1.0,) + (1.15,) * (len(columns.columns) - 1))
-    texts = [*(f"Warning: {text}" for text in warnings(budget)), *assumptions(budget)]
+    texts = [*(f"Warning: {text}" for text in warnings(budget, windows)), *assumptions(budget)]
     if windows is not None:
         texts = [*recorded.windows_sentences(windows), *texts]
     return draw_back(f"{_title(budget)}, 2", (sources, columns), widths, texts)
@@ -151,7 +154,7 @@ def summary(budget: Budget) -> tuple[str, ...]:
     )
 
 
-def warnings(budget: Budget) -> tuple[str, ...]:
+def warnings(budget: Budget, windows: RecordedBudget | None = None) -> tuple[str, ...]:
     """Say what the reader must not overlook."""
     found = []
     if not budget.linear:
@@ -166,7 +169,7 @@ def warnings(budget: Budget) -> tuple[str, ...]:
         found.append(f"Not given in the IMU file, counted as zero: {', '.join(budget.absent)}.")
     if budget.ignored:
         found.append(f"In the IMU file, but not in this budget: {', '.join(budget.ignored)}.")
-    return tuple(found)
+    return (*found, *(() if windows is None else recorded.windows_warnings(windows)))
 
 
 def assumptions(budget: Budget) -> tuple[str, ...]:
@@ -189,10 +192,10 @@ def assumptions(budget: Budget) -> tuple[str, ...]:
         "Biases are turn-on biases, uncalibrated. After an alignment at rest the tilt compensates the accelerometer "
         "bias; that is not counted here."
         if budget.recorded is None
-        else "Start and biases of analytic, covariance and simulated are those of the window with the median "
-        "prediction, as the filter knows them there (uncalibrated: as in the IMU file). They are correlated: a bias "
-        "brings the tilt that compensates it, and initial tilt is what is left when the biases are known. "
-        "Accelerometer misalignment shows in gravity as a bias, and is counted there.",
+        else "Start and biases of analytic, covariance and simulated are those of the window whose predicted variances "
+        "are nearest the mean of all windows, as the filter knows them there (uncalibrated: as in the IMU file). They "
+        "are correlated: a bias brings the tilt that compensates it, and initial tilt is what is left when the biases "
+        "are known. Accelerometer misalignment shows in gravity as a bias, and is counted there.",
     ]
     if budget.recorded is not None:
         lines.append(f"recorded: {budget.recorded.description}.")

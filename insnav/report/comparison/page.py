@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce
 
@@ -15,7 +16,7 @@ from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
 from insnav.report.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from insnav.report.numbers import number
-from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, rows_frame, section_tables
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, rows_frame, section_tables
 from insnav.report.panels import Curve, Kind, Panel
 from insnav.report.run.warnings import overconfident
 from insnav.report.series import Clock, broken_at_gaps
@@ -49,7 +50,7 @@ _COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY)
 
 def page(result: Result[Comparison]) -> Page:
     """Lay out a comparison."""
-    found = result.found
+    found, warnings = result.found, _warnings(result.found)
     over_time, shares = comparison_panels(found)
     drawings = (
         drawn("horizontal_error", "Horizontal error over time", (over_time,), "dashed: smoothed"),
@@ -61,8 +62,8 @@ def page(result: Result[Comparison]) -> Page:
         f"{len(runs)} run{'s' * (len(runs) > 1)} against {result.inputs['reference'].path}",
         (f"{count} epochs of the reference that every run covers are compared.",),
         (_section(found), Section("", parts=drawings, show="page")),
-        verdict=_verdict(found),
-        warnings=_warnings(found),
+        verdict=_verdict(found, warnings),
+        warnings=warnings,
         merits=tuple(
             Quantity(f"rms_{place}", rms(errors.horizontal), "m", meaning=f"{name}, horizontal RMS")
             for place, (name, errors) in enumerate(list(found.named().items())[:_MERITS], start=1)
@@ -78,7 +79,7 @@ def _warnings(found: Comparison) -> tuple[str, ...]:
     return tuple(text for name, errors in last.values() for text in overconfident(name, errors, same_data=False))
 
 
-def _verdict(found: Comparison) -> Verdict:
+def _verdict(found: Comparison, warnings: Sequence[str]) -> Verdict:
     """Which solution has the smallest horizontal error, and whether its stated sd holds."""
     sizes = {name: rms(errors.horizontal) for name, errors in found.named().items()}
     order = sorted(sizes, key=lambda name: sizes[name] if np.isfinite(sizes[name]) else np.inf)
@@ -94,9 +95,8 @@ def _verdict(found: Comparison) -> Verdict:
     share = float(position["inside_3_sd"])
     light: Light = "good" if share >= _INSIDE else "attention"
     holds = "holds" if light == "good" else "is too small"
-    return Verdict(
-        light, f"{100.0 * share:.0f} % of the errors of {best} inside 3 sd: its stated sd {holds}", f"{text}."
-    )
+    reason = f"{100.0 * share:.0f} % of the errors of {best} inside 3 sd: its stated sd {holds}"
+    return by_warnings(f"{text}.", warnings, (light, reason))
 
 
 def write_files(result: Result[Comparison], folder: RunFolder, table_format: TableFormat) -> None:
@@ -156,8 +156,9 @@ def comparison_panels(found: Comparison) -> tuple[Panel, Panel]:
         over_time.append(Curve(name, *broken_at_gaps(clock(errors.time), errors.horizontal), colour, kind))
         known = np.sort(errors.horizontal[np.isfinite(errors.horizontal)])
         shares.append(Curve(name, known, 100.0 * np.arange(1, len(known) + 1) / max(len(known), 1), colour, kind))
+    x, dashed = clock.label, "dashed: smoothed"
     title, across, note = "Distribution of the horizontal error", "horizontal error [m]", "further left is better"
     return (
-        Panel("compared_error", "Horizontal error", "error [m]", clock.label, tuple(over_time), "time", height=260),
+        Panel("compared_error", "Horizontal error", "error [m]", x, tuple(over_time), "time", dashed, height=260),
         Panel("compared_share", title, "epochs below [%]", across, tuple(shares), "share", note, limits=(0.0, 101.0)),
     )

@@ -113,8 +113,7 @@ def _verdict(study: OutageStudy, told: tuple[str, ...]) -> Verdict:
     )
     if np.isfinite(found.rms[-1, smoothed]):
         text += f"; smoothed {number(float(found.rms[-1, smoothed]))} m RMS{_less_reference(found, smoothed)}"
-    verdict = Verdict(cast(Light, light), reason, f"{text}.")
-    return by_warnings(verdict.sentence, told, (verdict.light, reason)) if light == "good" else verdict
+    return by_warnings(f"{text}.", told, (cast(Light, light), reason))
 
 
 def _less_reference(found: Growth, column: int) -> str:

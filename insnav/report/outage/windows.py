@@ -64,11 +64,11 @@ def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns:
         Curve("RMS", time, rms, BLUE),
         Curve("predicted sd, solution and reference", time, predicted, BLACK, "dashed"),
     ]
-    smoothed = [(each.length, float(each.corrected[-1, each.column(f"smoothed {name}")])) for each in sums]
+    smoothed = [(each.length, float(each.rms[-1, each.column(f"smoothed {name}")])) for each in sums]
     known = np.array([pair for pair in smoothed if np.isfinite(pair[1])])
     if len(known):
-        texts = tuple(f"smoothed, {length:g} s: {number(value)} m RMS corrected" for length, value in known)
-        curves.append(Curve("smoothed, RMS corrected", known[:, 0], known[:, 1], VERMILLION, "crosses", text=texts))
+        texts = tuple(f"smoothed, {length:g} s: {number(value)} m RMS" for length, value in known)
+        curves.append(Curve("smoothed, RMS", known[:, 0], known[:, 1], VERMILLION, "crosses", text=texts))
     values = np.concatenate([rms, predicted, known[:, 1]] if len(known) else [rms, predicted])
     least = float(np.nanmin(values[values > 0.0])) if (values > 0.0).any() else 1e-3
     return Panel(
