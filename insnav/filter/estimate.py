@@ -56,7 +56,7 @@ class Estimate:
         self.history = History(n) if settings.smooth else None
         self._engine = Engine(start.covariance)
         self._record, self._lever_given, self._gps_noise = record, settings.lever_b, settings.correlated
-        self._from_rest = settings.settled and not start.x[3:6].any()
+        self._settled = settings.settled
         if self._gps_noise is not None:
             self._lasting_sd, self._lasting_time = self._gps_noise.sds, self._gps_noise.times
             self._lasting = slice(self.at.correlated, self.at.correlated + self._lasting_sd.size)
@@ -219,7 +219,7 @@ class Estimate:
     def _take(self, error: FloatArray) -> None:
         """Correct the state by an estimated error (closed loop)."""
         at = self.at
-        if at.lever >= 0 and self._from_rest:
+        if at.lever >= 0 and self._settled:
             correct_with_arm(self.x, self.correction, error, at.lever, self.arm, self._swung)
         else:
             errorstate.feed_back(self.x, self.correction, error)

@@ -125,8 +125,8 @@ def correct_with_arm(x, correction, error, at, arm, swung):  # type: ignore[no-u
     then. The state of the position is therefore its error and what these turns make of that of the lever arm, and what
     positions tell about the arm stays as it was when they were measured. Likewise with the antenna, as it has `swung`
     (3,) in navigation axes since the last epoch [m], and the heading (observability-constrained filter: G. P. Huang, A.
-    I. Mourikis and S. I. Roumeliotis, Int. J. Robotics Research 29 (2010) 502-528). For a start at rest: in
-    motion attitude is soon corrected for a drift, or for fixes that are late, and the arm is seen anew.
+    I. Mourikis and S. I. Roumeliotis, Int. J. Robotics Research 29 (2010) 502-528). Not while fixes may be late:
+    attitude is then corrected for that, and the arm is seen anew.
     """
     before, after, moved, square = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(STATES), 0.0
     rotation(x, before)
