@@ -118,6 +118,14 @@ def by_blocks(function: Callable[..., NDArray[Any]], *arrays: NDArray[Any]) -> N
     return out
 
 
+def mean(values: NDArray[Any]) -> NDArray[Any]:
+    """Mean of rows, of two columns or more: the sum goes on from block to block, with the bits of that of all."""
+    total = np.zeros((0, *values.shape[1:]))
+    for part in blocks(len(values)):
+        total = np.concatenate([total, values[part]]).sum(axis=0, keepdims=True)
+    return np.asarray(total[0] / len(values))
+
+
 def steps(values: NDArray[Any]) -> NDArray[Any]:
     """Differences of successive values."""
     return by_blocks(np.subtract, values[1:], values[:-1])

@@ -147,7 +147,7 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
         dt[0] = 0.0
     elif gaps.size or imu.sampling == "mean":
         scale = np.where(gap > 0.0, dt, 1.0)[:, None] if imu.sampling == "increment" else dt[:, None]
-        gyro, accel = gyro * scale, accel * scale
+        gyro, accel = (spill.by_blocks(np.multiply, each, scale) for each in (gyro, accel))
     return Intervals(end, dt, gyro, accel, segment, gap, instant)
 
 

@@ -93,6 +93,7 @@ def test_helpers_give_what_numpy_gives(small):
     np.testing.assert_array_equal(spill.chosen(values, mask), values[mask])
     np.testing.assert_array_equal(spill.chosen(values, np.arange(4999, -1, -1)), values[::-1])
     np.testing.assert_array_equal(spill.steps(values[:, 0]), np.diff(values[:, 0]))
+    np.testing.assert_array_equal(spill.mean(values), values.mean(axis=0))
     np.testing.assert_array_equal(spill.joined([values, values[:10]]), np.concatenate([values, values[:10]]))
     np.testing.assert_array_equal(spill.by_blocks(np.multiply, values, values), values * values)
     time = np.cumsum(np.where(rng.random(5000) < 0.01, 0.2, 0.01))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from insnav import spill
 from insnav.attitude import dcm_from_rph, wrap_two_pi
 from insnav.earth import OMEGA_EARTH, earth_rate_n, gravity_n
 from insnav.exceptions import AlignmentError
@@ -50,7 +51,8 @@ def rates(parts: Intervals, rows: slice = slice(None)) -> tuple[FloatArray, Floa
     """Angular rate and specific force of each interval, (n, 3) each."""
     if parts.instant:
         return parts.gyro[rows], parts.accel[rows]
-    return parts.gyro[rows] / parts.dt[rows, None], parts.accel[rows] / parts.dt[rows, None]
+    gyro, accel = (spill.by_blocks(np.divide, each[rows], parts.dt[rows, None]) for each in (parts.gyro, parts.accel))
+    return gyro, accel
 
 
 def summarize(parts: Intervals, start: float, end: float) -> StationaryMeans:
@@ -65,10 +67,10 @@ def summarize(parts: Intervals, start: float, end: float) -> StationaryMeans:
     n = max(2, min(10, rate.shape[0]))
 
     def scatter(values: FloatArray) -> FloatArray:
-        parts_mean = np.array([chunk.mean(axis=0) for chunk in np.array_split(values, n)])
+        parts_mean = np.array([spill.mean(chunk) for chunk in np.array_split(values, n)])
         return np.asarray(parts_mean.std(axis=0, ddof=1) / np.sqrt(n))
 
-    return StationaryMeans(start, end, rate.mean(axis=0), force.mean(axis=0), scatter(rate), scatter(force))
+    return StationaryMeans(start, end, spill.mean(rate), spill.mean(force), scatter(rate), scatter(force))
 
 
 def find_stationary(parts: Intervals, slow: BoolArray | None = None) -> tuple[float, float] | None:

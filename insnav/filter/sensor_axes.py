@@ -79,7 +79,7 @@ class Misalignment:
         def of(values: FloatArray, terms: FloatArray) -> FloatArray:
             askew = np.zeros((3, 3))
             askew[tuple(np.transpose(TERMS))] = terms
-            mean = values.mean(axis=0)
+            mean = spill.mean(values)
             return spill.by_blocks(lambda rows: rows - (rows - mean) @ askew.T, values)
 
         count = len(TERMS)

@@ -15,6 +15,7 @@ from statistics import NormalDist
 
 import numpy as np
 
+from insnav import spill
 from insnav.earth import OMEGA_EARTH
 from insnav.exceptions import InputError
 from insnav.imu.model import sample_intervals
@@ -55,9 +56,9 @@ def white_noise(
     [m/s/sqrt(s)].
     Raises: InputError: the stretch is too short or sampled too slowly.
     """
-    chosen = (imu.time >= start) & (imu.time <= end)
-    count = int(np.count_nonzero(chosen))
-    interval = float(np.median(np.diff(imu.time[chosen]))) if count > 1 else math.inf
+    rows = _rows(imu, start, end)
+    count = rows.stop - rows.start
+    interval = float(np.median(np.diff(imu.time[rows]))) if count > 1 else math.inf
     segment, lowest, highest = band
     length, highest = round(segment / interval), min(highest, NYQUIST_PART * 0.5 / interval)
     if length > count or highest < 2.0 * lowest:
@@ -68,21 +69,27 @@ def white_noise(
             f"{segment:g} s at {4.0 * lowest / NYQUIST_PART:g} Hz or more are needed",
             fix="give the IMU with --imu, a preset or a file",
         )
-    values = np.hstack([imu.gyro[chosen], imu.accel[chosen]])
-    if imu.sampling == "increment":
-        values /= sample_intervals(imu)[chosen, None]
-    density = np.sqrt(_floor(values, interval, length, (lowest, highest)))
+    density = np.sqrt(_floor(imu, rows, interval, length, (lowest, highest)))
     return density[:3], density[3:]
 
 
-def _floor(values: FloatArray, interval: float, length: int, band: tuple[float, float]) -> FloatArray:
-    """Level of the flat part of the two-sided power spectral density of each column [unit^2/Hz]."""
+def _rows(imu: ImuData, start: float, end: float) -> slice:
+    """Samples from `start` to `end`, both included."""
+    return slice(int(np.searchsorted(imu.time, start)), int(np.searchsorted(imu.time, end, side="right")))
+
+
+def _floor(imu: ImuData, rows: slice, interval: float, length: int, band: tuple[float, float]) -> FloatArray:
+    """Level of the flat part of the two-sided power spectral density of each axis, (6,) [unit^2/Hz]."""
     window = np.hanning(length + 1)[:-1, None]  # periodic Hann window
     step = length // 2
-    count = (len(values) - length) // step + 1
-    power = np.zeros((length // 2 + 1, values.shape[1]))
-    for first in range(0, count * step, step):
-        piece = values[first : first + length]
+    count = (rows.stop - rows.start - length) // step + 1
+    power = np.zeros((length // 2 + 1, 6))
+    took = sample_intervals(imu)[:, None] if imu.sampling == "increment" else None
+    for first in range(rows.start, rows.start + count * step, step):
+        some = slice(first, first + length)
+        piece = np.hstack([imu.gyro[some], imu.accel[some]])
+        if took is not None:
+            piece /= took[some]
         power += np.abs(np.fft.rfft((piece - piece.mean(axis=0)) * window, axis=0)) ** 2
     power *= interval / (count * float(np.sum(window**2)))
     frequency = np.fft.rfftfreq(length, interval)
@@ -155,10 +162,10 @@ def identify(imu: ImuData, start: float, end: float) -> tuple[ImuSpec, str]:
     Raises: InputError: the stretch is too short or sampled too slowly.
     """
     gyro_density, accel_density = white_noise(imu, start, end)
-    chosen = (imu.time >= start) & (imu.time <= end)
-    mean_rate = imu.gyro[chosen].mean(axis=0)
+    rows = _rows(imu, start, end)
+    mean_rate = spill.mean(imu.gyro[rows])
     if imu.sampling == "increment":
-        mean_rate = mean_rate / sample_intervals(imu)[chosen].mean()
+        mean_rate = mean_rate / sample_intervals(imu)[rows].mean()
     return nearest_preset(gyro_density, accel_density, mean_rate)
 
 
