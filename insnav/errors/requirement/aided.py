@@ -166,7 +166,8 @@ def aided_covariances(
 
 def error_curves(required: Requirement, moved: Propagation, specs: Sequence[ImuSpec], aiding: Aiding) -> FloatArray:
     """Error of each IMU that is to be expected through an outage, ``(b, m)`` [m], at the probability required."""
-    return required.over_outages(aided_covariances(moved, specs, aiding)[1])
+    # of the mean over the outages: the error that is to be expected in any of them
+    return required.sizes(np.mean(aided_covariances(moved, specs, aiding)[1], axis=0))
 
 
 def _start(specs: Sequence[ImuSpec]) -> FloatArray:

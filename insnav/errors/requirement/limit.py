@@ -63,10 +63,6 @@ class Requirement:
         found = RegularGridInterpolator((grid,) * (len(self.axes) - 1), table, method="linear")(ratios)
         return np.asarray(sd[..., 0] * found)
 
-    def over_outages(self, covariances: FloatArray) -> FloatArray:
-        """As `sizes`, of the mean over outages ``(w, ..., 9, 9)``: the error that is to be expected in any of them."""
-        return self.sizes(np.mean(covariances, axis=0))
-
     def within(self, error: FloatArray) -> FloatArray:
         """Which errors of runs ``(n, 9)`` are within the limit."""
         return np.asarray(np.linalg.norm(error[:, list(self.axes)], axis=1) <= self.error)
