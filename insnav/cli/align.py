@@ -28,4 +28,6 @@ def align(
     if as_json:
         result_facts(where)
     else:
-        result("\n".join([*outcome.page().summary, f"{'files':<12}{out}: report.html, run.json"]))
+        page = outcome.page()
+        warnings = (f"warning     {text}" for text in page.warnings)
+        result("\n".join([*page.summary, *warnings, f"files       {out}: report.html, run.json"]))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from insnav.alignment.static import CONTRADICTED
@@ -34,10 +32,13 @@ def page(result: Result[FineAlignment]) -> Page:
         Quantity("latitude_given", found.latitude, "deg", decimals=4),
         Quantity("latitude_from_sensors", found.sensor_latitude, "deg", sd=sd),
     )
-    warnings = () if sd is None else tuple(_contradiction(found, sd))
+    warnings: tuple[str, ...] = ()
+    if sd is not None and abs(found.sensor_latitude - found.latitude) >= CONTRADICTED * sd:
+        text = "the gyros contradict the latitude: it is wrong, or their biases exceed the IMU model (turn-on bias?)"
+        warnings = (text,)
     return Page(
         "Alignment",
-        (*_summary(found, sd), *(entry("warning", text) for text in warnings)),
+        _summary(found, sd),
         (
             *(
                 only_json("", Quantity(name, None))
@@ -49,12 +50,6 @@ def page(result: Result[FineAlignment]) -> Page:
         ),
         warnings,
     )
-
-
-def _contradiction(found: FineAlignment, sd: float) -> Iterator[str]:
-    """Say that the sensors do not show the latitude given, of which `sd` [rad] is the uncertainty."""
-    if abs(found.sensor_latitude - found.latitude) >= CONTRADICTED * sd:
-        yield "the gyros contradict the latitude: it is wrong, or their biases exceed the IMU model (turn-on bias?)"
 
 
 def _summary(found: FineAlignment, sd: float | None) -> tuple[str, ...]:
