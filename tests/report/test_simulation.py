@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insnav.errors.ensemble import FIGURES, ensemble, epochs
+from insnav.errors.ensemble import FIGURES, GROUPS, ensemble, epochs
 from insnav.imu import load_calibration, load_imu
 from insnav.input import Reading, ReadingFacts
 from insnav.output.folder import RunFolder, verify_folder
@@ -17,6 +17,7 @@ from insnav.report.panel_figures import draw_drawings
 from insnav.report.simulation.ensemble import (
     correlation_notes,
     ensemble_lines,
+    ensemble_page,
     ensemble_panels,
     nees_panels,
     write_runs,
@@ -240,3 +241,15 @@ def test_a_digest_stands_for_everything_that_matters():
         {"imu": load_imu("tactical")},
     ]
     assert len({plan_key(plan), *(plan_key(replace(plan, **other)) for other in others)}) == 6
+
+
+@pytest.mark.parametrize(("count", "limit"), [(4, 23.337 / 12), (40, 152.211 / 120)])  # chi-square 0.975, tables
+def test_an_ensemble_is_good_as_long_as_chance_may_have_made_its_errors(count: int, limit: float):
+    rows = np.arange(count)
+    figures = np.ones((count, len(FIGURES)))
+    for off, light in ((-0.01, "good"), (0.01, "attention")):
+        figures[:, [FIGURES.index(f"nees_{name}") for name in GROUPS]] = limit + off
+        runs = replace(runs_of(TOWN), number=rows, figures=figures, failures=())
+        verdict = ensemble_page(plan_of(TOWN), ensemble(runs, TOWN), runs).verdict
+        assert verdict is not None
+        assert verdict.light == light, verdict.reason

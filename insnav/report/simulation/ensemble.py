@@ -28,6 +28,7 @@ from insnav.units import DEG
 
 _FACTORS = np.array([1.0] * 6 + [1.0 / DEG] * 3)
 _MUCH, _TOO_GOOD = 0.3, 2.0  # share of time-correlated errors, and NEES, for one to explain the other
+_MATTERS = 1.25  # NEES up to which the stated sd is right to an eighth
 _SHOWN = 5  # failures that are named one by one
 _COUNTS = ("positions", "rejected", "resets")
 _COMPONENTS = tuple(
@@ -128,9 +129,12 @@ def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], fail
     if not nees:
         return Verdict("unknown", "there was no fix to hold the stated sd against", sentence)
     name, worst = max(nees.items(), key=lambda each: each[1])
-    light: Light = "attention" if worst > _TOO_GOOD else "good"
+    # of errors that last the whole run, a mean over time scatters as at one fix
+    chance = float(band(np.array([3 * len(horizontal)]))[1][0])
+    light: Light = "attention" if worst > max(chance, _MATTERS) else "good"
     words = "the stated sd is too small" if light == "attention" else "the stated sd holds"
-    return Verdict(light, f"normalised error squared of {name} {number(worst)}, 1 if right: {words}", sentence)
+    limits = f"1 if right, up to {number(chance)} by chance"
+    return Verdict(light, f"normalised error squared of {name} {number(worst)}, {limits}: {words}", sentence)
 
 
 def ensemble_lines(page: Page, out: Path) -> list[str]:
