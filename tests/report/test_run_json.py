@@ -14,7 +14,7 @@ from insnav.errors.metrics import position_errors
 from insnav.report.run.verdict import run_line
 from insnav.report.run_json import json_ready
 from insnav.result import Result
-from insnav.types import EventKind
+from insnav.types import Event, EventKind
 from tests.report.conftest import facts_of
 
 
@@ -62,6 +62,20 @@ def test_fixes_rejections_and_events_are_counted(driven, facts):
     # drawn from their own sd: NIS is one per axis
     assert position["nis_mean_per_axis"] == pytest.approx(1.0, abs=0.15)
     assert position["innovation_rms_m"] == pytest.approx([1.57] * 3, rel=0.15)
+
+
+def test_a_fix_that_was_deweighted_counts_with_the_covariance_that_it_was_used_with(driven, facts):
+    run, _, true = driven
+    fixes, row, limit = run.innovations, int(np.flatnonzero(run.innovations.used_position)[5]), 21.1
+    nis = np.where(np.arange(fixes.time.size) == row, 500.0, fixes.nis_position)
+    event = Event(fixes.time[row], EventKind.DEWEIGHTED_POSITION, 500.0, limit, "NIS (3 dof)", "de-weighted")
+    changed = replace(run, innovations=replace(fixes, nis_position=nis), events=(*run.events, event))
+    found, before = (each["fixes"] for each in (facts_of(changed, position_errors(run.solution, true)), facts))
+    # its covariance times 500 / limit: that by which its squared innovation is the limit
+    more = (500.0 / (500.0 / limit) - fixes.nis_position[row]) / 3.0 / before["position"]["accepted"]
+    expected = before["position"]["nis_mean_per_axis"] + more
+    assert found["position"]["nis_mean_per_axis"] == pytest.approx(expected, rel=1e-9)
+    assert found["velocity"] == before["velocity"]
 
 
 def test_distance_and_time_in_motion_are_those_of_the_truth(driven, facts):

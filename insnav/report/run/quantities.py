@@ -18,6 +18,7 @@ from insnav.report.run.short_duration import short_section
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import Alignment, BoolArray, EventKind, FloatArray, Run, SensorErrors, Trajectory
 
+GROUPS = ("position", "velocity")  # of a fix
 PARTS = ("all", "static", "moving")
 SHOWN_STATISTICS = ("rms", "p95", "max")
 SHOWN_ERRORS = tuple(
@@ -163,10 +164,8 @@ def _fixes(run: Run) -> Section:
     fixes = run.innovations
     kinds = Counter(event.kind for event in run.events)
     taken = "" if np.any(run.lever_b) or np.any(run.lever_sd > 0.0) else "(not estimated: taken as zero)"
-    groups = {
-        "position": _innovations(fixes.innovation[:, 0:3], fixes.nis_position, fixes.used_position, "m"),
-        "velocity": _innovations(fixes.innovation[:, 3:6], fixes.nis_velocity, fixes.used_velocity, "m/s"),
-    }
+    halves = (fixes.innovation[:, :3], fixes.used_position, "m"), (fixes.innovation[:, 3:], fixes.used_velocity, "m/s")
+    groups = {name: _innovations(*half, mean_nis(run, name)) for name, half in zip(GROUPS, halves, strict=True)}
     return Section(
         "fixes",
         "GPS: time offset and lever arm",
@@ -180,16 +179,27 @@ def _fixes(run: Run) -> Section:
     )
 
 
-def _innovations(innovation: FloatArray, nis: FloatArray, used: BoolArray, unit: str) -> tuple[Quantity, ...]:
+def mean_nis(run: Run, *groups: str) -> float | None:
+    """Mean NIS per axis of the accepted fixes, as they were used: one if the stated sd is right.
+
+    A fix that was de-weighted was used with the covariance by which its NIS is the limit of the gate.
+    """
+    fixes, deweighted = run.innovations, (EventKind.DEWEIGHTED_POSITION, EventKind.DEWEIGHTED_VELOCITY)
+    limit = min((event.limit for event in run.events if event.kind in deweighted), default=np.inf)
+    sizes = np.concatenate([getattr(fixes, f"nis_{name}")[getattr(fixes, f"used_{name}")] for name in groups])
+    known = np.minimum(sizes[np.isfinite(sizes)], limit)
+    return float(known.mean()) / 3.0 if known.size else None
+
+
+def _innovations(innovation: FloatArray, used: BoolArray, unit: str, nis: float | None) -> tuple[Quantity, ...]:
     known = np.isfinite(innovation)
     processed = known.any(axis=1)
-    sizes = nis[used & np.isfinite(nis)] / 3.0
     counted = np.where(known & used[:, None], innovation, np.nan)
     return (
         Quantity("processed", int(processed.sum())),
         Quantity("accepted", int((processed & used).sum())),
         Quantity("rejected", int((processed & ~used).sum())),
-        Quantity("nis_mean_per_axis", float(sizes.mean()) if sizes.size else None, meaning="mean NIS per axis"),
+        Quantity("nis_mean_per_axis", nis, meaning="mean NIS per axis"),
         Quantity("innovation_rms", [rms(each) for each in counted.T], unit, meaning="innovation RMS N, E, D"),
     )
 
