@@ -223,7 +223,8 @@ def _left_open(
     held = HELD * float(np.linalg.norm(np.median(sd[:, :3], axis=0)))
     trust, lasting = false_between(of_fixes, gps, settings.delay, held), beyond(run, of_fixes)
     if trust is not None:
-        run = found.again(trust=trust, changes=of_imu)
+        once_more = partial(found.again, of_imu)
+        run, trust = _used_again(trust, once_more(trust=trust), gps, settings, once_more)
     elif lasting:
         trust = unused(tuple(each for each in of_fixes if not each.change.any()), gps, settings.delay)
         run = mixed(run, lasting)
@@ -233,6 +234,29 @@ def _left_open(
         off, _ = residuals(run, gps, settings)
         said += told_false(gps, replace(trust, residual=np.linalg.norm(off, axis=2)))
     return run if sure else either(run, other), said, found.trusted(trust)
+
+
+def _used_again(
+    trust: Trust, run: Run, gps: GpsData, settings: FilterSettings, again: Callable[..., Run]
+) -> tuple[Run, Trust]:
+    """Navigate with the false fixes that `without_ends` leaves, if these are fewer than those that a run left out."""
+    left = without_ends(trust.false[0], run, gps, settings)
+    if not left.any() or (left == trust.false[0]).all():
+        return run, trust
+    trust = replace(trust, false=np.array([left, trust.false[1]]))
+    return again(trust=trust), trust
+
+
+def without_ends(false: BoolArray, run: Run, gps: GpsData, settings: FilterSettings) -> BoolArray:
+    """False positions (n,) without those at begin and end of each row that the smoothed track supports."""
+    off, square = residuals(run, gps, settings)
+    small = np.linalg.norm(off[0], axis=1) <= settings.gates.small_position
+    against, left = false & ~small & ~(square[0] < LIMIT * _scales(run)[0]), np.zeros_like(false)
+    for start, stop in runs_of(false):
+        rows = np.flatnonzero(against[start:stop])
+        if rows.size > 0:
+            left[start + rows[0] : start + rows[-1] + 1] = True
+    return left
 
 
 def reconcile(
@@ -270,7 +294,7 @@ def reconcile(
         trust = Trust(false, size)
         kept = _weighted(gps, np.where(false, 1.0, weights)) if false.any() else gps  # weak fixes hide what changed
         better = partial(again, kept, opened=opened)
-        run = better(trust=trust)
+        run, trust = _used_again(trust, better(trust=trust), gps, settings, better)
         if _diverged(run) <= _diverged(first):
             return Explained(run, better, tuple(told_false(gps, trust)), trust)
         reason = "leaving fixes out makes it worse"

@@ -13,7 +13,7 @@ from insnav.errors.metrics import position_errors
 from insnav.filter import FilterSettings
 from insnav.filter.navigate import Navigated, feed, navigate_recording
 from insnav.filter.prepare import DELAY_SD, prepare
-from insnav.filter.whole_record import residuals
+from insnav.filter.whole_record import residuals, without_ends
 from insnav.imu import load_imu
 from insnav.simulate import gps_from_truth
 from insnav.simulate.faults import gps_jump, gps_spike
@@ -142,3 +142,13 @@ def test_velocities_are_compared_at_the_antenna():
     run = navigate_recording(made.imu, gps, load_imu("automotive"), settings).run
     left = residuals(run, gps, settings)[0][1]
     assert np.abs(left[np.isfinite(left)]).max() < 0.5
+
+
+def test_true_fixes_about_those_of_a_jump_are_used():
+    """What is left out about them, too, ends where the smoothed track supports the fixes."""
+    gps = recording(5).gps
+    begin, end = span(gps, 30.0)
+    jumped, track = gps_jump(gps, 100.0, (begin, end)), navigated(5, gps).run
+    left_out = (gps.time >= begin - 15.0) & (gps.time < end + 15.0) | (gps.time < 30.0)
+    left = without_ends(left_out, track, jumped, SETTINGS)
+    np.testing.assert_array_equal(left, np.any(jumped.lla != gps.lla, axis=1))
