@@ -37,26 +37,29 @@ def with_one_delay(fixes: GpsData | None, navigated: Callable[..., Solved]) -> S
     """
     first = other = navigated(fixes)
     assert fixes is not None  # else there was nothing to navigate
-    late, some, sure = np.zeros(fixes.time.size), fixes, True
+    late, some, sure, cost = np.zeros(fixes.time.size), fixes, True, _cost(*first, fixes)
     for _ in range(ROUNDS):
         smoothed = other[1].run.smoothed
         if smoothed is None or smoothed.delay_step is None:
             break
         step = smoothed.delay_step
-        sure = sure and (step.sure or other is not first)
-        late += moved(step, fixes.time - other[0].settings.delay - late)
-        time = fixes.time - late
+        later = late + moved(step, fixes.time - other[0].settings.delay - late)
+        time = fixes.time - later
         kept = time > np.maximum.accumulate(np.concatenate([[-np.inf], time[:-1]]))
-        some = replace(fixes, time=time).rows(kept)
-        other = navigated(some)
-    if other is first or _cost(*other, some) > _cost(*first, fixes) - _margin(other):
+        tried = replace(fixes, time=time).rows(kept)
+        solved = navigated(tried)
+        if (by_moved := _cost(*solved, tried)) > cost:  # what is no step is not likelier half way to it
+            break
+        sure = sure and (step.sure or other is not first)
+        other, late, some, cost = solved, later, tried, by_moved
+    if other is first or cost > _cost(*first, fixes) - _margin(other):
         return first
     found, row = other[1].run.innovations, rows_of(other[1].run, some, other[0].settings)
     false = np.isin(fixes.time - late, some.time[row[np.isfinite(found.nis_position) & ~found.used_position]])
     if false.any():
         ready, done = navigated(fixes.rows(~false))
         if done.run.smoothed is not None and done.run.smoothed.delay_step is None:  # false fixes looked like one
-            said = (event for event in other[1].run.events if event not in done.run.events and _contradicts(event))
+            said = (event for event in _found_in(other) if event not in done.run.events)
             return ready, replace(done, gps=first[1].gps, run=replace(done.run, events=(*done.run.events, *said)))
     drifting = _drifting(first, other, fixes, late, navigated)
     if drifting is not None and _cost(*drifting, fixes) < _cost(*other, some) + _margin(other):
@@ -65,8 +68,7 @@ def with_one_delay(fixes: GpsData | None, navigated: Callable[..., Solved]) -> S
     ready, done = other
     run = _told(done.run, fixes.time, late)
     if not sure:
-        told = filter(_contradicts, first[1].run.events)
-        run = either(replace(run, events=(*run.events, *told)), first[1].run)
+        run = either(replace(run, events=(*run.events, *_found_in(first))), first[1].run)
     return ready, replace(done, run=run)
 
 
@@ -115,6 +117,11 @@ def _cost(ready: Prepared, done: Navigated, gps: GpsData) -> float:
 def _contradicts(event: Event) -> bool:
     """Whether an event says that fixes and IMU contradict each other."""
     return event.kind is EventKind.CONTRADICTION
+
+
+def _found_in(solved: Solved) -> list[Event]:
+    """What contradicts in a run, but for what was taken off samples before: each preparation finds the same."""
+    return [event for event in solved[1].run.events if _contradicts(event) and event not in solved[0].faults]
 
 
 def moved(step: DelayStep, time: FloatArray) -> FloatArray:
